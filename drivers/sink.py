@@ -1,0 +1,21 @@
+"""The protocol of everything that packets leave through: bus, recorders, later ROS 2 and others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from evs.msgs import EventPacket, StreamInfo
+
+
+class Sink(Protocol):
+    """Takes the packets of one or more cameras. Raises EvsError with one line where it cannot."""
+
+    def open(self, streams: Sequence[StreamInfo]) -> None:
+        """Get ready: bind, create the file, write the header. Called once, before any packet."""
+
+    def write(self, packet: EventPacket) -> None:
+        """Take one packet. Never blocks longer than a write to disk takes."""
+
+    def close(self) -> dict[str, Any]:
+        """Flush and release; what the run report says of this sink (plain values). Safe to call twice."""

@@ -1,0 +1,131 @@
+"""The configuration of every stage inside the emulator: frozen dataclasses, each default told once.
+
+A pipeline file (TOML) has one table per class, and every key can be given on the command line by
+its dotted name: `render.spp=4`, `sensor.cutoff_hz=200`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class SceneConfig:
+    """[scene]: which world, and what moves it."""
+
+    file: str = ""
+    """MJCF (.xml) or MJB (.mjb) file"""
+    camera: str = ""
+    """name of a camera of the model; empty: [camera] says, or the model's first, or a free camera"""
+    tick_us: int = 1000
+    """length of a tick, us; the model's time step is subdivided to fit it"""
+    control: str = "zero"
+    """zero | keyframe | random | file"""
+    control_file: str = ""
+    """.npy or .npz (array `ctrl`) or .csv, one row per control period: (n, nu)"""
+    control_hz: float = 100.0
+    """how often `random` and `file` give a new value; held in between"""
+    control_seed: int = 0
+    control_scale: float = 1.0
+    """share of the control range that `random` uses"""
+    keyframe: str = ""
+    """name or number of the keyframe to start from (and to hold, with control = "keyframe")"""
+
+
+@dataclass(frozen=True)
+class CameraConfig:
+    """[camera]: a camera that the model does not have, or other optics for one that it has."""
+
+    lookat: tuple[float, float, float] | None = None
+    """free camera: the point it looks at, m; None: the centre of the model"""
+    distance: float | None = None
+    """free camera: distance from that point, m"""
+    azimuth: float | None = None
+    """free camera: degrees around z, as MuJoCo's viewer"""
+    elevation: float | None = None
+    """free camera: degrees, negative looks down"""
+    body: str = ""
+    """mounted camera: the body that carries it"""
+    pos: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """mounted camera: position in the body's frame, m"""
+    quat: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    """mounted camera: orientation in the body's frame (w, x, y, z); it looks along its -z"""
+    xyaxes: tuple[float, float, float, float, float, float] | None = None
+    """mounted camera: its x and y axes in the body's frame, instead of quat"""
+    fovy: float | None = None
+    """vertical field of view, degrees; None: the model's camera's own"""
+    focal_px: tuple[float, float] | None = None
+    """fx, fy in px, instead of fovy"""
+    principal_px: tuple[float, float] | None = None
+    """cx, cy in px; None: the centre"""
+
+
+@dataclass(frozen=True)
+class SensorConfig:
+    """[sensor]: the event pixel. None: the preset's value. v2e's names and meanings."""
+
+    preset: str = "davis346"
+    """a file of config/sensors"""
+    width: int | None = None
+    """px"""
+    height: int | None = None
+    """px"""
+    pos_thres: float | None = None
+    """mean ON threshold, log units"""
+    neg_thres: float | None = None
+    """mean OFF threshold, log units"""
+    sigma_thres: float | None = None
+    """standard deviation of both over pixels (fixed pattern)"""
+    log: str | None = None
+    """log map: "linlog" (linear below linlog_dn) or "log_eps" (ln(DN / 255 + log_eps))"""
+    linlog_dn: float | None = None
+    """DN at which linlog turns from linear to logarithmic; over 1, smooth at e"""
+    log_eps: float | None = None
+    dark_dn: float | None = None
+    """dark current: DN added to every pixel before the log; the floor of contrast"""
+    exposure_dn: float | None = None
+    """DN per unit of scene luminance; 255 DN is white, nothing is clipped there"""
+
+
+@dataclass(frozen=True)
+class RenderConfig:
+    """[render]: how light reaches the pixels."""
+
+    renderer: str = "direct"
+    """direct"""
+    spp: int = 4
+    """samples per pixel, at sub-pixel positions that never change: 1 ... 64"""
+    headlight: str = "model"
+    """model: as the model has it | off: removed"""
+    shadows: bool = True
+    incremental: bool = True
+    """trace again only what something moved can touch; the result is the same bit for bit"""
+    isa: str = "auto"
+    """auto | avx512 | avx2 | portable: the instruction set; the result is the same bit for bit"""
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """[model]: what turns light into events."""
+
+    name: str = "plain"
+    """plain"""
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """A whole pipeline. Top-level keys: duration_s, seed, threads, name; then one table per stage."""
+
+    scene: SceneConfig = field(default_factory=SceneConfig)
+    camera: CameraConfig = field(default_factory=CameraConfig)
+    sensor: SensorConfig = field(default_factory=SensorConfig)
+    render: RenderConfig = field(default_factory=RenderConfig)
+    model: ModelConfig = field(default_factory=ModelConfig)
+    name: str = "camera"
+    """the camera's name on the bus and in recordings"""
+    duration_s: float = 1.0
+    """simulated seconds"""
+    seed: int = 0
+    """every random number of the sensor follows from it"""
+    threads: int = 0
+    """worker threads of the renderer and the pixels; 0: one a core"""

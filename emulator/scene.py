@@ -1,0 +1,182 @@
+"""What the renderers know of a world: SceneModel once, SceneSnapshot per tick. numpy only.
+
+Lengths in m, angles in radians unless the name says otherwise, colours as MuJoCo codes them.
+Matrices are row-major and turn local into world coordinates: world = mat @ local + pos.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
+U8 = npt.NDArray[np.uint8]
+
+
+class Shape(IntEnum):
+    """Geometric primitives, numbered as MuJoCo's mjtGeom."""
+
+    PLANE = 0
+    HFIELD = 1
+    SPHERE = 2
+    CAPSULE = 3
+    ELLIPSOID = 4
+    CYLINDER = 5
+    BOX = 6
+    MESH = 7
+
+
+class LightKind(IntEnum):
+    """Light types, numbered as MuJoCo's mjtLightType."""
+
+    SPOT = 0
+    DIRECTIONAL = 1
+    POINT = 2
+
+
+class TextureKind(IntEnum):
+    """Texture types, numbered as MuJoCo's mjtTexture."""
+
+    FLAT = 0
+    CUBE = 1
+    SKYBOX = 2
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A triangle mesh in its geom's frame. A height field is one too: surface, sides and bottom."""
+
+    vertices: F32
+    """(nv, 3)"""
+    faces: I32
+    """(nf, 3) indices into vertices, counter-clockwise seen from outside"""
+    normals: F32 | None = None
+    """(nf, 3, 3) unit normal of each face's corner; None: the face's own"""
+    texcoords: F32 | None = None
+    """(nf, 3, 2) texture coordinates of each face's corner; None: by position"""
+
+
+@dataclass(frozen=True)
+class Texture:
+    """An image. FLAT: (h, w, c). CUBE, SKYBOX: (6, w, w, c), faces +X -X +Y -Y +Z -Z as OpenGL has them."""
+
+    kind: TextureKind
+    data: U8
+    """c is 1, 3 or 4"""
+    srgb: bool = True
+    """True: display-coded, decoded before use. False: linear."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """How a geom reflects light: MuJoCo's material with the geom's own rgba already chosen."""
+
+    rgba: tuple[float, float, float, float] = (0.5, 0.5, 0.5, 1.0)
+    """display-coded"""
+    texture: int = -1
+    """index into SceneModel.textures, -1 none"""
+    texrepeat: tuple[float, float] = (1.0, 1.0)
+    texuniform: bool = False
+    emission: float = 0.0
+    specular: float = 0.5
+    shininess: float = 0.5
+    """0 ... 1; times 128 is the Blinn-Phong exponent"""
+    reflectance: float = 0.0
+
+
+@dataclass(frozen=True)
+class Light:
+    """Everything of a light that does not move. Colours are linear."""
+
+    kind: LightKind
+    ambient: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    diffuse: tuple[float, float, float] = (0.7, 0.7, 0.7)
+    specular: tuple[float, float, float] = (0.3, 0.3, 0.3)
+    castshadow: bool = True
+    attenuation: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    """constant, linear, quadratic in m"""
+    cutoff_deg: float = 45.0
+    """half angle of a spot"""
+    exponent: float = 10.0
+    intensity: float = 0.0
+    """candela (spot, point) or lux (directional); 0: `diffuse` holds"""
+    range_m: float = 10.0
+    bulbradius_m: float = 0.02
+    headlight: bool = False
+    """True: sits at the camera and looks along it; its snapshot pose is not used"""
+
+
+@dataclass(frozen=True)
+class SceneModel:
+    """The world's constant part: extracted once, handed to the renderer once."""
+
+    geom_type: I32
+    """(ng,) Shape"""
+    geom_size: F32
+    """(ng, 3) as MuJoCo: half sizes, radius, half length; plane (x, y) half sizes or 0 for infinite"""
+    geom_mesh: I32
+    """(ng,) index into meshes, -1 none"""
+    geom_surface: I32
+    """(ng,) index into surfaces"""
+    geom_id: I32
+    """(ng,) the geom's id in the model (invisible geoms are left out here)"""
+    geom_static: npt.NDArray[np.bool_]
+    """(ng,) True where the geom is welded to the world and can never move"""
+    meshes: tuple[Mesh, ...] = ()
+    surfaces: tuple[Surface, ...] = (Surface(),)
+    textures: tuple[Texture, ...] = ()
+    lights: tuple[Light, ...] = ()
+    skybox: int = -1
+    """index into textures, -1 none"""
+    extent_m: float = 1.0
+    """the model's characteristic size (mjModel.stat.extent)"""
+
+
+@dataclass(frozen=True)
+class CameraPose:
+    """Where a camera is. It looks along its local -z, x right, y up, as MuJoCo's cameras do."""
+
+    pos: F64
+    """(3,)"""
+    mat: F64
+    """(9,) row-major, camera to world"""
+
+
+@dataclass(frozen=True)
+class SceneSnapshot:
+    """Everything that may have moved, at one instant. Immutable; the arrays are its own."""
+
+    t_us: int
+    geom_pos: F64
+    """(ng, 3)"""
+    geom_mat: F64
+    """(ng, 9)"""
+    light_pos: F64
+    """(nl, 3)"""
+    light_dir: F64
+    """(nl, 3) unit"""
+    cameras: tuple[CameraPose, ...] = field(default_factory=tuple)
+    """one for each camera that was bound, in that order"""
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """Pixels to rays. Pixel (x, y) covers [x, x+1) x [y, y+1); (0, 0) is the top left.
+
+    Perspective: the ray through image point (u, v) is ((u - cx) / fx, -(v - cy) / fy, -1) in the
+    camera's frame. Orthographic: rays run along -z from ((u - cx) / fx, -(v - cy) / fy, 0), and
+    fx, fy are px per m.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    orthographic: bool = False

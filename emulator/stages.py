@@ -1,0 +1,57 @@
+"""The protocols of the stages between a world and its events. `step(input, state) -> output, state`."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from evs.emulator.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
+from evs.msgs import Events
+
+
+class Meter(Protocol):
+    """Learns how long each stage took. The emulator itself reads no clock."""
+
+    def lap(self, stage: str) -> None:
+        """The time since the previous lap belongs to `stage`."""
+
+
+class NoMeter:
+    """Measures nothing."""
+
+    def lap(self, stage: str) -> None:
+        """Do nothing."""
+
+
+class Renderer(Protocol):
+    """Light: a snapshot in, linear luminance out."""
+
+    def render(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
+        """(h, w) float32 linear luminance (BT.709 weights), 1 is white paper in unit light.
+
+        The array is valid until the next call.
+        """
+
+    @property
+    def traced_fraction(self) -> float:
+        """Share of the pixels that the last call really traced, 0 ... 1."""
+
+
+class RendererFactory(Protocol):
+    """Builds a renderer for one camera of one scene."""
+
+    def __call__(self, scene: SceneModel, camera: CameraModel) -> Renderer: ...
+
+
+class EventModel(Protocol):
+    """Light into events. The state is a value: it can be saved, restored and compared."""
+
+    def init(self, seed: int) -> Any:
+        """The state before the first tick."""
+
+    def step(
+        self, luminance: F32, state: Any, t_begin_us: int, t_end_us: int
+    ) -> tuple[Events, Any]:
+        """Events of the tick (t_begin_us, t_end_us], sorted by t; the first tick only sets the reference.
+
+        In: luminance (h, w) float32, linear, unit as Renderer.render. The state handed in is consumed.
+        """

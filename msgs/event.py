@@ -1,0 +1,34 @@
+"""The event: 16 bytes, everywhere. It is AEDAT4's event struct and the bus frame at once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+EVENT_DTYPE = np.dtype(
+    {
+        "names": ["t", "x", "y", "p"],
+        "formats": ["<i8", "<i2", "<i2", "i1"],
+        "offsets": [0, 8, 10, 12],
+        "itemsize": 16,
+    }
+)
+"""t int64 us of simulated time; x, y int16 px from the top left; p int8 1 ON, 0 OFF; 3 bytes zero."""
+
+Events = np.ndarray[Any, np.dtype[np.void]]
+"""(n,) EVENT_DTYPE, sorted by t."""
+
+
+def empty_events(count: int = 0) -> Events:
+    """`count` zeroed events. Always zeros: padding bytes of np.empty would leak memory."""
+    return np.zeros(count, EVENT_DTYPE)
+
+
+def make_events(t: npt.ArrayLike, x: npt.ArrayLike, y: npt.ArrayLike, p: npt.ArrayLike) -> Events:
+    """Events from four arrays of one length: t (n,) us, x (n,) px, y (n,) px, p (n,) 0 or 1."""
+    stamps = np.asarray(t, np.int64)
+    events = empty_events(len(stamps))
+    events["t"], events["x"], events["y"], events["p"] = stamps, x, y, p
+    return events

@@ -1,0 +1,29 @@
+"""StreamInfo: what a recording or a subscriber has to know about a stream besides its events."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class StreamInfo:
+    """Constant facts of one camera's stream, known before its first packet."""
+
+    width: int
+    """Sensor width, px."""
+    height: int
+    """Sensor height, px."""
+    camera: str = "camera"
+    """Name of the camera."""
+    sensor: str = "ideal"
+    """Name of the sensor preset."""
+    tick_us: int = 1000
+    """Length of a tick, us."""
+    seed: int = 0
+    versions: dict[str, str] = field(default_factory=dict)
+    """Version of evs and of the packages that shaped the events."""
+    config: dict[str, Any] = field(default_factory=dict)
+    """The whole configuration of the run, plain values."""
+    camera_info: dict[str, Any] = field(default_factory=dict)
+    """Intrinsics as ROS's sensor_msgs/CameraInfo names them: width, height, k (9), d, distortion_model."""

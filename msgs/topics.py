@@ -1,0 +1,28 @@
+"""One table says everything about a topic."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Topic:
+    """What travels under a name, how often, and what happens when a subscriber is slow."""
+
+    name: str
+    message: str
+    """The type of what follows the topic frame."""
+    rate: str
+    queue: int
+    """Messages queued per subscriber before the drop policy applies."""
+    drop: str
+    """Which messages a slow subscriber loses."""
+
+
+TOPICS = (
+    Topic(
+        "events", "EventPacket", "one a tick and camera", 1000, "newest, counted by seq and status"
+    ),
+    Topic("status", "Status", "10 Hz of simulated time, and at the end", 1000, "newest"),
+)
+"""Every topic of the bus. On the wire a topic is `name/camera`, e.g. `events/track`."""
