@@ -1,0 +1,113 @@
+// A pool of worker threads that sleep between calls. Jobs are numbered; they must write disjoint
+// outputs, so that the result does not depend on who runs which job, or when.
+#pragma once
+
+#include <atomic>
+#include <condition_variable>
+#include <exception>
+#include <functional>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include "denormals.h"
+
+namespace evs {
+
+class Pool {
+ public:
+  // threads <= 0: one for each core of the machine. The calling thread is worker 0.
+  explicit Pool(int threads) {
+    int cores = static_cast<int>(std::thread::hardware_concurrency());
+    count_ = threads > 0 ? threads : (cores > 0 ? cores : 1);
+    for (int worker = 1; worker < count_; worker++) {
+      workers_.emplace_back([this, worker] { serve(worker); });
+    }
+  }
+
+  ~Pool() {
+    {
+      std::lock_guard lock(mutex_);
+      closing_ = true;
+    }
+    wake_.notify_all();
+    for (std::thread& worker : workers_) worker.join();
+  }
+
+  Pool(const Pool&) = delete;
+  Pool& operator=(const Pool&) = delete;
+
+  int threads() const { return count_; }
+
+  // Call job(index, worker) for every index in [0, jobs); returns when all are done.
+  // The first exception of any job is thrown here, after all workers have stopped.
+  template <class F>
+  void run(int jobs, F&& job) {
+    std::lock_guard one_caller(callers_);
+    auto body = [&job](int index, int worker) { job(index, worker); };
+    std::function<void(int, int)> task = std::ref(body);
+    next_.store(0, std::memory_order_relaxed);
+    error_ = nullptr;
+    if (jobs > 1 && count_ > 1) {
+      std::lock_guard lock(mutex_);
+      task_ = &task;
+      jobs_ = jobs;
+      busy_ = count_ - 1;
+      generation_++;
+      wake_.notify_all();
+    }
+    work(task, jobs, 0);
+    if (jobs > 1 && count_ > 1) {
+      std::unique_lock lock(mutex_);
+      done_.wait(lock, [this] { return busy_ == 0; });
+      task_ = nullptr;
+    }
+    if (error_) std::rethrow_exception(error_);
+  }
+
+ private:
+  void work(const std::function<void(int, int)>& task, int jobs, int worker) {
+    FlushDenormals flush;
+    for (int index = next_.fetch_add(1); index < jobs; index = next_.fetch_add(1)) {
+      try {
+        task(index, worker);
+      } catch (...) {
+        std::lock_guard lock(mutex_);
+        if (!error_) error_ = std::current_exception();
+        next_.store(jobs);
+      }
+    }
+  }
+
+  void serve(int worker) {
+    long seen = 0;
+    std::unique_lock lock(mutex_);
+    for (;;) {
+      wake_.wait(lock, [&] { return closing_ || generation_ != seen; });
+      if (closing_) return;
+      seen = generation_;
+      const std::function<void(int, int)>* task = task_;
+      int jobs = jobs_;
+      lock.unlock();
+      work(*task, jobs, worker);
+      lock.lock();
+      if (--busy_ == 0) done_.notify_one();
+    }
+  }
+
+  int count_ = 1;
+  std::vector<std::thread> workers_;
+  std::mutex callers_;  // one run() at a time
+  std::mutex mutex_;    // guards what follows
+  std::condition_variable wake_;
+  std::condition_variable done_;
+  const std::function<void(int, int)>* task_ = nullptr;
+  int jobs_ = 0;
+  int busy_ = 0;
+  long generation_ = 0;
+  bool closing_ = false;
+  std::exception_ptr error_;
+  std::atomic<int> next_{0};
+};
+
+}  // namespace evs
