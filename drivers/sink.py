@@ -18,4 +18,4 @@ class Sink(Protocol):
         """Take one packet. Never blocks longer than a write to disk takes."""
 
     def close(self) -> dict[str, Any]:
-        """Flush and release; what the run report says of this sink (plain values). Safe to call twice."""
+        """Flush and release; plain values for the run report. Safe to call twice."""

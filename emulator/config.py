@@ -16,7 +16,7 @@ class SceneConfig:
     file: str = ""
     """MJCF (.xml) or MJB (.mjb) file"""
     camera: str = ""
-    """name of a camera of the model; empty: [camera] says, or the model's first, or a free camera"""
+    """name of a camera of the model; empty: [camera] says, or the model's first, or a free one"""
     tick_us: int = 1000
     """length of a tick, us; the model's time step is subdivided to fit it"""
     control: str = "zero"
@@ -114,7 +114,7 @@ class ModelConfig:
 
 @dataclass(frozen=True)
 class RunConfig:
-    """A whole pipeline. Top-level keys: duration_s, seed, threads, name; then one table per stage."""
+    """A whole pipeline. Top level: name, duration_s, seed, threads; then one table per stage."""
 
     scene: SceneConfig = field(default_factory=SceneConfig)
     camera: CameraConfig = field(default_factory=CameraConfig)

@@ -63,7 +63,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Texture:
-    """An image. FLAT: (h, w, c). CUBE, SKYBOX: (6, w, w, c), faces +X -X +Y -Y +Z -Z as OpenGL has them."""
+    """An image. FLAT: (h, w, c). CUBE, SKYBOX: (6, w, w, c), faces in OpenGL's order."""
 
     kind: TextureKind
     data: U8
@@ -118,7 +118,7 @@ class SceneModel:
     geom_type: I32
     """(ng,) Shape"""
     geom_size: F32
-    """(ng, 3) as MuJoCo: half sizes, radius, half length; plane (x, y) half sizes or 0 for infinite"""
+    """(ng, 3) as MuJoCo: half sizes, radius, half length; plane half (x, y) or 0, infinite"""
     geom_mesh: I32
     """(ng,) index into meshes, -1 none"""
     geom_surface: I32

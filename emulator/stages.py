@@ -1,4 +1,4 @@
-"""The protocols of the stages between a world and its events. `step(input, state) -> output, state`."""
+"""The protocols of the stages between a world and its events."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ class Renderer(Protocol):
 class RendererFactory(Protocol):
     """Builds a renderer for one camera of one scene."""
 
-    def __call__(self, scene: SceneModel, camera: CameraModel) -> Renderer: ...
+    def __call__(self, scene: SceneModel, camera: CameraModel) -> Renderer:
+        """A renderer of `scene` as `camera` sees it."""
 
 
 class EventModel(Protocol):
@@ -51,7 +52,7 @@ class EventModel(Protocol):
     def step(
         self, luminance: F32, state: Any, t_begin_us: int, t_end_us: int
     ) -> tuple[Events, Any]:
-        """Events of the tick (t_begin_us, t_end_us], sorted by t; the first tick only sets the reference.
+        """Events of the tick (t_begin_us, t_end_us], by t; the first tick only sets the reference.
 
-        In: luminance (h, w) float32, linear, unit as Renderer.render. The state handed in is consumed.
+        In: luminance (h, w) float32, linear, as of Renderer.render. The state given is consumed.
         """

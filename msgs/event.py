@@ -15,7 +15,7 @@ EVENT_DTYPE = np.dtype(
         "itemsize": 16,
     }
 )
-"""t int64 us of simulated time; x, y int16 px from the top left; p int8 1 ON, 0 OFF; 3 bytes zero."""
+"""t int64 us of simulated time; x, y int16 px from the top left; p int8 1 ON, 0 OFF; 3 zeros."""
 
 Events = np.ndarray[Any, np.dtype[np.void]]
 """(n,) EVENT_DTYPE, sorted by t."""
