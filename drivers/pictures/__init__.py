@@ -1,0 +1,34 @@
+"""Pictures of events: arrays in, arrays out, and thin writers. The only door to Pillow."""
+
+from evs.drivers.pictures.clip import clip_frames
+from evs.drivers.pictures.colours import OFF_RGB, ON_RGB, U8
+from evs.drivers.pictures.frame import count_polarities, event_frame, events_between, upscale
+from evs.drivers.pictures.playback import Playback, span_us, speed_words
+from evs.drivers.pictures.preview import Shot, preview
+from evs.drivers.pictures.tone import exposure_for, to_srgb8
+from evs.drivers.pictures.video import need_video, write_mp4
+from evs.drivers.pictures.writers import SUFFIXES, suffix_of, write_gif, write_png
+
+__all__ = [
+    "OFF_RGB",
+    "ON_RGB",
+    "SUFFIXES",
+    "U8",
+    "Playback",
+    "Shot",
+    "clip_frames",
+    "count_polarities",
+    "event_frame",
+    "events_between",
+    "exposure_for",
+    "need_video",
+    "preview",
+    "span_us",
+    "speed_words",
+    "suffix_of",
+    "to_srgb8",
+    "upscale",
+    "write_gif",
+    "write_mp4",
+    "write_png",
+]

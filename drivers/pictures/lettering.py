@@ -1,0 +1,86 @@
+"""Words in pictures, with Pillow's built-in font. In: uint8 arrays; they are drawn into."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from evs.drivers.pictures.colours import INK, OFF_RGB, ON_RGB, PAPER, U8
+
+LEGEND = (("ON: brighter", ON_RGB), ("OFF: darker", OFF_RGB))
+"""What the two colours mean."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of text that is already laid out: a white strip with letters."""
+
+    picture: U8
+    """(height, width, 3)"""
+
+    @property
+    def width(self) -> int:
+        """Px."""
+        return int(self.picture.shape[1])
+
+    @property
+    def height(self) -> int:
+        """Px."""
+        return int(self.picture.shape[0])
+
+
+def text_line(text: str, size_px: int) -> Line:
+    """`text` in ink on paper, just as wide as it is. size_px is the font's height."""
+    font = _font(size_px)
+    width, height = max(1, round(font.getlength(text) + 0.5)), line_height(size_px)
+    image = Image.new("L", (width, height), PAPER)
+    ImageDraw.Draw(image).text((0, height // 2), text, INK, font=font, anchor="lm")
+    return Line(np.repeat(np.asarray(image)[:, :, np.newaxis], 3, axis=2))
+
+
+def legend_line(size_px: int) -> Line:
+    """A square of each polarity's colour, each with its word."""
+    gap = max(2, size_px // 3)
+    side = max(3, size_px * 2 // 3)
+    parts: list[U8] = []
+    for words, colour in LEGEND:
+        label = text_line(words, size_px).picture
+        square = np.full((label.shape[0], side, 3), PAPER, np.uint8)
+        top = (label.shape[0] - side) // 2
+        square[top : top + side] = colour
+        if parts:
+            parts.append(_blank(label.shape[0], 3 * gap))
+        parts += [square, _blank(label.shape[0], gap), label]
+    return Line(np.concatenate(parts, axis=1))
+
+
+def side_by_side(left: Line, right: Line, gap_px: int) -> Line:
+    """Two lines of one height as one."""
+    return Line(np.concatenate([left.picture, _blank(left.height, gap_px), right.picture], axis=1))
+
+
+def line_height(size_px: int) -> int:
+    """Height of a line of text, letters below the base line included."""
+    return max(4, round(1.4 * size_px))
+
+
+def paste(page: U8, picture: U8, left: int, top: int) -> None:
+    """Put `picture` on `page`, its top left corner at (left, top). It must lie inside."""
+    height, width = picture.shape[:2]
+    if left < 0 or top < 0 or left + width > page.shape[1] or top + height > page.shape[0]:
+        raise ValueError(
+            f"{width} x {height} at ({left}, {top}) leaves a page of {page.shape[1::-1]}"
+        )
+    page[top : top + height, left : left + width] = picture
+
+
+def _blank(height: int, width: int) -> U8:
+    return np.full((height, width, 3), PAPER, np.uint8)
+
+
+@cache
+def _font(size_px: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    return ImageFont.load_default(size_px)
