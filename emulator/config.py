@@ -26,6 +26,7 @@ class SceneConfig:
     control_hz: float = 100.0
     """how often `random` and `file` give a new value; held in between"""
     control_seed: int = 0
+    """what `random` follows from"""
     control_scale: float = 1.0
     """share of the control range that `random` uses"""
     keyframe: str = ""
@@ -81,6 +82,7 @@ class SensorConfig:
     linlog_dn: float | None = None
     """DN at which linlog turns from linear to logarithmic; over 1, smooth at e"""
     log_eps: float | None = None
+    """what "log_eps" adds to the light, of which 1 is white"""
     dark_dn: float | None = None
     """dark current: DN added to every pixel before the log; the floor of contrast"""
     exposure_dn: float | None = None
@@ -95,9 +97,12 @@ class RenderConfig:
     """direct"""
     spp: int = 4
     """samples per pixel, at sub-pixel positions that never change: 1 ... 64"""
+    seeds: str = "fixed"
+    """fixed: a pixel's samples are the same every tick, so that still light gives no events"""
     headlight: str = "model"
     """model: as the model has it | off: removed"""
     shadows: bool = True
+    """lights that cast shadows in the model cast them here"""
     incremental: bool = True
     """trace again only what something moved can touch; the result is the same bit for bit"""
     isa: str = "auto"

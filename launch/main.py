@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import importlib.metadata
+import os
 import sys
 from collections.abc import Sequence
+from types import ModuleType
+from typing import NoReturn
 
-from evs.msgs import EvsError
+from evs.msgs import EvsError, unknown
 
 COMMANDS = {
     "emulate": "evs.launch.emulate",
@@ -17,9 +21,92 @@ COMMANDS = {
     "info": "evs.launch.info",
     "doctor": "evs.launch.doctor",
 }
-"""Every command and the module behind it: each has HELP (one line), configure(parser), run(args) -> exit code."""
+"""Command -> module. Each has HELP (one line), configure(parser), run(args) -> exit code."""
+
+ABOUT = """evs: an event camera for MuJoCo scenes.
+
+It takes the place of a real DVS, DAVIS or EVK camera: the same topics, files and parameters,
+but the world behind the lens is a MuJoCo model. Physics runs in ticks of 1 ms, rays are traced
+for every tick, and each pixel tells only what changed."""
+
+EXAMPLES = """Examples:
+  evs emulate --scene humanoid.xml --record run.aedat4
+      one simulated second of a robot, seen by a DAVIS346, into a file that DV opens
+  evs emulate --scene humanoid.xml --publish tcp://127.0.0.1:5560 --pace realtime --duration 60
+      a live stream, as a camera would give it; `evs echo tcp://127.0.0.1:5560 --hz` listens
+  evs view run.aedat4 -o run.gif
+      look at a recording
+
+`evs COMMAND --help` says everything about a command; `evs doctor` checks this machine."""
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse, but an error is an EvsError: one line that says how to get help."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise what main prints."""
+        raise EvsError(f"{message} (try: {self.prog} --help)")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command line; the exit code."""
-    raise SystemExit("to be written")
+    """Run one command line; the exit code: 0, 2 for what the user can mend, 130 after Ctrl-C."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        return _dispatch(words)
+    except EvsError as error:
+        # libraries below may quote messages of many lines
+        print("evs:", " ".join(str(error).split()), file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        # `evs ... | head`: nobody reads on; keep the interpreter's last flush from failing too
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        return 141
+
+
+def _dispatch(words: list[str]) -> int:
+    if not words or words[0] in ("-h", "--help", "help"):
+        print(_help())
+        return 0
+    if words[0] in ("-V", "--version", "version"):
+        print("evs", version())
+        return 0
+    name = words[0]
+    if name not in COMMANDS:
+        kind = "option" if name.startswith("-") else "command"
+        raise EvsError(f"{unknown(kind, name, COMMANDS)} (try: evs --help)")
+    module = importlib.import_module(COMMANDS[name])
+    parsed = _parser(name, module).parse_intermixed_args(words[1:])
+    code = module.run(parsed)
+    return 0 if code is None else int(code)
+
+
+def version() -> str:
+    """The version of the installed package."""
+    try:
+        return importlib.metadata.version("evs")
+    except importlib.metadata.PackageNotFoundError:
+        return "(not installed: running from its sources)"
+
+
+def _parser(name: str, module: ModuleType) -> Parser:
+    parser = Parser(
+        prog=f"evs {name}",
+        description=module.HELP,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    module.configure(parser)
+    return parser
+
+
+def _help() -> str:
+    lines = [ABOUT, "", "Usage: evs COMMAND [arguments]", "", "Commands:"]
+    for name, where in COMMANDS.items():
+        lines.append(f"  {name:10s}{importlib.import_module(where).HELP}")
+    return "\n".join([*lines, "", EXAMPLES])
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

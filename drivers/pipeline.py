@@ -1,0 +1,227 @@
+"""A pipeline: the emulator's configuration plus where the packets go and at what pace.
+
+Precedence: defaults < the TOML file < the command line.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from evs.drivers import settings
+from evs.drivers.sink import Sink
+from evs.emulator.config import RunConfig
+from evs.msgs import EvsError, nearest_first, unknown
+
+T = TypeVar("T")
+
+PACES = {"free": 0.0, "realtime": 1.0}
+"""pace -> simulated seconds per wall second; 0: as fast as it goes"""
+
+SEEDS = ("fixed",)
+"""where a renderer's samples come from: `direct` has no noise, so it knows no other way"""
+
+RECORDERS = {".aedat4": "aedat4", ".npz": "npz"}
+"""suffix of a recording -> sink type"""
+
+PIPELINES = Path(__file__).parents[1] / "config" / "pipelines"
+"""the pipelines that come with evs; each is found by its bare name too"""
+
+_SCENE_SUFFIXES = (".xml", ".mjb", ".mjcf")
+
+
+@dataclass(frozen=True)
+class SinkConfig:
+    """[[sink]]: one place that packets leave to. Any number of them."""
+
+    type: str = ""
+    """zmq | aedat4 | npz"""
+    address: str | None = None
+    """zmq: where to bind, as in tcp://127.0.0.1:5560"""
+    wait_for: int | None = None
+    """zmq: subscribers to wait for before the first tick"""
+    wait_s: float | None = None
+    """zmq: how long to wait for them, s"""
+    queue: int | None = None
+    """zmq: packets held for a slow subscriber before it loses some"""
+    file: str | None = None
+    """aedat4, npz: the recording"""
+    compression: str | None = None
+    """aedat4: lz4 | zstd | none"""
+
+
+SINK_KEYS = {
+    "zmq": ("address", "wait_for", "wait_s", "queue"),
+    "aedat4": ("file", "compression"),
+    "npz": ("file",),
+}
+"""sink type -> the keys it has; the first is required"""
+
+
+@dataclass(frozen=True)
+class PipelineConfig(RunConfig):
+    """Top-level keys."""
+
+    sink: tuple[SinkConfig, ...] = ()
+    pace: str = "free"
+    """free: as fast as it goes | realtime: no faster than the wall clock"""
+    record: str = ""
+    """one more recording: a file ending in .aedat4 or .npz"""
+    publish: str = ""
+    """one more zmq sink: the address it binds, as in tcp://127.0.0.1:5560"""
+    report: str = ""
+    """where to write the run report (JSON); every recording has one beside it anyway"""
+
+    def emulation(self) -> RunConfig:
+        """The part that shapes the events."""
+        names = [field.name for field in dataclasses.fields(RunConfig)]
+        return RunConfig(**{name: getattr(self, name) for name in names})
+
+    def sinks(self) -> tuple[SinkConfig, ...]:
+        """Every sink: the [[sink]] tables, then `record`, then `publish`."""
+        every = list(self.sink)
+        if self.record:
+            every.append(SinkConfig(type=_recorder_of(self.record), file=self.record))
+        if self.publish:
+            every.append(SinkConfig(type="zmq", address=self.publish))
+        return tuple(every)
+
+
+def load(
+    file: str | None = None,
+    overrides: Iterable[tuple[str, str]] = (),
+    tables: Mapping[str, Any] | None = None,
+) -> PipelineConfig:
+    """The pipeline of a TOML file (or the name of one that comes with evs) and command-line keys.
+
+    Paths in the file are relative to it, all others to the working directory; `package:path`
+    is a file inside an installed Python package. Raises EvsError with the path to a bad value.
+    """
+    if file is not None:
+        path = find_pipeline(file)
+        config = settings.build(PipelineConfig, settings.read_toml(path))
+        config = _with_paths(config, lambda text: _beside(path, text))
+    else:
+        config = settings.build(PipelineConfig, tables or {})
+    given: dict[str, str] = {}
+    for key, text in overrides:
+        if given.setdefault(key, text) != text:
+            raise EvsError(f"at {key}: given twice, as {given[key]} and as {text}; drop one")
+        config = settings.override(config, key, text)
+    config = _with_paths(config, _in_package)
+    check(config)
+    return config
+
+
+def check(config: PipelineConfig) -> None:
+    """Refuse what no stage of the emulator would notice. Raises EvsError with the path."""
+    if not config.scene.file:
+        raise EvsError('no scene: give --scene FILE.xml, or file = "FILE.xml" under [scene]')
+    if config.pace not in PACES:
+        raise _at("pace", unknown("pace", config.pace, PACES))
+    if config.render.seeds not in SEEDS:
+        raise _at("render.seeds", unknown("seeds", config.render.seeds, SEEDS))
+    for place, sink in enumerate(config.sink):
+        _check_sink(sink, f"sink.{place}")
+    files = [Path(sink.file).absolute() for sink in config.sinks() if sink.file]
+    for path in files:
+        if files.count(path) > 1:
+            raise EvsError(f"two sinks record to '{path}'; give each its own file")
+
+
+def make_sink(config: SinkConfig) -> Sink:
+    """The sink of a table, not yet open. Its library is imported here, not before."""
+    given = {key: getattr(config, key) for key in SINK_KEYS[config.type]}
+    options = {key: value for key, value in given.items() if value is not None}
+    if config.type == "zmq":
+        from evs.drivers.bus import Publisher
+
+        return Publisher(options.pop("address"), **options)
+    if config.type == "aedat4":
+        from evs.drivers.aedat4 import Aedat4Recorder
+
+        return Aedat4Recorder(options.pop("file"), **options)
+    from evs.drivers.npz import NpzRecorder
+
+    return NpzRecorder(options.pop("file"))
+
+
+def find_pipeline(word: str) -> Path:
+    """The file of a pipeline: a path, or the name of one that comes with evs."""
+    path = Path(word)
+    if path.suffix in _SCENE_SUFFIXES:
+        raise EvsError(f"'{word}' is a scene, not a pipeline; give it as --scene {word}")
+    known = {file.stem: file for file in sorted(PIPELINES.glob("*.toml"))}
+    if path.is_file():
+        return path
+    if word in known:
+        return known[word]
+    if path.is_dir():
+        raise EvsError(f"'{word}' is a folder; give a pipeline file (.toml)")
+    names = ", ".join(nearest_first(path.stem, known))
+    raise EvsError(f"no pipeline file '{word}'; evs itself comes with: {names}")
+
+
+def _check_sink(sink: SinkConfig, path: str) -> None:
+    if sink.type not in SINK_KEYS:
+        raise _at(f"{path}.type", unknown("sink type", sink.type, SINK_KEYS))
+    own = SINK_KEYS[sink.type]
+    for field in dataclasses.fields(sink):
+        if field.name not in ("type", *own) and getattr(sink, field.name) is not None:
+            has = ", ".join(own)
+            raise EvsError(f"at {path}.{field.name}: a {sink.type} sink has only: {has}")
+    if not getattr(sink, own[0]):
+        raise EvsError(f"at {path}.{own[0]}: missing; a {sink.type} sink needs it")
+    if sink.file and _recorder_of(sink.file) != sink.type:
+        raise EvsError(f"at {path}.file: '{sink.file}' does not end in .{sink.type}")
+
+
+def _recorder_of(file: str) -> str:
+    suffix = Path(file).suffix.lower()
+    if suffix not in RECORDERS:
+        raise EvsError(f"cannot record to '{file}': end it in one of {', '.join(RECORDERS)}")
+    return RECORDERS[suffix]
+
+
+def _with_paths(config: PipelineConfig, change: Callable[[str], str]) -> PipelineConfig:
+    """A copy in which every file name was changed."""
+
+    def changed(table: Any, keys: Sequence[str]) -> Any:
+        given = {key: getattr(table, key) for key in keys}
+        return dataclasses.replace(table, **{k: change(v) for k, v in given.items() if v})
+
+    sinks = tuple(changed(sink, ["file"]) for sink in config.sink)
+    scene = changed(config.scene, ["file", "control_file"])
+    config = changed(config, ["record", "report"])
+    return dataclasses.replace(config, sink=sinks, scene=scene)
+
+
+def _beside(pipeline: Path, text: str) -> str:
+    """A path of a pipeline file: relative to that file."""
+    return text if _package_of(text) else str(pipeline.parent / text)
+
+
+def _package_of(text: str) -> re.Match[str] | None:
+    # two letters or more, so that a drive letter is none; no slash after the colon, so no URL is
+    return re.fullmatch(r"([A-Za-z_]\w+):([^/\\:].*)", text)
+
+
+def _in_package(text: str) -> str:
+    """`package:path` as a path: a file that an installed Python package ships."""
+    found = _package_of(text)
+    if found is None or Path(text).exists():
+        return text
+    spec = importlib.util.find_spec(found[1])
+    folders = list(spec.submodule_search_locations or ()) if spec else []
+    if not folders:
+        raise EvsError(f"'{text}': no Python package '{found[1]}' here; pip install {found[1]}")
+    return str(Path(folders[0]) / found[2])
+
+
+def _at(path: str, error: EvsError) -> EvsError:
+    return EvsError(f"at {path}: {error}")

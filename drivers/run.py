@@ -1,0 +1,274 @@
+"""The run loop: step the world, hand its packets to the sinks, however it ends close them all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from evs.drivers.pace import Pacer, StopWatch, monotonic_s
+from evs.drivers.report import COMPLETE, STAGES, Report, versions
+from evs.drivers.sink import Sink
+from evs.drivers.stopping import stop_signals
+from evs.msgs import EventPacket, EvsError, StreamInfo
+
+MAX_SECONDS = 1e9
+"""Longer than 30 years is a mistake, not a run."""
+
+
+class RunCamera(Protocol):
+    """What the loop wants to know of a camera."""
+
+    @property
+    def info(self) -> StreamInfo:
+        """What is constant of its stream."""
+
+    @property
+    def traced_fraction(self) -> float:
+        """Share of the pixels that the last tick traced."""
+
+    @property
+    def is_dark(self) -> bool:
+        """Whether the last tick's picture was black."""
+
+
+class RunWorld(Protocol):
+    """What the loop wants of a world; evs.emulator.World is one."""
+
+    @property
+    def cameras(self) -> Sequence[RunCamera]:
+        """All of them, in their order."""
+
+    @property
+    def t_us(self) -> int:
+        """Simulated time, us."""
+
+    @property
+    def substeps(self) -> object:
+        """Its str() says how the model's time step was fitted to the tick."""
+
+    def step(self) -> tuple[EventPacket, ...]:
+        """Advance one tick; its packets."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a run is, after a tick."""
+
+    tick: int
+    """ticks done"""
+    ticks: int
+    """ticks wanted"""
+    sim_seconds: float
+    events: int
+    """so far"""
+    wall_seconds: float
+    """so far"""
+
+
+Observer = Callable[[int, Any, tuple[EventPacket, ...]], None]
+"""Called after every tick with (tick from 1, world, packets); its time belongs to no stage."""
+
+
+def tick_count(duration_s: float, tick_us: int) -> int:
+    """The fewest whole ticks that cover a duration. Raises EvsError for impossible ones."""
+    if tick_us < 1:
+        raise EvsError(f"at scene.tick_us: {tick_us} is no tick; give 1 us or more")
+    if not (math.isfinite(duration_s) and 0 < duration_s <= MAX_SECONDS):
+        raise EvsError(f"at duration_s: {duration_s} s is not possible; give more than 0 s")
+    # the microsecond grid first: 0.3 s is 300 ticks of 1 ms, not 301
+    return max(1, -(-round(duration_s * 1e6) // tick_us))
+
+
+def run(
+    world: RunWorld,
+    sinks: Sequence[Sink],
+    duration_s: float,
+    meter: StopWatch | None = None,
+    pace: Pacer | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    observers: Sequence[Observer] = (),
+    *,
+    warn: Callable[[str], None] | None = None,
+    on_report: Callable[[Report], None] | None = None,
+    config: Mapping[str, Any] | None = None,
+) -> Report:
+    """Run a world for `duration_s` of simulated time, whole ticks, and report.
+
+    In: `meter` is the one the world laps. `config` stands in the report. `warn` gets a line for
+    each thing that is legal but hardly meant. `on_report` gets the report exactly once, however
+    the run ends, after all sinks are closed.
+    Ctrl-C and SIGTERM end the run after the current tick: the report's `ended` says so. An error
+    (EvsError from physics or a sink, anything else) is raised after every sink was closed, so
+    that what was recorded until then is complete.
+    """
+    infos = [camera.info for camera in world.cameras]
+    loop = _Loop(world, sinks, meter or StopWatch(), pace or Pacer(), warn)
+    failure: BaseException | None = None
+    try:
+        ticks = tick_count(duration_s, infos[0].tick_us if infos else 1000)
+        loop.open(infos)
+        loop.ticks(ticks, progress, observers)
+    except KeyboardInterrupt:
+        loop.ended = f"interrupted at {loop.sim_seconds:.6g} s"
+    except BaseException as error:
+        loop.ended = f"error at {loop.sim_seconds:.6g} s: {error or type(error).__name__}"
+        failure = error
+    closing = loop.close()
+    if closing is not None and failure is None:
+        loop.ended, failure = f"error while closing: {closing}", closing
+    report = loop.report(infos, config or {})
+    if on_report is not None:
+        on_report(report)
+    if failure is not None:
+        raise failure
+    return report
+
+
+class _Loop:
+    """The state of one run."""
+
+    def __init__(
+        self,
+        world: RunWorld,
+        sinks: Sequence[Sink],
+        watch: StopWatch,
+        pacer: Pacer,
+        warn: Callable[[str], None] | None,
+    ) -> None:
+        self.world, self.sinks, self.watch, self.pacer, self.warn = world, sinks, watch, pacer, warn
+        self.ended = COMPLETE
+        self.done = 0
+        self.packets = 0
+        self.events: dict[str, int] = {}
+        self.traced = 0.0
+        self.begin_us = world.t_us
+        self.wall_seconds = 0.0
+        self.opened: list[Sink] = []
+        self.said: list[dict[str, Any]] = []
+        self.warnings: list[str] = []
+
+    @property
+    def sim_seconds(self) -> float:
+        return (self.world.t_us - self.begin_us) * 1e-6
+
+    def open(self, infos: Sequence[StreamInfo]) -> None:
+        for sink in self.sinks:
+            # a sink that failed to open may hold something already: it is closed too
+            self.opened.append(sink)
+            with _disk_errors():
+                sink.open(infos)
+
+    def ticks(
+        self,
+        ticks: int,
+        progress: Callable[[Progress], None] | None,
+        observers: Sequence[Observer],
+    ) -> None:
+        start_s = monotonic_s()
+        self.pacer.start(self.world.t_us)
+        with stop_signals() as stopped:
+            while self.done < ticks and not stopped:
+                packets = self._tick()
+                self.wall_seconds = monotonic_s() - start_s
+                for observer in observers:
+                    observer(self.done, self.world, packets)
+                if self.done == 1:
+                    self._look_for_dark()
+                if progress is not None:
+                    sofar = sum(self.events.values())
+                    where = (self.done, ticks, self.sim_seconds, sofar, self.wall_seconds)
+                    progress(Progress(*where))
+        if stopped and self.done < ticks:
+            self.ended = f"{stopped[0]} at {self.sim_seconds:.6g} s"
+
+    def _tick(self) -> tuple[EventPacket, ...]:
+        watch = self.watch
+        watch.begin_tick()
+        packets = self.world.step()
+        watch.lap("pack")
+        # a packet leaves when the wall clock reaches the end of its tick
+        self.pacer.wait_until(self.world.t_us)
+        watch.skip()
+        for packet in packets:
+            for sink in self.sinks:
+                with _disk_errors():
+                    sink.write(packet)
+        watch.lap("sink")
+        watch.end_tick()
+        self.done += 1
+        self.packets += len(packets)
+        for packet in packets:
+            self.events[packet.camera] = self.events.get(packet.camera, 0) + len(packet)
+        cameras = self.world.cameras
+        self.traced += sum(camera.traced_fraction for camera in cameras) / max(1, len(cameras))
+        return packets
+
+    def _look_for_dark(self) -> None:
+        for camera in self.world.cameras:
+            if camera.is_dark:
+                line = (
+                    f"camera '{camera.info.camera}' sees nothing lit, the picture is black: give "
+                    "the scene a light, or use its headlight (render.headlight=model)"
+                )
+                self.warnings.append(line)
+                if self.warn is not None:
+                    self.warn(line)
+
+    def close(self) -> Exception | None:
+        """Close every sink that was opened, the last first; the first error, if any."""
+        first: Exception | None = None
+        for sink in reversed(self.opened):
+            try:
+                with _disk_errors():
+                    self.said.insert(0, sink.close())
+            except Exception as error:  # whatever one sink does, the others must be closed
+                self.said.insert(0, {"error": str(error)})
+                first = first or error
+        return first
+
+    def report(self, infos: Sequence[StreamInfo], config: Mapping[str, Any]) -> Report:
+        known = {k: v for info in infos for k, v in info.versions.items()}
+        return Report(
+            ended=self.ended,
+            real_time_factor=self.sim_seconds / self.wall_seconds if self.wall_seconds else 0.0,
+            ticks=self.done,
+            sim_seconds=self.sim_seconds,
+            wall_seconds=self.wall_seconds,
+            packets=self.packets,
+            events=sum(self.events.values()),
+            events_dropped=sum(int(said.get("events_dropped", 0)) for said in self.said),
+            stage_ms=self.watch.stage_ms(STAGES),
+            traced_fraction=self.traced / self.done if self.done else 0.0,
+            seed=infos[0].seed if infos else 0,
+            substeps=str(self.world.substeps),
+            cameras=[_camera(info, self.events.get(info.camera, 0)) for info in infos],
+            sinks=self.said,
+            warnings=self.warnings,
+            versions={**versions(), **known},
+            config=dict(config),
+        )
+
+
+def _camera(info: StreamInfo, events: int) -> dict[str, Any]:
+    return {
+        "name": info.camera,
+        "sensor": info.sensor,
+        "width": info.width,
+        "height": info.height,
+        "tick_us": info.tick_us,
+        "events": events,
+        "camera_info": info.camera_info,
+    }
+
+
+@contextmanager
+def _disk_errors() -> Iterator[None]:
+    """An operating system's error of a sink, as the one line that users see."""
+    try:
+        yield
+    except OSError as reason:
+        where = f"'{reason.filename}': " if reason.filename else ""
+        raise EvsError(f"cannot write: {where}{reason.strerror or reason}") from reason

@@ -1,0 +1,137 @@
+"""`evs emulate`: reads the pipeline, wires world and sinks, runs, reports."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+
+from evs.drivers import keys, pipeline, settings
+from evs.msgs import EvsError
+
+HELP = "run a scene through the event camera: publish it, record it"
+
+OPTIONS = {
+    "scene": ("scene.file", "FILE", "MJCF or MJB file of the world"),
+    "camera": ("scene.camera", "NAME", "camera of the model to look through"),
+    "sensor": ("sensor.preset", "NAME", "sensor preset"),
+    "renderer": ("render.renderer", "NAME", "how light is computed"),
+    "spp": ("render.spp", "N", "samples per pixel"),
+    "seeds": ("render.seeds", "WAY", "where the samples come from"),
+    "model": ("model.name", "NAME", "event model"),
+    "duration": ("duration_s", "S", "simulated seconds"),
+    "pace": ("pace", "PACE", "free or realtime"),
+    "record": ("record", "FILE", "record to a file ending in .aedat4 or .npz"),
+    "report": ("report", "FILE", "write the run report (JSON)"),
+    "publish": ("publish", "ADDRESS", "publish on ZeroMQ, as in tcp://127.0.0.1:5560"),
+    "threads": ("threads", "N", "worker threads; 0: one a core"),
+    "seed": ("seed", "N", "every random number follows from it"),
+}
+"""option -> (the key it is short for, placeholder, one line). Defaults stand with the keys."""
+
+STOPPED = {"interrupted": 130, "terminated": 143}
+"""how a run ended -> exit code, as shells count signals"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments. All stay text here; the configuration knows their types."""
+    parser.usage = "evs emulate [PIPELINE.toml] [key=value ...] [options]"
+    parser.add_argument(
+        "words",
+        nargs="*",
+        metavar="PIPELINE.toml, key=value",
+        help="a pipeline file (or the name of one that comes with evs), then any keys",
+    )
+    for option, (key, placeholder, line) in OPTIONS.items():
+        parser.add_argument(
+            f"--{option}", metavar=placeholder, help=f"{line}; short for {key}=", dest=option
+        )
+    parser.add_argument(
+        "--quiet", action="store_true", help="print nothing but warnings and errors"
+    )
+    parser.epilog = _keys_text()
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the pipeline; the exit code."""
+    config = pipeline.load(*_given(args))
+    return _emulate(config, quiet=args.quiet)
+
+
+def _given(args: argparse.Namespace) -> tuple[str | None, list[tuple[str, str]]]:
+    """The pipeline file, if any, and (key, text) of everything else on the command line."""
+    files = [word for word in args.words if "=" not in word]
+    if len(files) > 1:
+        raise EvsError(f"two pipelines, '{files[0]}' and '{files[1]}'; give one, then key=value")
+    overrides = [settings.split_word(word) for word in args.words if "=" in word]
+    for option, (key, _, _) in OPTIONS.items():
+        if getattr(args, option) is not None:
+            overrides.append((key, getattr(args, option)))
+    return (files[0] if files else None), overrides
+
+
+def _emulate(config: pipeline.PipelineConfig, quiet: bool) -> int:
+    # here, so that --help is quick
+    from evs.drivers.pace import Pacer, StopWatch
+    from evs.drivers.report import Report, check_targets, report_beside, write_report
+    from evs.drivers.run import run as run_loop
+    from evs.drivers.run import tick_count
+    from evs.emulator import World
+    from evs.launch import terminal
+
+    tables = config.sinks()
+    targets = [report_beside(table.file) for table in tables if table.file]
+    if config.report:
+        targets.append(Path(config.report))
+    check_targets(targets)
+    ticks = tick_count(config.duration_s, config.scene.tick_us)
+    sinks = [pipeline.make_sink(table) for table in tables]
+    watch = StopWatch()
+    world = World.from_config(config.emulation(), meter=watch)
+
+    def keep(report: Report) -> None:
+        for target in targets:
+            write_report(report, target)
+
+    with terminal.progress(ticks, quiet) as moved:
+        report = run_loop(
+            world,
+            sinks,
+            config.duration_s,
+            watch,
+            Pacer(pipeline.PACES[config.pace]),
+            moved,
+            warn=terminal.warn,
+            on_report=keep,
+            config=settings.to_plain(config),
+        )
+    terminal.summary(report, quiet, list(_next_commands(tables)))
+    return STOPPED.get(report.ended.split()[0], 0)
+
+
+def _next_commands(tables: tuple[pipeline.SinkConfig, ...]) -> Iterator[str]:
+    """What to try after this run."""
+    files = [table.file for table in tables if table.file]
+    for file in files[:1]:
+        yield f"evs info {file}"
+        yield f"evs view {file} -o out.gif"
+    if not files:
+        yield "evs emulate ... --record run.aedat4"
+
+
+def _keys_text() -> str:
+    """Every configuration key with its default and meaning, from the classes themselves."""
+    lines = [
+        "Configuration: defaults < PIPELINE.toml < the command line. A key is set in the file,",
+        "under its table, or here as key=value. Paths in a file are relative to that file, others",
+        "to the working directory; package:path is a file inside an installed Python package.",
+    ]
+    for table in keys.describe(pipeline.PipelineConfig):
+        lines += ["", f"[{table.name}]" if table.name else "top level"]
+        if table.doc and table.name:
+            lines[-1] += f"  {table.doc.partition(': ')[2] or table.doc}"
+        for key in table.keys:
+            lines.append(f"  {key.name}={key.default}")
+            lines += textwrap.wrap(key.doc, 92, initial_indent=" " * 6, subsequent_indent=" " * 6)
+    return "\n".join(lines)

@@ -1,0 +1,156 @@
+"""What programs show: a progress bar on stderr, a summary on stdout. The only door to rich."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from rich.box import ROUNDED
+from rich.console import Console
+from rich.markup import escape
+from rich.panel import Panel
+from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
+from rich.table import Table
+from rich.text import Text
+
+from evs.drivers.report import COMPLETE, Report
+from evs.drivers.run import Progress
+
+REDRAW_S = 0.1
+"""the bar is redrawn no more often"""
+
+STAGE_COLOURS = {
+    "world": "cyan",
+    "render": "yellow",
+    "sensor": "magenta",
+    "pack": "blue",
+    "sink": "green",
+}
+
+
+@contextmanager
+def progress(ticks: int, quiet: bool = False) -> Iterator[Callable[[Progress], None]]:
+    """A bar on stderr while the block runs; Out: the callback that moves it.
+
+    It is drawn only on a terminal, and gone when the block ends.
+    """
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield lambda _: None
+        return
+    columns = (
+        TextColumn("[bold]{task.description}"),
+        BarColumn(bar_width=None),
+        TaskProgressColumn(),
+        TextColumn("{task.fields[told]}"),
+        TimeRemainingColumn(),
+    )
+    with Bar(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("emulating", total=ticks, told="")
+        drawn_s = -REDRAW_S
+
+        def move(where: Progress) -> None:
+            nonlocal drawn_s
+            if where.wall_seconds - drawn_s < REDRAW_S and where.tick < where.ticks:
+                return
+            drawn_s = where.wall_seconds
+            told = f"{where.sim_seconds:7.3f} s  {_rate(where)}  {_factor(where)}"
+            bar.update(task, completed=where.tick, told=told)
+
+        yield move
+
+
+def warn(line: str) -> None:
+    """A warning, one line on stderr."""
+    console = Console(stderr=True, soft_wrap=True, highlight=False)
+    console.print(f"[bold yellow]evs: warning:[/] {escape(line)}")
+
+
+def summary(report: Report, quiet: bool = False, next_commands: Sequence[str] = ()) -> None:
+    """The run in a few lines on stdout: events, speed, ms per stage, packets, what to try next."""
+    if quiet:
+        return
+    console = Console(highlight=False)
+    if console.is_terminal:
+        body = Table.grid(padding=(0, 0))
+        for part in (_facts(report), Text(), _stages(report)):
+            body.add_row(part)
+        good = report.ended == COMPLETE
+        title = "run complete" if good else report.ended
+        console.print(
+            Panel(body, title=escape(title), border_style="green" if good else "red", expand=False)
+        )
+    else:
+        # plain lines that a script can cut: one fact a line
+        for name, value in facts(report):
+            print(f"{name:17s} {value}")
+        for stage, taken in report.stage_ms.items():
+            print(f"{stage + '_ms':17s} {taken.median:.3f} median, {taken.p99:.3f} p99")
+    if next_commands:
+        console.print("[bold]next:[/]" if console.is_terminal else "next:")
+        for command in next_commands:
+            console.print(f"  {escape(command)}", soft_wrap=True)
+
+
+def facts(report: Report) -> list[tuple[str, str]]:
+    """(name, value) of everything in the summary but the stages."""
+    rate = report.events / report.sim_seconds if report.sim_seconds else 0.0
+    lines = [
+        ("ended", report.ended),
+        ("simulated", f"{report.sim_seconds:.6g} s in {report.ticks:,} ticks"),
+        ("wall clock", f"{report.wall_seconds:.3g} s"),
+        ("real-time factor", f"{report.real_time_factor:.3g}"),
+        ("events", f"{report.events:,} ({_si(rate)} events per simulated second)"),
+        ("events dropped", f"{report.events_dropped:,}"),
+        ("packets", f"{report.packets:,}"),
+        ("pixels traced", f"{100 * report.traced_fraction:.3g} %"),
+    ]
+    for said in report.sinks:
+        told = ", ".join(f"{key} {value}" for key, value in said.items() if key != "type")
+        lines.append((str(said.get("type", "sink")), told))
+    return lines
+
+
+def _facts(report: Report) -> Table:
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="dim")
+    table.add_column(overflow="fold")
+    for name, value in facts(report)[1:]:
+        table.add_row(name, escape(value))
+    return table
+
+
+def _stages(report: Report) -> Table:
+    """ms per tick and stage, with a bar for each stage's share of the sum of the medians."""
+    table = Table(box=ROUNDED, border_style="dim", header_style="bold")
+    table.add_column("stage")
+    table.add_column("median ms", justify="right")
+    table.add_column("p99 ms", justify="right")
+    table.add_column("share of the tick")
+    total = sum(taken.median for taken in report.stage_ms.values()) or 1.0
+    for stage, taken in report.stage_ms.items():
+        share = taken.median / total
+        bar = Text("█" * round(24 * share), style=STAGE_COLOURS.get(stage, "white"))
+        bar.append(f" {100 * share:.0f} %", style="dim")
+        table.add_row(stage, f"{taken.median:.3f}", f"{taken.p99:.3f}", bar)
+    return table
+
+
+def _rate(where: Progress) -> str:
+    """Events per simulated second so far."""
+    rate = where.events / where.sim_seconds if where.sim_seconds else 0.0
+    return f"{_si(rate)}ev/s"
+
+
+def _factor(where: Progress) -> str:
+    factor = where.sim_seconds / where.wall_seconds if where.wall_seconds else 0.0
+    return f"{factor:.2f}x real time"
+
+
+def _si(value: float) -> str:
+    """A number with k, M or G."""
+    for limit, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if value >= limit:
+            return f"{value / limit:.3g} {letter}"
+    return f"{value:.3g} "
