@@ -2,23 +2,30 @@
 
 from evs.msgs.errors import EvsError, nearest_first, unknown
 from evs.msgs.event import EVENT_DTYPE, Events, empty_events, make_events
-from evs.msgs.packet import ENCODING, EventPacket, MessageError, decode, encode
+from evs.msgs.fields import MessageError
+from evs.msgs.packet import ENCODING, EventPacket, decode, encode
+from evs.msgs.status import Status, decode_status, encode_status
 from evs.msgs.stream import StreamInfo
-from evs.msgs.topics import TOPICS, Topic
+from evs.msgs.topics import EVENTS, STATUS, TOPICS, Topic
 
 __all__ = [
     "ENCODING",
+    "EVENTS",
     "EVENT_DTYPE",
+    "STATUS",
     "TOPICS",
     "EventPacket",
     "Events",
     "EvsError",
     "MessageError",
+    "Status",
     "StreamInfo",
     "Topic",
     "decode",
+    "decode_status",
     "empty_events",
     "encode",
+    "encode_status",
     "make_events",
     "nearest_first",
     "unknown",

@@ -1,7 +1,7 @@
 """EventPacket: the events of one tick (or more) of one camera. The only door to msgpack.
 
-On the wire: `topic | msgpack header | raw frame`. The header's field names follow ROS's
-event_camera_msgs/EventPacket; the raw frame is the events' own bytes, 16 each.
+On the wire: `topic | msgpack header | raw frame`, see README.md beside this file. The header's
+field names follow ROS's event_camera_msgs/EventPacket; the raw frame is the events' own bytes.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import Any
 import msgpack
 import numpy as np
 
-from evs.msgs.errors import EvsError
 from evs.msgs.event import EVENT_DTYPE, Events, empty_events
+from evs.msgs.fields import MAX_INT64, MAX_PIXELS, MessageError, integer, name, shown
 
 ENCODING = "evs16"
 """Name of the raw frame's encoding: an array of EVENT_DTYPE, little-endian."""
@@ -21,9 +21,8 @@ ENCODING = "evs16"
 MAX_HEADER_BYTES = 64 * 1024
 """A larger header is refused before it is parsed."""
 
-
-class MessageError(EvsError):
-    """Bytes from outside that are not a packet of ours."""
+MAX_FRAME_BYTES = 64 * 1024 * 1024
+"""A larger raw frame (4 million events) does not travel on the bus."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +52,14 @@ class EventPacket:
 
 
 def encode(packet: EventPacket) -> tuple[bytes, memoryview]:
-    """Out: (msgpack header, raw frame of 16 n bytes, not copied where it is contiguous)."""
-    header = {
+    """Out: (msgpack header, raw frame of 16 n bytes, not copied where it is contiguous).
+
+    Raises MessageError for a packet that `decode` would refuse: better here than at every receiver.
+    """
+    events = packet.events
+    if not isinstance(events, np.ndarray) or events.dtype != EVENT_DTYPE or events.ndim != 1:
+        raise MessageError("packet events are not an (n,) array of EVENT_DTYPE: use make_events")
+    header: dict[str, Any] = {
         "seq": packet.seq,
         "time_base": packet.time_base_us,
         "time_end": packet.time_end_us,
@@ -64,55 +69,110 @@ def encode(packet: EventPacket) -> tuple[bytes, memoryview]:
         "height": packet.height,
         "camera": packet.camera,
     }
-    frame = np.ascontiguousarray(packet.events).view(np.uint8).reshape(-1)
-    return packb(header), memoryview(frame)
+    # numpy's own integers are welcome here, but msgpack knows only Python's
+    for key, value in header.items():
+        if isinstance(value, np.generic):
+            header[key] = value.item()
+    _checked(header)
+    check_events(packet)
+    frame = np.ascontiguousarray(events).view(np.uint8).reshape(-1)
+    return packb(header), frame.data
 
 
 def decode(header: bytes, frame: Any) -> EventPacket:
-    """The packet of a header and any buffer with its raw frame.
+    """The packet of a header and any contiguous buffer with its raw frame.
 
-    The events share the buffer's memory. Raises MessageError where the bytes do not fit the format.
+    The events share the buffer's memory. Raises MessageError where the bytes do not fit the format,
+    so that what comes out keeps every promise of EventPacket: an array indexed by its x and y is
+    never missed, and time never runs backwards.
     """
-    fields = unpackb(header)
-    if fields.get("encoding") != ENCODING:
-        raise MessageError(f"packet encoding {fields.get('encoding')!r} is not {ENCODING!r}")
-    if memoryview(frame).nbytes % EVENT_DTYPE.itemsize:
-        raise MessageError(f"raw frame of {memoryview(frame).nbytes} bytes is not whole events")
-    try:
-        return EventPacket(
-            seq=_integer(fields, "seq"),
-            time_base_us=_integer(fields, "time_base"),
-            time_end_us=_integer(fields, "time_end"),
-            width=_integer(fields, "width"),
-            height=_integer(fields, "height"),
-            events=np.frombuffer(frame, EVENT_DTYPE),
-            camera=str(fields.get("camera", "camera")),
+    fields = _checked(unpackb(header))
+    size = memoryview(frame).nbytes
+    if size % EVENT_DTYPE.itemsize:
+        raise MessageError(f"raw frame of {size} bytes is not whole events")
+    packet = EventPacket(
+        seq=fields["seq"],
+        time_base_us=fields["time_base"],
+        time_end_us=fields["time_end"],
+        width=fields["width"],
+        height=fields["height"],
+        events=np.frombuffer(frame, EVENT_DTYPE),
+        camera=fields["camera"],
+    )
+    check_events(packet)
+    return packet
+
+
+def check_events(packet: EventPacket) -> None:
+    """MessageError unless the events are sorted by t and lie in the interval and on the sensor.
+
+    Polarity has to be 0 or 1, the padding zero. A few vector operations: 10 us for 300 events.
+    """
+    events = packet.events
+    if len(events) == 0:
+        return
+    t = events["t"]
+    if (t[1:] < t[:-1]).any():
+        raise MessageError("events are not sorted by t")
+    if t[0] <= packet.time_base_us or t[-1] > packet.time_end_us:
+        raise MessageError(
+            f"events of {t[0]} ... {t[-1]} us lie outside the packet's "
+            f"({packet.time_base_us}, {packet.time_end_us}] us"
         )
-    except KeyError as missing:
-        raise MessageError(f"packet header lacks {missing}") from None
+    # read as unsigned, a negative coordinate is too large as well; p and the padding are one word
+    words = events.view(_UNSIGNED)
+    if (words["x"] >= packet.width).any() or (words["y"] >= packet.height).any():
+        raise MessageError(f"events lie outside the {packet.width}x{packet.height} sensor")
+    if (words["p"] > 1).any():
+        raise MessageError("an event's polarity is not 0 or 1, or its padding is not zero")
+
+
+_UNSIGNED = np.dtype(
+    {
+        "names": ["x", "y", "p"],
+        "formats": ["<u2", "<u2", "<u4"],
+        "offsets": [8, 10, 12],
+        "itemsize": 16,
+    }
+)
 
 
 def packb(fields: dict[str, Any]) -> bytes:
-    """msgpack bytes of a map of plain values."""
-    packed: bytes = msgpack.packb(fields, use_bin_type=True)
+    """msgpack bytes of a map of plain values; MessageError if they are not or are too many."""
+    try:
+        packed: bytes = msgpack.packb(fields, use_bin_type=True)
+    except (TypeError, ValueError, OverflowError) as reason:
+        raise MessageError(f"header cannot be packed: {shown(str(reason))}") from None
+    if len(packed) > MAX_HEADER_BYTES:
+        raise MessageError(f"header of {len(packed)} bytes is over {MAX_HEADER_BYTES}")
     return packed
 
 
 def unpackb(header: bytes) -> dict[str, Any]:
-    """The map in a msgpack header; MessageError if it is too large, torn or not a map."""
+    """The map in a msgpack header; MessageError if it is too large, torn or not a map of names."""
     if len(header) > MAX_HEADER_BYTES:
         raise MessageError(f"header of {len(header)} bytes is over {MAX_HEADER_BYTES}")
     try:
         fields = msgpack.unpackb(header, raw=False, strict_map_key=True)
-    except (ValueError, msgpack.exceptions.UnpackException) as reason:
-        raise MessageError(f"header is not msgpack: {reason}") from None
+    except (ValueError, OverflowError, msgpack.exceptions.UnpackException) as reason:
+        raise MessageError(f"header is not msgpack: {shown(str(reason))}") from None
     if not isinstance(fields, dict):
         raise MessageError(f"header is a {type(fields).__name__}, not a map")
     return fields
 
 
-def _integer(fields: dict[str, Any], name: str) -> int:
-    value = fields[name]
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise MessageError(f"header field {name!r} is {value!r}, not an integer")
-    return value
+def _checked(fields: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a packet header, every value of the right type and in its range."""
+    if fields.get("encoding") != ENCODING:
+        raise MessageError(f"packet encoding {shown(fields.get('encoding'))} is not {ENCODING!r}")
+    if fields.get("is_bigendian") is not False:
+        raise MessageError("packet is not marked little-endian (is_bigendian: false)")
+    integer(fields, "seq", 0, MAX_INT64)
+    base = integer(fields, "time_base", -MAX_INT64, MAX_INT64)
+    end = integer(fields, "time_end", -MAX_INT64, MAX_INT64)
+    if end < base:
+        raise MessageError(f"packet ends at {end} us, before it begins at {base} us")
+    integer(fields, "width", 1, MAX_PIXELS)
+    integer(fields, "height", 1, MAX_PIXELS)
+    name(fields, "camera")
+    return fields

@@ -18,11 +18,15 @@ class Topic:
     drop: str
     """Which messages a slow subscriber loses."""
 
+    def of(self, camera: str) -> bytes:
+        """The topic frame of one camera: `name/camera` in UTF-8, e.g. b"events/track"."""
+        return f"{self.name}/{camera}".encode()
 
-TOPICS = (
-    Topic(
-        "events", "EventPacket", "one a tick and camera", 1000, "newest, counted by seq and status"
-    ),
-    Topic("status", "Status", "10 Hz of simulated time, and at the end", 1000, "newest"),
+
+EVENTS = Topic(
+    "events", "EventPacket", "one a tick and camera", 1000, "newest, counted by seq and status"
 )
-"""Every topic of the bus. On the wire a topic is `name/camera`, e.g. `events/track`."""
+STATUS = Topic("status", "Status", "10 Hz of simulated time, and at the end", 1000, "newest")
+
+TOPICS = (EVENTS, STATUS)
+"""Every topic of the bus."""

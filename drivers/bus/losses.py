@@ -1,0 +1,87 @@
+"""What a subscriber missed of one camera's stream, counted exactly. No socket in it.
+
+Messages of one connection arrive in order, and a full queue loses the newest ones. So a gap in seq
+is a loss, and a status whose seq was never reached is one too. What was sent before the first
+message arrived is not: the subscriber was not there. A seq or a time that goes back is a new run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from evs.msgs import EventPacket, Status
+
+
+@dataclass
+class Tally:
+    """Counts of one camera's stream. With `ended`, packets sent while there = packets + lost."""
+
+    packets: int = 0
+    """Packets received."""
+    events: int = 0
+    """Events in them."""
+    lost: int = 0
+    """Packets that were sent and never arrived, as far as known."""
+    restarts: int = 0
+    """How often the camera began a new run."""
+    ended: bool = False
+    """The end status came: nothing follows."""
+    next_seq: int | None = None
+    """The next packet's seq if nothing is lost; None before the first message."""
+    time_us: int = 0
+    """Simulated time at the end of the last packet, us."""
+    promised_end: Status | None = None
+    """An end status that came by another connection, so packets sent before it may still follow."""
+
+    def on_packet(self, packet: EventPacket) -> None:
+        """A packet arrived on the packets' own connection."""
+        if self._goes_back(packet.seq, packet.time_base_us):
+            self._new_run()
+        if self.next_seq is not None:
+            self.lost += packet.seq - self.next_seq
+        self.next_seq, self.time_us = packet.seq + 1, packet.time_end_us
+        self.packets += 1
+        self.events += len(packet.events)
+
+    def on_status(self, status: Status) -> None:
+        """A status arrived among the packets: what was sent before it is here or lost."""
+        if self._goes_back(status.seq + 1, status.time_end_us):
+            self._new_run()
+        if self.next_seq is not None:
+            self.lost += status.seq + 1 - self.next_seq
+        self.next_seq, self.time_us = status.seq + 1, status.time_end_us
+        self.ended = status.end
+
+    def on_side_status(self, status: Status) -> None:
+        """A status arrived on a connection of its own, perhaps ahead of packets sent before it."""
+        if status.end and not self.ended:
+            self.promised_end = status
+
+    @property
+    def complete(self) -> bool:
+        """Everything that was sent has arrived, or is known to be lost."""
+        promised = self.promised_end
+        return self.ended or (promised is not None and promised.seq + 1 == self.next_seq)
+
+    def settle(self) -> Status | None:
+        """No more packets will come of a run that has ended: what is missing is lost.
+
+        Out: the end status that this was learnt from, None if the end is known already.
+        """
+        promised, self.promised_end = self.promised_end, None
+        if promised is None or self.ended:
+            return None
+        self.on_status(promised)
+        return promised
+
+    def _goes_back(self, seq: int, time_us: int) -> bool:
+        return self.next_seq is not None and (seq < self.next_seq or time_us < self.time_us)
+
+    def _new_run(self) -> None:
+        """Close the old run's account; what the new one sent before this message is not missed."""
+        promised, self.promised_end = self.promised_end, None
+        if promised is not None and not self.ended and self.next_seq is not None:
+            self.lost += max(0, promised.seq + 1 - self.next_seq)
+        self.restarts += 1
+        self.next_seq = None
+        self.ended = False

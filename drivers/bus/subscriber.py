@@ -1,0 +1,270 @@
+"""The receiving end of the bus: packets in order, and an exact account of what was missed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from types import TracebackType
+from typing import Any
+
+import zmq
+
+from evs.drivers.bus.address import connectable, is_ipv6
+from evs.drivers.bus.losses import Tally
+from evs.drivers.bus.sockets import Context, Socket, readable
+from evs.drivers.pace import monotonic_s
+from evs.msgs import (
+    EVENTS,
+    STATUS,
+    EventPacket,
+    EvsError,
+    MessageError,
+    Status,
+    decode,
+    decode_status,
+)
+from evs.msgs.fields import check_name
+from evs.msgs.packet import MAX_FRAME_BYTES
+from evs.msgs.status import MAX_CAMERAS
+
+END_GRACE_S = 0.5
+"""Nothing for this long after the end was announced: what is missing will not come."""
+
+_LONGEST_POLL_MS = 1000
+_LATE_SKIPS = 1000
+
+
+def subscribe(
+    address: str,
+    camera: str = "",
+    *,
+    queue: int = EVENTS.queue,
+    timeout_s: float | None = None,
+) -> Subscription:
+    """Listen to a publisher at tcp://HOST:PORT, to one camera or (empty) to all of them.
+
+    Iterate the result for EventPackets; iteration ends with the publisher's end status, or when
+    nothing came for `timeout_s` (None: waits for ever). `queue` packets wait before losses begin.
+    It may be called before the publisher is there. Raises EvsError for a bad address or name.
+    """
+    return Subscription(address, camera, queue=queue, timeout_s=timeout_s)
+
+
+class Subscription:
+    """A stream of packets from another process. One thread uses it; close it, or use `with`.
+
+    Two connections: one for packets and statuses in their order, one for statuses alone, so that
+    the end of the stream is heard even if the first has a full queue.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        camera: str = "",
+        *,
+        queue: int = EVENTS.queue,
+        timeout_s: float | None = None,
+    ) -> None:
+        if queue < 1:
+            raise EvsError(f"queue is {queue}: give the packets that may wait, 1 or more")
+        if timeout_s is not None and not timeout_s >= 0:
+            raise EvsError(f"timeout_s is {timeout_s}: give seconds, 0 or more, or None")
+        if camera:
+            check_name(camera, "camera name")
+        self.address = connectable(address)
+        self.camera = camera
+        self.timeout_s = timeout_s
+        self.status: Status | None = None
+        """The latest status of any camera listened to."""
+        self.bad_messages = 0
+        """Messages that were not of our format; they were skipped."""
+        self.bytes = 0
+        """Bytes of the raw frames received: 16 an event."""
+        self.tallies: dict[str, Tally] = {}
+        """The account of each camera heard of."""
+        self._cameras: tuple[str, ...] = (camera,) if camera else ()
+        self._end_heard_s: float | None = None
+        self._ended = False
+        self._context: Context | None = Context()
+        both = [EVENTS.of(camera), STATUS.of(camera)]
+        self._main = self._connect(self._context, both, queue)
+        self._side = self._connect(self._context, both[1:], STATUS.queue)
+
+    @property
+    def packets(self) -> int:
+        """Packets received, of all cameras."""
+        return sum(tally.packets for tally in self.tallies.values())
+
+    @property
+    def events(self) -> int:
+        """Events received, of all cameras."""
+        return sum(tally.events for tally in self.tallies.values())
+
+    @property
+    def lost(self) -> int:
+        """Packets sent while we listened that did not arrive; exact once `ended`."""
+        return sum(tally.lost for tally in self.tallies.values())
+
+    @property
+    def restarts(self) -> int:
+        """How often a camera began a new run."""
+        return sum(tally.restarts for tally in self.tallies.values())
+
+    @property
+    def ended(self) -> bool:
+        """The publisher said that every camera has ended, and nothing more can come."""
+        return self._ended
+
+    def receive(self, timeout_s: float | None = None) -> EventPacket | None:
+        """The next packet; None if all has ended or none comes in `timeout_s` (None: waits)."""
+        deadline_s = math.inf if timeout_s is None else monotonic_s() + timeout_s
+        patience = _LATE_SKIPS
+        while self._context is not None and not self._is_over():
+            if readable(self._main):
+                packet = self._take(self._main.recv_multipart(zmq.NOBLOCK), aside=False)
+                if packet is not None:
+                    return packet
+            elif readable(self._side):
+                # only now: on the main connection nothing is left to be taken first
+                self._take(self._side.recv_multipart(zmq.NOBLOCK), aside=True)
+            elif monotonic_s() < deadline_s:
+                self._wait(deadline_s)
+                continue
+            else:
+                return None
+            # a late packet may follow a few statuses, but an endless flood of others is left alone
+            if deadline_s < math.inf and monotonic_s() >= deadline_s:
+                patience -= 1
+                if patience == 0:
+                    return None
+        return None
+
+    def totals(self) -> dict[str, Any]:
+        """Every count as plain values."""
+        return {
+            "address": self.address,
+            "camera": self.camera,
+            "packets": self.packets,
+            "events": self.events,
+            "bytes": self.bytes,
+            "lost": self.lost,
+            "restarts": self.restarts,
+            "bad_messages": self.bad_messages,
+            "ended": self.ended,
+            "status": None if self.status is None else asdict(self.status),
+        }
+
+    def close(self) -> None:
+        """Stop listening. The counts stay. Safe to call twice."""
+        if self._context is not None:
+            self._main.close(linger=0)
+            self._side.close(linger=0)
+            self._context.term()
+            self._context = None
+
+    def __iter__(self) -> Subscription:
+        return self
+
+    def __next__(self) -> EventPacket:
+        packet = self.receive(self.timeout_s)
+        if packet is None:
+            raise StopIteration
+        return packet
+
+    def __enter__(self) -> Subscription:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _connect(self, context: Context, topics: list[bytes], queue: int) -> Socket:
+        client = context.socket(zmq.SUB)
+        client.set(zmq.RCVHWM, queue)
+        # a stranger at that address may not make us hold whatever he likes
+        client.set(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)
+        client.set(zmq.IPV6, int(is_ipv6(self.address)))
+        # they travel in alphabetical order: once a status comes, packets are subscribed to as well
+        for topic in topics:
+            client.subscribe(topic)
+        client.connect(self.address)
+        return client
+
+    def _wait(self, deadline_s: float) -> None:
+        """Until a message comes, the deadline, or the end of the grace after the end was heard."""
+        until_s = deadline_s
+        if self._end_heard_s is not None:
+            until_s = min(until_s, self._end_heard_s + END_GRACE_S)
+        wait_ms = math.ceil(min(1000 * (until_s - monotonic_s()), _LONGEST_POLL_MS))
+        poller = zmq.Poller()
+        poller.register(self._main, zmq.POLLIN)
+        poller.register(self._side, zmq.POLLIN)
+        poller.poll(max(1, wait_ms))
+
+    def _take(self, parts: list[bytes], *, aside: bool) -> EventPacket | None:
+        """Count one message; its packet, if it is one."""
+        try:
+            kind, _, camera = parts[0].decode().partition("/")
+            if self.camera and camera != self.camera:
+                # topics are prefixes: `events/left` also brings `events/left2`
+                return None
+            if kind == EVENTS.name and len(parts) == 3:
+                packet = decode(parts[1], parts[2])
+                self._tally(camera, packet.camera).on_packet(packet)
+                self.bytes += packet.events.nbytes
+                # as long as packets come, more may come
+                self._end_heard_s = None
+                return packet
+            if kind == STATUS.name and len(parts) == 2:
+                self._take_status(camera, decode_status(parts[1]), aside=aside)
+                return None
+            raise MessageError(f"a message of {len(parts)} parts under {kind!r}")
+        except (MessageError, UnicodeDecodeError):
+            # the side connection only repeats what the main one brings
+            self.bad_messages += 0 if aside else 1
+            return None
+
+    def _take_status(self, camera: str, status: Status, *, aside: bool) -> None:
+        tally = self._tally(camera, status.camera)
+        if aside:
+            tally.on_side_status(status)
+        else:
+            tally.on_status(status)
+        self.status = status
+        if not self.camera:
+            self._cameras = status.cameras
+
+    def _tally(self, topic_camera: str, camera: str) -> Tally:
+        if topic_camera != camera:
+            raise MessageError(f"a message of camera {camera!r} under the topic of another")
+        if camera not in self.tallies:
+            if len(self.tallies) >= MAX_CAMERAS:
+                raise MessageError(f"more than {MAX_CAMERAS} cameras on one bus")
+            self.tallies[camera] = Tally()
+        return self.tallies[camera]
+
+    def _is_over(self) -> bool:
+        """Whether every camera has ended and nothing that it sent can still come."""
+        if self._ended or not self._cameras:
+            return self._ended
+        tallies = [self.tallies.get(camera) for camera in self._cameras]
+        heard = [one for one in tallies if one is not None and (one.ended or one.promised_end)]
+        if len(heard) < len(tallies):
+            return False
+        if not all(one.complete for one in heard):
+            # heard on the side, while packets may still be under way: give them time
+            now_s = monotonic_s()
+            if self._end_heard_s is None:
+                self._end_heard_s = now_s
+            if now_s < self._end_heard_s + END_GRACE_S or readable(self._main):
+                return False
+        for one in heard:
+            self.status = one.settle() or self.status
+        self._ended = True
+        # the publisher waits for its listeners to go
+        self.close()
+        return True

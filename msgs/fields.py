@@ -1,0 +1,68 @@
+"""Fields of a message header: each is what it says it is, or the message is refused."""
+
+from __future__ import annotations
+
+import reprlib
+from typing import Any
+
+from evs.msgs.errors import EvsError
+
+MAX_INT64 = 2**63 - 1
+"""Times and counts are int64 everywhere."""
+
+MAX_PIXELS = 2**15 - 1
+"""Widest and highest sensor: x and y are int16."""
+
+MAX_NAME_BYTES = 255
+"""Longest name of a camera or a sensor, in UTF-8."""
+
+
+class MessageError(EvsError):
+    """Bytes from outside that are not a message of ours, or values that do not fit into one."""
+
+
+def integer(fields: dict[str, Any], key: str, lowest: int, highest: int) -> int:
+    """An integer field within lowest ... highest, both allowed. True and 1.0 are not integers."""
+    value = _present(fields, key)
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise MessageError(f"header field {key!r} is {shown(value)}, not an integer")
+    if not lowest <= value <= highest:
+        raise MessageError(f"header field {key!r} is {value}, not in {lowest} ... {highest}")
+    return value
+
+
+def boolean(fields: dict[str, Any], key: str) -> bool:
+    """A field that is true or false."""
+    value = _present(fields, key)
+    if not isinstance(value, bool):
+        raise MessageError(f"header field {key!r} is {shown(value)}, not true or false")
+    return value
+
+
+def name(fields: dict[str, Any], key: str) -> str:
+    """A field that holds a name, see check_name."""
+    value = _present(fields, key)
+    check_name(value, f"header field {key!r}")
+    return str(value)
+
+
+def check_name(value: object, what: str) -> None:
+    """MessageError unless `value` can name a camera: printable, not empty, at most 255 bytes."""
+    if not isinstance(value, str):
+        raise MessageError(f"{what} is {shown(value)}, not a name")
+    # an unprintable name could play tricks on a terminal; a lone surrogate has no UTF-8
+    if not value or not value.isprintable() or len(value.encode()) > MAX_NAME_BYTES:
+        raise MessageError(
+            f"{what} is {shown(value)}: a name is 1 ... {MAX_NAME_BYTES} printable bytes"
+        )
+
+
+def shown(value: object) -> str:
+    """A value from outside as one short line."""
+    return reprlib.repr(value) if not isinstance(value, str) else repr(value[:60])
+
+
+def _present(fields: dict[str, Any], key: str) -> Any:
+    if key not in fields:
+        raise MessageError(f"header lacks {key!r}")
+    return fields[key]

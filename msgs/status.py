@@ -1,0 +1,93 @@
+"""Status: how much a camera has sent so far, so that a subscriber knows what it has missed.
+
+A gap in seq shows a lost packet only once a later one arrives. The status repeats the last seq, so
+that the loss of the last packets is seen too. On the wire: `topic | msgpack header`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from evs.msgs.fields import MAX_INT64, MAX_PIXELS, MessageError, boolean, integer, name, shown
+from evs.msgs.packet import packb, unpackb
+
+STATUS_PERIOD_US = 100_000
+"""Simulated time between two statuses of a camera, us."""
+
+MAX_CAMERAS = 200
+"""Most cameras on one bus: their names have to fit into a header."""
+
+
+@dataclass(frozen=True)
+class Status:
+    """Totals of one camera's stream up to now, and the constant facts of the stream."""
+
+    camera: str
+    """Name of the camera."""
+    seq: int
+    """The last packet's seq; -1 before the first packet."""
+    packets: int
+    """Packets so far, sent or not (nobody may have listened)."""
+    events: int
+    """Events in them."""
+    time_end_us: int
+    """Simulated time at the end of the last packet, us."""
+    end: bool
+    """True: the stream is over, no packet follows."""
+    width: int
+    """Sensor width, px."""
+    height: int
+    """Sensor height, px."""
+    sensor: str
+    """Name of the sensor preset."""
+    tick_us: int
+    """Length of a tick, us."""
+    seed: int
+    """Seed of the sensor's random numbers."""
+    cameras: tuple[str, ...] = ()
+    """Every camera on this bus, this one included."""
+
+
+def encode_status(status: Status) -> bytes:
+    """The msgpack header of a status. Raises MessageError for values that do not fit into one."""
+    fields = asdict(status)
+    fields["time_end"] = fields.pop("time_end_us")
+    fields["cameras"] = list(status.cameras)
+    _from_fields(fields)
+    return packb(fields)
+
+
+def decode_status(header: bytes) -> Status:
+    """The status of a msgpack header. Raises MessageError where the bytes do not fit the format."""
+    return _from_fields(unpackb(header))
+
+
+def _from_fields(fields: dict[str, Any]) -> Status:
+    return Status(
+        camera=name(fields, "camera"),
+        seq=integer(fields, "seq", -1, MAX_INT64),
+        packets=integer(fields, "packets", 0, MAX_INT64),
+        events=integer(fields, "events", 0, MAX_INT64),
+        time_end_us=integer(fields, "time_end", -MAX_INT64, MAX_INT64),
+        end=boolean(fields, "end"),
+        width=integer(fields, "width", 1, MAX_PIXELS),
+        height=integer(fields, "height", 1, MAX_PIXELS),
+        sensor=name(fields, "sensor"),
+        tick_us=integer(fields, "tick_us", 1, MAX_INT64),
+        seed=integer(fields, "seed", -MAX_INT64, 2 * MAX_INT64 + 1),
+        cameras=_cameras(fields),
+    )
+
+
+def _cameras(fields: dict[str, Any]) -> tuple[str, ...]:
+    """The list of camera names; it has to hold the status's own camera."""
+    names = fields.get("cameras")
+    if not isinstance(names, list) or len(names) > MAX_CAMERAS:
+        raise MessageError(
+            f"header field 'cameras' is {shown(names)}, not a list of up to {MAX_CAMERAS}"
+        )
+    cameras = tuple(name({"cameras": entry}, "cameras") for entry in names)
+    if fields.get("camera") not in cameras:
+        raise MessageError("header field 'cameras' does not hold the status's own camera")
+    return cameras
