@@ -1,0 +1,179 @@
+"""Cameras: from a name or a description to pixels (CameraModel) and to a place in the world."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from evs.emulator.config import CameraConfig
+from evs.emulator.scene import F64, CameraModel, CameraPose
+from evs.emulator.world.names import find, name_of
+from evs.msgs import EvsError
+
+MAX_PIXELS = 1 << 26
+"""A sensor over 64 Mpx is a slip of the keyboard."""
+
+FREE_KEYS = ("lookat", "distance", "azimuth", "elevation")
+
+
+@dataclass(frozen=True)
+class ModelCamera:
+    """A camera that the model has; MuJoCo itself moves it."""
+
+    camera: int
+
+    def pose(self, data: mujoco.MjData) -> CameraPose:
+        """Where it is; `data` has its kinematics and cameras computed."""
+        return CameraPose(data.cam_xpos[self.camera].copy(), data.cam_xmat[self.camera].copy())
+
+
+@dataclass(frozen=True)
+class FreeCamera:
+    """A camera that stands still in the world."""
+
+    fixed: CameraPose
+
+    def pose(self, _data: mujoco.MjData) -> CameraPose:
+        """Where it is, always."""
+        return self.fixed
+
+
+@dataclass(frozen=True)
+class MountedCamera:
+    """A camera that a body carries: `pos` (3,) and `mat` (3, 3) are in the body's frame."""
+
+    body: int
+    pos: F64
+    mat: F64
+
+    def pose(self, data: mujoco.MjData) -> CameraPose:
+        """Where it is; `data` has its kinematics computed."""
+        turn = data.xmat[self.body].reshape(3, 3)
+        return CameraPose(data.xpos[self.body] + turn @ self.pos, (turn @ self.mat).ravel())
+
+
+@dataclass(frozen=True)
+class BoundCamera:
+    """A camera of one model: its pixels, and what moves it."""
+
+    name: str
+    """the model's name for it, else "free" or "BODY camera" """
+    model: CameraModel
+    mount: ModelCamera | FreeCamera | MountedCamera
+
+
+def bind_camera(
+    model: mujoco.MjModel, name: str, width: int, height: int, config: CameraConfig | None = None
+) -> BoundCamera:
+    """The camera called `name` (or with that number), or the one that `config` describes.
+
+    With neither, the model's first camera, else MuJoCo's default free camera. In: width, height of
+    the sensor in px. `config` may also give a model's camera other optics. EvsError for unknown
+    names, resolutions and angles that make no picture, and descriptions that contradict each other.
+    """
+    config = config or CameraConfig()
+    if width < 1 or height < 1 or width * height > MAX_PIXELS:
+        raise EvsError(f"a sensor of {width} x {height} px has no picture; try 346 x 260")
+    free = any(getattr(config, key) is not None for key in FREE_KEYS)
+    if free + bool(config.body) + bool(name) > 1:
+        raise EvsError(
+            "more than one camera is described: give either scene.camera, or camera.body, or "
+            "camera.lookat, distance, azimuth, elevation"
+        )
+    if config.body:
+        body = find(model, mujoco.mjtObj.mjOBJ_BODY, "body", config.body)
+        pos = np.array(config.pos, np.float64)
+        mount = MountedCamera(body, pos, _mounted_turn(config))
+        return BoundCamera(
+            f"{config.body} camera", _free_optics(model, width, height, config), mount
+        )
+    if free or (not name and not model.ncam):
+        pose = free_pose(model, config)
+        return BoundCamera("free", _free_optics(model, width, height, config), FreeCamera(pose))
+    camera = find(model, mujoco.mjtObj.mjOBJ_CAMERA, "camera", name) if name else 0
+    label = name_of(model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
+    return BoundCamera(
+        label, _model_optics(model, camera, width, height, config), ModelCamera(camera)
+    )
+
+
+def free_pose(model: mujoco.MjModel, config: CameraConfig) -> CameraPose:
+    """A free camera's pose, as mjv_cameraFrame computes it; what is None is the model's default."""
+    lookat = np.array(model.stat.center if config.lookat is None else config.lookat, np.float64)
+    distance = 1.5 * model.stat.extent if config.distance is None else config.distance
+    view = model.vis.global_
+    azimuth = math.radians(view.azimuth if config.azimuth is None else config.azimuth)
+    elevation = math.radians(view.elevation if config.elevation is None else config.elevation)
+    if not distance > 0.0 or not all(map(math.isfinite, (*lookat, distance, azimuth, elevation))):
+        raise EvsError(f"camera.distance is {distance}: it must be over 0, and all angles finite")
+    ca, sa, ce, se = math.cos(azimuth), math.sin(azimuth), math.cos(elevation), math.sin(elevation)
+    forward = np.array([ce * ca, ce * sa, se])
+    up = np.array([-se * ca, -se * sa, ce])
+    right = np.array([sa, -ca, 0.0])
+    return CameraPose(lookat - distance * forward, np.stack([right, up, -forward], 1).ravel())
+
+
+def _mounted_turn(config: CameraConfig) -> F64:
+    """(3, 3) camera to body, from xyaxes or quat."""
+    if config.xyaxes is not None:
+        x, y = np.array(config.xyaxes[:3], np.float64), np.array(config.xyaxes[3:], np.float64)
+        x /= np.linalg.norm(x) or 1.0
+        y -= x * (x @ y)
+        y /= np.linalg.norm(y) or 1.0
+        turn = np.stack([x, y, np.cross(x, y)], 1)
+        if not abs(np.linalg.det(turn) - 1.0) < 1e-6:
+            raise EvsError(f"camera.xyaxes {config.xyaxes}: the two axes must span a plane")
+        return turn
+    quat = np.array(config.quat, np.float64)
+    length = float(np.linalg.norm(quat))
+    if not length > 0.0 or not math.isfinite(length):
+        raise EvsError(f"camera.quat {config.quat} has no direction; (1, 0, 0, 0) is no turn")
+    flat = np.zeros(9)
+    mujoco.mju_quat2Mat(flat, quat / length)
+    return flat.reshape(3, 3)
+
+
+def _free_optics(
+    model: mujoco.MjModel, width: int, height: int, config: CameraConfig
+) -> CameraModel:
+    """Optics of a camera that the model does not have: MuJoCo's free camera's, or the config's."""
+    view = model.vis.global_
+    return _optics(width, height, float(view.fovy), bool(view.orthographic), config)
+
+
+def _model_optics(
+    model: mujoco.MjModel, camera: int, width: int, height: int, config: CameraConfig
+) -> CameraModel:
+    """Optics of one of the model's cameras: physical intrinsics where it has them, else fovy."""
+    orthographic = model.cam_projection[camera] == mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC
+    size_x, size_y = (float(length) for length in model.cam_sensorsize[camera])
+    if orthographic or not size_y or config.fovy is not None or config.focal_px is not None:
+        fovy = float(model.cam_fovy[camera])
+        return _optics(width, height, fovy, bool(orthographic), config)
+
+    # the model's image plane is stretched over our pixels, as MuJoCo stretches it over a window
+    focal_x, focal_y, principal_x, principal_y = (float(v) for v in model.cam_intrinsic[camera])
+    cx, cy = width / 2 - principal_x / size_x * width, height / 2 - principal_y / size_y * height
+    cx, cy = config.principal_px or (cx, cy)
+    return CameraModel(width, height, focal_x / size_x * width, focal_y / size_y * height, cx, cy)
+
+
+def _optics(
+    width: int, height: int, fovy: float, orthographic: bool, config: CameraConfig
+) -> CameraModel:
+    """Square pixels from a vertical field of view (degrees or m), or the config's own."""
+    cx, cy = config.principal_px or (width / 2, height / 2)
+    if config.focal_px is not None:
+        fx, fy = config.focal_px
+        if not (fx > 0.0 and fy > 0.0 and math.isfinite(fx + fy)):
+            raise EvsError(f"camera.focal_px {config.focal_px}: both must be over 0")
+        return CameraModel(width, height, fx, fy, cx, cy, orthographic)
+    fovy = fovy if config.fovy is None else config.fovy
+    if not 0.0 < fovy < (math.inf if orthographic else 180.0):
+        raise EvsError(f"camera.fovy is {fovy}: it must lie between 0 and 180 degrees")
+    half = fovy / 2 if orthographic else math.tan(math.radians(fovy) / 2)
+    focal = height / 2 / half
+    return CameraModel(width, height, focal, focal, cx, cy, orthographic)

@@ -1,0 +1,89 @@
+"""mjModel to SceneModel, once: the visible geoms, what they are made of, and the lights."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from evs.emulator.scene import I32, Mesh, SceneModel, Shape
+from evs.emulator.world.lights import active_lights, extract_light
+from evs.emulator.world.meshes import extract_height_field, extract_mesh
+from evs.emulator.world.surfaces import Surfaces, geom_rgba
+from evs.msgs import EvsError
+
+VISIBLE_GROUPS = 3
+"""Geom groups 0, 1 and 2 are shown, as in MuJoCo's viewer at the start."""
+
+FROM_MESH = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF)
+
+
+def visible_geoms(model: mujoco.MjModel) -> I32:
+    """(ng,) ids of the geoms that MuJoCo shows by default: groups 0 to 2, alpha above 0."""
+    shapes = {int(shape) for shape in Shape} | {int(mujoco.mjtGeom.mjGEOM_SDF)}
+    return np.array(
+        [
+            geom
+            for geom in range(model.ngeom)
+            if max(0, model.geom_group[geom]) < VISIBLE_GROUPS
+            and geom_rgba(model, geom)[3] > 0.0
+            and int(model.geom_type[geom]) in shapes
+            and not (model.geom_type[geom] in FROM_MESH and model.geom_dataid[geom] < 0)
+        ],
+        np.int32,
+    )
+
+
+def extract_scene(model: mujoco.MjModel) -> SceneModel:
+    """Everything of the model that a renderer needs and that never moves.
+
+    A signed distance field is shown by its mesh. A height field keeps its type and brings a mesh.
+    Raises EvsError where nothing is visible.
+    """
+    geoms = visible_geoms(model)
+    if not len(geoms):
+        raise EvsError(
+            f"nothing to see: none of the model's {model.ngeom} geoms is in groups 0 to 2 with "
+            "alpha above 0; give the scene some geometry"
+        )
+
+    # each mesh and height field once, however many geoms show it
+    meshes: list[Mesh] = []
+    mesh_index: dict[tuple[bool, int], int] = {}
+    geom_mesh = np.full(len(geoms), -1, np.int32)
+    for row, geom in enumerate(geoms):
+        source, kind = int(model.geom_dataid[geom]), int(model.geom_type[geom])
+        is_field = kind == mujoco.mjtGeom.mjGEOM_HFIELD
+        if not is_field and kind not in FROM_MESH:
+            continue
+        if (is_field, source) not in mesh_index:
+            mesh_index[is_field, source] = len(meshes)
+            extract = extract_height_field if is_field else extract_mesh
+            meshes.append(extract(model, source))
+        geom_mesh[row] = mesh_index[is_field, source]
+
+    kinds = np.asarray(model.geom_type[geoms], np.int32)
+    surfaces = Surfaces(model)
+    geom_surface = np.array([surfaces.of_geom(int(geom)) for geom in geoms], np.int32)
+    skybox = surfaces.skybox()
+    return SceneModel(
+        geom_type=np.where(kinds == mujoco.mjtGeom.mjGEOM_SDF, Shape.MESH, kinds).astype(np.int32),
+        geom_size=np.array(model.geom_size[geoms], np.float32),
+        geom_mesh=geom_mesh,
+        geom_surface=geom_surface,
+        geom_id=geoms,
+        geom_static=_static(model, geoms),
+        meshes=tuple(meshes),
+        surfaces=tuple(surfaces.surfaces),
+        textures=tuple(surfaces.textures),
+        lights=tuple(extract_light(model, int(light)) for light in active_lights(model)),
+        skybox=skybox,
+        extent_m=float(model.stat.extent),
+    )
+
+
+def _static(model: mujoco.MjModel, geoms: I32) -> npt.NDArray[np.bool_]:
+    """(ng,) True where the geom's body is welded to the world and no mocap body carries it."""
+    body = model.geom_bodyid[geoms]
+    carried = model.body_mocapid[model.body_rootid[body]] >= 0
+    return np.asarray((model.body_weldid[body] == 0) & ~carried, np.bool_)

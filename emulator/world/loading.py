@@ -1,0 +1,79 @@
+"""A model from a file, a MjModel or a MjSpec. What comes back is always our own copy."""
+
+from __future__ import annotations
+
+import copy
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeAlias
+
+import mujoco
+
+from evs.emulator.world.names import one_line
+from evs.msgs import EvsError, nearest_first
+
+Scene: TypeAlias = str | Path | mujoco.MjModel | mujoco.MjSpec
+"""Everything that a world can be made of."""
+
+SUFFIXES = (".xml", ".mjb", ".urdf")
+
+
+def load_model(scene: Scene) -> mujoco.MjModel:
+    """The model of a scene: a path to MJCF, URDF or MJB, a MjModel (copied) or a MjSpec (compiled).
+
+    EvsError where there is no such file, MuJoCo refuses it, or `scene` is something else.
+    """
+    if isinstance(scene, mujoco.MjModel):
+        return copy.copy(scene)
+    if isinstance(scene, mujoco.MjSpec):
+        return _load("MjSpec", scene.compile)
+    if not isinstance(scene, str | Path):
+        raise EvsError(
+            f"a scene is a path, a mujoco.MjModel or a mujoco.MjSpec, not {type(scene).__name__}"
+        )
+    path = _existing(Path(scene))
+    if path.suffix.lower() == ".mjb":
+        return _load(str(path), lambda: mujoco.MjModel.from_binary_path(str(path)))
+    return _load(str(path), lambda: mujoco.MjModel.from_xml_path(str(path)))
+
+
+def _existing(path: Path) -> Path:
+    """`path` if it is a file that MuJoCo may read, else an error that lists its neighbours."""
+    if path.is_file():
+        if path.suffix.lower() in SUFFIXES:
+            return path
+        raise EvsError(f"scene '{path}' is no {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]} file")
+    folder = path if path.is_dir() else path.parent
+    problem = f"scene '{path}' is a folder" if path.is_dir() else f"no scene file '{path}'"
+    if not folder.is_dir():
+        raise EvsError(f"{problem}: there is no folder '{folder}'")
+    known = [entry.name for entry in folder.iterdir() if entry.suffix.lower() in SUFFIXES]
+    if not known:
+        raise EvsError(f"{problem}: no {' or '.join(SUFFIXES)} file in '{folder}'")
+    nearest = nearest_first(path.name, known)
+    shown = ", ".join(nearest[:12]) + (", ..." if len(nearest) > 12 else "")
+    raise EvsError(f"{problem}; in '{folder}' there is: {shown}")
+
+
+def _load(origin: str, load: Callable[[], mujoco.MjModel]) -> mujoco.MjModel:
+    """What `load()` returns; MuJoCo's complaint becomes one line that begins with `origin`."""
+    try:
+        with _warnings_to_log(origin):
+            model = load()
+    except (ValueError, RuntimeError, mujoco.FatalError) as reason:
+        raise EvsError(f"{origin}: {one_line(reason)}") from None
+    return model
+
+
+@contextmanager
+def _warnings_to_log(origin: str) -> Iterator[None]:
+    """While it lasts, MuJoCo's warnings go to the log `evs.world` and not into MUJOCO_LOG.TXT."""
+    previous = mujoco.get_mju_user_warning()
+    log = logging.getLogger("evs.world")
+    mujoco.set_mju_user_warning(lambda text: log.info("%s: %s", origin, one_line(text)))
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(previous)

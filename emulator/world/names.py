@@ -1,0 +1,45 @@
+"""Names of the things in a model, as errors and look-ups need them."""
+
+from __future__ import annotations
+
+import mujoco
+
+from evs.msgs import unknown
+
+COUNTS = {
+    mujoco.mjtObj.mjOBJ_BODY: "nbody",
+    mujoco.mjtObj.mjOBJ_JOINT: "njnt",
+    mujoco.mjtObj.mjOBJ_GEOM: "ngeom",
+    mujoco.mjtObj.mjOBJ_CAMERA: "ncam",
+    mujoco.mjtObj.mjOBJ_ACTUATOR: "nactuator",
+    mujoco.mjtObj.mjOBJ_KEY: "nkey",
+}
+"""Where the model keeps the number of objects of a kind."""
+
+
+def name_of(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
+    """The object's name, or its number where it has none."""
+    return str(mujoco.mj_id2name(model, kind, index) or index)
+
+
+def names_of(model: mujoco.MjModel, kind: mujoco.mjtObj) -> list[str]:
+    """The names of all objects of a kind, in the order of their ids."""
+    return [name_of(model, kind, index) for index in range(getattr(model, COUNTS[kind]))]
+
+
+def find(model: mujoco.MjModel, kind: mujoco.mjtObj, label: str, name: str) -> int:
+    """The id of the object with this name, or with this number; EvsError says what there is.
+
+    In: label, what to call the kind in the error.
+    """
+    index = int(mujoco.mj_name2id(model, kind, name))
+    if index >= 0:
+        return index
+    if name.isdecimal() and int(name) < getattr(model, COUNTS[kind]):
+        return int(name)
+    raise unknown(label, name, names_of(model, kind))
+
+
+def one_line(reason: object) -> str:
+    """MuJoCo's message, which may have several lines, as one."""
+    return "; ".join(line.strip() for line in str(reason).splitlines() if line.strip())

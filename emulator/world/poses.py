@@ -1,0 +1,76 @@
+"""Snapshots: where everything is at one instant, taken without touching the live data.
+
+After mj_step the live data's geom and camera poses belong to the step's beginning. So the state
+they follow from is copied into a private mjData, and the kinematics are done again there.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable
+
+import mujoco
+import numpy as np
+
+from evs.emulator.scene import SceneSnapshot
+from evs.emulator.world.cameras import BoundCamera
+from evs.emulator.world.extraction import visible_geoms
+from evs.emulator.world.lights import active_lights
+from evs.msgs import EvsError
+
+
+class Poser:
+    """Takes snapshots of one model, for the cameras it was given.
+
+    The rows of a snapshot are those of `extract_scene(model)`. Where the model's geoms or lights
+    are changed later, make a new Poser.
+    """
+
+    def __init__(self, model: mujoco.MjModel, cameras: Iterable[BoundCamera] = ()) -> None:
+        # with sleeping bodies on, the kinematics leave some poses out: a private model does without
+        if model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_SLEEP):
+            model = copy.copy(model)
+            model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        self._model = model
+        self._data = mujoco.MjData(model)
+        self._cameras = tuple(cameras)
+        self._geoms = visible_geoms(model)
+        lights = active_lights(model)
+        self._lights = lights[lights >= 0]
+        self._light_rows = np.flatnonzero(lights >= 0)
+        self._light_count = len(lights)
+
+    def add_camera(self, camera: BoundCamera) -> None:
+        """Snapshots from now on have this camera's pose too, as their last."""
+        self._cameras += (camera,)
+
+    def snapshot(self, data: mujoco.MjData, t_us: int) -> SceneSnapshot:
+        """Where everything is at `data.qpos` and the mocap poses. `data` is only read."""
+        model, own = self._model, self._data
+        if data.qpos.shape != own.qpos.shape or data.mocap_pos.shape != own.mocap_pos.shape:
+            raise EvsError(
+                f"the data belongs to another model: it has {data.qpos.size} positions, this model "
+                f"{own.qpos.size}; make the camera from the model that the data was made from"
+            )
+        own.qpos[:] = data.qpos
+        own.mocap_pos[:] = data.mocap_pos
+        own.mocap_quat[:] = data.mocap_quat
+        mujoco.mj_kinematics(model, own)
+        mujoco.mj_comPos(model, own)
+        mujoco.mj_camlight(model, own)
+        if model.nflex:
+            mujoco.mj_flex(model, own)
+
+        # the headlight's row keeps a unit direction that nobody uses
+        light_pos, light_dir = np.zeros((2, self._light_count, 3))
+        light_dir[:, 2] = -1.0
+        light_pos[self._light_rows] = own.light_xpos[self._lights]
+        light_dir[self._light_rows] = own.light_xdir[self._lights]
+        return SceneSnapshot(
+            t_us,
+            own.geom_xpos[self._geoms],
+            own.geom_xmat[self._geoms],
+            light_pos,
+            light_dir,
+            tuple(camera.mount.pose(own) for camera in self._cameras),
+        )

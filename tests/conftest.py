@@ -1,0 +1,32 @@
+"""Robots that nobody here wrote: the MJCF files that gymnasium and dm_control ship."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+FOLDERS = {"gymnasium": "envs/mujoco/assets", "dm_control": "suite"}
+
+
+def find_robot_files() -> dict[str, Path]:
+    """Name to path of every MJCF with geometry, e.g. gymnasium/humanoid; nothing is imported."""
+    found = {}
+    for package, folder in FOLDERS.items():
+        spec = find_spec(package)
+        if spec is None or not spec.submodule_search_locations:
+            continue
+        root = Path(spec.submodule_search_locations[0], folder)
+        for path in sorted(root.rglob("*.xml")):
+            if "<geom" in path.read_text():
+                found[f"{package}/{path.relative_to(root).with_suffix('')}"] = path
+    return found
+
+
+@pytest.fixture(scope="session")
+def robot_files() -> dict[str, Path]:
+    """Every MJCF with geometry of the installed gymnasium and dm_control, by name."""
+    found = find_robot_files()
+    assert any(name.startswith("gymnasium/") for name in found), "pip install gymnasium"
+    return found
