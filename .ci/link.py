@@ -1,0 +1,46 @@
+"""Install the checkout into this Python as links, so that every edit is live.
+
+Writes what `pip install` would: a .pth that leads to build/ns, the commands, and the metadata that
+`importlib.metadata` reads. Run from the top of the checkout.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import sysconfig
+import tomllib
+from pathlib import Path
+
+SCRIPT = """#!{python}
+import sys
+
+from {module} import {function}
+
+sys.exit({function}())
+"""
+
+
+def link(checkout: Path, packages: Path, scripts: Path) -> None:
+    """Make `import evs` and the commands of pyproject.toml work. In: site-packages, bin."""
+    project = tomllib.loads((checkout / "pyproject.toml").read_text())["project"]
+    (packages / "evs.pth").write_text(f"{checkout / 'build' / 'ns'}\n")
+    for name, target in project["scripts"].items():
+        module, function = target.split(":")
+        script = scripts / name
+        script.write_text(SCRIPT.format(python=sys.executable, module=module, function=function))
+        script.chmod(0o755)
+    for old in packages.glob("evs-*.dist-info"):
+        shutil.rmtree(old)
+    metadata = packages / f"evs-{project['version']}.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: evs\nVersion: {project['version']}\n"
+    )
+    commands = [f"{name} = {target}" for name, target in project["scripts"].items()]
+    (metadata / "entry_points.txt").write_text("\n".join(["[console_scripts]", *commands, ""]))
+    (metadata / "RECORD").write_text("evs.pth,,\n")
+
+
+if __name__ == "__main__":
+    link(Path.cwd(), Path(sysconfig.get_path("purelib")), Path(sysconfig.get_path("scripts")))

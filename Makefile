@@ -1,0 +1,62 @@
+# The commands of this project. Any make will do; `make` alone lists them.
+.POSIX:
+.PHONY: help demo test check bench dev stubs format sanitize wheel clean
+
+help:
+	@sed -n 's/^# \(make .*\)/\1/p' Makefile
+
+# make demo      a humanoid seen by an event camera for 2 s: stream, recording, pictures in out/demo
+demo:
+	@sh .ci/setup.sh
+	.venv/bin/evs demo
+
+# make test      the quick tests
+test:
+	@sh .ci/setup.sh
+	.venv/bin/pytest -m "not slow and not bench"
+
+# make check     format, lint, types, sanitisers, then every test but the timings: what CI runs
+check:
+	@sh .ci/setup.sh dev
+	.venv/bin/ruff format --check .
+	.venv/bin/ruff check .
+	.venv/bin/clang-format --dry-run -Werror emulator/core/*.cpp emulator/core/*.h
+	.venv/bin/mypy
+	@sh .ci/sanitize.sh
+	.venv/bin/pytest -m "not bench"
+
+# make bench     timings
+bench:
+	@sh .ci/setup.sh
+	.venv/bin/pytest -m bench -s tests/bench
+
+# make dev       only the set-up: .venv, the native core in place, the tools of make check
+dev:
+	@sh .ci/setup.sh dev
+
+# make format    format every source file
+format:
+	@sh .ci/setup.sh dev
+	.venv/bin/ruff format .
+	.venv/bin/clang-format -i emulator/core/*.cpp emulator/core/*.h
+
+# make stubs     write emulator/_core.pyi from the native core
+stubs:
+	@sh .ci/setup.sh
+	.venv/bin/python -m nanobind.stubgen -q -m evs.emulator._core -o emulator/_core.pyi
+
+# make sanitize  build and run the native core's own tests under ASan and UBSan
+sanitize:
+	@sh .ci/setup.sh
+	@sh .ci/sanitize.sh
+
+# make wheel     dist/evs-*.whl
+wheel:
+	@sh .ci/setup.sh
+	.venv/bin/python -m pip wheel -q --disable-pip-version-check --no-deps --no-build-isolation -w dist .
+
+# make clean     remove everything that these commands made
+clean:
+	rm -rf .venv build dist out emulator/_core*.so
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+	rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis
