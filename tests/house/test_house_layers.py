@@ -1,0 +1,165 @@
+"""Imports point one way, and each third-party library has one door."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+LEVEL = {"msgs": 0, "emulator": 1, "drivers": 2, "launch": 3}
+
+DOORS = {
+    "numpy": ("msgs/", "emulator/", "drivers/"),
+    "mujoco": ("emulator/world/",),
+    "msgpack": ("msgs/packet.py",),
+    "zmq": ("drivers/bus/",),
+    "flatbuffers": ("drivers/aedat4/",),
+    "lz4": ("drivers/aedat4/",),
+    "zstandard": ("drivers/aedat4/",),
+    "PIL": ("drivers/pictures/",),
+    "imageio_ffmpeg": ("drivers/pictures/",),
+    "rich": ("launch/terminal.py",),
+    # reserved: the network, the raster renderer and the environment face each get theirs
+    "onnxruntime": (),
+    "pyrender": (),
+    "gymnasium": (),
+}
+"""Import name -> the only places that may import it. What is not listed may not be imported."""
+
+OUTSIDE = {
+    *("asyncio", "ftplib", "http", "mmap", "multiprocessing", "select", "selectors", "shelve"),
+    *("smtplib", "socket", "socketserver", "sqlite3", "ssl", "subprocess", "urllib"),
+}
+"""Standard modules that reach outside: not below drivers."""
+
+CLOCKS = {"datetime", "sched", "time", "timeit"}
+CLOCK_DOOR = "drivers/pace.py"
+
+
+def imported(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """(line, dotted name) of everything a module imports, also inside functions and by name."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            dots = "." * node.level
+            yield from ((node.lineno, f"{dots}{node.module or ''}.{a.name}") for a in node.names)
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in (
+            "import_module",
+            "__import__",
+        ):
+            name = node.args[0] if node.args else None
+            literal = isinstance(name, ast.Constant) and isinstance(name.value, str)
+            yield node.lineno, str(name.value) if literal else "?"
+
+
+def faults(path: str, tree: ast.Module) -> list[str]:
+    """What is wrong with the imports of one module, one line each."""
+    layer = path.split("/")[0]
+    found = []
+    for line, name in imported(tree):
+        top, _, rest = name.partition(".")
+        inner = rest.split(".")[0]
+        wrong = ""
+        if name == "?":
+            # the table of commands is the one place that imports by a name it computes
+            wrong = "" if layer == "launch" else "imports a name that is not written out"
+        elif not top or top in LEVEL:
+            wrong = f"imports {name}: write evs.{name.lstrip('.')}"
+        elif top == "evs":
+            if inner in LEVEL and LEVEL[inner] > LEVEL[layer]:
+                wrong = (
+                    f"{layer} imports {name}: layers point launch -> drivers -> emulator -> msgs"
+                )
+            elif inner not in LEVEL and inner != "__version__":
+                wrong = f"imports {name}: inside the package name the layer"
+        elif top in CLOCKS:
+            wrong = "" if path == CLOCK_DOOR else f"reads the clock ({name}): use {CLOCK_DOOR}"
+        elif top in OUTSIDE:
+            wrong = f"{layer} imports {name}: it reaches outside" if LEVEL[layer] < 2 else ""
+        elif top not in sys.stdlib_module_names and not path.startswith(DOORS.get(top, ())):
+            doors = DOORS.get(top)
+            wrong = f"imports {top}: its door is {doors or 'not in the table'}"
+        if wrong:
+            found.append(f"{path}:{line}: {wrong}")
+    return found
+
+
+def test_every_import_of_the_package_points_down_and_through_its_door(
+    sources: dict[str, ast.Module],
+) -> None:
+    assert sources
+    assert [line for path, tree in sources.items() for line in faults(path, tree)] == []
+
+
+@pytest.mark.parametrize(
+    ("path", "source", "says"),
+    [
+        ("msgs/a.py", "from evs.emulator import scene", "layers point"),
+        ("emulator/a.py", "def f():\n    import evs.drivers.bus", "layers point"),
+        ("drivers/a.py", "from evs.launch import main", "layers point"),
+        ("drivers/a.py", "import importlib\nimportlib.import_module('evs.launch.main')", "layers"),
+        ("drivers/a.py", "importlib.import_module(name)", "not written out"),
+        ("drivers/a.py", "from evs import World", "name the layer"),
+        ("launch/a.py", "import drivers.bus", "write evs.drivers.bus"),
+        ("launch/a.py", "from . import main", "write evs."),
+        ("drivers/a.py", "import mujoco", "emulator/world/"),
+        ("emulator/world/a.py", "import zmq", "drivers/bus/"),
+        ("emulator/a.py", "import scipy", "not in the table"),
+        ("launch/a.py", "import numpy", "msgs/"),
+        ("launch/a.py", "from time import monotonic", "reads the clock"),
+        ("drivers/run.py", "import datetime", "reads the clock"),
+        ("emulator/a.py", "import socket", "reaches outside"),
+        ("msgs/a.py", "from urllib.request import urlopen", "reaches outside"),
+    ],
+)
+def test_a_wrong_import_is_found(path: str, source: str, says: str) -> None:
+    found = faults(path, ast.parse(source))
+    assert len(found) == 1
+    assert says in found[0]
+
+
+@pytest.mark.parametrize(
+    ("path", "source"),
+    [
+        ("launch/a.py", "from evs.drivers.bus import subscribe\nimport argparse"),
+        ("launch/main.py", "importlib.import_module(COMMANDS[name])"),
+        ("emulator/world/a.py", "import mujoco\nimport numpy as np"),
+        ("drivers/pace.py", "import time"),
+        ("drivers/bus/a.py", "import socket\nimport zmq"),
+        ("drivers/report.py", "from evs import __version__"),
+    ],
+)
+def test_a_right_import_passes(path: str, source: str) -> None:
+    assert faults(path, ast.parse(source)) == []
+
+
+def test_nothing_is_named_after_a_library(files: list[str]) -> None:
+    libraries = {name.lower() for name in DOORS} | {"pillow", "pyzmq"}
+    parts = {
+        part.lower()
+        for name in files
+        if name.split("/")[0] in LEVEL
+        for part in Path(name).with_suffix("").parts
+    }
+    assert parts & libraries == set()
+
+
+def test_the_core_reads_no_clock(checkout: Path, files: list[str]) -> None:
+    clock = re.compile(r"<(chrono|ctime|time\.h|sys/time\.h)>|clock_gettime|gettimeofday|__rdtsc")
+    native = [name for name in files if name.startswith("emulator/core/")]
+    assert [name for name in native if clock.search((checkout / name).read_text())] == []
+
+
+def test_every_library_behind_a_door_is_a_declared_requirement(checkout: Path) -> None:
+    project = tomllib.loads((checkout / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    declared = project["dependencies"] + extras["raster"] + extras["gym"] + extras["video"]
+    names = {re.split(r"[^\w-]", requirement)[0].replace("-", "_") for requirement in declared}
+    imports = {{"PIL": "pillow", "zmq": "pyzmq"}.get(name, name) for name in DOORS}
+    assert imports == names

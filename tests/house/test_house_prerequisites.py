@@ -1,0 +1,111 @@
+"""A machine that lacks something gets one line that names it and the fix, and exit code 2."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+REAL_PYTHON = f'exec "{sys.executable}" "$@"'
+OLD_PYTHON = 'case "$2" in *print*) echo 3.9 ;; *exit*) exit 1 ;; esac'
+NO_VENV = f'case "$2" in *ensurepip*) exit 1 ;; esac\n{REAL_PYTHON}'
+OLD_COMPILER = 'case "$1" in --version) echo "g++ 8.3.0" ;; *) exit 1 ;; esac'
+
+
+@pytest.fixture
+def machine(tmp_path: Path, checkout: Path) -> Run:
+    """Runs a script of .ci on a machine that has coreutils and the commands given, nothing else."""
+
+    def run(script: str, *arguments: str, **commands: str) -> subprocess.CompletedProcess[str]:
+        folder = tmp_path / "bin"
+        folder.mkdir()
+        for tool in ("sh", "mktemp", "rm", "cat", "head", "dirname", "mkdir", "id"):
+            found = shutil.which(tool)
+            assert found
+            (folder / tool).symlink_to(found)
+        for name, body in commands.items():
+            command = folder / {"cxx": "c++", "python": "python3"}.get(name, name)
+            command.write_text(f"#!/bin/sh\n{body}\n")
+            command.chmod(0o755)
+        return subprocess.run(
+            ["/bin/sh", f"{checkout}/.ci/{script}", *arguments],
+            env={"PATH": str(folder), "TMPDIR": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    return run
+
+
+REAL_COMPILER = f'PATH="{os.environ["PATH"]}" exec c++ "$@"'
+
+
+def complaint(result: subprocess.CompletedProcess[str]) -> str:
+    """The one line, after checking that it is one."""
+    assert result.returncode == 2
+    assert result.stdout == ""
+    lines = result.stderr.splitlines()
+    assert len(lines) == 1
+    return lines[0]
+
+
+def test_a_fit_machine_names_its_python(machine: Run) -> None:
+    result = machine("prerequisites.sh", python=REAL_PYTHON, cxx=REAL_COMPILER)
+    assert (result.returncode, result.stdout, result.stderr) == (0, "python3\n", "")
+
+
+def test_no_python(machine: Run) -> None:
+    line = complaint(machine("prerequisites.sh", cxx=REAL_COMPILER))
+    assert "Python 3.11 or newer is missing" in line
+    assert "apt install python3" in line
+
+
+def test_an_old_python(machine: Run) -> None:
+    line = complaint(machine("prerequisites.sh", python=OLD_PYTHON, cxx=REAL_COMPILER))
+    assert "python3 is 3.9" in line
+    assert "apt install" in line
+
+
+def test_a_newer_python_beside_an_old_one_is_taken(machine: Run) -> None:
+    commands = {"python": OLD_PYTHON, "python3.12": REAL_PYTHON, "cxx": REAL_COMPILER}
+    assert machine("prerequisites.sh", **commands).stdout == "python3.12\n"
+
+
+def test_python_without_venv(machine: Run) -> None:
+    line = complaint(machine("prerequisites.sh", python=NO_VENV, cxx=REAL_COMPILER))
+    assert "venv module of python3 is missing" in line
+    assert "apt install python3-venv" in line
+
+
+def test_no_compiler(machine: Run) -> None:
+    line = complaint(machine("prerequisites.sh", python=REAL_PYTHON))
+    assert "C++20 compiler is missing" in line
+    assert "apt install g++" in line
+
+
+def test_an_old_compiler(machine: Run) -> None:
+    line = complaint(machine("prerequisites.sh", python=REAL_PYTHON, cxx=OLD_COMPILER))
+    assert "c++ cannot build C++20 (g++ 8.3.0)" in line
+    assert "apt install g++" in line
+
+
+def test_python_without_headers_and_no_apt(machine: Run, tmp_path: Path) -> None:
+    body = f'case "$2" in *sysconfig*) echo "{tmp_path}" ;; *) {REAL_PYTHON} ;; esac'
+    line = complaint(machine("headers.sh", "python3", python=body))
+    assert "Python.h of Python 3." in line
+    assert "apt install python3-dev" in line
+
+
+def test_python_with_headers_needs_nothing(machine: Run, tmp_path: Path) -> None:
+    (tmp_path / "Python.h").touch()
+    body = f'case "$2" in *sysconfig*) echo "{tmp_path}" ;; esac'
+    result = machine("headers.sh", "python3", python=body)
+    assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
