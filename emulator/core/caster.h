@@ -1,0 +1,122 @@
+// The caster: one camera's view of one scene, tick after tick. Scalar code around the wide kernels.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "bvh.h"
+#include "mipmap.h"
+#include "pool.h"
+#include "scene.h"
+
+namespace evs {
+
+// The constant part of a scene, as it comes from Python. Colours as MuJoCo codes them.
+struct SceneData {
+  struct MeshData {
+    Tree tree;
+    std::vector<Corners> corners;
+    bool has_texcoords;
+  };
+  struct TextureData {
+    std::vector<uint8_t> data;
+    int faces, height, width, components;
+    bool srgb;
+  };
+  struct SurfaceData {
+    float rgba[4];
+    int texture;
+    float repeat[2];
+    bool uniform;
+    float emission, specular, shininess, reflectance;
+  };
+  struct LightData {
+    int kind;
+    float ambient[3], diffuse[3], specular[3];
+    bool castshadow;
+    float attenuation[3];
+    float cutoff_deg, exponent;
+    float intensity;  // already divided by the lux of one unit; 0: diffuse holds
+    bool headlight;
+  };
+  std::vector<int> geom_type, geom_mesh, geom_surface;
+  std::vector<float> geom_size;  // (ng, 3)
+  std::vector<MeshData> meshes;
+  std::vector<TextureData> textures;
+  std::vector<SurfaceData> surfaces;
+  std::vector<LightData> lights;
+  int skybox = -1;
+};
+
+struct View {
+  int width, height;
+  double fx, fy, cx, cy;
+  bool orthographic;
+  int samples;
+};
+
+// Where everything is, in the world's frame, double. Shapes as emulator/scene.py gives them.
+struct Poses {
+  const double *geom_pos, *geom_mat, *light_pos, *light_dir, *camera_pos, *camera_mat;
+};
+
+class Caster {
+ public:
+  // isa: "auto" or one of isa_available()
+  Caster(const SceneData& scene, const View& view, bool shadows, bool incremental, int threads, const std::string& isa);
+
+  // Out: luminance (h, w), which must be the same memory, untouched, in every call; geom (h, w)
+  // index into geom_type or -1, and distance (h, w), both or neither: asking for them traces all.
+  void render(const Poses& poses, float* luminance, int32_t* geom, float* distance);
+
+  double traced_fraction() const { return traced_fraction_; }
+  int channels() const { return frame_.channels; }
+
+ private:
+  struct Sphere {
+    V3 center;
+    float radius;
+  };
+  struct Spheres {  // structure of arrays behind a Bounds
+    std::vector<float> x, y, z, radius;
+    void resize(int count);
+    void set(int i, const Sphere& s);
+    Bounds view() const;
+  };
+
+  void build_surfaces(const SceneData& scene);
+  void build_lights(const SceneData& scene);
+  void build_view(const View& view);
+  Hull primary_hull(int column, int row) const;
+  void place_geoms(const Poses& poses);
+  void place_lights(const Poses& poses);
+  Sphere sphere_of(const Geom& g) const;
+
+  const Kernel* kernel_;
+  Pool pool_;
+  bool incremental_;
+  std::vector<SceneData::MeshData> mesh_data_;
+  std::vector<Chain> chains_;
+  std::vector<Mesh> meshes_;
+  std::vector<Surface> surfaces_;
+  std::vector<Texture> textures_;
+  std::vector<Light> lights_, previous_lights_;
+  std::vector<bool> headlight_;
+  std::vector<int> order_;  // kernel's geom -> scene's geom: analytic shapes first, then meshes
+  std::vector<Geom> geoms_, previous_geoms_;
+  Spheres spheres_, moved_;
+  std::vector<float> sample_x_, sample_y_;
+  std::vector<Hull> primary_, hulls_;
+  std::vector<Record> records_;
+  std::vector<double> camera_;  // previous pose, 12 numbers; empty before the first call
+  Frame frame_ = {};
+  int rows_ = 0, columns_ = 0;
+  double traced_fraction_ = 1;
+};
+
+// Instruction sets that this build and this machine have, fastest first; and the kernel of one.
+std::vector<std::string> isa_available();
+const Kernel* kernel_of(const std::string& isa);
+
+}  // namespace evs

@@ -1,0 +1,179 @@
+// The `direct` integrator: each light once, shadows, one mirror bounce. No random number at all.
+
+struct Trail {  // what a packet's secondary rays covered, over all its samples
+  Region seen, mirrored;
+  V3 mirror_axis = {0, 0, 0};
+  float mirror_cosine = 2;  // > 1: no mirror was met
+};
+
+// Light that leaves the surface towards the ray's origin.
+template <int CHANNELS>
+void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNELS>& patch,
+                      Mask lit, Float* out) {
+  for (int c = 0; c < CHANNELS; c++) out[c] = patch.albedo[c] * patch.emission;
+  Region region;
+  grow(region, patch.origin, lit);
+  for (int i = 0; i < f.light_count; i++) {
+    const Light& light = f.lights[i];
+    Incidence in = incidence(light, patch.point);
+    Float cosine = dot(in.towards, patch.normal);
+    Mask facing = lit & (cosine > 0.0f) & (in.strength > 0.0f);
+    for (int c = 0; c < CHANNELS; c++) {
+      out[c] = out[c] + patch.albedo[c] * in.strength * light.ambient[c];
+    }
+    if (!any(facing)) continue;
+    Mask dark = mask_of(0);
+    if (light.castshadow && f.shadows) {
+      dark = occluded(f, patch.origin, in.towards, in.distance, hit.geom, shadow_hull(light, region), facing);
+    }
+    Mask reached = facing & ~dark;
+    if (!any(reached)) continue;
+    Float received = select(reached, cosine * in.strength, splat(0.0f));
+    for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + patch.albedo[c] * received * light.diffuse[c];
+    // Blinn-Phong, lane exponents differ between geoms only
+    Mask glossy = reached & (patch.specular > 0.0f);
+    if (!any(glossy) || light.specular[0] + light.specular[CHANNELS / 2] + light.specular[CHANNELS - 1] <= 0) continue;
+    Vec half = normalize(in.towards - rays.direction);
+    Float lobe = min(max(dot(half, patch.normal), splat(0.0f)), splat(1.0f));
+    Float gloss = select(lobe > 1e-30f, exp2(log2(max(lobe, splat(1e-30f))) * patch.exponent), splat(0.0f));
+    gloss = select(glossy, gloss * patch.specular * in.strength, splat(0.0f));
+    for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + gloss * light.specular[c];
+  }
+}
+
+template <int CHANNELS>
+void sky(const Frame& f, Vec d, Mask missed, Float* out) {
+  for (int c = 0; c < CHANNELS; c++) out[c] = splat(0.0f);
+  if (f.skybox < 0 || !any(missed)) return;
+  Vec w = to_camera(f.sky_rotation, d);
+  Float u, v, major;
+  Int face;
+  on_cube({w.x, w.z, -w.y}, u, v, face, major);
+  float footprint = f.orthographic ? 0.0f : 0.5f * f.pixel_angle;
+  sample(f.textures[f.skybox], CHANNELS, u, v, face, splat(footprint) / major, out);
+}
+
+// Radiance along the rays of `active`, mirrors followed once.
+template <int CHANNELS, bool FOLLOW>
+Hit radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float travelled,
+             Trail& trail, Float* out) {
+  Hit hit = closest(f, rays, hull, active);
+  Mask lit = active & ~(hit.geom < splat(0));
+  sky<CHANNELS>(f, rays.direction, active & ~lit, out);
+  if (!any(lit)) return hit;
+  Patch<CHANNELS> patch = patch_of<CHANNELS>(f, rays, hit, bits(lit), travelled);
+  grow(FOLLOW ? trail.seen : trail.mirrored, patch.origin, lit);
+  Float surface[CHANNELS];
+  shade<CHANNELS>(f, rays, hit, patch, lit, surface);
+  for (int c = 0; c < CHANNELS; c++) out[c] = select(lit, surface[c], out[c]);
+  Mask mirror = lit & (patch.reflectance > 0.0f);
+  if constexpr (FOLLOW) {
+  if (!any(mirror)) return hit;
+
+  Vec d = rays.direction;
+  Vec bounced = d - patch.normal * (dot(d, patch.normal) * 2.0f);
+  Rays mirrored = {patch.origin, normalize(bounced), false};
+  Hull cone = hull_of(mirrored.origin, mirrored.direction, mirror, FAR);
+  if (trail.mirror_cosine > 1) trail.mirror_axis = cone.axis;
+  Vec x = mirrored.direction;
+  float least = lowest(select(mirror, x.x * trail.mirror_axis.x + x.y * trail.mirror_axis.y +
+                                          x.z * trail.mirror_axis.z, splat(1.0f)));
+  trail.mirror_cosine = least < trail.mirror_cosine ? least : trail.mirror_cosine;
+  Float image[CHANNELS];
+  radiance<CHANNELS, false>(f, mirrored, cone, mirror, travelled + hit.distance, trail, image);
+  for (int c = 0; c < CHANNELS; c++) {
+    out[c] = select(mirror, out[c] + image[c] * patch.reflectance, out[c]);
+  }
+  }
+  return hit;
+}
+
+EVS_INLINE Rays primary_rays(const Frame& f, int column, int row, float sub_x, float sub_y) {
+  alignas(64) float px[LANES], py[LANES];
+  for (int i = 0; i < LANES; i++) {
+    px[i] = static_cast<float>(column * PACKET_WIDTH + i % PACKET_WIDTH) + sub_x;
+    py[i] = static_cast<float>(row * PACKET_HEIGHT + i / PACKET_WIDTH) + sub_y;
+  }
+  Float x = (load(px) - f.cx) * (1.0f / f.fx), y = (f.cy - load(py)) * (1.0f / f.fy);
+  Float zero = splat(0.0f), back = splat(-1.0f);
+  if (f.orthographic) return {{x, y, zero}, {zero, zero, back}, false};
+  return {{zero, zero, zero}, normalize({x, y, back}), true};
+}
+
+// The hulls behind the record of one packet; more lights than fit: trace it always.
+inline void write_record(const Frame& f, const Trail& trail, Record* record) {
+  record->count = 0;
+  int casting = 0;
+  for (int i = 0; i < f.light_count; i++) casting += f.lights[i].castshadow && f.shadows;
+  if (2 * casting + 1 > record->capacity) {
+    record->count = -1;
+    return;
+  }
+  auto add_shadows = [&](const Region& region) {
+    if (region.low.x > region.high.x) return;
+    for (int i = 0; i < f.light_count; i++) {
+      if (f.lights[i].castshadow && f.shadows) record->hulls[record->count++] = shadow_hull(f.lights[i], region);
+    }
+  };
+  add_shadows(trail.seen);
+  if (trail.mirror_cosine > 1) return;
+  // mirror rays start where something was seen
+  Hull cone = ball_of(trail.seen);
+  cone.axis = trail.mirror_axis;
+  cone.length = FAR;
+  cone.cosine = trail.mirror_cosine;
+  cone.sine = __builtin_sqrtf(cone.cosine < 1 ? 1 - cone.cosine * cone.cosine : 0.0f) + 1e-5f;
+  if (!(cone.cosine > 0.5f)) cone.radius = FAR;
+  record->hulls[record->count++] = cone;
+  add_shadows(trail.mirrored);
+}
+
+template <int CHANNELS>
+void trace_packet(const Frame& f, int column, int row, const Outputs& out, Record* record) {
+  const Hull& hull = f.primary[row * f.packet_columns + column];
+  Float sum = splat(0.0f);
+  Trail trail;
+  Hit first;
+  for (int s = 0; s < f.samples; s++) {
+    Rays rays = primary_rays(f, column, row, f.sample_x[s], f.sample_y[s]);
+    Float light[CHANNELS];
+    Hit hit = radiance<CHANNELS, true>(f, rays, hull, mask_of(0xffff), splat(0.0f), trail, light);
+    if (s == 0) first = hit;
+    Float luminance = light[0] * f.weights[0];
+    for (int c = 1; c < CHANNELS; c++) luminance = luminance + light[c] * f.weights[c];
+    sum = sum + luminance;
+  }
+  if (record) write_record(f, trail, record);
+  alignas(64) float luminance[LANES], distance[LANES];
+  alignas(64) int geom[LANES];
+  store(luminance, sum * (1.0f / static_cast<float>(f.samples)));
+  store(distance, first.distance);
+  store(geom, first.geom);
+  for (int i = 0; i < LANES; i++) {
+    int x = column * PACKET_WIDTH + i % PACKET_WIDTH, y = row * PACKET_HEIGHT + i / PACKET_WIDTH;
+    if (x >= f.width || y >= f.height) continue;
+    long at = static_cast<long>(y) * f.width + x;
+    out.luminance[at] = luminance[i];
+    if (out.geom) out.geom[at] = geom[i];
+    if (out.distance) out.distance[at] = geom[i] < 0 ? 0.0f : distance[i];
+  }
+}
+
+void trace(const Frame& f, int column, int row, const Outputs& out, Record* record) {
+  if (f.channels == 1) {
+    trace_packet<1>(f, column, row, out, record);
+  } else {
+    trace_packet<3>(f, column, row, out, record);
+  }
+}
+
+bool touched(const Frame& f, int column, int row, const Record& record, const Bounds& spheres) {
+  if (record.count < 0) return true;
+  for (int k = 0; k < spheres.count; k += LANES) {
+    if (touching(spheres, k, f.primary[row * f.packet_columns + column])) return true;
+    for (int i = 0; i < record.count; i++) {
+      if (touching(spheres, k, record.hulls[i])) return true;
+    }
+  }
+  return false;
+}

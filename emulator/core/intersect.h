@@ -1,0 +1,53 @@
+// Rays against the whole frame: what is hit first, and what stands in the way of a light.
+
+EVS_INLINE Vec local_origin(const Geom& g, const Rays& rays) {
+  if (rays.common) return splat(g.camera);
+  return to_local(g.rotation, rays.origin - splat(g.position));
+}
+
+inline Hit closest(const Frame& f, const Rays& rays, const Hull& hull, Mask active) {
+  Hit hit = {select(active, splat(FAR), splat(-1.0f)), splat(-1), splat(0), splat(0.0f),
+             splat(0.0f)};
+  for (int k = 0; k < f.bounds.count; k += LANES) {
+    for (unsigned near = touching(f.bounds, k, hull); near; near &= near - 1) {
+      int index = k + first_lane(near);
+      const Geom& g = f.geoms[index];
+      Vec o = local_origin(g, rays), d = to_local(g.rotation, rays.direction);
+      if (g.shape == MESH || g.shape == HFIELD) {
+        Mask nearer = enter_mesh(f.meshes[g.mesh], mesh_rays(o, d), hit.distance, hit.triangle,
+                                 hit.u, hit.v);
+        hit.geom = select(nearer, splat(index), hit.geom);
+        continue;
+      }
+      Float t = enter_shape(g, o, d);
+      Mask nearer = t < hit.distance;
+      hit.distance = select(nearer, t, hit.distance);
+      hit.geom = select(nearer, splat(index), hit.geom);
+    }
+  }
+  return hit;
+}
+
+// Lanes whose ray from `origin` along `direction` meets something before `limit`.
+// `self`: the geom that the ray starts on; a convex shape cannot shade a point of its own.
+inline Mask occluded(const Frame& f, Vec origin, Vec direction, Float limit, Int self,
+                         const Hull& hull, Mask wanted) {
+  Mask blocked = mask_of(0);
+  Rays rays = {origin, direction, false};
+  for (int k = 0; k < f.bounds.count; k += LANES) {
+    for (unsigned near = touching(f.bounds, k, hull); near; near &= near - 1) {
+      int index = k + first_lane(near);
+      const Geom& g = f.geoms[index];
+      Vec o = local_origin(g, rays), d = to_local(g.rotation, direction);
+      if (g.shape == MESH || g.shape == HFIELD) {
+        blocked = blocked |
+                  blocked_by_mesh(f.meshes[g.mesh], mesh_rays(o, d), limit, wanted & ~blocked);
+      } else {
+        Float t = enter_shape(g, o, d);
+        blocked = blocked | (wanted & (t < limit) & ~(self == splat(index)));
+      }
+      if (!any(wanted & ~blocked)) return blocked;
+    }
+  }
+  return blocked;
+}

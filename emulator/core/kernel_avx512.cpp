@@ -1,0 +1,5 @@
+// The kernel for AVX-512.
+#define EVS_WIDTH 512
+#define EVS_SPACE avx512
+#define EVS_KERNEL KERNEL_AVX512
+#include "kernel.inc"

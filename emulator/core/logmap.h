@@ -1,0 +1,62 @@
+// Linear light to log light. In: luminance, 1 is white paper in unit light. DN = exposure * luminance
+// + dark; 255 DN is white, nothing is clipped.
+#pragma once
+
+#include "vmath.h"
+
+namespace evs {
+
+enum class LogKind {
+  linlog,   // ln DN from the knee on, (ln knee / knee) DN below
+  log_eps,  // ln(DN / 255 + eps)
+};
+
+struct LogMap {
+  LogKind kind = LogKind::linlog;
+  float exposure = 255.0f;  // DN per unit of luminance
+  float dark = 0.0f;        // DN
+  float eps = 0.0f;
+  float knee = 0.0f;     // DN, over 1
+  float ln_knee = 0.0f;  // ln(knee)
+  float slope = 0.0f;    // ln(knee) / knee
+
+  static LogMap linlog(float exposure, float dark, float knee) {
+    const float ln_knee = ln(knee);
+    return {LogKind::linlog, exposure, dark, 0.0f, knee, ln_knee, ln_knee / knee};
+  }
+  static LogMap log_eps(float exposure, float dark, float eps) {
+    return {LogKind::log_eps, exposure, dark, eps, 0.0f, 0.0f, 0.0f};
+  }
+};
+
+// Closer to zero than this is black, of either sign: then no denormal ever enters the arithmetic,
+// and the result does not depend on whether this thread flushes them.
+inline constexpr float kBlack = 0x1p-64f;
+inline constexpr float kLargest = 0x1.fffffep127f;
+
+// DN of a luminance; a negative number, NaN or Inf where the luminance is none.
+EVS_ALWAYS_INLINE float to_dn(const LogMap& map, float luminance) {
+  const float black = luminance > -kBlack ? 0.0f : luminance;
+  const float light = luminance < kBlack ? black : luminance;
+  return light * map.exposure + map.dark;
+}
+
+// False for a negative luminance, NaN, Inf, and light so strong that its DN is no float.
+EVS_ALWAYS_INLINE bool is_light(float luminance, float dn) {
+  return (luminance > -kBlack) & (dn <= kLargest);
+}
+
+// Log light of a DN. Monotone, also across the knee.
+template <LogKind kind>
+EVS_ALWAYS_INLINE float to_log(const LogMap& map, float dn) {
+  if constexpr (kind == LogKind::log_eps) {
+    return ln(dn / 255.0f + map.eps);
+  } else {
+    const float line = map.slope * dn;
+    const float below = line < map.ln_knee ? line : map.ln_knee;
+    const float above = ln(dn);
+    return dn >= map.knee ? above : below;
+  }
+}
+
+}  // namespace evs

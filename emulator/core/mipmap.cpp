@@ -1,0 +1,78 @@
+#include "mipmap.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace evs {
+namespace {
+
+// (w, h) -> (w2, h2) by area, one image
+std::vector<float> shrink(const std::vector<float>& from, int w, int h, int w2, int h2) {
+  auto spans = [](int n, int n2, auto&& each) {
+    for (int i = 0; i < n2; i++) {
+      double begin = static_cast<double>(i) * n / n2, end = static_cast<double>(i + 1) * n / n2;
+      for (int k = static_cast<int>(begin); k < n && k < end; k++) {
+        double share = std::min<double>(k + 1, end) - std::max<double>(k, begin);
+        if (share > 0) each(i, k, share * n2 / n);
+      }
+    }
+  };
+  std::vector<double> rows(static_cast<size_t>(w2) * h), out(static_cast<size_t>(w2) * h2);
+  for (int y = 0; y < h; y++) {
+    spans(w, w2, [&](int i, int k, double share) { rows[y * w2 + i] += share * from[y * w + k]; });
+  }
+  spans(h, h2, [&](int i, int k, double share) {
+    for (int x = 0; x < w2; x++) out[i * w2 + x] += share * rows[k * w2 + x];
+  });
+  return {out.begin(), out.end()};
+}
+
+}  // namespace
+
+float from_srgb(float c) {
+  return c <= 0.04045f ? c / 12.92f : static_cast<float>(std::pow((c + 0.055) / 1.055, 2.4));
+}
+
+Chain build_chain(const uint8_t* data, int faces, int height, int width, int components, bool srgb,
+                  const float* tint, int channels) {
+  Chain chain;
+  Texture& t = chain.layout;
+  t.faces = faces;
+  int w = width, h = height, total = 0;
+  do {
+    t.width[t.levels] = w;
+    t.height[t.levels] = h;
+    t.level_offset[t.levels] = total;
+    total += faces * w * h;
+    t.levels++;
+    if (w == 1 && h == 1) break;
+    w = std::max(1, w / 2);
+    h = std::max(1, h / 2);
+  } while (t.levels < MAX_LEVELS);
+  t.channel_stride = total;
+  chain.texels.resize(static_cast<size_t>(total) * channels);
+
+  float decode[256];
+  for (int i = 0; i < 256; i++) decode[i] = srgb ? from_srgb(static_cast<float>(i) / 255.0f) : static_cast<float>(i) / 255.0f;
+  constexpr float WEIGHTS[3] = {0.2126f, 0.7152f, 0.0722f};
+  for (int c = 0; c < channels; c++) {
+    for (int face = 0; face < faces; face++) {
+      std::vector<float> level(static_cast<size_t>(width) * height);
+      for (int i = 0; i < width * height; i++) {
+        const uint8_t* p = data + (static_cast<size_t>(face) * width * height + i) * components;
+        float rgb[3];
+        for (int k = 0; k < 3; k++) rgb[k] = decode[p[components >= 3 ? k : 0]] * tint[k];
+        level[i] = channels == 3 ? rgb[c] : WEIGHTS[0] * rgb[0] + WEIGHTS[1] * rgb[1] + WEIGHTS[2] * rgb[2];
+      }
+      for (int l = 0;; l++) {
+        std::copy(level.begin(), level.end(),
+                  chain.texels.begin() + static_cast<long>(c) * total + t.level_offset[l] + static_cast<long>(face) * level.size());
+        if (l + 1 >= t.levels) break;
+        level = shrink(level, t.width[l], t.height[l], t.width[l + 1], t.height[l + 1]);
+      }
+    }
+  }
+  return chain;
+}
+
+}  // namespace evs

@@ -1,0 +1,88 @@
+// Sixteen rays at once: points, directions, rotations, and which geoms their hull can touch.
+
+struct Vec {
+  Float x, y, z;
+};
+
+EVS_INLINE Vec operator+(Vec a, Vec b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+EVS_INLINE Vec operator-(Vec a, Vec b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+EVS_INLINE Vec operator*(Vec a, Float s) { return {a.x * s, a.y * s, a.z * s}; }
+EVS_INLINE Float dot(Vec a, Vec b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+EVS_INLINE Vec splat(V3 a) { return {splat(a.x), splat(a.y), splat(a.z)}; }
+EVS_INLINE Vec select(Mask m, Vec a, Vec b) {
+  return {select(m, a.x, b.x), select(m, a.y, b.y), select(m, a.z, b.z)};
+}
+EVS_INLINE Vec normalize(Vec a) { return a * (1.0f / sqrt(max(dot(a, a), splat(1e-30f)))); }
+
+EVS_INLINE Vec to_local(const float* r, Vec v) {
+  return {v.x * r[0] + v.y * r[3] + v.z * r[6], v.x * r[1] + v.y * r[4] + v.z * r[7],
+          v.x * r[2] + v.y * r[5] + v.z * r[8]};
+}
+EVS_INLINE Vec to_camera(const float* r, Vec v) {
+  return {v.x * r[0] + v.y * r[1] + v.z * r[2], v.x * r[3] + v.y * r[4] + v.z * r[5],
+          v.x * r[6] + v.y * r[7] + v.z * r[8]};
+}
+
+EVS_INLINE float dot(V3 a, V3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+EVS_INLINE V3 operator-(V3 a, V3 b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+EVS_INLINE V3 scaled(V3 a, float s) { return {a.x * s, a.y * s, a.z * s}; }
+EVS_INLINE V3 normalized(V3 a) {
+  float n = dot(a, a);
+  return n > 0 ? scaled(a, 1.0f / __builtin_sqrtf(n)) : V3{0, 0, -1};
+}
+
+struct Rays {
+  Vec origin;     // camera frame; all zero where `common`
+  Vec direction;  // unit
+  bool common;    // every ray starts at the camera: the geoms' precomputed camera position holds
+};
+
+struct Hit {
+  Float distance;
+  Int geom;      // -1 none
+  Int triangle;  // of a mesh
+  Float u, v;    // barycentric
+};
+
+constexpr float FAR = 1e30f;
+
+// Geoms k ... k+15 whose bounding sphere the hull can touch, one bit each.
+// Conservative: the slack covers the rounding of everything computed here, and a ray on the rim.
+EVS_INLINE unsigned touching(const Bounds& b, int k, const Hull& hull) {
+  Vec v = {load(b.x + k) - hull.center.x, load(b.y + k) - hull.center.y,
+           load(b.z + k) - hull.center.z};
+  Float along = v.x * hull.axis.x + v.y * hull.axis.y + v.z * hull.axis.z;
+  // the part across the axis by subtraction of vectors: no cancellation of squares
+  Vec across = {v.x - along * hull.axis.x, v.y - along * hull.axis.y,
+                v.z - along * hull.axis.z};
+  Float away = sqrt(dot(across, across));
+  Float reach = load(b.radius + k) + hull.radius;
+  Float slack = (abs(along) + reach) * 2e-6f;
+  Mask near = away * hull.cosine - along * hull.sine <= reach + slack;
+  Mask ahead = along >= -reach - slack;
+  Mask before = along - reach <= splat(hull.length) + slack;
+  Mask real = load(b.radius + k) >= 0.0f;  // padding has a negative radius
+  return bits(near & ahead & before & real);
+}
+
+// The hull of the active lanes' rays: from points p, along directions d, no further than `length`.
+EVS_INLINE Hull hull_of(Vec p, Vec d, Mask active, float length) {
+  int first = first_lane(bits(active));
+  Vec q = select(active, p, {splat(lane(p.x, first)), splat(lane(p.y, first)),
+                             splat(lane(p.z, first))});
+  V3 low = {lowest(q.x), lowest(q.y), lowest(q.z)};
+  V3 high = {highest(q.x), highest(q.y), highest(q.z)};
+  Hull hull;
+  hull.center = {0.5f * (low.x + high.x), 0.5f * (low.y + high.y), 0.5f * (low.z + high.z)};
+  V3 half = high - hull.center;
+  hull.radius = __builtin_sqrtf(dot(half, half)) * 1.00001f;
+  hull.length = length;
+  hull.axis = normalized({lane(d.x, first), lane(d.y, first), lane(d.z, first)});
+  Float cosine = d.x * hull.axis.x + d.y * hull.axis.y + d.z * hull.axis.z;
+  float least = lowest(select(active, cosine, splat(1.0f)));
+  // a spread past 60 degrees: everything ahead and behind counts
+  hull.cosine = least;
+  hull.sine = __builtin_sqrtf(least < 1.0f ? 1.0f - least * least : 0.0f) + 1e-5f;
+  if (!(least > 0.5f)) hull.radius = FAR;
+  return hull;
+}

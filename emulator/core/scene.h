@@ -1,0 +1,148 @@
+// What the kernels read: plain structures, the scene's constant part and one tick's frame.
+// Everything is in the camera's frame (x right, y up, looking along -z) or in a geom's own frame.
+#pragma once
+
+#include <cstdint>
+
+namespace evs {
+
+enum Shape { PLANE = 0, HFIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH };
+enum LightKind { SPOT = 0, DIRECTIONAL, POINT };
+
+struct V3 {
+  float x, y, z;
+};
+
+// Two children in one node: both boxes are tested with one fetch.
+struct Node {
+  float low[2][3], high[2][3];
+  int32_t child[2];  // >= 0: node; < 0: leaf, ~child is the first triangle
+  int32_t count[2];  // triangles in the leaf
+};
+
+struct Triangle {
+  V3 p, e1, e2;  // a corner and the two edges from it
+};
+
+// Per corner of each triangle, in the BVH's order.
+struct Corners {
+  V3 normal[3];
+  float uv[3][2];
+  float density;  // texture lengths per m: sqrt(area in uv / area)
+};
+
+struct Mesh {
+  const Node* nodes;
+  const Triangle* triangles;
+  const Corners* corners;
+  int node_count;  // 0: nothing to hit
+  bool has_texcoords;
+};
+
+// An image chain, linear light, channel-planar: level l of channel c begins at
+// texels + channel_stride * c + level_offset[l] and has width[l] x height[l] (x 6 faces) texels.
+constexpr int MAX_LEVELS = 16;
+struct Texture {
+  const float* texels;
+  int channel_stride;
+  int levels;
+  int faces;  // 1 or 6
+  int width[MAX_LEVELS], height[MAX_LEVELS], level_offset[MAX_LEVELS];
+};
+
+constexpr int MAX_CHANNELS = 3;
+
+struct Surface {
+  float albedo[MAX_CHANNELS];    // linear; with a texture it is already inside the texels
+  float emission;                // times albedo
+  float specular;                // Blinn-Phong strength
+  float exponent;                // Blinn-Phong exponent
+  float reflectance;             // mirror share
+  int texture;                   // -1 none
+  float repeat[2];
+  bool uniform;
+};
+
+// One geom in this tick.
+struct alignas(64) Geom {
+  float rotation[9];  // row-major, geom to camera
+  V3 position;        // of the geom, in the camera's frame
+  V3 camera;          // of the camera, in the geom's frame (computed in double)
+  float size[3];
+  int shape;
+  int mesh;
+  int surface;
+};
+
+struct Light {
+  int kind;
+  bool castshadow;
+  V3 position, direction;  // camera frame; direction is where the light goes, unit
+  float ambient[MAX_CHANNELS], diffuse[MAX_CHANNELS], specular[MAX_CHANNELS];
+  float attenuation[3];
+  float cos_cutoff, exponent;
+  bool inverse_square;  // physical intensity: 1 / r^2 instead of attenuation
+};
+
+// A region that bundles rays: a ball of origins (center, radius), opened by an angle, up to `length`.
+struct Hull {
+  V3 center, axis;
+  float radius, length, cosine, sine;
+};
+
+struct Bounds {  // bounding spheres, structure of arrays, padded to 16
+  const float *x, *y, *z, *radius;
+  int count;  // padded
+};
+
+struct Frame {
+  const Geom* geoms;
+  Bounds bounds;
+  const Mesh* meshes;
+  const Surface* surfaces;
+  const Texture* textures;
+  const Light* lights;
+  int light_count;
+  int skybox;             // texture, -1 none
+  float sky_rotation[9];  // row-major, camera to world
+  bool shadows;
+  int channels;  // 1: every light is grey, luminance alone is carried; 3: RGB
+  float weights[MAX_CHANNELS];  // luminance of each channel
+
+  int width, height;
+  float fx, fy, cx, cy;
+  bool orthographic;
+  float pixel_angle;  // footprint of a sample: rad (perspective) or m (orthographic)
+  int samples;
+  const float* sample_x;  // sub-pixel positions, 0 ... 1
+  const float* sample_y;
+  const Hull* primary;  // (packet rows, packet columns): the hull of each packet's primary rays
+  int packet_columns;
+};
+
+constexpr int PACKET_WIDTH = 4, PACKET_HEIGHT = 4;
+
+// The hulls of a packet's secondary rays in the tick when it was last traced.
+struct Record {
+  int count;  // -1: nothing recorded, trace it always
+  int capacity;
+  Hull* hulls;
+};
+
+struct Outputs {
+  float* luminance;  // (h, w)
+  int32_t* geom;     // (h, w) index of the geom hit by sample 0, -1 none; or null
+  float* distance;   // (h, w) along the ray of sample 0, m; or null
+};
+
+// One instruction set's entry points.
+struct Kernel {
+  // Trace the 16 pixels of packet (column, row) and write them.
+  void (*trace)(const Frame&, int column, int row, const Outputs&, Record* record);
+  // Can one of these spheres touch a ray of the packet?
+  bool (*touched)(const Frame&, int column, int row, const Record&, const Bounds& spheres);
+};
+
+extern const Kernel KERNEL_PORTABLE, KERNEL_AVX2, KERNEL_AVX512;
+
+}  // namespace evs

@@ -1,0 +1,123 @@
+// The surface at each lane's hit: point, normals, albedo and gloss, gathered geom by geom.
+
+template <int CHANNELS>
+struct Patch {
+  Vec point, normal;  // camera frame; the normal is unit and faces the ray
+  Vec origin;         // where rays that leave the surface start
+  Float albedo[CHANNELS];
+  Float emission, specular, exponent, reflectance;
+};
+
+inline void texture_of_geom(const Frame& f, const Geom& g, const Surface& s, Vec p, Float footprint,
+                                Float* out) {
+  const Texture& t = f.textures[s.texture];
+  if (t.faces == 1) {
+    Float u, v;
+    float density;
+    on_shape(g, s, p, u, v, density);
+    sample(t, f.channels, u, v, splat(0), footprint * density, out);
+    return;
+  }
+  Vec q = unit_point(g, p);
+  float third = g.shape == CAPSULE || g.shape == CYLINDER ? g.size[1] : g.size[2];
+  float second = g.shape == ELLIPSOID || g.shape == BOX ? g.size[1] : g.size[0];
+  if (g.shape == SPHERE) third = g.size[0];
+  float per_meter = g.shape == MESH || g.shape == HFIELD || g.shape == PLANE ? 1.0f : 1.0f / g.size[0];
+  if (s.uniform) {
+    q = {q.x * g.size[0], q.y * second, q.z * third};
+    per_meter = 1.0f;
+  }
+  Float u, v, major;
+  Int face;
+  on_cube(q, u, v, face, major);
+  sample(t, f.channels, u, v, face, footprint * (0.5f * per_meter) / major, out);
+}
+
+// A mesh's normal and texture coordinates, lane by lane.
+inline void corners_of(const Mesh& mesh, const Hit& hit, unsigned lanes, Vec& smooth, Vec& flat,
+                           Float& u, Float& v, Float& density) {
+  alignas(64) float out[9][LANES] = {};
+  alignas(64) int triangle[LANES];
+  alignas(64) float a[LANES], b[LANES];
+  store(triangle, hit.triangle);
+  store(a, hit.u);
+  store(b, hit.v);
+  for (; lanes; lanes &= lanes - 1) {
+    int i = first_lane(lanes);
+    const Corners& c = mesh.corners[triangle[i]];
+    const Triangle& t = mesh.triangles[triangle[i]];
+    float wu = a[i], wv = b[i], w = 1.0f - wu - wv;
+    out[0][i] = w * c.normal[0].x + wu * c.normal[1].x + wv * c.normal[2].x;
+    out[1][i] = w * c.normal[0].y + wu * c.normal[1].y + wv * c.normal[2].y;
+    out[2][i] = w * c.normal[0].z + wu * c.normal[1].z + wv * c.normal[2].z;
+    out[3][i] = t.e1.y * t.e2.z - t.e1.z * t.e2.y;
+    out[4][i] = t.e1.z * t.e2.x - t.e1.x * t.e2.z;
+    out[5][i] = t.e1.x * t.e2.y - t.e1.y * t.e2.x;
+    out[6][i] = w * c.uv[0][0] + wu * c.uv[1][0] + wv * c.uv[2][0];
+    out[7][i] = w * c.uv[0][1] + wu * c.uv[1][1] + wv * c.uv[2][1];
+    out[8][i] = c.density;
+  }
+  smooth = {load(out[0]), load(out[1]), load(out[2])};
+  flat = {load(out[3]), load(out[4]), load(out[5])};
+  u = load(out[6]);
+  v = load(out[7]);
+  density = load(out[8]);
+}
+
+// In: the hits of `lanes`. Out: what is there. `travelled`: distance from the camera to the rays' start.
+template <int CHANNELS>
+Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsigned lanes,
+                                    Float travelled) {
+  Patch<CHANNELS> out = {};
+  out.point = rays.origin + rays.direction * hit.distance;
+  out.origin = out.point;
+  Float reach = f.orthographic ? splat(f.pixel_angle) : (travelled + hit.distance) * f.pixel_angle;
+  while (lanes) {
+    int index = lane(hit.geom, first_lane(lanes));
+    Mask here = (hit.geom == splat(index)) & mask_of(lanes);
+    lanes &= ~bits(here);
+    const Geom& g = f.geoms[index];
+    const Surface& s = f.surfaces[g.surface];
+    Vec d = to_local(g.rotation, rays.direction);
+    Vec p = local_origin(g, rays) + d * hit.distance;
+    Vec n, flat;
+    Float mesh_u, mesh_v, mesh_density;
+    bool is_mesh = g.shape == MESH || g.shape == HFIELD;
+    if (is_mesh) {
+      corners_of(f.meshes[g.mesh], hit, bits(here), n, flat, mesh_u, mesh_v, mesh_density);
+      flat = normalize(flat);
+    } else {
+      n = normal_of_shape(g, p);
+    }
+    n = normalize(n);
+    // seen at a slant the footprint stretches: take the mean of its two widths
+    Float slant = max(abs(dot(n, d)), splat(0.02f));
+    Float footprint = reach / sqrt(slant);
+    Float texel[CHANNELS];
+    if (s.texture >= 0) {
+      if (is_mesh && f.meshes[g.mesh].has_texcoords && f.textures[s.texture].faces == 1) {
+        sample(f.textures[s.texture], CHANNELS, mesh_u * s.repeat[0], mesh_v * s.repeat[1], splat(0),
+               footprint * mesh_density * (s.repeat[0] > s.repeat[1] ? s.repeat[0] : s.repeat[1]), texel);
+      } else {
+        texture_of_geom(f, g, s, p, footprint, texel);
+      }
+    }
+    for (int c = 0; c < CHANNELS; c++) {
+      out.albedo[c] = select(here, s.texture >= 0 ? texel[c] : splat(s.albedo[c]), out.albedo[c]);
+    }
+    out.normal = select(here, to_camera(g.rotation, n), out.normal);
+    if (is_mesh) {
+      // step off the triangle: far enough for the rounding of hit point and mesh, no further
+      Float step = (travelled + hit.distance) * 2e-5f + f.bounds.radius[index] * 1e-5f;
+      out.origin = select(here, out.point + to_camera(g.rotation, flat) * step, out.origin);
+    }
+    out.emission = select(here, splat(s.emission), out.emission);
+    out.specular = select(here, splat(s.specular), out.specular);
+    out.exponent = select(here, splat(s.exponent), out.exponent);
+    out.reflectance = select(here, splat(s.reflectance), out.reflectance);
+  }
+  // smooth normals may turn away from the ray at a silhouette
+  Mask away = dot(out.normal, rays.direction) > 0.0f;
+  out.normal = select(away, out.normal * splat(-1.0f), out.normal);
+  return out;
+}

@@ -1,0 +1,161 @@
+// Looking up textures: where on the image (as MuJoCo's viewer maps it), and how much of it to average.
+
+// texels at integer positions (x, y) of `face` on per-lane levels, one channel
+struct Level {
+  Int width, height, offset;
+};
+
+EVS_INLINE Level level_of(const Texture& t, Int level) {
+  auto pick = [&](const int* table) {
+    return as_int(gather(reinterpret_cast<const float*>(table), level));
+  };
+  return {pick(t.width), pick(t.height), pick(t.level_offset)};
+}
+
+// remainder in [0, n) of a whole number; exact while it stays below 2^24
+EVS_INLINE Int wrap(Float whole, Int n) {
+  Float period = to_float(n);
+  Float rest = whole - floor(whole / period) * period;
+  // the division may round up to the next multiple
+  rest = select(rest < 0.0f, rest + period, select(rest >= period, rest - period, rest));
+  return truncate(rest);
+}
+
+// Bilinear on one level. u, v in image lengths; repeating if one face, clamped to the edge on a cube.
+EVS_INLINE Float bilinear(const Texture& t, const float* texels, Level l, Float u, Float v, Int face) {
+  Float x = u * to_float(l.width) - 0.5f, y = v * to_float(l.height) - 0.5f;
+  Float x0 = floor(x), y0 = floor(y), fx = x - x0, fy = y - y0;
+  Int left, right, upper, lower;
+  if (t.faces == 1) {
+    left = wrap(x0, l.width);
+    right = wrap(x0 + 1.0f, l.width);
+    upper = wrap(y0, l.height);
+    lower = wrap(y0 + 1.0f, l.height);
+  } else {
+    Float zero = splat(0.0f), last = to_float(l.width) - 1.0f;
+    left = truncate(min(max(x0, zero), last));
+    right = truncate(min(max(x0 + 1.0f, zero), last));
+    upper = truncate(min(max(y0, zero), last));
+    lower = truncate(min(max(y0 + 1.0f, zero), last));
+  }
+  Int base = l.offset + face * l.width * l.height;
+  Int row0 = base + upper * l.width, row1 = base + lower * l.width;
+  Float a = gather(texels, row0 + left), b = gather(texels, row0 + right);
+  Float c = gather(texels, row1 + left), d = gather(texels, row1 + right);
+  Float top = a + (b - a) * fx, bottom = c + (d - c) * fx;
+  return top + (bottom - top) * fy;
+}
+
+// Trilinear: `footprint` is the width of what one sample sees, in image lengths.
+inline void sample(const Texture& t, int channels, Float u, Float v, Int face, Float footprint,
+                       Float* out) {
+  float widest = static_cast<float>(t.width[0] > t.height[0] ? t.width[0] : t.height[0]);
+  Float texels = max(footprint * widest, splat(1.0f));
+  Float lod = min(log2(texels), splat(static_cast<float>(t.levels - 1)));
+  Float whole = floor(lod), share = lod - whole;
+  Int fine = truncate(whole);
+  Level l0 = level_of(t, fine);
+  bool blend = any(share > 0.0f);
+  Level l1 = l0;
+  if (blend) l1 = level_of(t, truncate(min(whole + 1.0f, splat(static_cast<float>(t.levels - 1)))));
+  for (int c = 0; c < channels; c++) {
+    const float* base = t.texels + static_cast<long>(c) * t.channel_stride;
+    out[c] = bilinear(t, base, l0, u, v, face);
+    if (blend) out[c] = out[c] + (bilinear(t, base, l1, u, v, face) - out[c]) * share;
+  }
+}
+
+// Cube map: face and position on it of direction d, as OpenGL numbers them (+X -X +Y -Y +Z -Z).
+EVS_INLINE void on_cube(Vec d, Float& u, Float& v, Int& face, Float& major) {
+  Float ax = abs(d.x), ay = abs(d.y), az = abs(d.z);
+  Mask is_x = (ax >= ay) & (ax >= az), is_y = ~is_x & (ay >= az);
+  major = max(select(is_x, ax, select(is_y, ay, az)), splat(1e-30f));
+  Mask negative = select(is_x, d.x, select(is_y, d.y, d.z)) < 0.0f;
+  Float s = select(is_x, select(negative, d.z, -d.z), select(is_y, d.x, select(negative, -d.x, d.x)));
+  Float t = select(is_y, select(negative, -d.z, d.z), -d.y);
+  face = select(is_x, splat(0), select(is_y, splat(2), splat(4))) + select(negative, splat(1), splat(0));
+  u = (s / major + 1.0f) * 0.5f;
+  v = (t / major + 1.0f) * 0.5f;
+}
+
+// A shape's point in units of its size, as the viewer's unit shapes have it.
+EVS_INLINE Vec unit_point(const Geom& g, Vec p) {
+  const float* s = g.size;
+  switch (g.shape) {
+    case SPHERE:
+      return p * splat(1.0f / s[0]);
+    case CAPSULE: {
+      Float beyond = abs(p.z) - s[1];
+      Float cap = beyond * (1.0f / s[0]), side = p.z * (1.0f / s[1]);
+      Float z = select(beyond > 0.0f, select(p.z < 0.0f, -cap, cap), side);
+      return {p.x * (1.0f / s[0]), p.y * (1.0f / s[0]), z};
+    }
+    case CYLINDER:
+      return {p.x * (1.0f / s[0]), p.y * (1.0f / s[0]), p.z * (1.0f / s[1])};
+    case ELLIPSOID:
+    case BOX:
+      return {p.x * (1.0f / s[0]), p.y * (1.0f / s[1]), p.z * (1.0f / s[2])};
+    default:
+      return p;
+  }
+}
+
+// Texture coordinates of a 2D image on a shape without coordinates of its own.
+// Out: u, v in [0, 1) once around the shape (before texrepeat); density: image lengths per m.
+inline void on_shape(const Geom& g, const Surface& s, Vec p, Float& u, Float& v, float& density) {
+  float sx = g.size[0], sy = g.shape == CAPSULE || g.shape == CYLINDER || g.shape == SPHERE
+                                 ? g.size[0] : g.size[1];
+  if (g.shape == PLANE && (sx <= 0 || sy <= 0)) {
+    // an infinite side repeats every 2 m / texrepeat, centred; a finite one spans its size
+    u = sx > 0 ? (p.x * (0.5f / sx) + 0.5f) * s.repeat[0] - 0.5f : p.x * (0.5f * s.repeat[0]) - 0.5f;
+    v = sy > 0 ? (0.5f - p.y * (0.5f / sy)) * s.repeat[1] - 0.5f : p.y * (-0.5f * s.repeat[1]) - 0.5f;
+    float du = s.repeat[0] * (sx > 0 ? 0.5f / sx : 0.5f), dv = s.repeat[1] * (sy > 0 ? 0.5f / sy : 0.5f);
+    density = du > dv ? du : dv;
+    return;
+  }
+  float ru = s.repeat[0] * (s.uniform ? sx : 1.0f), rv = s.repeat[1] * (s.uniform ? sy : 1.0f);
+  if (g.shape == MESH || g.shape == HFIELD) {
+    // object-linear: the image spans the geom's size
+    float kx = s.uniform ? 1.0f : (sx > 0 ? 1.0f / sx : 1.0f);
+    float ky = s.uniform ? 1.0f : (sy > 0 ? 1.0f / sy : 1.0f);
+    u = p.x * (0.5f * s.repeat[0] * kx) - 0.5f;
+    v = p.y * (-0.5f * s.repeat[1] * ky) - 0.5f;
+    density = 0.5f * (s.repeat[0] * kx > s.repeat[1] * ky ? s.repeat[0] * kx : s.repeat[1] * ky);
+    return;
+  }
+  Vec q = unit_point(g, p);
+  float du = 0.5f / sx, dv = 0.5f / sy;
+  switch (g.shape) {
+    case SPHERE:
+    case ELLIPSOID: {
+      u = turns(q.y, q.x);
+      Float elevation = turns(q.z, sqrt(q.x * q.x + q.y * q.y));
+      elevation = select(elevation > 0.5f, elevation - 1.0f, elevation);
+      v = 0.5f - elevation * 2.0f;
+      du = 0.159154943f / sx;
+      break;
+    }
+    case CAPSULE:
+    case CYLINDER: {
+      Mask lid = g.shape == CYLINDER ? g.size[1] - abs(p.z) < g.size[0] - sqrt(p.x * p.x + p.y * p.y)
+                                     : mask_of(0);
+      u = select(lid, q.x * 0.5f + 0.5f, turns(q.y, q.x));
+      v = select(lid, q.y * 0.5f + 0.5f, 0.5f - q.z * 0.5f);
+      dv = 0.5f / (g.size[1] > 0 ? g.size[1] : sx);
+      break;
+    }
+    case BOX: {
+      Float x = abs(p.x) - g.size[0], y = abs(p.y) - g.size[1], z = abs(p.z) - g.size[2];
+      Mask face_x = (x >= y) & (x >= z), face_z = (z > x) & (z > y);
+      u = select(face_x, q.y, q.x) * 0.5f + 0.5f;
+      v = 0.5f - select(face_z, q.y, q.z) * 0.5f;
+      break;
+    }
+    default:  // a finite plane
+      u = p.x * (0.5f / sx) + 0.5f;
+      v = 0.5f - p.y * (0.5f / sy);
+  }
+  u = u * ru;
+  v = v * rv;
+  density = du * ru > dv * rv ? du * ru : dv * rv;
+}

@@ -1,0 +1,38 @@
+// Elementary functions on 16 lanes, good to about 1e-6, the same bytes in every build.
+
+// log2 of a positive, finite number: exponent, then the series of atanh on the mantissa
+EVS_INLINE Float log2(Float a) {
+  Int i = as_int(a);
+  Int exponent = shift_right<23>(i - splat(0x3f3504f3));  // mantissa in [sqrt(1/2), sqrt(2))
+  Float m = as_float(i - exponent * splat(1 << 23));
+  Float s = (m - 1.0f) / (m + 1.0f), q = s * s;
+  Float series = ((q * (1.0f / 7.0f) + 0.2f) * q + 1.0f / 3.0f) * q + 1.0f;
+  return to_float(exponent) + s * series * 2.88539008f;
+}
+
+// 2^a for -126 < a < 127; less gives 0
+EVS_INLINE Float exp2(Float a) {
+  Float clipped = max(a, splat(-126.0f));
+  Float whole = floor(clipped + 0.5f), f = (clipped - whole) * 0.693147181f;
+  Float p = ((((f * (1.0f / 720) + 1.0f / 120) * f + 1.0f / 24) * f + 1.0f / 6) * f + 0.5f) * f;
+  Float power = (p + 1.0f) * f + 1.0f;
+  Int scale = (truncate(whole) + splat(127)) * splat(1 << 23);
+  return select(a < -126.0f, splat(0.0f), power * as_float(scale));
+}
+
+// x^e for x in [0, 1]
+EVS_INLINE Float power(Float x, float e) {
+  return select(x > 1e-30f, exp2(log2(max(x, splat(1e-30f))) * e), splat(0.0f));
+}
+
+// angle of (x, y) in turns, 0 ... 1; Abramowitz & Stegun 4.4.49, error 1e-5 rad
+EVS_INLINE Float turns(Float y, Float x) {
+  Float ax = abs(x), ay = abs(y);
+  Mask steep = ay > ax;
+  Float ratio = min(ax, ay) / max(max(ax, ay), splat(1e-30f)), q = ratio * ratio;
+  Float angle = ((((q * 0.0208351f - 0.0851330f) * q + 0.1801410f) * q - 0.3302995f) * q + 0.9998660f) *
+                ratio * 0.159154943f;
+  angle = select(steep, 0.25f - angle, angle);
+  angle = select(x < 0.0f, 0.5f - angle, angle);
+  return select(y < 0.0f, 1.0f - angle, angle);
+}
