@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import importlib.metadata
 import json
@@ -93,7 +94,8 @@ def write_report(report: Report, path: str | Path) -> None:
         part.write_text(report.to_json(), encoding="utf-8")
         part.replace(target)
     except OSError as reason:
-        part.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            part.unlink()
         raise EvsError(f"cannot write the report '{target}': {reason.strerror}") from None
 
 

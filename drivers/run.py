@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 from evs.drivers.pace import Pacer, StopWatch, monotonic_s
 from evs.drivers.report import COMPLETE, STAGES, Report, versions
-from evs.drivers.sink import Sink
+from evs.drivers.sink import MeteredSink, Sink
 from evs.drivers.stopping import stop_signals
 from evs.msgs import EventPacket, EvsError, StreamInfo
 
@@ -117,7 +117,9 @@ def run(
         loop.ended = f"error at {loop.sim_seconds:.6g} s: {error or type(error).__name__}"
         failure = error
     closing = loop.close()
-    if closing is not None and failure is None:
+    if isinstance(closing, KeyboardInterrupt):
+        loop.ended = f"interrupted at {loop.sim_seconds:.6g} s, while closing"
+    elif closing is not None and failure is None:
         loop.ended, failure = f"error while closing: {closing}", closing
     report = loop.report(infos, config or {})
     if on_report is not None:
@@ -158,6 +160,8 @@ class _Loop:
         for sink in self.sinks:
             # a sink that failed to open may hold something already: it is closed too
             self.opened.append(sink)
+            if isinstance(sink, MeteredSink):
+                sink.meter = self.watch
             with _disk_errors():
                 sink.open(infos)
 
@@ -217,15 +221,15 @@ class _Loop:
                 if self.warn is not None:
                     self.warn(line)
 
-    def close(self) -> Exception | None:
+    def close(self) -> BaseException | None:
         """Close every sink that was opened, the last first; the first error, if any."""
-        first: Exception | None = None
+        first: BaseException | None = None
         for sink in reversed(self.opened):
             try:
                 with _disk_errors():
                     self.said.insert(0, sink.close())
-            except Exception as error:  # whatever one sink does, the others must be closed
-                self.said.insert(0, {"error": str(error)})
+            except BaseException as error:  # whatever one sink does, the others must be closed
+                self.said.insert(0, {"error": str(error) or type(error).__name__})
                 first = first or error
         return first
 

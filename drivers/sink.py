@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
+from evs.emulator.stages import Meter
 from evs.msgs import EventPacket, StreamInfo
 
 
@@ -19,3 +20,13 @@ class Sink(Protocol):
 
     def close(self) -> dict[str, Any]:
         """Flush and release; plain values for the run report. Safe to call twice."""
+
+
+@runtime_checkable
+class MeteredSink(Protocol):
+    """A sink that tells packing from sending: it laps "pack" on `meter` once a packet is bytes.
+
+    The run loop sets `meter` before `open`; what is not lapped as "pack" counts as "sink".
+    """
+
+    meter: Meter

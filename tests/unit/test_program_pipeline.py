@@ -1,0 +1,164 @@
+"""Pipelines: precedence, paths, sinks, and what is refused before a run."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evs.drivers import settings
+from evs.drivers.keys import describe
+from evs.drivers.pipeline import PIPELINES, PipelineConfig, SinkConfig, find_pipeline, load
+from evs.emulator.config import RunConfig
+from evs.msgs import EvsError
+
+SCENE = [("scene.file", "x.xml")]
+
+
+def refused(*overrides: tuple[str, str]) -> str:
+    with pytest.raises(EvsError) as caught:
+        load(None, [*SCENE, *overrides])
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_the_command_line_wins_over_the_file_and_the_file_over_the_defaults(tmp_path: Path) -> None:
+    file = tmp_path / "p.toml"
+    file.write_text('seed = 1\nthreads = 2\n[scene]\nfile = "a.xml"\n[render]\nspp = 16\n')
+    config = load(str(file), [("seed", "9"), ("sensor.width", "48")])
+    assert (config.seed, config.threads, config.render.spp) == (9, 2, 16)
+    assert (config.sensor.width, config.sensor.height) == (48, None)
+    assert config.duration_s == PipelineConfig().duration_s
+
+
+def test_paths_of_a_file_are_relative_to_it_and_others_to_the_working_directory(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "p.toml"
+    file.write_text(
+        'record = "r.npz"\nreport = "/abs/r.json"\n'
+        '[scene]\nfile = "../a.xml"\ncontrol_file = "c.npy"\n'
+        '[[sink]]\ntype = "npz"\nfile = "s.npz"\n[[sink]]\ntype = "zmq"\naddress = "tcp://*:5"\n'
+    )
+    config = load(str(file), [])
+    assert config.scene.file == f"{tmp_path}/../a.xml"
+    assert config.scene.control_file == f"{tmp_path}/c.npy"
+    assert config.record == f"{tmp_path}/r.npz"
+    assert config.report == "/abs/r.json"
+    assert config.sink[0].file == f"{tmp_path}/s.npz"
+    assert config.sink[1].address == "tcp://*:5"
+    over = load(str(file), [("scene.file", "b.xml"), ("sink.0.file", "t.npz")])
+    assert (over.scene.file, over.sink[0].file) == ("b.xml", "t.npz")
+
+
+def test_a_scene_may_lie_in_a_package(tmp_path: Path) -> None:
+    inside = Path(np.__file__).parent / "some" / "arm.xml"
+    assert load(None, [("scene.file", "numpy:some/arm.xml")]).scene.file == str(inside)
+    file = tmp_path / "p.toml"
+    file.write_text('[scene]\nfile = "numpy:some/arm.xml"\n')
+    assert load(str(file), []).scene.file == str(inside)
+    said = refused(("scene.control_file", "no_such_package:x.npy"))
+    assert "no Python package 'no_such_package'" in said
+    # a drive letter and an address are no packages
+    assert load(None, [("scene.file", "C:/x.xml")]).scene.file == "C:/x.xml"
+
+
+def test_record_and_publish_are_sinks_too() -> None:
+    config = load(None, [*SCENE, ("record", "a.AEDAT4"), ("publish", "tcp://127.0.0.1:1")])
+    assert config.sinks() == (
+        SinkConfig(type="aedat4", file="a.AEDAT4"),
+        SinkConfig(type="zmq", address="tcp://127.0.0.1:1"),
+    )
+    assert load(None, [*SCENE, ("record", "a.npz")]).sinks()[0].type == "npz"
+
+
+def test_a_sink_can_be_made_on_the_command_line() -> None:
+    config = load(None, [*SCENE, ("sink.0.type", "npz"), ("sink.0.file", "a.npz")])
+    assert config.sinks() == (SinkConfig(type="npz", file="a.npz"),)
+
+
+def test_the_emulators_part_says_nothing_of_outputs() -> None:
+    config = load(None, [*SCENE, ("record", "a.npz"), ("seed", "4"), ("render.spp", "1")])
+    run = config.emulation()
+    assert type(run) is RunConfig
+    assert run.seed == 4
+    assert run.render.spp == 1
+    # so two recordings of one run, in different files, carry the same header
+    assert "a.npz" not in str(dataclasses.asdict(run))
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        ([("pace", "lockstep")], "at pace: no pace 'lockstep'; there is: "),
+        ([("render.seeds", "fresh")], "at render.seeds: no seeds 'fresh'; there is: fixed"),
+        ([("record", "a.bag")], "cannot record to 'a.bag': end it in one of .aedat4, .npz"),
+        ([("record", "a")], "cannot record to 'a': end it in one of .aedat4, .npz"),
+        ([("sink.0.type", "ros")], "at sink.0.type: no sink type 'ros'; there is: "),
+        ([("sink.0.file", "a.npz")], "at sink.0.type: no sink type ''; there is: "),
+        ([("sink.0.type", "zmq")], "at sink.0.address: missing; a zmq sink needs it"),
+        (
+            [("sink.0.type", "npz"), ("sink.0.file", "a.npz"), ("sink.0.queue", "3")],
+            "at sink.0.queue: a npz sink has only: file",
+        ),
+        (
+            [("sink.0.type", "npz"), ("sink.0.file", "a.aedat4")],
+            "at sink.0.file: 'a.aedat4' does not end in .npz",
+        ),
+        ([("seed", "1"), ("seed", "2")], "at seed: given twice, as 1 and as 2; drop one"),
+        (
+            [("record", "a.npz"), ("sink.0.type", "npz"), ("sink.0.file", "./a.npz")],
+            "two sinks record to '",
+        ),
+    ],
+)
+def test_what_does_not_exist_is_refused_with_what_does(
+    overrides: list[tuple[str, str]], said: str
+) -> None:
+    assert refused(*overrides).startswith(said)
+
+
+def test_a_run_without_a_scene_is_refused_with_the_fix() -> None:
+    with pytest.raises(EvsError, match="--scene"):
+        load(None, [])
+
+
+def test_pipelines_are_found_by_path_or_by_the_name_of_one_of_ours(tmp_path: Path) -> None:
+    assert find_pipeline("default") == PIPELINES / "default.toml"
+    (tmp_path / "mine.toml").write_text("")
+    assert find_pipeline(str(tmp_path / "mine.toml")) == tmp_path / "mine.toml"
+    for word, said in (
+        ("defualt", "evs itself comes with: default"),
+        ("robot.xml", "--scene robot.xml"),
+        (str(tmp_path), "is a folder"),
+        ("no\0name", "no pipeline file"),
+    ):
+        with pytest.raises(EvsError, match=re.escape(said)):
+            find_pipeline(word)
+
+
+@pytest.mark.parametrize("file", sorted(PIPELINES.glob("*.toml")), ids=lambda file: file.stem)
+def test_every_pipeline_that_comes_with_evs_loads(file: Path) -> None:
+    load(str(file), [("scene.file", "x.xml")])
+
+
+def test_the_default_pipeline_tells_every_key_and_its_default() -> None:
+    text = (PIPELINES / "default.toml").read_text()
+    # commented keys have no default or are examples; a key is told by its line
+    told = set()
+    table = ""
+    for line in text.splitlines():
+        if header := re.fullmatch(r"#? ?\[+([\w.]+)\]+", line.strip()):
+            table = header[1]
+        elif key := re.match(r"#? ?(\w+) = ", line):
+            told.add(f"{table}.{key[1]}".lstrip("."))
+    wanted = {
+        key.name.replace(".N.", ".") for table in describe(PipelineConfig) for key in table.keys
+    }
+    assert told == wanted
+    assert settings.build(PipelineConfig, settings.parse_toml(text, "default.toml")) == (
+        PipelineConfig()
+    )
