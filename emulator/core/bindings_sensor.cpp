@@ -34,8 +34,9 @@ Array owned(std::unique_ptr<T[]> data, size_t count) {
 
 class PlainSensorBinding {
  public:
-  PlainSensorBinding(int width, int height, const std::string& log, float exposure_dn, float dark_dn,
-                     float linlog_dn, float log_eps, int threads, const std::string& isa)
+  PlainSensorBinding(int width, int height, const std::string& log, float exposure_dn,
+                     float dark_dn, float linlog_dn, float log_eps, int threads,
+                     const std::string& isa)
       : width_(static_cast<size_t>(width)),
         height_(static_cast<size_t>(height)),
         sensor_(make_log_map(log, exposure_dn, dark_dn, linlog_dn, log_eps), width, height, threads,

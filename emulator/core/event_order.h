@@ -1,5 +1,6 @@
-// Crossings into events: sorted by time, ties in the order in which they come (pixels row by row, then
-// order of crossing). A radix sort over 11 bits of the stamp: one pass for a tick of up to 2 ms.
+// Crossings into events: sorted by time, ties in the order in which they come (pixels row by row,
+// then order of crossing). A radix sort over 11 bits of the stamp: one pass for a tick of up to 2
+// ms.
 #pragma once
 
 #include <algorithm>
@@ -60,10 +61,12 @@ inline EventBuffer order_events(const std::vector<std::vector<Crossing>>& parts,
     std::vector<size_t> place = first_places(from, pass);
     for (const auto& part : from) {
       for (const Crossing& crossing : part) {
-        out.events[place[digit(crossing, pass)]++] = Event{
-            t_begin_us + (crossing.when >> 1), static_cast<int16_t>(crossing.pixel % width),
-            static_cast<int16_t>(crossing.pixel / width), static_cast<int8_t>(crossing.when & 1u),
-            {0, 0, 0}};
+        out.events[place[digit(crossing, pass)]++] =
+            Event{t_begin_us + (crossing.when >> 1),
+                  static_cast<int16_t>(crossing.pixel % width),
+                  static_cast<int16_t>(crossing.pixel / width),
+                  static_cast<int8_t>(crossing.when & 1u),
+                  {0, 0, 0}};
       }
     }
   };

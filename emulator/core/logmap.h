@@ -1,4 +1,5 @@
-// Linear light to log light. In: luminance, 1 is white paper in unit light. DN = exposure * luminance
+// Linear light to log light. In: luminance, 1 is white paper in unit light. DN = exposure *
+// luminance
 // + dark; 255 DN is white, nothing is clipped.
 #pragma once
 

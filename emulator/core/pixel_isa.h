@@ -32,9 +32,9 @@ __attribute__((target("avx2"))) size_t step_avx2(const LogMap& map, const PixelA
 }
 
 template <LogKind kind>
-__attribute__((target("avx512f,avx512bw,avx512dq,avx512vl"))) size_t step_avx512(
-    const LogMap& map, const PixelArrays& pixels, size_t first, size_t last, double tick,
-    std::vector<Crossing>& out) {
+__attribute__((target("avx512f,avx512bw,avx512dq,avx512vl"))) size_t
+step_avx512(const LogMap& map, const PixelArrays& pixels, size_t first, size_t last, double tick,
+            std::vector<Crossing>& out) {
   return step_pixels<kind>(map, pixels, first, last, tick, out);
 }
 #endif
@@ -45,9 +45,8 @@ template <LogKind kind>
 StepPixels choose_step(const std::string& isa) {
 #if EVS_X86
   const bool has_avx2 = __builtin_cpu_supports("avx2");
-  const bool has_avx512 =
-      __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
-      __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
+  const bool has_avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+                          __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
   if (has_avx512 && (isa == "avx512" || isa == "auto")) return step_avx512<kind>;
   if (has_avx2 && (isa == "avx2" || isa == "auto")) return step_avx2<kind>;
 #endif

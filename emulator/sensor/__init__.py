@@ -1,0 +1,17 @@
+"""Light into events: sensor parameters and presets, log map, event models."""
+
+from evs.emulator.sensor.models import MODELS, make_event_model
+from evs.emulator.sensor.parameters import SensorParameters
+from evs.emulator.sensor.plain import PlainModel
+from evs.emulator.sensor.presets import preset_names, resolve_sensor
+from evs.emulator.sensor.state import PlainState
+
+__all__ = [
+    "MODELS",
+    "PlainModel",
+    "PlainState",
+    "SensorParameters",
+    "make_event_model",
+    "preset_names",
+    "resolve_sensor",
+]

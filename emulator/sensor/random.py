@@ -1,0 +1,81 @@
+"""Counter-based random numbers: a number follows from (seed, term, pixel) and from nothing else.
+
+Same bits on every machine: integers, + - * / and sqrt only. NumPy's own log and cos differ in the
+last bit between instruction sets, so the two series below stand in for them.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+_LN2 = 0.6931471805599453
+
+F64 = npt.NDArray[np.float64]
+U64 = npt.NDArray[np.uint64]
+
+
+class Term(IntEnum):
+    """What a random number is for. A number never changes its meaning."""
+
+    THRESHOLD_OFF = 0
+    THRESHOLD_ON = 1
+
+
+def pixel_normals(seed: int, term: Term, width: int, height: int) -> F64:
+    """One standard normal number per pixel, (height, width) float64.
+
+    A pixel's number does not depend on the size of the sensor. Seeds count modulo 2^64.
+    """
+    rows = np.arange(height, dtype=np.uint64)[:, np.newaxis]
+    columns = np.arange(width, dtype=np.uint64)[np.newaxis, :]
+    counter = (rows << np.uint64(32)) | (columns << np.uint64(1))
+    key = _hash(np.array([seed % 2**64], np.uint64), np.array([term + 1], np.uint64))
+    first = _hash(key, counter + np.uint64(1))
+    second = _hash(key, counter + np.uint64(2))
+
+    # Box and Muller 1958; the first uniform is in (0, 1], the second in [0, 1)
+    log = _log(_uniform(first) + 2.0**-53)
+    radius = np.sqrt(-2.0 * np.minimum(log, 0.0))  # rounding may leave a log of 1e-17
+    return np.asarray(radius * _cos_turn(_uniform(second)))
+
+
+def _uniform(bits: U64) -> F64:
+    """53 of the bits as a number in [0, 1)."""
+    return (bits >> np.uint64(11)).astype(np.float64) * np.float64(2.0**-53)
+
+
+def _hash(key: U64, counter: U64) -> U64:
+    """64 mixed bits: a step of the SplitMix64 generator (Steele, Lea, Flood 2014), twice."""
+    mixed = key + counter * np.uint64(0x9E3779B97F4A7C15)
+    for _ in range(2):
+        mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        mixed = mixed ^ (mixed >> np.uint64(31))
+    return mixed
+
+
+def _log(value: F64) -> F64:
+    """Natural logarithm by the series of artanh; error below 1e-15 for values in [2^-53, 1]."""
+    mantissa, exponent = np.frexp(value)  # mantissa in [1/2, 1)
+    z = (mantissa - math.sqrt(0.5)) / (mantissa + math.sqrt(0.5))  # |z| < 0.172
+    square = z * z
+    series = np.zeros_like(z)
+    for odd in range(21, 0, -2):
+        series = series * square + 1.0 / odd
+    return np.asarray(2.0 * z * series + (exponent - 0.5) * _LN2)
+
+
+def _cos_turn(turn: F64) -> F64:
+    """cos(2 pi turn) for turn in [0, 1) by its Taylor series; error below 1e-12."""
+    # fold into [0, 1/4] of a turn, where the series needs few terms
+    half = np.abs(turn - 0.5)  # cos(2 pi turn) = -cos(2 pi half), half in [0, 1/2]
+    folded = np.minimum(half, 0.5 - half)
+    square = np.square(2.0 * math.pi * folded)
+    series = np.zeros_like(square)
+    for order in range(18, 0, -2):
+        series = (series + 1.0) * (-square / (order * (order - 1)))
+    return np.where(half <= 0.25, -1.0, 1.0) * (series + 1.0)
