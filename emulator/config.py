@@ -103,6 +103,8 @@ class RenderConfig:
     """model: as the model has it | off: removed"""
     shadows: bool = True
     """lights that cast shadows in the model cast them here"""
+    lux_per_unit: float = 1000.0
+    """illuminance that counts as 1, for lights with a physical intensity (candela, lux)"""
     incremental: bool = True
     """trace again only what something moved can touch; the result is the same bit for bit"""
     isa: str = "auto"

@@ -139,7 +139,7 @@ void Caster::build_surfaces(const SceneData& scene) {
     for (int c = 0; c < 3; c++) linear[c] = from_srgb(s.rgba[c]);
     for (int c = 0; c < 3; c++) out.albedo[c] = frame_.channels == 3 ? linear[c] : luminance_of(linear);
     out.emission = s.emission;
-    out.specular = s.specular;
+    out.specular = from_srgb(s.specular);
     out.exponent = s.shininess * 128.0f;
     out.reflectance = s.reflectance;
     out.texture = s.texture < 0 ? -1 : bake(s.texture, s.rgba);

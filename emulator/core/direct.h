@@ -30,14 +30,16 @@ void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNEL
     if (!any(reached)) continue;
     Float received = select(reached, cosine * in.strength, splat(0.0f));
     for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + patch.albedo[c] * received * light.diffuse[c];
-    // Blinn-Phong, lane exponents differ between geoms only
+    // Blinn-Phong
     Mask glossy = reached & (patch.specular > 0.0f);
     if (!any(glossy) || light.specular[0] + light.specular[CHANNELS / 2] + light.specular[CHANNELS - 1] <= 0) continue;
     Vec half = normalize(in.towards - rays.direction);
     Float lobe = min(max(dot(half, patch.normal), splat(0.0f)), splat(1.0f));
     Float gloss = select(lobe > 1e-30f, exp2(log2(max(lobe, splat(1e-30f))) * patch.exponent), splat(0.0f));
     gloss = select(glossy, gloss * patch.specular * in.strength, splat(0.0f));
-    for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + gloss * light.specular[c];
+    for (int c = 0; c < CHANNELS; c++) {
+      out[c] = out[c] + gloss * patch.gloss_tint[c] * light.specular[c];
+    }
   }
 }
 
@@ -59,7 +61,8 @@ Hit radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Fl
              Trail& trail, Float* out) {
   Hit hit = closest(f, rays, hull, active);
   Mask lit = active & ~(hit.geom < splat(0));
-  sky<CHANNELS>(f, rays.direction, active & ~lit, out);
+  // mirrors do not show the sky, as in MuJoCo's viewer
+  sky<CHANNELS>(f, rays.direction, FOLLOW ? active & ~lit : mask_of(0), out);
   if (!any(lit)) return hit;
   Patch<CHANNELS> patch = patch_of<CHANNELS>(f, rays, hit, bits(lit), travelled);
   grow(FOLLOW ? trail.seen : trail.mirrored, patch.origin, lit);

@@ -55,7 +55,7 @@ constexpr int MAX_CHANNELS = 3;
 struct Surface {
   float albedo[MAX_CHANNELS];    // linear; with a texture it is already inside the texels
   float emission;                // times albedo
-  float specular;                // Blinn-Phong strength
+  float specular;                // Blinn-Phong strength, linear
   float exponent;                // Blinn-Phong exponent
   float reflectance;             // mirror share
   int texture;                   // -1 none

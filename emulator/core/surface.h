@@ -5,6 +5,7 @@ struct Patch {
   Vec point, normal;  // camera frame; the normal is unit and faces the ray
   Vec origin;         // where rays that leave the surface start
   Float albedo[CHANNELS];
+  Float gloss_tint[CHANNELS];  // a texture colours the gloss too, as in MuJoCo's viewer; else 1
   Float emission, specular, exponent, reflectance;
 };
 
@@ -104,6 +105,7 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
     }
     for (int c = 0; c < CHANNELS; c++) {
       out.albedo[c] = select(here, s.texture >= 0 ? texel[c] : splat(s.albedo[c]), out.albedo[c]);
+      out.gloss_tint[c] = select(here, s.texture >= 0 ? texel[c] : splat(1.0f), out.gloss_tint[c]);
     }
     out.normal = select(here, to_camera(g.rotation, n), out.normal);
     if (is_mesh) {

@@ -1,0 +1,31 @@
+"""Which renderer a configuration asks for."""
+
+from __future__ import annotations
+
+from evs.emulator import _core
+from evs.emulator.config import RenderConfig
+from evs.emulator.light.direct import DirectRenderer
+from evs.emulator.scene import CameraModel, SceneModel
+from evs.emulator.stages import Renderer
+from evs.msgs import EvsError, unknown
+
+MAX_SPP = 64
+
+
+def make_renderer(
+    scene: SceneModel, camera: CameraModel, config: RenderConfig, threads: int
+) -> Renderer:
+    """The renderer of one camera. Raises EvsError where the configuration makes no sense."""
+    if config.renderer != "direct":
+        raise unknown("renderer", config.renderer, ["direct"])
+    if not 1 <= config.spp <= MAX_SPP:
+        raise EvsError(f"render.spp is {config.spp}; it must be 1 ... {MAX_SPP}")
+    if config.headlight not in ("model", "off"):
+        raise unknown("render.headlight", config.headlight, ["model", "off"])
+    if config.lux_per_unit <= 0:
+        raise EvsError(f"render.lux_per_unit is {config.lux_per_unit}; it must be positive")
+    if config.isa not in ("auto", *_core.isa_available()):
+        raise unknown("instruction set", config.isa, ["auto", *_core.isa_available()])
+    if threads < 0:
+        raise EvsError(f"threads is {threads}; give 0 for one a core, or a positive number")
+    return DirectRenderer(scene, camera, config, threads)

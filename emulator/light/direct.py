@@ -1,0 +1,116 @@
+"""The `direct` renderer: the native caster behind the Renderer protocol."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evs.emulator import _core
+from evs.emulator.config import RenderConfig
+from evs.emulator.scene import (
+    F32,
+    I32,
+    CameraModel,
+    CameraPose,
+    SceneModel,
+    SceneSnapshot,
+    TextureKind,
+)
+
+
+class DirectRenderer:
+    """Every light once, hard shadows, one mirror bounce, fixed sub-pixel samples: no noise at all.
+
+    With `config.incremental` and a still camera only packets of 4 x 4 pixels that a moved geom or
+    its shadow can touch are traced again; the light is the same bit for bit.
+    """
+
+    def __init__(
+        self, scene: SceneModel, camera: CameraModel, config: RenderConfig, threads: int
+    ) -> None:
+        keep = [
+            i for i, light in enumerate(scene.lights) if config.headlight == "model" or not light.headlight
+        ]
+        self._lights = np.array(keep, np.intp)
+        self._luminance = np.zeros((camera.height, camera.width), np.float32)
+        self._caster = _core.Caster(
+            scene_data(scene, keep, config.lux_per_unit),
+            camera.width,
+            camera.height,
+            camera.fx,
+            camera.fy,
+            camera.cx,
+            camera.cy,
+            camera.orthographic,
+            config.spp,
+            config.shadows,
+            config.incremental,
+            threads,
+            config.isa,
+        )
+
+    def render(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
+        """(h, w) float32 linear luminance; the array is this renderer's own and reused."""
+        self._caster.render(*self._poses(snapshot, pose), self._luminance)
+        return self._luminance
+
+    def hits(self, snapshot: SceneSnapshot, pose: CameraPose) -> tuple[I32, F32]:
+        """What each pixel's first sample hits. Out: index into the scene's geoms or -1, distance m."""
+        shape = self._luminance.shape
+        geom, distance = np.full(shape, -1, np.int32), np.zeros(shape, np.float32)
+        self._caster.render(*self._poses(snapshot, pose), self._luminance, geom, distance)
+        return geom, distance
+
+    @property
+    def traced_fraction(self) -> float:
+        """Share of the pixels that the last call traced."""
+        return self._caster.traced_fraction
+
+    def _poses(self, snapshot: SceneSnapshot, pose: CameraPose) -> tuple[np.ndarray, ...]:
+        lights = self._lights
+        return (
+            snapshot.geom_pos,
+            snapshot.geom_mat,
+            snapshot.light_pos[lights],
+            snapshot.light_dir[lights],
+            pose.pos,
+            pose.mat,
+        )
+
+
+def scene_data(scene: SceneModel, lights: list[int], lux_per_unit: float) -> _core.SceneData:
+    """The native copy of a scene's constant part with the lights of these indices."""
+    data = _core.SceneData()
+    for texture in scene.textures:
+        flat = texture.kind is TextureKind.FLAT
+        image = texture.data[np.newaxis] if flat else texture.data
+        data.add_texture(np.ascontiguousarray(image), texture.srgb)
+    for surface in scene.surfaces:
+        data.add_surface(
+            surface.rgba,
+            surface.texture,
+            surface.texrepeat,
+            surface.texuniform,
+            surface.emission,
+            surface.specular,
+            surface.shininess,
+            surface.reflectance,
+        )
+    for mesh in scene.meshes:
+        data.add_mesh(mesh.vertices, mesh.faces, mesh.normals, mesh.texcoords)
+    for index in lights:
+        light = scene.lights[index]
+        data.add_light(
+            int(light.kind),
+            light.ambient,
+            light.diffuse,
+            light.specular,
+            light.castshadow,
+            light.attenuation,
+            light.cutoff_deg,
+            light.exponent,
+            light.intensity / lux_per_unit,
+            light.headlight,
+        )
+    data.set_geoms(scene.geom_type, scene.geom_size, scene.geom_mesh, scene.geom_surface)
+    data.skybox = scene.skybox
+    return data
