@@ -1,0 +1,143 @@
+"""AEDAT4's compressions by name and number. The only door to lz4 and zstandard."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+
+import lz4.frame
+import zstandard
+
+from evs.drivers.aedat4.layout import DamageError
+from evs.msgs import unknown
+
+NUMBERS = {"none": 0, "lz4": 1, "zstd": 3}
+"""What we write. LZ4 is the default: ZSTD is half the size of it and a third of the speed."""
+
+NAMES = {0: "none", 1: "lz4", 2: "lz4_high", 3: "zstd", 4: "zstd_high"}
+"""What we read: CompressionType of dv-processing."""
+
+MAGIC = {
+    "lz4": b"\x04\x22\x4d\x18",
+    "lz4_high": b"\x04\x22\x4d\x18",
+    "zstd": b"\x28\xb5\x2f\xfd",
+    "zstd_high": b"\x28\xb5\x2f\xfd",
+}
+"""What a compressed body begins with."""
+
+MAX_BODY_BYTES = 1 << 30
+"""No packet or table is larger than this, uncompressed; what states more is damaged."""
+
+_ZSTD_LEVEL = 3
+_MAX_WINDOW_BYTES = 1 << 27
+_CHUNK_BYTES = 1 << 20
+
+
+def compressor(name: str) -> Callable[[bytes], bytes]:
+    """The function that compresses a body; EvsError for an unknown name.
+
+    Both compressions carry a checksum, so that a reader notices bytes that a disk changed. ZSTD's
+    frames must state their uncompressed size: dv-processing refuses others.
+    """
+    if name not in NUMBERS:
+        raise unknown("compression", name, NUMBERS)
+    if name == "none":
+        return _same
+    if name == "lz4":
+        return _compress_lz4
+    return zstandard.ZstdCompressor(
+        level=_ZSTD_LEVEL, write_checksum=True, write_content_size=True
+    ).compress
+
+
+def decompress(body: bytes, name: str) -> bytes:
+    """The size-prefixed flatbuffer in a body; DamageError if it is torn, changed or too large.
+
+    The output grows as the input really expands, and stops at the size that its own prefix states.
+    """
+    return body if name == "none" else _bounded(_reader(body, name))
+
+
+def identifier(body: bytes, name: str) -> bytes:
+    """The four letters that say what a body is, without decompressing all of it."""
+    read = _reader(body, name)
+    return (read(12) + bytes(12))[8:12]
+
+
+def frame_bytes(body: bytes, name: str) -> int:
+    """How many of the bytes the first buffer in them takes up; only for what decompress took."""
+    if name == "none":
+        return 4 + int.from_bytes(body[:4], "little")
+    if name.startswith("lz4"):
+        frame = lz4.frame.LZ4FrameDecompressor()
+    else:
+        frame = zstandard.ZstdDecompressor(max_window_size=_MAX_WINDOW_BYTES).decompressobj()
+    frame.decompress(body)
+    return len(body) - len(frame.unused_data or b"")
+
+
+def _same(body: bytes) -> bytes:
+    return body
+
+
+def _compress_lz4(body: bytes) -> bytes:
+    compressed: bytes = lz4.frame.compress(
+        body, compression_level=0, content_checksum=True, store_size=False
+    )
+    return compressed
+
+
+def _bounded(read: Callable[[int], bytes]) -> bytes:
+    """Everything that read(n) gives, which must be as long as its first four bytes state."""
+    out = bytearray(read(12))
+    if len(out) < 12:
+        raise DamageError("the compressed data end early")
+    size = 4 + int.from_bytes(out[:4], "little")
+    if size > MAX_BODY_BYTES:
+        raise DamageError(f"states {size} bytes, over {MAX_BODY_BYTES}")
+    # one byte more is asked for: it shows too long a frame, and makes the end be checked
+    while len(out) <= size:
+        part = read(min(size + 1 - len(out), _CHUNK_BYTES))
+        if not part:
+            break
+        out += part
+    if len(out) != size:
+        raise DamageError(f"states {size} bytes, holds {'more' if len(out) > size else len(out)}")
+    return bytes(out)
+
+
+def _reader(body: bytes, name: str) -> Callable[[int], bytes]:
+    if name == "none":
+        return io.BytesIO(body).read
+    return _read_lz4(body) if name.startswith("lz4") else _read_zstd(body)
+
+
+def _read_lz4(body: bytes) -> Callable[[int], bytes]:
+    frame = lz4.frame.LZ4FrameDecompressor()
+    pending = [body]
+
+    def read(count: int) -> bytes:
+        # the object forgets that it has ended, and would start anew on what follows the frame
+        if frame.eof:
+            return b""
+        try:
+            part: bytes = frame.decompress(pending.pop() if pending else b"", max_length=count)
+        except RuntimeError as reason:
+            raise DamageError(f"LZ4: {reason}") from None
+        if not part and not frame.eof:
+            raise DamageError("LZ4: the frame ends early")
+        return part
+
+    return read
+
+
+def _read_zstd(body: bytes) -> Callable[[int], bytes]:
+    reader = zstandard.ZstdDecompressor(max_window_size=_MAX_WINDOW_BYTES).stream_reader(body)
+
+    def read(count: int) -> bytes:
+        try:
+            return reader.read(count)
+        except zstandard.ZstdError as reason:
+            raise DamageError(f"ZSTD: {reason}") from None
+
+    return read

@@ -1,0 +1,121 @@
+"""AEDAT4's infoNode: the XML that says which streams a file holds, from and to StreamInfo."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from evs.drivers.aedat4.layout import DamageError
+from evs.drivers.recording import MAX_SIDE_PX
+from evs.msgs import StreamInfo
+
+EVENT_STREAM = 0
+"""Our events' stream id; dv uses 1 for frames, 2 for IMU, 3 for triggers."""
+
+_NOT_XML = re.compile("[^\t\n\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+@dataclass(frozen=True)
+class Declared:
+    """One stream as a file's description declares it."""
+
+    identifier: str
+    """Kind of its packets: EVTS, FRME, IMUS, TRIG, ..."""
+    name: str
+    """Name of the stream, `events` as a rule."""
+    info: dict[str, str]
+    """Attributes of its info node."""
+
+
+def to_xml(stream: StreamInfo, compression: str) -> str:
+    """The description of a file with one event stream.
+
+    sizeX, sizeY and source are dv's; the other attributes of the info node are ours: camera_info,
+    config, seed, sensor, tick_us, versions (JSON where they are not plain text).
+    """
+    root = ET.Element("dv", version="2.0")
+    streams = _node(root, "outInfo", "/outInfo/")
+    path = f"/outInfo/{EVENT_STREAM}/"
+    node = _node(streams, str(EVENT_STREAM), path)
+    _attribute(node, "compression", compression.upper())
+    _attribute(node, "originalModuleName", "evs")
+    _attribute(node, "originalOutputName", "events")
+    _attribute(node, "typeDescription", "Array of events (polarity ON/OFF).")
+    _attribute(node, "typeIdentifier", "EVTS")
+    info = _node(node, "info", f"{path}info/")
+    _attribute(info, "sizeX", str(stream.width), "int")
+    _attribute(info, "sizeY", str(stream.height), "int")
+    _attribute(info, "source", stream.camera)
+    _attribute(info, "sensor", stream.sensor)
+    for key in ("tick_us", "seed", "versions", "config", "camera_info"):
+        _attribute(info, key, json.dumps(getattr(stream, key), default=str))
+    return ET.tostring(root, encoding="unicode")
+
+
+def from_xml(text: str) -> dict[int, Declared]:
+    """Every stream that a description declares, by stream id; DamageError if it is not one."""
+    if "<!" in text:
+        raise DamageError("the stream description holds declarations, which no writer puts there")
+    try:
+        root = ET.fromstring(text)
+    except ET.ParseError as reason:
+        raise DamageError(f"the stream description is not XML: {reason}") from None
+    streams = root.find("./node[@name='outInfo']")
+    declared: dict[int, Declared] = {}
+    for node in [] if streams is None else streams.findall("node"):
+        number = node.get("name", "")
+        if number.isascii() and number.isdigit() and len(number) < 10:
+            attributes = _attributes(node)
+            info = node.find("./node[@name='info']")
+            declared[int(number)] = Declared(
+                attributes.get("typeIdentifier", ""),
+                attributes.get("originalOutputName", ""),
+                {} if info is None else _attributes(info),
+            )
+    return declared
+
+
+def stream_info(info: dict[str, str], width: int = 0, height: int = 0) -> StreamInfo:
+    """What an event stream's info node says. Another writer's has tick_us 1, sensor `unknown`.
+
+    Width and height are taken where the node states none that is possible.
+    """
+    stated = _json(info, "sizeX", 0), _json(info, "sizeY", 0)
+    if all(0 < side <= MAX_SIDE_PX for side in stated):
+        width, height = stated
+    return StreamInfo(
+        width=width,
+        height=height,
+        camera=info.get("source", "camera"),
+        sensor=info.get("sensor", "unknown"),
+        tick_us=max(1, _json(info, "tick_us", 1)),
+        seed=_json(info, "seed", 0),
+        versions=_json(info, "versions", {}),
+        config=_json(info, "config", {}),
+        camera_info=_json(info, "camera_info", {}),
+    )
+
+
+def _node(parent: ET.Element, name: str, path: str) -> ET.Element:
+    return ET.SubElement(parent, "node", name=name, path=path)
+
+
+def _attribute(parent: ET.Element, key: str, text: str, kind: str = "string") -> None:
+    # what XML cannot carry at all (control characters, lone surrogates) becomes a question mark
+    ET.SubElement(parent, "attr", key=key, type=kind).text = _NOT_XML.sub("?", text)
+
+
+def _attributes(node: ET.Element) -> dict[str, str]:
+    return {attr.get("key", ""): attr.text or "" for attr in node.findall("attr")}
+
+
+def _json(info: dict[str, str], key: str, default: Any) -> Any:
+    """A JSON attribute of the default's type; the default where it is missing or another type."""
+    try:
+        value = json.loads(info[key])
+    except (KeyError, ValueError, RecursionError):
+        return default
+    return value if type(value) is type(default) else default

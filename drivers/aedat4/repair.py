@@ -1,0 +1,75 @@
+"""Cut the torn tail of an AEDAT4 file, in place."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from evs.drivers.aedat4 import layout
+from evs.drivers.aedat4.reader import Aedat4File
+from evs.drivers.recording import target_error
+from evs.msgs import EvsError
+
+
+@dataclass(frozen=True)
+class Repair:
+    """What repair did to a file."""
+
+    path: Path
+    cut_bytes: int
+    """bytes cut from the end; 0: there was no torn tail"""
+    cut_at: int
+    """size of the file now, bytes"""
+    pointer_reset: bool
+    """the header pointed to a data table that is not there"""
+
+    @property
+    def needed(self) -> bool:
+        """Whether anything was changed."""
+        return bool(self.cut_bytes) or self.pointer_reset
+
+    def __str__(self) -> str:
+        """One line for people."""
+        if not self.needed:
+            return f"{self.path} needs no repair"
+        done = []
+        if self.cut_bytes:
+            done.append(f"cut {self.cut_bytes} bytes at offset {self.cut_at}")
+        if self.pointer_reset:
+            done.append("took out the pointer to a data table that is not there")
+        return f"{self.path}: {' and '.join(done)}; every whole packet is kept"
+
+
+def repair(path: str | os.PathLike[str]) -> Repair:
+    """Cut everything after the last whole packet (or the data table, where that is whole).
+
+    Damaged packets between whole ones stay where they are. EvsError: not an AEDAT4 file that can be
+    read, or not writable.
+    """
+    file = Aedat4File.at(path)
+    whole = sum(1 for _ in file.events())
+    cut_at = file.size if file.damage.torn_at is None else file.damage.torn_at
+    if not whole and file.first_packet_fits():
+        raise EvsError(
+            f"no packet of {file.path} can be read and its header may be damaged: "
+            "repair leaves it as it is; restore it from a copy"
+        )
+    # a tail cut before the table takes the table with it
+    reset = file.broken_pointer or layout.NO_TABLE < file.header.table_position >= cut_at
+    report = Repair(file.path, file.size - cut_at, cut_at, reset)
+    if report.needed:
+        try:
+            _cut(file, report)
+        except OSError as reason:
+            raise target_error(file.path, reason) from None
+    return report
+
+
+def _cut(file: Aedat4File, report: Repair) -> None:
+    with file.path.open("r+b") as target:
+        if report.pointer_reset and file.header.table_position_at is not None:
+            target.seek(len(layout.MAGIC) + file.header.table_position_at)
+            target.write(layout.NO_TABLE.to_bytes(8, "little", signed=True))
+            target.flush()
+        target.truncate(report.cut_at)

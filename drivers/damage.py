@@ -1,0 +1,82 @@
+"""What is wrong with a recording that is being read, and how the reader's user hears of it."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from evs.msgs import Events, StreamInfo
+
+MAX_STAMP_US = 1 << 62
+"""Time stamps beyond it (146,000 years) are damage; sums with them would overflow int64."""
+
+
+class TornTailWarning(UserWarning):
+    """The end of a recording could not be read; the message names the byte offset."""
+
+
+class DamagedPacketWarning(UserWarning):
+    """A recording holds damaged packets between whole ones; they were left out."""
+
+
+@dataclass
+class Damage:
+    """What one walk over a file met besides whole packets."""
+
+    torn_at: int | None = None
+    """byte offset at which the readable part ends; None: nothing is torn"""
+    torn_bytes: int = 0
+    packets: int = 0
+    """damaged packets that lie between whole ones"""
+    first: str = ""
+    """offset and reason of the first of them"""
+
+    def packet(self, at: int, reason: str) -> None:
+        """Something that is no packet of sound values, and a whole packet follows it."""
+        self.first = self.first or f"at byte {at}: {reason}"
+        self.packets += 1
+
+    def tail(self, at: int, end: int) -> None:
+        """Nothing whole lies between the byte offsets `at` and `end`."""
+        if at < end:
+            self.torn_at, self.torn_bytes = at, end - at
+
+    def warn(self, path: Path) -> None:
+        """One warning for a torn tail, one for damaged packets; none for a sound file."""
+        if self.torn_at is not None:
+            text = (
+                f"{path}: {self.torn_bytes} bytes at offset {self.torn_at} are no whole packet and "
+                f"were left out; `evs info --repair {path}` cuts them"
+            )
+            warnings.warn(text, TornTailWarning, stacklevel=3)
+        if self.packets:
+            text = f"{path}: {self.packets} damaged packets were left out, the first {self.first}"
+            warnings.warn(text, DamagedPacketWarning, stacklevel=3)
+
+
+def bad_values(events: Events, stream: StreamInfo) -> str:
+    """Why these events, (n,) with n > 0, cannot be of the stream; empty if they can."""
+    stamps = events["t"]
+    if (stamps[1:] < stamps[:-1]).any():
+        return "its time stamps run backwards"
+    if int(stamps[0]) < -MAX_STAMP_US or int(stamps[-1]) > MAX_STAMP_US:
+        return "its time stamps are beyond 2^62 us"
+    for axis, side in (("x", stream.width), ("y", stream.height)):
+        low, high = int(events[axis].min()), int(events[axis].max())
+        if low < 0 or (side and high >= side):
+            return f"{axis} reaches from {low} to {high} on a sensor of {side} px"
+    return ""
+
+
+def normalised(events: Events) -> Events:
+    """The events with p 0 or 1 and zero padding; a copy only where they have not."""
+    tail = np.ascontiguousarray(events).view(np.uint8).reshape(-1, 16)[:, 12:]
+    if not tail[:, 1:].any() and int(tail[:, 0].max(initial=0)) <= 1:
+        return events
+    clean = events.copy()
+    raw = clean.view(np.uint8).reshape(-1, 16)
+    raw[:, 12], raw[:, 13:] = raw[:, 12] != 0, 0
+    return clean

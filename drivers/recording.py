@@ -1,0 +1,97 @@
+"""Recording: events with their stream; and what every recorder and reader begins with."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evs.msgs import EVENT_DTYPE, EventPacket, Events, EvsError, StreamInfo, nearest_first
+
+MAX_SIDE_PX = 1 << 15
+"""x and y are int16."""
+
+
+class Recording(np.ndarray[Any, np.dtype[np.void]]):
+    """(n,) EVENT_DTYPE, in the order recorded, with the stream they belong to.
+
+    It is an ordinary structured array (`recording["t"]`, slices, masks); `.stream` goes along with
+    slices, masks and copies.
+    """
+
+    stream: StreamInfo
+
+    @classmethod
+    def of(cls, events: Events, stream: StreamInfo) -> Recording:
+        """The events as a Recording, not copied."""
+        recording = np.asarray(events, EVENT_DTYPE).view(cls)
+        recording.stream = stream
+        return recording
+
+    def __array_finalize__(self, parent: Any) -> None:
+        stream = getattr(parent, "stream", None)
+        if stream is not None:
+            self.stream = stream
+
+
+def as_packet(seq: int, events: Events, stream: StreamInfo) -> EventPacket:
+    """The packet of events, (n,) with n > 0, that were recorded together.
+
+    Its interval is the ticks that they lie in: tick k is (t_{k-1}, t_k].
+    """
+    first, last, tick_us = int(events["t"][0]), int(events["t"][-1]), stream.tick_us
+    return EventPacket(
+        seq=seq,
+        time_base_us=(first - 1) // tick_us * tick_us,
+        time_end_us=-(-last // tick_us) * tick_us,
+        width=stream.width,
+        height=stream.height,
+        events=events,
+        camera=stream.camera,
+    )
+
+
+def one_stream(path: Path, streams: Sequence[StreamInfo]) -> StreamInfo:
+    """The only stream of a recorder; EvsError for another number of them, or an absurd size."""
+    if len(streams) != 1:
+        names = ", ".join(stream.camera for stream in streams) or "none"
+        raise EvsError(
+            f"{path} records exactly one camera, got {len(streams)} ({names}); "
+            "give each camera a file of its own"
+        )
+    (stream,) = streams
+    if not (0 < stream.width <= MAX_SIDE_PX and 0 < stream.height <= MAX_SIDE_PX):
+        raise EvsError(
+            f"cannot record {stream.width} x {stream.height} px to {path}; "
+            f"each side must be 1 ... {MAX_SIDE_PX}"
+        )
+    return stream
+
+
+def target_error(path: Path, reason: OSError) -> EvsError:
+    """One line for a file that cannot be written, with the fix."""
+    folder = path.parent
+    if not folder.exists():
+        return EvsError(f"cannot write {path}: there is no folder {folder}; mkdir -p {folder}")
+    if path.is_dir():
+        return EvsError(f"cannot write {path}: it is a folder; give a file name")
+    return EvsError(f"cannot write {path}: {reason.strerror}; choose a place that you can write to")
+
+
+def existing(path: str | os.PathLike[str]) -> Path:
+    """The path of a file that is there; EvsError names its neighbours, nearest first."""
+    found = Path(path)
+    if found.is_file():
+        return found
+    if found.is_dir():
+        raise EvsError(f"{found} is a folder; give a file in it")
+    if not found.parent.is_dir():
+        raise EvsError(f"no file {found}: there is no folder {found.parent}")
+    known = {file.name for file in found.parent.iterdir() if file.suffix in {".aedat4", ".npz"}}
+    shown = ", ".join(nearest_first(found.name, known)[:5])
+    raise EvsError(
+        f"no file {found}; " + (f"the folder has: {shown}" if shown else "none is there")
+    )

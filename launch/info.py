@@ -1,0 +1,68 @@
+"""`evs info FILE`: what a recording holds, whether it is whole, and `--repair`."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from evs.drivers.files import Summary
+
+HELP = "say what a recording holds and whether it is whole; --repair cuts a torn tail"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The command line of `evs info`."""
+    parser.add_argument("file", metavar="FILE", help="a recording: .aedat4 or .npz")
+    parser.add_argument(
+        "--repair", action="store_true", help="first cut a torn tail, in place; no packet is lost"
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of lines")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Repair if asked to, then print the summary."""
+    from evs.drivers.files import repair, summary
+
+    repaired = repair(args.file) if args.repair else None
+    found = summary(args.file)
+    if args.json:
+        said = dataclasses.asdict(found)
+        said |= {"duration_s": found.duration_s, "rate_hz": found.rate_hz}
+        if repaired is not None:
+            said |= {"repaired": repaired.needed, "cut_bytes": repaired.cut_bytes}
+        print(json.dumps(said, default=str))
+        return 0
+    if repaired is not None:
+        print(repaired)
+    for name, value in _lines(found):
+        print(f"{name:11s} {value}")
+    return 0
+
+
+def _lines(found: Summary) -> list[tuple[str, str]]:
+    """(name, value) of each line."""
+    stream = found.stream
+    rate = "" if found.rate_hz is None else f", {found.rate_hz:,.0f} per second"
+    versions = ", ".join(f"{name} {number}" for name, number in stream.versions.items())
+    lines = [
+        ("file", f"{found.path}, {found.size:,} bytes, compression {found.compression}"),
+        ("resolution", f"{stream.width} x {stream.height} px"),
+        ("camera", f"{stream.camera} (sensor {stream.sensor}, tick {stream.tick_us} us)"),
+        ("events", f"{found.events:,} ({found.on:,} ON, {found.off:,} OFF){rate}"),
+        ("time", f"{found.duration_s:.6f} s, from {found.first_us:,} to {found.last_us:,} us"),
+        ("packets", f"{found.packets:,}, data table {'present' if found.table else 'absent'}"),
+        ("seed", str(stream.seed)),
+        ("versions", versions or "not told"),
+    ]
+    if found.damaged_packets:
+        lines.append(("damaged", f"{found.damaged_packets:,} packets between whole ones"))
+    repair = f"evs info --repair {found.path}"
+    if found.broken_pointer:
+        lines.append(("pointer", f"to a data table that is not there; {repair} takes it out"))
+    if found.torn_at is not None:
+        where = f"{found.torn_bytes:,} bytes at offset {found.torn_at:,}"
+        lines.append(("torn", f"{where}; {repair} cuts them"))
+    return lines

@@ -1,0 +1,86 @@
+"""`evs play FILE`: a recording on the bus again, in real time, at another speed, or at once."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import warnings
+from collections.abc import Callable
+
+from evs.msgs import EventPacket, EvsError
+
+HELP = "publish a recording on the bus, as the camera did"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The command line of `evs play`."""
+    parser.add_argument("file", metavar="FILE", help="a recording: .aedat4 or .npz")
+    parser.add_argument(
+        "--address",
+        default="tcp://127.0.0.1:5560",
+        metavar="ADDR",
+        help="where to publish (default: %(default)s)",
+    )
+    pace = parser.add_mutually_exclusive_group()
+    pace.add_argument(
+        "--speed",
+        type=float,
+        default=1.0,
+        metavar="S",
+        help="0.1 is ten times slower than it was recorded (default: %(default)s)",
+    )
+    pace.add_argument("--fast", action="store_true", help="as fast as it goes")
+    parser.add_argument(
+        "--wait-for", type=int, default=0, metavar="N", help="begin when N subscribers are there"
+    )
+    parser.add_argument(
+        "--wait", type=float, default=10.0, metavar="S", help="wait S seconds for them at most"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Publish every packet, wait for each one's time; Ctrl-C ends after the current one."""
+    from evs.drivers import files
+    from evs.drivers.bus import Publisher
+    from evs.drivers.pace import Pacer
+    from evs.drivers.stopping import stop_signals
+
+    if not (math.isfinite(args.speed) and args.speed > 0):
+        raise EvsError(f"--speed {args.speed} is not possible: give more than 0, or use --fast")
+    stream = files.stream_of(args.file)
+    publisher = Publisher(args.address, wait_for=args.wait_for, wait_s=args.wait)
+    pacer = Pacer(0.0 if args.fast else args.speed)
+    with stop_signals() as stopped, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            publisher.open([stream])
+            print(f"playing {args.file} on {args.address} (Ctrl-C ends)", file=sys.stderr)
+            played = _play(args.file, pacer.wait_until, publisher.write, stopped)
+        finally:
+            report = publisher.close()
+    for warning in caught:
+        print(f"evs: warning: {warning.message}", file=sys.stderr)
+    sent = ", ".join(f"{key} {value}" for key, value in report.items() if key != "type")
+    print(f"{args.file}: {played}; {sent}")
+    return 130 if stopped else 0
+
+
+def _play(
+    file: str,
+    wait_until: Callable[[int], None],
+    write: Callable[[EventPacket], None],
+    stopped: list[str],
+) -> str:
+    """Every packet at its time; what was played, in words."""
+    from evs.drivers.files import packets
+
+    count = events = 0
+    for packet in packets(file):
+        if stopped:
+            break
+        wait_until(packet.time_end_us)
+        write(packet)
+        count += 1
+        events += len(packet)
+    return f"{count:,} packets, {events:,} events"
