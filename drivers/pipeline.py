@@ -83,13 +83,16 @@ class PipelineConfig(RunConfig):
         return RunConfig(**{name: getattr(self, name) for name in names})
 
     def sinks(self) -> tuple[SinkConfig, ...]:
-        """Every sink: the [[sink]] tables, then `record`, then `publish`."""
+        """Every sink: the [[sink]] tables, `record` and `publish`; files last.
+
+        So a port in use, or subscribers that do not come, cost no recording that is there already.
+        """
         every = list(self.sink)
         if self.record:
             every.append(SinkConfig(type=_recorder_of(self.record), file=self.record))
         if self.publish:
             every.append(SinkConfig(type="zmq", address=self.publish))
-        return tuple(every)
+        return tuple(sorted(every, key=lambda sink: sink.file is not None))
 
 
 def load(
@@ -99,8 +102,9 @@ def load(
 ) -> PipelineConfig:
     """The pipeline of a TOML file (or the name of one that comes with evs) and command-line keys.
 
-    Paths in the file are relative to it, all others to the working directory; `package:path`
-    is a file inside an installed Python package. Raises EvsError with the path to a bad value.
+    Of a key that is given twice the last counts. Paths in the file are relative to it, all others
+    to the working directory; `package:path` is a file inside an installed Python package. Raises
+    EvsError with the path to a bad value.
     """
     if file is not None:
         path = find_pipeline(file)
@@ -108,10 +112,7 @@ def load(
         config = _with_paths(config, lambda text: _beside(path, text))
     else:
         config = settings.build(PipelineConfig, tables or {})
-    given: dict[str, str] = {}
     for key, text in overrides:
-        if given.setdefault(key, text) != text:
-            raise EvsError(f"at {key}: given twice, as {given[key]} and as {text}; drop one")
         config = settings.override(config, key, text)
     config = _with_paths(config, _in_package)
     check(config)
@@ -196,14 +197,18 @@ def _with_paths(config: PipelineConfig, change: Callable[[str], str]) -> Pipelin
         return dataclasses.replace(table, **{k: change(v) for k, v in given.items() if v})
 
     sinks = tuple(changed(sink, ["file"]) for sink in config.sink)
+    # a preset is a name, but may be a file of the user's own
+    preset = config.sensor.preset
+    is_file = preset.endswith(".toml") or "/" in preset
+    sensor = changed(config.sensor, ["preset"] if is_file else [])
     scene = changed(config.scene, ["file", "control_file"])
     config = changed(config, ["record", "report"])
-    return dataclasses.replace(config, sink=sinks, scene=scene)
+    return dataclasses.replace(config, sink=sinks, scene=scene, sensor=sensor)
 
 
 def _beside(pipeline: Path, text: str) -> str:
     """A path of a pipeline file: relative to that file."""
-    return text if _package_of(text) else str(pipeline.parent / text)
+    return text if _package_of(text) or text[:1] == "~" else str(pipeline.parent / text)
 
 
 def _package_of(text: str) -> re.Match[str] | None:
@@ -212,10 +217,10 @@ def _package_of(text: str) -> re.Match[str] | None:
 
 
 def _in_package(text: str) -> str:
-    """`package:path` as a path: a file that an installed Python package ships."""
+    """`package:path` as a path: a file that an installed Python package ships; `~` is the home."""
     found = _package_of(text)
     if found is None or Path(text).exists():
-        return text
+        return str(Path(text).expanduser()) if text[:1] == "~" else text
     spec = importlib.util.find_spec(found[1])
     folders = list(spec.submodule_search_locations or ()) if spec else []
     if not folders:

@@ -73,13 +73,12 @@ Observer = Callable[[int, Any, tuple[EventPacket, ...]], None]
 
 
 def tick_count(duration_s: float, tick_us: int) -> int:
-    """The fewest whole ticks that cover a duration. Raises EvsError for impossible ones."""
+    """The whole ticks nearest to a duration, at least one. Raises EvsError for impossible ones."""
     if tick_us < 1:
         raise EvsError(f"at scene.tick_us: {tick_us} is no tick; give 1 us or more")
     if not (math.isfinite(duration_s) and 0 < duration_s <= MAX_SECONDS):
         raise EvsError(f"at duration_s: {duration_s} s is not possible; give more than 0 s")
-    # the microsecond grid first: 0.3 s is 300 ticks of 1 ms, not 301
-    return max(1, -(-round(duration_s * 1e6) // tick_us))
+    return max(1, round(duration_s * 1e6 / tick_us))
 
 
 def run(
@@ -98,8 +97,8 @@ def run(
     """Run a world for `duration_s` of simulated time, whole ticks, and report.
 
     In: `meter` is the one the world laps. `config` stands in the report. `warn` gets a line for
-    each thing that is legal but hardly meant. `on_report` gets the report exactly once, however
-    the run ends, after all sinks are closed.
+    each thing that is legal but hardly meant. `on_report` gets the report exactly once, after all
+    sinks are closed, however the run ends; a run whose sinks did not open never began.
     Ctrl-C and SIGTERM end the run after the current tick: the report's `ended` says so. An error
     (EvsError from physics or a sink, anything else) is raised after every sink was closed, so
     that what was recorded until then is complete.
@@ -122,7 +121,7 @@ def run(
     elif closing is not None and failure is None:
         loop.ended, failure = f"error while closing: {closing}", closing
     report = loop.report(infos, config or {})
-    if on_report is not None:
+    if on_report is not None and loop.began:
         on_report(report)
     if failure is not None:
         raise failure
@@ -142,6 +141,7 @@ class _Loop:
     ) -> None:
         self.world, self.sinks, self.watch, self.pacer, self.warn = world, sinks, watch, pacer, warn
         self.ended = COMPLETE
+        self.began = False
         self.done = 0
         self.packets = 0
         self.events: dict[str, int] = {}
@@ -164,6 +164,7 @@ class _Loop:
                 sink.meter = self.watch
             with _disk_errors():
                 sink.open(infos)
+        self.began = True
 
     def ticks(
         self,

@@ -65,9 +65,15 @@ def _given(args: argparse.Namespace) -> tuple[str | None, list[tuple[str, str]]]
     if len(files) > 1:
         raise EvsError(f"two pipelines, '{files[0]}' and '{files[1]}'; give one, then key=value")
     overrides = [settings.split_word(word) for word in args.words if "=" in word]
+    words = dict(overrides)
     for option, (key, _, _) in OPTIONS.items():
-        if getattr(args, option) is not None:
-            overrides.append((key, getattr(args, option)))
+        text = getattr(args, option)
+        if text is not None and words.get(key, text) != text:
+            raise EvsError(
+                f"--{option} {text} and {key}={words[key]} are one key; give one of them"
+            )
+        if text is not None:
+            overrides.append((key, text))
     return (files[0] if files else None), overrides
 
 
@@ -81,10 +87,12 @@ def _emulate(config: pipeline.PipelineConfig, quiet: bool) -> int:
     from evs.launch import terminal
 
     tables = config.sinks()
-    targets = [report_beside(table.file) for table in tables if table.file]
+    recordings = [table.file for table in tables if table.file]
+    targets = [report_beside(file) for file in recordings]
     if config.report:
         targets.append(Path(config.report))
-    check_targets(targets)
+    # the folder of a recording is its recorder's to look at
+    check_targets(targets[len(recordings) :])
     ticks = tick_count(config.duration_s, config.scene.tick_us)
     sinks = [pipeline.make_sink(table) for table in tables]
     watch = StopWatch()
@@ -106,17 +114,16 @@ def _emulate(config: pipeline.PipelineConfig, quiet: bool) -> int:
             on_report=keep,
             config=settings.to_plain(config),
         )
-    terminal.summary(report, quiet, list(_next_commands(tables)))
+    terminal.summary(report, quiet, list(_next_commands(recordings)))
     return STOPPED.get(report.ended.split()[0], 0)
 
 
-def _next_commands(tables: tuple[pipeline.SinkConfig, ...]) -> Iterator[str]:
+def _next_commands(recordings: list[str]) -> Iterator[str]:
     """What to try after this run."""
-    files = [table.file for table in tables if table.file]
-    for file in files[:1]:
+    for file in recordings[:1]:
         yield f"evs info {file}"
         yield f"evs view {file} -o out.gif"
-    if not files:
+    if not recordings:
         yield "evs emulate ... --record run.aedat4"
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import importlib.metadata
 import os
 import sys
 from collections.abc import Sequence
 from types import ModuleType
 from typing import NoReturn
 
+from evs import __version__
 from evs.msgs import EvsError, unknown
 
 COMMANDS = {
@@ -70,7 +70,7 @@ def _dispatch(words: list[str]) -> int:
         print(_help())
         return 0
     if words[0] in ("-V", "--version", "version"):
-        print("evs", version())
+        print("evs", __version__)
         return 0
     name = words[0]
     if name not in COMMANDS:
@@ -80,14 +80,6 @@ def _dispatch(words: list[str]) -> int:
     parsed = _parser(name, module).parse_intermixed_args(words[1:])
     code = module.run(parsed)
     return 0 if code is None else int(code)
-
-
-def version() -> str:
-    """The version of the installed package."""
-    try:
-        return importlib.metadata.version("evs")
-    except importlib.metadata.PackageNotFoundError:
-        return "(not installed: running from its sources)"
 
 
 def _parser(name: str, module: ModuleType) -> Parser:

@@ -107,7 +107,8 @@ def facts(report: Report) -> list[tuple[str, str]]:
         ("pixels traced", f"{100 * report.traced_fraction:.3g} %"),
     ]
     for said in report.sinks:
-        told = ", ".join(f"{key} {value}" for key, value in said.items() if key != "type")
+        known = {key: value for key, value in said.items() if key != "type" and value != ""}
+        told = ", ".join(f"{key} {value}" for key, value in known.items())
         lines.append((str(said.get("type", "sink")), told))
     return lines
 
