@@ -3,8 +3,10 @@
 // out with instructions that the machine lacks.
 #pragma once
 
+#include <algorithm>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "pixel.h"
 
@@ -13,6 +15,9 @@
 #endif
 
 namespace evs {
+
+// Instruction sets that this machine runs, the best first (dispatch.cpp).
+std::vector<std::string> isa_available();
 
 using StepPixels = size_t (*)(const LogMap&, const PixelArrays&, size_t first, size_t last,
                               double tick, std::vector<Crossing>&);
@@ -43,15 +48,16 @@ step_avx512(const LogMap& map, const PixelArrays& pixels, size_t first, size_t l
 // Throws std::invalid_argument where the machine does not have it.
 template <LogKind kind>
 StepPixels choose_step(const std::string& isa) {
+  const std::vector<std::string> names = isa_available();
+  const std::string wanted = isa == "auto" ? names.front() : isa;
+  if (std::find(names.begin(), names.end(), wanted) == names.end()) {
+    throw std::invalid_argument("this machine cannot run instruction set '" + isa + "'; use auto");
+  }
 #if EVS_X86
-  const bool has_avx2 = __builtin_cpu_supports("avx2");
-  const bool has_avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
-                          __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
-  if (has_avx512 && (isa == "avx512" || isa == "auto")) return step_avx512<kind>;
-  if (has_avx2 && (isa == "avx2" || isa == "auto")) return step_avx2<kind>;
+  if (wanted == "avx512") return step_avx512<kind>;
+  if (wanted == "avx2") return step_avx2<kind>;
 #endif
-  if (isa == "portable" || isa == "auto") return step_portable<kind>;
-  throw std::invalid_argument("no instruction set '" + isa + "' here; use auto");
+  return step_portable<kind>;
 }
 
 }  // namespace evs
