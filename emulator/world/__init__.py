@@ -3,17 +3,41 @@
 The only folder that imports mujoco.
 """
 
+from mujoco import MjData, MjModel
+
 from evs.emulator.world.cameras import BoundCamera, bind_camera
+from evs.emulator.world.controls import (
+    Control,
+    ControlFunction,
+    check_control,
+    find_keyframe,
+    make_control,
+)
 from evs.emulator.world.extraction import extract_scene, visible_geoms
-from evs.emulator.world.loading import Scene, load_model
+from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model
+from evs.emulator.world.physics import Physics
 from evs.emulator.world.poses import Poser
+from evs.emulator.world.ticks import Substeps, fill_tick
+from evs.emulator.world.unstable import UnstableError
 
 __all__ = [
+    "MUJOCO_VERSION",
     "BoundCamera",
+    "Control",
+    "ControlFunction",
+    "MjData",
+    "MjModel",
+    "Physics",
     "Poser",
     "Scene",
+    "Substeps",
+    "UnstableError",
     "bind_camera",
+    "check_control",
     "extract_scene",
+    "fill_tick",
+    "find_keyframe",
     "load_model",
+    "make_control",
     "visible_geoms",
 ]

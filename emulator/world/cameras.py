@@ -60,7 +60,7 @@ class BoundCamera:
     """A camera of one model: its pixels, and what moves it."""
 
     name: str
-    """the model's name for it, else "free" or "BODY camera" """
+    """the model's name for it, else "free" or "BODY_camera" """
     model: CameraModel
     mount: ModelCamera | FreeCamera | MountedCamera
 
@@ -88,7 +88,7 @@ def bind_camera(
         pos = np.array(config.pos, np.float64)
         mount = MountedCamera(body, pos, _mounted_turn(config))
         return BoundCamera(
-            f"{config.body} camera", _free_optics(model, width, height, config), mount
+            f"{config.body}_camera", _free_optics(model, width, height, config), mount
         )
     if free or (not name and not model.ncam):
         pose = free_pose(model, config)

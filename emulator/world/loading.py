@@ -17,6 +17,8 @@ from evs.msgs import EvsError, nearest_first
 Scene: TypeAlias = str | Path | mujoco.MjModel | mujoco.MjSpec
 """Everything that a world can be made of."""
 
+MUJOCO_VERSION = str(mujoco.__version__)
+
 SUFFIXES = (".xml", ".mjb", ".urdf")
 
 

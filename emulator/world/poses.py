@@ -16,6 +16,7 @@ from evs.emulator.scene import SceneSnapshot
 from evs.emulator.world.cameras import BoundCamera
 from evs.emulator.world.extraction import visible_geoms
 from evs.emulator.world.lights import active_lights
+from evs.emulator.world.unstable import check_positions
 from evs.msgs import EvsError
 
 
@@ -52,6 +53,7 @@ class Poser:
                 f"the data belongs to another model: it has {data.qpos.size} positions, this model "
                 f"{own.qpos.size}; make the camera from the model that the data was made from"
             )
+        check_positions(model, data, t_us)
         own.qpos[:] = data.qpos
         own.mocap_pos[:] = data.mocap_pos
         own.mocap_quat[:] = data.mocap_quat

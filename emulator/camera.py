@@ -1,0 +1,242 @@
+"""One camera: light, events and packets of one pair of eyes in a world that others move."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
+from evs.emulator.light import make_renderer
+from evs.emulator.scene import F32, CameraModel, SceneModel, SceneSnapshot
+from evs.emulator.sensor import make_event_model, resolve_sensor
+from evs.emulator.stages import Meter, NoMeter
+from evs.emulator.world import MUJOCO_VERSION, BoundCamera, MjModel, bind_camera
+from evs.msgs import EventPacket, EvsError, StreamInfo
+
+
+@dataclass(frozen=True)
+class CameraPlan:
+    """Everything that makes a camera besides the world it stands in."""
+
+    camera: str = ""
+    """name of a camera of the model"""
+    optics: CameraConfig = field(default_factory=CameraConfig)
+    sensor: SensorConfig = field(default_factory=SensorConfig)
+    render: RenderConfig = field(default_factory=RenderConfig)
+    model: ModelConfig = field(default_factory=ModelConfig)
+    name: str | None = None
+    """its name on the bus and in recordings; None: after the model's camera or the body"""
+    seed: int = 0
+    threads: int = 0
+
+
+def plan_camera(
+    camera: str | CameraConfig,
+    sensor: str | SensorConfig,
+    render: RenderConfig | None,
+    model: ModelConfig | None,
+    name: str | None,
+    seed: int,
+    threads: int,
+) -> CameraPlan:
+    """A plan from what the Python face takes: names or configurations."""
+    for what, value, kind in (("camera", camera, CameraConfig), ("sensor", sensor, SensorConfig)):
+        if not isinstance(value, str | kind):
+            raise EvsError(f"{what}= takes a name or a {kind.__name__}, not {value!r}")
+    named = isinstance(camera, str)
+    return CameraPlan(
+        camera=camera if isinstance(camera, str) else "",
+        optics=CameraConfig() if named else camera,  # type: ignore[arg-type]
+        sensor=SensorConfig(preset=sensor) if isinstance(sensor, str) else sensor,
+        render=render or RenderConfig(),
+        model=model or ModelConfig(),
+        name=name,
+        seed=seed,
+        threads=threads,
+    )
+
+
+class Camera:
+    """Renders what it sees of each snapshot and turns the change of light into events.
+
+    `start` sets the reference, then every `observe` gives the packet of the time since the last.
+    """
+
+    def __init__(
+        self,
+        world: MjModel,
+        scene: SceneModel,
+        plan: CameraPlan,
+        *,
+        place: int = 0,
+        tick_us: int = 1000,
+        taken: tuple[str, ...] = (),
+        scene_config: SceneConfig | None = None,
+        config: dict[str, Any] | None = None,
+        meter: Meter | None = None,
+    ) -> None:
+        """Build the stages.
+
+        In: place, which of a snapshot's cameras this is; taken, names that are not free; config,
+        the run's whole configuration, if there is one beyond the plan.
+        """
+        self._plan, self._place, self._meter = plan, place, meter or NoMeter()
+        sensor = resolve_sensor(plan.sensor)
+        self._size = (int(sensor.width), int(sensor.height))
+        self.bound: BoundCamera = bind_camera(world, plan.camera, *self._size, plan.optics)
+        self._renderer = make_renderer(scene, self.bound.model, plan.render, plan.threads)
+        self._model = make_event_model(sensor, plan.model, plan.threads)
+        name = free_name(plan.name, self.bound.name, taken)
+        if config is None:
+            scene_config = replace(scene_config or SceneConfig(tick_us=tick_us), camera=plan.camera)
+            config = {"scene": asdict(scene_config), **_plain(replace(plan, name=name))}
+        self._info = StreamInfo(
+            width=self._size[0],
+            height=self._size[1],
+            camera=name,
+            sensor=str(sensor.name),
+            tick_us=tick_us,
+            seed=plan.seed,
+            versions=versions(),
+            config=config,
+            camera_info=camera_info(self.bound.model),
+        )
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything seen: as new."""
+        self._state: Any = self._model.init(self._plan.seed)
+        self._luminance: F32 | None = None
+        self._t_us: int | None = None
+        self._seq = 0
+        self.events = 0
+
+    def refresh(self, world: MjModel, scene: SceneModel) -> None:
+        """Look at a changed world through the same pixels: their state stays."""
+        self.bound = bind_camera(world, self._plan.camera, *self._size, self._plan.optics)
+        plan = self._plan
+        self._renderer = make_renderer(scene, self.bound.model, plan.render, plan.threads)
+
+    @property
+    def started(self) -> bool:
+        """Whether the reference is set."""
+        return self._t_us is not None
+
+    def start(self, snapshot: SceneSnapshot) -> None:
+        """The light of `snapshot` is the reference that later light is compared with."""
+        # the first tick has no events, so it may begin anywhere before its end
+        self._see(snapshot, snapshot.t_us - 1)
+
+    def observe(self, snapshot: SceneSnapshot) -> EventPacket:
+        """The events between the last snapshot and this one. EvsError where time stood still."""
+        begin_us = self._t_us
+        if begin_us is None:
+            raise EvsError("the camera has no reference yet: call start with the first snapshot")
+        if snapshot.t_us <= begin_us:
+            raise EvsError(
+                f"time went from {begin_us} us to {snapshot.t_us} us, so there is nothing between: "
+                "step the physics first, or call reset() after a reset"
+            )
+        events = self._see(snapshot, begin_us)
+        packet = EventPacket(
+            seq=self._seq,
+            time_base_us=begin_us,
+            time_end_us=snapshot.t_us,
+            width=self._size[0],
+            height=self._size[1],
+            events=events,
+            camera=self._info.camera,
+        )
+        self._seq += 1
+        self.events += len(events)
+        return packet
+
+    def _see(self, snapshot: SceneSnapshot, begin_us: int) -> Any:
+        pose = snapshot.cameras[self._place]
+        self._luminance = self._renderer.render(snapshot, pose)
+        self._meter.lap("render")
+        events, self._state = self._model.step(
+            self._luminance, self._state, begin_us, snapshot.t_us
+        )
+        self._t_us = snapshot.t_us
+        self._meter.lap("sensor")
+        return events
+
+    @property
+    def info(self) -> StreamInfo:
+        """What is constant of its stream."""
+        return self._info
+
+    @property
+    def name(self) -> str:
+        """Its name on the bus and in recordings."""
+        return self._info.camera
+
+    @property
+    def luminance(self) -> F32:
+        """(h, w) float32 linear luminance of the last tick, a copy; zeros before the first."""
+        if self._luminance is None:
+            return np.zeros(self._size[::-1], np.float32)
+        return np.array(self._luminance, np.float32)
+
+    @property
+    def is_dark(self) -> bool:
+        """Whether the last tick's picture was black."""
+        return self._luminance is not None and not np.any(self._luminance)
+
+    @property
+    def clamps(self) -> int:
+        """Pixels times ticks whose light was negative, NaN or infinite and was replaced."""
+        return int(getattr(self._state, "clamped", 0))
+
+    @property
+    def traced_fraction(self) -> float:
+        """Share of the pixels that the last tick traced, 0 ... 1."""
+        return float(self._renderer.traced_fraction)
+
+
+def camera_info(camera: CameraModel) -> dict[str, Any]:
+    """Intrinsics in the fields of ROS's CameraInfo; an ideal lens has no distortion.
+
+    There the centre of the first pixel is 0, here its corner is: the principal point is 0.5 less.
+    """
+    info: dict[str, Any] = {
+        "width": camera.width,
+        "height": camera.height,
+        "distortion_model": "plumb_bob",
+        "d": [],
+        "k": [camera.fx, 0.0, camera.cx - 0.5, 0.0, camera.fy, camera.cy - 0.5, 0.0, 0.0, 1.0],
+    }
+    if camera.orthographic:
+        # ROS knows no such camera: k is in px per m here
+        info["projection"] = "orthographic"
+    return info
+
+
+def free_name(wanted: str | None, usual: str, taken: tuple[str, ...]) -> str:
+    """A camera's name: the wanted one, else the usual one, numbered where it is taken."""
+    if wanted is not None:
+        if not wanted or not wanted.isprintable() or wanted in taken:
+            raise EvsError(f"a camera called {wanted!r}: give each its own, printable name")
+        return wanted
+    number = 1
+    while (name := usual if number == 1 else f"{usual}_{number}") in taken:
+        number += 1
+    return name
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that shapes the events."""
+    from evs import __version__
+
+    return {"evs": __version__, "mujoco": MUJOCO_VERSION, "numpy": np.__version__}
+
+
+def _plain(plan: CameraPlan) -> dict[str, Any]:
+    """The plan under the names of the configuration's tables and keys."""
+    values = asdict(plan)
+    del values["camera"]
+    values["camera"] = values.pop("optics")
+    return values

@@ -1,0 +1,212 @@
+"""World: our own loop. A scene, its physics in exact ticks, any number of cameras on one clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy.typing as npt
+
+from evs.emulator.camera import Camera, CameraPlan, plan_camera
+from evs.emulator.config import (
+    CameraConfig,
+    ModelConfig,
+    RenderConfig,
+    RunConfig,
+    SceneConfig,
+    SensorConfig,
+)
+from evs.emulator.scene import F64
+from evs.emulator.stages import Meter, NoMeter
+from evs.emulator.world import (
+    ControlFunction,
+    MjData,
+    MjModel,
+    Physics,
+    Poser,
+    Scene,
+    Substeps,
+    check_control,
+    extract_scene,
+    find_keyframe,
+    load_model,
+    make_control,
+)
+from evs.msgs import EventPacket, EvsError
+
+
+class World:
+    """A scene that we step, and the cameras that watch it.
+
+        world = World("humanoid.xml", control="random")
+        camera = world.add_camera("track")
+        for (packet,) in world.run(2.0): ...
+
+    Before the first step, `world.data` may be put into any state: the light then is the reference.
+    """
+
+    def __init__(
+        self,
+        scene: Scene | SceneConfig,
+        *,
+        tick_us: int = 1000,
+        control: str | ControlFunction = "zero",
+        seed: int = 0,
+        threads: int = 0,
+        meter: Meter | None = None,
+    ) -> None:
+        """Load the scene.
+
+        In: scene, a path to MJCF or MJB, a MjModel or MjSpec (copied), or a SceneConfig, whose
+        tick, control and keyframe then hold; control, "zero", "keyframe", "random" or
+        `f(t_s, data) -> ctrl`; seed, every random number of controls and sensors follows from it.
+        Raises EvsError with one line for whatever cannot be.
+        """
+        if isinstance(scene, SceneConfig):
+            settings, source = scene, scene.control if isinstance(control, str) else control
+            if not settings.file:
+                raise EvsError("scene.file is empty: name the .xml or .mjb file of a world")
+            model = load_model(settings.file)
+        else:
+            settings = SceneConfig(
+                file=str(scene) if isinstance(scene, str | Path) else "",
+                tick_us=tick_us,
+                control=control if isinstance(control, str) else "function",
+                control_seed=seed,
+            )
+            model, source = load_model(scene), control
+        starts = bool(settings.keyframe) or source == "keyframe"
+        keyframe = find_keyframe(model, settings.keyframe) if starts else -1
+        self._scene_config = settings
+        self._seed, self._threads, self._meter = seed, threads, meter or NoMeter()
+        self._control = make_control(
+            model,
+            source,
+            keyframe=settings.keyframe,
+            file=settings.control_file,
+            rate_hz=settings.control_hz,
+            seed=settings.control_seed,
+            scale=settings.control_scale,
+        )
+        self._given: F64 | None = None
+        self._physics = Physics(model, settings.tick_us, keyframe)
+        self._scene = extract_scene(model)
+        self._poser = Poser(model)
+        self._cameras: list[Camera] = []
+
+    @classmethod
+    def from_config(cls, config: RunConfig, meter: Meter | None = None) -> World:
+        """The world of a pipeline, with its one camera."""
+        world = cls(config.scene, seed=config.seed, threads=config.threads, meter=meter)
+        plan = CameraPlan(
+            camera=config.scene.camera,
+            optics=config.camera,
+            sensor=config.sensor,
+            render=config.render,
+            model=config.model,
+            name=config.name,
+            seed=config.seed,
+            threads=config.threads,
+        )
+        world._add(plan, asdict(config))
+        return world
+
+    def add_camera(
+        self,
+        camera: str | CameraConfig = "",
+        *,
+        sensor: str | SensorConfig = "davis346",
+        render: RenderConfig | None = None,
+        model: ModelConfig | None = None,
+        name: str | None = None,
+    ) -> Camera:
+        """One more camera on this world's clock; its packets come last in each step.
+
+        In: camera, the name of one of the model's, or a description; "" is the model's first, else
+        a free one. The n-th camera's pixels follow from seed + n, so that no two are alike.
+        """
+        seed = self._seed + len(self._cameras)
+        return self._add(
+            plan_camera(camera, sensor, render, model, name, seed, self._threads), None
+        )
+
+    def _add(self, plan: CameraPlan, config: dict[str, Any] | None) -> Camera:
+        camera = Camera(
+            self.model,
+            self._scene,
+            plan,
+            place=len(self._cameras),
+            tick_us=self.substeps.tick_us,
+            taken=tuple(other.name for other in self._cameras),
+            scene_config=self._scene_config,
+            config=config,
+            meter=self._meter,
+        )
+        self._poser.add_camera(camera.bound)
+        self._cameras.append(camera)
+        return camera
+
+    def step(self, ctrl: npt.ArrayLike | None = None) -> tuple[EventPacket, ...]:
+        """Advance one tick; one packet a camera.
+
+        In: ctrl (nu,) holds for this tick and the following ones, instead of the control source.
+        Raises UnstableError where the physics breaks down; the packets until then stay true.
+        """
+        if ctrl is not None:
+            self._given = check_control(ctrl, self.model.nu, "step(ctrl)")
+        self._start_cameras()
+        values = self._given if self._given is not None else self._control(self.t_us, self.data)
+        if values is not None:
+            self.data.ctrl[:] = values
+        self._physics.advance()
+        snapshot = self._poser.snapshot(self.data, self.t_us)
+        self._meter.lap("world")
+        return tuple(camera.observe(snapshot) for camera in self._cameras)
+
+    def run(self, duration_s: float) -> Iterator[tuple[EventPacket, ...]]:
+        """Step through the whole ticks nearest to `duration_s`, at least one."""
+        if not (duration_s > 0.0 and math.isfinite(duration_s)):
+            raise EvsError(f"duration_s is {duration_s}: it must be over 0 s, for example 1.0")
+        ticks = max(1, round(duration_s * 1e6 / self.substeps.tick_us))
+        return (self.step() for _ in range(ticks))
+
+    def _start_cameras(self) -> None:
+        """Cameras that have seen nothing yet take the light before this tick as their reference."""
+        new = [camera for camera in self._cameras if not camera.started]
+        if new:
+            snapshot = self._poser.snapshot(self.data, self.t_us)
+            for camera in new:
+                camera.start(snapshot)
+
+    @property
+    def model(self) -> MjModel:
+        """The mujoco.MjModel, our own copy."""
+        return self._physics.model
+
+    @property
+    def data(self) -> MjData:
+        """The live mujoco.MjData."""
+        return self._physics.data
+
+    @property
+    def t_us(self) -> int:
+        """Simulated time, us."""
+        return self._physics.t_us
+
+    @property
+    def tick(self) -> int:
+        """Ticks done."""
+        return self._physics.tick
+
+    @property
+    def substeps(self) -> Substeps:
+        """How the model's time step was fitted to the tick; str() says it."""
+        return self._physics.substeps
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """All cameras, in the order of the packets."""
+        return tuple(self._cameras)

@@ -1,0 +1,96 @@
+"""Sensor: an event camera inside a simulation loop that the user already owns."""
+
+from __future__ import annotations
+
+import math
+
+from evs.emulator.camera import Camera, plan_camera
+from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.scene import F32
+from evs.emulator.world import MjData, MjModel, Poser, extract_scene
+from evs.msgs import EventPacket, Events, EvsError, StreamInfo, empty_events
+
+
+class Sensor:
+    """An event camera for a mujoco.MjModel that somebody else steps.
+
+        sensor = Sensor(model, camera="track")
+        while True:
+            mujoco.mj_step(model, data)
+            events = sensor.observe(data)
+
+    Works with any step length, also a varying one. Neither the model nor the data is changed.
+    """
+
+    def __init__(
+        self,
+        model: MjModel,
+        camera: str | CameraConfig = "",
+        *,
+        sensor: str | SensorConfig = "davis346",
+        render: RenderConfig | None = None,
+        model_config: ModelConfig | None = None,
+        seed: int = 0,
+        threads: int = 0,
+        name: str | None = None,
+    ) -> None:
+        """In: camera, the name of one of the model's, or a description; "" is its first."""
+        if not isinstance(model, MjModel):
+            raise EvsError(
+                f"a Sensor takes a mujoco.MjModel, not {type(model).__name__}; "
+                "gymnasium: env.unwrapped.model, dm_control: physics.model.ptr"
+            )
+        self._model = model
+        plan = plan_camera(camera, sensor, render, model_config, name, seed, threads)
+        tick_us = max(1, round(model.opt.timestep * 1e6))
+        self._camera = Camera(model, extract_scene(model), plan, tick_us=tick_us)
+        self._poser = Poser(model, [self._camera.bound])
+        self._packet: EventPacket | None = None
+
+    def observe(self, data: MjData) -> Events:
+        """Events since the last call, (n,) EVENT_DTYPE, sorted by t in us of `data.time`.
+
+        The first call sets the reference and gives none. Raises EvsError where time did not
+        advance, or the data is not of this model.
+        """
+        if not isinstance(data, MjData):
+            raise EvsError(
+                f"observe takes a mujoco.MjData, not {type(data).__name__}; "
+                "gymnasium: env.unwrapped.data, dm_control: physics.data.ptr"
+            )
+        if not math.isfinite(data.time):
+            raise EvsError(f"data.time is {data.time}: the simulation is unstable")
+        snapshot = self._poser.snapshot(data, round(data.time * 1e6))
+        if not self._camera.started:
+            self._camera.start(snapshot)
+            return empty_events()
+        self._packet = self._camera.observe(snapshot)
+        return self._packet.events
+
+    def reset(self) -> None:
+        """As new: call it after the data was reset. The next observe sets the reference again."""
+        self._camera.reset()
+        self._packet = None
+
+    def refresh(self) -> None:
+        """Read the model again, after its colours, lights, sizes or cameras were changed.
+
+        The pixels keep their state, so they see the change as they would see any other.
+        """
+        self._camera.refresh(self._model, extract_scene(self._model))
+        self._poser = Poser(self._model, [self._camera.bound])
+
+    @property
+    def packet(self) -> EventPacket | None:
+        """The last observe's events as a packet; None before the second."""
+        return self._packet
+
+    @property
+    def luminance(self) -> F32:
+        """(h, w) float32 linear luminance of the last observe, a copy."""
+        return self._camera.luminance
+
+    @property
+    def info(self) -> StreamInfo:
+        """What is constant of its stream."""
+        return self._camera.info

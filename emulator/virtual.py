@@ -1,0 +1,65 @@
+"""VirtualCamera: the shorthand for one camera in one world."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy.typing as npt
+
+from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
+from evs.emulator.loop import World
+from evs.emulator.scene import F32
+from evs.emulator.world import ControlFunction, Scene
+from evs.msgs import EventPacket, StreamInfo
+
+
+class VirtualCamera:
+    """A world with one camera: iterate over its packets, without end, or step it.
+
+    for packet in VirtualCamera("humanoid.xml", control="random").run(1.0): ...
+    """
+
+    def __init__(
+        self,
+        scene: Scene | SceneConfig,
+        camera: str | CameraConfig = "",
+        *,
+        tick_us: int = 1000,
+        control: str | ControlFunction = "zero",
+        sensor: str | SensorConfig = "davis346",
+        render: RenderConfig | None = None,
+        model: ModelConfig | None = None,
+        seed: int = 0,
+        threads: int = 0,
+        name: str | None = None,
+    ) -> None:
+        """The options are those of World and World.add_camera."""
+        self.world = World(scene, tick_us=tick_us, control=control, seed=seed, threads=threads)
+        if isinstance(scene, SceneConfig) and camera == "":
+            camera = scene.camera
+        self.camera = self.world.add_camera(
+            camera, sensor=sensor, render=render, model=model, name=name
+        )
+
+    def step(self, ctrl: npt.ArrayLike | None = None) -> EventPacket:
+        """Advance one tick; its packet. `ctrl` (nu,) holds until another is given."""
+        (packet,) = self.world.step(ctrl)
+        return packet
+
+    def run(self, duration_s: float) -> Iterator[EventPacket]:
+        """The packets of `duration_s` simulated seconds."""
+        return (packet for (packet,) in self.world.run(duration_s))
+
+    def __iter__(self) -> Iterator[EventPacket]:
+        while True:
+            yield self.step()
+
+    @property
+    def luminance(self) -> F32:
+        """(h, w) float32 linear luminance of the last tick, a copy."""
+        return self.camera.luminance
+
+    @property
+    def info(self) -> StreamInfo:
+        """What is constant of its stream."""
+        return self.camera.info

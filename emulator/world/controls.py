@@ -1,0 +1,190 @@
+"""What moves the actuators: nothing, a keyframe, a smooth random signal, a file, or a function.
+
+Every source is a function of the tick's beginning alone (the caller's own function excepted), so
+the same seed gives the same motion whatever happened before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from evs.emulator.scene import F64
+from evs.emulator.world.names import find
+from evs.msgs import EvsError, unknown
+
+ControlFunction = Callable[[float, Any], npt.ArrayLike | None]
+"""`f(t_s, data) -> ctrl (nu,)`, called at each tick's beginning; None keeps the last value."""
+
+Control = Callable[[int, Any], F64 | None]
+"""t_us, data -> ctrl (nu,), or None to keep the last value."""
+
+KNOTS_HZ = 4.0
+"""How often the random signal chooses a new target for each actuator."""
+
+
+def make_control(
+    model: mujoco.MjModel,
+    source: str | ControlFunction,
+    *,
+    keyframe: str = "",
+    file: str = "",
+    rate_hz: float = 100.0,
+    seed: int = 0,
+    scale: float = 1.0,
+) -> Control:
+    """The control source called `source`: zero, keyframe, random, file, or a function.
+
+    In: `rate_hz`, how often `random` and `file` change. EvsError for what does not exist or fit.
+    """
+    if callable(source):
+        return _from_function(source, model.nu)
+    if source == "zero":
+        zeros = np.zeros(model.nu)
+        return lambda _t_us, _data: zeros
+    if source == "keyframe":
+        held = model.key_ctrl[find_keyframe(model, keyframe)].copy()
+        return lambda _t_us, _data: held
+    if not (rate_hz > 0.0 and math.isfinite(rate_hz)):
+        raise EvsError(f"scene.control_hz is {rate_hz}: it must be over 0, for example 100")
+    if source == "random":
+        smooth = SmoothRandom(model, seed, scale)
+        held_value = lru_cache(maxsize=1)(lambda period: smooth(period / rate_hz))
+        return lambda t_us, _data: held_value(_period(t_us, rate_hz))
+    if source == "file":
+        rows = read_controls(file, model.nu)
+        return lambda t_us, _data: rows[min(_period(t_us, rate_hz), len(rows) - 1)]
+    raise unknown("control", str(source), ("zero", "keyframe", "random", "file"))
+
+
+def find_keyframe(model: mujoco.MjModel, name: str) -> int:
+    """The id of a keyframe by name or number; empty: the first."""
+    if not name and model.nkey:
+        return 0
+    return find(model, mujoco.mjtObj.mjOBJ_KEY, "keyframe", name)
+
+
+def check_control(values: npt.ArrayLike, nu: int, origin: str) -> F64:
+    """`values` as (nu,) float64; EvsError where the shape is wrong or a number is not finite."""
+    try:
+        ctrl = np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        raise EvsError(f"{origin} gives {values!r}, which is not {nu} numbers") from None
+    if ctrl.shape != (nu,):
+        raise EvsError(
+            f"{origin} has shape {ctrl.shape}, the model has {nu} controls: give shape ({nu},)"
+        )
+    if not np.isfinite(ctrl).all():
+        where = int(np.flatnonzero(~np.isfinite(ctrl))[0])
+        raise EvsError(f"{origin} has {ctrl[where]} at index {where}: controls must be finite")
+    return ctrl.copy()
+
+
+def read_controls(file: str, nu: int) -> F64:
+    """(n, nu) controls from a .npy, a .npz (array `ctrl`, or its only one) or a .csv file."""
+    path = Path(file)
+    if not file or not path.is_file():
+        raise EvsError(f"no control file '{file}': scene.control_file names a .npy, .npz or .csv")
+    try:
+        rows = _read_array(path)
+    except (ValueError, OSError, EOFError) as reason:
+        raise EvsError(f"control file '{file}': {' '.join(str(reason).split())}") from None
+    if rows.ndim != 2 or rows.shape[1] != nu or not len(rows):
+        raise EvsError(
+            f"control file '{file}' has shape {rows.shape}; give one row a period: (n, {nu})"
+        )
+    if not np.isfinite(rows).all():
+        row = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
+        raise EvsError(f"control file '{file}': row {row} has a value that is not finite")
+    return rows
+
+
+class SmoothRandom:
+    """A smooth signal inside each control's range: it glides from one random target to the next.
+
+    Targets are a function of (seed, number of the target) alone; `scale` is the share of the range
+    in use, around its middle. A control without a range moves within -1 ... 1.
+    """
+
+    def __init__(self, model: mujoco.MjModel, seed: int, scale: float = 1.0) -> None:
+        if not 0.0 <= scale <= 1.0:
+            raise EvsError(f"scene.control_scale is {scale}: it must lie between 0 and 1")
+        limited = np.asarray(model.actuator_ctrllimited, bool).reshape(-1, 1)
+        limits = np.where(limited, model.actuator_ctrlrange.reshape(-1, 2), (-1.0, 1.0))
+        self._middle = limits.mean(axis=1)
+        self._half = (limits[:, 1] - limits[:, 0]) / 2 * scale
+        self._seed = seed
+        # so that the actuators do not all turn at the same moment
+        self._offset = self._uniform(-1)
+
+    def __call__(self, t_s: float) -> F64:
+        """(nu,) control at time t_s >= 0."""
+        phase = t_s * KNOTS_HZ + self._offset
+        knot = np.floor(phase)
+        first = math.floor(t_s * KNOTS_HZ)
+        targets = np.stack([self._uniform(first + step) for step in range(3)])
+        row = (knot - first).astype(np.int64)
+        column = np.arange(len(row))
+        here, there = targets[row, column] * 2 - 1, targets[row + 1, column] * 2 - 1
+        # smoothstep: no jump in the speed either
+        u = phase - knot
+        u = u * u * (3 - 2 * u)
+        return np.asarray(self._middle + self._half * (here + (there - here) * u), np.float64)
+
+    def _uniform(self, number: int) -> F64:
+        """(nu,) numbers in [0, 1) that depend on seed and `number` only."""
+        mask = (1 << 64) - 1
+        bits = np.random.Philox(key=self._seed & mask, counter=(number & mask) << 64)
+        raw = bits.random_raw(len(self._half)) >> np.uint64(11)
+        return raw.astype(np.float64) * 2.0**-53
+
+
+def _period(t_us: int, rate_hz: float) -> int:
+    """Number of the control period that t_us lies in; its first microsecond belongs to it."""
+    return math.floor(t_us * rate_hz / 1e6 + 1e-9)
+
+
+def _from_function(function: ControlFunction, nu: int) -> Control:
+    def control(t_us: int, data: Any) -> F64 | None:
+        values = function(t_us * 1e-6, data)
+        return None if values is None else check_control(values, nu, "the control function")
+
+    return control
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_array(path: Path) -> F64:
+    suffix = path.suffix.lower()
+    if suffix == ".csv":
+        lines = [line for line in path.read_text().splitlines() if line.strip()]
+        # a first line without a single number names the columns
+        if lines and not any(_is_number(cell) for cell in lines[0].split(",")):
+            del lines[0]
+        if not lines:
+            raise ValueError("no row of numbers in it")
+        return np.loadtxt(lines, np.float64, delimiter=",", ndmin=2)
+    if suffix not in (".npy", ".npz"):
+        raise ValueError("not a .npy, .npz or .csv file")
+    loaded = np.load(path, allow_pickle=False)
+    if suffix == ".npz":
+        with loaded:
+            if "ctrl" not in loaded and len(loaded.files) != 1:
+                raise ValueError(
+                    f"has no array 'ctrl', only {', '.join(loaded.files) or 'nothing'}"
+                )
+            loaded = loaded["ctrl" if "ctrl" in loaded else loaded.files[0]]
+    return np.asarray(loaded, np.float64)

@@ -1,0 +1,113 @@
+"""Physics: one tick after the other, and an error where MuJoCo says the state is not true."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import mujoco
+
+from evs.emulator.world.names import name_of, one_line
+from evs.emulator.world.ticks import Substeps, fill_tick
+from evs.emulator.world.unstable import UnstableError, joint_of_position, joint_place
+from evs.msgs import EvsError
+
+Warnings = mujoco.mjtWarning
+FATAL = {
+    int(Warnings.mjWARN_BADQPOS): "bad position (NaN, infinite or huge)",
+    int(Warnings.mjWARN_BADQVEL): "bad velocity (NaN, infinite or huge)",
+    int(Warnings.mjWARN_BADQACC): "bad acceleration (NaN, infinite or huge)",
+    int(Warnings.mjWARN_BADCTRL): "bad control (NaN, infinite or huge)",
+    int(Warnings.mjWARN_CONTACTFULL): "contact buffer full",
+    int(Warnings.mjWARN_CNSTRFULL): "constraint buffer full",
+}
+"""The warnings after which the motion is not the model's any more."""
+
+SILENT = 1
+"""MuJoCo prints a warning whose count is 0. Counts begin here, the error says it instead."""
+
+
+class Physics:
+    """A model and its state, advanced in exact ticks. The model is changed: give it a copy."""
+
+    def __init__(self, model: mujoco.MjModel, tick_us: int, keyframe: int = -1) -> None:
+        """In: keyframe, the id of the one to start from; -1 starts from qpos0."""
+        self.substeps: Substeps = fill_tick(tick_us, model.opt.timestep)
+        model.opt.timestep = self.substeps.timestep_s
+        # a reset would put time and robot back to their beginning without a word
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        self.model = model
+        try:
+            self.data = mujoco.MjData(model)
+        except (mujoco.FatalError, MemoryError) as reason:
+            raise EvsError(f"the model's state does not fit: {one_line(reason)}") from None
+        if keyframe >= 0:
+            mujoco.mj_resetDataKeyframe(model, self.data, keyframe)
+        self.data.time = 0.0
+        # poses to read before the first step; they follow from qpos and change no state
+        mujoco.mj_kinematics(model, self.data)
+        mujoco.mj_comPos(model, self.data)
+        mujoco.mj_camlight(model, self.data)
+        self.tick = 0
+
+    @property
+    def t_us(self) -> int:
+        """Simulated time, us: ticks times their length."""
+        return self.tick * self.substeps.tick_us
+
+    def advance(self) -> None:
+        """One tick. Raises UnstableError; the ticks before it stay true."""
+        data = self.data
+        for warning in FATAL:
+            data.warning[warning].number = SILENT
+        for _ in range(self.substeps.count):
+            t_s = data.time
+            try:
+                mujoco.mj_step(self.model, data)
+            except mujoco.FatalError as reason:
+                raise UnstableError(f"unstable at t = {t_s:.6f} s: {one_line(reason)}") from None
+            counts = data.warning.number
+            for warning in FATAL:
+                if counts[warning] != SILENT:
+                    raise self._unstable(warning, t_s)
+        self.tick += 1
+        # counted, not accumulated
+        data.time = self.t_us * 1e-6
+
+    def _unstable(self, warning: int, t_s: float) -> UnstableError:
+        info = int(self.data.warning[warning].lastinfo)
+        where = self._place(warning, info)
+        if warning in (Warnings.mjWARN_CONTACTFULL, Warnings.mjWARN_CNSTRFULL):
+            remedy = "give the model more memory: <size memory=.../>"
+        else:
+            remedy = "try a shorter tick, softer contacts or smaller controls"
+        return UnstableError(
+            f"unstable at t = {t_s:.6f} s: {FATAL[warning]} at {where}; MuJoCo: "
+            f"{one_line(mujoco.mju_warningText(warning, info))} ({remedy})"
+        )
+
+    def _place(self, warning: int, info: int) -> str:
+        """The joint and body, or the actuator, that a warning is about."""
+        model = self.model
+        if warning == Warnings.mjWARN_BADCTRL:
+            return f"actuator '{self._actuator(info)}'"
+        if warning == Warnings.mjWARN_BADQPOS:
+            return joint_place(model, joint_of_position(model, info))
+        if warning in (Warnings.mjWARN_BADQVEL, Warnings.mjWARN_BADQACC):
+            return joint_place(model, int(model.dof_jntid[info]))
+        return self._most_touched()
+
+    def _actuator(self, control: int) -> str:
+        """The actuator that owns a control."""
+        index = int((self.model.actuator_ctrladr <= control).sum()) - 1
+        return name_of(self.model, mujoco.mjtObj.mjOBJ_ACTUATOR, index)
+
+    def _most_touched(self) -> str:
+        """The body, the world aside, with the most contacts."""
+        bodies = self.model.geom_bodyid
+        geoms = self.data.contact.geom[: self.data.ncon].ravel()
+        touched = Counter(int(bodies[geom]) for geom in geoms if geom >= 0 and bodies[geom] > 0)
+        if not touched:
+            return "a body that could not be told: no contact fitted"
+        body, count = touched.most_common(1)[0]
+        name = name_of(self.model, mujoco.mjtObj.mjOBJ_BODY, body)
+        return f"body '{name}' ({count} of {self.data.ncon} contacts)"

@@ -1,0 +1,101 @@
+"""Loading: every kind of scene, and one clear line for every kind that is none."""
+
+from __future__ import annotations
+
+import mujoco
+import pytest
+
+from evs.emulator.world import load_model
+from evs.msgs import EvsError
+
+XML = "<mujoco><worldbody><geom name='ball' size='.1'/></worldbody></mujoco>"
+
+
+def complaint(scene) -> str:
+    with pytest.raises(EvsError) as caught:
+        load_model(scene)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
+def test_a_path_a_string_a_binary_a_spec_and_a_model_load(tmp_path):
+    path = tmp_path / "scene.xml"
+    path.write_text(XML)
+    model = load_model(path)
+    binary = tmp_path / "scene.mjb"
+    mujoco.mj_saveModel(model, str(binary))
+    spec = mujoco.MjSpec.from_string(XML)
+    for scene in (path, str(path), binary, str(binary), spec, model):
+        assert load_model(scene).geom("ball").id == 0
+
+
+def test_a_model_is_copied():
+    model = mujoco.MjModel.from_xml_string(XML)
+    copy = load_model(model)
+    copy.opt.timestep = 0.5
+    copy.geom_size[0, 0] = 9.0
+    assert model.opt.timestep == 0.002
+    assert model.geom_size[0, 0] == 0.1
+
+
+def test_a_missing_file_lists_its_nearest_neighbours_first(tmp_path):
+    for name in ("ant.xml", "humanoid.xml", "notes.txt", "walker.mjb"):
+        (tmp_path / name).write_text(XML)
+    text = complaint(tmp_path / "humaniod.xml")
+    assert text.startswith(f"no scene file '{tmp_path}/humaniod.xml'")
+    assert text.index("humanoid.xml") < text.index("ant.xml")
+    assert "notes.txt" not in text
+
+
+def test_a_missing_folder_a_folder_and_an_empty_folder(tmp_path):
+    assert f"there is no folder '{tmp_path}/no'" in complaint(tmp_path / "no" / "x.xml")
+    assert "no .xml or .mjb or .urdf file in" in complaint(tmp_path / "x.xml")
+    (tmp_path / "arm.xml").write_text(XML)
+    assert "is a folder; in" in complaint(tmp_path)
+    assert complaint(tmp_path).endswith("there is: arm.xml")
+
+
+def test_another_kind_of_file(tmp_path):
+    (tmp_path / "arm.txt").write_text(XML)
+    assert "is no .xml, .mjb or .urdf file" in complaint(tmp_path / "arm.txt")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("<mujoco><worldbody><geom sise='1'/></worldbody></mujoco>", "unrecognized attribute"),
+        ("<mujoco><worldbody><geom/></worldbody></mujoco>", "size 0 must be positive in geom"),
+        ("<mujoco>", "XML parse error"),
+        ("", "empty file"),
+        ("<mujoco><asset><mesh file='no.stl'/></asset></mujoco>", "no.stl"),
+    ],
+)
+def test_malformed_mjcf_gives_mujocos_message_and_the_file_in_one_line(tmp_path, text, says):
+    path = tmp_path / "broken.xml"
+    path.write_text(text)
+    message = complaint(path)
+    assert message.startswith(f"{path}: ")
+    assert says in message
+
+
+def test_a_broken_binary(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "broken.mjb"
+    model = mujoco.MjModel.from_xml_string(XML)
+    mujoco.mj_saveModel(model, str(path))
+    for content in (b"", b"hello", path.read_bytes()[: path.stat().st_size // 2]):
+        path.write_bytes(content)
+        assert complaint(path).startswith(f"{path}: ")
+    # MuJoCo's own warnings went to our log, not into a file of the working directory
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["broken.mjb"]
+
+
+def test_a_broken_spec():
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_geom(size=[0, 0, 0])
+    assert complaint(spec).startswith("MjSpec: Error: size 0 must be positive")
+
+
+def test_something_else_is_no_scene():
+    assert "not int" in complaint(3)

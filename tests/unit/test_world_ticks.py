@@ -1,0 +1,63 @@
+"""Ticks: the model's time step is subdivided to fill them exactly."""
+
+from __future__ import annotations
+
+import mujoco
+import pytest
+
+from evs.emulator.world import Physics, fill_tick
+from evs.msgs import EvsError
+
+
+@pytest.mark.parametrize(
+    ("tick_us", "timestep_s", "count"),
+    [
+        (1000, 0.002, 1),
+        (1000, 0.001, 1),
+        (1000, 0.0003, 4),
+        (1000, 0.0001, 10),
+        (1000, 0.00005, 20),
+        (300, 0.0001, 3),
+        (700, 0.0001, 7),
+        (10_000, 0.003, 4),
+        (1, 0.01, 1),
+    ],
+)
+def test_the_fewest_steps_that_are_no_longer_than_the_models(tick_us, timestep_s, count):
+    substeps = fill_tick(tick_us, timestep_s)
+    assert substeps.count == count
+    assert substeps.timestep_s * count == pytest.approx(tick_us * 1e-6, rel=1e-15)
+    assert substeps.timestep_s <= timestep_s * (1 + 1e-9)
+
+
+def test_the_choice_is_a_sentence():
+    assert str(fill_tick(1000, 0.003)) == (
+        "1 physics step of 1 ms in each tick of 1 ms (the model asks for 3 ms)"
+    )
+    assert str(fill_tick(1000, 0.0005)) == (
+        "2 physics steps of 0.5 ms in each tick of 1 ms (as the model has it)"
+    )
+
+
+@pytest.mark.parametrize("tick_us", [0, -1000, 0.5, float("nan"), float("inf"), True, "1000"])
+def test_a_tick_is_a_positive_whole_number(tick_us):
+    with pytest.raises(EvsError, match="positive whole number of microseconds"):
+        fill_tick(tick_us, 0.002)
+
+
+def test_a_timestep_is_positive():
+    with pytest.raises(EvsError, match=r"the model's timestep is 0\.0 s"):
+        fill_tick(1000, 0.0)
+
+
+def test_time_is_counted_and_not_accumulated():
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><option timestep=".0003"/><worldbody><body><joint type="slide"/>
+        <geom size=".1"/></body></worldbody></mujoco>"""
+    )
+    physics = Physics(model, 700)
+    for tick in range(1, 1001):
+        physics.advance()
+        assert physics.t_us == 700 * tick
+        assert physics.data.time == 700 * tick * 1e-6
+    assert model.opt.timestep * physics.substeps.count == pytest.approx(700e-6, rel=1e-15)
