@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from evs.msgs import Events, StreamInfo
+from evs.msgs import Events, StreamInfo, clean_events, make_events
 
 MAX_STAMP_US = 1 << 62
 """Time stamps beyond it (146,000 years) are damage; sums with them would overflow int64."""
@@ -73,10 +73,8 @@ def bad_values(events: Events, stream: StreamInfo) -> str:
 
 def normalised(events: Events) -> Events:
     """The events with p 0 or 1 and zero padding; a copy only where they have not."""
-    tail = np.ascontiguousarray(events).view(np.uint8).reshape(-1, 16)[:, 12:]
-    if not tail[:, 1:].any() and int(tail[:, 0].max(initial=0)) <= 1:
-        return events
-    clean = events.copy()
-    raw = clean.view(np.uint8).reshape(-1, 16)
-    raw[:, 12], raw[:, 13:] = raw[:, 12] != 0, 0
-    return clean
+    clean = clean_events(events)
+    if int(clean["p"].view(np.uint8).max(initial=0)) <= 1:
+        return clean
+    signs = clean["p"] != 0
+    return make_events(clean["t"], clean["x"], clean["y"], signs)

@@ -14,7 +14,7 @@ from evs.drivers.aedat4 import repair as repair_aedat4
 from evs.drivers.npz import NpzFile, NpzRecorder
 from evs.drivers.recording import Recording, as_packet
 from evs.drivers.sink import Sink
-from evs.msgs import EventPacket, EvsError, StreamInfo, empty_events
+from evs.msgs import EventPacket, EvsError, StreamInfo, join_events
 
 SUFFIXES = (".aedat4", ".npz")
 
@@ -67,7 +67,7 @@ def read(path: AnyPath) -> Recording:
     file = opened(path)
     parts = list(file.events())
     file.damage.warn(file.path)
-    return Recording.of(np.concatenate([empty_events(), *parts]), file.stream)
+    return Recording.of(join_events(parts), file.stream)
 
 
 def packets(path: AnyPath) -> Iterator[EventPacket]:

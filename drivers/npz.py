@@ -16,7 +16,7 @@ import numpy as np
 
 from evs.drivers.damage import Damage, bad_values
 from evs.drivers.recording import MAX_SIDE_PX, existing, one_stream, target_error
-from evs.msgs import EventPacket, Events, EvsError, StreamInfo, empty_events, make_events
+from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
 
 COLUMNS = {"t": np.dtype("<i8"), "x": np.dtype("<i2"), "y": np.dtype("<i2"), "p": np.dtype("i1")}
 """Arrays of a recording, each (n,): t us, x and y px, p 1 ON or 0 OFF."""
@@ -85,7 +85,7 @@ class NpzRecorder:
         """Write the file and let go of it. EvsError where the disk does not take it."""
         if self._file is None or self._stream is None:
             return self._report
-        events = np.concatenate([empty_events(), *self._parts])
+        events = join_events(self._parts)
         self._parts = []
         said = json.dumps(dataclasses.asdict(self._stream), default=str)
         try:

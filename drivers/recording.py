@@ -74,9 +74,9 @@ def one_stream(path: Path, streams: Sequence[StreamInfo]) -> StreamInfo:
 def target_error(path: Path, reason: OSError) -> EvsError:
     """One line for a file that cannot be written, with the fix."""
     folder = path.parent
-    if not folder.exists():
+    if isinstance(reason, FileNotFoundError | NotADirectoryError):
         return EvsError(f"cannot write {path}: there is no folder {folder}; mkdir -p {folder}")
-    if path.is_dir():
+    if isinstance(reason, IsADirectoryError):
         return EvsError(f"cannot write {path}: it is a folder; give a file name")
     return EvsError(f"cannot write {path}: {reason.strerror}; choose a place that you can write to")
 
@@ -84,6 +84,12 @@ def target_error(path: Path, reason: OSError) -> EvsError:
 def existing(path: str | os.PathLike[str]) -> Path:
     """The path of a file that is there; EvsError names its neighbours, nearest first."""
     found = Path(path)
+    try:
+        found.stat()
+    except FileNotFoundError:
+        pass
+    except OSError as reason:
+        raise EvsError(f"cannot read {found}: {reason.strerror}") from None
     if found.is_file():
         return found
     if found.is_dir():
@@ -92,6 +98,5 @@ def existing(path: str | os.PathLike[str]) -> Path:
         raise EvsError(f"no file {found}: there is no folder {found.parent}")
     known = {file.name for file in found.parent.iterdir() if file.suffix in {".aedat4", ".npz"}}
     shown = ", ".join(nearest_first(found.name, known)[:5])
-    raise EvsError(
-        f"no file {found}; " + (f"the folder has: {shown}" if shown else "none is there")
-    )
+    there = f"the folder has: {shown}" if shown else "the folder has no recordings"
+    raise EvsError(f"no file {found}; {there}")

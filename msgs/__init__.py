@@ -1,7 +1,14 @@
 """What is said: events, packets, topics. Needs numpy and msgpack only."""
 
 from evs.msgs.errors import EvsError, nearest_first, unknown
-from evs.msgs.event import EVENT_DTYPE, Events, empty_events, make_events
+from evs.msgs.event import (
+    EVENT_DTYPE,
+    Events,
+    clean_events,
+    empty_events,
+    join_events,
+    make_events,
+)
 from evs.msgs.fields import MessageError
 from evs.msgs.packet import ENCODING, EventPacket, decode, encode
 from evs.msgs.status import Status, decode_status, encode_status
@@ -21,11 +28,13 @@ __all__ = [
     "Status",
     "StreamInfo",
     "Topic",
+    "clean_events",
     "decode",
     "decode_status",
     "empty_events",
     "encode",
     "encode_status",
+    "join_events",
     "make_events",
     "nearest_first",
     "unknown",

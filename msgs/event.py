@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -32,3 +33,25 @@ def make_events(t: npt.ArrayLike, x: npt.ArrayLike, y: npt.ArrayLike, p: npt.Arr
     events = empty_events(len(stamps))
     events["t"], events["x"], events["y"], events["p"] = stamps, x, y, p
     return events
+
+
+def join_events(parts: Sequence[Events]) -> Events:
+    """The parts one after the other. np.concatenate would give 13-byte items of another dtype."""
+    joined = empty_events(sum(len(part) for part in parts))
+    end = 0
+    for part in parts:
+        joined[end : end + len(part)], end = part, end + len(part)
+    return joined
+
+
+def clean_events(events: Events) -> Events:
+    """The events, contiguous and with zero padding; not copied where they are so already.
+
+    numpy copies only the fields: padding is garbage of freed memory after `events.copy()`,
+    `events[mask]`, sorting. Whatever hands out raw bytes asks this first.
+    """
+    packed = np.ascontiguousarray(events, EVENT_DTYPE)
+    # bits 40-63 of an event's second half are the padding
+    if int(np.bitwise_or.reduce(packed.view("<u8")[1::2], initial=0)) >> 40 == 0:
+        return packed
+    return join_events([packed])

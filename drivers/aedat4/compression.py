@@ -65,7 +65,10 @@ def identifier(body: bytes, name: str) -> bytes:
 
 
 def frame_bytes(body: bytes, name: str) -> int:
-    """How many of the bytes the first buffer in them takes up; only for what decompress took."""
+    """How many of the bytes the first buffer in them takes up; only for what decompress took.
+
+    DamageError where a frame's checksum is cut off, which decompress cannot see.
+    """
     if name == "none":
         return 4 + int.from_bytes(body[:4], "little")
     if name.startswith("lz4"):
@@ -73,6 +76,8 @@ def frame_bytes(body: bytes, name: str) -> int:
     else:
         frame = zstandard.ZstdDecompressor(max_window_size=_MAX_WINDOW_BYTES).decompressobj()
     frame.decompress(body)
+    if not frame.eof:
+        raise DamageError("the frame ends early")
     return len(body) - len(frame.unused_data or b"")
 
 

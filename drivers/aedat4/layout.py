@@ -24,7 +24,7 @@ import flatbuffers
 import numpy as np
 import numpy.typing as npt
 
-from evs.msgs import EVENT_DTYPE, Events
+from evs.msgs import EVENT_DTYPE, Events, clean_events
 
 MAGIC = b"#!AER-DAT4.0\r\n"
 
@@ -103,7 +103,7 @@ def parse_io_header(body: bytes) -> IOHeader:
 
 def events_body(events: Events) -> bytes:
     """An uncompressed packet body: 32 constant bytes and the events as they are in memory."""
-    data = np.ascontiguousarray(events, EVENT_DTYPE).view(np.uint8).data
+    data = clean_events(events).view(np.uint8).data
     size = _EVENTS_PREFIX.size + data.nbytes
     return b"".join(
         (_EVENTS_PREFIX.pack(size - 4, 16, b"EVTS", 6, 8, 4, 6, 4, len(events)), data),

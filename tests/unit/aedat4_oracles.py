@@ -1,0 +1,121 @@
+"""Other projects' view of AEDAT4 files, as a program: READER FILE... gives one JSON line a file.
+
+READER is dv-processing, aedat or faery; each runs in a process of its own, since they print, warn,
+panic, and (faery) have another licence. `write FOLDER` makes files with dv-processing instead.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+COLUMNS = ("<i8", "<i2", "<i2", "i1")
+
+
+def digest(t: Any, x: Any, y: Any, p: Any) -> str:
+    """One hash over the four columns."""
+    summed = hashlib.sha256()
+    for column, kind in zip((t, x, y, p), COLUMNS, strict=True):
+        summed.update(np.ascontiguousarray(column).astype(kind).tobytes())
+    return summed.hexdigest()
+
+
+def dv_packets(path: str, facts: dict[str, Any]) -> Iterator[Any]:
+    import dv_processing
+
+    file = dv_processing.io.MonoCameraRecording(path)
+    facts["resolution"] = list(file.getEventResolution())
+    facts["camera"] = file.getCameraName()
+    facts["info"] = file.getStreamMetadata("events")
+    facts["range"] = list(file.getTimeRange())
+    while (store := file.getNextEventBatch()) is not None:
+        yield store.numpy()
+    # by the data table, where there is one: a seek into the middle
+    first, last = facts["range"]
+    if first < last:
+        middle = (first + last) // 2
+        found = file.getEventsTimeRange(middle, last + 1)
+        facts["second_half"] = 0 if found is None else len(found)
+        facts["middle"] = middle
+
+
+def aedat_packets(path: str, facts: dict[str, Any]) -> Iterator[Any]:
+    import aedat
+
+    decoder = aedat.Decoder(path)
+    stream = decoder.id_to_stream()[0]
+    facts["resolution"] = [stream["width"], stream["height"]]
+    for packet in decoder:
+        yield packet["events"]
+
+
+def faery_packets(path: str, facts: dict[str, Any]) -> Iterator[Any]:
+    import faery
+
+    stream = faery.events_stream_from_file(path)
+    facts["resolution"] = list(stream.dimensions())
+    yield from stream
+
+
+READERS = {"dv-processing": dv_packets, "aedat": aedat_packets, "faery": faery_packets}
+
+
+def look(reader: str, path: str) -> dict[str, Any]:
+    """Everything that a reader gives before it ends or fails."""
+    facts: dict[str, Any] = {"path": path, "error": ""}
+    parts = []
+    try:
+        for packet in READERS[reader](path, facts):
+            parts.append(np.array(packet))
+    except BaseException as reason:  # a Rust panic is no Exception
+        facts["error"] = f"{type(reason).__name__}: {reason}"[:300]
+    whole = np.concatenate(parts) if parts else np.zeros(0, "i8,i2,i2,i1")
+    t, x, y, p = whole.dtype.names
+    facts |= {"packets": len(parts), "events": len(whole)}
+    facts["digest"] = digest(whole[t], whole[x], whole[y], whole[p])
+    return facts
+
+
+def write(folder: str) -> None:
+    """Files of dv-processing's own writer, with frames, IMU and triggers between the events."""
+    import dv_processing as dv
+
+    random = np.random.default_rng(7)
+    for name, compression in dv.CompressionType.__members__.items():
+        path = Path(folder, f"{name.lower()}.aedat4")
+        config = dv.io.MonoCameraWriter.Config("DVX_123", compression)
+        config.addEventStream((640, 480))
+        config.addFrameStream((640, 480))
+        config.addImuStream()
+        config.addTriggerStream()
+        writer = dv.io.MonoCameraWriter(str(path), config)
+        t = 5_000_000_000 + np.cumsum(random.integers(0, 40, 25_000))
+        x, y = random.integers(0, 640, len(t)), random.integers(0, 480, len(t))
+        p = random.integers(0, 2, len(t))
+        for part in range(0, len(t), 5000):
+            store = dv.EventStore()
+            for k in range(part, part + 5000):
+                store.push_back(int(t[k]), int(x[k]), int(y[k]), bool(p[k]))
+            writer.writeEvents(store)
+            stamp = int(t[part + 4999])
+            writer.writeFrame(dv.Frame(stamp, np.zeros((480, 640), np.uint8)))
+            writer.writeImu(dv.IMU(stamp, *range(10)))
+            kind = dv.TriggerType.EXTERNAL_SIGNAL_RISING_EDGE
+            writer.writeTrigger(dv.Trigger(stamp, kind))
+        del writer
+        said = {"path": str(path), "events": len(t), "digest": digest(t, x, y, p)}
+        print(json.dumps(said), flush=True)
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "write":
+        write(sys.argv[2])
+    else:
+        for given in sys.argv[2:]:
+            print(json.dumps(look(sys.argv[1], given)), flush=True)
