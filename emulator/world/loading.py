@@ -19,7 +19,7 @@ Scene: TypeAlias = str | Path | mujoco.MjModel | mujoco.MjSpec
 
 MUJOCO_VERSION = str(mujoco.__version__)
 
-SUFFIXES = (".xml", ".mjb", ".urdf")
+SUFFIXES = (".xml", ".mjcf", ".mjb", ".urdf")
 
 
 def load_model(scene: Scene) -> mujoco.MjModel:

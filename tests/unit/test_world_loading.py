@@ -50,7 +50,7 @@ def test_a_missing_file_lists_its_nearest_neighbours_first(tmp_path):
 
 def test_a_missing_folder_a_folder_and_an_empty_folder(tmp_path):
     assert f"there is no folder '{tmp_path}/no'" in complaint(tmp_path / "no" / "x.xml")
-    assert "no .xml or .mjb or .urdf file in" in complaint(tmp_path / "x.xml")
+    assert "no .xml or .mjcf or .mjb or .urdf file in" in complaint(tmp_path / "x.xml")
     (tmp_path / "arm.xml").write_text(XML)
     assert "is a folder; in" in complaint(tmp_path)
     assert complaint(tmp_path).endswith("there is: arm.xml")
@@ -58,7 +58,7 @@ def test_a_missing_folder_a_folder_and_an_empty_folder(tmp_path):
 
 def test_another_kind_of_file(tmp_path):
     (tmp_path / "arm.txt").write_text(XML)
-    assert "is no .xml, .mjb or .urdf file" in complaint(tmp_path / "arm.txt")
+    assert "is no .xml, .mjcf, .mjb or .urdf file" in complaint(tmp_path / "arm.txt")
 
 
 @pytest.mark.parametrize(
