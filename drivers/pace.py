@@ -102,8 +102,8 @@ class StopWatch:
         nothing = Durations()
         return {
             name: StageTime(
-                median=1e3 * self._stages.get(name, nothing).quantile_s(0.5),
-                p99=1e3 * self._stages.get(name, nothing).quantile_s(0.99),
+                median=round(1e3 * self._stages.get(name, nothing).quantile_s(0.5), 6),
+                p99=round(1e3 * self._stages.get(name, nothing).quantile_s(0.99), 6),
             )
             for name in names
         }

@@ -17,6 +17,9 @@ from evs.msgs import EventPacket, EvsError, StreamInfo
 MAX_SECONDS = 1e9
 """Longer than 30 years is a mistake, not a run."""
 
+LATE_S = 0.1
+"""A run that is held to a pace and falls behind by more is warned of."""
+
 
 class RunCamera(Protocol):
     """What the loop wants to know of a camera."""
@@ -28,6 +31,10 @@ class RunCamera(Protocol):
     @property
     def traced_fraction(self) -> float:
         """Share of the pixels that the last tick traced."""
+
+    @property
+    def clamps(self) -> int:
+        """How often a value had to be clamped or replaced so far."""
 
     @property
     def is_dark(self) -> bool:
@@ -154,7 +161,7 @@ class _Loop:
 
     @property
     def sim_seconds(self) -> float:
-        return (self.world.t_us - self.begin_us) * 1e-6
+        return (self.world.t_us - self.begin_us) / 1e6
 
     def open(self, infos: Sequence[StreamInfo]) -> None:
         for sink in self.sinks:
@@ -188,6 +195,11 @@ class _Loop:
                     progress(Progress(*where))
         if stopped and self.done < ticks:
             self.ended = f"{stopped[0]} at {self.sim_seconds:.6g} s"
+        if self.pacer.worst_late_s > LATE_S:
+            self._warn(
+                f"packets left up to {self.pacer.worst_late_s:.1f} s late, the pace was too much "
+                "for this machine: try a smaller render.spp or sensor, or --pace free"
+            )
 
     def _tick(self) -> tuple[EventPacket, ...]:
         watch = self.watch
@@ -218,9 +230,12 @@ class _Loop:
                     f"camera '{camera.info.camera}' sees nothing lit, the picture is black: give "
                     "the scene a light, or use its headlight (render.headlight=model)"
                 )
-                self.warnings.append(line)
-                if self.warn is not None:
-                    self.warn(line)
+                self._warn(line)
+
+    def _warn(self, line: str) -> None:
+        self.warnings.append(line)
+        if self.warn is not None:
+            self.warn(line)
 
     def close(self) -> BaseException | None:
         """Close every sink that was opened, the last first; the first error, if any."""
@@ -247,6 +262,7 @@ class _Loop:
             events_dropped=sum(int(said.get("events_dropped", 0)) for said in self.said),
             stage_ms=self.watch.stage_ms(STAGES),
             traced_fraction=self.traced / self.done if self.done else 0.0,
+            clamps=sum(camera.clamps for camera in self.world.cameras),
             seed=infos[0].seed if infos else 0,
             substeps=str(self.world.substeps),
             cameras=[_camera(info, self.events.get(info.camera, 0)) for info in infos],

@@ -104,11 +104,13 @@ def facts(report: Report) -> list[tuple[str, str]]:
         ("events", f"{report.events:,} ({_si(rate)} events per simulated second)"),
         ("events dropped", f"{report.events_dropped:,}"),
         ("packets", f"{report.packets:,}"),
+        ("physics", report.substeps),
         ("pixels traced", f"{100 * report.traced_fraction:.3g} %"),
     ]
     for said in report.sinks:
-        known = {key: value for key, value in said.items() if key != "type" and value != ""}
-        told = ", ".join(f"{key} {value}" for key, value in known.items())
+        # what is zero, empty or False needs no words
+        known = {key: value for key, value in said.items() if key != "type" and value}
+        told = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in known.items())
         lines.append((str(said.get("type", "sink")), told))
     return lines
 

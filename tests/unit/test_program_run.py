@@ -27,6 +27,7 @@ class FakeCamera:
         )  # fmt: skip
         self.traced_fraction = 0.25
         self.is_dark = dark
+        self.clamps = 3
 
 
 class FakeWorld:
@@ -116,6 +117,7 @@ def test_a_whole_run() -> None:
     assert report.ended == "complete"
     assert (report.packets, report.events, report.events_dropped) == (42, 84, 2)
     assert report.traced_fraction == pytest.approx(0.25)
+    assert report.clamps == 6
     assert report.real_time_factor == pytest.approx(0.021 / report.wall_seconds)
     assert tuple(report.stage_ms) == STAGES
     assert all(0 <= taken.median <= taken.p99 for taken in report.stage_ms.values())
@@ -323,6 +325,22 @@ def test_packets_leave_at_the_pace_and_waiting_is_nobodys_time() -> None:
     assert len(slept) == 10
     assert sum(slept) == pytest.approx(0.01)
     assert all(taken.p99 == 0.0 for taken in report.stage_ms.values())
+
+
+def test_a_pace_that_cannot_be_held_is_warned_of() -> None:
+    now, lines = [0.0], list[str]()
+
+    def slow() -> None:
+        now[0] += 0.15
+
+    pacer = Pacer(1.0, lambda: now[0], lambda seconds: None)
+    report = run(FakeWorld(t3=slow), [], 0.01, pace=pacer, warn=lines.append)
+    assert (report.ticks, report.ended) == (10, "complete")
+    assert len(lines) == 1
+    assert "s late" in lines[0]
+    assert report.warnings == lines
+    # without a pace nothing can be late
+    assert run(FakeWorld(t3=slow), [], 0.01, pace=Pacer()).warnings == []
 
 
 class PackingSink(FakeSink):
