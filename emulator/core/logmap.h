@@ -47,17 +47,27 @@ EVS_ALWAYS_INLINE bool is_light(float luminance, float dn) {
   return (luminance > -kBlack) & (dn <= kLargest);
 }
 
-// Log light of a DN. Monotone, also across the knee.
+// The part of the map that is a logarithm; without meaning for DN that another part is for.
 template <LogKind kind>
-EVS_ALWAYS_INLINE float to_log(const LogMap& map, float dn) {
+EVS_ALWAYS_INLINE float log_part(const LogMap& map, float dn) {
+  return ln(kind == LogKind::log_eps ? dn / 255.0f + map.eps : dn);
+}
+
+// Log light of a DN from that part. Monotone, also across the knee.
+template <LogKind kind>
+EVS_ALWAYS_INLINE float with_log_part(const LogMap& map, float dn, float part) {
   if constexpr (kind == LogKind::log_eps) {
-    return ln(dn / 255.0f + map.eps);
+    return part;
   } else {
     const float line = map.slope * dn;
     const float below = line < map.ln_knee ? line : map.ln_knee;
-    const float above = ln(dn);
-    return dn >= map.knee ? above : below;
+    return dn >= map.knee ? part : below;
   }
+}
+
+template <LogKind kind>
+EVS_ALWAYS_INLINE float to_log(const LogMap& map, float dn) {
+  return with_log_part<kind>(map, dn, log_part<kind>(map, dn));
 }
 
 }  // namespace evs

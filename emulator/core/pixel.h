@@ -93,16 +93,23 @@ EVS_ALWAYS_INLINE size_t step_block(const LogMap& map, const PixelArrays& pixels
   }
   if (changed == 0) return 0;
 
-  // log light
+  // log light; each loop stores what the next one chooses from, so that no branch keeps the
+  // compiler from SIMD
+  alignas(64) float dn[kBlock];
+  alignas(64) float logarithm[kBlock];
   alignas(64) float now[kBlock];
   alignas(64) float light[kBlock];
+  for (size_t i = 0; i < count; i++) dn[i] = to_dn(map, luminance[i]);
+  for (size_t i = 0; i < count; i++) logarithm[i] = log_part<kind>(map, dn[i]);
   uint32_t clamped = 0;
   for (size_t i = 0; i < count; i++) {
-    const float dn = to_dn(map, luminance[i]);
-    const bool usable = is_light(luminance[i], dn);
-    const float mapped = to_log<kind>(map, dn);
-    now[i] = usable ? mapped : last_log[i];
-    light[i] = usable ? luminance[i] : last_luminance[i];
+    const float new_light = luminance[i];
+    const float old_light = last_luminance[i];
+    const float old_log = last_log[i];
+    const float new_log = with_log_part<kind>(map, dn[i], logarithm[i]);
+    const bool usable = is_light(new_light, dn[i]);
+    now[i] = usable ? new_log : old_log;
+    light[i] = usable ? new_light : old_light;
     clamped += usable ? 0u : 1u;
   }
 

@@ -15,6 +15,9 @@ from evs.msgs import EvsError
 MAX_TICK_US = 2**30 - 1
 """Longest tick, about 18 minutes."""
 
+_LARGEST_LOG = 128.0
+"""The logarithm of no float32 is larger, of either sign."""
+
 _ARRAYS = {"reference": np.float64, "last_log": np.float32, "last_luminance": np.float32}
 
 
@@ -75,6 +78,10 @@ class PlainState:
             ) from None
         if len({array.shape for array in arrays.values()}) != 1 or arrays["reference"].ndim != 2:
             raise EvsError("saved sensor state has arrays of different shapes; save it again")
+        if np.any(np.abs(arrays["reference"]) > _LARGEST_LOG):
+            raise EvsError(
+                "saved sensor state is damaged: no log light is that large; save it again"
+            )
         return cls(seed=seed, clamped=clamped, **arrays)
 
     def __eq__(self, other: object) -> bool:

@@ -101,3 +101,6 @@ def test_unfit_saves_are_refused() -> None:
         PlainState.restore({k: v for k, v in saved.items() if k != "reference"})
     with pytest.raises(EvsError, match="different shapes"):
         PlainState.restore(saved | {"last_log": np.zeros((2, 2), np.float32)})
+    for damaged in (np.inf, -1e6):
+        with pytest.raises(EvsError, match="is damaged"):
+            PlainState.restore(saved | {"reference": np.full((17, 31), damaged)})
