@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import math
@@ -124,7 +125,9 @@ class NpzRecorder:
         if self._file is not None:
             self._file.close()
             self._file = None
-        self._temporary.unlink(missing_ok=True)
+        # it may never have come about: the folder is none, the disk is read-only
+        with contextlib.suppress(OSError):
+            self._temporary.unlink()
 
 
 @dataclass

@@ -32,7 +32,7 @@ RECORDERS = {".aedat4": "aedat4", ".npz": "npz"}
 PIPELINES = Path(__file__).parents[1] / "config" / "pipelines"
 """the pipelines that come with evs; each is found by its bare name too"""
 
-_SCENE_SUFFIXES = (".xml", ".mjb", ".mjcf")
+_SCENE_SUFFIXES = (".xml", ".mjcf", ".mjb", ".urdf")
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from evs.launch import main
+
 SCENE = """
 <mujoco model="ball">
   <worldbody>
@@ -111,21 +113,52 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("words", "said"), BAD, ids=[" ".join(words[-2:]) for words, _ in BAD])
+EVERY = pytest.mark.parametrize(
+    ("words", "said"), BAD, ids=[" ".join(words[-2:]) for words, _ in BAD]
+)
+
+
+@EVERY
 def test_a_mistake_is_one_line_and_exit_code_2(
-    folder: Path, words: list[str], said: list[str]
+    folder: Path,
+    words: list[str],
+    said: list[str],
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.chdir(folder)
     before = sorted(folder.rglob("*"))
-    ended = emulate(folder, *words)
-    assert "Traceback" not in ended.stderr
-    assert ended.stderr.count("\n") == 1, ended.stderr
-    assert ended.stderr.startswith("evs: ")
-    for part in said:
-        assert part in ended.stderr
-    assert ended.stdout == ""
-    assert ended.returncode == 2
+    code = main.main(["emulate", *words])
+    # what native code writes is seen too: these are the file descriptors
+    told = capfd.readouterr()
+    check(code, told.out, told.err, said)
     # nothing half made is left behind
     assert sorted(folder.rglob("*")) == before
+
+
+@pytest.mark.slow
+@EVERY
+def test_a_mistake_in_a_process_of_its_own(folder: Path, words: list[str], said: list[str]) -> None:
+    before = sorted(folder.rglob("*"))
+    ended = emulate(folder, *words)
+    check(ended.returncode, ended.stdout, ended.stderr, said)
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_a_few_mistakes_in_a_process_of_their_own(folder: Path) -> None:
+    for words, said in (BAD[0], BAD[4], BAD[10], BAD[-1]):
+        ended = emulate(folder, *words)
+        check(ended.returncode, ended.stdout, ended.stderr, said)
+
+
+def check(code: int, out: str, err: str, said: list[str]) -> None:
+    assert "Traceback" not in err
+    assert err.count("\n") == 1, err
+    assert err.startswith("evs: ")
+    for part in said:
+        assert part in err
+    assert out == ""
+    assert code == 2
 
 
 def test_a_port_in_use_is_told_and_an_older_recording_stays(folder: Path) -> None:
