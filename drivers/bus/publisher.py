@@ -12,6 +12,7 @@ import zmq
 from evs.drivers.bus.address import DEFAULT_ADDRESS, bindable, is_ipv6
 from evs.drivers.bus.sockets import Context, Socket, readable
 from evs.drivers.pace import monotonic_s
+from evs.emulator.stages import Meter, NoMeter
 from evs.msgs import (
     EVENTS,
     STATUS,
@@ -76,6 +77,7 @@ class Publisher:
             raise EvsError(f"linger_s is {linger_s}: give the seconds to wait, 0 or more")
         if queue < 1:
             raise EvsError(f"queue is {queue}: give the packets that may wait, 1 or more")
+        self.meter: Meter = NoMeter()
         self._wanted_address = bindable(address)
         self._wait_for, self._wait_s, self._linger_s = wait_for, wait_s, linger_s
         self._queue = queue
@@ -195,6 +197,7 @@ class Publisher:
 
     def _send(self, server: Socket, channel: _Channel, packet: EventPacket) -> None:
         header, frame = encode(packet)
+        self.meter.lap("pack")
         # a full queue drops the packet for that subscriber only; copied, since the sender goes on
         server.send_multipart([channel.events_topic, header, frame], zmq.NOBLOCK)
         self._sent["packets_sent"] += 1

@@ -11,7 +11,15 @@ import pytest
 
 from evs.drivers import settings
 from evs.drivers.keys import describe
-from evs.drivers.pipeline import PIPELINES, PipelineConfig, SinkConfig, find_pipeline, load
+from evs.drivers.pipeline import (
+    PIPELINES,
+    PipelineConfig,
+    SinkConfig,
+    find_pipeline,
+    load,
+    make_sink,
+)
+from evs.drivers.sink import MeteredSink
 from evs.emulator.config import RunConfig
 from evs.msgs import EvsError
 
@@ -175,3 +183,22 @@ def test_the_default_pipeline_tells_every_key_and_its_default() -> None:
     assert settings.build(PipelineConfig, settings.parse_toml(text, "default.toml")) == (
         PipelineConfig()
     )
+
+
+def test_every_sink_is_made_unopened_and_tells_packing_from_sending(tmp_path: Path) -> None:
+    tables = (
+        SinkConfig(type="zmq", address="tcp://127.0.0.1:0", wait_for=1, wait_s=0.5, queue=7),
+        SinkConfig(type="aedat4", file=str(tmp_path / "a.aedat4"), compression="zstd"),
+        SinkConfig(type="npz", file=str(tmp_path / "a.npz")),
+    )
+    sinks = [make_sink(table) for table in tables]
+    assert [type(sink).__name__ for sink in sinks] == [
+        "Publisher",
+        "Aedat4Recorder",
+        "NpzRecorder",
+    ]
+    # npz packs only when it is closed
+    assert [isinstance(sink, MeteredSink) for sink in sinks] == [True, True, False]
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(EvsError, match="compression"):
+        make_sink(SinkConfig(type="aedat4", file="a.aedat4", compression="lzma"))
