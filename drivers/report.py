@@ -105,9 +105,13 @@ def check_targets(paths: Iterable[str | Path]) -> None:
         if path.is_dir():
             raise EvsError(f"cannot write the report '{path}': it is a folder")
         if not path.parent.is_dir():
-            raise EvsError(
-                f"cannot write the report '{path}': no folder '{path.parent}' (mkdir -p makes it)"
+            folder = f"'{path.parent}'"
+            there = (
+                f"{folder} is no folder"
+                if path.parent.exists()
+                else (f"there is no folder {folder} (mkdir -p makes it)")
             )
+            raise EvsError(f"cannot write the report '{path}': {there}")
         is_new = not path.exists()
         try:
             with path.open("ab"):
