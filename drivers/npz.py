@@ -41,7 +41,7 @@ class NpzRecorder:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path = Path(path)
-        self._temporary = self._path.with_name(f".{self._path.name}.{os.getpid()}.part")
+        self._temporary = self._path.parent / f".{self._path.name[:40]}.{os.getpid()}.{id(self)}"
         self._stream: StreamInfo | None = None
         self._parts: list[Events] = []
         self._file: IO[bytes] | None = None
@@ -54,9 +54,9 @@ class NpzRecorder:
     def open(self, streams: Sequence[StreamInfo]) -> None:
         """Make sure of the place. EvsError: several cameras, or no place to write."""
         self._stream = one_stream(self._path, streams)
-        if self._path.is_dir():
-            raise target_error(self._path, IsADirectoryError())
         try:
+            if self._path.exists() and self._path.is_dir():
+                raise IsADirectoryError
             self._file = self._temporary.open("wb")
             self._reserve(0)
         except OSError as reason:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 from collections.abc import Callable
 
 import lz4.frame
@@ -55,7 +56,11 @@ def decompress(body: bytes, name: str) -> bytes:
 
     The output grows as the input really expands, and stops at the size that its own prefix states.
     """
-    return body if name == "none" else _bounded(_reader(body, name))
+    if name == "none":
+        return body
+    if frame_bytes(body, name) != len(body):
+        raise DamageError("something follows the frame")
+    return _bounded(_reader(body, name))
 
 
 def identifier(body: bytes, name: str) -> bytes:
@@ -65,20 +70,49 @@ def identifier(body: bytes, name: str) -> bytes:
 
 
 def frame_bytes(body: bytes, name: str) -> int:
-    """How many of the bytes the first buffer in them takes up; only for what decompress took.
+    """How many bytes the frame (or plain buffer) takes that `body` begins with.
 
-    DamageError where a frame's checksum is cut off, which decompress cannot see.
+    By the lengths that stand in it, nothing is decompressed; DamageError where it ends early.
     """
-    if name == "none":
-        return 4 + int.from_bytes(body[:4], "little")
-    if name.startswith("lz4"):
-        frame = lz4.frame.LZ4FrameDecompressor()
-    else:
-        frame = zstandard.ZstdDecompressor(max_window_size=_MAX_WINDOW_BYTES).decompressobj()
-    frame.decompress(body)
-    if not frame.eof:
+    try:
+        if name == "none":
+            end = 4 + int.from_bytes(body[:4], "little")
+        elif name.startswith("lz4"):
+            end = _lz4_frame_bytes(body)
+        else:
+            end = _zstd_frame_bytes(body)
+    except (IndexError, struct.error):
+        raise DamageError("the frame ends early") from None
+    if end > len(body):
         raise DamageError("the frame ends early")
-    return len(body) - len(frame.unused_data or b"")
+    return end
+
+
+def _lz4_frame_bytes(body: bytes) -> int:
+    # LZ4 frame format 1.6: magic, FLG, BD, sizes, header checksum, blocks, end mark, checksum
+    flags = body[4]
+    block_checksum, content_size = 4 * (flags >> 4 & 1), 8 * (flags >> 3 & 1)
+    content_checksum, dictionary = 4 * (flags >> 2 & 1), 4 * (flags & 1)
+    at = 7 + content_size + dictionary
+    while size := struct.unpack_from("<I", body, at)[0]:
+        at += 4 + (size & 0x7FFFFFFF) + block_checksum
+    return at + 4 + content_checksum
+
+
+def _zstd_frame_bytes(body: bytes) -> int:
+    # RFC 8878, 3.1.1: header, blocks of a 3-byte header each, checksum
+    try:
+        at = zstandard.frame_header_size(body)
+        checksum = 4 * zstandard.get_frame_parameters(body).has_checksum
+    except zstandard.ZstdError as reason:
+        raise DamageError(f"ZSTD: {reason}") from None
+    last = 0
+    while not last:
+        header = int.from_bytes((body[at], body[at + 1], body[at + 2]), "little")
+        last, kind, size = header & 1, header >> 1 & 3, header >> 3
+        # a run-length block holds one byte, whatever its size
+        at += 3 + (1 if kind == 1 else size)
+    return at + checksum
 
 
 def _same(body: bytes) -> bytes:

@@ -200,8 +200,8 @@ class Aedat4File:
         if declared is not None and declared.identifier:
             if declared.identifier.encode() != kind:
                 raise DamageError(f"stream {number} holds {declared.identifier}, not {kind!r}")
-        elif not (kind.isalnum() and kind.isupper()):
-            raise DamageError(f"stream {number} does not exist")
+        elif self.streams or not (kind.isalnum() and kind.isupper()):
+            raise DamageError(f"stream {number} is not declared")
         return kind
 
 
@@ -213,9 +213,8 @@ def _table(file: BinaryIO, position: int, size: int, compression: str) -> tuple[
         if compressions.identifier(head, compression) != b"FTAB":
             return size, None
         body = head + file.read(size - position - len(head))
-        if compression == "none":
-            body = body[: compressions.frame_bytes(body, compression)]
+        body = body[: compressions.frame_bytes(body, compression)]
         listed = layout.parse_table_length(compressions.decompress(body, compression))
-        return position + compressions.frame_bytes(body, compression), listed
+        return position + len(body), listed
     except DamageError:
         return size, None

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 from evs.drivers.aedat4 import layout
 from evs.drivers.aedat4.reader import Aedat4File
@@ -60,16 +62,34 @@ def repair(path: str | os.PathLike[str]) -> Repair:
     report = Repair(file.path, file.size - cut_at, cut_at, reset)
     if report.needed:
         try:
-            _cut(file, report)
+            with file.path.open("r+b") as target:
+                _cut(target, file, report)
         except OSError as reason:
             raise target_error(file.path, reason) from None
     return report
 
 
-def _cut(file: Aedat4File, report: Repair) -> None:
-    with file.path.open("r+b") as target:
-        if report.pointer_reset and file.header.table_position_at is not None:
-            target.seek(len(layout.MAGIC) + file.header.table_position_at)
-            target.write(layout.NO_TABLE.to_bytes(8, "little", signed=True))
-            target.flush()
-        target.truncate(report.cut_at)
+def _cut(target: BinaryIO, file: Aedat4File, report: Repair) -> None:
+    at = file.header.table_position_at
+    if report.pointer_reset and at is not None:
+        target.seek(len(layout.MAGIC))
+        header = bytearray(target.read(file.packets_at - len(layout.MAGIC)))
+        header[at : at + 8] = layout.NO_TABLE.to_bytes(8, "little", signed=True)
+        # in a damaged header the pointer may seem to lie where something else does
+        wanted = dataclasses.replace(file.header, table_position=layout.NO_TABLE)
+        if _parsed(bytes(header)) != wanted:
+            raise EvsError(
+                f"the header of {file.path} is damaged: repair leaves it as it is; "
+                "restore it from a copy"
+            )
+        target.seek(len(layout.MAGIC))
+        target.write(header)
+        target.flush()
+    target.truncate(report.cut_at)
+
+
+def _parsed(header: bytes) -> layout.IOHeader | None:
+    try:
+        return layout.parse_io_header(header)
+    except layout.DamageError:
+        return None

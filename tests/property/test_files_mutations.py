@@ -1,0 +1,143 @@
+"""Changed bytes in a recording never crash, hang or flood a reader."""
+
+from __future__ import annotations
+
+import resource
+import tempfile
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from evs.drivers import files
+from evs.drivers.damage import DamagedPacketWarning, TornTailWarning
+from evs.msgs import EVENT_DTYPE, EventPacket, EvsError, StreamInfo, make_events
+
+KINDS = [("a.aedat4", "none"), ("a.aedat4", "lz4"), ("a.aedat4", "zstd"), ("a.npz", "lz4")]
+QUICK = 120
+LONG = 5000
+
+
+def recorded(folder: Path, name: str, compression: str) -> bytes:
+    path = folder / name
+    sink = files.recorder_for(path, compression)
+    sink.open([StreamInfo(64, 48, config={"a": 1})])
+    random = np.random.default_rng(3)
+    for tick in range(6):
+        t = np.sort(random.integers(1000 * tick + 1, 1000 * tick + 1001, 25))
+        x = random.integers(0, 48, 25)
+        sink.write(EventPacket(tick, 0, 0, 64, 48, make_events(t, x, x, x % 2)))
+    sink.close()
+    return path.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def originals(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, str], bytes]:
+    """The bytes of a small recording of each kind."""
+    folder = tmp_path_factory.mktemp("originals")
+    return {kind: recorded(folder, *kind) for kind in KINDS}
+
+
+@st.composite
+def mutations(draw: st.DrawFn, data: bytes) -> bytes:
+    """A few changes: bytes, whole numbers of interesting sizes, cuts, doublings, insertions."""
+    changed = bytearray(data)
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, max(0, len(changed) - 1)))
+        how = draw(st.integers(0, 5))
+        if how == 0:
+            changed[at : at + 1] = bytes([draw(st.integers(0, 255))])
+        elif how == 1:
+            size = draw(st.sampled_from([2, 4, 8]))
+            edges = [0, 1, -1, 7, 2**15, 2**31 - 1, -(2**31), 2**62, 2**32 - 1, len(data)]
+            value = draw(st.sampled_from(edges)) % 2 ** (8 * size)
+            changed[at : at + size] = value.to_bytes(size, "little")
+        elif how == 2:
+            del changed[at:]
+        elif how == 3:
+            del changed[at : at + draw(st.integers(1, 200))]
+        elif how == 4:
+            changed[at:at] = changed[at : at + draw(st.integers(1, 400))]
+        else:
+            changed[at:at] = draw(st.binary(max_size=64))
+    return bytes(changed)
+
+
+def survives(name: str, data: bytes) -> None:
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore", TornTailWarning)
+        warnings.simplefilter("ignore", DamagedPacketWarning)
+        path = Path(folder, name)
+        path.write_bytes(data)
+        peak_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        refused = ""
+        try:
+            recording = files.read(path)
+            told = files.summary(path)
+        except EvsError as error:
+            refused = str(error)
+        grown_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak_kib
+        assert grown_kib < 100_000
+        assert "\n" not in refused
+        if refused:
+            return
+        assert recording.dtype == EVENT_DTYPE
+        assert len(recording) == told.events
+        if len(recording):
+            assert recording["x"].min() >= 0
+            assert recording["y"].min() >= 0
+            assert recording["x"].max() < recording.stream.width
+            assert recording["y"].max() < recording.stream.height
+            assert set(recording["p"].tolist()) <= {0, 1}
+        try:
+            report = files.repair(path)
+        except EvsError as error:
+            refused = str(error)
+        if refused:
+            assert "repair leaves it" in refused
+            assert path.read_bytes() == data
+            return
+        # a repaired file is sound and holds what was readable before
+        assert files.summary(path).torn_at is None
+        assert files.read(path).tobytes() == recording.tobytes()
+        assert path.stat().st_size == len(data) - report.cut_bytes
+        assert not files.repair(path).needed
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=QUICK, deadline=5000, suppress_health_check=[HealthCheck.too_slow])
+@given(data=st.data())
+def test_a_changed_file_is_read_or_refused(
+    kind: tuple[str, str], data: st.DataObject, originals: dict[tuple[str, str], bytes]
+) -> None:
+    survives(kind[0], data.draw(mutations(originals[kind])))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=LONG, deadline=5000, suppress_health_check=[HealthCheck.too_slow])
+@given(data=st.data())
+def test_very_many_changed_files_are_read_or_refused(
+    kind: tuple[str, str], data: st.DataObject, originals: dict[tuple[str, str], bytes]
+) -> None:
+    survives(kind[0], data.draw(mutations(originals[kind])))
+
+
+@pytest.mark.parametrize("kind", KINDS[:3])
+def test_every_single_changed_byte_is_survived(
+    kind: tuple[str, str], originals: dict[tuple[str, str], bytes]
+) -> None:
+    original = originals[kind]
+    header = original.index(b"</dv>")
+    places = [
+        *range(14, 60),
+        *range(header, header + 200),
+        *range(len(original) - 40, len(original)),
+    ]
+    for at in places:
+        changed = bytearray(original)
+        changed[at] ^= 0xFF
+        survives(kind[0], bytes(changed))
