@@ -1,4 +1,5 @@
-// The caster as Python sees it. Every array is checked for its shape here; nothing else trusts Python.
+// The caster as Python sees it. Every array is checked for its shape here; nothing else trusts
+// Python.
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
@@ -29,14 +30,17 @@ void require(bool holds, const char* what) {
   if (!holds) throw nb::value_error(what);
 }
 
-void set_geoms(SceneData& s, In<int32_t, N> type, In<float, N, 3> size, In<int32_t, N> mesh, In<int32_t, N> surface) {
+void set_geoms(SceneData& s, In<int32_t, N> type, In<float, N, 3> size, In<int32_t, N> mesh,
+               In<int32_t, N> surface) {
   size_t n = type.shape(0);
-  require(size.shape(0) == n && mesh.shape(0) == n && surface.shape(0) == n, "geom arrays differ in length");
+  require(size.shape(0) == n && mesh.shape(0) == n && surface.shape(0) == n,
+          "geom arrays differ in length");
   for (size_t i = 0; i < n; i++) {
     int t = type.data()[i];
     require(t >= PLANE && t <= MESH, "unknown geom type");
     int m = mesh.data()[i], u = surface.data()[i];
-    require(t != MESH && t != HFIELD ? true : m >= 0 && m < static_cast<int>(s.meshes.size()), "geom's mesh does not exist");
+    require(t != MESH && t != HFIELD ? true : m >= 0 && m < static_cast<int>(s.meshes.size()),
+            "geom's mesh does not exist");
     require(u >= 0 && u < static_cast<int>(s.surfaces.size()), "geom's surface does not exist");
   }
   s.geom_type.assign(type.data(), type.data() + n);
@@ -45,41 +49,17 @@ void set_geoms(SceneData& s, In<int32_t, N> type, In<float, N, 3> size, In<int32
   s.geom_size.assign(size.data(), size.data() + 3 * n);
 }
 
-void add_mesh(SceneData& s, In<float, N, 3> vertices, In<int32_t, N, 3> faces, std::optional<In<float, N, 3, 3>> normals,
+void add_mesh(SceneData& s, In<float, N, 3> vertices, In<int32_t, N, 3> faces,
+              std::optional<In<float, N, 3, 3>> normals,
               std::optional<In<float, N, 3, 2>> texcoords) {
-  int nv = static_cast<int>(vertices.shape(0)), nf = static_cast<int>(faces.shape(0));
-  for (int i = 0; i < 3 * nf; i++) require(faces.data()[i] >= 0 && faces.data()[i] < nv, "face names a vertex that does not exist");
-  require(!normals || normals->shape(0) == faces.shape(0), "one normal for each corner of each face");
-  require(!texcoords || texcoords->shape(0) == faces.shape(0), "one texture coordinate for each corner of each face");
-  SceneData::MeshData mesh;
-  mesh.tree = build_tree(vertices.data(), nv, faces.data(), nf);
-  mesh.has_texcoords = texcoords.has_value();
-  for (size_t i = 0; i < mesh.tree.order.size(); i++) {
-    int f = mesh.tree.order[i];
-    const Triangle& t = mesh.tree.triangles[i];
-    V3 n = {t.e1.y * t.e2.z - t.e1.z * t.e2.y, t.e1.z * t.e2.x - t.e1.x * t.e2.z, t.e1.x * t.e2.y - t.e1.y * t.e2.x};
-    float twice_area = std::sqrt(n.x * n.x + n.y * n.y + n.z * n.z);
-    Corners c = {};
-    for (int k = 0; k < 3; k++) {
-      c.normal[k] = n;
-      if (normals) {
-        const float* p = normals->data() + (3 * static_cast<size_t>(f) + k) * 3;
-        c.normal[k] = {p[0], p[1], p[2]};
-      } else if (twice_area > 0) {
-        c.normal[k] = {n.x / twice_area, n.y / twice_area, n.z / twice_area};
-      }
-      if (texcoords) {
-        const float* p = texcoords->data() + (3 * static_cast<size_t>(f) + k) * 2;
-        c.uv[k][0] = p[0];
-        c.uv[k][1] = p[1];
-      }
-    }
-    float du1 = c.uv[1][0] - c.uv[0][0], dv1 = c.uv[1][1] - c.uv[0][1];
-    float du2 = c.uv[2][0] - c.uv[0][0], dv2 = c.uv[2][1] - c.uv[0][1];
-    c.density = twice_area > 0 ? std::sqrt(std::abs(du1 * dv2 - du2 * dv1) / twice_area) : 0.0f;
-    mesh.corners.push_back(c);
-  }
-  s.meshes.push_back(std::move(mesh));
+  require(!normals || normals->shape(0) == faces.shape(0),
+          "one normal for each corner of each face");
+  require(!texcoords || texcoords->shape(0) == faces.shape(0),
+          "one texture coordinate for each corner of each face");
+  s.meshes.push_back(make_mesh(vertices.data(), static_cast<int>(vertices.shape(0)), faces.data(),
+                               static_cast<int>(faces.shape(0)),
+                               normals ? normals->data() : nullptr,
+                               texcoords ? texcoords->data() : nullptr));
 }
 
 int add_texture(SceneData& s, In<uint8_t, N, N, N, N> data, bool srgb) {
@@ -87,12 +67,17 @@ int add_texture(SceneData& s, In<uint8_t, N, N, N, N> data, bool srgb) {
   require(faces == 1 || faces == 6, "a texture has 1 or 6 faces");
   require(c == 1 || c == 3 || c == 4, "a texture has 1, 3 or 4 components");
   require(data.shape(1) > 0 && data.shape(2) > 0, "a texture has texels");
-  s.textures.push_back({{data.data(), data.data() + data.size()}, faces, static_cast<int>(data.shape(1)), static_cast<int>(data.shape(2)), c, srgb});
+  s.textures.push_back({{data.data(), data.data() + data.size()},
+                        faces,
+                        static_cast<int>(data.shape(1)),
+                        static_cast<int>(data.shape(2)),
+                        c,
+                        srgb});
   return static_cast<int>(s.textures.size()) - 1;
 }
 
-void add_surface(SceneData& s, std::array<float, 4> rgba, int texture, std::array<float, 2> repeat, bool uniform,
-                 float emission, float specular, float shininess, float reflectance) {
+void add_surface(SceneData& s, std::array<float, 4> rgba, int texture, std::array<float, 2> repeat,
+                 bool uniform, float emission, float specular, float shininess, float reflectance) {
   require(texture < static_cast<int>(s.textures.size()), "surface's texture does not exist");
   SceneData::SurfaceData d = {};
   std::copy(rgba.begin(), rgba.end(), d.rgba);
@@ -106,8 +91,8 @@ void add_surface(SceneData& s, std::array<float, 4> rgba, int texture, std::arra
   s.surfaces.push_back(d);
 }
 
-void add_light(SceneData& s, int kind, Rgb ambient, Rgb diffuse, Rgb specular, bool castshadow, Rgb attenuation,
-               float cutoff_deg, float exponent, float intensity, bool headlight) {
+void add_light(SceneData& s, int kind, Rgb ambient, Rgb diffuse, Rgb specular, bool castshadow,
+               Rgb attenuation, float cutoff_deg, float exponent, float intensity, bool headlight) {
   require(kind >= SPOT && kind <= POINT, "unknown kind of light");
   SceneData::LightData d = {};
   d.kind = kind;
@@ -128,61 +113,83 @@ struct BoundCaster {
   size_t geoms, lights, width, height;
 };
 
-BoundCaster* make_caster(const SceneData& scene, int width, int height, double fx, double fy, double cx, double cy,
-                         bool orthographic, int samples, bool shadows, bool incremental, int threads,
-                         const std::string& isa) {
+BoundCaster* make_caster(const SceneData& scene, int width, int height, double fx, double fy,
+                         double cx, double cy, bool orthographic, int samples, bool shadows,
+                         bool incremental, int threads, const std::string& isa) {
   require(width > 0 && height > 0, "an image has pixels");
-  require(fx > 0 && fy > 0 && std::isfinite(fx) && std::isfinite(fy) && std::isfinite(cx) && std::isfinite(cy), "focal lengths are positive and finite");
+  require(fx > 0 && fy > 0 && std::isfinite(fx) && std::isfinite(fy) && std::isfinite(cx) &&
+              std::isfinite(cy),
+          "focal lengths are positive and finite");
   require(samples >= 1 && samples <= 64, "samples: 1 ... 64");
-  require(scene.skybox < static_cast<int>(scene.textures.size()), "the skybox's texture does not exist");
+  require(scene.skybox < static_cast<int>(scene.textures.size()),
+          "the skybox's texture does not exist");
   View view = {width, height, fx, fy, cx, cy, orthographic, samples};
   return new BoundCaster{{scene, view, shadows, incremental, threads, isa},
-                         scene.geom_type.size(), scene.lights.size(), static_cast<size_t>(width), static_cast<size_t>(height)};
+                         scene.geom_type.size(),
+                         scene.lights.size(),
+                         static_cast<size_t>(width),
+                         static_cast<size_t>(height)};
 }
 
-void render(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat, In<double, N, 3> light_pos,
-            In<double, N, 3> light_dir, In<double, 3> camera_pos, In<double, 9> camera_mat, Out<float, N, N> luminance,
+void render(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
+            In<double, N, 3> light_pos, In<double, N, 3> light_dir, In<double, 3> camera_pos,
+            In<double, 9> camera_mat, Out<float, N, N> luminance,
             std::optional<Out<int32_t, N, N>> geom, std::optional<Out<float, N, N>> distance) {
-  require(geom_pos.shape(0) == b.geoms && geom_mat.shape(0) == b.geoms, "poses for another number of geoms");
-  require(light_pos.shape(0) == b.lights && light_dir.shape(0) == b.lights, "poses for another number of lights");
-  require(luminance.shape(0) == b.height && luminance.shape(1) == b.width, "luminance is (height, width)");
+  require(geom_pos.shape(0) == b.geoms && geom_mat.shape(0) == b.geoms,
+          "poses for another number of geoms");
+  require(light_pos.shape(0) == b.lights && light_dir.shape(0) == b.lights,
+          "poses for another number of lights");
+  require(luminance.shape(0) == b.height && luminance.shape(1) == b.width,
+          "luminance is (height, width)");
   require(geom.has_value() == distance.has_value(), "geom and distance: both or neither");
   if (geom) {
-    require(geom->shape(0) == b.height && geom->shape(1) == b.width && distance->shape(0) == b.height &&
-                distance->shape(1) == b.width, "geom and distance are (height, width)");
+    require(geom->shape(0) == b.height && geom->shape(1) == b.width &&
+                distance->shape(0) == b.height && distance->shape(1) == b.width,
+            "geom and distance are (height, width)");
   }
-  Poses poses = {geom_pos.data(), geom_mat.data(), light_pos.data(), light_dir.data(), camera_pos.data(), camera_mat.data()};
+  Poses poses = {geom_pos.data(),  geom_mat.data(),   light_pos.data(),
+                 light_dir.data(), camera_pos.data(), camera_mat.data()};
   nb::gil_scoped_release release;
-  b.caster.render(poses, luminance.data(), geom ? geom->data() : nullptr, distance ? distance->data() : nullptr);
+  b.caster.render(poses, luminance.data(), geom ? geom->data() : nullptr,
+                  distance ? distance->data() : nullptr);
 }
 
 }  // namespace
 
 void bind_caster(nb::module_& m) {
-  m.def("isa_available", &isa_available, "Instruction sets that this build and this machine have, fastest first.");
+  m.def("isa_available", &isa_available,
+        "Instruction sets that this build and this machine have, fastest first.");
 
-  nb::class_<SceneData>(m, "SceneData", "The constant part of a scene, filled once: textures, surfaces, meshes, lights, then geoms.")
+  nb::class_<SceneData>(
+      m, "SceneData",
+      "The constant part of a scene, filled once: textures, surfaces, meshes, lights, then geoms.")
       .def(nb::init<>())
-      .def("add_texture", &add_texture, nb::arg("data"), nb::arg("srgb"), "data (faces, height, width, components) uint8; its index.")
-      .def("add_surface", &add_surface, nb::arg("rgba"), nb::arg("texture"), nb::arg("repeat"), nb::arg("uniform"),
-           nb::arg("emission"), nb::arg("specular"), nb::arg("shininess"), nb::arg("reflectance"))
-      .def("add_mesh", &add_mesh, nb::arg("vertices"), nb::arg("faces"), nb::arg("normals").none(), nb::arg("texcoords").none(),
+      .def("add_texture", &add_texture, nb::arg("data"), nb::arg("srgb"),
+           "data (faces, height, width, components) uint8; its index.")
+      .def("add_surface", &add_surface, nb::arg("rgba"), nb::arg("texture"), nb::arg("repeat"),
+           nb::arg("uniform"), nb::arg("emission"), nb::arg("specular"), nb::arg("shininess"),
+           nb::arg("reflectance"))
+      .def("add_mesh", &add_mesh, nb::arg("vertices"), nb::arg("faces"), nb::arg("normals").none(),
+           nb::arg("texcoords").none(),
            "vertices (nv, 3), faces (nf, 3), normals (nf, 3, 3), texcoords (nf, 3, 2).")
-      .def("add_light", &add_light, nb::arg("kind"), nb::arg("ambient"), nb::arg("diffuse"), nb::arg("specular"),
-           nb::arg("castshadow"), nb::arg("attenuation"), nb::arg("cutoff_deg"), nb::arg("exponent"), nb::arg("intensity"),
-           nb::arg("headlight"))
-      .def("set_geoms", &set_geoms, nb::arg("type"), nb::arg("size"), nb::arg("mesh"), nb::arg("surface"))
+      .def("add_light", &add_light, nb::arg("kind"), nb::arg("ambient"), nb::arg("diffuse"),
+           nb::arg("specular"), nb::arg("castshadow"), nb::arg("attenuation"),
+           nb::arg("cutoff_deg"), nb::arg("exponent"), nb::arg("intensity"), nb::arg("headlight"))
+      .def("set_geoms", &set_geoms, nb::arg("type"), nb::arg("size"), nb::arg("mesh"),
+           nb::arg("surface"))
       .def_rw("skybox", &SceneData::skybox, "Index of the skybox's texture, -1 none.");
 
   nb::class_<BoundCaster>(m, "Caster", "One camera's view of one scene.")
-      .def(nb::new_(&make_caster), nb::arg("scene"), nb::arg("width"), nb::arg("height"), nb::arg("fx"), nb::arg("fy"),
-           nb::arg("cx"), nb::arg("cy"), nb::arg("orthographic"), nb::arg("samples"), nb::arg("shadows"),
-           nb::arg("incremental"), nb::arg("threads"), nb::arg("isa"))
-      .def("render", &render, nb::arg("geom_pos"), nb::arg("geom_mat"), nb::arg("light_pos"), nb::arg("light_dir"),
-           nb::arg("camera_pos"), nb::arg("camera_mat"), nb::arg("luminance"), nb::arg("geom").none() = nb::none(),
-           nb::arg("distance").none() = nb::none(),
+      .def(nb::new_(&make_caster), nb::arg("scene"), nb::arg("width"), nb::arg("height"),
+           nb::arg("fx"), nb::arg("fy"), nb::arg("cx"), nb::arg("cy"), nb::arg("orthographic"),
+           nb::arg("samples"), nb::arg("shadows"), nb::arg("incremental"), nb::arg("threads"),
+           nb::arg("isa"))
+      .def("render", &render, nb::arg("geom_pos"), nb::arg("geom_mat"), nb::arg("light_pos"),
+           nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"), nb::arg("luminance"),
+           nb::arg("geom").none() = nb::none(), nb::arg("distance").none() = nb::none(),
            "luminance (h, w) float32 must be the same array, untouched, in every call.")
-      .def_prop_ro("traced_fraction", [](const BoundCaster& b) { return b.caster.traced_fraction(); })
+      .def_prop_ro("traced_fraction",
+                   [](const BoundCaster& b) { return b.caster.traced_fraction(); })
       .def_prop_ro("channels", [](const BoundCaster& b) { return b.caster.channels(); });
 }
 

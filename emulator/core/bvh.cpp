@@ -34,7 +34,8 @@ struct Builder {
   // Where to cut [begin, end): the cheapest of BINS - 1 planes on each axis, else the middle.
   int split(int begin, int end, int depth) {
     int middle = (begin + end) / 2;
-    if (depth > MAX_DEPTH / 2) return halve(begin, end);  // a degenerate pile: keep the depth bounded
+    if (depth > MAX_DEPTH / 2)
+      return halve(begin, end);  // a degenerate pile: keep the depth bounded
     float best = 1e30f, low = 0, scale = 0;
     int best_axis = -1, best_bin = 0;
     for (int a = 0; a < 3; a++) {
@@ -77,8 +78,10 @@ struct Builder {
 
   int halve(int begin, int end) {
     int middle = (begin + end) / 2;
-    std::nth_element(order.begin() + begin, order.begin() + middle, order.begin() + end,
-                     [&](int i, int j) { return centers[i].x < centers[j].x || (centers[i].x == centers[j].x && i < j); });
+    std::nth_element(
+        order.begin() + begin, order.begin() + middle, order.begin() + end, [&](int i, int j) {
+          return centers[i].x < centers[j].x || (centers[i].x == centers[j].x && i < j);
+        });
     return middle;
   }
 
@@ -113,7 +116,9 @@ struct Builder {
 Tree build_tree(const float* vertices, int vertex_count, const int32_t* faces, int face_count) {
   Tree tree;
   if (face_count == 0) return tree;
-  auto vertex = [&](int i) { return V3{vertices[3 * i], vertices[3 * i + 1], vertices[3 * i + 2]}; };
+  auto vertex = [&](int i) {
+    return V3{vertices[3 * i], vertices[3 * i + 1], vertices[3 * i + 2]};
+  };
   std::vector<Box> boxes(face_count);
   std::vector<V3> centers(face_count);
   Box all;
@@ -127,7 +132,8 @@ Tree build_tree(const float* vertices, int vertex_count, const int32_t* faces, i
       boxes[f].add(point);
     }
     const Box& b = boxes[f];
-    centers[f] = {0.5f * (b.low[0] + b.high[0]), 0.5f * (b.low[1] + b.high[1]), 0.5f * (b.low[2] + b.high[2])};
+    centers[f] = {0.5f * (b.low[0] + b.high[0]), 0.5f * (b.low[1] + b.high[1]),
+                  0.5f * (b.low[2] + b.high[2])};
     all.add(b);
   }
   tree.order.resize(face_count);
@@ -139,9 +145,11 @@ Tree build_tree(const float* vertices, int vertex_count, const int32_t* faces, i
   tree.triangles.reserve(face_count);
   for (int f : tree.order) {
     V3 a = vertex(faces[3 * f]), b = vertex(faces[3 * f + 1]), c = vertex(faces[3 * f + 2]);
-    tree.triangles.push_back({a, {b.x - a.x, b.y - a.y, b.z - a.z}, {c.x - a.x, c.y - a.y, c.z - a.z}});
+    tree.triangles.push_back(
+        {a, {b.x - a.x, b.y - a.y, b.z - a.z}, {c.x - a.x, c.y - a.y, c.z - a.z}});
   }
-  tree.center = {0.5f * (all.low[0] + all.high[0]), 0.5f * (all.low[1] + all.high[1]), 0.5f * (all.low[2] + all.high[2])};
+  tree.center = {0.5f * (all.low[0] + all.high[0]), 0.5f * (all.low[1] + all.high[1]),
+                 0.5f * (all.low[2] + all.high[2])};
   for (int i = 0; i < vertex_count; i++) {
     V3 v = vertex(i);
     float x = v.x - tree.center.x, y = v.y - tree.center.y, z = v.z - tree.center.z;

@@ -24,11 +24,15 @@ D3 transposed_times(const double* m, D3 v) {
 
 D3 minus(const double* a, const double* b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
 
-V3 to_float(D3 v) { return {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)}; }
+V3 to_float(D3 v) {
+  return {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
+}
 
 bool is_grey(const float* c) { return c[0] == c[1] && c[1] == c[2]; }
 
-float luminance_of(const float* c) { return WEIGHTS[0] * c[0] + WEIGHTS[1] * c[1] + WEIGHTS[2] * c[2]; }
+float luminance_of(const float* c) {
+  return WEIGHTS[0] * c[0] + WEIGHTS[1] * c[1] + WEIGHTS[2] * c[2];
+}
 
 }  // namespace
 
@@ -51,8 +55,8 @@ Bounds Caster::Spheres::view() const {
   return {x.data(), y.data(), z.data(), radius.data(), static_cast<int>(x.size())};
 }
 
-Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incremental, int threads,
-               const std::string& isa)
+Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incremental,
+               int threads, const std::string& isa)
     : kernel_(kernel_of(isa)), pool_(threads), incremental_(incremental), mesh_data_(scene.meshes) {
   build_lights(scene);
   build_surfaces(scene);
@@ -128,7 +132,8 @@ void Caster::build_surfaces(const SceneData& scene) {
     const SceneData::TextureData& t = scene.textures[texture];
     float tint[3];
     for (int c = 0; c < 3; c++) tint[c] = from_srgb(rgba[c]);
-    chains_.push_back(build_chain(t.data.data(), t.faces, t.height, t.width, t.components, t.srgb, tint, frame_.channels));
+    chains_.push_back(build_chain(t.data.data(), t.faces, t.height, t.width, t.components, t.srgb,
+                                  tint, frame_.channels));
     int index = static_cast<int>(chains_.size()) - 1;
     baked.push_back({texture, {rgba[0], rgba[1], rgba[2]}, index});
     return index;
@@ -137,7 +142,8 @@ void Caster::build_surfaces(const SceneData& scene) {
     Surface out = {};
     float linear[3];
     for (int c = 0; c < 3; c++) linear[c] = from_srgb(s.rgba[c]);
-    for (int c = 0; c < 3; c++) out.albedo[c] = frame_.channels == 3 ? linear[c] : luminance_of(linear);
+    for (int c = 0; c < 3; c++)
+      out.albedo[c] = frame_.channels == 3 ? linear[c] : luminance_of(linear);
     out.emission = s.emission;
     out.specular = from_srgb(s.specular);
     out.exponent = s.shininess * 128.0f;
@@ -190,13 +196,15 @@ void Caster::build_view(const View& view) {
   for (const Light& l : lights_) casting += l.castshadow;
   int capacity = std::min(2 * casting + 1, HULL_CAPACITY);
   hulls_.resize(packets * capacity);
-  for (size_t i = 0; i < packets; i++) records_.push_back({-1, capacity, hulls_.data() + i * capacity});
+  for (size_t i = 0; i < packets; i++)
+    records_.push_back({-1, capacity, hulls_.data() + i * capacity});
 }
 
 // The pyramid of a packet's pixels as a cone; orthographic: the prism as a cylinder.
 Hull Caster::primary_hull(int column, int row) const {
   const Frame& f = frame_;
-  double x0 = column * PACKET_WIDTH, x1 = x0 + PACKET_WIDTH, y0 = row * PACKET_HEIGHT, y1 = y0 + PACKET_HEIGHT;
+  double x0 = column * PACKET_WIDTH, x1 = x0 + PACKET_WIDTH, y0 = row * PACKET_HEIGHT,
+         y1 = y0 + PACKET_HEIGHT;
   double xs[5] = {x0, x1, x0, x1, 0.5 * (x0 + x1)}, ys[5] = {y0, y0, y1, y1, 0.5 * (y0 + y1)};
   double d[5][3];
   for (int i = 0; i < 5; i++) {
@@ -216,8 +224,10 @@ Hull Caster::primary_hull(int column, int row) const {
     return hull;
   }
   double least = 1;
-  for (int i = 0; i < 4; i++) least = std::min(least, d[i][0] * d[4][0] + d[i][1] * d[4][1] + d[i][2] * d[4][2]);
-  hull.axis = {static_cast<float>(d[4][0]), static_cast<float>(d[4][1]), static_cast<float>(d[4][2])};
+  for (int i = 0; i < 4; i++)
+    least = std::min(least, d[i][0] * d[4][0] + d[i][1] * d[4][1] + d[i][2] * d[4][2]);
+  hull.axis = {static_cast<float>(d[4][0]), static_cast<float>(d[4][1]),
+               static_cast<float>(d[4][2])};
   hull.cosine = static_cast<float>(least);
   hull.sine = static_cast<float>(std::sqrt(std::max(0.0, 1 - least * least)) * 1.001 + 1e-6);
   return hull;
@@ -304,14 +314,16 @@ void Caster::render(const Poses& poses, float* luminance, int32_t* geom, float* 
                std::equal(camera.begin() + 3, camera.end(), poses.camera_mat);
   std::copy(poses.camera_pos, poses.camera_pos + 3, camera.begin());
   std::copy(poses.camera_mat, poses.camera_mat + 9, camera.begin() + 3);
-  bool same_lights = !first && std::memcmp(lights_.data(), previous_lights_.data(), lights_.size() * sizeof(Light)) == 0;
+  bool same_lights = !first && std::memcmp(lights_.data(), previous_lights_.data(),
+                                           lights_.size() * sizeof(Light)) == 0;
   bool selective = incremental_ && still && same_lights && !geom;
 
   if (selective) {
     // old and new bounds of every geom that moved
     std::vector<int> moved;
     for (size_t k = 0; k < geoms_.size(); k++) {
-      if (std::memcmp(&geoms_[k], &previous_geoms_[k], sizeof(Geom)) != 0) moved.push_back(static_cast<int>(k));
+      if (std::memcmp(&geoms_[k], &previous_geoms_[k], sizeof(Geom)) != 0)
+        moved.push_back(static_cast<int>(k));
     }
     moved_.resize(2 * static_cast<int>(moved.size()));
     for (size_t i = 0; i < moved.size(); i++) {
@@ -331,7 +343,8 @@ void Caster::render(const Poses& poses, float* luminance, int32_t* geom, float* 
   pool_.run(rows_, [&](int row, int) {
     long count = 0;
     for (int column = 0; column < columns_; column++) {
-      Record* record = incremental_ ? &records_[static_cast<size_t>(row) * columns_ + column] : nullptr;
+      Record* record =
+          incremental_ ? &records_[static_cast<size_t>(row) * columns_ + column] : nullptr;
       if (selective && !kernel_->touched(frame_, column, row, *record, moved)) continue;
       kernel_->trace(frame_, column, row, out, recording ? record : nullptr);
       count++;

@@ -5,49 +5,12 @@
 #include <string>
 #include <vector>
 
-#include "bvh.h"
 #include "mipmap.h"
 #include "pool.h"
 #include "scene.h"
+#include "scene_data.h"
 
 namespace evs {
-
-// The constant part of a scene, as it comes from Python. Colours as MuJoCo codes them.
-struct SceneData {
-  struct MeshData {
-    Tree tree;
-    std::vector<Corners> corners;
-    bool has_texcoords;
-  };
-  struct TextureData {
-    std::vector<uint8_t> data;
-    int faces, height, width, components;
-    bool srgb;
-  };
-  struct SurfaceData {
-    float rgba[4];
-    int texture;
-    float repeat[2];
-    bool uniform;
-    float emission, specular, shininess, reflectance;
-  };
-  struct LightData {
-    int kind;
-    float ambient[3], diffuse[3], specular[3];
-    bool castshadow;
-    float attenuation[3];
-    float cutoff_deg, exponent;
-    float intensity;  // already divided by the lux of one unit; 0: diffuse holds
-    bool headlight;
-  };
-  std::vector<int> geom_type, geom_mesh, geom_surface;
-  std::vector<float> geom_size;  // (ng, 3)
-  std::vector<MeshData> meshes;
-  std::vector<TextureData> textures;
-  std::vector<SurfaceData> surfaces;
-  std::vector<LightData> lights;
-  int skybox = -1;
-};
 
 struct View {
   int width, height;
@@ -64,7 +27,8 @@ struct Poses {
 class Caster {
  public:
   // isa: "auto" or one of isa_available()
-  Caster(const SceneData& scene, const View& view, bool shadows, bool incremental, int threads, const std::string& isa);
+  Caster(const SceneData& scene, const View& view, bool shadows, bool incremental, int threads,
+         const std::string& isa);
 
   // Out: luminance (h, w), which must be the same memory, untouched, in every call; geom (h, w)
   // index into geom_type or -1, and distance (h, w), both or neither: asking for them traces all.

@@ -8,8 +8,8 @@ struct Trail {  // what a packet's secondary rays covered, over all its samples
 
 // Light that leaves the surface towards the ray's origin.
 template <int CHANNELS>
-void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNELS>& patch,
-                      Mask lit, Float* out) {
+void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNELS>& patch, Mask lit,
+           Float* out) {
   for (int c = 0; c < CHANNELS; c++) out[c] = patch.albedo[c] * patch.emission;
   Region region;
   grow(region, patch.origin, lit);
@@ -24,18 +24,23 @@ void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNEL
     if (!any(facing)) continue;
     Mask dark = mask_of(0);
     if (light.castshadow && f.shadows) {
-      dark = occluded(f, patch.origin, in.towards, in.distance, hit.geom, shadow_hull(light, region), facing);
+      dark = occluded(f, patch.origin, in.towards, in.distance, hit.geom,
+                      shadow_hull(light, region), facing);
     }
     Mask reached = facing & ~dark;
     if (!any(reached)) continue;
     Float received = select(reached, cosine * in.strength, splat(0.0f));
-    for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + patch.albedo[c] * received * light.diffuse[c];
+    for (int c = 0; c < CHANNELS; c++)
+      out[c] = out[c] + patch.albedo[c] * received * light.diffuse[c];
     // Blinn-Phong
     Mask glossy = reached & (patch.specular > 0.0f);
-    if (!any(glossy) || light.specular[0] + light.specular[CHANNELS / 2] + light.specular[CHANNELS - 1] <= 0) continue;
+    if (!any(glossy) ||
+        light.specular[0] + light.specular[CHANNELS / 2] + light.specular[CHANNELS - 1] <= 0)
+      continue;
     Vec half = normalize(in.towards - rays.direction);
     Float lobe = min(max(dot(half, patch.normal), splat(0.0f)), splat(1.0f));
-    Float gloss = select(lobe > 1e-30f, exp2(log2(max(lobe, splat(1e-30f))) * patch.exponent), splat(0.0f));
+    Float gloss =
+        select(lobe > 1e-30f, exp2(log2(max(lobe, splat(1e-30f))) * patch.exponent), splat(0.0f));
     gloss = select(glossy, gloss * patch.specular * in.strength, splat(0.0f));
     for (int c = 0; c < CHANNELS; c++) {
       out[c] = out[c] + gloss * patch.gloss_tint[c] * light.specular[c];
@@ -71,22 +76,23 @@ Hit radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Fl
   for (int c = 0; c < CHANNELS; c++) out[c] = select(lit, surface[c], out[c]);
   Mask mirror = lit & (patch.reflectance > 0.0f);
   if constexpr (FOLLOW) {
-  if (!any(mirror)) return hit;
+    if (!any(mirror)) return hit;
 
-  Vec d = rays.direction;
-  Vec bounced = d - patch.normal * (dot(d, patch.normal) * 2.0f);
-  Rays mirrored = {patch.origin, normalize(bounced), false};
-  Hull cone = hull_of(mirrored.origin, mirrored.direction, mirror, FAR);
-  if (trail.mirror_cosine > 1) trail.mirror_axis = cone.axis;
-  Vec x = mirrored.direction;
-  float least = lowest(select(mirror, x.x * trail.mirror_axis.x + x.y * trail.mirror_axis.y +
-                                          x.z * trail.mirror_axis.z, splat(1.0f)));
-  trail.mirror_cosine = least < trail.mirror_cosine ? least : trail.mirror_cosine;
-  Float image[CHANNELS];
-  radiance<CHANNELS, false>(f, mirrored, cone, mirror, travelled + hit.distance, trail, image);
-  for (int c = 0; c < CHANNELS; c++) {
-    out[c] = select(mirror, out[c] + image[c] * patch.reflectance, out[c]);
-  }
+    Vec d = rays.direction;
+    Vec bounced = d - patch.normal * (dot(d, patch.normal) * 2.0f);
+    Rays mirrored = {patch.origin, normalize(bounced), false};
+    Hull cone = hull_of(mirrored.origin, mirrored.direction, mirror, FAR);
+    if (trail.mirror_cosine > 1) trail.mirror_axis = cone.axis;
+    Vec x = mirrored.direction;
+    float least = lowest(select(
+        mirror, x.x * trail.mirror_axis.x + x.y * trail.mirror_axis.y + x.z * trail.mirror_axis.z,
+        splat(1.0f)));
+    trail.mirror_cosine = least < trail.mirror_cosine ? least : trail.mirror_cosine;
+    Float image[CHANNELS];
+    radiance<CHANNELS, false>(f, mirrored, cone, mirror, travelled + hit.distance, trail, image);
+    for (int c = 0; c < CHANNELS; c++) {
+      out[c] = select(mirror, out[c] + image[c] * patch.reflectance, out[c]);
+    }
   }
   return hit;
 }
@@ -115,7 +121,8 @@ inline void write_record(const Frame& f, const Trail& trail, Record* record) {
   auto add_shadows = [&](const Region& region) {
     if (region.low.x > region.high.x) return;
     for (int i = 0; i < f.light_count; i++) {
-      if (f.lights[i].castshadow && f.shadows) record->hulls[record->count++] = shadow_hull(f.lights[i], region);
+      if (f.lights[i].castshadow && f.shadows)
+        record->hulls[record->count++] = shadow_hull(f.lights[i], region);
     }
   };
   add_shadows(trail.seen);

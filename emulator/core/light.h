@@ -24,8 +24,9 @@ EVS_INLINE Incidence incidence(const Light& light, Vec point) {
   if (light.kind == SPOT) {
     Float cosine = -(in.towards.x * light.direction.x + in.towards.y * light.direction.y +
                      in.towards.z * light.direction.z);
-    Float cone = light.exponent > 0 ? power(min(max(cosine, splat(0.0f)), splat(1.0f)), light.exponent)
-                                    : splat(1.0f);
+    Float cone = light.exponent > 0
+                     ? power(min(max(cosine, splat(0.0f)), splat(1.0f)), light.exponent)
+                     : splat(1.0f);
     in.strength = select(cosine >= light.cos_cutoff, in.strength * cone, splat(0.0f));
   }
   return in;
@@ -49,7 +50,8 @@ EVS_INLINE void grow(Region& r, Vec p, Mask active) {
 
 EVS_INLINE Hull ball_of(const Region& r) {
   Hull hull;
-  hull.center = {0.5f * (r.low.x + r.high.x), 0.5f * (r.low.y + r.high.y), 0.5f * (r.low.z + r.high.z)};
+  hull.center = {0.5f * (r.low.x + r.high.x), 0.5f * (r.low.y + r.high.y),
+                 0.5f * (r.low.z + r.high.z)};
   V3 half = r.high - hull.center;
   hull.radius = __builtin_sqrtf(dot(half, half)) * 1.00001f;
   hull.axis = {0, 0, -1};

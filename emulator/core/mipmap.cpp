@@ -53,7 +53,8 @@ Chain build_chain(const uint8_t* data, int faces, int height, int width, int com
   chain.texels.resize(static_cast<size_t>(total) * channels);
 
   float decode[256];
-  for (int i = 0; i < 256; i++) decode[i] = srgb ? from_srgb(static_cast<float>(i) / 255.0f) : static_cast<float>(i) / 255.0f;
+  for (int i = 0; i < 256; i++)
+    decode[i] = srgb ? from_srgb(static_cast<float>(i) / 255.0f) : static_cast<float>(i) / 255.0f;
   constexpr float WEIGHTS[3] = {0.2126f, 0.7152f, 0.0722f};
   for (int c = 0; c < channels; c++) {
     for (int face = 0; face < faces; face++) {
@@ -62,11 +63,13 @@ Chain build_chain(const uint8_t* data, int faces, int height, int width, int com
         const uint8_t* p = data + (static_cast<size_t>(face) * width * height + i) * components;
         float rgb[3];
         for (int k = 0; k < 3; k++) rgb[k] = decode[p[components >= 3 ? k : 0]] * tint[k];
-        level[i] = channels == 3 ? rgb[c] : WEIGHTS[0] * rgb[0] + WEIGHTS[1] * rgb[1] + WEIGHTS[2] * rgb[2];
+        level[i] = channels == 3 ? rgb[c]
+                                 : WEIGHTS[0] * rgb[0] + WEIGHTS[1] * rgb[1] + WEIGHTS[2] * rgb[2];
       }
       for (int l = 0;; l++) {
         std::copy(level.begin(), level.end(),
-                  chain.texels.begin() + static_cast<long>(c) * total + t.level_offset[l] + static_cast<long>(face) * level.size());
+                  chain.texels.begin() + static_cast<long>(c) * total + t.level_offset[l] +
+                      static_cast<long>(face) * level.size());
         if (l + 1 >= t.levels) break;
         level = shrink(level, t.width[l], t.height[l], t.width[l + 1], t.height[l + 1]);
       }

@@ -1,4 +1,5 @@
-// An image in linear light and its smaller copies, each texel the exact area mean of what it covers.
+// An image in linear light and its smaller copies, each texel the exact area mean of what it
+// covers.
 #pragma once
 
 #include <cstdint>
@@ -19,8 +20,8 @@ struct Chain {
   }
 };
 
-// In: data (faces, height, width, components) uint8; `srgb`: display-coded. `tint` (3) linear factors.
-// channels 3: RGB; 1: BT.709 luminance of the tinted colour.
+// In: data (faces, height, width, components) uint8; `srgb`: display-coded. `tint` (3) linear
+// factors. channels 3: RGB; 1: BT.709 luminance of the tinted colour.
 Chain build_chain(const uint8_t* data, int faces, int height, int width, int components, bool srgb,
                   const float* tint, int channels);
 

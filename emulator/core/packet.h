@@ -53,8 +53,7 @@ EVS_INLINE unsigned touching(const Bounds& b, int k, const Hull& hull) {
            load(b.z + k) - hull.center.z};
   Float along = v.x * hull.axis.x + v.y * hull.axis.y + v.z * hull.axis.z;
   // the part across the axis by subtraction of vectors: no cancellation of squares
-  Vec across = {v.x - along * hull.axis.x, v.y - along * hull.axis.y,
-                v.z - along * hull.axis.z};
+  Vec across = {v.x - along * hull.axis.x, v.y - along * hull.axis.y, v.z - along * hull.axis.z};
   Float away = sqrt(dot(across, across));
   Float reach = load(b.radius + k) + hull.radius;
   Float slack = (abs(along) + reach) * 2e-6f;
@@ -68,8 +67,8 @@ EVS_INLINE unsigned touching(const Bounds& b, int k, const Hull& hull) {
 // The hull of the active lanes' rays: from points p, along directions d, no further than `length`.
 EVS_INLINE Hull hull_of(Vec p, Vec d, Mask active, float length) {
   int first = first_lane(bits(active));
-  Vec q = select(active, p, {splat(lane(p.x, first)), splat(lane(p.y, first)),
-                             splat(lane(p.z, first))});
+  Vec q = select(active, p,
+                 {splat(lane(p.x, first)), splat(lane(p.y, first)), splat(lane(p.z, first))});
   V3 low = {lowest(q.x), lowest(q.y), lowest(q.z)};
   V3 high = {highest(q.x), highest(q.y), highest(q.z)};
   Hull hull;

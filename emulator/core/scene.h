@@ -53,12 +53,12 @@ struct Texture {
 constexpr int MAX_CHANNELS = 3;
 
 struct Surface {
-  float albedo[MAX_CHANNELS];    // linear; with a texture it is already inside the texels
-  float emission;                // times albedo
-  float specular;                // Blinn-Phong strength, linear
-  float exponent;                // Blinn-Phong exponent
-  float reflectance;             // mirror share
-  int texture;                   // -1 none
+  float albedo[MAX_CHANNELS];  // linear; with a texture it is already inside the texels
+  float emission;              // times albedo
+  float specular;              // Blinn-Phong strength, linear
+  float exponent;              // Blinn-Phong exponent
+  float reflectance;           // mirror share
+  int texture;                 // -1 none
   float repeat[2];
   bool uniform;
 };
@@ -84,7 +84,8 @@ struct Light {
   bool inverse_square;  // physical intensity: 1 / r^2 instead of attenuation
 };
 
-// A region that bundles rays: a ball of origins (center, radius), opened by an angle, up to `length`.
+// A region that bundles rays: a ball of origins (center, radius), opened by an angle, up to
+// `length`.
 struct Hull {
   V3 center, axis;
   float radius, length, cosine, sine;
@@ -106,7 +107,7 @@ struct Frame {
   int skybox;             // texture, -1 none
   float sky_rotation[9];  // row-major, camera to world
   bool shadows;
-  int channels;  // 1: every light is grey, luminance alone is carried; 3: RGB
+  int channels;                 // 1: every light is grey, luminance alone is carried; 3: RGB
   float weights[MAX_CHANNELS];  // luminance of each channel
 
   int width, height;

@@ -45,6 +45,7 @@ EVS_INLINE Int operator-(Int a, Int b) { return {_mm512_sub_epi32(a.v, b.v)}; }
 EVS_INLINE Int operator*(Int a, Int b) { return {_mm512_mullo_epi32(a.v, b.v)}; }
 EVS_INLINE Int operator&(Int a, Int b) { return {_mm512_and_si512(a.v, b.v)}; }
 EVS_INLINE Int operator|(Int a, Int b) { return {_mm512_or_si512(a.v, b.v)}; }
+EVS_INLINE Int operator^(Int a, Int b) { return {_mm512_xor_si512(a.v, b.v)}; }
 template <int N>
 EVS_INLINE Int shift_right(Int a) {
   return {_mm512_srai_epi32(a.v, N)};
@@ -126,6 +127,7 @@ EVS_BINARY(Int, Int, v, operator-, a.v[i] - b.v[i])
 EVS_BINARY(Int, Int, v, operator*, a.v[i] * b.v[i])
 EVS_BINARY(Int, Int, v, operator&, a.v[i] & b.v[i])
 EVS_BINARY(Int, Int, v, operator|, a.v[i] | b.v[i])
+EVS_BINARY(Int, Int, v, operator^, a.v[i] ^ b.v[i])
 EVS_BINARY(Mask, Mask, m, operator&, a.m[i] & b.m[i])
 EVS_BINARY(Mask, Mask, m, operator|, a.m[i] | b.m[i])
 
@@ -211,7 +213,8 @@ EVS_INLINE unsigned bits(Mask a) {
 }
 EVS_INLINE Mask mask_of(unsigned lanes) {
   Mask r;
-  EVS_PARTS for (int j = 0; j < PART; j++) r.m[i][j] = -static_cast<int>((lanes >> (i * PART + j)) & 1u);
+  EVS_PARTS for (int j = 0; j < PART; j++) r.m[i][j] =
+      -static_cast<int>((lanes >> (i * PART + j)) & 1u);
   return r;
 }
 EVS_INLINE Float gather(const float* base, Int at) {
@@ -241,7 +244,9 @@ EVS_INLINE float highest(Float a) {
 
 EVS_INLINE Mask operator>(Float a, Float b) { return b < a; }
 EVS_INLINE Mask operator>=(Float a, Float b) { return b <= a; }
-EVS_INLINE Float operator-(Float a) { return as_float(as_int(a) + splat(static_cast<int>(0x80000000u))); }
+EVS_INLINE Float operator-(Float a) {
+  return as_float(as_int(a) ^ splat(static_cast<int>(0x80000000u)));  // the sign's bit
+}
 EVS_INLINE Float operator+(Float a, float b) { return a + splat(b); }
 EVS_INLINE Float operator-(Float a, float b) { return a - splat(b); }
 EVS_INLINE Float operator*(Float a, float b) { return a * splat(b); }

@@ -10,7 +10,7 @@ struct Patch {
 };
 
 inline void texture_of_geom(const Frame& f, const Geom& g, const Surface& s, Vec p, Float footprint,
-                                Float* out) {
+                            Float* out) {
   const Texture& t = f.textures[s.texture];
   if (t.faces == 1) {
     Float u, v;
@@ -23,7 +23,8 @@ inline void texture_of_geom(const Frame& f, const Geom& g, const Surface& s, Vec
   float third = g.shape == CAPSULE || g.shape == CYLINDER ? g.size[1] : g.size[2];
   float second = g.shape == ELLIPSOID || g.shape == BOX ? g.size[1] : g.size[0];
   if (g.shape == SPHERE) third = g.size[0];
-  float per_meter = g.shape == MESH || g.shape == HFIELD || g.shape == PLANE ? 1.0f : 1.0f / g.size[0];
+  float per_meter =
+      g.shape == MESH || g.shape == HFIELD || g.shape == PLANE ? 1.0f : 1.0f / g.size[0];
   if (s.uniform) {
     q = {q.x * g.size[0], q.y * second, q.z * third};
     per_meter = 1.0f;
@@ -36,7 +37,7 @@ inline void texture_of_geom(const Frame& f, const Geom& g, const Surface& s, Vec
 
 // A mesh's normal and texture coordinates, lane by lane.
 inline void corners_of(const Mesh& mesh, const Hit& hit, unsigned lanes, Vec& smooth, Vec& flat,
-                           Float& u, Float& v, Float& density) {
+                       Float& u, Float& v, Float& density) {
   alignas(64) float out[9][LANES] = {};
   alignas(64) int triangle[LANES];
   alignas(64) float a[LANES], b[LANES];
@@ -65,10 +66,11 @@ inline void corners_of(const Mesh& mesh, const Hit& hit, unsigned lanes, Vec& sm
   density = load(out[8]);
 }
 
-// In: the hits of `lanes`. Out: what is there. `travelled`: distance from the camera to the rays' start.
+// In: the hits of `lanes`. Out: what is there. `travelled`: distance from the camera to the rays'
+// start.
 template <int CHANNELS>
 Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsigned lanes,
-                                    Float travelled) {
+                         Float travelled) {
   Patch<CHANNELS> out = {};
   out.point = rays.origin + rays.direction * hit.distance;
   out.origin = out.point;
@@ -97,8 +99,10 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
     Float texel[CHANNELS];
     if (s.texture >= 0) {
       if (is_mesh && f.meshes[g.mesh].has_texcoords && f.textures[s.texture].faces == 1) {
-        sample(f.textures[s.texture], CHANNELS, mesh_u * s.repeat[0], mesh_v * s.repeat[1], splat(0),
-               footprint * mesh_density * (s.repeat[0] > s.repeat[1] ? s.repeat[0] : s.repeat[1]), texel);
+        sample(f.textures[s.texture], CHANNELS, mesh_u * s.repeat[0], mesh_v * s.repeat[1],
+               splat(0),
+               footprint * mesh_density * (s.repeat[0] > s.repeat[1] ? s.repeat[0] : s.repeat[1]),
+               texel);
       } else {
         texture_of_geom(f, g, s, p, footprint, texel);
       }

@@ -1,4 +1,5 @@
-// Looking up textures: where on the image (as MuJoCo's viewer maps it), and how much of it to average.
+// Looking up textures: where on the image (as MuJoCo's viewer maps it), and how much of it to
+// average.
 
 // texels at integer positions (x, y) of `face` on per-lane levels, one channel
 struct Level {
@@ -12,17 +13,20 @@ EVS_INLINE Level level_of(const Texture& t, Int level) {
   return {pick(t.width), pick(t.height), pick(t.level_offset)};
 }
 
-// remainder in [0, n) of a whole number; exact while it stays below 2^24
+// Remainder in [0, n) of a whole number; exact while it stays below 2^24. A NaN gives 0: what comes
+// out is always a valid index.
 EVS_INLINE Int wrap(Float whole, Int n) {
   Float period = to_float(n);
   Float rest = whole - floor(whole / period) * period;
   // the division may round up to the next multiple
   rest = select(rest < 0.0f, rest + period, select(rest >= period, rest - period, rest));
-  return truncate(rest);
+  return truncate(min(max(rest, splat(0.0f)), period - 1.0f));
 }
 
-// Bilinear on one level. u, v in image lengths; repeating if one face, clamped to the edge on a cube.
-EVS_INLINE Float bilinear(const Texture& t, const float* texels, Level l, Float u, Float v, Int face) {
+// Bilinear on one level. u, v in image lengths; repeating if one face, clamped to the edge on a
+// cube.
+EVS_INLINE Float bilinear(const Texture& t, const float* texels, Level l, Float u, Float v,
+                          Int face) {
   Float x = u * to_float(l.width) - 0.5f, y = v * to_float(l.height) - 0.5f;
   Float x0 = floor(x), y0 = floor(y), fx = x - x0, fy = y - y0;
   Int left, right, upper, lower;
@@ -48,7 +52,7 @@ EVS_INLINE Float bilinear(const Texture& t, const float* texels, Level l, Float 
 
 // Trilinear: `footprint` is the width of what one sample sees, in image lengths.
 inline void sample(const Texture& t, int channels, Float u, Float v, Int face, Float footprint,
-                       Float* out) {
+                   Float* out) {
   float widest = static_cast<float>(t.width[0] > t.height[0] ? t.width[0] : t.height[0]);
   Float texels = max(footprint * widest, splat(1.0f));
   Float lod = min(log2(texels), splat(static_cast<float>(t.levels - 1)));
@@ -71,9 +75,11 @@ EVS_INLINE void on_cube(Vec d, Float& u, Float& v, Int& face, Float& major) {
   Mask is_x = (ax >= ay) & (ax >= az), is_y = ~is_x & (ay >= az);
   major = max(select(is_x, ax, select(is_y, ay, az)), splat(1e-30f));
   Mask negative = select(is_x, d.x, select(is_y, d.y, d.z)) < 0.0f;
-  Float s = select(is_x, select(negative, d.z, -d.z), select(is_y, d.x, select(negative, -d.x, d.x)));
+  Float s =
+      select(is_x, select(negative, d.z, -d.z), select(is_y, d.x, select(negative, -d.x, d.x)));
   Float t = select(is_y, select(negative, -d.z, d.z), -d.y);
-  face = select(is_x, splat(0), select(is_y, splat(2), splat(4))) + select(negative, splat(1), splat(0));
+  face = select(is_x, splat(0), select(is_y, splat(2), splat(4))) +
+         select(negative, splat(1), splat(0));
   u = (s / major + 1.0f) * 0.5f;
   v = (t / major + 1.0f) * 0.5f;
 }
@@ -103,13 +109,16 @@ EVS_INLINE Vec unit_point(const Geom& g, Vec p) {
 // Texture coordinates of a 2D image on a shape without coordinates of its own.
 // Out: u, v in [0, 1) once around the shape (before texrepeat); density: image lengths per m.
 inline void on_shape(const Geom& g, const Surface& s, Vec p, Float& u, Float& v, float& density) {
-  float sx = g.size[0], sy = g.shape == CAPSULE || g.shape == CYLINDER || g.shape == SPHERE
-                                 ? g.size[0] : g.size[1];
+  float sx = g.size[0],
+        sy = g.shape == CAPSULE || g.shape == CYLINDER || g.shape == SPHERE ? g.size[0] : g.size[1];
   if (g.shape == PLANE && (sx <= 0 || sy <= 0)) {
     // an infinite side repeats every 2 m / texrepeat, centred; a finite one spans its size
-    u = sx > 0 ? (p.x * (0.5f / sx) + 0.5f) * s.repeat[0] - 0.5f : p.x * (0.5f * s.repeat[0]) - 0.5f;
-    v = sy > 0 ? (0.5f - p.y * (0.5f / sy)) * s.repeat[1] - 0.5f : p.y * (-0.5f * s.repeat[1]) - 0.5f;
-    float du = s.repeat[0] * (sx > 0 ? 0.5f / sx : 0.5f), dv = s.repeat[1] * (sy > 0 ? 0.5f / sy : 0.5f);
+    u = sx > 0 ? (p.x * (0.5f / sx) + 0.5f) * s.repeat[0] - 0.5f
+               : p.x * (0.5f * s.repeat[0]) - 0.5f;
+    v = sy > 0 ? (0.5f - p.y * (0.5f / sy)) * s.repeat[1] - 0.5f
+               : p.y * (-0.5f * s.repeat[1]) - 0.5f;
+    float du = s.repeat[0] * (sx > 0 ? 0.5f / sx : 0.5f),
+          dv = s.repeat[1] * (sy > 0 ? 0.5f / sy : 0.5f);
     density = du > dv ? du : dv;
     return;
   }
@@ -137,8 +146,9 @@ inline void on_shape(const Geom& g, const Surface& s, Vec p, Float& u, Float& v,
     }
     case CAPSULE:
     case CYLINDER: {
-      Mask lid = g.shape == CYLINDER ? g.size[1] - abs(p.z) < g.size[0] - sqrt(p.x * p.x + p.y * p.y)
-                                     : mask_of(0);
+      Mask lid = g.shape == CYLINDER
+                     ? g.size[1] - abs(p.z) < g.size[0] - sqrt(p.x * p.x + p.y * p.y)
+                     : mask_of(0);
       u = select(lid, q.x * 0.5f + 0.5f, turns(q.y, q.x));
       v = select(lid, q.y * 0.5f + 0.5f, 0.5f - q.z * 0.5f);
       dv = 0.5f / (g.size[1] > 0 ? g.size[1] : sx);

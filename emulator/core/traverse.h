@@ -29,8 +29,7 @@ EVS_INLINE Mask cross_triangle(const Triangle& t, const MeshRays& r, Float best,
   Float inverse = 1.0f / determinant;  // inf or NaN for a degenerate triangle: no comparison holds
   Vec s = {r.o.x - t.p.x, r.o.y - t.p.y, r.o.z - t.p.z};
   u = dot(s, p) * inverse;
-  Vec q = {s.y * t.e1.z - s.z * t.e1.y, s.z * t.e1.x - s.x * t.e1.z,
-           s.x * t.e1.y - s.y * t.e1.x};
+  Vec q = {s.y * t.e1.z - s.z * t.e1.y, s.z * t.e1.x - s.x * t.e1.z, s.x * t.e1.y - s.y * t.e1.x};
   v = dot(r.d, q) * inverse;
   distance = (q.x * t.e2.x + q.y * t.e2.y + q.z * t.e2.z) * inverse;
   Mask hit = (u >= 0.0f) & (v >= 0.0f) & (u + v <= 1.0f) & (distance > 0.0f) & (distance < best);
@@ -40,8 +39,8 @@ EVS_INLINE Mask cross_triangle(const Triangle& t, const MeshRays& r, Float best,
 constexpr int STACK = 96;  // the builder keeps trees below this depth
 
 // Nearest front face before `best`. Out: lanes that hit; best, triangle, u, v of those lanes.
-inline Mask enter_mesh(const Mesh& mesh, const MeshRays& r, Float& best, Int& triangle,
-                           Float& u, Float& v) {
+inline Mask enter_mesh(const Mesh& mesh, const MeshRays& r, Float& best, Int& triangle, Float& u,
+                       Float& v) {
   Mask any_hit = mask_of(0);
   if (mesh.node_count == 0) return any_hit;
   int stack[STACK], top = 0;

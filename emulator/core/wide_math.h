@@ -30,8 +30,9 @@ EVS_INLINE Float turns(Float y, Float x) {
   Float ax = abs(x), ay = abs(y);
   Mask steep = ay > ax;
   Float ratio = min(ax, ay) / max(max(ax, ay), splat(1e-30f)), q = ratio * ratio;
-  Float angle = ((((q * 0.0208351f - 0.0851330f) * q + 0.1801410f) * q - 0.3302995f) * q + 0.9998660f) *
-                ratio * 0.159154943f;
+  Float angle =
+      ((((q * 0.0208351f - 0.0851330f) * q + 0.1801410f) * q - 0.3302995f) * q + 0.9998660f) *
+      ratio * 0.159154943f;
   angle = select(steep, 0.25f - angle, angle);
   angle = select(x < 0.0f, 0.5f - angle, angle);
   return select(y < 0.0f, 1.0f - angle, angle);

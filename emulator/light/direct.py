@@ -8,6 +8,7 @@ from evs.emulator import _core
 from evs.emulator.config import RenderConfig
 from evs.emulator.scene import (
     F32,
+    F64,
     I32,
     CameraModel,
     CameraPose,
@@ -28,7 +29,9 @@ class DirectRenderer:
         self, scene: SceneModel, camera: CameraModel, config: RenderConfig, threads: int
     ) -> None:
         keep = [
-            i for i, light in enumerate(scene.lights) if config.headlight == "model" or not light.headlight
+            i
+            for i, light in enumerate(scene.lights)
+            if config.headlight == "model" or not light.headlight
         ]
         self._lights = np.array(keep, np.intp)
         self._luminance = np.zeros((camera.height, camera.width), np.float32)
@@ -54,7 +57,7 @@ class DirectRenderer:
         return self._luminance
 
     def hits(self, snapshot: SceneSnapshot, pose: CameraPose) -> tuple[I32, F32]:
-        """What each pixel's first sample hits. Out: index into the scene's geoms or -1, distance m."""
+        """What each first sample hits: index into the scene's geoms or -1, distance in m."""
         shape = self._luminance.shape
         geom, distance = np.full(shape, -1, np.int32), np.zeros(shape, np.float32)
         self._caster.render(*self._poses(snapshot, pose), self._luminance, geom, distance)
@@ -65,7 +68,7 @@ class DirectRenderer:
         """Share of the pixels that the last call traced."""
         return self._caster.traced_fraction
 
-    def _poses(self, snapshot: SceneSnapshot, pose: CameraPose) -> tuple[np.ndarray, ...]:
+    def _poses(self, snapshot: SceneSnapshot, pose: CameraPose) -> tuple[F64, F64, F64, F64, F64, F64]:
         lights = self._lights
         return (
             snapshot.geom_pos,

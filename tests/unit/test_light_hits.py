@@ -57,9 +57,7 @@ def rays_of(camera: CameraModel) -> np.ndarray:
     return (d / np.linalg.norm(d, axis=-1, keepdims=True)).reshape(-1, 3)
 
 
-def agreement(
-    model: mujoco.MjModel, view: CameraConfig, ticks: int
-) -> tuple[float, np.ndarray]:
+def agreement(model: mujoco.MjModel, view: CameraConfig, ticks: int) -> tuple[float, np.ndarray]:
     """Share of pixels with the same geom and depth, and the mask of the others (h, w)."""
     data = mujoco.MjData(model)
     model.opt.timestep = 1e-3

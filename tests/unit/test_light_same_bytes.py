@@ -1,4 +1,5 @@
-"""The same light, byte for byte: any instruction set, any number of threads, traced anew or kept."""
+"""The same light, byte for byte: any instruction set, any number of threads, traced anew or
+kept."""
 
 from __future__ import annotations
 
@@ -21,10 +22,14 @@ SCENE = """
   <option timestep=".001"/>
   <visual><headlight diffuse=".3 .3 .3" ambient=".1 .1 .1"/></visual>
   <asset>
-    <texture name="sky" type="skybox" builtin="gradient" rgb1=".3 .5 .7" rgb2="0 0 0" width="32" height="192"/>
-    <texture name="tiles" type="2d" builtin="checker" rgb1=".1 .2 .3" rgb2=".7 .8 .6" width="64" height="64"/>
-    <texture name="skin" type="cube" builtin="gradient" rgb1=".8 .6 .4" rgb2=".2 .3 .4" width="32" height="192"/>
-    <material name="floor" texture="tiles" texrepeat="4 4" texuniform="true" reflectance=".3" specular=".8"/>
+    <texture name="sky" type="skybox" builtin="gradient" rgb1=".3 .5 .7" rgb2="0 0 0" width="32"
+            height="192"/>
+    <texture name="tiles" type="2d" builtin="checker" rgb1=".1 .2 .3" rgb2=".7 .8 .6" width="64"
+            height="64"/>
+    <texture name="skin" type="cube" builtin="gradient" rgb1=".8 .6 .4" rgb2=".2 .3 .4" width="32"
+            height="192"/>
+    <material name="floor" texture="tiles" texrepeat="4 4" texuniform="true" reflectance=".3"
+            specular=".8"/>
     <material name="skin" texture="skin" specular=".5" shininess=".4"/>
     <mesh name="wedge" vertex="0 0 0  .5 0 0  0 .5 0  0 0 .5"/>
   </asset>

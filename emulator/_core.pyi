@@ -1,0 +1,73 @@
+"""The native core: ray caster and event pixel."""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import numpy
+from numpy.typing import NDArray
+
+
+def isa_available() -> list[str]:
+    """Instruction sets that this build and this machine have, fastest first."""
+
+class SceneData:
+    """
+    The constant part of a scene, filled once: textures, surfaces, meshes, lights, then geoms.
+    """
+
+    def __init__(self) -> None: ...
+
+    def add_texture(self, data: Annotated[NDArray[numpy.uint8], dict(shape=(None, None, None, None), order='C', device='cpu', writable=False)], srgb: bool) -> int:
+        """data (faces, height, width, components) uint8; its index."""
+
+    def add_surface(self, rgba: Sequence[float], texture: int, repeat: Sequence[float], uniform: bool, emission: float, specular: float, shininess: float, reflectance: float) -> None: ...
+
+    def add_mesh(self, vertices: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu', writable=False)], faces: Annotated[NDArray[numpy.int32], dict(shape=(None, 3), order='C', device='cpu', writable=False)], normals: Annotated[NDArray[numpy.float32], dict(shape=(None, 3, 3), order='C', device='cpu', writable=False)] | None, texcoords: Annotated[NDArray[numpy.float32], dict(shape=(None, 3, 2), order='C', device='cpu', writable=False)] | None) -> None:
+        """
+        vertices (nv, 3), faces (nf, 3), normals (nf, 3, 3), texcoords (nf, 3, 2).
+        """
+
+    def add_light(self, kind: int, ambient: Sequence[float], diffuse: Sequence[float], specular: Sequence[float], castshadow: bool, attenuation: Sequence[float], cutoff_deg: float, exponent: float, intensity: float, headlight: bool) -> None: ...
+
+    def set_geoms(self, type: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], size: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu', writable=False)], mesh: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], surface: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> None: ...
+
+    @property
+    def skybox(self) -> int:
+        """Index of the skybox's texture, -1 none."""
+
+    @skybox.setter
+    def skybox(self, arg: int, /) -> None: ...
+
+class Caster:
+    """One camera's view of one scene."""
+
+    def __init__(self, scene: SceneData, width: int, height: int, fx: float, fy: float, cx: float, cy: float, orthographic: bool, samples: int, shadows: bool, incremental: bool, threads: int, isa: str) -> None: ...
+
+    def render(self, geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(9), order='C', device='cpu', writable=False)], luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], geom: Annotated[NDArray[numpy.int32], dict(shape=(None, None), order='C', device='cpu')] | None = None, distance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None) -> None:
+        """
+        luminance (h, w) float32 must be the same array, untouched, in every call.
+        """
+
+    @property
+    def traced_fraction(self) -> float: ...
+
+    @property
+    def channels(self) -> int: ...
+
+class PlainSensor:
+    """A sensor of plain pixels: see evs.emulator.sensor.plain."""
+
+    def __init__(self, width: int, height: int, log: str, exposure_dn: float, dark_dn: float, linlog_dn: float, log_eps: float, threads: int, isa: str = 'auto') -> None: ...
+
+    def step(self, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], theta_on: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], theta_off: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], reference: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu')], last_log: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last_luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], t_begin_us: int, tick_us: int) -> tuple:
+        """
+        Out: (the events' bytes (16 n,) uint8, how many pixels had no usable light). reference, last_log and last_luminance are changed in place.
+        """
+
+def natural_log(values: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
+    """ln of normal positive float32 (n,), the sensor's own."""
+
+def log_map(luminance: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], log: str, exposure_dn: float, dark_dn: float, linlog_dn: float, log_eps: float) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
+    """
+    Log light of linear luminance (n,); NaN where the luminance is negative, NaN or Inf.
+    """

@@ -1,0 +1,54 @@
+// The constant part of a scene, before it is made ready for the kernels.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "bvh.h"
+#include "scene.h"
+
+namespace evs {
+
+// The constant part of a scene, as it comes from Python. Colours as MuJoCo codes them.
+struct SceneData {
+  struct MeshData {
+    Tree tree;
+    std::vector<Corners> corners;
+    bool has_texcoords;
+  };
+  struct TextureData {
+    std::vector<uint8_t> data;
+    int faces, height, width, components;
+    bool srgb;
+  };
+  struct SurfaceData {
+    float rgba[4];
+    int texture;
+    float repeat[2];
+    bool uniform;
+    float emission, specular, shininess, reflectance;
+  };
+  struct LightData {
+    int kind;
+    float ambient[3], diffuse[3], specular[3];
+    bool castshadow;
+    float attenuation[3];
+    float cutoff_deg, exponent;
+    float intensity;  // already divided by the lux of one unit; 0: diffuse holds
+    bool headlight;
+  };
+  std::vector<int> geom_type, geom_mesh, geom_surface;
+  std::vector<float> geom_size;  // (ng, 3)
+  std::vector<MeshData> meshes;
+  std::vector<TextureData> textures;
+  std::vector<SurfaceData> surfaces;
+  std::vector<LightData> lights;
+  int skybox = -1;
+};
+
+// In: vertices (nv, 3) finite, faces (nf, 3) in range, normals (nf, 3, 3) and texcoords (nf, 3, 2)
+// or null. Without normals the faces' own hold. std::invalid_argument where the numbers do not fit.
+SceneData::MeshData make_mesh(const float* vertices, int vertex_count, const int32_t* faces,
+                              int face_count, const float* normals, const float* texcoords);
+
+}  // namespace evs

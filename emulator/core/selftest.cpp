@@ -1,0 +1,261 @@
+// The native core without Python, for the sanitisers: every shape, light and texture, odd sizes,
+// degenerate and absurd input. Prints what failed; the exit code is the number of failures.
+
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <limits>
+#include <random>
+#include <stdexcept>
+
+#include "caster.h"
+#include "plain.h"
+
+namespace evs {
+namespace {
+
+int failures = 0;
+
+void check(bool holds, const char* what) {
+  if (holds) return;
+  std::printf("FAILED: %s\n", what);
+  failures++;
+}
+
+// Poses of a scene, as Python would hand them over.
+struct Stage {
+  std::vector<double> geom_pos, geom_mat, light_pos, light_dir;
+  std::vector<double> camera_pos = {0, -4, 1}, camera_mat = {1, 0, 0, 0, 0, -1, 0, 1, 0};
+
+  Poses poses() const {
+    return {geom_pos.data(),  geom_mat.data(),   light_pos.data(),
+            light_dir.data(), camera_pos.data(), camera_mat.data()};
+  }
+};
+
+SceneData::TextureData texture(int faces, int height, int width, int components) {
+  SceneData::TextureData t = {{}, faces, height, width, components, true};
+  for (int i = 0; i < faces * height * width * components; i++) {
+    t.data.push_back(static_cast<uint8_t>(i * 37));
+  }
+  return t;
+}
+
+SceneData scene_of_everything(float tint) {
+  SceneData s;
+  s.textures = {texture(1, 7, 5, 3), texture(6, 3, 3, 4), texture(1, 1, 1, 1), texture(6, 1, 1, 3)};
+  for (int t = -1; t < 3; t++) {
+    s.surfaces.push_back(
+        {{0.8f, 0.5f, 0.3f, 1}, t, {3, 2}, t == 1, 0.01f, 0.5f, 0.4f, t == 0 ? 0.4f : 0});
+  }
+  const float vertices[] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0.5f, 0.5f, 0.5f};
+  const int32_t faces[] = {0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 4, 2, 3, 4, 3, 1, 4, 0, 0, 0, 1, 1, 2};
+  std::vector<float> uv;
+  for (int i = 0; i < 8 * 6; i++) uv.push_back(static_cast<float>(i % 7) * 0.3f);
+  s.meshes.push_back(make_mesh(vertices, 5, faces, 8, nullptr, uv.data()));
+  s.meshes.push_back(make_mesh(vertices, 5, faces, 0, nullptr, nullptr));
+  for (int shape = PLANE; shape <= MESH; shape++) {
+    s.geom_type.push_back(shape);
+    s.geom_mesh.push_back(shape == MESH ? 0 : shape == HFIELD ? 1 : -1);
+    s.geom_surface.push_back(shape % 4);
+    for (float size : {0.3f, 0.2f, 0.25f}) s.geom_size.push_back(shape == PLANE ? 3 * size : size);
+  }
+  for (int kind = SPOT; kind <= POINT; kind++) {
+    s.lights.push_back({kind,
+                        {0.1f, 0.1f, 0.1f},
+                        {0.5f, 0.5f, tint},
+                        {0.2f, 0.2f, 0.2f},
+                        true,
+                        {1, 0.1f, 0},
+                        40,
+                        3,
+                        kind == POINT ? 2.0f : 0.0f,
+                        false});
+  }
+  s.lights.push_back(
+      {DIRECTIONAL, {0, 0, 0}, {0.2f, 0.2f, 0.2f}, {0, 0, 0}, false, {1, 0, 0}, 45, 0, 0, true});
+  s.skybox = 3;
+  return s;
+}
+
+Stage stage_of(const SceneData& s, std::mt19937& random, double scale) {
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  Stage stage;
+  for (size_t g = 0; g < s.geom_type.size(); g++) {
+    for (int a = 0; a < 3; a++) stage.geom_pos.push_back(uniform(random) * scale);
+    double w = uniform(random), x = uniform(random), y = uniform(random), z = uniform(random);
+    double n = std::sqrt(w * w + x * x + y * y + z * z);
+    w /= n, x /= n, y /= n, z /= n;
+    for (double m : {1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+                     2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+                     2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)}) {
+      stage.geom_mat.push_back(m);
+    }
+  }
+  for (size_t l = 0; l < s.lights.size(); l++) {
+    for (double p : {uniform(random), uniform(random), 3.0}) stage.light_pos.push_back(p);
+    for (double d : {0.6, 0.0, -0.8}) stage.light_dir.push_back(d);
+  }
+  return stage;
+}
+
+void same_bytes_everywhere() {
+  std::mt19937 random(1);
+  for (float tint : {0.5f, 0.3f}) {
+    SceneData scene = scene_of_everything(tint);
+    for (View view :
+         {View{1, 1, 1, 1, 0.5, 0.5, false, 1}, View{33, 17, 30, 30, 16.5, 8.5, false, 3},
+          View{18, 21, 8, 8, 9, 10.5, true, 2}}) {
+      size_t pixels = static_cast<size_t>(view.width) * view.height;
+      Caster reference(scene, view, true, false, 1, "portable");
+      std::vector<float> expected(pixels);
+      std::vector<std::vector<float>> light;
+      std::vector<std::unique_ptr<Caster>> casters;
+      for (const std::string& isa : isa_available()) {
+        for (bool incremental : {false, true}) {
+          casters.push_back(std::make_unique<Caster>(scene, view, true, incremental, 2, isa));
+          light.emplace_back(pixels);
+        }
+      }
+      Stage stage = stage_of(scene, random, 1);
+      for (int tick = 0; tick < 6; tick++) {
+        // one geom at a time, sometimes the camera
+        stage.geom_pos[3 * (static_cast<size_t>(tick) % 8)] += 0.01;
+        if (tick == 4) stage.camera_pos[0] += 0.01;
+        reference.render(stage.poses(), expected.data(), nullptr, nullptr);
+        for (size_t i = 0; i < casters.size(); i++) {
+          casters[i]->render(stage.poses(), light[i].data(), nullptr, nullptr);
+          check(std::memcmp(light[i].data(), expected.data(), pixels * sizeof(float)) == 0,
+                "every instruction set, incremental or not, gives the same bytes");
+        }
+      }
+    }
+  }
+}
+
+// No crash and no read out of bounds, whatever the poses; finite light for finite poses.
+void absurd_poses() {
+  std::mt19937 random(2);
+  SceneData scene = scene_of_everything(0.5f);
+  View view = {24, 18, 20, 20, 12, 9, false, 1};
+  std::vector<float> light(24 * 18);
+  std::vector<int32_t> geom(light.size());
+  std::vector<float> distance(light.size());
+  for (const std::string& isa : isa_available()) {
+    Caster caster(scene, view, true, true, 1, isa);
+    for (double scale : {1e-6, 1.0, 1e5, 1e12}) {
+      Stage stage = stage_of(scene, random, scale);
+      caster.render(stage.poses(), light.data(), nullptr, nullptr);
+      caster.render(stage.poses(), light.data(), geom.data(), distance.data());
+      bool finite = true;
+      for (float l : light) finite = finite && std::isfinite(l);
+      check(finite, "finite poses give finite light");
+    }
+    for (double bad : {std::numeric_limits<double>::quiet_NaN(),
+                       std::numeric_limits<double>::infinity(), 1e300}) {
+      Stage stage = stage_of(scene, random, 1);
+      for (size_t i = 0; i < stage.geom_pos.size(); i += 2) stage.geom_pos[i] = bad;
+      stage.light_pos[0] = bad;
+      caster.render(stage.poses(), light.data(), nullptr, nullptr);
+      stage.camera_pos[1] = bad;
+      caster.render(stage.poses(), light.data(), geom.data(), distance.data());
+    }
+  }
+}
+
+void degenerate_meshes() {
+  // a thousand triangles in one place, and a thousand in a line: the tree stays shallow
+  std::vector<float> vertices;
+  std::vector<int32_t> faces;
+  for (int i = 0; i < 1000; i++) {
+    for (float x : {0.0f, 1.0f, 0.0f})
+      vertices.insert(vertices.end(), {x, x == 0 ? 1.0f * (i % 2) : 0, 0});
+    faces.insert(faces.end(), {3 * i, 3 * i + 1, 3 * i + 2});
+  }
+  Tree pile = build_tree(vertices.data(), 3000, faces.data(), 1000);
+  for (int i = 0; i < 3000; i++)
+    vertices[3 * static_cast<size_t>(i)] = std::ldexp(1.0f, -(i / 3) % 120);
+  Tree line = build_tree(vertices.data(), 3000, faces.data(), 1000);
+  for (const Tree& tree : {pile, line}) {
+    std::vector<std::pair<int, int>> stack = {{0, 1}};
+    int deepest = 0;
+    size_t triangles = 0;
+    while (!stack.empty()) {
+      auto [node, depth] = stack.back();
+      stack.pop_back();
+      deepest = std::max(deepest, depth);
+      for (int c = 0; c < 2; c++) {
+        if (tree.nodes[node].child[c] >= 0) {
+          stack.push_back({tree.nodes[node].child[c], depth + 1});
+        } else {
+          triangles += static_cast<size_t>(tree.nodes[node].count[c]);
+        }
+      }
+    }
+    check(triangles == 1000, "every triangle is in one leaf");
+    check(deepest < 90, "the tree is shallower than the kernels' stack");
+  }
+  bool refused = false;
+  vertices[5] = std::numeric_limits<float>::infinity();
+  try {
+    make_mesh(vertices.data(), 3000, faces.data(), 1000, nullptr, nullptr);
+  } catch (const std::invalid_argument&) {
+    refused = true;
+  }
+  check(refused, "a vertex that is not finite is refused");
+}
+
+void pool_runs_each_job_once() {
+  for (int threads : {1, 2, 5}) {
+    Pool pool(threads);
+    for (int jobs : {0, 1, 2, 100}) {
+      std::vector<int> done(static_cast<size_t>(jobs));
+      pool.run(jobs, [&](int job, int) { done[static_cast<size_t>(job)]++; });
+      bool once = true;
+      for (int d : done) once = once && d == 1;
+      check(once, "every job runs once");
+    }
+    bool thrown = false;
+    try {
+      pool.run(50, [](int job, int) {
+        if (job == 7) throw std::runtime_error("job 7");
+      });
+    } catch (const std::runtime_error&) {
+      thrown = true;
+    }
+    check(thrown, "a job's exception arrives");
+  }
+}
+
+void pixels_survive_any_light() {
+  constexpr int W = 37, H = 11, N = W * H;
+  PlainSensor sensor(LogMap::linlog(255, 0.1f, 2.7182817f), W, H, 2, "auto");
+  std::vector<float> light(N, 0.5f), on(N, 0.2f), off(N, 0.2f), last_log(N), last_light(N);
+  std::vector<double> reference(N);
+  PixelArrays pixels{light.data(),     on.data(),       off.data(),
+                     reference.data(), last_log.data(), last_light.data()};
+  size_t clamped = 0;
+  const float values[] = {0.5f, 0, 1e9f, -1, std::numeric_limits<float>::quiet_NaN(), 1e-40f, 0.5f};
+  int64_t t = 0;
+  for (float value : values) {
+    for (int i = 0; i < N; i += 3) light[static_cast<size_t>(i)] = value;
+    EventBuffer events = sensor.step(pixels, t, 1000, clamped);
+    t += 1000;
+  }
+  bool finite = true;
+  for (double r : reference) finite = finite && std::isfinite(r);
+  check(finite, "no light makes a reference that is not finite");
+}
+
+}  // namespace
+}  // namespace evs
+
+int main() {
+  evs::pool_runs_each_job_once();
+  evs::degenerate_meshes();
+  evs::same_bytes_everywhere();
+  evs::absurd_poses();
+  evs::pixels_survive_any_light();
+  std::printf("%d failures\n", evs::failures);
+  return evs::failures;
+}
