@@ -97,13 +97,14 @@ Hit radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Fl
   return hit;
 }
 
+constexpr float COLUMN[LANES] = {0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3};
+constexpr float ROW[LANES] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
+
 EVS_INLINE Rays primary_rays(const Frame& f, int column, int row, float sub_x, float sub_y) {
-  alignas(64) float px[LANES], py[LANES];
-  for (int i = 0; i < LANES; i++) {
-    px[i] = static_cast<float>(column * PACKET_WIDTH + i % PACKET_WIDTH) + sub_x;
-    py[i] = static_cast<float>(row * PACKET_HEIGHT + i / PACKET_WIDTH) + sub_y;
-  }
-  Float x = (load(px) - f.cx) * (1.0f / f.fx), y = (f.cy - load(py)) * (1.0f / f.fy);
+  // whole numbers below 2^24 and a sub-pixel position: the sums are rounded once
+  Float px = load(COLUMN) + (static_cast<float>(column * PACKET_WIDTH) + sub_x);
+  Float py = load(ROW) + (static_cast<float>(row * PACKET_HEIGHT) + sub_y);
+  Float x = (px - f.cx) * (1.0f / f.fx), y = (f.cy - py) * (1.0f / f.fy);
   Float zero = splat(0.0f), back = splat(-1.0f);
   if (f.orthographic) return {{x, y, zero}, {zero, zero, back}, false};
   return {{zero, zero, zero}, normalize({x, y, back}), true};
@@ -159,13 +160,17 @@ void trace_packet(const Frame& f, int column, int row, const Outputs& out, Recor
   store(luminance, sum * (1.0f / static_cast<float>(f.samples)));
   store(distance, first.distance);
   store(geom, first.geom);
-  for (int i = 0; i < LANES; i++) {
-    int x = column * PACKET_WIDTH + i % PACKET_WIDTH, y = row * PACKET_HEIGHT + i / PACKET_WIDTH;
-    if (x >= f.width || y >= f.height) continue;
-    long at = static_cast<long>(y) * f.width + x;
-    out.luminance[at] = luminance[i];
-    if (out.geom) out.geom[at] = geom[i];
-    if (out.distance) out.distance[at] = geom[i] < 0 ? 0.0f : distance[i];
+  int x = column * PACKET_WIDTH, y = row * PACKET_HEIGHT;
+  int columns = f.width - x < PACKET_WIDTH ? f.width - x : PACKET_WIDTH;
+  int rows = f.height - y < PACKET_HEIGHT ? f.height - y : PACKET_HEIGHT;
+  for (int j = 0; j < rows; j++) {
+    long at = static_cast<long>(y + j) * f.width + x;
+    for (int i = 0; i < columns; i++) {
+      int l = j * PACKET_WIDTH + i;
+      out.luminance[at + i] = luminance[l];
+      if (out.geom) out.geom[at + i] = geom[l];
+      if (out.distance) out.distance[at + i] = geom[l] < 0 ? 0.0f : distance[l];
+    }
   }
 }
 

@@ -13,37 +13,34 @@ EVS_INLINE Level level_of(const Texture& t, Int level) {
   return {pick(t.width), pick(t.height), pick(t.level_offset)};
 }
 
-// Remainder in [0, n) of a whole number; exact while it stays below 2^24. A NaN gives 0: what comes
-// out is always a valid index.
-EVS_INLINE Int wrap(Float whole, Int n) {
-  Float period = to_float(n);
-  Float rest = whole - floor(whole / period) * period;
-  // the division may round up to the next multiple
-  rest = select(rest < 0.0f, rest + period, select(rest >= period, rest - period, rest));
-  return truncate(min(max(rest, splat(0.0f)), period - 1.0f));
-}
-
 // Bilinear on one level. u, v in image lengths; repeating if one face, clamped to the edge on a
-// cube.
+// cube. Whatever u and v are, a NaN included, what is gathered lies inside the image.
 EVS_INLINE Float bilinear(const Texture& t, const float* texels, Level l, Float u, Float v,
                           Int face) {
-  Float x = u * to_float(l.width) - 0.5f, y = v * to_float(l.height) - 0.5f;
-  Float x0 = floor(x), y0 = floor(y), fx = x - x0, fy = y - y0;
-  Int left, right, upper, lower;
+  Float width = to_float(l.width), height = to_float(l.height), zero = splat(0.0f);
   if (t.faces == 1) {
-    left = wrap(x0, l.width);
-    right = wrap(x0 + 1.0f, l.width);
-    upper = wrap(y0, l.height);
-    lower = wrap(y0 + 1.0f, l.height);
+    u = u - floor(u);
+    v = v - floor(v);
+  }
+  // -0.5 ... size - 0.5: one texel to the left of the image at most
+  Float x = max(min(u * width - 0.5f, width - 0.5f), splat(-0.5f));
+  Float y = max(min(v * height - 0.5f, height - 0.5f), splat(-0.5f));
+  Float x0 = floor(x), y0 = floor(y), fx = x - x0, fy = y - y0;
+  Float x1 = x0 + 1.0f, y1 = y0 + 1.0f;
+  if (t.faces == 1) {
+    x0 = select(x0 < 0.0f, width - 1.0f, x0);
+    y0 = select(y0 < 0.0f, height - 1.0f, y0);
+    x1 = select(x1 < width, x1, zero);
+    y1 = select(y1 < height, y1, zero);
   } else {
-    Float zero = splat(0.0f), last = to_float(l.width) - 1.0f;
-    left = truncate(min(max(x0, zero), last));
-    right = truncate(min(max(x0 + 1.0f, zero), last));
-    upper = truncate(min(max(y0, zero), last));
-    lower = truncate(min(max(y0 + 1.0f, zero), last));
+    x0 = max(x0, zero);
+    y0 = max(y0, zero);
+    x1 = min(x1, width - 1.0f);
+    y1 = min(y1, height - 1.0f);
   }
   Int base = l.offset + face * l.width * l.height;
-  Int row0 = base + upper * l.width, row1 = base + lower * l.width;
+  Int row0 = base + truncate(y0) * l.width, row1 = base + truncate(y1) * l.width;
+  Int left = truncate(x0), right = truncate(x1);
   Float a = gather(texels, row0 + left), b = gather(texels, row0 + right);
   Float c = gather(texels, row1 + left), d = gather(texels, row1 + right);
   Float top = a + (b - a) * fx, bottom = c + (d - c) * fx;
@@ -57,11 +54,13 @@ inline void sample(const Texture& t, int channels, Float u, Float v, Int face, F
   Float texels = max(footprint * widest, splat(1.0f));
   Float lod = min(log2(texels), splat(static_cast<float>(t.levels - 1)));
   Float whole = floor(lod), share = lod - whole;
-  Int fine = truncate(whole);
-  Level l0 = level_of(t, fine);
-  bool blend = any(share > 0.0f);
-  Level l1 = l0;
-  if (blend) l1 = level_of(t, truncate(min(whole + 1.0f, splat(static_cast<float>(t.levels - 1)))));
+  // near enough that every lane reads the full image
+  bool blend = any(share > 0.0f) || any(whole > 0.0f);
+  Level l0 = {splat(t.width[0]), splat(t.height[0]), splat(t.level_offset[0])}, l1 = l0;
+  if (blend) {
+    l0 = level_of(t, truncate(whole));
+    l1 = level_of(t, truncate(min(whole + 1.0f, splat(static_cast<float>(t.levels - 1)))));
+  }
   for (int c = 0; c < channels; c++) {
     const float* base = t.texels + static_cast<long>(c) * t.channel_stride;
     out[c] = bilinear(t, base, l0, u, v, face);
