@@ -14,6 +14,7 @@ from evs import __version__
 from evs.msgs import EvsError, unknown
 
 COMMANDS = {
+    "demo": "evs.launch.demo",
     "emulate": "evs.launch.emulate",
     "view": "evs.launch.view",
     "echo": "evs.launch.echo",

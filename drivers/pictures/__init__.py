@@ -3,8 +3,9 @@
 from evs.drivers.pictures.clip import clip_frames
 from evs.drivers.pictures.colours import OFF_RGB, ON_RGB, U8
 from evs.drivers.pictures.frame import count_polarities, event_frame, events_between, upscale
+from evs.drivers.pictures.light_log import LightLog
 from evs.drivers.pictures.playback import Playback, span_us, speed_words
-from evs.drivers.pictures.preview import Shot, preview
+from evs.drivers.pictures.preview import Shot, preview, shot_times
 from evs.drivers.pictures.tone import exposure_for, to_srgb8
 from evs.drivers.pictures.video import need_video, write_mp4
 from evs.drivers.pictures.writers import SUFFIXES, suffix_of, write_gif, write_png
@@ -14,6 +15,7 @@ __all__ = [
     "ON_RGB",
     "SUFFIXES",
     "U8",
+    "LightLog",
     "Playback",
     "Shot",
     "clip_frames",
@@ -23,6 +25,7 @@ __all__ = [
     "exposure_for",
     "need_video",
     "preview",
+    "shot_times",
     "span_us",
     "speed_words",
     "suffix_of",

@@ -41,7 +41,7 @@ def clip_frames(
     )
     begin_us, end_us = playback.frame_window(0)
     speed = text_line(
-        f"{speed_words(playback.speed)}, {(end_us - begin_us) / 1e3:g} ms a frame", size_px
+        f"{speed_words(playback.speed)}, {(end_us - begin_us) / 1e3:g} ms of events", size_px
     )
     legend = legend_line(size_px)
     margin = size_px // 2

@@ -69,6 +69,12 @@ def preview(
     return page
 
 
+def shot_times(start_us: int, stop_us: int, count: int = 3) -> list[int]:
+    """Instants that split a stretch evenly: a quarter, a half and three quarters of it, us."""
+    step = (stop_us - start_us) / (count + 1)
+    return [start_us + round(step * (index + 1)) for index in range(count)]
+
+
 def font_size(panel_width_px: int) -> int:
     """Height of the letters that belong to a panel of this width, px."""
     return min(48, max(14, panel_width_px // 26))

@@ -1,0 +1,81 @@
+"""What evs stands on: the native core, the packages it needs, and the extras that are there."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from collections.abc import Iterable
+
+from evs.drivers.checkup.check import BAD, NOTE, OK, Check
+
+CORE = (
+    "mujoco",
+    "numpy",
+    "onnxruntime",
+    "pyzmq",
+    "msgpack",
+    "flatbuffers",
+    "lz4",
+    "zstandard",
+    "rich",
+    "pillow",
+)
+"""Distributions that evs cannot do without; pyproject.toml's `dependencies` (a test compares)."""
+
+EXTRAS = {"raster": ("pyrender",), "gym": ("gymnasium",), "video": ("imageio-ffmpeg",)}
+"""extra -> its distributions; pyproject.toml's `optional-dependencies` for users."""
+
+USES = {
+    "raster": "the raster renderer",
+    "gym": "evs demo",
+    "video": ".mp4 films",
+}
+"""extra -> what it is for"""
+
+
+def check_core() -> Check:
+    """The native core: that it loads, and which instruction sets it can use here."""
+    try:
+        from evs.emulator import _core
+    except ImportError as reason:
+        words = " ".join(str(reason).split())
+        return Check("native core", BAD, words, "build it again: make dev, or pip install evs")
+    sets = _core.isa_available()
+    says = f"uses {sets[0]}, the fastest of {', '.join(sets)}"
+    if sets == ["portable"]:
+        return Check("native core", NOTE, says, "a CPU with AVX2 is several times faster")
+    return Check("native core", OK, says)
+
+
+def check_packages(names: Iterable[str] = CORE) -> list[Check]:
+    """One line for each needed distribution."""
+    return [_needed(name) for name in names]
+
+
+def check_extras() -> list[Check]:
+    """One line for each extra; a missing one is no fault."""
+    return [_extra(extra, names) for extra, names in EXTRAS.items()]
+
+
+def version_of(name: str) -> str | None:
+    """The installed version of a distribution, None if it is not there."""
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _needed(name: str) -> Check:
+    version = version_of(name)
+    if version is None:
+        return Check(name, BAD, "not installed", f"pip install {name}")
+    return Check(name, OK, version)
+
+
+def _extra(extra: str, names: tuple[str, ...]) -> Check:
+    versions = {name: version_of(name) for name in names}
+    missing = [name for name, version in versions.items() if version is None]
+    title = f"extra {extra}"
+    if missing:
+        says = f"{', '.join(missing)} not installed, needed for {USES[extra]}"
+        return Check(title, NOTE, says, f"pip install 'evs[{extra}]'")
+    return Check(title, OK, ", ".join(f"{name} {version}" for name, version in versions.items()))

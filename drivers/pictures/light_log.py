@@ -1,0 +1,60 @@
+"""What the camera's light looked like during a run: kept small, for pictures afterwards."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.drivers.pictures.colours import U8
+from evs.drivers.pictures.playback import Playback
+from evs.drivers.pictures.tone import exposure_for, to_srgb8
+
+LightOf = Callable[[Any], npt.NDArray[np.float32]]
+"""From a world to the linear luminance (h, w) of its latest tick."""
+
+
+class LightLog:
+    """A run observer: keeps the first and every `every`-th tick's light as grey, (h, w) bytes each.
+
+    One exposure holds for the whole run, chosen from the first picture kept, so that grey levels
+    compare over time.
+    """
+
+    def __init__(self, every: int, light_of: LightOf) -> None:
+        self._every, self._light_of = every, light_of
+        self._exposure = 0.0
+        self.times_us: list[int] = []
+        """ends of the ticks that were kept, ascending"""
+        self.pictures: list[U8] = []
+        """(h, w) grey each"""
+
+    @classmethod
+    def for_clip(cls, tick_us: int, light_of: LightOf) -> LightLog:
+        """One that has a picture for every frame of a clip at the usual speed."""
+        return cls(max(1, round(Playback(0, 1).step_us / tick_us)), light_of)
+
+    def __call__(self, tick: int, world: Any, _packets: object) -> None:
+        """After tick `tick` (from 1) of a run. `world.t_us` is the time."""
+        if tick % self._every and tick > 1:
+            return
+        light = self._light_of(world)
+        if not self.pictures:
+            self._exposure = exposure_for(light)
+        self.times_us.append(int(world.t_us))
+        self.pictures.append(to_srgb8(light, self._exposure))
+
+    def at(self, t_us: int) -> U8 | None:
+        """The latest picture not after t_us; the first one before that; None if none was kept."""
+        if not self.pictures:
+            return None
+        return self.pictures[max(0, bisect.bisect_right(self.times_us, t_us) - 1)]
+
+    def spread(self, count: int) -> list[int]:
+        """Up to `count` times, us, of pictures kept, ascending and evenly spread over the run."""
+        last = len(self.times_us)
+        places = {(index + 1) * last // (count + 1) for index in range(count)}
+        return [self.times_us[place] for place in sorted(places) if place < last]

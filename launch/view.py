@@ -1,0 +1,133 @@
+"""`evs view`: a recording as a picture that anyone can open."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from evs.msgs import Events, EvsError
+
+if TYPE_CHECKING:
+    from evs.drivers.pictures import Playback
+    from evs.drivers.recording import Recording
+
+HELP = "a recording as a picture or a film: out.png, out.gif, out.mp4"
+
+EPILOG = """\
+examples:
+  evs view run.aedat4                                three instants, as run.aedat4.png
+  evs view run.aedat4 -o run.gif                     the whole recording at 1/4 real time
+  evs view run.npz -o run.mp4 --speed 0.1 --start 0.5 --stop 1
+blue: brighter (ON), red: darker (OFF). Times are the stream's own, in seconds."""
+
+MAX_SCALE = 64
+"""Larger pixels help nobody."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.epilog = EPILOG
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    add = parser.add_argument
+    add("file", metavar="FILE", help="a recording: .aedat4 or .npz")
+    add("-o", "--out", metavar="PICTURE", help=".png, .gif or .mp4 (default: FILE.png)")
+    add("--window", metavar="MS", type=float, help="events of this long (default: of one frame)")
+    add("--fps", metavar="N", type=float, help="frames per second of the film")
+    add(
+        "--speed", metavar="X", type=float, help="of the film: 1 is real time, 0.25 a quarter of it"
+    )
+    add("--start", metavar="S", type=float, help="from this time on (default: the first event)")
+    add("--stop", metavar="S", type=float, help="up to this time (default: the last event)")
+    add("--scale", metavar="N", type=int, help="picture pixels per sensor pixel (default: by size)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the picture; one line says what it shows."""
+    from evs.drivers.pictures import need_video, suffix_of
+
+    # refuse bad words before anything is read
+    out = Path(args.out) if args.out else Path(f"{args.file}.png")
+    suffix = suffix_of(out)
+    if suffix == ".mp4":
+        need_video()
+    if args.scale is not None and not 1 <= args.scale <= MAX_SCALE:
+        raise EvsError(f"--scale is {args.scale}: give a whole number from 1 to {MAX_SCALE}")
+    recording = _read(args.file)
+    playback = _playback(args, recording)
+    if suffix == ".png":
+        said = _still(out, recording, playback, args.scale, Path(args.file).name)
+    else:
+        said = _film(out, suffix, recording, playback, args.scale)
+    print(f"{out}: {said}, {out.stat().st_size / 1e6:.2f} MB")
+    return 0
+
+
+def _read(file: str) -> Recording:
+    from evs.drivers.files import read
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        recording = read(file)
+    for warning in caught:
+        print(f"evs: warning: {warning.message}", file=sys.stderr)
+    if not len(recording):
+        print(f"evs: warning: {file} has no events", file=sys.stderr)
+    return recording
+
+
+def _playback(args: argparse.Namespace, events: Events) -> Playback:
+    from evs.drivers.pictures import Playback, span_us
+
+    first_us, last_us = span_us(events)
+    start_us = first_us if args.start is None else _us("--start", args.start, 1e6)
+    stop_us = last_us if args.stop is None else _us("--stop", args.stop, 1e6)
+    if start_us >= last_us or stop_us <= first_us:
+        raise EvsError(
+            f"{args.file} has events from {first_us / 1e6:g} s to {last_us / 1e6:g} s: "
+            "choose --start and --stop in there"
+        )
+    window_us = None if args.window is None else _us("--window", args.window, 1e3)
+    given = {"fps": args.fps, "speed": args.speed, "window_us": window_us}
+    chosen = {name: value for name, value in given.items() if value is not None}
+    return Playback(start_us, stop_us, **chosen)
+
+
+def _us(option: str, value: float, unit_us: float) -> int:
+    if not math.isfinite(value):
+        raise EvsError(f"{option} is {value:g}: give a number")
+    return round(value * unit_us)
+
+
+def _still(
+    out: Path, recording: Recording, playback: Playback, scale: int | None, title: str
+) -> str:
+    from evs.drivers.pictures import Shot, events_between, preview, shot_times, write_png
+
+    begin_us, end_us = playback.frame_window(0)
+    window_us = end_us - begin_us
+    times = shot_times(playback.start_us, playback.stop_us)
+    shots = [Shot(t, window_us, events_between(recording, t - window_us, t)) for t in times]
+    stream = recording.stream
+    page = preview(shots, stream.width, stream.height, f"{title}, {stream.sensor}", scale)
+    write_png(out, page)
+    when = ", ".join(f"{t / 1e6:g}" for t in times)
+    return f"{len(shots)} instants ({when} s), {page.shape[1]} x {page.shape[0]} px"
+
+
+def _film(
+    out: Path, suffix: str, recording: Recording, playback: Playback, scale: int | None
+) -> str:
+    from evs.drivers.pictures import clip_frames, speed_words, write_gif, write_mp4
+
+    stream = recording.stream
+    frames = clip_frames(recording, stream.width, stream.height, playback, scale)
+    if suffix == ".gif":
+        write_gif(out, frames, playback)
+    else:
+        write_mp4(out, frames, playback.fps)
+    count = playback.frame_count
+    return f"{count} frames, {count / playback.fps:.2f} s at {speed_words(playback.speed)}"
