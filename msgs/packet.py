@@ -12,7 +12,7 @@ from typing import Any
 import msgpack
 import numpy as np
 
-from evs.msgs.event import EVENT_DTYPE, Events, empty_events
+from evs.msgs.event import EVENT_DTYPE, Events, clean_events, empty_events
 from evs.msgs.fields import MAX_INT64, MAX_PIXELS, MessageError, integer, name, shown
 
 ENCODING = "evs16"
@@ -52,13 +52,14 @@ class EventPacket:
 
 
 def encode(packet: EventPacket) -> tuple[bytes, memoryview]:
-    """Out: (msgpack header, raw frame of 16 n bytes, not copied where it is contiguous).
+    """Out: (msgpack header, raw frame of 16 n bytes, not copied where `clean_events` does not).
 
     Raises MessageError for a packet that `decode` would refuse: better here than at every receiver.
     """
-    events = packet.events
-    if not isinstance(events, np.ndarray) or events.dtype != EVENT_DTYPE or events.ndim != 1:
+    if not _is_event_array(packet.events):
         raise MessageError("packet events are not an (n,) array of EVENT_DTYPE: use make_events")
+    # whatever numpy's copies and masks left in the padding stays here
+    events = clean_events(packet.events)
     header: dict[str, Any] = {
         "seq": packet.seq,
         "time_base": packet.time_base_us,
@@ -74,9 +75,8 @@ def encode(packet: EventPacket) -> tuple[bytes, memoryview]:
         if isinstance(value, np.generic):
             header[key] = value.item()
     _checked(header)
-    check_events(packet)
-    frame = np.ascontiguousarray(events).view(np.uint8).reshape(-1)
-    return packb(header), frame.data
+    _check_events(events, header)
+    return packb(header), events.view(np.uint8).reshape(-1).data
 
 
 def decode(header: bytes, frame: Any) -> EventPacket:
@@ -90,43 +90,49 @@ def decode(header: bytes, frame: Any) -> EventPacket:
     size = memoryview(frame).nbytes
     if size % EVENT_DTYPE.itemsize:
         raise MessageError(f"raw frame of {size} bytes is not whole events")
-    packet = EventPacket(
+    events = np.frombuffer(frame, EVENT_DTYPE)
+    _check_events(events, fields)
+    return EventPacket(
         seq=fields["seq"],
         time_base_us=fields["time_base"],
         time_end_us=fields["time_end"],
         width=fields["width"],
         height=fields["height"],
-        events=np.frombuffer(frame, EVENT_DTYPE),
+        events=events,
         camera=fields["camera"],
     )
-    check_events(packet)
-    return packet
 
 
-def check_events(packet: EventPacket) -> None:
+def _is_event_array(events: object) -> bool:
+    """(n,) with EVENT_DTYPE's four fields, padded or not (np.concatenate drops the padding)."""
+    if not isinstance(events, np.ndarray) or events.ndim != 1 or events.dtype.names is None:
+        return False
+    return [(name, events.dtype[name]) for name in events.dtype.names] == _FIELDS
+
+
+def _check_events(events: Events, header: dict[str, Any]) -> None:
     """MessageError unless the events are sorted by t and lie in the interval and on the sensor.
 
     Polarity has to be 0 or 1, the padding zero. A few vector operations: 10 us for 300 events.
     """
-    events = packet.events
     if len(events) == 0:
         return
-    t = events["t"]
+    t, base, end = events["t"], header["time_base"], header["time_end"]
     if (t[1:] < t[:-1]).any():
         raise MessageError("events are not sorted by t")
-    if t[0] <= packet.time_base_us or t[-1] > packet.time_end_us:
+    if t[0] <= base or t[-1] > end:
         raise MessageError(
-            f"events of {t[0]} ... {t[-1]} us lie outside the packet's "
-            f"({packet.time_base_us}, {packet.time_end_us}] us"
+            f"events of {t[0]} ... {t[-1]} us lie outside the packet's ({base}, {end}] us"
         )
     # read as unsigned, a negative coordinate is too large as well; p and the padding are one word
     words = events.view(_UNSIGNED)
-    if (words["x"] >= packet.width).any() or (words["y"] >= packet.height).any():
-        raise MessageError(f"events lie outside the {packet.width}x{packet.height} sensor")
+    if (words["x"] >= header["width"]).any() or (words["y"] >= header["height"]).any():
+        raise MessageError(f"events lie outside the {header['width']}x{header['height']} sensor")
     if (words["p"] > 1).any():
         raise MessageError("an event's polarity is not 0 or 1, or its padding is not zero")
 
 
+_FIELDS = [(name, EVENT_DTYPE[name]) for name in EVENT_DTYPE.names or ()]
 _UNSIGNED = np.dtype(
     {
         "names": ["x", "y", "p"],

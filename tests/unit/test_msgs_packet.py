@@ -7,7 +7,15 @@ import msgpack
 import numpy as np
 import pytest
 
-from evs.msgs import EventPacket, MessageError, decode, empty_events, encode, make_events
+from evs.msgs import (
+    EVENT_DTYPE,
+    EventPacket,
+    MessageError,
+    decode,
+    empty_events,
+    encode,
+    make_events,
+)
 from evs.msgs.packet import MAX_HEADER_BYTES, packb, unpackb
 
 GOOD: dict[str, Any] = {
@@ -199,19 +207,37 @@ def test_events_keep_the_packets_promises_at_both_ends(events: Any, words: str) 
 
 
 @pytest.mark.parametrize("place", [13, 14, 15])
-def test_dirty_padding_is_refused_at_both_ends(place: int) -> None:
-    raw = bytearray(make_events([3500], [1], [1], [1]).tobytes())
-    raw[place] = 1
+def test_dirty_padding_is_cleaned_before_it_leaves_and_refused_when_it_comes(place: int) -> None:
+    whole = packet()
+    raw = bytearray(whole.events.tobytes())
+    raw[16 + place] = 0xAB
     with pytest.raises(MessageError, match="padding"):
         decode(msgpack.packb(GOOD), raw)
-    with pytest.raises(MessageError, match="padding"):
-        encode(packet(events=np.frombuffer(raw, packet().events.dtype)))
+    dirty = np.frombuffer(raw, EVENT_DTYPE)
+    assert encode(packet(events=dirty))[1] == whole.events.tobytes()
+
+
+def test_what_numpy_makes_of_events_is_sent_as_events() -> None:
+    whole = packet()
+    dirt = np.full(48, 0xAB, np.uint8)
+    del dirt
+    several = [
+        whole.events.copy(),
+        whole.events[whole.events["t"] > 0],
+        np.concatenate([whole.events[:1], whole.events[1:]]),
+        np.sort(whole.events, order="t"),
+    ]
+    for events in several:
+        assert same(decode(*encode(packet(events=events))), whole)
 
 
 @pytest.mark.parametrize(
     "events",
     [
-        np.zeros(3, [("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("p", "i1")]),
+        np.zeros(3, [("t", "<i8"), ("x", "<i4"), ("y", "<i2"), ("p", "i1")]),
+        np.zeros(3, [("t", "<i8"), ("y", "<i2"), ("x", "<i2"), ("p", "i1")]),
+        np.zeros(3, [("t", "<i8"), ("x", "<i2"), ("y", "<i2")]),
+        np.zeros(3, np.int64),
         np.zeros((2, 2), packet().events.dtype),
         np.zeros(16, np.uint8),
         [(3500, 1, 1, 1)],
