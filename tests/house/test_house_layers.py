@@ -43,6 +43,11 @@ CLOCK_DOOR = "drivers/pace.py"
 
 def imported(tree: ast.Module) -> Iterator[tuple[int, str]]:
     """(line, dotted name) of everything a module imports, also inside functions and by name."""
+    constants = {
+        ast.unparse(node.targets[0]): node.value.value
+        for node in tree.body
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant)
+    }
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
@@ -53,9 +58,11 @@ def imported(tree: ast.Module) -> Iterator[tuple[int, str]]:
             "import_module",
             "__import__",
         ):
+            # written out, or a constant of this module; "?" for what only running it tells
             name = node.args[0] if node.args else None
-            literal = isinstance(name, ast.Constant) and isinstance(name.value, str)
-            yield node.lineno, str(name.value) if literal else "?"
+            told = name.value if isinstance(name, ast.Constant) else None
+            told = constants.get(name.id) if isinstance(name, ast.Name) else told
+            yield node.lineno, told if isinstance(told, str) else "?"
 
 
 def faults(path: str, tree: ast.Module) -> list[str]:
@@ -105,6 +112,7 @@ def test_every_import_of_the_package_points_down_and_through_its_door(
         ("drivers/a.py", "from evs.launch import main", "layers point"),
         ("drivers/a.py", "import importlib\nimportlib.import_module('evs.launch.main')", "layers"),
         ("drivers/a.py", "importlib.import_module(name)", "not written out"),
+        ("drivers/a.py", "NAME = 'evs.launch.main'\nimportlib.import_module(NAME)", "layers"),
         ("drivers/a.py", "from evs import World", "name the layer"),
         ("launch/a.py", "import drivers.bus", "write evs.drivers.bus"),
         ("launch/a.py", "from . import main", "write evs."),
@@ -129,6 +137,7 @@ def test_a_wrong_import_is_found(path: str, source: str, says: str) -> None:
     [
         ("launch/a.py", "from evs.drivers.bus import subscribe\nimport argparse"),
         ("launch/main.py", "importlib.import_module(COMMANDS[name])"),
+        ("drivers/a.py", "CORE = 'evs.emulator._core'\nimportlib.import_module(CORE)"),
         ("emulator/world/a.py", "import mujoco\nimport numpy as np"),
         ("drivers/pace.py", "import time"),
         ("drivers/bus/a.py", "import socket\nimport zmq"),
