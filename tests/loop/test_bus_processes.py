@@ -224,17 +224,19 @@ def test_a_slow_subscriber_counts_all_that_it_loses(
     assert totals["lost"] > 0
     assert totals["packets"] + totals["lost"] == count
     assert totals["packets"] == len(totals["seqs"])
-    assert totals["seqs"] == sorted(set(totals["seqs"]))
+    assert max(np.diff(totals["seqs"])) > 1
+    assert min(np.diff(totals["seqs"])) == 1
 
 
 def test_one_that_stops_reading_harms_no_other(
     address: str, processes: Processes, opened: Opened
 ) -> None:
-    count = 2000
+    count = 1200
     stuck = processes.listener(address, queue=2, hold_after=1)
     well = processes.listener(address)
-    sender = opened(address, 2, linger_s=0.3)
-    body = made(0, 2000)
+    # 48 kB each: 500 of them and what the kernel takes are a good half of all
+    sender = opened(address, 2, queue=500, linger_s=0.3)
+    body = made(0, 3000)
     pacer, slowest_s = Pacer(1.0), 0.0
     for seq in range(count):
         pacer.wait_until(1000 * seq)

@@ -1,6 +1,8 @@
 """EventPacket on the wire: what goes in comes out, and everything else is refused by name."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import msgpack
@@ -257,3 +259,14 @@ def test_what_cannot_be_packed_is_said(value: object) -> None:
 
 def test_a_map_comes_back() -> None:
     assert unpackb(packb({"a": [1, "b", None, 1.5]})) == {"a": [1, "b", None, 1.5]}
+
+
+def test_the_bytes_in_the_description_are_the_real_ones() -> None:
+    text = (Path(__file__).parents[2] / "msgs" / "README.md").read_text(encoding="utf-8")
+    # hex of the indented example lines, up to the column of words
+    lines = [line.strip() for line in text.splitlines() if re.match(r"    [0-9a-f]{2} ", line)]
+    shown = [re.match(r"(?:[0-9a-f]{2}(?: +|$))+", line).group() for line in lines]  # type: ignore[union-attr]
+    event, *header = [bytes.fromhex(line) for line in shown]
+    assert event == make_events([3500], [10], [20], [1]).tobytes()
+    assert b"".join(header) == encode(packet())[0]
+    assert f"{len(encode(packet())[0])} bytes" in text
