@@ -20,25 +20,29 @@ SILENCE_S = 60.0
 
 
 class Counter:
-    """`evs echo ADDRESS --quiet --json` as a context: started on entry, gone on exit."""
+    """`evs echo ADDRESS --quiet --json` as a context: started on entry, gone on exit.
+
+    An EvsError inside the block is replaced by what ended the process, if that died before: a
+    publisher that waited in vain does not know the reason.
+    """
 
     def __init__(self, address: str) -> None:
         self.address = address
-        self._folder = tempfile.TemporaryDirectory()
-        self._file = Path(self._folder.name) / "counted.json"
-        self._process: subprocess.Popen[str] | None = None
 
     def __enter__(self) -> Counter:
+        self._folder = tempfile.TemporaryDirectory()
+        self._file = Path(self._folder.name) / "counted.json"
+        self._complaints = Path(self._folder.name) / "complaints.txt"
         command = [sys.executable, "-m", "evs.launch.main", "echo", self.address, "--quiet"]
-        self._process = subprocess.Popen(
-            [*command, "--timeout", f"{SILENCE_S:g}", "--json", str(self._file)],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            # Ctrl-C is for the publisher; this process ends when the stream does
-            start_new_session=True,
-        )
+        with self._complaints.open("w") as complaints:
+            self._process = subprocess.Popen(
+                [*command, "--timeout", f"{SILENCE_S:g}", "--json", str(self._file)],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=complaints,
+                # Ctrl-C is for the publisher; this process ends when the stream does
+                start_new_session=True,
+            )
         return self
 
     def __exit__(
@@ -47,23 +51,30 @@ class Counter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._process is not None and self._process.poll() is None:
+        try:
+            if isinstance(error, EvsError):
+                self._raise_if_failed()
+        finally:
             self._process.kill()
-            self._process.communicate()
-        self._folder.cleanup()
+            self._process.wait()
+            self._folder.cleanup()
 
     def totals(self) -> dict[str, Any]:
         """Wait for its end; what it counted. EvsError where it failed or does not end."""
-        assert self._process is not None
         try:
-            _, said = self._process.communicate(timeout=PATIENCE_S)
+            self._process.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:
             raise EvsError(
                 f"the subscriber of {self.address} does not end: try again with fewer programs "
                 "running"
             ) from None
-        if self._process.returncode:
-            lines = said.strip().splitlines() or [f"exit code {self._process.returncode}"]
-            raise EvsError(f"the subscriber failed: {lines[-1].removeprefix('evs: ')}")
+        self._raise_if_failed()
         counted: dict[str, Any] = json.loads(self._file.read_text(encoding="utf-8"))
         return counted
+
+    def _raise_if_failed(self) -> None:
+        code = self._process.poll()
+        if code:
+            lines = self._complaints.read_text(errors="replace").strip().splitlines()
+            reason = lines[-1].removeprefix("evs: ") if lines else f"exit code {code}"
+            raise EvsError(f"the subscriber's process failed: {reason}") from None

@@ -35,6 +35,9 @@ FAST = (("render.spp", "1"), ("duration_s", "0.5"))
 WINDOW_US = 4000
 """the pictures show events of this long: thin edges"""
 
+SUBSCRIBER_S = 30.0
+"""how long the second process may take to come"""
+
 ADDRESS = "tcp://127.0.0.1:5560"
 """where the commands to try next publish"""
 
@@ -97,7 +100,7 @@ def _config(args: argparse.Namespace, recording: Path) -> pipeline.PipelineConfi
             f"the demo draws {MAX_SECONDS:g} s at most, not {config.duration_s:g} s: "
             "give a smaller --duration, or use evs emulate"
         )
-    bus = pipeline.SinkConfig(type="zmq", address=free_address(), wait_for=1, wait_s=30.0)
+    bus = pipeline.SinkConfig(type="zmq", address=free_address(), wait_for=1, wait_s=SUBSCRIBER_S)
     file = pipeline.SinkConfig(type="aedat4", file=str(recording))
     return replace(config, sink=(bus, file), record="", publish="", report="")
 

@@ -18,6 +18,9 @@ HELP = "is this machine fit: packages, processor, a trial run"
 MARKS = {"ok": "ok  ", "note": "note", "bad": "BAD "}
 """verdict -> what stands before its line"""
 
+FIT = "this machine is fit for evs"
+UNFIT = "evs will not work here until what is BAD is mended"
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
@@ -37,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
         plain = [dataclasses.asdict(check) for check in checks]
         print(json.dumps({"fit": fit, "checks": plain}, indent=2))
     else:
-        print("this machine is fit for evs" if fit else "evs will not work here until that is done")
+        print(FIT if fit else UNFIT)
     return 0 if fit else 1
 
 

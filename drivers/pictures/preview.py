@@ -70,9 +70,13 @@ def preview(
 
 
 def shot_times(start_us: int, stop_us: int, count: int = 3) -> list[int]:
-    """Instants that split a stretch evenly: a quarter, a half and three quarters of it, us."""
+    """Instants that split a stretch evenly: a quarter, a half and three quarters of it, us.
+
+    They are whole ms where the stretch is long enough for that.
+    """
     step = (stop_us - start_us) / (count + 1)
-    return [start_us + round(step * (index + 1)) for index in range(count)]
+    grid_us = 1000 if step >= 1000 else 1
+    return [round((start_us + step * (index + 1)) / grid_us) * grid_us for index in range(count)]
 
 
 def font_size(panel_width_px: int) -> int:
@@ -89,8 +93,9 @@ def _panel(page: U8, shot: Shot, width: int, height: int, factor: int, left: int
 
 def _caption(shot: Shot) -> tuple[str, str]:
     on, off = count_polarities(shot.events)
+    decimals = 6 if shot.end_us % 1000 else 3
     return (
-        f"t = {shot.end_us / 1e6:.3f} s, the last {shot.window_us / 1e3:g} ms",
+        f"t = {shot.end_us / 1e6:.{decimals}f} s, the last {shot.window_us / 1e3:g} ms",
         f"{on + off:,} events: {on:,} ON, {off:,} OFF",
     )
 

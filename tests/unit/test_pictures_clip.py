@@ -17,6 +17,7 @@ from evs.drivers.pictures import (
     clip_frames,
     need_video,
     preview,
+    shot_times,
     span_us,
     speed_words,
     suffix_of,
@@ -88,6 +89,12 @@ def test_tall_sensors_stand_in_a_row_and_wide_ones_in_a_column() -> None:
 def test_background_is_shown_where_no_event_is() -> None:
     page = preview([Shot(1000, 1000, empty_events(), np.full((2, 2), 77, np.uint8))], 2, 2, scale=9)
     assert mask(page, (77, 77, 77)).sum() >= (2 * 9) ** 2
+
+
+def test_shots_split_a_stretch_evenly_on_whole_ms() -> None:
+    assert shot_times(0, 2_000_000) == [500_000, 1_000_000, 1_500_000]
+    assert shot_times(-1000, 100_000) == [24_000, 50_000, 75_000]
+    assert shot_times(1_000_000, 1_000_400) == [1_000_100, 1_000_200, 1_000_300]
 
 
 # playback
