@@ -189,7 +189,7 @@ def _sum_up(report: AuditedReport, files: list[Path]) -> None:
     )
     print(f"{'read back':17s} {report.recording['events']:,} events")
     for file in files:
-        print(f"{'wrote':17s} {file} ({file.stat().st_size / 1e6:.2f} MB)")
+        print(f"{'wrote':17s} {file} ({file.stat().st_size / 1e3:,.0f} kB)")
     print("next:")
     for command in next_commands(files[0], _program()):
         print(f"  {command}")
