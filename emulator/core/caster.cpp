@@ -44,7 +44,7 @@ void Caster::Spheres::resize(int count) {
   radius.assign(padded, -1.0f);
 }
 
-void Caster::Spheres::set(int i, const Sphere& s) {
+void Caster::Spheres::set(int i, const Ball& s) {
   x[i] = s.center.x;
   y[i] = s.center.y;
   z[i] = s.center.z;
@@ -233,7 +233,7 @@ Hull Caster::primary_hull(int column, int row) const {
   return hull;
 }
 
-Caster::Sphere Caster::sphere_of(const Geom& g) const {
+Ball Caster::sphere_of(const Geom& g) const {
   const float* s = g.size;
   float r = 0;
   V3 c = g.position;
@@ -303,6 +303,36 @@ void Caster::place_lights(const Poses& p) {
   }
 }
 
+// Old and new bounds of every geom that moved, and a ball around them all.
+void Caster::find_moved() {
+  std::vector<Ball> balls;
+  for (size_t k = 0; k < geoms_.size(); k++) {
+    if (std::memcmp(&geoms_[k], &previous_geoms_[k], sizeof(Geom)) == 0) continue;
+    balls.push_back(sphere_of(previous_geoms_[k]));
+    balls.push_back(sphere_of(geoms_[k]));
+  }
+  moved_.resize(static_cast<int>(balls.size()));
+  double center[3] = {0, 0, 0};
+  for (size_t i = 0; i < balls.size(); i++) {
+    moved_.set(static_cast<int>(i), balls[i]);
+    center[0] += balls[i].center.x;
+    center[1] += balls[i].center.y;
+    center[2] += balls[i].center.z;
+  }
+  around_moved_ = {{0, 0, 0}, -1};
+  if (balls.empty()) return;
+  double n = static_cast<double>(balls.size()), radius = 0;
+  for (double& c : center) c /= n;
+  for (const Ball& b : balls) {
+    double x = b.center.x - center[0], y = b.center.y - center[1], z = b.center.z - center[2];
+    radius = std::max(radius, std::sqrt(x * x + y * y + z * z) + b.radius);
+  }
+  // a pose that is not finite may have been anywhere
+  if (!(radius < 1e29)) center[0] = center[1] = center[2] = 0, radius = 1e29;
+  around_moved_ = {to_float({center[0], center[1], center[2]}),
+                   static_cast<float>(radius * 1.0001)};
+}
+
 void Caster::render(const Poses& poses, float* luminance, int32_t* geom, float* distance) {
   place_geoms(poses);
   place_lights(poses);
@@ -319,17 +349,7 @@ void Caster::render(const Poses& poses, float* luminance, int32_t* geom, float* 
   bool selective = incremental_ && still && same_lights && !geom;
 
   if (selective) {
-    // old and new bounds of every geom that moved
-    std::vector<int> moved;
-    for (size_t k = 0; k < geoms_.size(); k++) {
-      if (std::memcmp(&geoms_[k], &previous_geoms_[k], sizeof(Geom)) != 0)
-        moved.push_back(static_cast<int>(k));
-    }
-    moved_.resize(2 * static_cast<int>(moved.size()));
-    for (size_t i = 0; i < moved.size(); i++) {
-      moved_.set(static_cast<int>(2 * i), sphere_of(previous_geoms_[moved[i]]));
-      moved_.set(static_cast<int>(2 * i + 1), sphere_of(geoms_[moved[i]]));
-    }
+    find_moved();
   }
   // records pay off only while the camera stays
   bool recording = incremental_ && (first || still);
@@ -345,7 +365,8 @@ void Caster::render(const Poses& poses, float* luminance, int32_t* geom, float* 
     for (int column = 0; column < columns_; column++) {
       Record* record =
           incremental_ ? &records_[static_cast<size_t>(row) * columns_ + column] : nullptr;
-      if (selective && !kernel_->touched(frame_, column, row, *record, moved)) continue;
+      if (selective && !kernel_->touched(frame_, column, row, *record, moved, around_moved_))
+        continue;
       kernel_->trace(frame_, column, row, out, recording ? record : nullptr);
       count++;
     }

@@ -38,14 +38,10 @@ class Caster {
   int channels() const { return frame_.channels; }
 
  private:
-  struct Sphere {
-    V3 center;
-    float radius;
-  };
   struct Spheres {  // structure of arrays behind a Bounds
     std::vector<float> x, y, z, radius;
     void resize(int count);
-    void set(int i, const Sphere& s);
+    void set(int i, const Ball& s);
     Bounds view() const;
   };
 
@@ -55,7 +51,8 @@ class Caster {
   Hull primary_hull(int column, int row) const;
   void place_geoms(const Poses& poses);
   void place_lights(const Poses& poses);
-  Sphere sphere_of(const Geom& g) const;
+  void find_moved();
+  Ball sphere_of(const Geom& g) const;
 
   const Kernel* kernel_;
   Pool pool_;
@@ -70,6 +67,7 @@ class Caster {
   std::vector<int> order_;  // kernel's geom -> scene's geom: analytic shapes first, then meshes
   std::vector<Geom> geoms_, previous_geoms_;
   Spheres spheres_, moved_;
+  Ball around_moved_ = {{0, 0, 0}, -1};
   std::vector<float> sample_x_, sample_y_;
   std::vector<Hull> primary_, hulls_;
   std::vector<Record> records_;

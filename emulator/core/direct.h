@@ -182,13 +182,20 @@ void trace(const Frame& f, int column, int row, const Outputs& out, Record* reco
   }
 }
 
-bool touched(const Frame& f, int column, int row, const Record& record, const Bounds& spheres) {
+bool touched(const Frame& f, int column, int row, const Record& record, const Bounds& spheres,
+             const Ball& around) {
   if (record.count < 0) return true;
-  for (int k = 0; k < spheres.count; k += LANES) {
-    if (touching(spheres, k, f.primary[row * f.packet_columns + column])) return true;
-    for (int i = 0; i < record.count; i++) {
-      if (touching(spheres, k, record.hulls[i])) return true;
+  auto meets = [&](const Hull& hull) {
+    // most packets are nowhere near anything that moved
+    if (!may_touch(around, hull)) return false;
+    for (int k = 0; k < spheres.count; k += LANES) {
+      if (touching(spheres, k, hull)) return true;
     }
+    return false;
+  };
+  if (meets(f.primary[row * f.packet_columns + column])) return true;
+  for (int i = 0; i < record.count; i++) {
+    if (meets(record.hulls[i])) return true;
   }
   return false;
 }

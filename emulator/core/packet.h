@@ -64,6 +64,18 @@ EVS_INLINE unsigned touching(const Bounds& b, int k, const Hull& hull) {
   return bits(near & ahead & before & real);
 }
 
+// The same test for one ball, with more slack than `touching`: what it refuses, that refuses too.
+EVS_INLINE bool may_touch(const Ball& ball, const Hull& hull) {
+  V3 v = ball.center - hull.center;
+  float along = dot(v, hull.axis);
+  V3 across = v - scaled(hull.axis, along);
+  float away = __builtin_sqrtf(dot(across, across));
+  float reach = ball.radius + hull.radius;
+  float slack = (__builtin_fabsf(along) + reach) * 1e-5f;
+  return away * hull.cosine - along * hull.sine <= reach + slack && along >= -reach - slack &&
+         along - reach <= hull.length + slack && ball.radius >= 0;
+}
+
 // The hull of the active lanes' rays: from points p, along directions d, no further than `length`.
 EVS_INLINE Hull hull_of(Vec p, Vec d, Mask active, float length) {
   int first = first_lane(bits(active));

@@ -96,6 +96,11 @@ struct Bounds {  // bounding spheres, structure of arrays, padded to 16
   int count;  // padded
 };
 
+struct Ball {
+  V3 center;
+  float radius;  // negative: empty
+};
+
 struct Frame {
   const Geom* geoms;
   Bounds bounds;
@@ -140,8 +145,9 @@ struct Outputs {
 struct Kernel {
   // Trace the 16 pixels of packet (column, row) and write them.
   void (*trace)(const Frame&, int column, int row, const Outputs&, Record* record);
-  // Can one of these spheres touch a ray of the packet?
-  bool (*touched)(const Frame&, int column, int row, const Record&, const Bounds& spheres);
+  // Can one of these spheres touch a ray of the packet? `around` holds all of them.
+  bool (*touched)(const Frame&, int column, int row, const Record&, const Bounds& spheres,
+                  const Ball& around);
 };
 
 extern const Kernel KERNEL_PORTABLE, KERNEL_AVX2, KERNEL_AVX512;
