@@ -9,7 +9,15 @@ import zmq
 
 from evs.drivers.bus import Publisher, Subscription, publisher, subscribe
 from evs.drivers.pace import monotonic_s, sleep_s
-from evs.msgs import EventPacket, EvsError, MessageError, StreamInfo, encode, make_events
+from evs.msgs import (
+    EventPacket,
+    EvsError,
+    MessageError,
+    StreamInfo,
+    decode_status,
+    encode,
+    make_events,
+)
 from evs.msgs.packet import MAX_FRAME_BYTES
 
 STREAM = StreamInfo(346, 260, "cam", sensor="davis346", seed=5)
@@ -265,3 +273,27 @@ def test_strange_clients_do_no_harm(bus: tuple[Publisher, Subscription]) -> None
         assert received is not None
         assert received.seq == seq
     assert (stream.lost, stream.bad_messages) == (0, 0)
+
+
+def test_the_end_is_repeated_for_clients_of_one_connection() -> None:
+    """A subscriber that never leaves hears the end several times: any one may meet a full queue."""
+    sender = Publisher(ANY_PORT, linger_s=0.2)
+    sender.open([STREAM])
+    with zmq.Context() as context, context.socket(zmq.SUB) as client:
+        client.set(zmq.LINGER, 0)
+        client.subscribe(b"")
+        client.connect(sender.address)
+        seq = 0
+        while not client.poll(10):
+            sender.write(packet(seq))
+            seq += 1
+        begin_s = monotonic_s()
+        sender.close()
+        assert 0.2 <= monotonic_s() - begin_s < 5
+        last = []
+        while client.poll(200):
+            last.append(client.recv_multipart())
+    ends = [decode_status(parts[1]) for parts in last if parts[0] == b"status/cam"]
+    repeated = [one for one in ends if one.end]
+    assert len(repeated) >= 3
+    assert {(one.seq, one.packets, one.events) for one in repeated} == {(seq - 1, seq, 3 * seq)}
