@@ -68,7 +68,9 @@ class DirectRenderer:
         """Share of the pixels that the last call traced."""
         return self._caster.traced_fraction
 
-    def _poses(self, snapshot: SceneSnapshot, pose: CameraPose) -> tuple[F64, F64, F64, F64, F64, F64]:
+    def _poses(
+        self, snapshot: SceneSnapshot, pose: CameraPose
+    ) -> tuple[F64, F64, F64, F64, F64, F64]:
         lights = self._lights
         return (
             snapshot.geom_pos,
