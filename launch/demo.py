@@ -11,15 +11,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from evs.drivers import pipeline, settings
+from evs.drivers.pipeline import config as pipeline
+from evs.drivers.pipeline import settings
 from evs.launch.emulate import STOPPED
 from evs.msgs import EvsError
 
 if TYPE_CHECKING:
-    from evs.drivers.audit import AuditedReport
+    from evs.drivers.checkup.audit import AuditedReport
+    from evs.drivers.files.recording import Recording
     from evs.drivers.pictures import LightLog
-    from evs.drivers.recording import Recording
-    from evs.drivers.report import Report
+    from evs.drivers.pipeline.report import Report
 
 HELP = "the main job: a robot, its events sent to a second process, recorded and drawn"
 
@@ -59,8 +60,8 @@ def run(args: argparse.Namespace) -> int:
     """Run, verify, draw, sum up. 0 if nothing was lost, 1 if something was, 130 after Ctrl-C."""
     # here, so that --help is quick
     from evs.drivers import files
-    from evs.drivers.audit import audited
-    from evs.drivers.report import COMPLETE, write_report
+    from evs.drivers.checkup.audit import audited
+    from evs.drivers.pipeline.report import COMPLETE, write_report
 
     out = Path(args.out)
     recording, target = out / "events.aedat4", out / "report.json"
@@ -81,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _config(args: argparse.Namespace, recording: Path) -> pipeline.PipelineConfig:
-    from evs.drivers.loopback import free_address
+    from evs.drivers.checkup.loopback import free_address
 
     given = [settings.split_word(word) for word in args.words]
     if args.duration is not None:
@@ -119,12 +120,12 @@ def _emulate(
 
     However the run ends, its report is written to `target`.
     """
-    from evs.drivers.counter import Counter
+    from evs.drivers.checkup.counter import Counter
     from evs.drivers.pace import Pacer, StopWatch
     from evs.drivers.pictures import LightLog
-    from evs.drivers.report import COMPLETE, write_report
-    from evs.drivers.run import run as run_loop
-    from evs.drivers.run import tick_count
+    from evs.drivers.pipeline.report import COMPLETE, write_report
+    from evs.drivers.pipeline.run import run as run_loop
+    from evs.drivers.pipeline.run import tick_count
     from evs.emulator import World
     from evs.launch import terminal
 

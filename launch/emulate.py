@@ -7,7 +7,8 @@ import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
-from evs.drivers import keys, pipeline, settings
+from evs.drivers.pipeline import config as pipeline
+from evs.drivers.pipeline import keys, settings
 from evs.msgs import EvsError
 
 HELP = "run a scene through the event camera: publish it, record it"
@@ -80,9 +81,9 @@ def _given(args: argparse.Namespace) -> tuple[str | None, list[tuple[str, str]]]
 def _emulate(config: pipeline.PipelineConfig, quiet: bool) -> int:
     # here, so that --help is quick
     from evs.drivers.pace import Pacer, StopWatch
-    from evs.drivers.report import Report, check_targets, report_beside, write_report
-    from evs.drivers.run import run as run_loop
-    from evs.drivers.run import tick_count
+    from evs.drivers.pipeline.report import Report, check_targets, report_beside, write_report
+    from evs.drivers.pipeline.run import run as run_loop
+    from evs.drivers.pipeline.run import tick_count
     from evs.emulator import World
     from evs.launch import terminal
 

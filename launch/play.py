@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     from evs.drivers import files
     from evs.drivers.bus import Publisher
     from evs.drivers.pace import Pacer
-    from evs.drivers.stopping import stop_signals
+    from evs.drivers.pipeline.stopping import stop_signals
 
     if not (math.isfinite(args.speed) and args.speed > 0):
         raise EvsError(f"--speed {args.speed} is not possible: give more than 0, or use --fast")

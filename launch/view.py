@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from evs.msgs import Events, EvsError
 
 if TYPE_CHECKING:
+    from evs.drivers.files.recording import Recording
     from evs.drivers.pictures import Playback
-    from evs.drivers.recording import Recording
 
 HELP = "a recording as a picture or a film: out.png, out.gif, out.mp4"
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from evs.drivers.bus import subscribe
 from evs.drivers.checkup.check import BAD, OK, Check
+from evs.drivers.checkup.loopback import free_address
 from evs.drivers.files import read
-from evs.drivers.loopback import free_address
 from evs.drivers.pace import StopWatch
-from evs.drivers.pipeline import load, make_sink
-from evs.drivers.report import Report
-from evs.drivers.run import run
+from evs.drivers.pipeline.config import load, make_sink
+from evs.drivers.pipeline.report import Report
+from evs.drivers.pipeline.run import run
 from evs.emulator import World
 from evs.msgs import EventPacket, Events
 

@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evs.drivers.damage import TornTailWarning
 from evs.drivers.files import read, repair, summary
+from evs.drivers.files.damage import TornTailWarning
 
 ORACLES = Path(__file__).parents[1] / "unit" / "aedat4_oracles.py"
 PACKETS = 40
 
 RECORD = f"""
 import numpy as np
-from evs.drivers.aedat4 import Aedat4Recorder
+from evs.drivers.files.aedat4 import Aedat4Recorder
 from evs.msgs import EventPacket, StreamInfo, make_events
 
 def packet(seq):

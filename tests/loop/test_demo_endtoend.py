@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from evs.drivers import counter, files
+from evs.drivers import files
+from evs.drivers.checkup import counter
 from evs.drivers.pictures import OFF_RGB, ON_RGB
 from evs.launch.main import main
 

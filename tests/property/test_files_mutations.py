@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from evs.drivers import files
-from evs.drivers.damage import DamagedPacketWarning, TornTailWarning
+from evs.drivers.files.damage import DamagedPacketWarning, TornTailWarning
 from evs.msgs import EVENT_DTYPE, EventPacket, EvsError, StreamInfo, make_events
 
 KINDS = [("a.aedat4", "none"), ("a.aedat4", "lz4"), ("a.aedat4", "zstd"), ("a.npz", "lz4")]

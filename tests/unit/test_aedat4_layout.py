@@ -10,8 +10,8 @@ import zstandard
 from flatbuffers import number_types
 from flatbuffers.table import Table
 
-from evs.drivers.aedat4 import compression, description, layout
-from evs.drivers.aedat4.layout import DamageError
+from evs.drivers.files.aedat4 import compression, description, layout
+from evs.drivers.files.aedat4.layout import DamageError
 from evs.msgs import EvsError, StreamInfo, empty_events, make_events
 
 EVENTS = make_events([1, 2**40, 2**40], [0, 345, 7], [0, 259, 9], [1, 0, 1])

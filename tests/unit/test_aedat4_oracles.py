@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evs.drivers.aedat4 import Aedat4File, Aedat4Recorder
 from evs.drivers.files import read
+from evs.drivers.files.aedat4 import Aedat4File, Aedat4Recorder
 from evs.msgs import EventPacket, Events, StreamInfo, make_events
 
 SCRIPT = Path(__file__).with_name("aedat4_oracles.py")

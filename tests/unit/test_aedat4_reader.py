@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.drivers.aedat4 import Aedat4File, Aedat4Recorder, compression, layout, reader, repair
-from evs.drivers.damage import DamagedPacketWarning, TornTailWarning
 from evs.drivers.files import packets, read, summary
+from evs.drivers.files.aedat4 import Aedat4File, Aedat4Recorder, compression, layout, reader, repair
+from evs.drivers.files.damage import DamagedPacketWarning, TornTailWarning
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
 
 STREAM = StreamInfo(64, 48, camera="eye", seed=5)

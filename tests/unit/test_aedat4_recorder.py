@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.drivers.aedat4 import Aedat4File, Aedat4Recorder, recorder
 from evs.drivers.files import read, summary
+from evs.drivers.files.aedat4 import Aedat4File, Aedat4Recorder, recorder
 from evs.drivers.sink import MeteredSink
 from evs.msgs import EventPacket, EvsError, StreamInfo, empty_events, make_events
 

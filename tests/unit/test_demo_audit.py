@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evs.drivers.audit import audit, audited
+from evs.drivers.checkup.audit import audit, audited
 from evs.drivers.pictures import LightLog, to_srgb8
-from evs.drivers.report import Report
+from evs.drivers.pipeline.report import Report
 from evs.launch import demo
 from evs.launch.main import main
 

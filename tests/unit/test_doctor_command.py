@@ -12,7 +12,7 @@ import pytest
 
 from evs.drivers import checkup
 from evs.drivers.checkup import machine, packages, trial
-from evs.drivers.report import Report
+from evs.drivers.pipeline.report import Report
 from evs.launch import doctor
 from evs.launch.main import main
 from evs.msgs import EvsError, make_events

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from evs.drivers import files
-from evs.drivers.aedat4 import Aedat4Recorder
-from evs.drivers.npz import NpzRecorder
+from evs.drivers.files.aedat4 import Aedat4Recorder
+from evs.drivers.files.npz import NpzRecorder
 from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
 

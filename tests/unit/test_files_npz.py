@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from evs.drivers.files import packets, read, recorder_for, repair, summary
-from evs.drivers.npz import NpzRecorder
+from evs.drivers.files.npz import NpzRecorder
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
 
 STREAM = StreamInfo(
@@ -124,7 +124,7 @@ def test_what_cannot_be_recorded_is_refused_in_one_line(
 FULL_DISK = """
 import resource, sys
 import numpy as np
-from evs.drivers.npz import NpzRecorder
+from evs.drivers.files.npz import NpzRecorder
 from evs.msgs import EventPacket, EvsError, StreamInfo, make_events
 
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]),) * 2)

@@ -11,8 +11,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from evs.drivers.keys import describe
-from evs.drivers.pipeline import PipelineConfig
+from evs.drivers.pipeline.config import PipelineConfig
+from evs.drivers.pipeline.keys import describe
 from evs.launch import emulate, main
 from evs.msgs import EvsError
 

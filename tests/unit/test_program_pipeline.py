@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.drivers import settings
-from evs.drivers.keys import describe
-from evs.drivers.pipeline import (
+from evs.drivers.pipeline import settings
+from evs.drivers.pipeline.config import (
     PIPELINES,
     PipelineConfig,
     SinkConfig,
@@ -19,6 +18,7 @@ from evs.drivers.pipeline import (
     load,
     make_sink,
 )
+from evs.drivers.pipeline.keys import describe
 from evs.drivers.sink import MeteredSink
 from evs.emulator.config import RunConfig
 from evs.msgs import EvsError

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from evs.drivers.pace import Pacer, StopWatch
-from evs.drivers.report import STAGES, Report
-from evs.drivers.run import Progress, run, tick_count
+from evs.drivers.pipeline.report import STAGES, Report
+from evs.drivers.pipeline.run import Progress, run, tick_count
 from evs.emulator.stages import Meter, NoMeter
 from evs.msgs import EventPacket, EvsError, StreamInfo, make_events
 

@@ -15,8 +15,8 @@ from typing import IO, Any
 
 import numpy as np
 
-from evs.drivers.damage import Damage, bad_values
-from evs.drivers.recording import MAX_SIDE_PX, existing, one_stream, target_error
+from evs.drivers.files.damage import Damage, bad_values
+from evs.drivers.files.recording import MAX_SIDE_PX, existing, one_stream, target_error
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
 
 COLUMNS = {"t": np.dtype("<i8"), "x": np.dtype("<i2"), "y": np.dtype("<i2"), "p": np.dtype("i1")}

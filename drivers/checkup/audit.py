@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from evs.drivers.report import COMPLETE, Report
+from evs.drivers.pipeline.report import COMPLETE, Report
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import lz4.frame
 import zstandard
 
-from evs.drivers.aedat4.layout import DamageError
+from evs.drivers.files.aedat4.layout import DamageError
 from evs.msgs import unknown
 
 NUMBERS = {"none": 0, "lz4": 1, "zstd": 3}

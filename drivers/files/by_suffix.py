@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from evs.drivers.aedat4 import Aedat4File, Aedat4Recorder, Repair
-from evs.drivers.aedat4 import repair as repair_aedat4
-from evs.drivers.npz import NpzFile, NpzRecorder
-from evs.drivers.recording import Recording, as_packet
+from evs.drivers.files.aedat4 import Aedat4File, Aedat4Recorder, Repair
+from evs.drivers.files.aedat4 import repair as repair_aedat4
+from evs.drivers.files.npz import NpzFile, NpzRecorder
+from evs.drivers.files.recording import Recording, as_packet
 from evs.drivers.sink import Sink
 from evs.msgs import EventPacket, EvsError, StreamInfo, join_events
 

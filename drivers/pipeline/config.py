@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from evs.drivers import settings
+from evs.drivers.pipeline import settings
 from evs.drivers.sink import Sink
 from evs.emulator.config import RunConfig
 from evs.msgs import EvsError, nearest_first, unknown
@@ -29,7 +29,7 @@ SEEDS = ("fixed",)
 RECORDERS = {".aedat4": "aedat4", ".npz": "npz"}
 """suffix of a recording -> sink type"""
 
-PIPELINES = Path(__file__).parents[1] / "config" / "pipelines"
+PIPELINES = Path(__file__).parents[2] / "config" / "pipelines"
 """the pipelines that come with evs; each is found by its bare name too"""
 
 _SCENE_SUFFIXES = (".xml", ".mjcf", ".mjb", ".urdf")
@@ -144,10 +144,10 @@ def make_sink(config: SinkConfig) -> Sink:
 
         return Publisher(options.pop("address"), **options)
     if config.type == "aedat4":
-        from evs.drivers.aedat4 import Aedat4Recorder
+        from evs.drivers.files.aedat4 import Aedat4Recorder
 
         return Aedat4Recorder(options.pop("file"), **options)
-    from evs.drivers.npz import NpzRecorder
+    from evs.drivers.files.npz import NpzRecorder
 
     return NpzRecorder(options.pop("file"))
 

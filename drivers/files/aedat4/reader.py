@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-from evs.drivers.aedat4 import compression as compressions
-from evs.drivers.aedat4 import description, layout
-from evs.drivers.aedat4.layout import DamageError
-from evs.drivers.damage import Damage, bad_values, normalised
-from evs.drivers.recording import existing
+from evs.drivers.files.aedat4 import compression as compressions
+from evs.drivers.files.aedat4 import description, layout
+from evs.drivers.files.aedat4.layout import DamageError
+from evs.drivers.files.damage import Damage, bad_values, normalised
+from evs.drivers.files.recording import existing
 from evs.msgs import Events, EvsError, StreamInfo
 
 MAX_HEADER_BYTES = 1 << 26

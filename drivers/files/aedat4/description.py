@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from evs.drivers.aedat4.layout import DamageError
-from evs.drivers.recording import MAX_SIDE_PX
+from evs.drivers.files.aedat4.layout import DamageError
+from evs.drivers.files.recording import MAX_SIDE_PX
 from evs.msgs import StreamInfo
 
 EVENT_STREAM = 0

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.aedat4 import compression as compressions
-from evs.drivers.aedat4 import description, layout
-from evs.drivers.recording import one_stream, target_error
+from evs.drivers.files.aedat4 import compression as compressions
+from evs.drivers.files.aedat4 import description, layout
+from evs.drivers.files.recording import one_stream, target_error
 from evs.emulator.stages import Meter, NoMeter
 from evs.msgs import EventPacket, EvsError, StreamInfo
 

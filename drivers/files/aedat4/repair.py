@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from evs.drivers.aedat4 import layout
-from evs.drivers.aedat4.reader import Aedat4File
-from evs.drivers.recording import target_error
+from evs.drivers.files.aedat4 import layout
+from evs.drivers.files.aedat4.reader import Aedat4File
+from evs.drivers.files.recording import target_error
 from evs.msgs import EvsError
 
 

@@ -10,7 +10,7 @@ import typing
 from dataclasses import dataclass
 from typing import Any
 
-from evs.drivers.settings import to_text
+from evs.drivers.pipeline.settings import to_text
 
 
 @dataclass(frozen=True)

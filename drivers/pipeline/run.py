@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from evs.drivers.pace import Pacer, StopWatch, monotonic_s
-from evs.drivers.report import COMPLETE, STAGES, Report, versions
+from evs.drivers.pipeline.report import COMPLETE, STAGES, Report, versions
+from evs.drivers.pipeline.stopping import stop_signals
 from evs.drivers.sink import MeteredSink, Sink
-from evs.drivers.stopping import stop_signals
 from evs.msgs import EventPacket, EvsError, StreamInfo
 
 MAX_SECONDS = 1e9

@@ -1,7 +1,0 @@
-"""AEDAT4 files: recorder, reader, repair."""
-
-from evs.drivers.aedat4.reader import Aedat4File
-from evs.drivers.aedat4.recorder import Aedat4Recorder
-from evs.drivers.aedat4.repair import Repair, repair
-
-__all__ = ["Aedat4File", "Aedat4Recorder", "Repair", "repair"]
