@@ -8,8 +8,7 @@
 namespace evs {
 namespace {
 
-constexpr float WEIGHTS[3] = {0.2126f, 0.7152f, 0.0722f};  // BT.709
-constexpr float HUGE_RADIUS = 1e15f;                       // of an infinite plane
+constexpr float HUGE_RADIUS = 1e15f;  // of an infinite plane
 constexpr int HULL_CAPACITY = 33;
 
 struct D3 {
@@ -26,12 +25,6 @@ D3 minus(const double* a, const double* b) { return {a[0] - b[0], a[1] - b[1], a
 
 V3 to_float(D3 v) {
   return {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
-}
-
-bool is_grey(const float* c) { return c[0] == c[1] && c[1] == c[2]; }
-
-float luminance_of(const float* c) {
-  return WEIGHTS[0] * c[0] + WEIGHTS[1] * c[1] + WEIGHTS[2] * c[2];
 }
 
 }  // namespace
@@ -57,9 +50,11 @@ Bounds Caster::Spheres::view() const {
 
 Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incremental,
                int threads, const std::string& isa)
-    : kernel_(kernel_of(isa)), pool_(threads), incremental_(incremental), mesh_data_(scene.meshes) {
-  build_lights(scene);
-  build_surfaces(scene);
+    : kernel_(kernel_of(isa)),
+      pool_(threads),
+      incremental_(incremental),
+      mesh_data_(scene.meshes),
+      look_(make_appearance(scene)) {
   for (const SceneData::MeshData& m : mesh_data_) {
     meshes_.push_back({m.tree.nodes.data(), m.tree.triangles.data(), m.corners.data(),
                        static_cast<int>(m.tree.nodes.size()), m.has_texcoords});
@@ -81,156 +76,30 @@ Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incr
     for (int a = 0; a < 3; a++) geoms_[k].size[a] = scene.geom_size[3 * g + a];
   }
   spheres_.resize(count);
-  build_view(view);
+  set_view(view, sampling_, frame_);
+  if (incremental_) make_records();
   frame_.geoms = geoms_.data();
   frame_.meshes = meshes_.data();
-  frame_.surfaces = surfaces_.data();
-  frame_.textures = textures_.data();
-  frame_.lights = lights_.data();
-  frame_.light_count = static_cast<int>(lights_.size());
+  frame_.surfaces = look_.surfaces.data();
+  frame_.textures = look_.textures.data();
+  frame_.lights = look_.lights.data();
+  frame_.light_count = static_cast<int>(look_.lights.size());
+  frame_.skybox = look_.skybox;
+  frame_.channels = look_.channels;
+  std::copy(look_.weights, look_.weights + 3, frame_.weights);
   frame_.shadows = shadows;
 }
 
-void Caster::build_lights(const SceneData& scene) {
-  bool grey = true;
-  for (const SceneData::LightData& l : scene.lights) {
-    grey = grey && is_grey(l.ambient) && is_grey(l.diffuse) && is_grey(l.specular);
-  }
-  frame_.channels = grey ? 1 : 3;
-  for (int c = 0; c < 3; c++) frame_.weights[c] = grey ? (c == 0 ? 1.0f : 0.0f) : WEIGHTS[c];
-  for (const SceneData::LightData& l : scene.lights) {
-    Light light = {};
-    light.kind = l.kind;
-    light.castshadow = l.castshadow;
-    float scale = l.intensity > 0 ? l.intensity : 1.0f;
-    light.inverse_square = l.intensity > 0 && l.kind != DIRECTIONAL;
-    for (int c = 0; c < 3; c++) {
-      light.ambient[c] = l.intensity > 0 ? 0.0f : l.ambient[c];
-      light.diffuse[c] = scale * l.diffuse[c];
-      light.specular[c] = scale * l.specular[c];
-      light.attenuation[c] = l.attenuation[c];
-    }
-    light.cos_cutoff = static_cast<float>(std::cos(l.cutoff_deg * 3.14159265358979 / 180));
-    light.exponent = l.exponent;
-    lights_.push_back(light);
-    headlight_.push_back(l.headlight);
-  }
-}
-
-void Caster::build_surfaces(const SceneData& scene) {
-  struct Baked {
-    int texture;
-    float rgba[3];
-    int index;
-  };
-  std::vector<Baked> baked;
-  // the image times the surface's colour, once for each pair
-  auto bake = [&](int texture, const float* rgba) {
-    for (const Baked& b : baked) {
-      if (b.texture == texture && std::equal(rgba, rgba + 3, b.rgba)) return b.index;
-    }
-    const SceneData::TextureData& t = scene.textures[texture];
-    float tint[3];
-    for (int c = 0; c < 3; c++) tint[c] = from_srgb(rgba[c]);
-    chains_.push_back(build_chain(t.data.data(), t.faces, t.height, t.width, t.components, t.srgb,
-                                  tint, frame_.channels));
-    int index = static_cast<int>(chains_.size()) - 1;
-    baked.push_back({texture, {rgba[0], rgba[1], rgba[2]}, index});
-    return index;
-  };
-  for (const SceneData::SurfaceData& s : scene.surfaces) {
-    Surface out = {};
-    float linear[3];
-    for (int c = 0; c < 3; c++) linear[c] = from_srgb(s.rgba[c]);
-    for (int c = 0; c < 3; c++)
-      out.albedo[c] = frame_.channels == 3 ? linear[c] : luminance_of(linear);
-    out.emission = s.emission;
-    out.specular = from_srgb(s.specular);
-    out.exponent = s.shininess * 128.0f;
-    out.reflectance = s.reflectance;
-    out.texture = s.texture < 0 ? -1 : bake(s.texture, s.rgba);
-    for (int k = 0; k < 2; k++) out.repeat[k] = s.repeat[k] > 0 ? s.repeat[k] : 1.0f;
-    out.uniform = s.uniform;
-    surfaces_.push_back(out);
-  }
-  constexpr float WHITE[3] = {1, 1, 1};
-  frame_.skybox = scene.skybox < 0 ? -1 : bake(scene.skybox, WHITE);
-  for (const Chain& chain : chains_) textures_.push_back(chain.view());
-}
-
-void Caster::build_view(const View& view) {
-  Frame& f = frame_;
-  f.width = view.width;
-  f.height = view.height;
-  f.fx = static_cast<float>(view.fx);
-  f.fy = static_cast<float>(view.fy);
-  f.cx = static_cast<float>(view.cx);
-  f.cy = static_cast<float>(view.cy);
-  f.orthographic = view.orthographic;
-  f.samples = view.samples;
-  double across = std::sqrt(static_cast<double>(view.samples));
-  f.pixel_angle = static_cast<float>(1.0 / (std::sqrt(view.fx * view.fy) * across));
-  // Hammersley points, the first bit flipped: four of them are the rotated grid
-  for (int i = 0; i < view.samples; i++) {
-    double y = 0;
-    for (int bit = 1, n = i; n; n >>= 1, bit++) y += (n & 1) * std::ldexp(1.0, -bit);
-    int power = 1;
-    while (power < view.samples) power *= 2;
-    y += y < 0.5 ? 0.5 : -0.5;
-    if (view.samples == 1) y = 0;
-    sample_x_.push_back(static_cast<float>((i + 0.5) / view.samples));
-    sample_y_.push_back(static_cast<float>(y + 0.5 / power));
-  }
-  f.sample_x = sample_x_.data();
-  f.sample_y = sample_y_.data();
-  columns_ = (view.width + PACKET_WIDTH - 1) / PACKET_WIDTH;
-  rows_ = (view.height + PACKET_HEIGHT - 1) / PACKET_HEIGHT;
-  f.packet_columns = columns_;
-  for (int r = 0; r < rows_; r++) {
-    for (int c = 0; c < columns_; c++) primary_.push_back(primary_hull(c, r));
-  }
-  f.primary = primary_.data();
-  if (!incremental_) return;
-  size_t packets = primary_.size();
+// Room for the hulls of every packet; more lights than fit: those packets are traced always.
+void Caster::make_records() {
+  size_t packets = sampling_.primary.size();
   int casting = 0;
-  for (const Light& l : lights_) casting += l.castshadow;
+  for (const Light& l : look_.lights) casting += l.castshadow;
   int capacity = std::min(2 * casting + 1, HULL_CAPACITY);
   hulls_.resize(packets * capacity);
-  for (size_t i = 0; i < packets; i++)
+  for (size_t i = 0; i < packets; i++) {
     records_.push_back({-1, capacity, hulls_.data() + i * capacity});
-}
-
-// The pyramid of a packet's pixels as a cone; orthographic: the prism as a cylinder.
-Hull Caster::primary_hull(int column, int row) const {
-  const Frame& f = frame_;
-  double x0 = column * PACKET_WIDTH, x1 = x0 + PACKET_WIDTH, y0 = row * PACKET_HEIGHT,
-         y1 = y0 + PACKET_HEIGHT;
-  double xs[5] = {x0, x1, x0, x1, 0.5 * (x0 + x1)}, ys[5] = {y0, y0, y1, y1, 0.5 * (y0 + y1)};
-  double d[5][3];
-  for (int i = 0; i < 5; i++) {
-    double x = (xs[i] - f.cx) / f.fx, y = (f.cy - ys[i]) / f.fy, z = -1;
-    double n = f.orthographic ? 1 : std::sqrt(x * x + y * y + z * z);
-    d[i][0] = x / n;
-    d[i][1] = y / n;
-    d[i][2] = z / n;
   }
-  Hull hull = {};
-  hull.length = 1e30f;
-  if (f.orthographic) {
-    hull.center = {static_cast<float>(d[4][0]), static_cast<float>(d[4][1]), 0};
-    hull.axis = {0, 0, -1};
-    hull.radius = static_cast<float>(std::hypot(d[0][0] - d[4][0], d[0][1] - d[4][1]) * 1.001);
-    hull.cosine = 1;
-    return hull;
-  }
-  double least = 1;
-  for (int i = 0; i < 4; i++)
-    least = std::min(least, d[i][0] * d[4][0] + d[i][1] * d[4][1] + d[i][2] * d[4][2]);
-  hull.axis = {static_cast<float>(d[4][0]), static_cast<float>(d[4][1]),
-               static_cast<float>(d[4][2])};
-  hull.cosine = static_cast<float>(least);
-  hull.sine = static_cast<float>(std::sqrt(std::max(0.0, 1 - least * least)) * 1.001 + 1e-6);
-  return hull;
 }
 
 Ball Caster::sphere_of(const Geom& g) const {
@@ -290,9 +159,9 @@ void Caster::place_geoms(const Poses& p) {
 }
 
 void Caster::place_lights(const Poses& p) {
-  for (size_t i = 0; i < lights_.size(); i++) {
-    Light& l = lights_[i];
-    if (headlight_[i]) {
+  for (size_t i = 0; i < look_.lights.size(); i++) {
+    Light& l = look_.lights[i];
+    if (look_.headlight[i]) {
       l.position = {0, 0, 0};
       l.direction = {0, 0, -1};
       continue;
@@ -344,8 +213,8 @@ void Caster::render(const Poses& poses, float* luminance, int32_t* geom, float* 
                std::equal(camera.begin() + 3, camera.end(), poses.camera_mat);
   std::copy(poses.camera_pos, poses.camera_pos + 3, camera.begin());
   std::copy(poses.camera_mat, poses.camera_mat + 9, camera.begin() + 3);
-  bool same_lights = !first && std::memcmp(lights_.data(), previous_lights_.data(),
-                                           lights_.size() * sizeof(Light)) == 0;
+  bool same_lights = !first && std::memcmp(look_.lights.data(), previous_lights_.data(),
+                                           look_.lights.size() * sizeof(Light)) == 0;
   bool selective = incremental_ && still && same_lights && !geom;
 
   if (selective) {
@@ -360,11 +229,11 @@ void Caster::render(const Poses& poses, float* luminance, int32_t* geom, float* 
   Outputs out = {luminance, geom, distance};
   Bounds moved = moved_.view();
   std::atomic<long> traced{0};
-  pool_.run(rows_, [&](int row, int) {
+  pool_.run(sampling_.rows, [&](int row, int) {
     long count = 0;
-    for (int column = 0; column < columns_; column++) {
+    for (int column = 0; column < sampling_.columns; column++) {
       Record* record =
-          incremental_ ? &records_[static_cast<size_t>(row) * columns_ + column] : nullptr;
+          incremental_ ? &records_[static_cast<size_t>(row) * sampling_.columns + column] : nullptr;
       if (selective && !kernel_->touched(frame_, column, row, *record, moved, around_moved_))
         continue;
       kernel_->trace(frame_, column, row, out, recording ? record : nullptr);
@@ -372,14 +241,15 @@ void Caster::render(const Poses& poses, float* luminance, int32_t* geom, float* 
     }
     traced += count;
   });
-  traced_fraction_ = static_cast<double>(traced) / (static_cast<double>(rows_) * columns_);
+  traced_fraction_ =
+      static_cast<double>(traced) / (static_cast<double>(sampling_.rows) * sampling_.columns);
   if (geom) {
     for (long i = 0; i < static_cast<long>(frame_.width) * frame_.height; i++) {
       if (geom[i] >= 0) geom[i] = order_[geom[i]];
     }
   }
   previous_geoms_ = geoms_;
-  previous_lights_ = lights_;
+  previous_lights_ = look_.lights;
 }
 
 }  // namespace evs

@@ -5,19 +5,13 @@
 #include <string>
 #include <vector>
 
-#include "mipmap.h"
+#include "appearance.h"
 #include "pool.h"
 #include "scene.h"
 #include "scene_data.h"
+#include "view.h"
 
 namespace evs {
-
-struct View {
-  int width, height;
-  double fx, fy, cx, cy;
-  bool orthographic;
-  int samples;
-};
 
 // Where everything is, in the world's frame, double. Shapes as emulator/scene.py gives them.
 struct Poses {
@@ -45,10 +39,7 @@ class Caster {
     Bounds view() const;
   };
 
-  void build_surfaces(const SceneData& scene);
-  void build_lights(const SceneData& scene);
-  void build_view(const View& view);
-  Hull primary_hull(int column, int row) const;
+  void make_records();
   void place_geoms(const Poses& poses);
   void place_lights(const Poses& poses);
   void find_moved();
@@ -58,22 +49,18 @@ class Caster {
   Pool pool_;
   bool incremental_;
   std::vector<SceneData::MeshData> mesh_data_;
-  std::vector<Chain> chains_;
+  Appearance look_;
   std::vector<Mesh> meshes_;
-  std::vector<Surface> surfaces_;
-  std::vector<Texture> textures_;
-  std::vector<Light> lights_, previous_lights_;
-  std::vector<bool> headlight_;
+  std::vector<Light> previous_lights_;
   std::vector<int> order_;  // kernel's geom -> scene's geom: analytic shapes first, then meshes
   std::vector<Geom> geoms_, previous_geoms_;
   Spheres spheres_, moved_;
   Ball around_moved_ = {{0, 0, 0}, -1};
-  std::vector<float> sample_x_, sample_y_;
-  std::vector<Hull> primary_, hulls_;
+  Sampling sampling_ = {};
+  std::vector<Hull> hulls_;
   std::vector<Record> records_;
   std::vector<double> camera_;  // previous pose, 12 numbers; empty before the first call
   Frame frame_ = {};
-  int rows_ = 0, columns_ = 0;
   double traced_fraction_ = 1;
 };
 

@@ -1,0 +1,26 @@
+// What depends on a camera's optics alone: sub-pixel positions and the hull of each packet's rays.
+#pragma once
+
+#include <vector>
+
+#include "scene.h"
+
+namespace evs {
+
+struct View {
+  int width, height;
+  double fx, fy, cx, cy;
+  bool orthographic;
+  int samples;
+};
+
+struct Sampling {
+  std::vector<float> x, y;    // (samples) positions in the pixel, 0 ... 1
+  std::vector<Hull> primary;  // (rows, columns) of packets
+  int rows, columns;
+};
+
+// Out: the sampling, and the camera's part of `frame`, which points into it.
+void set_view(const View& view, Sampling& sampling, Frame& frame);
+
+}  // namespace evs
