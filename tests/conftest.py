@@ -1,4 +1,4 @@
-"""Robots that nobody here wrote: the MJCF files that gymnasium and dm_control ship."""
+"""What all tests share: the same examples in every run, and robots that nobody here wrote."""
 
 from __future__ import annotations
 
@@ -6,6 +6,11 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# fails today, fails tomorrow; to search with new examples: --hypothesis-profile default
+settings.register_profile("steady", derandomize=True)
+settings.load_profile("steady")
 
 FOLDERS = {"gymnasium": "envs/mujoco/assets", "dm_control": "suite"}
 

@@ -10,6 +10,7 @@ from evs.msgs import EvsError, unknown
 MAX_SIDE_PX = 8192
 MAX_PIXELS = 64_000_000
 LOG_MAPS = ("linlog", "log_eps")
+MIN_DARK_DN = 1e-12
 
 # lowest and highest value that makes sense, both allowed; the width of the ranges keeps every
 # intermediate of the log map a normal float32
@@ -72,5 +73,7 @@ class SensorParameters:
                 )
             if not lowest <= value <= highest:  # also where it is NaN
                 raise EvsError(f"sensor.{key} is {value:g}; give {lowest:g} ... {highest:g}")
+        if 0 < self.dark_dn < MIN_DARK_DN:  # its logarithm would be a denormal float32
+            raise EvsError(f"sensor.dark_dn is {self.dark_dn:g}; give 0 or over {MIN_DARK_DN:g}")
         if self.log not in LOG_MAPS:
             raise unknown("log map (sensor.log)", str(self.log), LOG_MAPS)

@@ -43,7 +43,7 @@ WIDTH, HEIGHT, TICKS = 61, 47, 40
 
 
 def scene() -> SceneModel:
-    """Every shape, a checker, a mesh, a spot with shadows and a headlight; nothing from a library."""
+    """Every shape, a checker, a mesh, a spot with shadows, a headlight; nothing from a library."""
     squares = np.indices((16, 16)).sum(0) // 8 % 2 * 200 + 30
     checker = np.repeat(squares[..., np.newaxis], 3, 2).astype(np.uint8)
     pyramid = Mesh(
