@@ -18,14 +18,14 @@ pytestmark = pytest.mark.slow
 def wheel(checkout: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheel, built as `make wheel` does, with every compiler warning an error."""
     folder = tmp_path_factory.mktemp("wheel")
-    defines = ["-Ccmake.define.EVS_WERROR=ON"]
+    defines = ["--config-settings=cmake.define.EVS_WERROR=ON"]
     unpacked = checkout / "build/headers/usr/include"
     if unpacked.exists():
         # this Python came without its C headers: those that the set-up fetched
         version = f"python{sys.version_info.major}.{sys.version_info.minor}"
         defines += [
-            f"-Ccmake.define.Python_INCLUDE_DIR={unpacked / version}",
-            f"-Ccmake.define.CMAKE_CXX_FLAGS=-isystem{unpacked}",
+            f"--config-settings=cmake.define.Python_INCLUDE_DIR={unpacked / version}",
+            f"--config-settings=cmake.define.CMAKE_CXX_FLAGS=-isystem{unpacked}",
         ]
     built = subprocess.run(
         [sys.executable, "-m", "pip", "wheel", "-q", "--disable-pip-version-check", "--no-deps"]
