@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -11,6 +12,10 @@ from hypothesis import settings
 # fails today, fails tomorrow; to search with new examples: --hypothesis-profile default
 settings.register_profile("steady", derandomize=True)
 settings.load_profile("steady")
+
+# a job in the background is deaf to Ctrl-C, and so would be the programs that tests start and stop
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 FOLDERS = {"gymnasium": "envs/mujoco/assets", "dm_control": "suite"}
 
