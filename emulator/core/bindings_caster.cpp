@@ -67,6 +67,10 @@ int add_texture(SceneData& s, In<uint8_t, N, N, N, N> data, bool srgb) {
   require(faces == 1 || faces == 6, "a texture has 1 or 6 faces");
   require(c == 1 || c == 3 || c == 4, "a texture has 1, 3 or 4 components");
   require(data.shape(1) > 0 && data.shape(2) > 0, "a texture has texels");
+  // texels are counted in 32 bits; the smaller copies are a third more
+  require(data.shape(1) < (1u << 15) && data.shape(2) < (1u << 15) &&
+              data.shape(0) * data.shape(1) * data.shape(2) < (1u << 30),
+          "a texture is smaller than 32768 x 32768 and has fewer than 2^30 texels");
   s.textures.push_back({{data.data(), data.data() + data.size()},
                         faces,
                         static_cast<int>(data.shape(1)),
@@ -123,6 +127,7 @@ BoundCaster* make_caster(const SceneData& scene, int width, int height, double f
   require(samples >= 1 && samples <= 64, "samples: 1 ... 64");
   require(scene.skybox < static_cast<int>(scene.textures.size()),
           "the skybox's texture does not exist");
+  require(scene.skybox < 0 || scene.textures[scene.skybox].faces == 6, "a skybox has six faces");
   View view = {width, height, fx, fy, cx, cy, orthographic, samples};
   return new BoundCaster{{scene, view, shadows, incremental, threads, isa},
                          scene.geom_type.size(),

@@ -44,8 +44,9 @@ struct Builder {
         first = std::min(first, axis(centers[order[i]], a));
         last = std::max(last, axis(centers[order[i]], a));
       }
-      if (!(last - first > 0)) continue;
       float k = BINS * 0.9999f / (last - first);
+      // all in one place, or so close together or far apart that floats cannot tell bins
+      if (!(last - first > 0 && k > 0 && std::isfinite(k))) continue;
       Box bin[BINS];
       int count[BINS] = {};
       for (int i = begin; i < end; i++) {

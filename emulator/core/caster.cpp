@@ -134,7 +134,8 @@ Ball Caster::sphere_of(const Geom& g) const {
       r = tree.radius;
     }
   }
-  return {c, r * 1.0001f};
+  // and the rounding of its place
+  return {c, r * 1.0001f + (std::abs(c.x) + std::abs(c.y) + std::abs(c.z)) * 5e-7f};
 }
 
 void Caster::place_geoms(const Poses& p) {
@@ -197,7 +198,8 @@ void Caster::find_moved() {
     radius = std::max(radius, std::sqrt(x * x + y * y + z * z) + b.radius);
   }
   // a pose that is not finite may have been anywhere
-  if (!(radius < 1e29)) center[0] = center[1] = center[2] = 0, radius = 1e29;
+  bool finite = std::isfinite(center[0] + center[1] + center[2]) && radius < 1e29;
+  if (!finite) center[0] = center[1] = center[2] = 0, radius = 1e29;
   around_moved_ = {to_float({center[0], center[1], center[2]}),
                    static_cast<float>(radius * 1.0001)};
 }
@@ -213,8 +215,10 @@ void Caster::render(const Poses& poses, float* luminance, int32_t* geom, float* 
                std::equal(camera.begin() + 3, camera.end(), poses.camera_mat);
   std::copy(poses.camera_pos, poses.camera_pos + 3, camera.begin());
   std::copy(poses.camera_mat, poses.camera_mat + 9, camera.begin() + 3);
-  bool same_lights = !first && std::memcmp(look_.lights.data(), previous_lights_.data(),
-                                           look_.lights.size() * sizeof(Light)) == 0;
+  size_t light_bytes = look_.lights.size() * sizeof(Light);
+  bool same_lights =
+      !first && (light_bytes == 0 ||
+                 std::memcmp(look_.lights.data(), previous_lights_.data(), light_bytes) == 0);
   bool selective = incremental_ && still && same_lights && !geom;
 
   if (selective) {

@@ -3,7 +3,7 @@
 struct Trail {  // what a packet's secondary rays covered, over all its samples
   Region seen, mirrored;
   V3 mirror_axis = {0, 0, 0};
-  float mirror_cosine = 2;  // > 1: no mirror was met
+  float mirror_spread = -1;  // largest squared chord to the axis; negative: no mirror was met
 };
 
 // Light that leaves the surface towards the ray's origin.
@@ -12,7 +12,7 @@ void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNEL
            Float* out) {
   for (int c = 0; c < CHANNELS; c++) out[c] = patch.albedo[c] * patch.emission;
   Region region;
-  grow(region, patch.origin, lit);
+  grow(region, patch.origin, patch.step, lit);
   for (int i = 0; i < f.light_count; i++) {
     const Light& light = f.lights[i];
     Incidence in = incidence(light, patch.point);
@@ -70,7 +70,7 @@ Hit radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Fl
   sky<CHANNELS>(f, rays.direction, FOLLOW ? active & ~lit : mask_of(0), out);
   if (!any(lit)) return hit;
   Patch<CHANNELS> patch = patch_of<CHANNELS>(f, rays, hit, bits(lit), travelled);
-  grow(FOLLOW ? trail.seen : trail.mirrored, patch.origin, lit);
+  grow(FOLLOW ? trail.seen : trail.mirrored, patch.origin, patch.step, lit);
   Float surface[CHANNELS];
   shade<CHANNELS>(f, rays, hit, patch, lit, surface);
   for (int c = 0; c < CHANNELS; c++) out[c] = select(lit, surface[c], out[c]);
@@ -82,12 +82,9 @@ Hit radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Fl
     Vec bounced = d - patch.normal * (dot(d, patch.normal) * 2.0f);
     Rays mirrored = {patch.origin, normalize(bounced), false};
     Hull cone = hull_of(mirrored.origin, mirrored.direction, mirror, FAR);
-    if (trail.mirror_cosine > 1) trail.mirror_axis = cone.axis;
-    Vec x = mirrored.direction;
-    float least = lowest(select(
-        mirror, x.x * trail.mirror_axis.x + x.y * trail.mirror_axis.y + x.z * trail.mirror_axis.z,
-        splat(1.0f)));
-    trail.mirror_cosine = least < trail.mirror_cosine ? least : trail.mirror_cosine;
+    if (trail.mirror_spread < 0) trail.mirror_axis = cone.axis;
+    float square = spread(mirrored.direction, trail.mirror_axis, mirror);
+    trail.mirror_spread = square > trail.mirror_spread ? square : trail.mirror_spread;
     Float image[CHANNELS];
     radiance<CHANNELS, false>(f, mirrored, cone, mirror, travelled + hit.distance, trail, image);
     for (int c = 0; c < CHANNELS; c++) {
@@ -127,14 +124,12 @@ inline void write_record(const Frame& f, const Trail& trail, Record* record) {
     }
   };
   add_shadows(trail.seen);
-  if (trail.mirror_cosine > 1) return;
+  if (trail.mirror_spread < 0) return;
   // mirror rays start where something was seen
   Hull cone = ball_of(trail.seen);
   cone.axis = trail.mirror_axis;
   cone.length = FAR;
-  cone.cosine = trail.mirror_cosine;
-  cone.sine = __builtin_sqrtf(cone.cosine < 1 ? 1 - cone.cosine * cone.cosine : 0.0f) + 1e-5f;
-  if (!(cone.cosine > 0.5f)) cone.radius = FAR;
+  open(cone, trail.mirror_spread);
   record->hulls[record->count++] = cone;
   add_shadows(trail.mirrored);
 }

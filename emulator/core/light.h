@@ -35,9 +35,11 @@ EVS_INLINE Incidence incidence(const Light& light, Vec point) {
 // A box of points that grows; as a ball it is where shadow and mirror rays start.
 struct Region {
   V3 low = {FAR, FAR, FAR}, high = {-FAR, -FAR, -FAR};
+  float step = 0;  // how far the points were moved off their surfaces, at most
 };
 
-EVS_INLINE void grow(Region& r, Vec p, Mask active) {
+EVS_INLINE void grow(Region& r, Vec p, float step, Mask active) {
+  r.step = step > r.step ? step : r.step;
   auto widen = [&](float& low, float& high, Float x) {
     float a = lowest(select(active, x, splat(FAR))), b = highest(select(active, x, splat(-FAR)));
     low = a < low ? a : low;
@@ -52,8 +54,7 @@ EVS_INLINE Hull ball_of(const Region& r) {
   Hull hull;
   hull.center = {0.5f * (r.low.x + r.high.x), 0.5f * (r.low.y + r.high.y),
                  0.5f * (r.low.z + r.high.z)};
-  V3 half = r.high - hull.center;
-  hull.radius = __builtin_sqrtf(dot(half, half)) * 1.00001f;
+  hull.radius = radius_of(hull.center, r.high);
   hull.axis = {0, 0, -1};
   hull.length = 0;
   hull.cosine = 1;
@@ -61,9 +62,11 @@ EVS_INLINE Hull ball_of(const Region& r) {
   return hull;
 }
 
-// Every segment from the region to the light lies within the ball's radius of the axis.
+// Every segment from the region to the light lies within the ball's radius of the axis; rays that
+// start a step off their surface run parallel to that, and miss the light by the step.
 EVS_INLINE Hull shadow_hull(const Light& light, const Region& region) {
   Hull hull = ball_of(region);
+  hull.radius += region.step;
   if (light.kind == DIRECTIONAL) {
     hull.axis = scaled(light.direction, -1.0f);
     hull.length = FAR;

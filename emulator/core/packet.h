@@ -76,6 +76,33 @@ EVS_INLINE bool may_touch(const Ball& ball, const Hull& hull) {
          along - reach <= hull.length + slack && ball.radius >= 0;
 }
 
+// Open a hull as far as the largest squared chord between its axis and a ray's direction. Chords
+// keep a small angle where its cosine would be rounded away; 1e-6 covers that directions and axis
+// are units but for their rounding.
+EVS_INLINE void open(Hull& hull, float square) {
+  float chord = __builtin_sqrtf(square) + 1e-6f;
+  // a spread past 60 degrees: everything ahead and behind counts
+  if (!(chord < 1.0f)) {
+    hull.radius = FAR;
+    chord = 1.0f;
+  }
+  hull.cosine = 1.0f - 0.5f * chord * chord;
+  hull.sine = chord * __builtin_sqrtf(1.0f - 0.25f * chord * chord);
+}
+
+// Half the diagonal of a box of points around `center`, and the rounding of their coordinates.
+EVS_INLINE float radius_of(V3 center, V3 high) {
+  V3 half = high - center;
+  float away = __builtin_fabsf(center.x) + __builtin_fabsf(center.y) + __builtin_fabsf(center.z);
+  return __builtin_sqrtf(dot(half, half)) * 1.00001f + away * 5e-7f;
+}
+
+// Largest squared chord between `axis` and the directions of the active lanes.
+EVS_INLINE float spread(Vec d, V3 axis, Mask active) {
+  Vec apart = d - splat(axis);
+  return highest(select(active, dot(apart, apart), splat(0.0f)));
+}
+
 // The hull of the active lanes' rays: from points p, along directions d, no further than `length`.
 EVS_INLINE Hull hull_of(Vec p, Vec d, Mask active, float length) {
   int first = first_lane(bits(active));
@@ -85,15 +112,9 @@ EVS_INLINE Hull hull_of(Vec p, Vec d, Mask active, float length) {
   V3 high = {highest(q.x), highest(q.y), highest(q.z)};
   Hull hull;
   hull.center = {0.5f * (low.x + high.x), 0.5f * (low.y + high.y), 0.5f * (low.z + high.z)};
-  V3 half = high - hull.center;
-  hull.radius = __builtin_sqrtf(dot(half, half)) * 1.00001f;
+  hull.radius = radius_of(hull.center, high);
   hull.length = length;
   hull.axis = normalized({lane(d.x, first), lane(d.y, first), lane(d.z, first)});
-  Float cosine = d.x * hull.axis.x + d.y * hull.axis.y + d.z * hull.axis.z;
-  float least = lowest(select(active, cosine, splat(1.0f)));
-  // a spread past 60 degrees: everything ahead and behind counts
-  hull.cosine = least;
-  hull.sine = __builtin_sqrtf(least < 1.0f ? 1.0f - least * least : 0.0f) + 1e-5f;
-  if (!(least > 0.5f)) hull.radius = FAR;
+  open(hull, spread(d, hull.axis, active));
   return hull;
 }

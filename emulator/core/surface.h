@@ -4,6 +4,7 @@ template <int CHANNELS>
 struct Patch {
   Vec point, normal;  // camera frame; the normal is unit and faces the ray
   Vec origin;         // where rays that leave the surface start
+  float step = 0;     // from point to origin, at most
   Float albedo[CHANNELS];
   Float gloss_tint[CHANNELS];  // a texture colours the gloss too, as in MuJoCo's viewer; else 1
   Float emission, specular, exponent, reflectance;
@@ -116,6 +117,8 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
       // step off the triangle: far enough for the rounding of hit point and mesh, no further
       Float step = (travelled + hit.distance) * 2e-5f + f.bounds.radius[index] * 1e-5f;
       out.origin = select(here, out.point + to_camera(g.rotation, flat) * step, out.origin);
+      float longest = highest(select(here, step, splat(0.0f)));
+      out.step = longest > out.step ? longest : out.step;
     }
     out.emission = select(here, splat(s.emission), out.emission);
     out.specular = select(here, splat(s.specular), out.specular);

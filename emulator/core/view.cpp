@@ -24,7 +24,10 @@ Hull primary_hull(const Frame& f, int column, int row) {
   if (f.orthographic) {
     hull.center = {static_cast<float>(d[4][0]), static_cast<float>(d[4][1]), 0};
     hull.axis = {0, 0, -1};
-    hull.radius = static_cast<float>(std::hypot(d[0][0] - d[4][0], d[0][1] - d[4][1]) * 1.001);
+    // and the rounding of the rays' origins
+    double away = std::abs(d[4][0]) + std::abs(d[4][1]);
+    hull.radius =
+        static_cast<float>(std::hypot(d[0][0] - d[4][0], d[0][1] - d[4][1]) * 1.001 + away * 1e-6);
     hull.cosine = 1;
     return hull;
   }
@@ -33,8 +36,11 @@ Hull primary_hull(const Frame& f, int column, int row) {
     least = std::min(least, d[i][0] * d[4][0] + d[i][1] * d[4][1] + d[i][2] * d[4][2]);
   hull.axis = {static_cast<float>(d[4][0]), static_cast<float>(d[4][1]),
                static_cast<float>(d[4][2])};
-  hull.cosine = static_cast<float>(least);
-  hull.sine = static_cast<float>(std::sqrt(std::max(0.0, 1 - least * least)) * 1.001 + 1e-6);
+  // a pyramid that opens past 60 degrees: everything ahead and behind counts
+  double angle = std::acos(std::min(least, 1.0)) * 1.001 + 1e-6;
+  hull.cosine = static_cast<float>(std::cos(angle));
+  hull.sine = static_cast<float>(std::sin(angle));
+  if (!(hull.cosine > 0.5f)) hull.radius = 1e30f;
   return hull;
 }
 
