@@ -23,11 +23,14 @@ struct Box {
   }
 };
 
+V3 minus(V3 a, V3 b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+
 struct Builder {
   const std::vector<Box>& boxes;
   const std::vector<V3>& centers;
   std::vector<int>& order;
   std::vector<Node>& nodes;
+  float margin;  // around every box: what a hit on a triangle's rim may be off by
 
   static float axis(const V3& v, int a) { return a == 0 ? v.x : a == 1 ? v.y : v.z; }
 
@@ -91,8 +94,8 @@ struct Builder {
     Box box;
     for (int i = begin; i < end; i++) box.add(boxes[order[i]]);
     for (int a = 0; a < 3; a++) {
-      nodes[n].low[c][a] = box.low[a];
-      nodes[n].high[c][a] = box.high[a];
+      nodes[n].low[c][a] = box.low[a] - margin;
+      nodes[n].high[c][a] = box.high[a] + margin;
     }
     nodes[n].count[c] = end - begin;
     if (end - begin <= LEAF) {
@@ -137,24 +140,25 @@ Tree build_tree(const float* vertices, int vertex_count, const int32_t* faces, i
                   0.5f * (b.low[2] + b.high[2])};
     all.add(b);
   }
+  tree.center = {0.5f * (all.low[0] + all.high[0]), 0.5f * (all.low[1] + all.high[1]),
+                 0.5f * (all.low[2] + all.high[2])};
+  for (int i = 0; i < vertex_count; i++) {
+    V3 v = minus(vertex(i), tree.center);
+    tree.radius = std::max(tree.radius, std::sqrt(v.x * v.x + v.y * v.y + v.z * v.z));
+  }
+
   tree.order.resize(face_count);
   for (int f = 0; f < face_count; f++) tree.order[f] = f;
   tree.nodes.reserve(face_count);
   tree.nodes.emplace_back();
-  Builder{boxes, centers, tree.order, tree.nodes}.divide(0, 0, face_count, 0);
+  Builder{boxes, centers, tree.order, tree.nodes, 2e-6f * tree.radius}.divide(0, 0, face_count, 0);
 
   tree.triangles.reserve(face_count);
   for (int f : tree.order) {
     V3 a = vertex(faces[3 * f]), b = vertex(faces[3 * f + 1]), c = vertex(faces[3 * f + 2]);
-    tree.triangles.push_back(
-        {a, {b.x - a.x, b.y - a.y, b.z - a.z}, {c.x - a.x, c.y - a.y, c.z - a.z}});
-  }
-  tree.center = {0.5f * (all.low[0] + all.high[0]), 0.5f * (all.low[1] + all.high[1]),
-                 0.5f * (all.low[2] + all.high[2])};
-  for (int i = 0; i < vertex_count; i++) {
-    V3 v = vertex(i);
-    float x = v.x - tree.center.x, y = v.y - tree.center.y, z = v.z - tree.center.z;
-    tree.radius = std::max(tree.radius, std::sqrt(x * x + y * y + z * z));
+    V3 p = minus(b, a), q = minus(c, a);
+    V3 normal = {p.y * q.z - p.z * q.y, p.z * q.x - p.x * q.z, p.x * q.y - p.y * q.x};
+    tree.triangles.push_back({a, b, c, normal});
   }
   return tree;
 }

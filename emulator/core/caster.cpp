@@ -57,7 +57,8 @@ Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incr
       look_(make_appearance(scene)) {
   for (const SceneData::MeshData& m : mesh_data_) {
     meshes_.push_back({m.tree.nodes.data(), m.tree.triangles.data(), m.corners.data(),
-                       static_cast<int>(m.tree.nodes.size()), m.has_texcoords});
+                       static_cast<int>(m.tree.nodes.size()), m.has_texcoords, m.tree.center,
+                       m.tree.radius});
   }
   int count = static_cast<int>(scene.geom_type.size());
   for (int pass = 0; pass < 2; pass++) {

@@ -14,8 +14,8 @@ inline Hit closest(const Frame& f, const Rays& rays, const Hull& hull, Mask acti
       const Geom& g = f.geoms[index];
       Vec o = local_origin(g, rays), d = to_local(g.rotation, rays.direction);
       if (g.shape == MESH || g.shape == HFIELD) {
-        Mask nearer =
-            enter_mesh(f.meshes[g.mesh], mesh_rays(o, d), hit.distance, hit.triangle, hit.u, hit.v);
+        Mask nearer = enter_mesh(f.meshes[g.mesh], mesh_rays(f.meshes[g.mesh], o, d), hit.distance,
+                                 hit.triangle, hit.u, hit.v);
         hit.geom = select(nearer, splat(index), hit.geom);
         continue;
       }
@@ -40,8 +40,8 @@ inline Mask occluded(const Frame& f, Vec origin, Vec direction, Float limit, Int
       const Geom& g = f.geoms[index];
       Vec o = local_origin(g, rays), d = to_local(g.rotation, direction);
       if (g.shape == MESH || g.shape == HFIELD) {
-        blocked =
-            blocked | blocked_by_mesh(f.meshes[g.mesh], mesh_rays(o, d), limit, wanted & ~blocked);
+        blocked = blocked | blocked_by_mesh(f.meshes[g.mesh], mesh_rays(f.meshes[g.mesh], o, d),
+                                            limit, wanted & ~blocked);
       } else {
         Float t = enter_shape(g, o, d);
         blocked = blocked | (wanted & (t < limit) & ~(self == splat(index)));

@@ -21,7 +21,8 @@ struct Node {
 };
 
 struct Triangle {
-  V3 p, e1, e2;  // a corner and the two edges from it
+  V3 a, b, c;  // its corners, the same numbers in every triangle that shares them
+  V3 normal;   // (b - a) x (c - a): out of the front, twice the area long
 };
 
 // Per corner of each triangle, in the BVH's order.
@@ -37,6 +38,8 @@ struct Mesh {
   const Corners* corners;
   int node_count;  // 0: nothing to hit
   bool has_texcoords;
+  V3 center;  // of a ball around everything
+  float radius;
 };
 
 // An image chain, linear light, channel-planar: level l of channel c begins at

@@ -6,13 +6,9 @@
 namespace evs {
 namespace {
 
-V3 cross(V3 a, V3 b) {
-  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
-
 // Corner normals and coordinates of face f, whose triangle is t.
 Corners corners_of(const Triangle& t, size_t f, const float* normals, const float* texcoords) {
-  V3 n = cross(t.e1, t.e2);
+  V3 n = t.normal;
   float twice_area = std::sqrt(n.x * n.x + n.y * n.y + n.z * n.z);
   float scale = twice_area > 0 ? 1.0f / twice_area : 1.0f;
   Corners c = {};

@@ -53,9 +53,9 @@ inline void corners_of(const Mesh& mesh, const Hit& hit, unsigned lanes, Vec& sm
     out[0][i] = w * c.normal[0].x + wu * c.normal[1].x + wv * c.normal[2].x;
     out[1][i] = w * c.normal[0].y + wu * c.normal[1].y + wv * c.normal[2].y;
     out[2][i] = w * c.normal[0].z + wu * c.normal[1].z + wv * c.normal[2].z;
-    out[3][i] = t.e1.y * t.e2.z - t.e1.z * t.e2.y;
-    out[4][i] = t.e1.z * t.e2.x - t.e1.x * t.e2.z;
-    out[5][i] = t.e1.x * t.e2.y - t.e1.y * t.e2.x;
+    out[3][i] = t.normal.x;
+    out[4][i] = t.normal.y;
+    out[5][i] = t.normal.z;
     out[6][i] = w * c.uv[0][0] + wu * c.uv[1][0] + wv * c.uv[2][0];
     out[7][i] = w * c.uv[0][1] + wu * c.uv[1][1] + wv * c.uv[2][1];
     out[8][i] = c.density;

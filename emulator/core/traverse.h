@@ -1,39 +1,55 @@
 // Packets through a mesh's BVH. Rays are in the mesh's frame.
 
 struct MeshRays {
-  Vec o, d, inverse, offset;  // offset = o / d: one multiply-subtract a slab
+  Vec o, d, inverse;
+  Float skipped;  // how far the rays were moved along themselves
 };
 
-EVS_INLINE MeshRays mesh_rays(Vec o, Vec d) {
+// Rays that come from afar start where they reach the ball around the mesh: the rounding of what
+// follows is that of the mesh's size, not that of its distance.
+EVS_INLINE MeshRays mesh_rays(const Mesh& mesh, Vec o, Vec d) {
   Vec inverse = {safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z)};
-  return {o, d, inverse, {o.x * inverse.x, o.y * inverse.y, o.z * inverse.z}};
+  Float along = dot(splat(mesh.center) - o, d);
+  Float skipped = max(along * 0.999999f - mesh.radius * 1.001f, splat(0.0f));
+  return {o + d * skipped, d, inverse, skipped};
 }
 
 // Lanes that cross the box of child `c` before `best`; `near` is where.
 EVS_INLINE Mask cross_box(const Node& n, int c, const MeshRays& r, Float best, Float& near) {
-  Float ax = r.inverse.x * n.low[c][0] - r.offset.x, bx = r.inverse.x * n.high[c][0] - r.offset.x;
-  Float ay = r.inverse.y * n.low[c][1] - r.offset.y, by = r.inverse.y * n.high[c][1] - r.offset.y;
-  Float az = r.inverse.z * n.low[c][2] - r.offset.z, bz = r.inverse.z * n.high[c][2] - r.offset.z;
+  Float ax = (splat(n.low[c][0]) - r.o.x) * r.inverse.x;
+  Float bx = (splat(n.high[c][0]) - r.o.x) * r.inverse.x;
+  Float ay = (splat(n.low[c][1]) - r.o.y) * r.inverse.y;
+  Float by = (splat(n.high[c][1]) - r.o.y) * r.inverse.y;
+  Float az = (splat(n.low[c][2]) - r.o.z) * r.inverse.z;
+  Float bz = (splat(n.high[c][2]) - r.o.z) * r.inverse.z;
   near = max(max(min(ax, bx), min(ay, by)), max(min(az, bz), splat(0.0f)));
   Float far = min(min(max(ax, bx), max(ay, by)), min(max(az, bz), best));
   // rounding may put a box's faces in the wrong order by an ulp or two: let such a ray in
   return near <= far * 1.000001f;
 }
 
-// Moeller & Trumbore (1997). Front faces, and back faces too if `both`; the edges are closed.
+EVS_INLINE Vec cross(Vec a, Vec b) {
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+// Front faces, and back faces too if `both`. Edges are closed and watertight: two triangles that
+// share an edge compute the same volume over it, but for the sign, so no ray passes between them.
 EVS_INLINE Mask cross_triangle(const Triangle& t, const MeshRays& r, Float best, bool both,
                                Float& distance, Float& u, Float& v) {
-  Vec p = {r.d.y * t.e2.z - r.d.z * t.e2.y, r.d.z * t.e2.x - r.d.x * t.e2.z,
-           r.d.x * t.e2.y - r.d.y * t.e2.x};
-  Float determinant = p.x * t.e1.x + p.y * t.e1.y + p.z * t.e1.z;
-  Float inverse = 1.0f / determinant;  // inf or NaN for a degenerate triangle: no comparison holds
-  Vec s = {r.o.x - t.p.x, r.o.y - t.p.y, r.o.z - t.p.z};
-  u = dot(s, p) * inverse;
-  Vec q = {s.y * t.e1.z - s.z * t.e1.y, s.z * t.e1.x - s.x * t.e1.z, s.x * t.e1.y - s.y * t.e1.x};
-  v = dot(r.d, q) * inverse;
-  distance = (q.x * t.e2.x + q.y * t.e2.y + q.z * t.e2.z) * inverse;
-  Mask hit = (u >= 0.0f) & (v >= 0.0f) & (u + v <= 1.0f) & (distance > 0.0f) & (distance < best);
-  return both ? hit : hit & (determinant > 0.0f);
+  Vec a = splat(t.a) - r.o, b = splat(t.b) - r.o, c = splat(t.c) - r.o;
+  // volumes over the edges: all of one sign where the ray passes inside
+  Float wa = dot(r.d, cross(b, c)), wb = dot(r.d, cross(c, a)), wc = dot(r.d, cross(a, b));
+  Vec normal = splat(t.normal);
+  Float along = dot(r.d, normal);
+  distance = dot(a, normal) / along;  // inf or NaN for a degenerate triangle: no comparison holds
+  Mask front = (wa <= 0.0f) & (wb <= 0.0f) & (wc <= 0.0f);
+  Mask ahead = (distance > 0.0f) & (distance < best);
+  if (both) return ahead & (front | ((wa >= 0.0f) & (wb >= 0.0f) & (wc >= 0.0f)));
+  // -1e-30: a triangle so small that its volumes vanish is all corner
+  Float inverse = 1.0f / min(wa + wb + wc, splat(-1e-30f));
+  u = wb * inverse;
+  v = wc * inverse;
+  return ahead & front & (along < 0.0f);
 }
 
 constexpr int STACK = 96;  // the builder keeps trees below this depth
@@ -45,11 +61,12 @@ inline Mask enter_mesh(const Mesh& mesh, const MeshRays& r, Float& best, Int& tr
   if (mesh.node_count == 0) return any_hit;
   int stack[STACK], top = 0;
   stack[top++] = 0;
+  Float nearest = best - r.skipped;
   while (top) {
     const Node& n = mesh.nodes[stack[--top]];
     Float near[2];
     unsigned lanes[2];
-    for (int c = 0; c < 2; c++) lanes[c] = bits(cross_box(n, c, r, best, near[c]));
+    for (int c = 0; c < 2; c++) lanes[c] = bits(cross_box(n, c, r, nearest, near[c]));
     // nearer child first, judged by a lane that enters both
     int first = 0;
     if (lanes[0] & lanes[1]) {
@@ -66,9 +83,9 @@ inline Mask enter_mesh(const Mesh& mesh, const MeshRays& r, Float& best, Int& tr
       }
       for (int i = ~n.child[c], end = i + n.count[c]; i < end; i++) {
         Float distance, a, b;
-        Mask hit = cross_triangle(mesh.triangles[i], r, best, false, distance, a, b);
+        Mask hit = cross_triangle(mesh.triangles[i], r, nearest, false, distance, a, b);
         if (!any(hit)) continue;
-        best = select(hit, distance, best);
+        nearest = select(hit, distance, nearest);
         triangle = select(hit, splat(i), triangle);
         u = select(hit, a, u);
         v = select(hit, b, v);
@@ -77,6 +94,7 @@ inline Mask enter_mesh(const Mesh& mesh, const MeshRays& r, Float& best, Int& tr
     }
     while (inners) stack[top++] = inner[--inners];
   }
+  best = select(any_hit, nearest + r.skipped, best);
   return any_hit;
 }
 
@@ -86,7 +104,7 @@ inline Mask blocked_by_mesh(const Mesh& mesh, const MeshRays& r, Float limit, Ma
   if (mesh.node_count == 0) return blocked;
   int stack[STACK], top = 0;
   stack[top++] = 0;
-  limit = select(wanted, limit, splat(-1.0f));
+  limit = select(wanted, limit - r.skipped, splat(-1.0f));
   while (top) {
     const Node& n = mesh.nodes[stack[--top]];
     for (int c = 1; c >= 0; c--) {
