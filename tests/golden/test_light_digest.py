@@ -31,7 +31,7 @@ from evs.emulator.scene import (
 from evs.emulator.sensor import make_event_model, resolve_sensor
 from evs.msgs import join_events
 
-LIGHT = "3710b80dd5074ca6"
+LIGHT = "2b3b6f9024fe1a16"
 EVENTS = {
     "t": "916fbd850cccd740",
     "x": "0774370d4cf4caef",
