@@ -18,6 +18,12 @@ if [ "$(cat .venv/checkout 2>/dev/null)" != "$checkout" ] || ! .venv/bin/python 
 fi
 python=.venv/bin/python
 
+# what the native core needs of the machine, before the minute that the packages take
+if [ ! -f build/native/build.ninja ]; then
+    sh .ci/prerequisites.sh >/dev/null
+    headers=$(sh .ci/headers.sh $python)
+fi
+
 # packages: only when pyproject.toml or the pins ask for something else than last time
 install() {
     stamp=.venv/installed-$1
@@ -39,8 +45,6 @@ install base test build
 
 # the native core: configured once, built when a source has changed
 if [ ! -f build/native/build.ninja ]; then
-    sh .ci/prerequisites.sh >/dev/null
-    headers=$(sh .ci/headers.sh $python)
     say "building the native core"
     # shellcheck disable=SC2086 # headers is a list of arguments
     .venv/bin/cmake -S emulator/core -B build/native -G Ninja --log-level=WARNING \

@@ -34,8 +34,10 @@ def machine(tmp_path: Path, checkout: Path) -> Run:
             command = folder / {"cxx": "c++", "python": "python3"}.get(name, name)
             command.write_text(f"#!/bin/sh\n{body}\n")
             command.chmod(0o755)
+        # a checkout where nothing was made or fetched yet
+        shutil.copytree(checkout / ".ci", tmp_path / "checkout/.ci")
         return subprocess.run(
-            ["/bin/sh", f"{checkout}/.ci/{script}", *arguments],
+            ["/bin/sh", f"{tmp_path}/checkout/.ci/{script}", *arguments],
             env={"PATH": str(folder), "TMPDIR": str(tmp_path)},
             capture_output=True,
             text=True,
