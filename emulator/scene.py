@@ -124,7 +124,7 @@ class SceneModel:
     geom_surface: I32
     """(ng,) index into surfaces"""
     geom_id: I32
-    """(ng,) the geom's id in the model (invisible geoms are left out here)"""
+    """(ng,) the geom's id in the model (invisible geoms are left out here), -1 a skin or flex"""
     geom_static: npt.NDArray[np.bool_]
     """(ng,) True where the geom is welded to the world and can never move"""
     meshes: tuple[Mesh, ...] = ()
@@ -133,6 +133,8 @@ class SceneModel:
     lights: tuple[Light, ...] = ()
     skybox: int = -1
     """index into textures, -1 none"""
+    deforming: tuple[int, ...] = ()
+    """indices into meshes whose vertices every snapshot brings anew: skins and flexes"""
     extent_m: float = 1.0
     """the model's characteristic size (mjModel.stat.extent)"""
 
@@ -145,6 +147,16 @@ class CameraPose:
     """(3,)"""
     mat: F64
     """(9,) row-major, camera to world"""
+
+
+@dataclass(frozen=True)
+class Deformed:
+    """The vertices of a deforming mesh at one instant, in its geom's frame."""
+
+    vertices: F32
+    """(nv, 3)"""
+    normals: F32
+    """(nv, 3) unit"""
 
 
 @dataclass(frozen=True)
@@ -162,6 +174,8 @@ class SceneSnapshot:
     """(nl, 3) unit"""
     cameras: tuple[CameraPose, ...] = field(default_factory=tuple)
     """one for each camera that was bound, in that order"""
+    deformed: tuple[Deformed, ...] = ()
+    """one for each of SceneModel.deforming, in that order"""
 
 
 @dataclass(frozen=True)

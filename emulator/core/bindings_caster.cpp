@@ -136,6 +136,14 @@ BoundCaster* make_caster(const SceneData& scene, int width, int height, double f
                          static_cast<size_t>(height)};
 }
 
+void deform_mesh(BoundCaster& b, int mesh, In<float, N, 3> vertices, In<float, N, 3> normals) {
+  require(mesh >= 0 && mesh < b.caster.mesh_count(), "the mesh does not exist");
+  size_t count = static_cast<size_t>(b.caster.mesh(mesh).vertex_count);
+  require(vertices.shape(0) == count && normals.shape(0) == count,
+          "as many vertices as the mesh was made with");
+  b.caster.deform_mesh(mesh, vertices.data(), normals.data());
+}
+
 void render(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
             In<double, N, 3> light_pos, In<double, N, 3> light_dir, In<double, 3> camera_pos,
             In<double, 9> camera_mat, Out<float, N, N> luminance,
@@ -189,6 +197,8 @@ void bind_caster(nb::module_& m) {
            nb::arg("fx"), nb::arg("fy"), nb::arg("cx"), nb::arg("cy"), nb::arg("orthographic"),
            nb::arg("samples"), nb::arg("shadows"), nb::arg("incremental"), nb::arg("threads"),
            nb::arg("isa"))
+      .def("deform", &deform_mesh, nb::arg("mesh"), nb::arg("vertices"), nb::arg("normals"),
+           "New vertices (nv, 3) and unit normals (nv, 3) of a mesh, before a call of render.")
       .def("render", &render, nb::arg("geom_pos"), nb::arg("geom_mat"), nb::arg("light_pos"),
            nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"), nb::arg("luminance"),
            nb::arg("geom").none() = nb::none(), nb::arg("distance").none() = nb::none(),

@@ -23,8 +23,6 @@ struct Box {
   }
 };
 
-V3 minus(V3 a, V3 b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
-
 struct Builder {
   const std::vector<Box>& boxes;
   const std::vector<V3>& centers;
@@ -115,7 +113,14 @@ struct Builder {
   }
 };
 
+V3 minus(V3 a, V3 b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+
 }  // namespace
+
+Triangle make_triangle(V3 a, V3 b, V3 c) {
+  V3 p = minus(b, a), q = minus(c, a);
+  return {a, b, c, {p.y * q.z - p.z * q.y, p.z * q.x - p.x * q.z, p.x * q.y - p.y * q.x}};
+}
 
 Tree build_tree(const float* vertices, int vertex_count, const int32_t* faces, int face_count) {
   Tree tree;
@@ -151,14 +156,13 @@ Tree build_tree(const float* vertices, int vertex_count, const int32_t* faces, i
   for (int f = 0; f < face_count; f++) tree.order[f] = f;
   tree.nodes.reserve(face_count);
   tree.nodes.emplace_back();
-  Builder{boxes, centers, tree.order, tree.nodes, 2e-6f * tree.radius}.divide(0, 0, face_count, 0);
+  Builder{boxes, centers, tree.order, tree.nodes, BOX_MARGIN * tree.radius}.divide(0, 0, face_count,
+                                                                                   0);
 
   tree.triangles.reserve(face_count);
   for (int f : tree.order) {
-    V3 a = vertex(faces[3 * f]), b = vertex(faces[3 * f + 1]), c = vertex(faces[3 * f + 2]);
-    V3 p = minus(b, a), q = minus(c, a);
-    V3 normal = {p.y * q.z - p.z * q.y, p.z * q.x - p.x * q.z, p.x * q.y - p.y * q.x};
-    tree.triangles.push_back({a, b, c, normal});
+    tree.triangles.push_back(
+        make_triangle(vertex(faces[3 * f]), vertex(faces[3 * f + 1]), vertex(faces[3 * f + 2])));
   }
   return tree;
 }

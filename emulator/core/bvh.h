@@ -16,6 +16,12 @@ struct Tree {
   float radius = 0;
 };
 
+// Boxes are larger than their triangles by this share of the radius: what a hit on a rim may be
+// off.
+constexpr float BOX_MARGIN = 2e-6f;
+
+Triangle make_triangle(V3 a, V3 b, V3 c);
+
 // In: vertices (nv, 3), faces (nf, 3). Degenerate triangles stay in; no ray hits them.
 Tree build_tree(const float* vertices, int vertex_count, const int32_t* faces, int face_count);
 

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstring>
 
+#include "deform.h"
+
 namespace evs {
 namespace {
 
@@ -25,6 +27,13 @@ D3 minus(const double* a, const double* b) { return {a[0] - b[0], a[1] - b[1], a
 
 V3 to_float(D3 v) {
   return {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
+}
+
+Mesh mesh_view(const SceneData::MeshData& m) {
+  return {m.tree.nodes.data(), m.tree.triangles.data(),
+          m.corners.data(),    static_cast<int>(m.tree.nodes.size()),
+          m.has_texcoords,     m.tree.center,
+          m.tree.radius};
 }
 
 }  // namespace
@@ -56,9 +65,7 @@ Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incr
       mesh_data_(scene.meshes),
       look_(make_appearance(scene)) {
   for (const SceneData::MeshData& m : mesh_data_) {
-    meshes_.push_back({m.tree.nodes.data(), m.tree.triangles.data(), m.corners.data(),
-                       static_cast<int>(m.tree.nodes.size()), m.has_texcoords, m.tree.center,
-                       m.tree.radius});
+    meshes_.push_back(mesh_view(m));
   }
   int count = static_cast<int>(scene.geom_type.size());
   for (int pass = 0; pass < 2; pass++) {
@@ -77,6 +84,8 @@ Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incr
     for (int a = 0; a < 3; a++) geoms_[k].size[a] = scene.geom_size[3 * g + a];
   }
   spheres_.resize(count);
+  balls_.resize(count);
+  deformed_.resize(mesh_data_.size());
   set_view(view, sampling_, frame_);
   if (incremental_) make_records();
   frame_.geoms = geoms_.data();
@@ -139,6 +148,13 @@ Ball Caster::sphere_of(const Geom& g) const {
   return {c, r * 1.0001f + (std::abs(c.x) + std::abs(c.y) + std::abs(c.z)) * 5e-7f};
 }
 
+void Caster::deform_mesh(int index, const float* vertices, const float* normals) {
+  SceneData::MeshData& mesh = mesh_data_.at(index);
+  deform(mesh, vertices, normals);
+  meshes_[index] = mesh_view(mesh);
+  deformed_[index] = true;
+}
+
 void Caster::place_geoms(const Poses& p) {
   const double* cm = p.camera_mat;
   for (size_t k = 0; k < geoms_.size(); k++) {
@@ -154,7 +170,8 @@ void Caster::place_geoms(const Poses& p) {
         g.rotation[3 * i + j] = static_cast<float>(sum);
       }
     }
-    spheres_.set(static_cast<int>(k), sphere_of(g));
+    balls_[k] = sphere_of(g);
+    spheres_.set(static_cast<int>(k), balls_[k]);
   }
   frame_.bounds = spheres_.view();
   for (int i = 0; i < 9; i++) frame_.sky_rotation[i] = static_cast<float>(cm[i]);
@@ -178,9 +195,10 @@ void Caster::place_lights(const Poses& p) {
 void Caster::find_moved() {
   std::vector<Ball> balls;
   for (size_t k = 0; k < geoms_.size(); k++) {
-    if (std::memcmp(&geoms_[k], &previous_geoms_[k], sizeof(Geom)) == 0) continue;
-    balls.push_back(sphere_of(previous_geoms_[k]));
-    balls.push_back(sphere_of(geoms_[k]));
+    bool deformed = geoms_[k].mesh >= 0 && deformed_[geoms_[k].mesh];
+    if (!deformed && std::memcmp(&geoms_[k], &previous_geoms_[k], sizeof(Geom)) == 0) continue;
+    balls.push_back(previous_balls_[k]);
+    balls.push_back(balls_[k]);
   }
   moved_.resize(static_cast<int>(balls.size()));
   double center[3] = {0, 0, 0};
@@ -254,6 +272,8 @@ void Caster::render(const Poses& poses, float* luminance, int32_t* geom, float* 
     }
   }
   previous_geoms_ = geoms_;
+  previous_balls_ = balls_;
+  deformed_.assign(deformed_.size(), false);
   previous_lights_ = look_.lights;
 }
 

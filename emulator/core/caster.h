@@ -28,6 +28,11 @@ class Caster {
   // index into geom_type or -1, and distance (h, w), both or neither: asking for them traces all.
   void render(const Poses& poses, float* luminance, int32_t* geom, float* distance);
 
+  // New vertices and normals (nv, 3) of a mesh, before a call of render.
+  void deform_mesh(int mesh, const float* vertices, const float* normals);
+  int mesh_count() const { return static_cast<int>(mesh_data_.size()); }
+  const SceneData::MeshData& mesh(int index) const { return mesh_data_.at(index); }
+
   double traced_fraction() const { return traced_fraction_; }
   int channels() const { return frame_.channels; }
 
@@ -54,6 +59,8 @@ class Caster {
   std::vector<Light> previous_lights_;
   std::vector<int> order_;  // kernel's geom -> scene's geom: analytic shapes first, then meshes
   std::vector<Geom> geoms_, previous_geoms_;
+  std::vector<Ball> balls_, previous_balls_;  // around each geom
+  std::vector<bool> deformed_;                // meshes, since the last render
   Spheres spheres_, moved_;
   Ball around_moved_ = {{0, 0, 0}, -1};
   Sampling sampling_ = {};

@@ -21,7 +21,9 @@ struct Box {
 
 // The ball around all vertices, as build_tree has it.
 void fit_ball(Tree& tree, const float* vertices, int vertex_count) {
-  auto vertex = [&](int i) { return V3{vertices[3 * i], vertices[3 * i + 1], vertices[3 * i + 2]}; };
+  auto vertex = [&](int i) {
+    return V3{vertices[3 * i], vertices[3 * i + 1], vertices[3 * i + 2]};
+  };
   Box all;
   for (int i = 0; i < vertex_count; i++) all.add(vertex(i));
   tree.center = {0.5f * (all.low[0] + all.high[0]), 0.5f * (all.low[1] + all.high[1]),
@@ -68,7 +70,9 @@ void fit_boxes(Tree& tree) {
 }  // namespace
 
 void deform(SceneData::MeshData& mesh, const float* vertices, const float* normals) {
-  auto row = [](const float* rows, int i) { return V3{rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]}; };
+  auto row = [](const float* rows, int i) {
+    return V3{rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]};
+  };
   for (size_t i = 0; i < mesh.tree.triangles.size(); i++) {
     const int32_t* face = &mesh.faces[3 * i];
     mesh.tree.triangles[i] =

@@ -45,9 +45,11 @@ SceneData::MeshData make_mesh(const float* vertices, int vertex_count, const int
   SceneData::MeshData mesh;
   mesh.tree = build_tree(vertices, vertex_count, faces, face_count);
   mesh.has_texcoords = texcoords != nullptr;
+  mesh.vertex_count = vertex_count;
   for (size_t i = 0; i < mesh.tree.order.size(); i++) {
     size_t f = static_cast<size_t>(mesh.tree.order[i]);
     mesh.corners.push_back(corners_of(mesh.tree.triangles[i], f, normals, texcoords));
+    mesh.faces.insert(mesh.faces.end(), faces + 3 * f, faces + 3 * f + 3);
   }
   return mesh;
 }

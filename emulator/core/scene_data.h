@@ -15,6 +15,8 @@ struct SceneData {
     Tree tree;
     std::vector<Corners> corners;
     bool has_texcoords;
+    std::vector<int32_t> faces;  // vertices of each triangle, in the tree's order
+    int vertex_count;
   };
   struct TextureData {
     std::vector<uint8_t> data;

@@ -100,10 +100,10 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
     Float texel[CHANNELS];
     if (s.texture >= 0) {
       if (is_mesh && f.meshes[g.mesh].has_texcoords && f.textures[s.texture].faces == 1) {
-        sample(f.textures[s.texture], CHANNELS, mesh_u * s.repeat[0], mesh_v * s.repeat[1],
-               splat(0),
-               footprint * mesh_density * (s.repeat[0] > s.repeat[1] ? s.repeat[0] : s.repeat[1]),
-               texel);
+        float ru = s.repeat[0] * (s.uniform && g.size[0] > 0 ? g.size[0] : 1.0f);
+        float rv = s.repeat[1] * (s.uniform && g.size[1] > 0 ? g.size[1] : 1.0f);
+        sample(f.textures[s.texture], CHANNELS, mesh_u * ru, mesh_v * rv, splat(0),
+               footprint * mesh_density * (ru > rv ? ru : rv), texel);
       } else {
         texture_of_geom(f, g, s, p, footprint, texel);
       }

@@ -91,7 +91,7 @@ EVS_INLINE Vec unit_point(const Geom& g, Vec p) {
       return p * splat(1.0f / s[0]);
     case CAPSULE: {
       Float beyond = abs(p.z) - s[1];
-      Float cap = beyond * (1.0f / s[0]), side = p.z * (1.0f / s[1]);
+      Float cap = beyond * (1.0f / s[0]) + 1.0f, side = p.z * (1.0f / s[1]);
       Float z = select(beyond > 0.0f, select(p.z < 0.0f, -cap, cap), side);
       return {p.x * (1.0f / s[0]), p.y * (1.0f / s[0]), z};
     }
@@ -143,11 +143,19 @@ inline void on_shape(const Geom& g, const Surface& s, Vec p, Float& u, Float& v,
       du = 0.159154943f / sx;
       break;
     }
-    case CAPSULE:
+    case CAPSULE: {
+      // the image once over the barrel, and once more over each cap: down to the rim, up from it
+      Float beyond = abs(p.z) - g.size[1];
+      Float cap = turns(max(beyond, splat(0.0f)), sqrt(p.x * p.x + p.y * p.y)) * 4.0f;
+      u = turns(q.y, q.x);
+      v = select(beyond > 0.0f, select(p.z < 0.0f, cap, 1.0f - cap), 0.5f - q.z * 0.5f);
+      float barrel = 0.5f / (g.size[1] > 0 ? g.size[1] : sx);
+      dv = 0.636619772f / sx;
+      dv = dv > barrel ? dv : barrel;
+      break;
+    }
     case CYLINDER: {
-      Mask lid = g.shape == CYLINDER
-                     ? g.size[1] - abs(p.z) < g.size[0] - sqrt(p.x * p.x + p.y * p.y)
-                     : mask_of(0);
+      Mask lid = g.size[1] - abs(p.z) < g.size[0] - sqrt(p.x * p.x + p.y * p.y);
       u = select(lid, q.x * 0.5f + 0.5f, turns(q.y, q.x));
       v = select(lid, q.y * 0.5f + 0.5f, 0.5f - q.z * 0.5f);
       dv = 0.5f / (g.size[1] > 0 ? g.size[1] : sx);

@@ -10,6 +10,7 @@ from evs.emulator.stages import Renderer
 from evs.msgs import EvsError, unknown
 
 MAX_SPP = 64
+MAX_THREADS = 1024
 
 
 def make_renderer(
@@ -26,6 +27,6 @@ def make_renderer(
         raise EvsError(f"render.lux_per_unit is {config.lux_per_unit}; it must be positive")
     if config.isa not in ("auto", *_core.isa_available()):
         raise unknown("instruction set", config.isa, ["auto", *_core.isa_available()])
-    if threads < 0:
-        raise EvsError(f"threads is {threads}; give 0 for one a core, or a positive number")
+    if not 0 <= threads <= MAX_THREADS:
+        raise EvsError(f"threads is {threads}; give 0 for one a core, or 1 ... {MAX_THREADS}")
     return DirectRenderer(scene, camera, config, threads)

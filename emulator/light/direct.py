@@ -34,6 +34,7 @@ class DirectRenderer:
             if config.headlight == "model" or not light.headlight
         ]
         self._lights = np.array(keep, np.intp)
+        self._deforming = scene.deforming
         self._luminance = np.zeros((camera.height, camera.width), np.float32)
         self._caster = _core.Caster(
             scene_data(scene, keep, config.lux_per_unit),
@@ -53,14 +54,14 @@ class DirectRenderer:
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
         """(h, w) float32 linear luminance; the array is this renderer's own and reused."""
-        self._caster.render(*self._poses(snapshot, pose), self._luminance)
+        self._caster.render(*self._place(snapshot, pose), self._luminance)
         return self._luminance
 
     def hits(self, snapshot: SceneSnapshot, pose: CameraPose) -> tuple[I32, F32]:
         """What each first sample hits: index into the scene's geoms or -1, distance in m."""
         shape = self._luminance.shape
         geom, distance = np.full(shape, -1, np.int32), np.zeros(shape, np.float32)
-        self._caster.render(*self._poses(snapshot, pose), self._luminance, geom, distance)
+        self._caster.render(*self._place(snapshot, pose), self._luminance, geom, distance)
         return geom, distance
 
     @property
@@ -68,9 +69,11 @@ class DirectRenderer:
         """Share of the pixels that the last call traced."""
         return self._caster.traced_fraction
 
-    def _poses(
+    def _place(
         self, snapshot: SceneSnapshot, pose: CameraPose
     ) -> tuple[F64, F64, F64, F64, F64, F64]:
+        for mesh, shape in zip(self._deforming, snapshot.deformed, strict=True):
+            self._caster.deform(mesh, shape.vertices, shape.normals)
         lights = self._lights
         return (
             snapshot.geom_pos,

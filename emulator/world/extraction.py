@@ -7,6 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.scene import I32, Mesh, SceneModel, Shape
+from evs.emulator.world.deforming import Deforming
+from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.lights import active_lights, extract_light
 from evs.emulator.world.meshes import extract_height_field, extract_mesh
 from evs.emulator.world.surfaces import Surfaces, geom_rgba
@@ -41,7 +43,7 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
     Raises EvsError where nothing is visible.
     """
     geoms = visible_geoms(model)
-    if not len(geoms):
+    if not len(geoms) and not len(Deforming(model)):
         raise EvsError(
             f"nothing to see: none of the model's {model.ngeom} geoms is in groups 0 to 2 with "
             "alpha above 0; give the scene some geometry"
@@ -63,21 +65,34 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
         geom_mesh[row] = mesh_index[is_field, source]
 
     kinds = np.asarray(model.geom_type[geoms], np.int32)
+    kinds = np.where(kinds == mujoco.mjtGeom.mjGEOM_SDF, Shape.MESH, kinds)
     surfaces = Surfaces(model)
-    geom_surface = np.array([surfaces.of_geom(int(geom)) for geom in geoms], np.int32)
+    geom_surface = [surfaces.of_geom(int(geom)) for geom in geoms]
     skybox = surfaces.skybox()
+
+    # skins and flexes follow the geoms, each a mesh that lies in the world's frame
+    deforming = Deforming(model)
+    indices = tuple(range(len(meshes), len(meshes) + len(deforming)))
+    if indices:
+        data = mujoco.MjData(model)
+        update_poses(model, data)
+        meshes += deforming.meshes(data)
+        geom_surface += [surfaces.of(*look) for look in deforming.looks()]
     return SceneModel(
-        geom_type=np.where(kinds == mujoco.mjtGeom.mjGEOM_SDF, Shape.MESH, kinds).astype(np.int32),
-        geom_size=np.array(model.geom_size[geoms], np.float32),
-        geom_mesh=geom_mesh,
-        geom_surface=geom_surface,
-        geom_id=geoms,
-        geom_static=_static(model, geoms),
+        geom_type=np.array([*kinds, *(Shape.MESH for _ in indices)], np.int32),
+        geom_size=np.vstack([model.geom_size[geoms], np.ones((len(indices), 3))]).astype(
+            np.float32
+        ),
+        geom_mesh=np.array([*geom_mesh, *indices], np.int32),
+        geom_surface=np.array(geom_surface, np.int32),
+        geom_id=np.array([*geoms, *(-1 for _ in indices)], np.int32),
+        geom_static=np.array([*_static(model, geoms), *(False for _ in indices)], np.bool_),
         meshes=tuple(meshes),
         surfaces=tuple(surfaces.surfaces),
         textures=tuple(surfaces.textures),
         lights=tuple(extract_light(model, int(light)) for light in active_lights(model)),
         skybox=skybox,
+        deforming=indices,
         extent_m=float(model.stat.extent),
     )
 

@@ -14,7 +14,9 @@ import numpy as np
 
 from evs.emulator.scene import SceneSnapshot
 from evs.emulator.world.cameras import BoundCamera
+from evs.emulator.world.deforming import Deforming
 from evs.emulator.world.extraction import visible_geoms
+from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.lights import active_lights
 from evs.emulator.world.unstable import check_positions
 from evs.msgs import EvsError
@@ -40,6 +42,10 @@ class Poser:
         self._lights = lights[lights >= 0]
         self._light_rows = np.flatnonzero(lights >= 0)
         self._light_count = len(lights)
+        # skins and flexes are given in the world's frame
+        self._deforming = Deforming(model)
+        self._world_pos = np.zeros((len(self._deforming), 3))
+        self._world_mat = np.tile(np.eye(3).ravel(), (len(self._deforming), 1))
 
     def add_camera(self, camera: BoundCamera) -> None:
         """Snapshots from now on have this camera's pose too, as their last."""
@@ -57,11 +63,7 @@ class Poser:
         own.qpos[:] = data.qpos
         own.mocap_pos[:] = data.mocap_pos
         own.mocap_quat[:] = data.mocap_quat
-        mujoco.mj_kinematics(model, own)
-        mujoco.mj_comPos(model, own)
-        mujoco.mj_camlight(model, own)
-        if model.nflex:
-            mujoco.mj_flex(model, own)
+        update_poses(model, own)
 
         # the headlight's row keeps a unit direction that nobody uses
         light_pos, light_dir = np.zeros((2, self._light_count, 3))
@@ -70,9 +72,10 @@ class Poser:
         light_dir[self._light_rows] = own.light_xdir[self._lights]
         return SceneSnapshot(
             t_us,
-            own.geom_xpos[self._geoms],
-            own.geom_xmat[self._geoms],
+            np.concatenate([own.geom_xpos[self._geoms], self._world_pos]),
+            np.concatenate([own.geom_xmat[self._geoms], self._world_mat]),
             light_pos,
             light_dir,
             tuple(camera.mount.pose(own) for camera in self._cameras),
+            self._deforming.vertices(own),
         )

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from evs.emulator.scene import Surface, Texture, TextureKind
+
+Rgba = tuple[float, float, float, float]
 
 ROLES = (mujoco.mjtTextureRole.mjTEXROLE_RGB, mujoco.mjtTextureRole.mjTEXROLE_RGBA)
 """The roles that give a material its colour, the first that is filled counts."""
@@ -19,10 +22,14 @@ KTX_MAGIC = bytes([0xAB, 0x4B, 0x54, 0x58])
 """Compressed textures are stored as whole files that begin like this; they are not pixels."""
 
 
-def geom_rgba(model: mujoco.MjModel, geom: int) -> tuple[float, float, float, float]:
-    """The colour MuJoCo shows: the geom's own unless that is unset and it has a material."""
-    own = tuple(float(value) for value in model.geom_rgba[geom])
-    material = model.geom_matid[geom]
+def geom_rgba(model: mujoco.MjModel, geom: int) -> Rgba:
+    """The colour that MuJoCo shows of a geom."""
+    return shown_rgba(model, model.geom_rgba[geom], int(model.geom_matid[geom]))
+
+
+def shown_rgba(model: mujoco.MjModel, rgba: npt.ArrayLike, material: int) -> Rgba:
+    """The colour MuJoCo shows: an object's own unless that is unset and it has a material."""
+    own = tuple(float(value) for value in np.asarray(rgba))
     if own == UNSET and material >= 0:
         own = tuple(float(value) for value in model.mat_rgba[material])
     return own[0], own[1], own[2], own[3]
@@ -40,10 +47,15 @@ class Surfaces:
 
     def of_geom(self, geom: int) -> int:
         """Index of the geom's surface."""
-        material = int(self.model.geom_matid[geom])
-        surface = Surface(rgba=geom_rgba(self.model, geom))
+        return self.of(geom_rgba(self.model, geom), int(self.model.geom_matid[geom]))
+
+    def of(self, rgba: Rgba, material: int, textured: bool = True) -> int:
+        """Index of the surface with this colour and material (-1 none), with its image or not."""
+        surface = Surface(rgba=rgba)
         if material >= 0:
-            surface = self._with_material(surface.rgba, material)
+            surface = self._with_material(rgba, material)
+        if not textured:
+            surface = replace(surface, texture=-1)
         if surface not in self.surface_index:
             self.surface_index[surface] = len(self.surfaces)
             self.surfaces.append(surface)
@@ -65,7 +77,7 @@ class Surfaces:
                 return self.texture(index)
         return -1
 
-    def _with_material(self, rgba: tuple[float, float, float, float], material: int) -> Surface:
+    def _with_material(self, rgba: Rgba, material: int) -> Surface:
         model = self.model
         images = [int(model.mat_texid[material, role]) for role in ROLES]
         image = next((index for index in images if index >= 0), -1)

@@ -18,7 +18,9 @@ def shown_by_mujoco(model, data, camera=None):
     mujoco.mjv_defaultFreeCamera(model, free)
     every = mujoco.mjtCatBit.mjCAT_ALL
     mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera or free, every, view)
-    geoms = [g for g in view.geoms[: view.ngeom] if g.objtype == mujoco.mjtObj.mjOBJ_GEOM]
+    kinds = (mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_SKIN, mujoco.mjtObj.mjOBJ_FLEX)
+    shown = view.geoms[: view.ngeom]
+    geoms = [g for kind in kinds for g in shown if g.objtype == kind]
     return geoms, view.lights[: view.nlight], view.camera
 
 
@@ -28,17 +30,22 @@ def compare(model) -> SceneModel:
     scene = extract_scene(model)
     snapshot = Poser(model).snapshot(data, 0)
     geoms, lights, _ = shown_by_mujoco(model, data)
-    assert [g.objid for g in geoms] == list(scene.geom_id)
+    ids = [g.objid if g.objtype == mujoco.mjtObj.mjOBJ_GEOM else -1 for g in geoms]
+    assert ids == list(scene.geom_id)
+    assert scene.deforming == tuple(scene.geom_mesh[scene.geom_id < 0])
+    assert len(snapshot.deformed) == len(scene.deforming)
     for row, geom in enumerate(geoms):
         surface = scene.surfaces[scene.geom_surface[row]]
         assert surface.rgba == pytest.approx(tuple(geom.rgba))
         assert (surface.emission, surface.specular) == (geom.emission, geom.specular)
         assert (surface.shininess, surface.reflectance) == (geom.shininess, geom.reflectance)
-        if geom.texid >= 0:
+        if geom.texid >= 0 and geom.matid >= 0:
             texture = scene.textures[surface.texture]
             assert texture.data.shape[-1] == model.tex_nchannel[geom.texid]
             assert surface.texrepeat == tuple(geom.texrepeat)
             assert surface.texuniform == bool(geom.texuniform)
+        if ids[row] < 0:
+            continue
         np.testing.assert_allclose(snapshot.geom_mat[row], geom.mat.ravel(), atol=1e-6)
         if geom.type != mujoco.mjtGeom.mjGEOM_PLANE:
             np.testing.assert_allclose(snapshot.geom_pos[row], geom.pos, atol=1e-5)
