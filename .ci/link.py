@@ -12,7 +12,10 @@ import sysconfig
 import tomllib
 from pathlib import Path
 
-SCRIPT = """#!{python}
+# as pip writes it: sh starts Python, so that the path may be long or hold spaces
+SCRIPT = """#!/bin/sh
+'''exec' "{python}" "$0" "$@"
+' '''
 import sys
 
 from {module} import {function}
