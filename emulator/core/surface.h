@@ -7,7 +7,7 @@ struct Patch {
   float step = 0;     // from point to origin, at most
   Float albedo[CHANNELS];
   Float gloss_tint[CHANNELS];  // a texture colours the gloss too, as in MuJoCo's viewer; else 1
-  Float emission, specular, exponent, reflectance;
+  Float emission, specular, exponent, reflectance, alpha;
 };
 
 inline void texture_of_geom(const Frame& f, const Geom& g, const Surface& s, Vec p, Float footprint,
@@ -124,6 +124,7 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
     out.specular = select(here, splat(s.specular), out.specular);
     out.exponent = select(here, splat(s.exponent), out.exponent);
     out.reflectance = select(here, splat(s.reflectance), out.reflectance);
+    out.alpha = select(here, splat(s.alpha), out.alpha);
   }
   // smooth normals may turn away from the ray at a silhouette
   Mask away = dot(out.normal, rays.direction) > 0.0f;
