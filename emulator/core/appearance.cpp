@@ -70,7 +70,8 @@ void add_surfaces(const SceneData& scene, Appearance& look) {
     out.emission = s.emission;
     out.specular = from_srgb(s.specular);
     out.exponent = s.shininess * 128.0f;
-    out.reflectance = s.reflectance;
+    out.alpha = std::min(s.rgba[3], 1.0f);
+    out.reflectance = out.alpha < 1 ? 0.0f : s.reflectance;
     out.texture = s.texture < 0 ? -1 : bake(s.texture, s.rgba);
     for (int k = 0; k < 2; k++) out.repeat[k] = s.repeat[k] > 0 ? s.repeat[k] : 1.0f;
     out.uniform = s.uniform;

@@ -49,9 +49,7 @@ void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNEL
 }
 
 template <int CHANNELS>
-void sky(const Frame& f, Vec d, Mask missed, Float* out) {
-  for (int c = 0; c < CHANNELS; c++) out[c] = splat(0.0f);
-  if (f.skybox < 0 || !any(missed)) return;
+void sky(const Frame& f, Vec d, Float* out) {
   Vec w = to_camera(f.sky_rotation, d);
   Float u, v, major;
   Int face;
@@ -60,38 +58,69 @@ void sky(const Frame& f, Vec d, Mask missed, Float* out) {
   sample(f.textures[f.skybox], CHANNELS, u, v, face, splat(footprint) / major, out);
 }
 
-// Radiance along the rays of `active`, mirrors followed once.
+template <int CHANNELS, bool FOLLOW>
+Hit radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float travelled,
+             Trail& trail, Float* out);
+
+// What the mirrors of `mirror` show, times their reflectance, is added to `surface`.
+template <int CHANNELS>
+void reflect(const Frame& f, const Rays& rays, const Patch<CHANNELS>& patch, Mask mirror,
+             Float travelled, Trail& trail, Float* surface) {
+  Vec d = rays.direction;
+  Vec bounced = d - patch.normal * (dot(d, patch.normal) * 2.0f);
+  Rays mirrored = {patch.origin, normalize(bounced), false};
+  Hull cone = hull_of(mirrored.origin, mirrored.direction, mirror, FAR);
+  if (trail.mirror_spread < 0) trail.mirror_axis = cone.axis;
+  float square = spread(mirrored.direction, trail.mirror_axis, mirror);
+  trail.mirror_spread = square > trail.mirror_spread ? square : trail.mirror_spread;
+  Float image[CHANNELS];
+  radiance<CHANNELS, false>(f, mirrored, cone, mirror, travelled, trail, image);
+  for (int c = 0; c < CHANNELS; c++) {
+    surface[c] = select(mirror, surface[c] + image[c] * patch.reflectance, surface[c]);
+  }
+}
+
+constexpr int MAX_LAYERS = 8;  // what lies behind seven transparent surfaces is not seen
+
+// Radiance along the rays of `active`: through transparent surfaces, front to back, and with FOLLOW
+// once off a mirror. Out: the light of each channel; returns the first hit.
 template <int CHANNELS, bool FOLLOW>
 Hit radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float travelled,
              Trail& trail, Float* out) {
-  Hit hit = closest(f, rays, hull, active);
-  Mask lit = active & ~(hit.geom < splat(0));
-  // mirrors do not show the sky, as in MuJoCo's viewer
-  sky<CHANNELS>(f, rays.direction, FOLLOW ? active & ~lit : mask_of(0), out);
-  if (!any(lit)) return hit;
-  Patch<CHANNELS> patch = patch_of<CHANNELS>(f, rays, hit, bits(lit), travelled);
-  grow(FOLLOW ? trail.seen : trail.mirrored, patch.origin, patch.step, lit);
-  Float surface[CHANNELS];
-  shade<CHANNELS>(f, rays, hit, patch, lit, surface);
-  for (int c = 0; c < CHANNELS; c++) out[c] = select(lit, surface[c], out[c]);
-  Mask mirror = lit & (patch.reflectance > 0.0f);
-  if constexpr (FOLLOW) {
-    if (!any(mirror)) return hit;
-
-    Vec d = rays.direction;
-    Vec bounced = d - patch.normal * (dot(d, patch.normal) * 2.0f);
-    Rays mirrored = {patch.origin, normalize(bounced), false};
-    Hull cone = hull_of(mirrored.origin, mirrored.direction, mirror, FAR);
-    if (trail.mirror_spread < 0) trail.mirror_axis = cone.axis;
-    float square = spread(mirrored.direction, trail.mirror_axis, mirror);
-    trail.mirror_spread = square > trail.mirror_spread ? square : trail.mirror_spread;
-    Float image[CHANNELS];
-    radiance<CHANNELS, false>(f, mirrored, cone, mirror, travelled + hit.distance, trail, image);
-    for (int c = 0; c < CHANNELS; c++) {
-      out[c] = select(mirror, out[c] + image[c] * patch.reflectance, out[c]);
+  for (int c = 0; c < CHANNELS; c++) out[c] = splat(0.0f);
+  Float passing = splat(1.0f), beyond = splat(0.0f);
+  Hit first;
+  for (int layer = 0; layer < MAX_LAYERS; layer++) {
+    Hit hit = closest(f, rays, hull, active, beyond);
+    if (layer == 0) first = hit;
+    Mask lit = active & ~(hit.geom < splat(0)), missed = active & ~lit;
+    // mirrors do not show the sky, as in MuJoCo's viewer
+    if (FOLLOW && f.skybox >= 0 && any(missed)) {
+      Float light[CHANNELS];
+      sky<CHANNELS>(f, rays.direction, light);
+      for (int c = 0; c < CHANNELS; c++) {
+        out[c] = select(missed, out[c] + light[c] * passing, out[c]);
+      }
     }
+    if (!any(lit)) break;
+    Patch<CHANNELS> patch = patch_of<CHANNELS>(f, rays, hit, bits(lit), travelled);
+    grow(FOLLOW ? trail.seen : trail.mirrored, patch.origin, patch.step, lit);
+    Float surface[CHANNELS];
+    shade<CHANNELS>(f, rays, hit, patch, lit, surface);
+    if constexpr (FOLLOW) {
+      Mask mirror = lit & (patch.reflectance > 0.0f);
+      if (any(mirror)) {
+        reflect<CHANNELS>(f, rays, patch, mirror, travelled + hit.distance, trail, surface);
+      }
+    }
+    Float share = passing * patch.alpha;
+    for (int c = 0; c < CHANNELS; c++) out[c] = select(lit, out[c] + surface[c] * share, out[c]);
+    active = lit & (patch.alpha < 1.0f);
+    if (!any(active)) break;
+    passing = passing * (1.0f - patch.alpha);
+    beyond = hit.distance;
   }
-  return hit;
+  return first;
 }
 
 constexpr float COLUMN[LANES] = {0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3};

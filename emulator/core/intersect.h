@@ -5,7 +5,8 @@ EVS_INLINE Vec local_origin(const Geom& g, const Rays& rays) {
   return to_local(g.rotation, rays.origin - splat(g.position));
 }
 
-inline Hit closest(const Frame& f, const Rays& rays, const Hull& hull, Mask active) {
+// What the rays of `active` hit first after `beyond`.
+inline Hit closest(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float beyond) {
   Hit hit = {select(active, splat(FAR), splat(-1.0f)), splat(-1), splat(0), splat(0.0f),
              splat(0.0f)};
   for (int k = 0; k < f.bounds.count; k += LANES) {
@@ -14,13 +15,13 @@ inline Hit closest(const Frame& f, const Rays& rays, const Hull& hull, Mask acti
       const Geom& g = f.geoms[index];
       Vec o = local_origin(g, rays), d = to_local(g.rotation, rays.direction);
       if (g.shape == MESH || g.shape == HFIELD) {
-        Mask nearer = enter_mesh(f.meshes[g.mesh], mesh_rays(f.meshes[g.mesh], o, d), hit.distance,
-                                 hit.triangle, hit.u, hit.v);
+        Mask nearer = enter_mesh(f.meshes[g.mesh], mesh_rays(f.meshes[g.mesh], o, d), beyond,
+                                 hit.distance, hit.triangle, hit.u, hit.v);
         hit.geom = select(nearer, splat(index), hit.geom);
         continue;
       }
       Float t = enter_shape(g, o, d);
-      Mask nearer = t < hit.distance;
+      Mask nearer = (t < hit.distance) & (t > beyond);
       hit.distance = select(nearer, t, hit.distance);
       hit.geom = select(nearer, splat(index), hit.geom);
     }

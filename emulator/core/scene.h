@@ -60,7 +60,8 @@ struct Surface {
   float emission;              // times albedo
   float specular;              // Blinn-Phong strength, linear
   float exponent;              // Blinn-Phong exponent
-  float reflectance;           // mirror share
+  float reflectance;           // mirror share; only opaque surfaces are mirrors
+  float alpha;                 // 1: opaque
   int texture;                 // -1 none
   float repeat[2];
   bool uniform;

@@ -22,7 +22,8 @@ inline void texture_of_geom(const Frame& f, const Geom& g, const Surface& s, Vec
   }
   Vec q = unit_point(g, p);
   float third = g.shape == CAPSULE || g.shape == CYLINDER ? g.size[1] : g.size[2];
-  float second = g.shape == ELLIPSOID || g.shape == BOX ? g.size[1] : g.size[0];
+  bool round = g.shape == SPHERE || g.shape == CAPSULE || g.shape == CYLINDER;
+  float second = round ? g.size[0] : g.size[1];
   if (g.shape == SPHERE) third = g.size[0];
   float per_meter =
       g.shape == MESH || g.shape == HFIELD || g.shape == PLANE ? 1.0f : 1.0f / g.size[0];

@@ -54,9 +54,10 @@ EVS_INLINE Mask cross_triangle(const Triangle& t, const MeshRays& r, Float best,
 
 constexpr int STACK = 96;  // the builder keeps trees below this depth
 
-// Nearest front face before `best`. Out: lanes that hit; best, triangle, u, v of those lanes.
-inline Mask enter_mesh(const Mesh& mesh, const MeshRays& r, Float& best, Int& triangle, Float& u,
-                       Float& v) {
+// Nearest front face after `beyond` and before `best`. Out: lanes that hit; best, triangle, u, v of
+// those lanes.
+inline Mask enter_mesh(const Mesh& mesh, const MeshRays& r, Float beyond, Float& best,
+                       Int& triangle, Float& u, Float& v) {
   Mask any_hit = mask_of(0);
   if (mesh.node_count == 0) return any_hit;
   int stack[STACK], top = 0;
@@ -84,6 +85,7 @@ inline Mask enter_mesh(const Mesh& mesh, const MeshRays& r, Float& best, Int& tr
       for (int i = ~n.child[c], end = i + n.count[c]; i < end; i++) {
         Float distance, a, b;
         Mask hit = cross_triangle(mesh.triangles[i], r, nearest, false, distance, a, b);
+        hit = hit & (distance + r.skipped > beyond);
         if (!any(hit)) continue;
         nearest = select(hit, distance, nearest);
         triangle = select(hit, splat(i), triangle);
