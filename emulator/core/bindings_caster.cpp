@@ -144,14 +144,21 @@ void deform_mesh(BoundCaster& b, int mesh, In<float, N, 3> vertices, In<float, N
   b.caster.deform_mesh(mesh, vertices.data(), normals.data());
 }
 
-void render(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
-            In<double, N, 3> light_pos, In<double, N, 3> light_dir, In<double, 3> camera_pos,
-            In<double, 9> camera_mat, Out<float, N, N> luminance,
-            std::optional<Out<int32_t, N, N>> geom, std::optional<Out<float, N, N>> distance) {
+Poses checked_poses(const BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
+                    In<double, N, 3> light_pos, In<double, N, 3> light_dir,
+                    In<double, 3> camera_pos, In<double, 9> camera_mat) {
   require(geom_pos.shape(0) == b.geoms && geom_mat.shape(0) == b.geoms,
           "poses for another number of geoms");
   require(light_pos.shape(0) == b.lights && light_dir.shape(0) == b.lights,
           "poses for another number of lights");
+  return {geom_pos.data(),  geom_mat.data(),   light_pos.data(),
+          light_dir.data(), camera_pos.data(), camera_mat.data()};
+}
+
+void render(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
+            In<double, N, 3> light_pos, In<double, N, 3> light_dir, In<double, 3> camera_pos,
+            In<double, 9> camera_mat, Out<float, N, N> luminance,
+            std::optional<Out<int32_t, N, N>> geom, std::optional<Out<float, N, N>> distance) {
   require(luminance.shape(0) == b.height && luminance.shape(1) == b.width,
           "luminance is (height, width)");
   require(geom.has_value() == distance.has_value(), "geom and distance: both or neither");
@@ -160,11 +167,29 @@ void render(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat
                 distance->shape(0) == b.height && distance->shape(1) == b.width,
             "geom and distance are (height, width)");
   }
-  Poses poses = {geom_pos.data(),  geom_mat.data(),   light_pos.data(),
-                 light_dir.data(), camera_pos.data(), camera_mat.data()};
+  Poses poses = checked_poses(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
   nb::gil_scoped_release release;
   b.caster.render(poses, luminance.data(), geom ? geom->data() : nullptr,
                   distance ? distance->data() : nullptr);
+}
+
+void trace_pixels(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
+                  In<double, N, 3> light_pos, In<double, N, 3> light_dir, In<double, 3> camera_pos,
+                  In<double, 9> camera_mat, In<int32_t, N> x, In<int32_t, N> y,
+                  Out<float, N> luminance) {
+  Poses poses = checked_poses(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
+  size_t count = x.shape(0);
+  require(y.shape(0) == count && luminance.shape(0) == count,
+          "x, y and luminance differ in length");
+  require(count < (1u << 30), "fewer than 2^30 pixels in one call");
+  for (size_t i = 0; i < count; i++) {
+    int column = x.data()[i], row = y.data()[i];
+    require(column >= 0 && row >= 0 && column < static_cast<int>(b.width) &&
+                row < static_cast<int>(b.height),
+            "a pixel lies outside the image");
+  }
+  nb::gil_scoped_release release;
+  b.caster.trace_pixels(poses, x.data(), y.data(), static_cast<int>(count), luminance.data());
 }
 
 }  // namespace
@@ -197,6 +222,10 @@ void bind_caster(nb::module_& m) {
            nb::arg("fx"), nb::arg("fy"), nb::arg("cx"), nb::arg("cy"), nb::arg("orthographic"),
            nb::arg("samples"), nb::arg("shadows"), nb::arg("incremental"), nb::arg("threads"),
            nb::arg("isa"))
+      .def("trace_pixels", &trace_pixels, nb::arg("geom_pos"), nb::arg("geom_mat"),
+           nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
+           nb::arg("x"), nb::arg("y"), nb::arg("luminance"),
+           "luminance (n) of the pixels (x, y), (n) int32 each.")
       .def("deform", &deform_mesh, nb::arg("mesh"), nb::arg("vertices"), nb::arg("normals"),
            "New vertices (nv, 3) and unit normals (nv, 3) of a mesh, before a call of render.")
       .def("render", &render, nb::arg("geom_pos"), nb::arg("geom_mat"), nb::arg("light_pos"),

@@ -86,6 +86,7 @@ Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incr
   spheres_.resize(count);
   balls_.resize(count);
   deformed_.resize(mesh_data_.size());
+  shapes_.resize(mesh_data_.size());
   set_view(view, sampling_, frame_);
   if (incremental_) make_records();
   frame_.geoms = geoms_.data();
@@ -150,6 +151,15 @@ Ball Caster::sphere_of(const Geom& g) const {
 
 void Caster::deform_mesh(int index, const float* vertices, const float* normals) {
   SceneData::MeshData& mesh = mesh_data_.at(index);
+  // a body at rest costs a comparison
+  size_t count = 3 * static_cast<size_t>(mesh.vertex_count);
+  std::vector<float>& last = shapes_[index];
+  if (last.size() == 2 * count && std::equal(vertices, vertices + count, last.begin()) &&
+      std::equal(normals, normals + count, last.begin() + static_cast<long>(count))) {
+    return;
+  }
+  last.assign(vertices, vertices + count);
+  last.insert(last.end(), normals, normals + count);
   deform(mesh, vertices, normals);
   meshes_[index] = mesh_view(mesh);
   deformed_[index] = true;
@@ -275,6 +285,20 @@ void Caster::render(const Poses& poses, float* luminance, int32_t* geom, float* 
   previous_balls_ = balls_;
   deformed_.assign(deformed_.size(), false);
   previous_lights_ = look_.lights;
+}
+
+void Caster::trace_pixels(const Poses& poses, const int32_t* x, const int32_t* y, int count,
+                          float* luminance) {
+  place_geoms(poses);
+  place_lights(poses);
+  constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT, PACKETS_A_JOB = 16;
+  constexpr int PIXELS_A_JOB = PACKET * PACKETS_A_JOB;
+  pool_.run((count + PIXELS_A_JOB - 1) / PIXELS_A_JOB, [&](int job, int) {
+    int end = std::min(count, (job + 1) * PIXELS_A_JOB);
+    for (int i = job * PIXELS_A_JOB; i < end; i += PACKET) {
+      kernel_->trace_pixels(frame_, x + i, y + i, std::min(PACKET, end - i), luminance + i);
+    }
+  });
 }
 
 }  // namespace evs

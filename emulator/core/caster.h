@@ -28,6 +28,11 @@ class Caster {
   // index into geom_type or -1, and distance (h, w), both or neither: asking for them traces all.
   void render(const Poses& poses, float* luminance, int32_t* geom, float* distance);
 
+  // Luminance (count) of single pixels, which lie in the image: the same as `render` gives them.
+  // Nothing is kept from it, and nothing that is kept is used.
+  void trace_pixels(const Poses& poses, const int32_t* x, const int32_t* y, int count,
+                    float* luminance);
+
   // New vertices and normals (nv, 3) of a mesh, before a call of render.
   void deform_mesh(int mesh, const float* vertices, const float* normals);
   int mesh_count() const { return static_cast<int>(mesh_data_.size()); }
@@ -60,6 +65,7 @@ class Caster {
   std::vector<int> order_;  // kernel's geom -> scene's geom: analytic shapes first, then meshes
   std::vector<Geom> geoms_, previous_geoms_;
   std::vector<Ball> balls_, previous_balls_;  // around each geom
+  std::vector<std::vector<float>> shapes_;    // last vertices and normals of each deforming mesh
   std::vector<bool> deformed_;                // meshes, since the last render
   Spheres spheres_, moved_;
   Ball around_moved_ = {{0, 0, 0}, -1};

@@ -126,14 +126,28 @@ Hit radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Fl
 constexpr float COLUMN[LANES] = {0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3};
 constexpr float ROW[LANES] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
 
-EVS_INLINE Rays primary_rays(const Frame& f, int column, int row, float sub_x, float sub_y) {
-  // whole numbers below 2^24 and a sub-pixel position: the sums are rounded once
-  Float px = load(COLUMN) + (static_cast<float>(column * PACKET_WIDTH) + sub_x);
-  Float py = load(ROW) + (static_cast<float>(row * PACKET_HEIGHT) + sub_y);
+// The rays through these points of the image, px.
+EVS_INLINE Rays rays_through(const Frame& f, Float px, Float py) {
   Float x = (px - f.cx) * (1.0f / f.fx), y = (f.cy - py) * (1.0f / f.fy);
   Float zero = splat(0.0f), back = splat(-1.0f);
   if (f.orthographic) return {{x, y, zero}, {zero, zero, back}, false};
   return {{zero, zero, zero}, normalize({x, y, back}), true};
+}
+
+// Sample positions of whole pixels, rounded as primary_rays rounds them.
+EVS_INLINE Float pixel_point(const int* pixel, float sub, int packet) {
+  alignas(64) float point[LANES];
+  for (int i = 0; i < LANES; i++) {
+    int within = pixel[i] % packet;
+    point[i] = static_cast<float>(within) + (static_cast<float>(pixel[i] - within) + sub);
+  }
+  return load(point);
+}
+
+EVS_INLINE Rays primary_rays(const Frame& f, int column, int row, float sub_x, float sub_y) {
+  // whole numbers below 2^24 and a sub-pixel position: the sums are rounded once
+  return rays_through(f, load(COLUMN) + (static_cast<float>(column * PACKET_WIDTH) + sub_x),
+                      load(ROW) + (static_cast<float>(row * PACKET_HEIGHT) + sub_y));
 }
 
 // The hulls behind the record of one packet; more lights than fit: trace it always.
@@ -164,6 +178,13 @@ inline void write_record(const Frame& f, const Trail& trail, Record* record) {
 }
 
 template <int CHANNELS>
+EVS_INLINE Float luminance_of(const Frame& f, const Float* light) {
+  Float luminance = light[0] * f.weights[0];
+  for (int c = 1; c < CHANNELS; c++) luminance = luminance + light[c] * f.weights[c];
+  return luminance;
+}
+
+template <int CHANNELS>
 void trace_packet(const Frame& f, int column, int row, const Outputs& out, Record* record) {
   const Hull& hull = f.primary[row * f.packet_columns + column];
   Float sum = splat(0.0f);
@@ -174,9 +195,7 @@ void trace_packet(const Frame& f, int column, int row, const Outputs& out, Recor
     Float light[CHANNELS];
     Hit hit = radiance<CHANNELS, true>(f, rays, hull, mask_of(0xffff), splat(0.0f), trail, light);
     if (s == 0) first = hit;
-    Float luminance = light[0] * f.weights[0];
-    for (int c = 1; c < CHANNELS; c++) luminance = luminance + light[c] * f.weights[c];
-    sum = sum + luminance;
+    sum = sum + luminance_of<CHANNELS>(f, light);
   }
   if (record) write_record(f, trail, record);
   alignas(64) float luminance[LANES], distance[LANES];
@@ -203,6 +222,39 @@ void trace(const Frame& f, int column, int row, const Outputs& out, Record* reco
     trace_packet<1>(f, column, row, out, record);
   } else {
     trace_packet<3>(f, column, row, out, record);
+  }
+}
+
+// Pixels from anywhere: their rays share no more than the camera, so their hull is wide.
+template <int CHANNELS>
+void trace_any(const Frame& f, const int32_t* x, const int32_t* y, int count, float* luminance) {
+  // the last pixel stands in for the lanes that are left over
+  alignas(64) int column[LANES], row[LANES];
+  for (int i = 0; i < LANES; i++) {
+    column[i] = x[i < count ? i : count - 1];
+    row[i] = y[i < count ? i : count - 1];
+  }
+  Float sum = splat(0.0f);
+  Trail trail;
+  Mask all = mask_of(0xffff);
+  for (int s = 0; s < f.samples; s++) {
+    Rays rays = rays_through(f, pixel_point(column, f.sample_x[s], PACKET_WIDTH),
+                             pixel_point(row, f.sample_y[s], PACKET_HEIGHT));
+    Float light[CHANNELS];
+    radiance<CHANNELS, true>(f, rays, hull_of(rays.origin, rays.direction, all, FAR), all,
+                             splat(0.0f), trail, light);
+    sum = sum + luminance_of<CHANNELS>(f, light);
+  }
+  alignas(64) float out[LANES];
+  store(out, sum * (1.0f / static_cast<float>(f.samples)));
+  for (int i = 0; i < count; i++) luminance[i] = out[i];
+}
+
+void trace_pixels(const Frame& f, const int32_t* x, const int32_t* y, int count, float* luminance) {
+  if (f.channels == 1) {
+    trace_any<1>(f, x, y, count, luminance);
+  } else {
+    trace_any<3>(f, x, y, count, luminance);
   }
 }
 

@@ -20,19 +20,18 @@ class Pool {
   explicit Pool(int threads) {
     int cores = static_cast<int>(std::thread::hardware_concurrency());
     count_ = threads > 0 ? threads : (cores > 0 ? cores : 1);
-    for (int worker = 1; worker < count_; worker++) {
-      workers_.emplace_back([this, worker] { serve(worker); });
+    try {
+      for (int worker = 1; worker < count_; worker++) {
+        workers_.emplace_back([this, worker] { serve(worker); });
+      }
+    } catch (...) {
+      // the system gives no more threads: those that run must end before this throws
+      close();
+      throw;
     }
   }
 
-  ~Pool() {
-    {
-      std::lock_guard lock(mutex_);
-      closing_ = true;
-    }
-    wake_.notify_all();
-    for (std::thread& worker : workers_) worker.join();
-  }
+  ~Pool() { close(); }
 
   Pool(const Pool&) = delete;
   Pool& operator=(const Pool&) = delete;
@@ -77,6 +76,16 @@ class Pool {
         next_.store(jobs);
       }
     }
+  }
+
+  void close() {
+    {
+      std::lock_guard lock(mutex_);
+      closing_ = true;
+    }
+    wake_.notify_all();
+    for (std::thread& worker : workers_) worker.join();
+    workers_.clear();
   }
 
   void serve(int worker) {

@@ -149,6 +149,9 @@ struct Outputs {
 struct Kernel {
   // Trace the 16 pixels of packet (column, row) and write them.
   void (*trace)(const Frame&, int column, int row, const Outputs&, Record* record);
+  // Luminance of up to 16 pixels anywhere, the same as `trace` gives them. In: x, y (count).
+  void (*trace_pixels)(const Frame&, const int32_t* x, const int32_t* y, int count,
+                       float* luminance);
   // Can one of these spheres touch a ray of the packet? `around` holds all of them.
   bool (*touched)(const Frame&, int column, int row, const Record&, const Bounds& spheres,
                   const Ball& around);

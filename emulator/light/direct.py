@@ -57,6 +57,16 @@ class DirectRenderer:
         self._caster.render(*self._place(snapshot, pose), self._luminance)
         return self._luminance
 
+    def trace(self, snapshot: SceneSnapshot, pose: CameraPose, pixels: I32) -> F32:
+        """Luminance of single pixels, the same as `render` gives them.
+
+        In: pixels (n, 2) columns and rows inside the image. Out: (n,) float32.
+        """
+        x, y = (np.ascontiguousarray(part, np.int32) for part in np.asarray(pixels).T)
+        luminance = np.zeros(len(x), np.float32)
+        self._caster.trace_pixels(*self._place(snapshot, pose), x, y, luminance)
+        return luminance
+
     def hits(self, snapshot: SceneSnapshot, pose: CameraPose) -> tuple[I32, F32]:
         """What each first sample hits: index into the scene's geoms or -1, distance in m."""
         shape = self._luminance.shape
