@@ -9,6 +9,7 @@ import numpy as np
 
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.light import make_renderer
+from evs.emulator.plain_config import plain_config, plain_integer
 from evs.emulator.scene import F32, CameraModel, SceneModel, SceneSnapshot
 from evs.emulator.sensor import make_event_model, resolve_sensor
 from evs.emulator.stages import Meter, NoMeter
@@ -45,16 +46,21 @@ def plan_camera(
     for what, value, kind in (("camera", camera, CameraConfig), ("sensor", sensor, SensorConfig)):
         if not isinstance(value, str | kind):
             raise EvsError(f"{what}= takes a name or a {kind.__name__}, not {value!r}")
-    named = isinstance(camera, str)
+    if not isinstance(render, RenderConfig | None):
+        raise EvsError(f"render= takes a RenderConfig, not {render!r}")
+    if not isinstance(model, ModelConfig | None):
+        raise EvsError(f"model= takes a ModelConfig, not {model!r}")
+    optics = CameraConfig() if isinstance(camera, str) else camera
+    pixel = SensorConfig(preset=sensor) if isinstance(sensor, str) else sensor
     return CameraPlan(
         camera=camera if isinstance(camera, str) else "",
-        optics=CameraConfig() if named else camera,  # type: ignore[arg-type]
-        sensor=SensorConfig(preset=sensor) if isinstance(sensor, str) else sensor,
-        render=render or RenderConfig(),
-        model=model or ModelConfig(),
+        optics=plain_config(optics, "camera"),
+        sensor=plain_config(pixel, "sensor"),
+        render=plain_config(render or RenderConfig(), "render"),
+        model=plain_config(model or ModelConfig(), "model"),
         name=name,
-        seed=seed,
-        threads=threads,
+        seed=plain_integer(seed, "seed"),
+        threads=plain_integer(threads, "threads"),
     )
 
 

@@ -19,6 +19,7 @@ from evs.emulator.config import (
     SceneConfig,
     SensorConfig,
 )
+from evs.emulator.plain_config import plain_config, plain_integer
 from evs.emulator.scene import F64
 from evs.emulator.stages import Meter, NoMeter
 from evs.emulator.world import (
@@ -66,7 +67,8 @@ class World:
         Raises EvsError with one line for whatever cannot be.
         """
         if isinstance(scene, SceneConfig):
-            settings, source = scene, scene.control if isinstance(control, str) else control
+            settings = plain_config(scene, "scene")
+            source = settings.control if isinstance(control, str) else control
             if not settings.file:
                 raise EvsError("scene.file is empty: name the .xml or .mjb file of a world")
             model = load_model(settings.file)
@@ -75,11 +77,16 @@ class World:
                 file=str(scene) if isinstance(scene, str | Path) else "",
                 tick_us=tick_us,
                 control=control if isinstance(control, str) else "function",
-                control_seed=seed,
+                control_seed=plain_integer(seed, "seed"),
             )
             model, source = load_model(scene), control
         starts = bool(settings.keyframe) or source == "keyframe"
         keyframe = find_keyframe(model, settings.keyframe) if starts else -1
+        if settings.control_file and source != "file":
+            raise EvsError(
+                f"scene.control_file '{settings.control_file}' is not used: "
+                'set scene.control to "file", or leave it out'
+            )
         self._scene_config = settings
         self._seed, self._threads, self._meter = seed, threads, meter or NoMeter()
         self._control = make_control(

@@ -21,6 +21,9 @@ def make_renderer(
         raise unknown("renderer", config.renderer, ["direct"])
     if not 1 <= config.spp <= MAX_SPP:
         raise EvsError(f"render.spp is {config.spp}; it must be 1 ... {MAX_SPP}")
+    # no noise, so there is nothing that could be fresh
+    if config.seeds != "fixed":
+        raise unknown("render.seeds", config.seeds, ["fixed"])
     if config.headlight not in ("model", "off"):
         raise unknown("render.headlight", config.headlight, ["model", "off"])
     if config.lux_per_unit <= 0:

@@ -17,6 +17,9 @@ MAX_PIXELS = 1 << 26
 """A sensor over 64 Mpx is a slip of the keyboard."""
 
 FREE_KEYS = ("lookat", "distance", "azimuth", "elevation")
+MOUNT_KEYS = ("pos", "quat", "xyaxes")
+
+UNSET = CameraConfig()
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,12 @@ def bind_camera(
             "more than one camera is described: give either scene.camera, or camera.body, or "
             "camera.lookat, distance, azimuth, elevation"
         )
+    mount_keys = [key for key in MOUNT_KEYS if getattr(config, key) != getattr(UNSET, key)]
+    if mount_keys and not config.body:
+        raise EvsError(
+            f"camera.{mount_keys[0]} is given, but no body that carries the camera: give "
+            "camera.body too (world: it stands still)"
+        )
     if config.body:
         body = find(model, mujoco.mjtObj.mjOBJ_BODY, "body", config.body)
         pos = np.array(config.pos, np.float64)
@@ -108,7 +117,9 @@ def free_pose(model: mujoco.MjModel, config: CameraConfig) -> CameraPose:
     azimuth = math.radians(view.azimuth if config.azimuth is None else config.azimuth)
     elevation = math.radians(view.elevation if config.elevation is None else config.elevation)
     if not distance > 0.0 or not all(map(math.isfinite, (*lookat, distance, azimuth, elevation))):
-        raise EvsError(f"camera.distance is {distance}: it must be over 0, and all angles finite")
+        raise EvsError(
+            f"camera.distance is {distance:g}: it must be over 0, lookat and all angles finite"
+        )
     ca, sa, ce, se = math.cos(azimuth), math.sin(azimuth), math.cos(elevation), math.sin(elevation)
     forward = np.array([ce * ca, ce * sa, se])
     up = np.array([-se * ca, -se * sa, ce])

@@ -1,0 +1,87 @@
+"""A configuration from Python, where nothing checks types, as the plain values that files hold."""
+
+from __future__ import annotations
+
+import math
+import numbers
+import os
+import types
+import typing
+from dataclasses import fields, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from evs.msgs import EvsError
+
+C = TypeVar("C")
+
+
+def plain_config(config: C, table: str) -> C:
+    """A copy with plain values: no numpy number or array is left, so any header can hold it.
+
+    Raises EvsError with the key where a value is not of its field's type, or not finite.
+    """
+    hints = typing.get_type_hints(type(config))
+    values = {}
+    for field in fields(config):  # type: ignore[arg-type]
+        value = getattr(config, field.name)
+        try:
+            values[field.name] = _plain(value, hints[field.name])
+        except (TypeError, ValueError):
+            wanted = _said(hints[field.name])
+            raise EvsError(f"{table}.{field.name} is {value!r}; give {wanted}") from None
+    return replace(config, **values)  # type: ignore[type-var]
+
+
+def plain_integer(value: Any, name: str) -> int:
+    """`value` as an int; EvsError where it is no whole number."""
+    try:
+        return int(_plain(value, int))
+    except TypeError:
+        raise EvsError(f"{name} is {value!r}; give a whole number") from None
+
+
+def _plain(value: Any, hint: Any) -> Any:
+    """`value` as `hint` has it; TypeError or ValueError where it does not fit."""
+    kinds = _kinds(hint)
+    if value is None and type(None) in kinds:
+        return None
+    for kind in kinds:
+        if typing.get_origin(kind) is tuple and isinstance(value, tuple | list | np.ndarray):
+            pairs = zip(value, typing.get_args(kind), strict=True)
+            return tuple(_plain(item, inner) for item, inner in pairs)
+        if kind is bool and isinstance(value, bool | np.bool_):
+            return bool(value)
+        if kind is str and isinstance(value, str | os.PathLike):
+            return os.fspath(value)
+        # Python counts True as 1
+        if isinstance(value, bool | np.bool_):
+            continue
+        if kind is int and isinstance(value, numbers.Integral):
+            return int(value)
+        if kind is float and isinstance(value, numbers.Real) and math.isfinite(value):
+            return float(value)
+    raise TypeError
+
+
+def _kinds(hint: Any) -> tuple[Any, ...]:
+    many = typing.get_origin(hint) in (typing.Union, types.UnionType)
+    return typing.get_args(hint) if many else (hint,)
+
+
+def _said(hint: Any) -> str:
+    """A type in words."""
+    words: dict[Any, str] = {
+        bool: "True or False",
+        int: "a whole number",
+        float: "a finite number",
+        str: "a name",
+    }
+    kinds = [
+        f"{len(typing.get_args(kind))} finite numbers" if typing.get_origin(kind) is tuple else kind
+        for kind in _kinds(hint)
+        if kind is not type(None)
+    ]
+    said = [words.get(kind, str(kind)) for kind in kinds]
+    return " or ".join([*said, *(["None"] if type(None) in _kinds(hint) else [])])
