@@ -93,8 +93,8 @@ def random_light(rng: Random, coloured: bool) -> Light:
 
 
 def random_surface(rng: Random, textures: int) -> Surface:
-    """A material; every third is a mirror."""
-    return Surface(
+    """A material; every third is a mirror, every fifth transparent."""
+    surface = Surface(
         rgba=(*(float(c) for c in rng.uniform(0, 1, 3)), 1.0),  # type: ignore[arg-type]
         texture=int(rng.integers(-1, textures)),
         texrepeat=tuple(float(r) for r in rng.uniform(0, 5, 2)),  # type: ignore[arg-type]
@@ -104,6 +104,8 @@ def random_surface(rng: Random, textures: int) -> Surface:
         shininess=float(rng.uniform(0, 1)),
         reflectance=float(rng.choice([0, 0, 0.6])),
     )
+    alpha = 0.4 if surface.shininess < 0.2 else 1.0
+    return replace(surface, rgba=(*surface.rgba[:3], alpha))
 
 
 def random_size(rng: Random, shape: Shape, decades: float) -> np.ndarray:
