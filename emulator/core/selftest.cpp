@@ -45,8 +45,14 @@ SceneData scene_of_everything(float tint) {
   SceneData s;
   s.textures = {texture(1, 7, 5, 3), texture(6, 3, 3, 4), texture(1, 1, 1, 1), texture(6, 1, 1, 3)};
   for (int t = -1; t < 3; t++) {
-    s.surfaces.push_back(
-        {{0.8f, 0.5f, 0.3f, 1}, t, {3, 2}, t == 1, 0.01f, 0.5f, 0.4f, t == 0 ? 0.4f : 0});
+    s.surfaces.push_back({{0.8f, 0.5f, 0.3f, t == 1 ? 0.5f : 1},
+                          t,
+                          {3, 2},
+                          t == 1,
+                          0.01f,
+                          0.5f,
+                          0.4f,
+                          t == 0 ? 0.4f : 0});
   }
   const float vertices[] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0.5f, 0.5f, 0.5f};
   const int32_t faces[] = {0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 4, 2, 3, 4, 3, 1, 4, 0, 0, 0, 1, 1, 2};
@@ -129,6 +135,35 @@ void same_bytes_everywhere() {
                 "every instruction set, incremental or not, gives the same bytes");
         }
       }
+    }
+  }
+}
+
+void single_pixels_and_deforming_meshes() {
+  std::mt19937 random(3);
+  SceneData scene = scene_of_everything(0.5f);
+  View view = {21, 13, 20, 20, 10.5, 6.5, false, 2};
+  std::vector<int32_t> x, y;
+  for (int i = 0; i < 21 * 13; i++) {
+    x.push_back(i % 21);
+    y.push_back(i / 21);
+  }
+  std::vector<float> light(x.size()), single(x.size());
+  std::vector<float> vertices, normals(15, 0.5f);
+  for (const std::string& isa : isa_available()) {
+    Caster caster(scene, view, true, true, 2, isa);
+    Stage stage = stage_of(scene, random, 1);
+    for (int tick = 0; tick < 5; tick++) {
+      vertices.clear();
+      for (int i = 0; i < 15; i++)
+        vertices.push_back(std::ldexp(static_cast<float>(random() % 1000), -9));
+      if (tick == 3) vertices[4] = std::numeric_limits<float>::quiet_NaN();
+      if (tick == 4) vertices[4] = std::numeric_limits<float>::infinity();
+      caster.deform_mesh(0, vertices.data(), normals.data());
+      caster.trace_pixels(stage.poses(), x.data(), y.data(), static_cast<int>(x.size()),
+                          single.data());
+      caster.render(stage.poses(), light.data(), nullptr, nullptr);
+      check(tick > 2 || light == single, "single pixels have the frame's light");
     }
   }
 }
@@ -254,6 +289,7 @@ int main() {
   evs::pool_runs_each_job_once();
   evs::degenerate_meshes();
   evs::same_bytes_everywhere();
+  evs::single_pixels_and_deforming_meshes();
   evs::absurd_poses();
   evs::pixels_survive_any_light();
   std::printf("%d failures\n", evs::failures);
