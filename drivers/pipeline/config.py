@@ -106,21 +106,33 @@ def load(
     to the working directory; `package:path` is a file inside an installed Python package. Raises
     EvsError with the path to a bad value.
     """
-    if file is not None:
-        path = find_pipeline(file)
-        config = settings.build(PipelineConfig, settings.read_toml(path))
-        config = _with_paths(config, lambda text: _beside(path, text))
+    path = None if file is None else find_pipeline(file)
+    if path is not None:
+        config = _from_file(path)
     else:
         config = settings.build(PipelineConfig, tables or {})
     for key, text in overrides:
         config = settings.override(config, key, text)
     config = _with_paths(config, _in_package)
-    check(config)
+    check(config, path)
     return config
 
 
-def check(config: PipelineConfig) -> None:
-    """Refuse what no stage of the emulator would notice. Raises EvsError with the path."""
+def _from_file(path: Path) -> PipelineConfig:
+    """What a pipeline file says; its name stands before an error in it."""
+    tables = settings.read_toml(path)
+    try:
+        config = settings.build(PipelineConfig, tables)
+    except EvsError as error:
+        raise EvsError(f"{path}: {error}") from None
+    return _with_paths(config, lambda text: _beside(path, text))
+
+
+def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
+    """Refuse what no stage of the emulator would notice. Raises EvsError with the path.
+
+    In: pipeline, the file that the configuration came from.
+    """
     if not config.scene.file:
         raise EvsError('no scene: give --scene FILE.xml, or file = "FILE.xml" under [scene]')
     if config.pace not in PACES:
@@ -129,10 +141,7 @@ def check(config: PipelineConfig) -> None:
         raise _at("render.seeds", unknown("seeds", config.render.seeds, SEEDS))
     for place, sink in enumerate(config.sink):
         _check_sink(sink, f"sink.{place}")
-    files = [Path(sink.file).absolute() for sink in config.sinks() if sink.file]
-    for path in files:
-        if files.count(path) > 1:
-            raise EvsError(f"two sinks record to '{path}'; give each its own file")
+    _check_outputs(config, pipeline)
 
 
 def make_sink(config: SinkConfig) -> Sink:
@@ -164,6 +173,8 @@ def find_pipeline(word: str) -> Path:
         return known[word]
     if path.is_dir():
         raise EvsError(f"'{word}' is a folder; give a pipeline file (.toml)")
+    if word in settings.key_names(PipelineConfig):
+        raise EvsError(f"{word} has no value; give it as {word}=VALUE")
     names = ", ".join(nearest_first(path.stem, known))
     raise EvsError(f"no pipeline file '{word}'; evs itself comes with: {names}")
 
@@ -180,6 +191,35 @@ def _check_sink(sink: SinkConfig, path: str) -> None:
         raise EvsError(f"at {path}.{own[0]}: missing; a {sink.type} sink needs it")
     if sink.file and _recorder_of(sink.file) != sink.type:
         raise EvsError(f"at {path}.file: '{sink.file}' does not end in .{sink.type}")
+
+
+def _check_outputs(config: PipelineConfig, pipeline: Path | None) -> None:
+    """No file may be written twice, nor be written and read: one of the two would be lost."""
+    inputs = [Path(file) for file in (config.scene.file, config.scene.control_file) if file]
+    if pipeline is not None:
+        inputs.append(pipeline)
+    read = {_place(path) for path in inputs}
+    recorded: set[Path] = set()
+    for file in (sink.file for sink in config.sinks() if sink.file):
+        path = _place(file)
+        if path in recorded:
+            raise EvsError(f"two sinks record to '{path}'; give each its own file")
+        if path in read:
+            raise EvsError(f"'{file}' is an input of this run; record to another file")
+        recorded.add(path)
+    if config.report and _place(config.report) in recorded | read:
+        raise EvsError(
+            f"at report: '{config.report}' is the recording or an input of this run, the report "
+            "would overwrite it; give another name, as in report.json"
+        )
+
+
+def _place(file: str | Path) -> Path:
+    """Where a file really is, links followed; what cannot be a file is told by who opens it."""
+    try:
+        return Path(file).resolve()
+    except (OSError, RuntimeError, ValueError):
+        return Path(file).absolute()
 
 
 def _recorder_of(file: str) -> str:

@@ -84,7 +84,10 @@ def tick_count(duration_s: float, tick_us: int) -> int:
     if tick_us < 1:
         raise EvsError(f"at scene.tick_us: {tick_us} is no tick; give 1 us or more")
     if not (math.isfinite(duration_s) and 0 < duration_s <= MAX_SECONDS):
-        raise EvsError(f"at duration_s: {duration_s} s is not possible; give more than 0 s")
+        raise EvsError(
+            f"at duration_s: {duration_s:g} s is not possible; give more than 0 s, "
+            f"and {MAX_SECONDS:g} s at most"
+        )
     return max(1, round(duration_s * 1e6 / tick_us))
 
 

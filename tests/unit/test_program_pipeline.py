@@ -134,12 +134,37 @@ def test_the_emulators_part_says_nothing_of_outputs() -> None:
             [("record", "a.npz"), ("sink.0.type", "npz"), ("sink.0.file", "./a.npz")],
             "two sinks record to '",
         ),
+        (
+            [("record", "a.npz"), ("report", "./a.npz")],
+            "at report: './a.npz' is the recording or an input of this run",
+        ),
+        ([("report", "x.xml")], "at report: 'x.xml' is the recording or an input of this run"),
+        (
+            [("scene.control_file", "c.npz"), ("record", "c.npz")],
+            "'c.npz' is an input of this run; record to another file",
+        ),
     ],
 )
 def test_what_does_not_exist_is_refused_with_what_does(
     overrides: list[tuple[str, str]], said: str
 ) -> None:
     assert refused(*overrides).startswith(said)
+
+
+def test_a_report_through_a_link_is_seen_and_the_pipeline_itself_is_safe(tmp_path: Path) -> None:
+    file = tmp_path / "p.toml"
+    file.write_text('[scene]\nfile = "a.xml"\n')
+    (tmp_path / "link.json").symlink_to(file)
+    with pytest.raises(EvsError, match="the report would overwrite it"):
+        load(str(file), [("report", str(tmp_path / "link.json"))])
+    load(str(file), [("record", str(tmp_path / "a.npz")), ("report", str(tmp_path / "a.json"))])
+
+
+def test_an_error_in_a_file_names_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "typo.toml"
+    file.write_text("[render]\nsppp = 1\n")
+    with pytest.raises(EvsError, match=re.escape(f"{file}: at render.sppp: unknown key")):
+        load(str(file), SCENE)
 
 
 def test_a_run_without_a_scene_is_refused_with_the_fix() -> None:
@@ -156,6 +181,7 @@ def test_pipelines_are_found_by_path_or_by_the_name_of_one_of_ours(tmp_path: Pat
         ("robot.xml", "--scene robot.xml"),
         (str(tmp_path), "is a folder"),
         ("no\0name", "no pipeline file"),
+        ("render.spp", "give it as render.spp=VALUE"),
     ):
         with pytest.raises(EvsError, match=re.escape(said)):
             find_pipeline(word)
