@@ -59,4 +59,4 @@ wheel:
 clean:
 	rm -rf .venv build dist out emulator/_core*.so
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
-	rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis MUJOCO_LOG.TXT

@@ -141,7 +141,9 @@ def test_our_own_bugs_keep_their_traceback(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_reader_that_leaves_is_no_error() -> None:
-    line = f"{sys.executable} -m evs.launch.main emulate --help | head -1; exit ${{PIPESTATUS[0]}}"
+    line = (
+        f"'{sys.executable}' -m evs.launch.main emulate --help | head -1; exit ${{PIPESTATUS[0]}}"
+    )
     ended = subprocess.run(["bash", "-c", line], capture_output=True, text=True, timeout=60)
     assert ended.stderr == ""
     assert ended.returncode in (0, 141)
