@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import shlex
-import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from evs.drivers.pipeline import config as pipeline
 from evs.drivers.pipeline import settings
+from evs.launch.again import program
 from evs.launch.emulate import STOPPED
 from evs.msgs import EvsError
 
@@ -192,7 +192,7 @@ def _sum_up(report: AuditedReport, files: list[Path]) -> None:
     for file in files:
         print(f"{'wrote':17s} {file} ({file.stat().st_size / 1e3:,.0f} kB)")
     print("next:")
-    for command in next_commands(files[0], _program()):
+    for command in next_commands(files[0], program()):
         print(f"  {command}")
 
 
@@ -207,14 +207,3 @@ def next_commands(recording: Path, program: str) -> list[str]:
         f"{program} echo {ADDRESS} --hz & {program} emulate demo --publish {ADDRESS}",
         f"{program} emulate --scene {robot} --record {other}  # or your own robot's file",
     ]
-
-
-def _program() -> str:
-    """How to call evs again, as short as it works from here."""
-    called = Path(sys.argv[0])
-    if called.name != "evs":
-        return f"{shlex.quote(sys.executable)} -m evs.launch.main"
-    found = shutil.which("evs")
-    if found is not None and Path(found).samefile(called):
-        return "evs"
-    return shlex.quote(sys.argv[0])

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import textwrap
-from collections.abc import Iterator
 from pathlib import Path
 
 from evs.drivers.pipeline import config as pipeline
 from evs.drivers.pipeline import keys, settings
+from evs.launch.again import command
 from evs.msgs import EvsError
 
 HELP = "run a scene through the event camera: publish it, record it"
@@ -57,7 +57,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the pipeline; the exit code."""
     config = pipeline.load(*_given(args))
-    return _emulate(config, quiet=args.quiet)
+    return _emulate(config, args)
 
 
 def _given(args: argparse.Namespace) -> tuple[str | None, list[tuple[str, str]]]:
@@ -78,7 +78,7 @@ def _given(args: argparse.Namespace) -> tuple[str | None, list[tuple[str, str]]]
     return (files[0] if files else None), overrides
 
 
-def _emulate(config: pipeline.PipelineConfig, quiet: bool) -> int:
+def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.drivers.pace import Pacer, StopWatch
     from evs.drivers.pipeline.report import Report, check_targets, report_beside, write_report
@@ -103,7 +103,7 @@ def _emulate(config: pipeline.PipelineConfig, quiet: bool) -> int:
         for target in targets:
             write_report(report, target)
 
-    with terminal.progress(ticks, quiet) as moved:
+    with terminal.progress(ticks, args.quiet) as moved:
         report = run_loop(
             world,
             sinks,
@@ -115,17 +115,26 @@ def _emulate(config: pipeline.PipelineConfig, quiet: bool) -> int:
             on_report=keep,
             config=settings.to_plain(config),
         )
-    terminal.summary(report, quiet, list(_next_commands(recordings)))
+    addresses = [table.address for table in tables if table.address]
+    terminal.summary(report, args.quiet, next_commands(args, recordings, addresses))
     return STOPPED.get(report.ended.split()[0], 0)
 
 
-def _next_commands(recordings: list[str]) -> Iterator[str]:
-    """What to try after this run."""
-    for file in recordings[:1]:
-        yield f"evs info {file}"
-        yield f"evs view {file} -o out.gif"
-    if not recordings:
-        yield "evs emulate ... --record run.aedat4"
+def next_commands(
+    args: argparse.Namespace, recordings: list[str], addresses: list[str]
+) -> list[str]:
+    """What to try after this run; each works as it stands."""
+    if recordings:
+        file = recordings[0]
+        film = str(Path(file).with_suffix(".gif"))
+        return [command("info", file), command("view", file, "-o", film)]
+    options = ((option, getattr(args, option)) for option in OPTIONS)
+    given = [word for option, text in options if text for word in (f"--{option}", text)]
+    this_run = command("emulate", args.words, given)
+    # port 0 is another one each time
+    heard = [address for address in addresses if not address.endswith(":0")]
+    listen = [f"{command('echo', heard[0], '--hz')} & {this_run}"] if heard else []
+    return [*listen, f"{this_run} --record run.aedat4"]
 
 
 def _keys_text() -> str:

@@ -7,6 +7,8 @@ import dataclasses
 import json
 from typing import TYPE_CHECKING
 
+from evs.launch.again import command
+
 if TYPE_CHECKING:
     from evs.drivers.files import Summary
 
@@ -59,7 +61,7 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
     ]
     if found.damaged_packets:
         lines.append(("damaged", f"{found.damaged_packets:,} packets between whole ones"))
-    repair = f"evs info --repair {found.path}"
+    repair = command("info", "--repair", str(found.path))
     if found.broken_pointer:
         lines.append(("pointer", f"to a data table that is not there; {repair} takes it out"))
     if found.torn_at is not None:

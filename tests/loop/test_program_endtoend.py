@@ -127,7 +127,7 @@ def test_one_run_into_two_files_that_hold_the_same_events(folder: Path) -> None:
     assert "physics step" in report["substeps"]
     # what is said at the end is what was done
     assert f"events            {len(events):,} " in ended.stdout
-    assert "evs view " in ended.stdout
+    assert " view run.npz -o run.gif" in ended.stdout
     # the configuration in the report is one that runs again
     again = folder / "again.json"
     again.write_text(json.dumps(report["config"]))

@@ -13,7 +13,7 @@ import pytest
 from evs.drivers.checkup.audit import audit, audited
 from evs.drivers.pictures import LightLog, to_srgb8
 from evs.drivers.pipeline.report import Report
-from evs.launch import demo
+from evs.launch import again, demo
 from evs.launch.main import main
 
 GOOD = Report(
@@ -185,8 +185,9 @@ def test_the_program_is_called_as_it_was(monkeypatch: pytest.MonkeyPatch, tmp_pa
     program.chmod(0o755)
     monkeypatch.setattr("sys.argv", [str(program)])
     monkeypatch.setenv("PATH", "")
-    assert demo._program() == str(program)
+    assert again.program() == str(program)
+    assert again.command("info", "my run.npz") == f"{program} info 'my run.npz'"
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert demo._program() == "evs"
+    assert again.program() == "evs"
     monkeypatch.setattr("sys.argv", ["main.py"])
-    assert demo._program().endswith("-m evs.launch.main")
+    assert again.program().endswith("-m evs.launch.main")
