@@ -69,7 +69,8 @@ void add_surfaces(const SceneData& scene, Appearance& look) {
       out.albedo[c] = look.channels == 3 ? linear[c] : luminance_of(linear);
     out.emission = s.emission;
     out.specular = from_srgb(s.specular);
-    out.exponent = s.shininess * 128.0f;
+    // a negative exponent has no meaning: it counts as none
+    out.exponent = std::max(s.shininess, 0.0f) * 128.0f;
     out.alpha = std::min(s.rgba[3], 1.0f);
     out.reflectance = out.alpha < 1 ? 0.0f : s.reflectance;
     out.texture = s.texture < 0 ? -1 : bake(s.texture, s.rgba);

@@ -464,3 +464,15 @@ except EvsError as error:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     assert "threads" in done.stdout
+
+
+def test_a_negative_shininess_counts_as_none() -> None:
+    # once 2^4000 of garbage, some of it negative
+    lights = (Light(LightKind.POINT, attenuation=(1.0, 0.0, 0.0)),)
+    seen = []
+    for shininess in (-1.0, 0.0):
+        scene = scene_of([Shape.PLANE, Shape.SPHERE], [[0, 0, 1], [0.5, 0, 0]],
+                         surfaces=(Surface(shininess=shininess),), lights=lights)  # fmt: skip
+        shot = shot_of(scene, [[0, 0, 0], [0, 0, 1]])
+        seen += everywhere(scene, camera_of(24, 20, 16), [shot], [looking_down(4)])
+    np.testing.assert_array_equal(*seen)
