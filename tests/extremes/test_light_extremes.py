@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -374,25 +372,6 @@ def test_a_shadow_ray_may_meet_what_the_surface_itself_hides() -> None:
     shots = [shot_of(scene, [[0, 0, 0], [0, 0, 0.5], [1, 0.02 * k, 0.5]], lamps=lamps)
              for k in range(3)]  # fmt: skip
     everywhere(scene, camera_of(40, 30, 20), shots, [looking_down(4)] * 3)
-
-
-def test_an_absurd_number_of_threads_is_an_error_not_a_crash() -> None:
-    code = """
-from evs.emulator import World
-from evs.emulator.config import SensorConfig
-from evs.msgs import EvsError
-import mujoco
-model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>')
-try:
-    world = World(model, threads=10**9)
-    world.add_camera(sensor=SensorConfig(width=8, height=8))
-    world.step()
-except EvsError as error:
-    print(error)
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0, done.stderr
-    assert "threads" in done.stdout
 
 
 def test_a_negative_shininess_counts_as_none() -> None:

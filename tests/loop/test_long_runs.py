@@ -14,6 +14,7 @@ import pytest
 
 from evs.emulator import Sensor, VirtualCamera, World, _core
 from evs.emulator.config import CameraConfig, RenderConfig, SensorConfig
+from evs.msgs import EvsError
 
 SMALL = SensorConfig(preset="davis346", width=64, height=48)
 
@@ -207,3 +208,9 @@ def test_memory_does_not_grow_over_twenty_thousand_ticks(robot_files: dict[str, 
     assert events > ticks
     # one object of 64 bytes, the least malloc and Python give, kept in each tick would be over this
     assert resident_bytes() - before < 64 * ticks
+
+
+def test_an_absurd_number_of_threads_is_an_error_not_a_crash() -> None:
+    world = World(mujoco.MjModel.from_xml_string(STILL), threads=10**9)
+    with pytest.raises(EvsError, match=r"^threads is 1000000000; give 0 .*"):
+        world.add_camera("tilted", sensor=SMALL)
