@@ -93,6 +93,7 @@ class Camera:
         self._size = (int(sensor.width), int(sensor.height))
         self.bound: BoundCamera = bind_camera(world, plan.camera, *self._size, plan.optics)
         self._renderer = make_renderer(scene, self.bound.model, plan.render, plan.threads)
+        self._unlit = is_unlit(scene, plan.render)
         self._model = make_event_model(sensor, plan.model, plan.threads)
         name = free_name(plan.name, self.bound.name, taken)
         if config is None:
@@ -124,6 +125,7 @@ class Camera:
         self.bound = bind_camera(world, self._plan.camera, *self._size, self._plan.optics)
         plan = self._plan
         self._renderer = make_renderer(scene, self.bound.model, plan.render, plan.threads)
+        self._unlit = is_unlit(scene, plan.render)
 
     @property
     def started(self) -> bool:
@@ -189,8 +191,8 @@ class Camera:
 
     @property
     def is_dark(self) -> bool:
-        """Whether the last tick's picture was black."""
-        return self._luminance is not None and not np.any(self._luminance)
+        """Whether nothing was lit in the last tick: a black picture, or at most a sky."""
+        return self._luminance is not None and (self._unlit or not np.any(self._luminance))
 
     @property
     def clamps(self) -> int:
@@ -219,6 +221,15 @@ def camera_info(camera: CameraModel) -> dict[str, Any]:
         # ROS knows no such camera: k is in px per m here
         info["projection"] = "orthographic"
     return info
+
+
+def is_unlit(scene: SceneModel, render: RenderConfig) -> bool:
+    """Whether neither a light nor a glowing surface is left; a sky lights nothing."""
+    for light in scene.lights:
+        colours = (*light.ambient, *light.diffuse, *light.specular, light.intensity)
+        if any(colours) and (render.headlight == "model" or not light.headlight):
+            return False
+    return not any(surface.emission > 0.0 for surface in scene.surfaces)
 
 
 def free_name(wanted: str | None, usual: str, taken: tuple[str, ...]) -> str:

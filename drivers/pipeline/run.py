@@ -38,7 +38,7 @@ class RunCamera(Protocol):
 
     @property
     def is_dark(self) -> bool:
-        """Whether the last tick's picture was black."""
+        """Whether nothing was lit in the last tick."""
 
 
 class RunWorld(Protocol):
@@ -230,7 +230,7 @@ class _Loop:
         for camera in self.world.cameras:
             if camera.is_dark:
                 line = (
-                    f"camera '{camera.info.camera}' sees nothing lit, the picture is black: give "
+                    f"camera '{camera.info.camera}' sees nothing lit, the picture is dark: give "
                     "the scene a light, or use its headlight (render.headlight=model)"
                 )
                 self._warn(line)

@@ -235,6 +235,24 @@ def test_the_picture_is_a_copy_and_black_means_dark(arm):
     assert dark.is_dark
 
 
+def test_a_sky_over_a_scene_without_a_light_is_dark_and_a_glow_is_not():
+    sky = """<asset><texture type="skybox" builtin="flat" rgb1="1 1 1" width="8" height="8"/>
+      <material name="glow" emission="1"/></asset><worldbody>"""
+    text = ARM.replace('<light pos="0 0 3"/>', "").replace("<worldbody>", sky, 1)
+    off = RenderConfig(headlight="off")
+    world = World(mujoco.MjModel.from_xml_string(text))
+    cameras = world.add_camera("side", sensor=SMALL, render=off), world.add_camera("side")
+    world.step()
+    assert cameras[0].luminance.any()
+    assert [camera.is_dark for camera in cameras] == [True, False]
+
+    glowing = text.replace("<geom ", '<geom material="glow" ', 1)
+    world = World(mujoco.MjModel.from_xml_string(glowing))
+    camera = world.add_camera("side", sensor=SMALL, render=off)
+    world.step()
+    assert not camera.is_dark
+
+
 def test_an_unstable_world_says_so_and_what_came_before_stays(arm):
     world = World(arm)
     world.add_camera("side", sensor=SMALL)
