@@ -74,7 +74,7 @@ def one_stream(path: Path, streams: Sequence[StreamInfo]) -> StreamInfo:
 def target_error(path: Path, reason: OSError) -> EvsError:
     """One line for a file that cannot be written, with the fix."""
     folder = path.parent
-    if isinstance(reason, FileNotFoundError | NotADirectoryError):
+    if isinstance(reason, FileNotFoundError | NotADirectoryError) and not folder.is_dir():
         return EvsError(f"cannot write {path}: there is no folder {folder}; mkdir -p {folder}")
     if isinstance(reason, IsADirectoryError):
         return EvsError(f"cannot write {path}: it is a folder; give a file name")
