@@ -94,7 +94,7 @@ class RenderConfig:
     """[render]: how light reaches the pixels."""
 
     renderer: str = "direct"
-    """direct"""
+    """direct: our tracer | raster: OpenGL, no shadows or mirrors, needs the extra evs[raster]"""
     spp: int = 4
     """samples per pixel, at sub-pixel positions that never change: 1 ... 64"""
     seeds: str = "fixed"

@@ -10,6 +10,7 @@ from evs.emulator.stages import Renderer
 from evs.msgs import EvsError, unknown
 
 MAX_SPP = 64
+RENDERERS = ("direct", "raster")
 MAX_THREADS = 1024
 
 
@@ -17,8 +18,8 @@ def make_renderer(
     scene: SceneModel, camera: CameraModel, config: RenderConfig, threads: int
 ) -> Renderer:
     """The renderer of one camera. Raises EvsError where the configuration makes no sense."""
-    if config.renderer != "direct":
-        raise unknown("renderer", config.renderer, ["direct"])
+    if config.renderer not in RENDERERS:
+        raise unknown("renderer", config.renderer, list(RENDERERS))
     if not 1 <= config.spp <= MAX_SPP:
         raise EvsError(f"render.spp is {config.spp}; it must be 1 ... {MAX_SPP}")
     # no noise, so there is nothing that could be fresh
@@ -32,4 +33,9 @@ def make_renderer(
         raise unknown("instruction set", config.isa, ["auto", *_core.isa_available()])
     if not 0 <= threads <= MAX_THREADS:
         raise EvsError(f"threads is {threads}; give 0 for one a core, or 1 ... {MAX_THREADS}")
+    if config.renderer == "raster":
+        # an extra: what it imports need not be there
+        from evs.emulator.light.raster import RasterRenderer
+
+        return RasterRenderer(scene, camera, config)
     return DirectRenderer(scene, camera, config, threads)

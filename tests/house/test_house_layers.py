@@ -24,9 +24,10 @@ DOORS = {
     "PIL": ("drivers/pictures/",),
     "imageio_ffmpeg": ("drivers/pictures/",),
     "rich": ("launch/terminal.py",),
-    # reserved: the network, the raster renderer and the environment face each get theirs
+    "pyrender": ("emulator/light/raster/",),
+    "OpenGL": ("emulator/light/raster/",),
+    # reserved: the network and the environment face each get theirs
     "onnxruntime": (),
-    "pyrender": (),
     "gymnasium": (),
 }
 """Import name -> the only places that may import it. What is not listed may not be imported."""
@@ -170,5 +171,8 @@ def test_every_library_behind_a_door_is_a_declared_requirement(checkout: Path) -
     extras = project["optional-dependencies"]
     declared = project["dependencies"] + extras["raster"] + extras["gym"] + extras["video"]
     names = {re.split(r"[^\w-]", requirement)[0].replace("-", "_") for requirement in declared}
-    imports = {{"PIL": "pillow", "zmq": "pyzmq"}.get(name, name) for name in DOORS}
+    # pyrender brings its own OpenGL
+    names.add("PyOpenGL")
+    packages = {"PIL": "pillow", "zmq": "pyzmq", "OpenGL": "PyOpenGL"}
+    imports = {packages.get(name, name) for name in DOORS}
     assert imports == names

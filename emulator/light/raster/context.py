@@ -1,0 +1,120 @@
+"""The way to OpenGL: the imports of pyrender and PyOpenGL, and contexts without a window.
+
+PyOpenGL chooses its platform when it is first imported, by the variable PYOPENGL_PLATFORM: it is
+set to "egl" for that import and put back, so that nobody has to set any variable.
+
+Faults of pyrender 0.1.45 and PyOpenGL 3.1.0 are worked around where FAULT says so, in this folder.
+Two need nothing: np.infty, which numpy 2 no longer has, is only in Mesh.bounds, which nothing here
+asks for; OSMesa, which PyOpenGL 3.1.0 has no modern context for, is not used.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from evs.msgs import EvsError
+
+NO_EXTRA = 'the raster renderer needs {}, which is not installed: pip install "evs[raster]"'
+NO_GL = (
+    "the raster renderer needs OpenGL by EGL, and {}: "
+    "apt install libegl1 libgl1 libgl1-mesa-dri (or the GPU's driver)"
+)
+
+
+@dataclass(frozen=True)
+class Library:
+    """What the imports brought."""
+
+    pyrender: Any
+    egl: Any
+    """pyrender.platforms.egl"""
+    gl: Any
+    """OpenGL.GL"""
+    shader_program: Any
+
+
+@cache
+def load_library() -> Library:
+    """Import everything, once. Raises EvsError where a package or libEGL is missing."""
+    before = os.environ.get("PYOPENGL_PLATFORM")
+    os.environ["PYOPENGL_PLATFORM"] = "egl"
+    try:
+        with warnings.catch_warnings():
+            # FAULT: both have escapes and calls that today's Python warns of
+            warnings.simplefilter("ignore")
+            import pyrender
+            from OpenGL import GL
+            from pyrender import shader_program
+            from pyrender.platforms import egl
+    except ModuleNotFoundError as missing:
+        raise EvsError(NO_EXTRA.format(missing.name)) from None
+    except Exception as reason:
+        # without libEGL, PyOpenGL raises whatever it stumbles over
+        raise EvsError(NO_GL.format(f"its libraries do not load ({one_line(reason)})")) from None
+    finally:
+        if before is None:
+            del os.environ["PYOPENGL_PLATFORM"]
+        else:
+            os.environ["PYOPENGL_PLATFORM"] = before
+    return Library(pyrender, egl, GL, shader_program)
+
+
+def one_line(reason: BaseException | str) -> str:
+    """What somebody else's error says, in at most 100 characters."""
+    # an ImportError of PyOpenGL says the same several times over
+    words = reason.args[0] if isinstance(reason, ImportError) and reason.args else reason
+    return (" ".join(str(words).split()) or type(reason).__name__)[:100]
+
+
+class Context:
+    """An OpenGL context without any window: `with context:` makes it the thread's own meanwhile."""
+
+    def __init__(self, library: Library) -> None:
+        from OpenGL import EGL
+
+        self._egl = EGL
+        reason = "no EGL device is there"
+        for device in devices_of(library):
+            platform = library.egl.EGLPlatform(1, 1, device)
+            try:
+                platform.init_context()
+            except Exception as fault:
+                reason = f"no device gives a context ({one_line(fault)})"
+                continue
+            self._platform = platform
+            # it is current now, and shall not be
+            none = EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT
+            EGL.eglMakeCurrent(platform._egl_display, *none)
+            return
+        raise EvsError(NO_GL.format(reason))
+
+    def __enter__(self) -> None:
+        egl = self._egl
+        surfaces = [egl.eglGetCurrentSurface(which) for which in (egl.EGL_DRAW, egl.EGL_READ)]
+        self._before = (egl.eglGetCurrentDisplay(), *surfaces, egl.eglGetCurrentContext())
+        self._platform.make_current()
+
+    def __exit__(self, *_: object) -> None:
+        # FAULT: make_uncurrent does nothing: the thread's own context, if any, would be lost
+        egl, none = self._egl, (self._egl.EGL_NO_SURFACE,) * 2
+        if self._before[3]:
+            egl.eglMakeCurrent(*self._before)
+        else:
+            egl.eglMakeCurrent(self._platform._egl_display, *none, egl.EGL_NO_CONTEXT)
+
+    def destroy(self) -> None:
+        """Give it back."""
+        # FAULT: delete_context terminates the display, and with it every other context on it
+        self._egl.eglDestroyContext(self._platform._egl_display, self._platform._egl_context)
+
+
+def devices_of(library: Library) -> list[Any]:
+    """The devices that EGL knows: GPUs, and Mesa's software."""
+    try:
+        return list(library.egl.query_devices())
+    except Exception as fault:
+        raise EvsError(NO_GL.format(f"EGL lists no devices ({one_line(fault)})")) from None
