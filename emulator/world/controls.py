@@ -7,6 +7,8 @@ the same seed gives the same motion whatever happened before.
 from __future__ import annotations
 
 import math
+import zipfile
+import zlib
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -179,12 +181,16 @@ def _read_array(path: Path) -> F64:
         return np.loadtxt(lines, np.float64, delimiter=",", ndmin=2)
     if suffix not in (".npy", ".npz"):
         raise ValueError("not a .npy, .npz or .csv file")
-    loaded = np.load(path, allow_pickle=False)
-    if suffix == ".npz":
-        with loaded:
-            if "ctrl" not in loaded and len(loaded.files) != 1:
-                raise ValueError(
-                    f"has no array 'ctrl', only {', '.join(loaded.files) or 'nothing'}"
-                )
-            loaded = loaded["ctrl" if "ctrl" in loaded else loaded.files[0]]
-    return np.asarray(loaded, np.float64)
+    try:
+        # opened here: numpy leaves a broken archive open
+        with path.open("rb") as file:
+            loaded = np.load(file, allow_pickle=False)
+            arrays = {"ctrl": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
+    except (ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error):
+        # numpy's own words here are of pickles and zip files
+        way = "np.save(FILE, ctrl)" if suffix == ".npy" else "np.savez(FILE, ctrl=ctrl)"
+        raise ValueError(f"is no whole {suffix} file of numbers; write it with {way}") from None
+    if "ctrl" not in arrays and len(arrays) != 1:
+        raise ValueError(f"has no array 'ctrl', only {', '.join(arrays) or 'nothing'}")
+    (one, *_) = arrays.values()
+    return np.asarray(arrays.get("ctrl", one), np.float64)

@@ -140,8 +140,9 @@ def test_no_keyframe_at_all():
         (lambda p: np.save(p, np.zeros((0, 2))), "has shape (0, 2)"),
         (lambda p: np.save(p, np.array([[0, 0], [0, np.nan]])), "row 1 has a value that is not"),
         (lambda p: np.save(p, np.array([["x", "y"]])), "could not convert string to float"),
-        (lambda p: p.write_bytes(b"junk"), "controls.npy': "),
-        (lambda p: p.write_bytes(b""), "controls.npy': "),
+        (lambda p: p.write_bytes(b"junk"), "controls.npy': is no whole .npy file of numbers"),
+        (lambda p: p.write_bytes(b""), "controls.npy': is no whole .npy file of numbers"),
+        (lambda p: np.save(p, np.array([{}], object)), "is no whole .npy file of numbers"),
     ],
 )
 def test_a_bad_file(model, tmp_path, write, says):
@@ -167,6 +168,14 @@ def test_bad_text_and_archives(model, tmp_path):
     np.savez(tmp_path / "d.npz", a=np.zeros((1, 2)), b=np.zeros((1, 2)))
     with pytest.raises(EvsError, match="no array 'ctrl', only a, b"):
         make_control(model, "file", file=str(tmp_path / "d.npz"))
+    np.savez(tmp_path / "e.npz", ctrl=np.zeros((9, 2)))
+    whole = (tmp_path / "e.npz").read_bytes()
+    # torn anywhere, turned into something else, or one bit wrong in the numbers
+    flipped = bytes([*whole[:200], whole[200] ^ 1, *whole[201:]])
+    for content in (whole[:100], whole[:-9], b"", b"junk", flipped):
+        (tmp_path / "e.npz").write_bytes(content)
+        with pytest.raises(EvsError, match=r"is no whole \.npz file of numbers; write it with"):
+            make_control(model, "file", file=str(tmp_path / "e.npz"))
 
 
 @pytest.mark.parametrize(
