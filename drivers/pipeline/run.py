@@ -80,7 +80,7 @@ Observer = Callable[[int, Any, tuple[EventPacket, ...]], None]
 
 
 def tick_count(duration_s: float, tick_us: int) -> int:
-    """The whole ticks nearest to a duration, at least one. Raises EvsError for impossible ones."""
+    """The whole ticks nearest to a duration. Raises EvsError where that is none or impossible."""
     if tick_us < 1:
         raise EvsError(f"at scene.tick_us: {tick_us} is no tick; give 1 us or more")
     if not (math.isfinite(duration_s) and 0 < duration_s <= MAX_SECONDS):
@@ -88,7 +88,13 @@ def tick_count(duration_s: float, tick_us: int) -> int:
             f"at duration_s: {duration_s:g} s is not possible; give more than 0 s, "
             f"and {MAX_SECONDS:g} s at most"
         )
-    return max(1, round(duration_s * 1e6 / tick_us))
+    ticks = round(duration_s * 1e6 / tick_us)
+    if not ticks:
+        raise EvsError(
+            f"at duration_s: {duration_s:g} s is less than half a tick of {tick_us} us; "
+            "give a longer duration or a shorter scene.tick_us"
+        )
+    return ticks
 
 
 def run(

@@ -156,7 +156,7 @@ def test_the_report_has_the_fields_of_the_design_and_is_json() -> None:
 
 @pytest.mark.parametrize(
     ("duration_s", "tick_us", "ticks"),
-    [(1.0, 1000, 1000), (0.3, 1000, 300), (0.0001, 1000, 1), (1e-9, 1000, 1), (2.5, 2000, 1250),
+    [(1.0, 1000, 1000), (0.3, 1000, 300), (0.0006, 1000, 1), (2.5, 2000, 1250),
      (0.0026, 1000, 3), (3600.0, 1000, 3_600_000), (1 / 3, 1000, 333)],
 )  # fmt: skip
 def test_a_run_is_the_whole_ticks_nearest_to_its_duration(
@@ -169,6 +169,12 @@ def test_a_run_is_the_whole_ticks_nearest_to_its_duration(
 def test_an_impossible_duration_is_refused(duration_s: float) -> None:
     with pytest.raises(EvsError, match="at duration_s"):
         run(FakeWorld(), [], duration_s)
+
+
+@pytest.mark.parametrize(("duration_s", "tick_us"), [(1e-9, 1000), (0.0001, 1000), (1.0, 10**9)])
+def test_a_run_of_less_than_half_a_tick_is_refused(duration_s: float, tick_us: int) -> None:
+    with pytest.raises(EvsError, match=r"at duration_s: .* half a tick"):
+        tick_count(duration_s, tick_us)
 
 
 @pytest.mark.parametrize("tick_us", [0, -1000])

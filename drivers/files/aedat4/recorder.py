@@ -49,6 +49,7 @@ class Aedat4Recorder:
         self._position = 0
         self._packets = 0
         self._events = 0
+        self._empty = 0
         self._table = array("q")
         self._failure = ""
         self._has_table = False
@@ -76,6 +77,7 @@ class Aedat4Recorder:
         if self._failure:
             raise EvsError(self._failure)
         events = packet.events
+        self._empty += not len(events)
         for start in range(0, len(events), MAX_PACKET_EVENTS):
             part = events[start : start + MAX_PACKET_EVENTS]
             body = self._compress(layout.events_body(part))
@@ -103,6 +105,7 @@ class Aedat4Recorder:
             "path": str(self._path),
             "compression": self._compression,
             "packets": self._packets,
+            "empty_ticks": self._empty,
             "events": self._events,
             "bytes": self._position,
             "table": self._has_table,
