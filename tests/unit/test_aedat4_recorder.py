@@ -250,3 +250,10 @@ def test_empty_events_alone_make_an_empty_recording(tmp_path: Path) -> None:
     assert sink.close()["packets"] == 0
     found = summary(tmp_path / "a.aedat4")
     assert (found.events, found.packets, found.rate_hz) == (0, 0, None)
+
+
+def test_a_device_without_room_is_told_by_name(tmp_path: Path) -> None:
+    target = tmp_path / "full.aedat4"
+    target.symlink_to("/dev/full")
+    with pytest.raises(EvsError, match=r"full\.aedat4 .*No space left"):
+        Aedat4Recorder(target).open([STREAM])

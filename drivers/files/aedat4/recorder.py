@@ -6,6 +6,7 @@ import hashlib
 import os
 from array import array
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from io import FileIO
 from pathlib import Path
 from typing import Any
@@ -141,8 +142,9 @@ class Aedat4Recorder:
             while rest:
                 rest = rest[self._file.write(rest) :]
         except OSError as reason:
-            os.ftruncate(self._file.fileno(), self._position)
-            os.lseek(self._file.fileno(), self._position, os.SEEK_SET)
+            with suppress(OSError):  # a device has no tail to cut
+                os.ftruncate(self._file.fileno(), self._position)
+                os.lseek(self._file.fileno(), self._position, os.SEEK_SET)
             self._failure = (
                 f"recording to {self._path} stopped after {self._events} events: "
                 f"{reason.strerror}; what was recorded is readable, free some space and run again"
