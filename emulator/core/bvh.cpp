@@ -8,9 +8,21 @@ namespace {
 
 constexpr int BINS = 16, LEAF = 4, MAX_DEPTH = 60;
 
+// Boxes are larger than their triangles by this share of the radius: what a hit on a rim may be
+// off.
+constexpr float BOX_MARGIN = 2e-6f;
+
 struct Box {
   float low[3] = {1e30f, 1e30f, 1e30f}, high[3] = {-1e30f, -1e30f, -1e30f};
 
+  // a NaN leaves the box as it is
+  void add(V3 v) {
+    const float at[3] = {v.x, v.y, v.z};
+    for (int a = 0; a < 3; a++) {
+      low[a] = std::min(low[a], at[a]);
+      high[a] = std::max(high[a], at[a]);
+    }
+  }
   void add(const Box& b) {
     for (int a = 0; a < 3; a++) {
       low[a] = std::min(low[a], b.low[a]);
@@ -28,7 +40,6 @@ struct Builder {
   const std::vector<V3>& centers;
   std::vector<int>& order;
   std::vector<Node>& nodes;
-  float margin;  // around every box: what a hit on a triangle's rim may be off by
 
   static float axis(const V3& v, int a) { return a == 0 ? v.x : a == 1 ? v.y : v.z; }
 
@@ -87,14 +98,8 @@ struct Builder {
     return middle;
   }
 
-  // Fill child c of node n with [begin, end).
+  // Fill child c of node n with [begin, end). Boxes are fitted later.
   void child(int n, int c, int begin, int end, int depth) {
-    Box box;
-    for (int i = begin; i < end; i++) box.add(boxes[order[i]]);
-    for (int a = 0; a < 3; a++) {
-      nodes[n].low[c][a] = box.low[a] - margin;
-      nodes[n].high[c][a] = box.high[a] + margin;
-    }
     nodes[n].count[c] = end - begin;
     if (end - begin <= LEAF) {
       nodes[n].child[c] = ~begin;
@@ -115,55 +120,88 @@ struct Builder {
 
 V3 minus(V3 a, V3 b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
 
-}  // namespace
+V3 row(const float* rows, int i) { return {rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]}; }
 
 Triangle make_triangle(V3 a, V3 b, V3 c) {
   V3 p = minus(b, a), q = minus(c, a);
   return {a, b, c, {p.y * q.z - p.z * q.y, p.z * q.x - p.x * q.z, p.x * q.y - p.y * q.x}};
 }
 
-Tree build_tree(const float* vertices, int vertex_count, const int32_t* faces, int face_count) {
-  Tree tree;
-  if (face_count == 0) return tree;
-  auto vertex = [&](int i) {
-    return V3{vertices[3 * i], vertices[3 * i + 1], vertices[3 * i + 2]};
-  };
-  std::vector<Box> boxes(face_count);
-  std::vector<V3> centers(face_count);
+// A ball around all vertices, its centre that of the triangles' box.
+void fit_ball(Tree& tree, const float* vertices, int vertex_count) {
   Box all;
-  for (int f = 0; f < face_count; f++) {
-    for (int k = 0; k < 3; k++) {
-      V3 v = vertex(faces[3 * f + k]);
-      Box point;
-      point.low[0] = point.high[0] = v.x;
-      point.low[1] = point.high[1] = v.y;
-      point.low[2] = point.high[2] = v.z;
-      boxes[f].add(point);
-    }
-    const Box& b = boxes[f];
-    centers[f] = {0.5f * (b.low[0] + b.high[0]), 0.5f * (b.low[1] + b.high[1]),
-                  0.5f * (b.low[2] + b.high[2])};
-    all.add(b);
+  for (const Triangle& t : tree.triangles) {
+    for (V3 v : {t.a, t.b, t.c}) all.add(v);
   }
   tree.center = {0.5f * (all.low[0] + all.high[0]), 0.5f * (all.low[1] + all.high[1]),
                  0.5f * (all.low[2] + all.high[2])};
+  tree.radius = 0;
   for (int i = 0; i < vertex_count; i++) {
-    V3 v = minus(vertex(i), tree.center);
+    V3 v = minus(row(vertices, i), tree.center);
     tree.radius = std::max(tree.radius, std::sqrt(v.x * v.x + v.y * v.y + v.z * v.z));
   }
+}
 
+// A child's node always comes after its parent's: from the last to the first, all boxes are known.
+void fit_boxes(Tree& tree) {
+  float margin = BOX_MARGIN * tree.radius;
+  for (size_t n = tree.nodes.size(); n-- > 0;) {
+    Node& node = tree.nodes[n];
+    for (int c = 0; c < 2; c++) {
+      Box box;
+      if (node.child[c] >= 0) {
+        const Node& below = tree.nodes[node.child[c]];
+        for (int k = 0; k < 2; k++) {
+          box.add(V3{below.low[k][0], below.low[k][1], below.low[k][2]});
+          box.add(V3{below.high[k][0], below.high[k][1], below.high[k][2]});
+        }
+      } else {
+        for (int i = ~node.child[c], end = i + node.count[c]; i < end; i++) {
+          const Triangle& t = tree.triangles[i];
+          for (V3 v : {t.a, t.b, t.c}) box.add(v);
+        }
+        for (int a = 0; a < 3; a++) {
+          box.low[a] -= margin;
+          box.high[a] += margin;
+        }
+      }
+      std::copy(box.low, box.low + 3, node.low[c]);
+      std::copy(box.high, box.high + 3, node.high[c]);
+    }
+  }
+}
+
+}  // namespace
+
+void fit(Tree& tree, const float* vertices, int vertex_count) {
+  tree.triangles.resize(tree.order.size());
+  for (size_t i = 0; i < tree.triangles.size(); i++) {
+    const int32_t* face = &tree.faces[3 * i];
+    tree.triangles[i] =
+        make_triangle(row(vertices, face[0]), row(vertices, face[1]), row(vertices, face[2]));
+  }
+  fit_ball(tree, vertices, vertex_count);
+  fit_boxes(tree);
+}
+
+Tree build_tree(const float* vertices, int vertex_count, const int32_t* faces, int face_count) {
+  Tree tree;
+  if (face_count == 0) return tree;
+  std::vector<Box> boxes(face_count);
+  std::vector<V3> centers(face_count);
+  for (int f = 0; f < face_count; f++) {
+    for (int k = 0; k < 3; k++) boxes[f].add(row(vertices, faces[3 * f + k]));
+    const Box& b = boxes[f];
+    centers[f] = {0.5f * (b.low[0] + b.high[0]), 0.5f * (b.low[1] + b.high[1]),
+                  0.5f * (b.low[2] + b.high[2])};
+  }
   tree.order.resize(face_count);
   for (int f = 0; f < face_count; f++) tree.order[f] = f;
   tree.nodes.reserve(face_count);
   tree.nodes.emplace_back();
-  Builder{boxes, centers, tree.order, tree.nodes, BOX_MARGIN * tree.radius}.divide(0, 0, face_count,
-                                                                                   0);
-
-  tree.triangles.reserve(face_count);
-  for (int f : tree.order) {
-    tree.triangles.push_back(
-        make_triangle(vertex(faces[3 * f]), vertex(faces[3 * f + 1]), vertex(faces[3 * f + 2])));
-  }
+  Builder{boxes, centers, tree.order, tree.nodes}.divide(0, 0, face_count, 0);
+  for (int f : tree.order) tree.faces.insert(tree.faces.end(), faces + 3 * f, faces + 3 * f + 3);
+  fit(tree, vertices, vertex_count);
   return tree;
 }
 

@@ -5,8 +5,6 @@
 #include <cmath>
 #include <cstring>
 
-#include "deform.h"
-
 namespace evs {
 namespace {
 

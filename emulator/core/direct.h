@@ -39,9 +39,8 @@ void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNEL
       continue;
     Vec half = normalize(in.towards - rays.direction);
     Float lobe = min(max(dot(half, patch.normal), splat(0.0f)), splat(1.0f));
-    Float gloss =
-        select(lobe > 1e-30f, exp2(log2(max(lobe, splat(1e-30f))) * patch.exponent), splat(0.0f));
-    gloss = select(glossy, gloss * patch.specular * in.strength, splat(0.0f));
+    Float gloss = power(lobe, patch.exponent) * patch.specular * in.strength;
+    gloss = select(glossy, gloss, splat(0.0f));
     for (int c = 0; c < CHANNELS; c++) {
       out[c] = out[c] + gloss * patch.gloss_tint[c] * light.specular[c];
     }

@@ -25,41 +25,11 @@ EVS_INLINE Incidence incidence(const Light& light, Vec point) {
     Float cosine = -(in.towards.x * light.direction.x + in.towards.y * light.direction.y +
                      in.towards.z * light.direction.z);
     Float cone = light.exponent > 0
-                     ? power(min(max(cosine, splat(0.0f)), splat(1.0f)), light.exponent)
+                     ? power(min(max(cosine, splat(0.0f)), splat(1.0f)), splat(light.exponent))
                      : splat(1.0f);
     in.strength = select(cosine >= light.cos_cutoff, in.strength * cone, splat(0.0f));
   }
   return in;
-}
-
-// A box of points that grows; as a ball it is where shadow and mirror rays start.
-struct Region {
-  V3 low = {FAR, FAR, FAR}, high = {-FAR, -FAR, -FAR};
-  float step = 0;  // how far the points were moved off their surfaces, at most
-};
-
-EVS_INLINE void grow(Region& r, Vec p, float step, Mask active) {
-  r.step = step > r.step ? step : r.step;
-  auto widen = [&](float& low, float& high, Float x) {
-    float a = lowest(select(active, x, splat(FAR))), b = highest(select(active, x, splat(-FAR)));
-    low = a < low ? a : low;
-    high = b > high ? b : high;
-  };
-  widen(r.low.x, r.high.x, p.x);
-  widen(r.low.y, r.high.y, p.y);
-  widen(r.low.z, r.high.z, p.z);
-}
-
-EVS_INLINE Hull ball_of(const Region& r) {
-  Hull hull;
-  hull.center = {0.5f * (r.low.x + r.high.x), 0.5f * (r.low.y + r.high.y),
-                 0.5f * (r.low.z + r.high.z)};
-  hull.radius = radius_of(hull.center, r.high);
-  hull.axis = {0, 0, -1};
-  hull.length = 0;
-  hull.cosine = 1;
-  hull.sine = 0;
-  return hull;
 }
 
 // Every segment from the region to the light lies within the ball's radius of the axis; rays that

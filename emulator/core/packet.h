@@ -97,6 +97,36 @@ EVS_INLINE float radius_of(V3 center, V3 high) {
   return __builtin_sqrtf(dot(half, half)) * 1.00001f + away * 5e-7f;
 }
 
+// A box of points that grows; as a ball it is where shadow and mirror rays start.
+struct Region {
+  V3 low = {FAR, FAR, FAR}, high = {-FAR, -FAR, -FAR};
+  float step = 0;  // how far the points were moved off their surfaces, at most
+};
+
+EVS_INLINE void grow(Region& r, Vec p, float step, Mask active) {
+  r.step = step > r.step ? step : r.step;
+  auto widen = [&](float& low, float& high, Float x) {
+    float a = lowest(select(active, x, splat(FAR))), b = highest(select(active, x, splat(-FAR)));
+    low = a < low ? a : low;
+    high = b > high ? b : high;
+  };
+  widen(r.low.x, r.high.x, p.x);
+  widen(r.low.y, r.high.y, p.y);
+  widen(r.low.z, r.high.z, p.z);
+}
+
+EVS_INLINE Hull ball_of(const Region& r) {
+  Hull hull;
+  hull.center = {0.5f * (r.low.x + r.high.x), 0.5f * (r.low.y + r.high.y),
+                 0.5f * (r.low.z + r.high.z)};
+  hull.radius = radius_of(hull.center, r.high);
+  hull.axis = {0, 0, -1};
+  hull.length = 0;
+  hull.cosine = 1;
+  hull.sine = 0;
+  return hull;
+}
+
 // Largest squared chord between `axis` and the directions of the active lanes.
 EVS_INLINE float spread(Vec d, V3 axis, Mask active) {
   Vec apart = d - splat(axis);
@@ -105,15 +135,11 @@ EVS_INLINE float spread(Vec d, V3 axis, Mask active) {
 
 // The hull of the active lanes' rays: from points p, along directions d, no further than `length`.
 EVS_INLINE Hull hull_of(Vec p, Vec d, Mask active, float length) {
-  int first = first_lane(bits(active));
-  Vec q = select(active, p,
-                 {splat(lane(p.x, first)), splat(lane(p.y, first)), splat(lane(p.z, first))});
-  V3 low = {lowest(q.x), lowest(q.y), lowest(q.z)};
-  V3 high = {highest(q.x), highest(q.y), highest(q.z)};
-  Hull hull;
-  hull.center = {0.5f * (low.x + high.x), 0.5f * (low.y + high.y), 0.5f * (low.z + high.z)};
-  hull.radius = radius_of(hull.center, high);
+  Region starts;
+  grow(starts, p, 0.0f, active);
+  Hull hull = ball_of(starts);
   hull.length = length;
+  int first = first_lane(bits(active));
   hull.axis = normalized({lane(d.x, first), lane(d.y, first), lane(d.z, first)});
   open(hull, spread(d, hull.axis, active));
   return hull;

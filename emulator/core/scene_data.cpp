@@ -49,9 +49,18 @@ SceneData::MeshData make_mesh(const float* vertices, int vertex_count, const int
   for (size_t i = 0; i < mesh.tree.order.size(); i++) {
     size_t f = static_cast<size_t>(mesh.tree.order[i]);
     mesh.corners.push_back(corners_of(mesh.tree.triangles[i], f, normals, texcoords));
-    mesh.faces.insert(mesh.faces.end(), faces + 3 * f, faces + 3 * f + 3);
   }
   return mesh;
+}
+
+void deform(SceneData::MeshData& mesh, const float* vertices, const float* normals) {
+  fit(mesh.tree, vertices, mesh.vertex_count);
+  for (size_t i = 0; i < mesh.corners.size(); i++) {
+    for (size_t k = 0; k < 3; k++) {
+      const float* n = normals + 3 * mesh.tree.faces[3 * i + k];
+      mesh.corners[i].normal[k] = {n[0], n[1], n[2]};
+    }
+  }
 }
 
 }  // namespace evs

@@ -15,7 +15,6 @@ struct SceneData {
     Tree tree;
     std::vector<Corners> corners;
     bool has_texcoords;
-    std::vector<int32_t> faces;  // vertices of each triangle, in the tree's order
     int vertex_count;
   };
   struct TextureData {
@@ -52,5 +51,8 @@ struct SceneData {
 // or null. Without normals the faces' own hold. std::invalid_argument where the numbers do not fit.
 SceneData::MeshData make_mesh(const float* vertices, int vertex_count, const int32_t* faces,
                               int face_count, const float* normals, const float* texcoords);
+
+// Move a mesh: vertices and unit normals (nv, 3), as many as it was made with.
+void deform(SceneData::MeshData& mesh, const float* vertices, const float* normals);
 
 }  // namespace evs

@@ -21,7 +21,7 @@ EVS_INLINE Float exp2(Float a) {
 }
 
 // x^e for x in [0, 1]
-EVS_INLINE Float power(Float x, float e) {
+EVS_INLINE Float power(Float x, Float e) {
   return select(x > 1e-30f, exp2(log2(max(x, splat(1e-30f))) * e), splat(0.0f));
 }
 
