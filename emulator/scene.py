@@ -18,6 +18,10 @@ I32 = npt.NDArray[np.int32]
 U8 = npt.NDArray[np.uint8]
 
 
+MAX_PIXELS = 64_000_000
+"""A sensor over 64 Mpx is a slip of the keyboard."""
+
+
 class Shape(IntEnum):
     """Geometric primitives, numbered as MuJoCo's mjtGeom."""
 

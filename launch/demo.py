@@ -14,7 +14,7 @@ from evs.drivers.pipeline import config as pipeline
 from evs.drivers.pipeline import settings
 from evs.launch.again import program
 from evs.launch.emulate import STOPPED
-from evs.msgs import EvsError
+from evs.msgs import DEFAULT_ADDRESS, EvsError
 
 if TYPE_CHECKING:
     from evs.drivers.checkup.audit import AuditedReport
@@ -39,7 +39,6 @@ WINDOW_US = 4000
 SUBSCRIBER_S = 30.0
 """how long the second process may take to come"""
 
-ADDRESS = "tcp://127.0.0.1:5560"
 """where the commands to try next publish"""
 
 
@@ -201,9 +200,10 @@ def next_commands(recording: Path, program: str) -> list[str]:
     file, folder = shlex.quote(str(recording)), recording.parent
     film, other = (shlex.quote(str(folder / name)) for name in ("slow.gif", "ant.aedat4"))
     robot = f"{ROBOTS}:envs/mujoco/assets/ant.xml"
+    address = DEFAULT_ADDRESS
     return [
         f"{program} view {file} -o {film} --speed 0.1",
         f"{program} info {file}",
-        f"{program} echo {ADDRESS} --hz & {program} emulate demo --publish {ADDRESS}",
+        f"{program} echo {address} --hz & {program} emulate demo --publish {address}",
         f"{program} emulate --scene {robot} --record {other}  # or your own robot's file",
     ]

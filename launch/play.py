@@ -8,7 +8,7 @@ import sys
 import warnings
 from collections.abc import Callable
 
-from evs.msgs import EventPacket, EvsError
+from evs.msgs import DEFAULT_ADDRESS, EventPacket, EvsError
 
 HELP = "publish a recording on the bus, as the camera did"
 
@@ -18,7 +18,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", help="a recording: .aedat4 or .npz")
     parser.add_argument(
         "--address",
-        default="tcp://127.0.0.1:5560",
+        default=DEFAULT_ADDRESS,
         metavar="ADDR",
         help="where to publish (default: %(default)s)",
     )

@@ -13,9 +13,10 @@ from evs.msgs.fields import MessageError
 from evs.msgs.packet import ENCODING, EventPacket, decode, encode
 from evs.msgs.status import Status, decode_status, encode_status
 from evs.msgs.stream import StreamInfo
-from evs.msgs.topics import EVENTS, STATUS, TOPICS, Topic
+from evs.msgs.topics import DEFAULT_ADDRESS, EVENTS, STATUS, TOPICS, Topic
 
 __all__ = [
+    "DEFAULT_ADDRESS",
     "ENCODING",
     "EVENTS",
     "EVENT_DTYPE",

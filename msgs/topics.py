@@ -23,6 +23,9 @@ class Topic:
         return f"{self.name}/{camera}".encode()
 
 
+DEFAULT_ADDRESS = "tcp://127.0.0.1:5560"
+"""Where a camera publishes and a subscriber looks, if nothing else is said."""
+
 EVENTS = Topic(
     "events", "EventPacket", "one a tick and camera", 1000, "newest, counted by seq and status"
 )

@@ -6,10 +6,7 @@ import ipaddress
 import re
 import socket
 
-from evs.msgs import EvsError
-
-DEFAULT_ADDRESS = "tcp://127.0.0.1:5560"
-"""Where a camera publishes and a subscriber looks, if nothing else is said."""
+from evs.msgs import DEFAULT_ADDRESS, EvsError
 
 _FORM = re.compile(r"tcp://(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\*|[0-9]{1,5})")
 

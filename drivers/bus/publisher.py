@@ -9,11 +9,12 @@ from typing import Any
 
 import zmq
 
-from evs.drivers.bus.address import DEFAULT_ADDRESS, bindable, is_ipv6
+from evs.drivers.bus.address import bindable, is_ipv6
 from evs.drivers.bus.sockets import Context, Socket, readable
 from evs.drivers.pace import monotonic_s
 from evs.emulator.stages import Meter, NoMeter
 from evs.msgs import (
+    DEFAULT_ADDRESS,
     EVENTS,
     STATUS,
     EventPacket,

@@ -18,7 +18,7 @@ from evs.drivers.pipeline.config import load, make_sink
 from evs.drivers.pipeline.report import Report
 from evs.drivers.pipeline.run import run
 from evs.emulator import World
-from evs.msgs import EventPacket, Events
+from evs.msgs import EventPacket, Events, join_events
 
 SCENE = Path(__file__).parents[2] / "config" / "scenes" / "pendulum.xml"
 
@@ -79,7 +79,7 @@ def check_pipeline(folder: Path) -> list[Check]:
     sent: list[Events] = []
 
     def keep(_tick: int, _world: World, packets: tuple[EventPacket, ...]) -> None:
-        sent.extend(packet.events.copy() for packet in packets)
+        sent.extend(packet.events for packet in packets)
 
     sinks = [make_sink(sink) for sink in config.sinks()]
     report = run(world, sinks, TRIAL_S, watch, observers=[keep])
@@ -88,7 +88,7 @@ def check_pipeline(folder: Path) -> list[Check]:
         _renderer(world, report),
         _sensor(report),
         _bus(report, listener),
-        _recorder(np.concatenate(sent), file),
+        _recorder(join_events(sent), file),
     ]
 
 

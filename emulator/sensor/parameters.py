@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from evs.emulator.scene import MAX_PIXELS
 from evs.msgs import EvsError, unknown
 
 MAX_SIDE_PX = 8192
-MAX_PIXELS = 64_000_000
 LOG_MAPS = ("linlog", "log_eps")
 MIN_DARK_DN = 1e-12
 

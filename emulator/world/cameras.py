@@ -9,12 +9,9 @@ import mujoco
 import numpy as np
 
 from evs.emulator.config import CameraConfig
-from evs.emulator.scene import F64, CameraModel, CameraPose
+from evs.emulator.scene import F64, MAX_PIXELS, CameraModel, CameraPose
 from evs.emulator.world.names import find, name_of
 from evs.msgs import EvsError
-
-MAX_PIXELS = 1 << 26
-"""A sensor over 64 Mpx is a slip of the keyboard."""
 
 FREE_KEYS = ("lookat", "distance", "azimuth", "elevation")
 MOUNT_KEYS = ("pos", "quat", "xyaxes")

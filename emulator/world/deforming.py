@@ -10,10 +10,7 @@ import mujoco
 import numpy as np
 
 from evs.emulator.scene import F32, Deformed, Mesh
-from evs.emulator.world.surfaces import Rgba, shown_rgba
-
-VISIBLE_GROUPS = 3
-"""Skin and flex groups 0, 1 and 2 are shown, as in MuJoCo's viewer at the start."""
+from evs.emulator.world.surfaces import Rgba, is_shown, shown_rgba
 
 
 class Deforming:
@@ -22,16 +19,12 @@ class Deforming:
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
         self._skins = [
-            i
-            for i in range(model.nskin)
-            if max(0, model.skin_group[i]) < VISIBLE_GROUPS and self._skin_look(i)[0][3] > 0
+            i for i in range(model.nskin) if is_shown(model.skin_group[i], self._skin_look(i)[0])
         ]
         self._flexes = [
             i
             for i in range(model.nflex)
-            if max(0, model.flex_group[i]) < VISIBLE_GROUPS
-            and model.flex_dim[i] > 1
-            and self._flex_look(i)[0][3] > 0
+            if model.flex_dim[i] > 1 and is_shown(model.flex_group[i], self._flex_look(i)[0])
         ]
         if len(self):
             # the visualiser's own arrays; room for one geom that is never added

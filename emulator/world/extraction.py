@@ -11,11 +11,8 @@ from evs.emulator.world.deforming import Deforming
 from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.lights import active_lights, extract_light
 from evs.emulator.world.meshes import extract_height_field, extract_mesh
-from evs.emulator.world.surfaces import Surfaces, geom_rgba
+from evs.emulator.world.surfaces import Surfaces, geom_rgba, is_shown
 from evs.msgs import EvsError
-
-VISIBLE_GROUPS = 3
-"""Geom groups 0, 1 and 2 are shown, as in MuJoCo's viewer at the start."""
 
 FROM_MESH = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF)
 
@@ -27,8 +24,7 @@ def visible_geoms(model: mujoco.MjModel) -> I32:
         [
             geom
             for geom in range(model.ngeom)
-            if max(0, model.geom_group[geom]) < VISIBLE_GROUPS
-            and geom_rgba(model, geom)[3] > 0.0
+            if is_shown(model.geom_group[geom], geom_rgba(model, geom))
             and int(model.geom_type[geom]) in shapes
             and not (model.geom_type[geom] in FROM_MESH and model.geom_dataid[geom] < 0)
         ],
@@ -43,7 +39,8 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
     Raises EvsError where nothing is visible.
     """
     geoms = visible_geoms(model)
-    if not len(geoms) and not len(Deforming(model)):
+    deforming = Deforming(model)
+    if not len(geoms) and not len(deforming):
         raise EvsError(
             f"nothing to see: none of the model's {model.ngeom} geoms is in groups 0 to 2 with "
             "alpha above 0; give the scene some geometry"
@@ -71,7 +68,6 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
     skybox = surfaces.skybox()
 
     # skins and flexes follow the geoms, each a mesh that lies in the world's frame
-    deforming = Deforming(model)
     indices = tuple(range(len(meshes), len(meshes) + len(deforming)))
     if indices:
         data = mujoco.MjData(model)

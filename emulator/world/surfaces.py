@@ -12,6 +12,9 @@ from evs.emulator.scene import Surface, Texture, TextureKind
 
 Rgba = tuple[float, float, float, float]
 
+VISIBLE_GROUPS = 3
+"""Groups 0, 1 and 2 of geoms, skins and flexes are shown, as in MuJoCo's viewer at the start."""
+
 ROLES = (mujoco.mjtTextureRole.mjTEXROLE_RGB, mujoco.mjtTextureRole.mjTEXROLE_RGBA)
 """The roles that give a material its colour, the first that is filled counts."""
 
@@ -20,6 +23,11 @@ UNSET = (0.5, 0.5, 0.5, 1.0)
 
 KTX_MAGIC = bytes([0xAB, 0x4B, 0x54, 0x58])
 """Compressed textures are stored as whole files that begin like this; they are not pixels."""
+
+
+def is_shown(group: int, rgba: Rgba) -> bool:
+    """Whether MuJoCo shows by default what is in this group and has this colour."""
+    return max(0, group) < VISIBLE_GROUPS and rgba[3] > 0.0
 
 
 def geom_rgba(model: mujoco.MjModel, geom: int) -> Rgba:

@@ -2,8 +2,8 @@
 
 import pytest
 
-from evs.drivers.bus.address import DEFAULT_ADDRESS, bindable, connectable, is_ipv6
-from evs.msgs import EvsError
+from evs.drivers.bus.address import bindable, connectable, is_ipv6
+from evs.msgs import DEFAULT_ADDRESS, EvsError
 
 
 @pytest.mark.parametrize(
