@@ -343,6 +343,12 @@ def test_two_renderers_at_once_do_not_disturb_each_other() -> None:
     with pytest.raises(EvsError, match="closed"):
         dim.render(first, first.cameras[0])
     np.testing.assert_allclose(bright.render(second, second.cameras[0]), linear(0.8), rtol=1e-5)
+    # nor, when it is collected later, that of one whose context lies where its own lay
+    new, third = stage(0.5)
+    del dim
+    gc.collect()
+    np.testing.assert_allclose(new.render(third, third.cameras[0]), linear(0.5), rtol=1e-5)
+    np.testing.assert_allclose(bright.render(second, second.cameras[0]), linear(0.8), rtol=1e-5)
     closing = bright._close
     del bright, renderer
     gc.collect()

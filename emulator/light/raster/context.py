@@ -85,10 +85,14 @@ class Context:
             except Exception as fault:
                 reason = f"no device gives a context ({one_line(fault)})"
                 continue
-            self._platform = platform
+            finally:
+                # FAULT: a platform that is collected terminates the display, and with it every
+                # other context on it, at any moment: it keeps neither display nor context
+                self._display, self._context = platform._egl_display, platform._egl_context
+                platform._egl_display = platform._egl_context = None
             # it is current now, and shall not be
             none = EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT
-            EGL.eglMakeCurrent(platform._egl_display, *none)
+            EGL.eglMakeCurrent(self._display, *none)
             return
         raise EvsError(NO_GL.format(reason))
 
@@ -96,7 +100,8 @@ class Context:
         egl = self._egl
         surfaces = [egl.eglGetCurrentSurface(which) for which in (egl.EGL_DRAW, egl.EGL_READ)]
         self._before = (egl.eglGetCurrentDisplay(), *surfaces, egl.eglGetCurrentContext())
-        self._platform.make_current()
+        none = (egl.EGL_NO_SURFACE,) * 2
+        egl.eglMakeCurrent(self._display, *none, self._context)
 
     def __exit__(self, *_: object) -> None:
         # FAULT: make_uncurrent does nothing: the thread's own context, if any, would be lost
@@ -104,12 +109,11 @@ class Context:
         if self._before[3]:
             egl.eglMakeCurrent(*self._before)
         else:
-            egl.eglMakeCurrent(self._platform._egl_display, *none, egl.EGL_NO_CONTEXT)
+            egl.eglMakeCurrent(self._display, *none, egl.EGL_NO_CONTEXT)
 
     def destroy(self) -> None:
         """Give it back."""
-        # FAULT: delete_context terminates the display, and with it every other context on it
-        self._egl.eglDestroyContext(self._platform._egl_display, self._platform._egl_context)
+        self._egl.eglDestroyContext(self._display, self._context)
 
 
 def devices_of(library: Library) -> list[Any]:
