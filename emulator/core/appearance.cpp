@@ -72,6 +72,9 @@ void add_surfaces(const SceneData& scene, Appearance& look) {
     // a negative exponent has no meaning: it counts as none
     out.exponent = std::max(s.shininess, 0.0f) * 128.0f;
     out.alpha = std::min(s.rgba[3], 1.0f);
+    // the GGX lobe nearest to Blinn-Phong's; specular 0.5 reflects as most dielectrics do
+    out.alpha_ggx = static_cast<float>(std::sqrt(2.0 / (out.exponent + 2.0)));
+    out.f0 = 0.08f * out.specular;
     out.reflectance = out.alpha < 1 ? 0.0f : s.reflectance;
     out.texture = s.texture < 0 ? -1 : bake(s.texture, s.rgba);
     for (int k = 0; k < 2; k++) out.repeat[k] = s.repeat[k] > 0 ? s.repeat[k] : 1.0f;

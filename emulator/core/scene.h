@@ -62,6 +62,10 @@ struct Surface {
   float exponent;              // Blinn-Phong exponent
   float reflectance;           // mirror share; only opaque surfaces are mirrors
   float alpha;                 // 1: opaque
+  bool physical;               // GGX; else classic, Blinn-Phong
+  float metallic;              // physical only: 0 dielectric ... 1 metal
+  float alpha_ggx;             // width of the GGX lobe; classic: of a lobe as wide as Blinn-Phong's
+  float f0;                    // classic: specular reflectance at normal incidence, grey
   int texture;                 // -1 none
   float repeat[2];
   bool uniform;

@@ -8,6 +8,9 @@ struct Patch {
   Float albedo[CHANNELS];
   Float gloss_tint[CHANNELS];  // a texture colours the gloss too, as in MuJoCo's viewer; else 1
   Float emission, specular, exponent, reflectance, alpha;
+  Mask physical;              // GGX lanes; the others are classic: metallic 0
+  Float metallic, alpha_ggx;  // alpha_ggx: width of the GGX lobe, roughness squared
+  Float f0[CHANNELS];         // specular reflectance at normal incidence
 };
 
 inline void texture_of_geom(const Frame& f, const Geom& g, const Surface& s, Vec p, Float footprint,
@@ -126,6 +129,14 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
     out.exponent = select(here, splat(s.exponent), out.exponent);
     out.reflectance = select(here, splat(s.reflectance), out.reflectance);
     out.alpha = select(here, splat(s.alpha), out.alpha);
+    out.alpha_ggx = select(here, splat(s.alpha_ggx), out.alpha_ggx);
+    out.metallic = select(here, splat(s.metallic), out.metallic);
+    if (s.physical) out.physical = out.physical | here;
+    for (int c = 0; c < CHANNELS; c++) {
+      Float f0 = splat(s.f0);
+      if (s.physical) f0 = 0.04f + (out.albedo[c] - 0.04f) * out.metallic;
+      out.f0[c] = select(here, f0, out.f0[c]);
+    }
   }
   // smooth normals may turn away from the ray at a silhouette
   Mask away = dot(out.normal, rays.direction) > 0.0f;
