@@ -1,0 +1,129 @@
+"""Are two pictures the same but for noise? Welch's test per pixel, per block, and of the whole.
+
+Each picture comes as independent batches of samples, so that its noise is known. The family of all
+tests of one comparison is corrected after Sidak; on failure the pictures are written.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+from scipy import stats
+
+F64 = npt.NDArray[np.float64]
+
+SIGNIFICANCE = 1e-3
+"""Family-wise: one comparison in a thousand fails though nothing is wrong, if its seed is new."""
+ROUNDING = 2e-5
+"""Both sides compute in float32: a few dozen roundings of 6e-8, and sums of them."""
+SCALES = (1, 4, 12, 0)
+"""Side of the blocks that are compared, px; 0 is the whole picture."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How far two pictures are apart, in their noise and in themselves."""
+
+    z: dict[int, F64]
+    """block side -> Welch's statistic of each block"""
+    p: float
+    """smallest, corrected for all tests: how likely chance alone goes so far"""
+    worst: str
+    """where that is"""
+    difference: float
+    """of the pictures' means, relative"""
+    sharpness: float
+    """relative difference of the means that is just significant"""
+
+
+def judge(ours: F64, theirs: F64) -> Verdict:
+    """Compare two stacks (batches, h, w) of independent estimates of one picture."""
+    if not (np.isfinite(ours).all() and np.isfinite(theirs).all()):
+        raise AssertionError("not a number, or infinite")
+    tests, found = 0, {}
+    for side in SCALES:
+        a, b = (_blocks(stack, side) for stack in (ours, theirs))
+        z, freedom, error = _welch(a, b)
+        found[side] = z, 2 * stats.t.sf(np.abs(z), freedom)
+        tests += z.size
+    side = min(SCALES, key=lambda s: found[s][1].min())
+    least = float(found[side][1].min())
+    row, column = np.unravel_index(np.argmin(found[side][1]), found[side][1].shape)
+    # the whole picture came last
+    mean = float(theirs.mean())
+    needed = stats.t.isf(sidak(SIGNIFICANCE, tests) / 2, freedom[0, 0])
+    return Verdict(
+        {key: value[0] for key, value in found.items()},
+        float(-np.expm1(tests * np.log1p(-min(least, 1 - 1e-16)))),
+        f"{side or 'all'} px block (row {row}, column {column})",
+        float(ours.mean()) / mean - 1,
+        float(error[0, 0] * needed / mean),
+    )
+
+
+def sidak(significance: float, tests: int) -> float:
+    """What each of `tests` tests may have, so that all together have `significance`."""
+    return float(-np.expm1(np.log1p(-significance) / tests))
+
+
+def assert_same_picture(
+    name: str, ours: F64, theirs: F64, folder: Path, sharp: float = 0.01
+) -> Verdict:
+    """Fails where they differ by more than their noise, or where their noise hides `sharp`.
+
+    In: name, of the files that a failure leaves in `folder`. A relative difference of the means of
+    `sharp` would have been seen, or the comparison is worth nothing.
+    """
+    verdict = judge(ours, theirs)
+    found = (
+        f"{name}: means differ by {verdict.difference:+.4%} (just significant: "
+        f"{verdict.sharpness:.4%}), p {verdict.p:.2g}"
+    )
+    if verdict.p < SIGNIFICANCE:
+        files = write_pictures(name, ours, theirs, verdict, folder)
+        raise AssertionError(f"{found} at the {verdict.worst}: see {files}")
+    if verdict.sharpness > sharp:
+        raise AssertionError(f"{found}: too noisy to see {sharp:.2%}, take more samples")
+    return verdict
+
+
+def write_pictures(name: str, ours: F64, theirs: F64, verdict: Verdict, folder: Path) -> str:
+    """Both pictures and their difference in standard errors: PNGs and an .npz. Returns the path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    a, b = ours.mean(0), theirs.mean(0)
+    white = max(float(np.quantile(b, 0.99)), 1e-30)
+    z = np.clip(verdict.z[1] / 8, -1, 1)
+    # red: ours is brighter, blue: theirs is
+    signed = 1 - np.stack([np.maximum(-z, 0), np.abs(z), np.maximum(z, 0)], -1)
+    for part, picture in (("ours", a / white), ("theirs", b / white), ("z", signed)):
+        coded = np.clip(picture, 0, 1) ** (1 if part == "z" else 1 / 2.2)
+        image = Image.fromarray(np.round(255 * coded).astype(np.uint8))
+        image.resize((8 * a.shape[1], 8 * a.shape[0]), Image.Resampling.NEAREST).save(
+            folder / f"{name}_{part}.png"
+        )
+    np.savez(folder / f"{name}.npz", ours=ours, theirs=theirs, z=verdict.z[1])
+    return str(folder / f"{name}*")
+
+
+def _blocks(stack: F64, side: int) -> F64:
+    """(batches, rows, columns) means over whole blocks; a rest at the edges is left out."""
+    count, height, width = stack.shape
+    if side == 0:
+        return stack.mean((1, 2)).reshape(count, 1, 1)
+    rows, columns = height // side, width // side
+    cut = stack[:, : rows * side, : columns * side]
+    return cut.reshape(count, rows, side, columns, side).mean((2, 4))
+
+
+def _welch(a: F64, b: F64) -> tuple[F64, F64, F64]:
+    """Welch's statistic, degrees of freedom, standard error; rounding is known variance."""
+    va, vb = (np.var(s, 0, ddof=1) / len(s) for s in (a, b))
+    apart, level = a.mean(0) - b.mean(0), np.maximum(np.abs(a.mean(0)), np.abs(b.mean(0)))
+    known = (ROUNDING * level) ** 2 + 1e-30
+    total = va + vb + known
+    freedom = total**2 / np.maximum(va**2 / (len(a) - 1) + vb**2 / (len(b) - 1), 1e-300)
+    return apart / np.sqrt(total), np.minimum(freedom, 1e9), np.sqrt(total)
