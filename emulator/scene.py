@@ -128,7 +128,8 @@ class SceneModel:
     geom_surface: I32
     """(ng,) index into surfaces"""
     geom_id: I32
-    """(ng,) the geom's id in the model (invisible geoms are left out here), -1 a skin or flex"""
+    """(ng,) the geom's id in the model (invisible geoms are left out here); a skin is -2 - its id,
+    a flex -2 - the number of skins - its id"""
     geom_static: npt.NDArray[np.bool_]
     """(ng,) True where the geom is welded to the world and can never move"""
     meshes: tuple[Mesh, ...] = ()
@@ -139,6 +140,8 @@ class SceneModel:
     """index into textures, -1 none"""
     deforming: tuple[int, ...] = ()
     """indices into meshes whose vertices every snapshot brings anew: skins and flexes"""
+    geom_body: I32 = field(default_factory=lambda: np.zeros(0, np.int32))
+    """(ng,) the body that carries the geom, -1 a skin or flex, which hang on many; or not told"""
     extent_m: float = 1.0
     """the model's characteristic size (mjModel.stat.extent)"""
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import settings
 
@@ -40,3 +43,19 @@ def robot_files() -> dict[str, Path]:
     found = find_robot_files()
     assert any(name.startswith("gymnasium/") for name in found), "pip install gymnasium"
     return found
+
+
+def rays_of(camera: Any) -> np.ndarray:
+    """(h, w, 3) unit directions through the pixels' centres, in the camera's frame.
+
+    Written anew from CameraModel's contract, for a perspective camera with an ideal lens.
+    """
+    x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+    d = np.stack([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, -np.ones_like(x)], -1)
+    return d / np.linalg.norm(d, axis=-1, keepdims=True)
+
+
+@pytest.fixture(scope="session")
+def camera_rays() -> Callable[[Any], np.ndarray]:
+    """The independent statement of which ray belongs to a pixel: rays_of(CameraModel)."""
+    return rays_of

@@ -14,25 +14,27 @@ float luminance_of(const float* c) {
   return WEIGHTS[0] * c[0] + WEIGHTS[1] * c[1] + WEIGHTS[2] * c[2];
 }
 
-void add_lights(const SceneData& scene, Appearance& out) {
+void add_lights(const SceneData& scene, bool rgb, Appearance& out) {
   bool grey = true;
   for (const SceneData::LightData& l : scene.lights) {
     grey = grey && is_grey(l.ambient) && is_grey(l.diffuse) && is_grey(l.specular);
   }
-  out.channels = grey ? 1 : 3;
-  for (int c = 0; c < 3; c++) out.weights[c] = grey ? (c == 0 ? 1.0f : 0.0f) : WEIGHTS[c];
+  out.channels = !grey ? 3 : rgb ? 4 : 1;
+  out.weights[0] = 1.0f;
+  if (!grey) std::copy(WEIGHTS, WEIGHTS + 3, out.weights);
   for (const SceneData::LightData& l : scene.lights) {
     Light light = {};
     light.kind = l.kind;
     light.castshadow = l.castshadow;
     float scale = l.intensity > 0 ? l.intensity : 1.0f;
     light.inverse_square = l.intensity > 0 && l.kind != DIRECTIONAL;
-    for (int c = 0; c < 3; c++) {
-      light.ambient[c] = l.intensity > 0 ? 0.0f : l.ambient[c];
-      light.diffuse[c] = scale * l.diffuse[c];
-      light.specular[c] = scale * l.specular[c];
-      light.attenuation[c] = l.attenuation[c];
+    for (int c = 0; c < out.channels; c++) {
+      int k = out.channels == 3 ? c : 0;
+      light.ambient[c] = l.intensity > 0 ? 0.0f : l.ambient[k];
+      light.diffuse[c] = scale * l.diffuse[k];
+      light.specular[c] = scale * l.specular[k];
     }
+    std::copy(l.attenuation, l.attenuation + 3, light.attenuation);
     light.cos_cutoff = static_cast<float>(std::cos(l.cutoff_deg * 3.14159265358979 / 180));
     light.exponent = l.exponent;
     out.lights.push_back(light);
@@ -65,8 +67,10 @@ void add_surfaces(const SceneData& scene, Appearance& look) {
     Surface out = {};
     float linear[3];
     for (int c = 0; c < 3; c++) linear[c] = from_srgb(s.rgba[c]);
-    for (int c = 0; c < 3; c++)
-      out.albedo[c] = look.channels == 3 ? linear[c] : luminance_of(linear);
+    for (int c = 0; c < look.channels; c++) {
+      int k = look.channels == 1 ? -1 : c - (look.channels - 3);
+      out.albedo[c] = k >= 0 ? linear[k] : luminance_of(linear);
+    }
     out.emission = s.emission;
     out.specular = from_srgb(s.specular);
     // a negative exponent has no meaning: it counts as none
@@ -88,9 +92,9 @@ void add_surfaces(const SceneData& scene, Appearance& look) {
 
 }  // namespace
 
-Appearance make_appearance(const SceneData& scene) {
+Appearance make_appearance(const SceneData& scene, bool rgb) {
   Appearance look = {};
-  add_lights(scene, look);
+  add_lights(scene, rgb, look);
   add_surfaces(scene, look);
   return look;
 }

@@ -11,8 +11,10 @@
 namespace evs {
 
 struct Appearance {
-  int channels;      // 1: every light is grey, so that luminance alone is carried; 3: RGB
-  float weights[3];  // luminance of each channel
+  // 1: every light is grey, so that luminance alone is carried; 3: RGB; 4: grey lights again, and
+  // after the luminance, which keeps its bytes, RGB
+  int channels;
+  float weights[MAX_CHANNELS];  // luminance of each channel
   std::vector<Light> lights;
   std::vector<bool> headlight;  // of each light
   std::vector<Surface> surfaces;
@@ -21,6 +23,7 @@ struct Appearance {
   int skybox;                     // index into textures, -1 none
 };
 
-Appearance make_appearance(const SceneData& scene);
+// rgb: colour is wanted, whatever the lights are.
+Appearance make_appearance(const SceneData& scene, bool rgb);
 
 }  // namespace evs

@@ -115,11 +115,12 @@ void add_light(SceneData& s, int kind, Rgb ambient, Rgb diffuse, Rgb specular, b
 struct BoundCaster {
   Caster caster;
   size_t geoms, lights, width, height;
+  bool rgb;
 };
 
 BoundCaster* make_caster(const SceneData& scene, int width, int height, double fx, double fy,
                          double cx, double cy, bool orthographic, int samples, bool shadows,
-                         bool incremental, int threads, const std::string& isa) {
+                         bool incremental, int threads, const std::string& isa, bool rgb) {
   require(width > 0 && height > 0, "an image has pixels");
   require(fx > 0 && fy > 0 && std::isfinite(fx) && std::isfinite(fy) && std::isfinite(cx) &&
               std::isfinite(cy),
@@ -129,11 +130,12 @@ BoundCaster* make_caster(const SceneData& scene, int width, int height, double f
           "the skybox's texture does not exist");
   require(scene.skybox < 0 || scene.textures[scene.skybox].faces == 6, "a skybox has six faces");
   View view = {width, height, fx, fy, cx, cy, orthographic, samples};
-  return new BoundCaster{{scene, view, shadows, incremental, threads, isa},
+  return new BoundCaster{{scene, view, shadows, incremental, threads, isa, rgb},
                          scene.geom_type.size(),
                          scene.lights.size(),
                          static_cast<size_t>(width),
-                         static_cast<size_t>(height)};
+                         static_cast<size_t>(height),
+                         rgb};
 }
 
 void deform_mesh(BoundCaster& b, int mesh, In<float, N, 3> vertices, In<float, N, 3> normals) {
@@ -158,19 +160,33 @@ Poses checked_poses(const BoundCaster& b, In<double, N, 3> geom_pos, In<double, 
 void render(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
             In<double, N, 3> light_pos, In<double, N, 3> light_dir, In<double, 3> camera_pos,
             In<double, 9> camera_mat, Out<float, N, N> luminance,
-            std::optional<Out<int32_t, N, N>> geom, std::optional<Out<float, N, N>> distance) {
+            std::optional<Out<float, N, N, 3>> rgb) {
   require(luminance.shape(0) == b.height && luminance.shape(1) == b.width,
           "luminance is (height, width)");
-  require(geom.has_value() == distance.has_value(), "geom and distance: both or neither");
-  if (geom) {
-    require(geom->shape(0) == b.height && geom->shape(1) == b.width &&
-                distance->shape(0) == b.height && distance->shape(1) == b.width,
-            "geom and distance are (height, width)");
-  }
+  require(!rgb || b.rgb, "colour is given only by a caster that was made with rgb");
+  require(!rgb || (rgb->shape(0) == b.height && rgb->shape(1) == b.width),
+          "rgb is (height, width, 3)");
   Poses poses = checked_poses(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
   nb::gil_scoped_release release;
-  b.caster.render(poses, luminance.data(), geom ? geom->data() : nullptr,
-                  distance ? distance->data() : nullptr);
+  b.caster.render(poses, luminance.data(), rgb ? rgb->data() : nullptr);
+}
+
+void trace_truth(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
+                 In<double, N, 3> light_pos, In<double, N, 3> light_dir, In<double, 3> camera_pos,
+                 In<double, 9> camera_mat, Out<int32_t, N, N> geom, Out<float, N, N> distance,
+                 Out<float, N, N, 3> point, Out<float, N, N, 3> normal, Out<int32_t, N, N> triangle,
+                 Out<float, N, N, 2> barycentric) {
+  auto fits = [&](const auto& array) {
+    return array.shape(0) == b.height && array.shape(1) == b.width;
+  };
+  require(fits(geom) && fits(distance) && fits(point) && fits(normal) && fits(triangle) &&
+              fits(barycentric),
+          "every output is (height, width, ...)");
+  Poses poses = checked_poses(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
+  Truth out = {geom.data(),   distance.data(), point.data(),
+               normal.data(), triangle.data(), barycentric.data()};
+  nb::gil_scoped_release release;
+  b.caster.trace_truth(poses, out);
 }
 
 void trace_pixels(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
@@ -221,17 +237,27 @@ void bind_caster(nb::module_& m) {
       .def(nb::new_(&make_caster), nb::arg("scene"), nb::arg("width"), nb::arg("height"),
            nb::arg("fx"), nb::arg("fy"), nb::arg("cx"), nb::arg("cy"), nb::arg("orthographic"),
            nb::arg("samples"), nb::arg("shadows"), nb::arg("incremental"), nb::arg("threads"),
-           nb::arg("isa"))
+           nb::arg("isa"), nb::arg("rgb") = false)
       .def("trace_pixels", &trace_pixels, nb::arg("geom_pos"), nb::arg("geom_mat"),
            nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
            nb::arg("x"), nb::arg("y"), nb::arg("luminance"),
            "luminance (n) of the pixels (x, y), (n) int32 each.")
       .def("deform", &deform_mesh, nb::arg("mesh"), nb::arg("vertices"), nb::arg("normals"),
            "New vertices (nv, 3) and unit normals (nv, 3) of a mesh, before a call of render.")
-      .def("render", &render, nb::arg("geom_pos"), nb::arg("geom_mat"), nb::arg("light_pos"),
-           nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"), nb::arg("luminance"),
-           nb::arg("geom").none() = nb::none(), nb::arg("distance").none() = nb::none(),
-           "luminance (h, w) float32 must be the same array, untouched, in every call.")
+      .def(
+          "render", &render, nb::arg("geom_pos"), nb::arg("geom_mat"), nb::arg("light_pos"),
+          nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"), nb::arg("luminance"),
+          nb::arg("rgb").none() = nb::none(),
+          "luminance (h, w) and rgb (h, w, 3) float32 must be the same arrays, untouched, in every "
+          "call.")
+      .def("trace_truth", &trace_truth, nb::arg("geom_pos"), nb::arg("geom_mat"),
+           nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
+           nb::arg("geom"), nb::arg("distance"), nb::arg("point"), nb::arg("normal"),
+           nb::arg("triangle"), nb::arg("barycentric"),
+           "What each pixel's centre shows: geom (h, w) int32, -1 none; distance (h, w), m; point "
+           "and normal (h, w, 3), camera frame; face (h, w) int32 of a mesh, -1 none, and the "
+           "shares (h, w, 2) of its second and third corner. Where nothing is hit, point is the "
+           "ray's direction.")
       .def_prop_ro("traced_fraction",
                    [](const BoundCaster& b) { return b.caster.traced_fraction(); })
       .def_prop_ro("channels", [](const BoundCaster& b) { return b.caster.channels(); });

@@ -56,12 +56,12 @@ Bounds Caster::Spheres::view() const {
 }
 
 Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incremental,
-               int threads, const std::string& isa)
+               int threads, const std::string& isa, bool rgb)
     : kernel_(kernel_of(isa)),
       pool_(threads),
       incremental_(incremental),
       mesh_data_(scene.meshes),
-      look_(make_appearance(scene)) {
+      look_(make_appearance(scene, rgb)) {
   for (const SceneData::MeshData& m : mesh_data_) {
     meshes_.push_back(mesh_view(m));
   }
@@ -95,7 +95,7 @@ Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incr
   frame_.light_count = static_cast<int>(look_.lights.size());
   frame_.skybox = look_.skybox;
   frame_.channels = look_.channels;
-  std::copy(look_.weights, look_.weights + 3, frame_.weights);
+  std::copy(look_.weights, look_.weights + MAX_CHANNELS, frame_.weights);
   frame_.shadows = shadows;
 }
 
@@ -231,7 +231,7 @@ void Caster::find_moved() {
                    static_cast<float>(radius * 1.0001)};
 }
 
-void Caster::render(const Poses& poses, float* luminance, int32_t* geom, float* distance) {
+void Caster::render(const Poses& poses, float* luminance, float* rgb) {
   place_geoms(poses);
   place_lights(poses);
 
@@ -246,7 +246,7 @@ void Caster::render(const Poses& poses, float* luminance, int32_t* geom, float* 
   bool same_lights =
       !first && (light_bytes == 0 ||
                  std::memcmp(look_.lights.data(), previous_lights_.data(), light_bytes) == 0);
-  bool selective = incremental_ && still && same_lights && !geom;
+  bool selective = incremental_ && still && same_lights;
 
   if (selective) {
     find_moved();
@@ -257,7 +257,7 @@ void Caster::render(const Poses& poses, float* luminance, int32_t* geom, float* 
     for (Record& r : records_) r.count = -1;
   }
 
-  Outputs out = {luminance, geom, distance};
+  Outputs out = {luminance, rgb};
   Bounds moved = moved_.view();
   std::atomic<long> traced{0};
   pool_.run(sampling_.rows, [&](int row, int) {
@@ -274,15 +274,29 @@ void Caster::render(const Poses& poses, float* luminance, int32_t* geom, float* 
   });
   traced_fraction_ =
       static_cast<double>(traced) / (static_cast<double>(sampling_.rows) * sampling_.columns);
-  if (geom) {
-    for (long i = 0; i < static_cast<long>(frame_.width) * frame_.height; i++) {
-      if (geom[i] >= 0) geom[i] = order_[geom[i]];
-    }
-  }
   previous_geoms_ = geoms_;
   previous_balls_ = balls_;
   deformed_.assign(deformed_.size(), false);
   previous_lights_ = look_.lights;
+}
+
+void Caster::trace_truth(const Poses& poses, const Truth& out) {
+  place_geoms(poses);
+  pool_.run(sampling_.rows, [&](int row, int) {
+    for (int column = 0; column < sampling_.columns; column++) {
+      kernel_->trace_truth(frame_, column, row, out);
+    }
+    // the kernel's order of geoms and triangles is its own
+    long begin = static_cast<long>(row) * PACKET_HEIGHT * frame_.width;
+    long end = std::min<long>(begin + PACKET_HEIGHT * frame_.width,
+                              static_cast<long>(frame_.width) * frame_.height);
+    for (long i = begin; i < end; i++) {
+      if (out.geom[i] < 0) continue;
+      const Geom& g = geoms_[out.geom[i]];
+      if (out.triangle[i] >= 0) out.triangle[i] = mesh_data_[g.mesh].tree.order[out.triangle[i]];
+      out.geom[i] = order_[out.geom[i]];
+    }
+  });
 }
 
 void Caster::trace_pixels(const Poses& poses, const int32_t* x, const int32_t* y, int count,

@@ -20,13 +20,16 @@ struct Poses {
 
 class Caster {
  public:
-  // isa: "auto" or one of isa_available()
+  // isa: "auto" or one of isa_available(); rgb: `render` can give colour
   Caster(const SceneData& scene, const View& view, bool shadows, bool incremental, int threads,
-         const std::string& isa);
+         const std::string& isa, bool rgb = false);
 
-  // Out: luminance (h, w), which must be the same memory, untouched, in every call; geom (h, w)
-  // index into geom_type or -1, and distance (h, w), both or neither: asking for them traces all.
-  void render(const Poses& poses, float* luminance, int32_t* geom, float* distance);
+  // Out: luminance (h, w) and, where `rgb` was given, linear rgb (h, w, 3) or null: the same
+  // memory, untouched, in every call.
+  void render(const Poses& poses, float* luminance, float* rgb);
+
+  // What each pixel's centre shows; geoms as indices into geom_type, triangles as a mesh's faces.
+  void trace_truth(const Poses& poses, const Truth& out);
 
   // Luminance (count) of single pixels, which lie in the image: the same as `render` gives them.
   // Nothing is kept from it, and nothing that is kept is used.

@@ -58,8 +58,8 @@ void sky(const Frame& f, Vec d, Float* out) {
 }
 
 template <int CHANNELS, bool FOLLOW>
-Hit radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float travelled,
-             Trail& trail, Float* out);
+void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float travelled,
+              Trail& trail, Float* out);
 
 // What the mirrors of `mirror` show, times their reflectance, is added to `surface`.
 template <int CHANNELS>
@@ -82,16 +82,14 @@ void reflect(const Frame& f, const Rays& rays, const Patch<CHANNELS>& patch, Mas
 constexpr int MAX_LAYERS = 8;  // what lies behind seven transparent surfaces is not seen
 
 // Radiance along the rays of `active`: through transparent surfaces, front to back, and with FOLLOW
-// once off a mirror. Out: the light of each channel; returns the first hit.
+// once off a mirror. Out: the light of each channel.
 template <int CHANNELS, bool FOLLOW>
-Hit radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float travelled,
-             Trail& trail, Float* out) {
+void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float travelled,
+              Trail& trail, Float* out) {
   for (int c = 0; c < CHANNELS; c++) out[c] = splat(0.0f);
   Float passing = splat(1.0f), beyond = splat(0.0f);
-  Hit first;
   for (int layer = 0; layer < MAX_LAYERS; layer++) {
     Hit hit = closest(f, rays, hull, active, beyond);
-    if (layer == 0) first = hit;
     Mask lit = active & ~(hit.geom < splat(0)), missed = active & ~lit;
     // mirrors do not show the sky, as in MuJoCo's viewer
     if (FOLLOW && f.skybox >= 0 && any(missed)) {
@@ -119,7 +117,6 @@ Hit radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Fl
     passing = passing * (1.0f - patch.alpha);
     beyond = hit.distance;
   }
-  return first;
 }
 
 constexpr float COLUMN[LANES] = {0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3};
@@ -179,29 +176,18 @@ inline void write_record(const Frame& f, const Trail& trail, Record* record) {
 template <int CHANNELS>
 EVS_INLINE Float luminance_of(const Frame& f, const Float* light) {
   Float luminance = light[0] * f.weights[0];
-  for (int c = 1; c < CHANNELS; c++) luminance = luminance + light[c] * f.weights[c];
+  if (CHANNELS == 3) luminance = luminance + light[1] * f.weights[1] + light[2] * f.weights[2];
   return luminance;
 }
 
+// Write the packet's pixels that lie in the image. In: light of the channels, mean of the samples.
 template <int CHANNELS>
-void trace_packet(const Frame& f, int column, int row, const Outputs& out, Record* record) {
-  const Hull& hull = f.primary[row * f.packet_columns + column];
-  Float sum = splat(0.0f);
-  Trail trail;
-  Hit first;
-  for (int s = 0; s < f.samples; s++) {
-    Rays rays = primary_rays(f, column, row, f.sample_x[s], f.sample_y[s]);
-    Float light[CHANNELS];
-    Hit hit = radiance<CHANNELS, true>(f, rays, hull, mask_of(0xffff), splat(0.0f), trail, light);
-    if (s == 0) first = hit;
-    sum = sum + luminance_of<CHANNELS>(f, light);
-  }
-  if (record) write_record(f, trail, record);
-  alignas(64) float luminance[LANES], distance[LANES];
-  alignas(64) int geom[LANES];
-  store(luminance, sum * (1.0f / static_cast<float>(f.samples)));
-  store(distance, first.distance);
-  store(geom, first.geom);
+void write_pixels(const Frame& f, int column, int row, Float luminance, const Float* light,
+                  const Outputs& out) {
+  alignas(64) float grey[LANES], colour[3][LANES];
+  store(grey, luminance);
+  bool rgb = CHANNELS >= 3 && out.rgb;
+  for (int c = 0; c < 3 && rgb; c++) store(colour[c], light[(CHANNELS - 3) + c]);
   int x = column * PACKET_WIDTH, y = row * PACKET_HEIGHT;
   int columns = f.width - x < PACKET_WIDTH ? f.width - x : PACKET_WIDTH;
   int rows = f.height - y < PACKET_HEIGHT ? f.height - y : PACKET_HEIGHT;
@@ -209,18 +195,41 @@ void trace_packet(const Frame& f, int column, int row, const Outputs& out, Recor
     long at = static_cast<long>(y + j) * f.width + x;
     for (int i = 0; i < columns; i++) {
       int l = j * PACKET_WIDTH + i;
-      out.luminance[at + i] = luminance[l];
-      if (out.geom) out.geom[at + i] = geom[l];
-      if (out.distance) out.distance[at + i] = geom[l] < 0 ? 0.0f : distance[l];
+      out.luminance[at + i] = grey[l];
+      for (int c = 0; c < 3 && rgb; c++) out.rgb[3 * (at + i) + c] = colour[c][l];
     }
   }
 }
 
+template <int CHANNELS>
+void trace_packet(const Frame& f, int column, int row, const Outputs& out, Record* record) {
+  const Hull& hull = f.primary[row * f.packet_columns + column];
+  Float sum = splat(0.0f), sums[CHANNELS];
+  for (int c = 0; c < CHANNELS; c++) sums[c] = sum;
+  Trail trail;
+  for (int s = 0; s < f.samples; s++) {
+    Rays rays = primary_rays(f, column, row, f.sample_x[s], f.sample_y[s]);
+    Float light[CHANNELS];
+    radiance<CHANNELS, true>(f, rays, hull, mask_of(0xffff), splat(0.0f), trail, light);
+    sum = sum + luminance_of<CHANNELS>(f, light);
+    if (out.rgb) {
+      for (int c = 0; c < CHANNELS; c++) sums[c] = sums[c] + light[c];
+    }
+  }
+  if (record) write_record(f, trail, record);
+  float share = 1.0f / static_cast<float>(f.samples);
+  for (int c = 0; c < CHANNELS; c++) sums[c] = sums[c] * share;
+  write_pixels<CHANNELS>(f, column, row, sum * share, sums, out);
+}
+
 void trace(const Frame& f, int column, int row, const Outputs& out, Record* record) {
-  if (f.channels == 1) {
-    trace_packet<1>(f, column, row, out, record);
-  } else {
-    trace_packet<3>(f, column, row, out, record);
+  switch (f.channels) {
+    case 1:
+      return trace_packet<1>(f, column, row, out, record);
+    case 3:
+      return trace_packet<3>(f, column, row, out, record);
+    default:
+      return trace_packet<4>(f, column, row, out, record);
   }
 }
 
@@ -250,10 +259,13 @@ void trace_any(const Frame& f, const int32_t* x, const int32_t* y, int count, fl
 }
 
 void trace_pixels(const Frame& f, const int32_t* x, const int32_t* y, int count, float* luminance) {
-  if (f.channels == 1) {
-    trace_any<1>(f, x, y, count, luminance);
-  } else {
-    trace_any<3>(f, x, y, count, luminance);
+  switch (f.channels) {
+    case 1:
+      return trace_any<1>(f, x, y, count, luminance);
+    case 3:
+      return trace_any<3>(f, x, y, count, luminance);
+    default:
+      return trace_any<4>(f, x, y, count, luminance);
   }
 }
 

@@ -63,8 +63,9 @@ Chain build_chain(const uint8_t* data, int faces, int height, int width, int com
         const uint8_t* p = data + (static_cast<size_t>(face) * width * height + i) * components;
         float rgb[3];
         for (int k = 0; k < 3; k++) rgb[k] = decode[p[components >= 3 ? k : 0]] * tint[k];
-        level[i] = channels == 3 ? rgb[c]
-                                 : WEIGHTS[0] * rgb[0] + WEIGHTS[1] * rgb[1] + WEIGHTS[2] * rgb[2];
+        int k = channels == 1 ? -1 : c - (channels - 3);
+        level[i] =
+            k >= 0 ? rgb[k] : WEIGHTS[0] * rgb[0] + WEIGHTS[1] * rgb[1] + WEIGHTS[2] * rgb[2];
       }
       for (int l = 0;; l++) {
         std::copy(level.begin(), level.end(),

@@ -21,7 +21,7 @@ struct Chain {
 };
 
 // In: data (faces, height, width, components) uint8; `srgb`: display-coded. `tint` (3) linear
-// factors. channels 3: RGB; 1: BT.709 luminance of the tinted colour.
+// factors. channels 3: RGB; 1: BT.709 luminance of the tinted colour; 4: that, then RGB.
 Chain build_chain(const uint8_t* data, int faces, int height, int width, int components, bool srgb,
                   const float* tint, int channels);
 

@@ -53,7 +53,7 @@ struct Texture {
   int width[MAX_LEVELS], height[MAX_LEVELS], level_offset[MAX_LEVELS];
 };
 
-constexpr int MAX_CHANNELS = 3;
+constexpr int MAX_CHANNELS = 4;
 
 struct Surface {
   float albedo[MAX_CHANNELS];  // linear; with a texture it is already inside the texels
@@ -120,7 +120,7 @@ struct Frame {
   int skybox;             // texture, -1 none
   float sky_rotation[9];  // row-major, camera to world
   bool shadows;
-  int channels;                 // 1: every light is grey, luminance alone is carried; 3: RGB
+  int channels;                 // 1: luminance, as every light is grey; 3: RGB; 4: both, if grey
   float weights[MAX_CHANNELS];  // luminance of each channel
 
   int width, height;
@@ -145,8 +145,17 @@ struct Record {
 
 struct Outputs {
   float* luminance;  // (h, w)
-  int32_t* geom;     // (h, w) index of the geom hit by sample 0, -1 none; or null
-  float* distance;   // (h, w) along the ray of sample 0, m; or null
+  float* rgb;        // (h, w, 3) linear; or null
+};
+
+// What the ray through each pixel's centre hits first.
+struct Truth {
+  int32_t* geom;       // (h, w) index of the geom, -1 none
+  float* distance;     // (h, w) along the ray, m; infinite where nothing is hit
+  float* point;        // (h, w, 3) camera frame, m; where nothing is hit: the ray's direction
+  float* normal;       // (h, w, 3) camera frame, unit, facing the ray; 0 where nothing is hit
+  int32_t* triangle;   // (h, w) of a mesh, -1 none
+  float* barycentric;  // (h, w, 2) shares of the triangle's second and third corner
 };
 
 // One instruction set's entry points.
@@ -156,6 +165,8 @@ struct Kernel {
   // Luminance of up to 16 pixels anywhere, the same as `trace` gives them. In: x, y (count).
   void (*trace_pixels)(const Frame&, const int32_t* x, const int32_t* y, int count,
                        float* luminance);
+  // Ground truth of the 16 pixels of packet (column, row).
+  void (*trace_truth)(const Frame&, int column, int row, const Truth&);
   // Can one of these spheres touch a ray of the packet? `around` holds all of them.
   bool (*touched)(const Frame&, int column, int row, const Record&, const Bounds& spheres,
                   const Ball& around);

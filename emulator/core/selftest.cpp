@@ -128,9 +128,9 @@ void same_bytes_everywhere() {
         // one geom at a time, sometimes the camera
         stage.geom_pos[3 * (static_cast<size_t>(tick) % 8)] += 0.01;
         if (tick == 4) stage.camera_pos[0] += 0.01;
-        reference.render(stage.poses(), expected.data(), nullptr, nullptr);
+        reference.render(stage.poses(), expected.data(), nullptr);
         for (size_t i = 0; i < casters.size(); i++) {
-          casters[i]->render(stage.poses(), light[i].data(), nullptr, nullptr);
+          casters[i]->render(stage.poses(), light[i].data(), nullptr);
           check(std::memcmp(light[i].data(), expected.data(), pixels * sizeof(float)) == 0,
                 "every instruction set, incremental or not, gives the same bytes");
         }
@@ -162,7 +162,7 @@ void single_pixels_and_deforming_meshes() {
       caster.deform_mesh(0, vertices.data(), normals.data());
       caster.trace_pixels(stage.poses(), x.data(), y.data(), static_cast<int>(x.size()),
                           single.data());
-      caster.render(stage.poses(), light.data(), nullptr, nullptr);
+      caster.render(stage.poses(), light.data(), nullptr);
       check(tick > 2 || light == single, "single pixels have the frame's light");
     }
   }
@@ -174,26 +174,32 @@ void absurd_poses() {
   SceneData scene = scene_of_everything(0.5f);
   View view = {24, 18, 20, 20, 12, 9, false, 1};
   std::vector<float> light(24 * 18);
-  std::vector<int32_t> geom(light.size());
-  std::vector<float> distance(light.size());
+  std::vector<int32_t> geom(light.size()), triangle(light.size());
+  std::vector<float> distance(light.size()), point(3 * light.size()), normal(3 * light.size()),
+      barycentric(2 * light.size());
+  Truth truth = {geom.data(),   distance.data(), point.data(),
+                 normal.data(), triangle.data(), barycentric.data()};
   for (const std::string& isa : isa_available()) {
     Caster caster(scene, view, true, true, 1, isa);
     for (double scale : {1e-6, 1.0, 1e5, 1e12}) {
       Stage stage = stage_of(scene, random, scale);
-      caster.render(stage.poses(), light.data(), nullptr, nullptr);
-      caster.render(stage.poses(), light.data(), geom.data(), distance.data());
+      caster.render(stage.poses(), light.data(), nullptr);
+      caster.trace_truth(stage.poses(), truth);
       bool finite = true;
       for (float l : light) finite = finite && std::isfinite(l);
       check(finite, "finite poses give finite light");
+      finite = true;
+      for (float n : normal) finite = finite && std::isfinite(n);
+      check(finite, "finite poses give finite normals");
     }
     for (double bad : {std::numeric_limits<double>::quiet_NaN(),
                        std::numeric_limits<double>::infinity(), 1e300}) {
       Stage stage = stage_of(scene, random, 1);
       for (size_t i = 0; i < stage.geom_pos.size(); i += 2) stage.geom_pos[i] = bad;
       stage.light_pos[0] = bad;
-      caster.render(stage.poses(), light.data(), nullptr, nullptr);
+      caster.render(stage.poses(), light.data(), nullptr);
       stage.camera_pos[1] = bad;
-      caster.render(stage.poses(), light.data(), geom.data(), distance.data());
+      caster.trace_truth(stage.poses(), truth);
     }
   }
 }

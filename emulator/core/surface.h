@@ -71,6 +71,35 @@ inline void corners_of(const Mesh& mesh, const Hit& hit, unsigned lanes, Vec& sm
   density = load(out[8]);
 }
 
+// A hit in its geom's own frame.
+struct Site {
+  Vec p, d;             // point, and direction of the ray
+  Vec normal, flat;     // unit; flat: of a mesh's triangle itself
+  Float u, v, density;  // texture coordinates of a mesh
+  bool is_mesh;
+};
+
+inline Site site_of(const Frame& f, const Geom& g, const Rays& rays, const Hit& hit,
+                    unsigned lanes) {
+  Site s = {};
+  s.d = to_local(g.rotation, rays.direction);
+  s.p = local_origin(g, rays) + s.d * hit.distance;
+  s.is_mesh = g.shape == MESH || g.shape == HFIELD;
+  if (s.is_mesh) {
+    corners_of(f.meshes[g.mesh], hit, lanes, s.normal, s.flat, s.u, s.v, s.density);
+    s.flat = normalize(s.flat);
+  } else {
+    s.normal = normal_of_shape(g, s.p);
+  }
+  s.normal = normalize(s.normal);
+  return s;
+}
+
+// Smooth normals may turn away from the ray at a silhouette.
+EVS_INLINE Vec facing(Vec normal, Vec direction) {
+  return select(dot(normal, direction) > 0.0f, normal * splat(-1.0f), normal);
+}
+
 // In: the hits of `lanes`. Out: what is there. `travelled`: distance from the camera to the rays'
 // start.
 template <int CHANNELS>
@@ -86,18 +115,8 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
     lanes &= ~bits(here);
     const Geom& g = f.geoms[index];
     const Surface& s = f.surfaces[g.surface];
-    Vec d = to_local(g.rotation, rays.direction);
-    Vec p = local_origin(g, rays) + d * hit.distance;
-    Vec n, flat;
-    Float mesh_u, mesh_v, mesh_density;
-    bool is_mesh = g.shape == MESH || g.shape == HFIELD;
-    if (is_mesh) {
-      corners_of(f.meshes[g.mesh], hit, bits(here), n, flat, mesh_u, mesh_v, mesh_density);
-      flat = normalize(flat);
-    } else {
-      n = normal_of_shape(g, p);
-    }
-    n = normalize(n);
+    auto [p, d, n, flat, mesh_u, mesh_v, mesh_density, is_mesh] =
+        site_of(f, g, rays, hit, bits(here));
     // seen at a slant the footprint stretches: take the mean of its two widths
     Float slant = max(abs(dot(n, d)), splat(0.02f));
     Float footprint = reach / sqrt(slant);
@@ -138,8 +157,6 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
       out.f0[c] = select(here, f0, out.f0[c]);
     }
   }
-  // smooth normals may turn away from the ray at a silhouette
-  Mask away = dot(out.normal, rays.direction) > 0.0f;
-  out.normal = select(away, out.normal * splat(-1.0f), out.normal);
+  out.normal = facing(out.normal, rays.direction);
   return out;
 }

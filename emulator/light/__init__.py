@@ -2,5 +2,6 @@
 
 from evs.emulator.light.choose import make_renderer
 from evs.emulator.light.direct import DirectRenderer
+from evs.emulator.light.truth import GroundTruth
 
-__all__ = ["DirectRenderer", "make_renderer"]
+__all__ = ["DirectRenderer", "GroundTruth", "make_renderer"]

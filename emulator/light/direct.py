@@ -6,6 +6,7 @@ import numpy as np
 
 from evs.emulator import _core
 from evs.emulator.config import RenderConfig
+from evs.emulator.light.truth import GroundTruth, trace_hits, trace_truth
 from evs.emulator.scene import (
     F32,
     F64,
@@ -26,8 +27,15 @@ class DirectRenderer:
     """
 
     def __init__(
-        self, scene: SceneModel, camera: CameraModel, config: RenderConfig, threads: int
+        self,
+        scene: SceneModel,
+        camera: CameraModel,
+        config: RenderConfig,
+        threads: int,
+        rgb: bool = False,
     ) -> None:
+        """In: rgb, colour is wanted too; luminance keeps its bytes."""
+        self._scene, self._camera = scene, camera
         keep = [
             i
             for i, light in enumerate(scene.lights)
@@ -35,7 +43,9 @@ class DirectRenderer:
         ]
         self._lights = np.array(keep, np.intp)
         self._deforming = scene.deforming
-        self._luminance = np.zeros((camera.height, camera.width), np.float32)
+        shape = camera.height, camera.width
+        self._luminance = np.zeros(shape, np.float32)
+        self._rgb = np.zeros((*shape, 3), np.float32) if rgb else None
         self._caster = _core.Caster(
             scene_data(scene, keep, config.lux_per_unit),
             camera.width,
@@ -50,11 +60,12 @@ class DirectRenderer:
             config.incremental,
             threads,
             config.isa,
+            rgb,
         )
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
         """(h, w) float32 linear luminance; the array is this renderer's own and reused."""
-        self._caster.render(*self._place(snapshot, pose), self._luminance)
+        self._caster.render(*self._place(snapshot, pose), self._luminance, self._rgb)
         return self._luminance
 
     def trace(self, snapshot: SceneSnapshot, pose: CameraPose, pixels: I32) -> F32:
@@ -67,12 +78,27 @@ class DirectRenderer:
         self._caster.trace_pixels(*self._place(snapshot, pose), x, y, luminance)
         return luminance
 
+    def ground_truth(
+        self,
+        snapshot: SceneSnapshot,
+        pose: CameraPose,
+        previous: tuple[SceneSnapshot, CameraPose] | None = None,
+    ) -> GroundTruth:
+        """What each pixel's centre shows, and how it moved since `previous`."""
+        placed = self._place(snapshot, pose)
+        return trace_truth(
+            self._caster, placed, self._scene, self._camera, snapshot, pose, previous
+        )
+
     def hits(self, snapshot: SceneSnapshot, pose: CameraPose) -> tuple[I32, F32]:
-        """What each first sample hits: index into the scene's geoms or -1, distance in m."""
-        shape = self._luminance.shape
-        geom, distance = np.full(shape, -1, np.int32), np.zeros(shape, np.float32)
-        self._caster.render(*self._place(snapshot, pose), self._luminance, geom, distance)
-        return geom, distance
+        """What each pixel's centre shows: index into the scene's geoms or -1, distance in m."""
+        found = trace_hits(self._caster, self._place(snapshot, pose), self._luminance.shape)
+        return found.geom, np.where(found.geom < 0, np.float32(0), found.distance)
+
+    @property
+    def rgb(self) -> F32 | None:
+        """(h, w, 3) float32 linear light of the last `render`, reused; None: it was not wanted."""
+        return self._rgb
 
     @property
     def traced_fraction(self) -> float:

@@ -34,6 +34,10 @@ class Deforming:
     def __len__(self) -> int:
         return len(self._skins) + len(self._flexes)
 
+    def ids(self) -> list[int]:
+        """Of each: its number in SceneModel.geom_id."""
+        return [-2 - i for i in self._skins] + [-2 - self._model.nskin - i for i in self._flexes]
+
     def looks(self) -> list[tuple[Rgba, int, bool]]:
         """Of each: colour, material (-1 none), and whether the material's image is on it."""
         return [self._skin_look(i) for i in self._skins] + [

@@ -13,6 +13,7 @@ import pytest
 
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.light import DirectRenderer
+from evs.emulator.scene import CameraModel
 from evs.emulator.world import Poser, bind_camera, extract_scene
 
 WIDTH, HEIGHT, ROUNDS = 346, 260, 15
@@ -40,7 +41,9 @@ def milliseconds(calls: dict[str, Callable[[], object]]) -> dict[str, tuple[floa
 
 @pytest.mark.bench
 @pytest.mark.parametrize("scene", SCENES)
-def test_direct_against_mujoco_rays(scene: str, robot_files: dict[str, Path]) -> None:
+def test_direct_against_mujoco_rays(
+    scene: str, robot_files: dict[str, Path], camera_rays: Callable[[CameraModel], np.ndarray]
+) -> None:
     model = mujoco.MjModel.from_xml_path(str(robot_files[scene]))
     model.opt.timestep = 1e-3
     data = mujoco.MjData(model)
@@ -50,12 +53,8 @@ def test_direct_against_mujoco_rays(scene: str, robot_files: dict[str, Path]) ->
     bound = bind_camera(model, "", WIDTH, HEIGHT, CameraConfig(azimuth=90, elevation=-20))
     snapshot = Poser(model, [bound]).snapshot(data, 0)
     pose, camera = snapshot.cameras[0], bound.model
-    x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
-    rays = np.stack(
-        [(x - camera.cx) / camera.fx, (camera.cy - y) / camera.fy, -np.ones_like(x)], -1
-    )
-    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    world_rays = np.ascontiguousarray(rays.reshape(-1, 3) @ pose.mat.reshape(3, 3).T).reshape(-1)
+    rays = camera_rays(camera).reshape(-1, 3) @ pose.mat.reshape(3, 3).T
+    world_rays = np.ascontiguousarray(rays).ravel()
     ids, depth = np.zeros(WIDTH * HEIGHT, np.int32), np.zeros(WIDTH * HEIGHT)
 
     def multi_ray() -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 import pytest
 
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.light import DirectRenderer
+from evs.emulator.scene import CameraModel
 from evs.emulator.world import Poser, bind_camera, extract_scene
 
 WIDTH, HEIGHT = 96, 72
@@ -35,7 +38,9 @@ def random_world(rng: np.random.Generator, decades: float) -> mujoco.MjModel:
 
 @pytest.mark.parametrize("decades", [0.5, 2.0])
 @pytest.mark.parametrize("seed", range(12))
-def test_random_worlds_are_hit_where_mujoco_hits_them(seed: int, decades: float) -> None:
+def test_random_worlds_are_hit_where_mujoco_hits_them(
+    seed: int, decades: float, camera_rays: Callable[[CameraModel], np.ndarray]
+) -> None:
     rng = np.random.default_rng(seed)
     model = random_world(rng, decades)
     data = mujoco.MjData(model)
@@ -48,9 +53,7 @@ def test_random_worlds_are_hit_where_mujoco_hits_them(seed: int, decades: float)
     pose, camera, scene = shot.cameras[0], bound.model, extract_scene(model)
     index, distance = DirectRenderer(scene, camera, RenderConfig(spp=1), 1).hits(shot, pose)
 
-    x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
-    d = np.stack([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, -np.ones_like(x)], -1)
-    d = (d / np.linalg.norm(d, axis=-1, keepdims=True)).reshape(-1, 3) @ pose.mat.reshape(3, 3).T
+    d = camera_rays(camera).reshape(-1, 3) @ pose.mat.reshape(3, 3).T
     theirs, depth = np.zeros(len(d), np.int32), np.zeros(len(d))
     mujoco.mj_multiRay(
         model, data, pose.pos, np.ascontiguousarray(d).reshape(-1), None, 1, -1, theirs, depth,

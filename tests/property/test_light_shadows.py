@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 import pytest
 
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.light import DirectRenderer
+from evs.emulator.scene import CameraModel
 from evs.emulator.world import Poser, bind_camera, extract_scene
 
 SHADOWS = """
@@ -31,7 +34,9 @@ SHADOWS = """
 
 @pytest.mark.parametrize("kind", ["directional", "spot", "point"])
 @pytest.mark.parametrize("seed", range(3))
-def test_shadows_lie_where_mujocos_rays_are_stopped(kind: str, seed: int) -> None:
+def test_shadows_lie_where_mujocos_rays_are_stopped(
+    kind: str, seed: int, camera_rays: Callable[[CameraModel], np.ndarray]
+) -> None:
     rng = np.random.default_rng(seed)
     x, y, dx, dy = rng.uniform(-0.6, 0.6, 4)
     model = mujoco.MjModel.from_xml_string(SHADOWS.format(kind=kind, x=x, y=y, dx=dx, dy=dy))
@@ -49,11 +54,7 @@ def test_shadows_lie_where_mujocos_rays_are_stopped(kind: str, seed: int) -> Non
     index, distance = lit.hits(shot, pose)
     dark = lit.render(shot, pose) < unshadowed.render(shot, pose)
     # each hit point, from where it is seen, and MuJoCo's own ray from there to the lamp
-    camera = bound.model
-    px, py = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    d = np.stack([(px - camera.cx) / camera.fx, -(py - camera.cy) / camera.fy, -np.ones_like(px)],
-                 -1)  # fmt: skip
-    d = d / np.linalg.norm(d, axis=-1, keepdims=True) @ pose.mat.reshape(3, 3).T
+    d = camera_rays(bound.model) @ pose.mat.reshape(3, 3).T
     points = pose.pos + d * distance[..., np.newaxis]
     stopped = np.zeros((height, width), bool)
     for row, column in np.argwhere(index >= 0):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
@@ -12,6 +13,8 @@ from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.light import DirectRenderer
 from evs.emulator.scene import CameraModel
 from evs.emulator.world import Poser, bind_camera, extract_scene, load_model
+
+Rays = Callable[[CameraModel], np.ndarray]
 
 WIDTH, HEIGHT = 173, 130
 MODELS = [
@@ -50,14 +53,9 @@ SHAPES = """
 """
 
 
-def rays_of(camera: CameraModel) -> np.ndarray:
-    """(h w, 3) unit directions in the camera's frame, written anew from CameraModel's contract."""
-    x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
-    d = np.stack([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, -np.ones_like(x)], -1)
-    return (d / np.linalg.norm(d, axis=-1, keepdims=True)).reshape(-1, 3)
-
-
-def agreement(model: mujoco.MjModel, view: CameraConfig, ticks: int) -> tuple[float, np.ndarray]:
+def agreement(
+    model: mujoco.MjModel, view: CameraConfig, ticks: int, camera_rays: Rays
+) -> tuple[float, np.ndarray]:
     """Share of pixels with the same geom and depth, and the mask of the others (h, w)."""
     data = mujoco.MjData(model)
     model.opt.timestep = 1e-3
@@ -68,17 +66,17 @@ def agreement(model: mujoco.MjModel, view: CameraConfig, ticks: int) -> tuple[fl
     bound = bind_camera(model, "", WIDTH, HEIGHT, view)
     snapshot = Poser(model, [bound]).snapshot(data, 0)
     pose = snapshot.cameras[0]
-    renderer = DirectRenderer(scene, bound.model, RenderConfig(spp=1), 1)
+    renderer = DirectRenderer(scene, bound.model, RenderConfig(spp=4), 1)
     index, distance = renderer.hits(snapshot, pose)
     ours = np.where(index >= 0, scene.geom_id[index], -1).reshape(-1)
 
-    rays = np.ascontiguousarray(rays_of(bound.model) @ pose.mat.reshape(3, 3).T)
+    rays = camera_rays(bound.model).reshape(-1, 3) @ pose.mat.reshape(3, 3).T
     theirs, depth = np.zeros(len(rays), np.int32), np.zeros(len(rays))
     normals = np.zeros((len(rays), 3))
     groups = np.array([1, 1, 1, 0, 0, 0], np.uint8)
     mujoco.mj_multiRay(
-        model, data, pose.pos, rays.reshape(-1), groups, 1, -1, theirs, depth, normals.reshape(-1),
-        len(rays), mujoco.mjMAXVAL,
+        model, data, pose.pos, np.ascontiguousarray(rays).ravel(), groups, 1, -1, theirs, depth,
+        normals.reshape(-1), len(rays), mujoco.mjMAXVAL,
     )  # fmt: skip
     same = ours == theirs
     near = np.abs(distance.reshape(-1) - depth) <= 1e-3 * np.maximum(depth, 0.01)
@@ -86,15 +84,15 @@ def agreement(model: mujoco.MjModel, view: CameraConfig, ticks: int) -> tuple[fl
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_hits_agree_with_mujoco(name: str, robot_files: dict[str, Path]) -> None:
-    share, _ = agreement(load_model(robot_files[name]), CameraConfig(), 20)
+def test_hits_agree_with_mujoco(name: str, robot_files: dict[str, Path], camera_rays: Rays) -> None:
+    share, _ = agreement(load_model(robot_files[name]), CameraConfig(), 20, camera_rays)
     assert share >= 0.995
 
 
 @pytest.mark.parametrize("azimuth", range(0, 360, 45))
-def test_every_shape_agrees_with_mujoco(azimuth: int) -> None:
+def test_every_shape_agrees_with_mujoco(azimuth: int, camera_rays: Rays) -> None:
     view = CameraConfig(lookat=(0, 0, 0), distance=4.5, azimuth=azimuth, elevation=-25)
-    share, wrong = agreement(mujoco.MjModel.from_xml_string(SHAPES), view, 0)
+    share, wrong = agreement(mujoco.MjModel.from_xml_string(SHAPES), view, 0, camera_rays)
     # what differs is silhouettes: single pixels, never an area
     assert share >= 0.995
     area = wrong[:-1, :-1] & wrong[1:, :-1] & wrong[:-1, 1:] & wrong[1:, 1:]

@@ -65,7 +65,8 @@ def test_a_skin_hangs_on_its_bones(robot_files) -> None:
 
 def test_cloth_and_block_are_seen_and_a_rope_is_not(cloth) -> None:
     scene = extract_scene(cloth)
-    assert list(scene.geom_id) == [0, 1, -1, -1]
+    assert list(scene.geom_id) == [0, 1, -2, -3]
+    assert list(scene.geom_body) == [0, 0, -1, -1]
     assert list(scene.geom_type[2:]) == [Shape.MESH, Shape.MESH]
     assert not scene.geom_static[2:].any()
     bound = bind_camera(cloth, "", 80, 60, VIEW)

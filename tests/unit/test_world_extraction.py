@@ -24,14 +24,20 @@ def shown_by_mujoco(model, data, camera=None):
     return geoms, view.lights[: view.nlight], view.camera
 
 
+def number_of(model, geom) -> int:
+    """What SceneModel.geom_id has for something that MuJoCo shows."""
+    if geom.objtype == mujoco.mjtObj.mjOBJ_GEOM:
+        return geom.objid
+    return -2 - geom.objid - (model.nskin if geom.objtype == mujoco.mjtObj.mjOBJ_FLEX else 0)
+
+
 def compare(model) -> SceneModel:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     scene = extract_scene(model)
     snapshot = Poser(model).snapshot(data, 0)
     geoms, lights, _ = shown_by_mujoco(model, data)
-    ids = [g.objid if g.objtype == mujoco.mjtObj.mjOBJ_GEOM else -1 for g in geoms]
-    assert ids == list(scene.geom_id)
+    assert [number_of(model, g) for g in geoms] == list(scene.geom_id)
     assert scene.deforming == tuple(scene.geom_mesh[scene.geom_id < 0])
     assert len(snapshot.deformed) == len(scene.deforming)
     for row, geom in enumerate(geoms):
@@ -44,7 +50,7 @@ def compare(model) -> SceneModel:
             assert texture.data.shape[-1] == model.tex_nchannel[geom.texid]
             assert surface.texrepeat == tuple(geom.texrepeat)
             assert surface.texuniform == bool(geom.texuniform)
-        if ids[row] < 0:
+        if scene.geom_id[row] < 0:
             continue
         np.testing.assert_allclose(snapshot.geom_mat[row], geom.mat.ravel(), atol=1e-6)
         if geom.type != mujoco.mjtGeom.mjGEOM_PLANE:

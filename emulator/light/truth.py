@@ -1,0 +1,193 @@
+"""Ground truth: what each pixel's centre shows, and how fast its image moves.
+
+No light is computed. Where a ray hits nothing: depth and distance are infinite, position and
+normal NaN, both ids -1, and the flow is that of a point at infinity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from evs.emulator import _core
+from evs.emulator.scene import (
+    F32,
+    F64,
+    I32,
+    CameraModel,
+    CameraPose,
+    SceneModel,
+    SceneSnapshot,
+)
+from evs.msgs import EvsError
+
+View = tuple[SceneSnapshot, CameraPose]
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """Of the first surface, opaque or not, on the ray through each pixel's centre."""
+
+    t_us: int
+    depth: F32
+    """(h, w) along the optical axis, m"""
+    distance: F32
+    """(h, w) along the ray, m"""
+    normal: F32
+    """(h, w, 3) shading normal, unit, world frame, turned to the camera; no normal maps"""
+    position: F32
+    """(h, w, 3) of the point that is seen, world frame, m"""
+    geom_id: I32
+    """(h, w) MuJoCo's geom id, -1 nothing; skin i is -2 - i, flex i is -2 - nskin - i"""
+    body_id: I32
+    """(h, w) MuJoCo's body id, 0 the world; -1 nothing, a skin or a flex"""
+    flow: F32
+    """(h, w, 2) px/s, x to the right, y down: the mean velocity, since the previous snapshot, of
+    the image of the point that is seen now, which moved with its body (on a skin or flex: with its
+    triangle). It belongs to the events between the two. NaN where that point was behind the
+    camera, and everywhere without a previous snapshot. An orthographic camera has no image of what
+    lies at infinity: 0 there."""
+
+
+class Hits(NamedTuple):
+    """What the native core finds; points and normals in the camera's frame."""
+
+    geom: I32
+    """(h, w) index into the scene's geoms, -1 none"""
+    distance: F32
+    """(h, w) m"""
+    point: F32
+    """(h, w, 3); where nothing is hit: the ray's direction"""
+    normal: F32
+    """(h, w, 3)"""
+    triangle: I32
+    """(h, w) face of a mesh, -1 none"""
+    barycentric: F32
+    """(h, w, 2) shares of the face's second and third corner"""
+
+
+def trace_hits(
+    caster: _core.Caster, placed: tuple[F64, F64, F64, F64, F64, F64], shape: tuple[int, int]
+) -> Hits:
+    """The first hits of a (h, w) image. In: placed, poses as Caster.render takes them."""
+    found = Hits(
+        np.empty(shape, np.int32),
+        np.empty(shape, np.float32),
+        np.empty((*shape, 3), np.float32),
+        np.empty((*shape, 3), np.float32),
+        np.empty(shape, np.int32),
+        np.empty((*shape, 2), np.float32),
+    )
+    caster.trace_truth(*placed, *found)
+    return found
+
+
+def trace_truth(
+    caster: _core.Caster,
+    placed: tuple[F64, F64, F64, F64, F64, F64],
+    scene: SceneModel,
+    camera: CameraModel,
+    snapshot: SceneSnapshot,
+    pose: CameraPose,
+    previous: View | None,
+) -> GroundTruth:
+    """Ground truth of one instant. In: placed, `snapshot` and `pose` as the caster takes them.
+
+    EvsError where `previous` is not earlier than `snapshot`.
+    """
+    found = trace_hits(caster, placed, (camera.height, camera.width))
+    hit, turn = found.geom >= 0, pose.mat.reshape(3, 3)
+    missing, nothing = np.float32(np.inf), np.float32(np.nan)
+    position = found.point @ turn.T + pose.pos
+    if previous is None:
+        flow = np.full((*hit.shape, 2), nothing)
+    else:
+        flow = optical_flow(found, scene, camera, (snapshot, pose), previous)
+    return GroundTruth(
+        t_us=snapshot.t_us,
+        depth=np.where(hit, -found.point[..., 2], missing),
+        distance=found.distance,
+        normal=np.where(hit[..., None], found.normal @ turn.T, nothing).astype(np.float32),
+        position=np.where(hit[..., None], position, nothing).astype(np.float32),
+        geom_id=_look_up(scene.geom_id, found.geom),
+        body_id=_look_up(scene.geom_body, found.geom),
+        flow=flow,
+    )
+
+
+def optical_flow(
+    found: Hits, scene: SceneModel, camera: CameraModel, now: View, before: View
+) -> F32:
+    """(h, w, 2) px/s: where the point seen now was before, divided by the time since then."""
+    elapsed_us = now[0].t_us - before[0].t_us
+    if elapsed_us <= 0:
+        raise EvsError(
+            f"optical flow from {before[0].t_us} us to {now[0].t_us} us: the previous snapshot "
+            "must be the earlier one"
+        )
+    turns, shifts, still = _motions(now, before)
+    points = found.point.reshape(-1, 3).astype(np.float64)
+    moved = points.copy()
+    geom = found.geom.ravel()
+    deforming = {mesh: place for place, mesh in enumerate(scene.deforming)}
+    for pixels in _groups(geom):
+        index = geom[pixels[0]]
+        if not still[index]:
+            moved[pixels] = points[pixels] @ turns[index].T + shifts[index]
+        mesh = int(scene.geom_mesh[index]) if index >= 0 else -1
+        if mesh in deforming:
+            place = deforming[mesh]
+            corners = scene.meshes[mesh].faces[found.triangle.ravel()[pixels]]
+            step = before[0].deformed[place].vertices.astype(np.float64)
+            step -= now[0].deformed[place].vertices
+            shares = found.barycentric.reshape(-1, 2)[pixels].astype(np.float64)
+            shares = np.column_stack([1.0 - shares.sum(1), shares])
+            local = (shares[..., np.newaxis] * step[corners]).sum(1)
+            frame = before[1].mat.reshape(3, 3).T @ before[0].geom_mat[index].reshape(3, 3)
+            moved[pixels] += local @ frame.T
+    shift = project(camera, points) - project(camera, moved)
+    if camera.orthographic:
+        shift[geom < 0] = 0.0
+    return (shift / (elapsed_us * 1e-6)).reshape(*found.geom.shape, 2).astype(np.float32)
+
+
+def project(camera: CameraModel, points: F64) -> F64:
+    """(n, 2) px of points (n, 3) in the camera's frame; NaN for what is not before the camera."""
+    x, y, z = points.T
+    depth = np.ones_like(z) if camera.orthographic else np.where(z < 0.0, -z, np.nan)
+    return np.stack([camera.cx + camera.fx * x / depth, camera.cy - camera.fy * y / depth], 1)
+
+
+def _motions(now: View, before: View) -> tuple[F64, F64, F64]:
+    """Of each geom, and last of what lies at infinity: from a point now to where it was before.
+
+    Out: turns (ng + 1, 3, 3) and shifts (ng + 1, 3), both in the cameras' frames, and (ng + 1)
+    whether nothing moved at all.
+    """
+    (shot, pose), (shot_before, pose_before) = now, before
+    camera, camera_before = pose.mat.reshape(3, 3), pose_before.mat.reshape(3, 3)
+    mat, mat_before = shot.geom_mat.reshape(-1, 3, 3), shot_before.geom_mat.reshape(-1, 3, 3)
+    turn = mat_before @ mat.transpose(0, 2, 1)
+    # differences first: far from the origin nothing is lost
+    arm = (turn @ (pose.pos - shot.geom_pos)[..., np.newaxis])[..., 0]
+    shifts = (arm + shot_before.geom_pos - pose_before.pos) @ camera_before
+    turns = camera_before.T @ np.concatenate([turn, np.eye(3)[np.newaxis]]) @ camera
+    still = (mat == mat_before).all((1, 2)) & (shot.geom_pos == shot_before.geom_pos).all(1)
+    at_rest = np.array_equal(camera, camera_before)
+    with_place = at_rest and np.array_equal(pose.pos, pose_before.pos)
+    return turns, np.vstack([shifts, np.zeros(3)]), np.append(still & with_place, at_rest)
+
+
+def _groups(index: I32) -> list[I32]:
+    """Places of equal values, one array each."""
+    order = np.argsort(index, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(index[order])) + 1)
+
+
+def _look_up(table: I32, index: I32) -> I32:
+    """table[index], -1 where the index is -1 or there is no table."""
+    if not len(table):
+        return np.full_like(index, -1)
+    return np.append(table, np.int32(-1)).astype(np.int32)[index]
