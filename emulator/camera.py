@@ -7,10 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
-from evs.emulator.light import make_renderer
+from evs.emulator.config import (
+    CameraConfig,
+    ModelConfig,
+    RenderConfig,
+    RunConfig,
+    SceneConfig,
+    SensorConfig,
+)
+from evs.emulator.light import GroundTruth, make_renderer
 from evs.emulator.plain_config import plain_config, plain_integer
-from evs.emulator.scene import F32, CameraModel, SceneModel, SceneSnapshot
+from evs.emulator.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.sensor import make_event_model, resolve_sensor
 from evs.emulator.stages import Meter, NoMeter
 from evs.emulator.world import MUJOCO_VERSION, BoundCamera, MjModel, bind_camera
@@ -70,6 +77,9 @@ class Camera:
     `start` sets the reference, then every `observe` gives the packet of the time since the last.
     """
 
+    _now: tuple[SceneSnapshot, CameraPose] | None
+    _previous: tuple[SceneSnapshot, CameraPose] | None
+
     def __init__(
         self,
         world: MjModel,
@@ -117,11 +127,13 @@ class Camera:
         self._state: Any = self._model.init(self._plan.seed)
         self._luminance: F32 | None = None
         self._t_us: int | None = None
+        self._forget_instants()
         self._seq = 0
         self.events = 0
 
     def refresh(self, world: MjModel, scene: SceneModel) -> None:
         """Look at a changed world through the same pixels: their state stays."""
+        self._forget_instants()
         self.bound = bind_camera(world, self._plan.camera, *self._size, self._plan.optics)
         plan = self._plan
         self._renderer = make_renderer(scene, self.bound.model, plan.render, plan.threads)
@@ -163,6 +175,7 @@ class Camera:
 
     def _see(self, snapshot: SceneSnapshot, begin_us: int) -> Any:
         pose = snapshot.cameras[self._place]
+        self._previous, self._now = self._now, (snapshot, pose)
         self._luminance = self._renderer.render(snapshot, pose)
         self._meter.lap("render")
         events, self._state = self._model.step(
@@ -171,6 +184,18 @@ class Camera:
         self._t_us = snapshot.t_us
         self._meter.lap("sensor")
         return events
+
+    def ground_truth(self) -> GroundTruth:
+        """Of the last tick's end: depth, normals, ids, ... and the flow during that tick.
+
+        Computed at each call. EvsError before the first snapshot.
+        """
+        if self._now is None:
+            raise EvsError("the camera has seen nothing yet: step the world first")
+        return self._renderer.ground_truth(*self._now, self._previous)
+
+    def _forget_instants(self) -> None:
+        self._now = self._previous = None
 
     @property
     def info(self) -> StreamInfo:
@@ -203,6 +228,20 @@ class Camera:
     def traced_fraction(self) -> float:
         """Share of the pixels that the last tick traced, 0 ... 1."""
         return float(self._renderer.traced_fraction)
+
+
+def plan_of(config: RunConfig) -> CameraPlan:
+    """The one camera of a pipeline."""
+    return CameraPlan(
+        camera=config.scene.camera,
+        optics=config.camera,
+        sensor=config.sensor,
+        render=config.render,
+        model=config.model,
+        name=config.name,
+        seed=config.seed,
+        threads=config.threads,
+    )
 
 
 def camera_info(camera: CameraModel) -> dict[str, Any]:

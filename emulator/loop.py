@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from evs.emulator.camera import Camera, CameraPlan, plan_camera
+from evs.emulator.camera import Camera, CameraPlan, plan_camera, plan_of
 from evs.emulator.config import (
     CameraConfig,
     ModelConfig,
@@ -20,9 +20,11 @@ from evs.emulator.config import (
     SensorConfig,
 )
 from evs.emulator.plain_config import plain_config, plain_integer
-from evs.emulator.scene import F64
+from evs.emulator.scene import F64, SceneSnapshot
 from evs.emulator.stages import Meter, NoMeter
+from evs.emulator.view import View
 from evs.emulator.world import (
+    BoundCamera,
     ControlFunction,
     MjData,
     MjModel,
@@ -103,23 +105,21 @@ class World:
         self._scene = extract_scene(model)
         self._poser = Poser(model)
         self._cameras: list[Camera] = []
+        self._views: list[View] = []
+        self._posed = 0
 
     @classmethod
     def from_config(cls, config: RunConfig, meter: Meter | None = None) -> World:
         """The world of a pipeline, with its one camera."""
         world = cls(config.scene, seed=config.seed, threads=config.threads, meter=meter)
-        plan = CameraPlan(
-            camera=config.scene.camera,
-            optics=config.camera,
-            sensor=config.sensor,
-            render=config.render,
-            model=config.model,
-            name=config.name,
-            seed=config.seed,
-            threads=config.threads,
-        )
-        world._add(plan, asdict(config))
+        world._add(plan_of(config), asdict(config))
         return world
+
+    @classmethod
+    def with_view(cls, config: RunConfig, rgb: bool = False) -> tuple[World, View]:
+        """The world of a pipeline, and what its camera would see: no pixels, no events."""
+        world = cls(config.scene, seed=config.seed, threads=config.threads)
+        return world, world._add_view(plan_of(config), rgb)
 
     def add_camera(
         self,
@@ -145,16 +145,45 @@ class World:
             self.model,
             self._scene,
             plan,
-            place=len(self._cameras),
+            place=self._posed,
             tick_us=self.substeps.tick_us,
             taken=tuple(other.name for other in self._cameras),
             scene_config=self._scene_config,
             config=config,
             meter=self._meter,
         )
-        self._poser.add_camera(camera.bound)
+        self._pose(camera.bound)
         self._cameras.append(camera)
         return camera
+
+    def add_view(
+        self,
+        camera: str | CameraConfig = "",
+        *,
+        sensor: str | SensorConfig = "davis346",
+        render: RenderConfig | None = None,
+        rgb: bool = False,
+    ) -> View:
+        """A look at the world without pixels and events: light and ground truth, when asked for.
+
+        In: as of add_camera; of the sensor its size alone counts. rgb, colour is wanted too.
+        """
+        plan = plan_camera(camera, sensor, render, None, None, self._seed, self._threads)
+        return self._add_view(plan, rgb)
+
+    def _add_view(self, plan: CameraPlan, rgb: bool) -> View:
+        view = View(self.model, self._scene, plan, self._posed, self._snapshot, rgb)
+        self._pose(view.bound)
+        self._views.append(view)
+        return view
+
+    def _pose(self, camera: BoundCamera) -> None:
+        """Every snapshot from now on has one more camera's pose."""
+        self._poser.add_camera(camera)
+        self._posed += 1
+
+    def _snapshot(self) -> SceneSnapshot:
+        return self._poser.snapshot(self.data, self.t_us)
 
     def step(self, ctrl: npt.ArrayLike | None = None) -> tuple[EventPacket, ...]:
         """Advance one tick; one packet a camera.
@@ -169,7 +198,9 @@ class World:
         if values is not None:
             self.data.ctrl[:] = values
         self._physics.advance()
-        snapshot = self._poser.snapshot(self.data, self.t_us)
+        snapshot = self._snapshot()
+        for view in self._views:
+            view.move(snapshot)
         self._meter.lap("world")
         return tuple(camera.observe(snapshot) for camera in self._cameras)
 
@@ -184,9 +215,11 @@ class World:
         """Cameras that have seen nothing yet take the light before this tick as their reference."""
         new = [camera for camera in self._cameras if not camera.started]
         if new:
-            snapshot = self._poser.snapshot(self.data, self.t_us)
+            snapshot = self._snapshot()
             for camera in new:
                 camera.start(snapshot)
+        for view in self._views:
+            view.start()
 
     @property
     def model(self) -> MjModel:

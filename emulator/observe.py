@@ -6,6 +6,7 @@ import math
 
 from evs.emulator.camera import Camera, plan_camera
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.light import GroundTruth
 from evs.emulator.scene import F32
 from evs.emulator.world import MjData, MjModel, Poser, extract_scene
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, empty_events
@@ -89,6 +90,10 @@ class Sensor:
     def luminance(self) -> F32:
         """(h, w) float32 linear luminance of the last observe, a copy."""
         return self._camera.luminance
+
+    def ground_truth(self) -> GroundTruth:
+        """Depth, normals, ids, flow, ... of the last observe, computed at each call."""
+        return self._camera.ground_truth()
 
     @property
     def info(self) -> StreamInfo:

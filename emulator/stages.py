@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
+from evs.emulator.light.truth import GroundTruth
 from evs.emulator.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.msgs import Events
 
@@ -32,8 +33,20 @@ class Renderer(Protocol):
         """
 
     @property
+    def rgb(self) -> F32 | None:
+        """(h, w, 3) float32 linear light of the last `render`; None: colour was not asked for."""
+
+    def ground_truth(
+        self,
+        snapshot: SceneSnapshot,
+        pose: CameraPose,
+        previous: tuple[SceneSnapshot, CameraPose] | None = None,
+    ) -> GroundTruth:
+        """What each pixel's centre shows, its flow since `previous`, an earlier instant."""
+
+    @property
     def traced_fraction(self) -> float:
-        """Share of the pixels that the last call really traced, 0 ... 1."""
+        """Share of the pixels that the last `render` really traced, 0 ... 1."""
 
 
 class RendererFactory(Protocol):

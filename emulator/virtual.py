@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy.typing as npt
 
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
+from evs.emulator.light import GroundTruth
 from evs.emulator.loop import World
 from evs.emulator.scene import F32
 from evs.emulator.world import ControlFunction, Scene
@@ -58,6 +59,10 @@ class VirtualCamera:
     def luminance(self) -> F32:
         """(h, w) float32 linear luminance of the last tick, a copy."""
         return self.camera.luminance
+
+    def ground_truth(self) -> GroundTruth:
+        """Depth, normals, ids, flow, ... of the last tick, computed at each call."""
+        return self.camera.ground_truth()
 
     @property
     def info(self) -> StreamInfo:

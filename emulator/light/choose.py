@@ -15,9 +15,16 @@ MAX_THREADS = 1024
 
 
 def make_renderer(
-    scene: SceneModel, camera: CameraModel, config: RenderConfig, threads: int
+    scene: SceneModel,
+    camera: CameraModel,
+    config: RenderConfig,
+    threads: int,
+    rgb: bool = False,
 ) -> Renderer:
-    """The renderer of one camera. Raises EvsError where the configuration makes no sense."""
+    """The renderer of one camera. Raises EvsError where the configuration makes no sense.
+
+    In: rgb, colour is wanted beside the luminance.
+    """
     if config.renderer not in RENDERERS:
         raise unknown("renderer", config.renderer, list(RENDERERS))
     if not 1 <= config.spp <= MAX_SPP:
@@ -37,5 +44,7 @@ def make_renderer(
         # an extra: what it imports need not be there
         from evs.emulator.light.raster import RasterRenderer
 
+        if rgb:
+            raise EvsError("raster gives no colour, only luminance: take render.renderer=direct")
         return RasterRenderer(scene, camera, config)
-    return DirectRenderer(scene, camera, config, threads)
+    return DirectRenderer(scene, camera, config, threads, rgb)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.config import RenderConfig
+from evs.emulator.light.direct import DirectRenderer
 from evs.emulator.light.raster.canvas import Canvas
 from evs.emulator.light.raster.context import load_library
 from evs.emulator.light.raster.drawing import (
@@ -22,6 +23,7 @@ from evs.emulator.light.raster.drawing import (
     orthographic_matrix,
     pose_matrix,
 )
+from evs.emulator.light.truth import GroundTruth
 from evs.emulator.scene import F32, I32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.msgs import EvsError
 
@@ -41,6 +43,8 @@ class RasterRenderer:
 
     def __init__(self, scene: SceneModel, camera: CameraModel, config: RenderConfig) -> None:
         self._library, self._camera = load_library(), camera
+        self._content, self._config = scene, config
+        self._tracer: DirectRenderer | None = None
         self._lamps = Lamps(scene, config.headlight == "model", config.lux_per_unit)
         self._luminance = np.zeros((camera.height, camera.width), np.float32)
         self._canvas = Canvas(
@@ -70,6 +74,22 @@ class RasterRenderer:
         self._draw(snapshot, pose, out, True)
         geom = np.rint(out[..., 0]).astype(np.int32) - 1
         return geom, np.where(geom < 0, np.float32(0), out[..., 1])
+
+    @property
+    def rgb(self) -> None:
+        """None: luminance alone is drawn."""
+        return None
+
+    def ground_truth(
+        self,
+        snapshot: SceneSnapshot,
+        pose: CameraPose,
+        previous: tuple[SceneSnapshot, CameraPose] | None = None,
+    ) -> GroundTruth:
+        """As `direct` has it: it is traced, by a tracer that is made for the first call."""
+        if self._tracer is None:
+            self._tracer = DirectRenderer(self._content, self._camera, self._config, 0)
+        return self._tracer.ground_truth(snapshot, pose, previous)
 
     @property
     def traced_fraction(self) -> float:

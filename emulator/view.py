@@ -1,0 +1,81 @@
+"""View: what one camera sees of a world, without pixels and events: light and ground truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from evs.emulator.camera import CameraPlan, camera_info
+from evs.emulator.light import GroundTruth, make_renderer
+from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
+from evs.emulator.sensor import resolve_sensor
+from evs.emulator.world import BoundCamera, MjModel, bind_camera
+
+
+class View:
+    """The light and the ground truth of a world's present, each computed when it is asked for."""
+
+    def __init__(
+        self,
+        world: MjModel,
+        scene: SceneModel,
+        plan: CameraPlan,
+        place: int,
+        present: Callable[[], SceneSnapshot],
+        rgb: bool = False,
+    ) -> None:
+        """Build the renderer.
+
+        In: place, which of a snapshot's cameras this is; present, takes a snapshot; rgb, colour is
+        wanted too.
+        """
+        sensor = resolve_sensor(plan.sensor)
+        self.width, self.height = int(sensor.width), int(sensor.height)
+        self.bound: BoundCamera = bind_camera(
+            world, plan.camera, self.width, self.height, plan.optics
+        )
+        self._renderer = make_renderer(scene, self.bound.model, plan.render, plan.threads, rgb)
+        self._place, self._present = place, present
+        self._now: tuple[SceneSnapshot, CameraPose] | None = None
+        self._previous: tuple[SceneSnapshot, CameraPose] | None = None
+
+    def start(self) -> None:
+        """Look at the present, if nothing was seen yet."""
+        self._instant()
+
+    def move(self, snapshot: SceneSnapshot) -> None:
+        """The world went on to `snapshot`."""
+        self._previous, self._now = self._now, (snapshot, snapshot.cameras[self._place])
+
+    def render(self) -> tuple[F32, F32 | None]:
+        """Copies of luminance (h, w) and rgb (h, w, 3), linear float32; None: no colour wanted."""
+        luminance = self._renderer.render(*self._instant())
+        colour = self._renderer.rgb
+        return np.array(luminance), None if colour is None else np.array(colour)
+
+    def ground_truth(self) -> GroundTruth:
+        """Of the present; its flow is the motion since the tick before."""
+        return self._renderer.ground_truth(*self._instant(), self._previous)
+
+    def _instant(self) -> tuple[SceneSnapshot, CameraPose]:
+        if self._now is None:
+            self.move(self._present())
+        assert self._now is not None
+        return self._now
+
+    @property
+    def t_us(self) -> int:
+        """The instant that is seen, us."""
+        return self._instant()[0].t_us
+
+    @property
+    def name(self) -> str:
+        """The model's name of the camera, or what describes it."""
+        return self.bound.name
+
+    @property
+    def camera_info(self) -> dict[str, Any]:
+        """Intrinsics in the fields of ROS's CameraInfo."""
+        return camera_info(self.bound.model)
