@@ -184,10 +184,11 @@ def bsdf(stage: Stage, surface: Surface, shape: Shape) -> dict[str, Any]:
     if surface.texture >= 0:
         albedo = _texture(stage, surface, shape)
     look: dict[str, Any] = {"type": "diffuse", "reflectance": albedo}
-    gloss, alpha = stage.gloss(surface)
-    if gloss > 0:
+    if stage.path and surface.specular > 0:
+        # the lobe of a Blinn-Phong exponent; specular 0.5 reflects as most dielectrics do
+        width = np.sqrt(2 / (128 * surface.shininess + 2))
         shine = {"type": "roughconductor", "material": "none", "distribution": "ggx"}
-        look = _blend(gloss, look, shine | {"alpha": alpha})
+        look = _blend(0.08 * linear(surface.specular), look, shine | {"alpha": float(width)})
     if surface.reflectance > 0:
         look = _blend(surface.reflectance, look, {"type": "conductor", "material": "none"})
     if surface.rgba[3] < 1:
@@ -239,7 +240,7 @@ def _light(stage: Stage, index: int, light: Light) -> dict[str, Any]:
     if light.intensity > 0:
         strength = strength * (light.intensity / stage.render.lux_per_unit)
     position = [float(v) for v in place]
-    if stage.soft and light.bulbradius_m > 0:
+    if stage.path and light.bulbradius_m > 0:
         assert light.kind is LightKind.POINT
         radius = light.bulbradius_m
         glow = {"type": "area", "radiance": rgb(strength / (np.pi * radius**2))}

@@ -42,7 +42,7 @@ def direct_batches(stage: Stage, batches: int, across: int = 8, seed: int = 0) -
 
 def path_batches(stage: Stage, batches: int, spp: int) -> F64:
     """(batches, h, w): `path` with new seeds each tick."""
-    config = replace(stage.render, renderer="path", spp=spp, seeds="fresh")
+    config = replace(stage.render, renderer="path", spp=spp, seeds="fresh", bounces=stage.bounces)
     renderer = make_renderer(stage.scene, stage.camera, config, 2)
     return np.stack(
         [

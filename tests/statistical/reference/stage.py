@@ -39,17 +39,10 @@ class Stage:
     render: RenderConfig = field(default_factory=lambda: RenderConfig(headlight="model"))
     bounces: int = 0
     """off surfaces, between eye and lamp; -1: only what glows of itself is seen"""
-    soft: bool = False
-    """lamps are balls of their bulbradius, as `path` has them; else points"""
+    path: bool = False
+    """as `path` has it: lamps are balls of their bulbradius, materials may be glossy"""
     sky_radiance: Callable[[F64], F64] = lambda direction: np.zeros_like(direction)
     """(..., 3) world directions to (..., 3) linear radiance: what the skybox shows there"""
-
-    def gloss(self, surface: Surface) -> tuple[float, float]:
-        """Share and GGX alpha of the glossy lobe of a MuJoCo material; `direct` has none of it."""
-        if not self.soft:
-            return 0.0, 1.0
-        alpha = np.sqrt(2 / (128 * surface.shininess + 2))
-        return 0.08 * surface.specular, float(alpha)
 
 
 @dataclass

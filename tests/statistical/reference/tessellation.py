@@ -18,7 +18,7 @@ def ball(rows: int, size: npt.ArrayLike, smooth: bool = True) -> Mesh:
     faces = np.concatenate([np.stack([p, s, r], -1), np.stack([p, r, q], -1)]).reshape(-1, 3)
     vertices = unit * np.asarray(size, np.float64)
     # at the poles two corners meet
-    edges = vertices[faces][:, 1:] - vertices[faces][:, :1]
+    edges = unit[faces][:, 1:] - unit[faces][:, :1]
     faces = faces[np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=-1) > 1e-12]
     normals = unit / np.asarray(size, np.float64)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
