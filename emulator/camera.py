@@ -15,11 +15,12 @@ from evs.emulator.config import (
     SceneConfig,
     SensorConfig,
 )
-from evs.emulator.light import GroundTruth, make_renderer
+from evs.emulator.light import make_renderer
 from evs.emulator.plain_config import plain_config, plain_integer
 from evs.emulator.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.sensor import make_event_model, resolve_sensor
 from evs.emulator.stages import Meter, NoMeter
+from evs.emulator.truth import GroundTruth
 from evs.emulator.world import MUJOCO_VERSION, BoundCamera, MjModel, bind_camera
 from evs.msgs import EventPacket, EvsError, StreamInfo
 

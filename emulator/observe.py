@@ -6,8 +6,8 @@ import math
 
 from evs.emulator.camera import Camera, plan_camera
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.light import GroundTruth
 from evs.emulator.scene import F32
+from evs.emulator.truth import GroundTruth
 from evs.emulator.world import MjData, MjModel, Poser, extract_scene
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, empty_events
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-from evs.emulator.light.truth import GroundTruth
 from evs.emulator.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
+from evs.emulator.truth import GroundTruth
 from evs.msgs import Events
 
 

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.camera import CameraPlan, camera_info
-from evs.emulator.light import GroundTruth, make_renderer
+from evs.emulator.light import make_renderer
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.sensor import resolve_sensor
+from evs.emulator.truth import GroundTruth
 from evs.emulator.world import BoundCamera, MjModel, bind_camera
 
 

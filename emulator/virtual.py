@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy.typing as npt
 
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
-from evs.emulator.light import GroundTruth
 from evs.emulator.loop import World
 from evs.emulator.scene import F32
+from evs.emulator.truth import GroundTruth
 from evs.emulator.world import ControlFunction, Scene
 from evs.msgs import EventPacket, StreamInfo
 

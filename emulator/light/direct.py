@@ -6,7 +6,7 @@ import numpy as np
 
 from evs.emulator import _core
 from evs.emulator.config import RenderConfig
-from evs.emulator.light.truth import GroundTruth, trace_hits, trace_truth
+from evs.emulator.light.truth import trace_hits, trace_truth
 from evs.emulator.scene import (
     F32,
     F64,
@@ -17,6 +17,7 @@ from evs.emulator.scene import (
     SceneSnapshot,
     TextureKind,
 )
+from evs.emulator.truth import GroundTruth
 
 
 class DirectRenderer:

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer, GroundTruth
+from evs.emulator.light import DirectRenderer
 from evs.emulator.scene import CameraModel, CameraPose, SceneSnapshot
+from evs.emulator.truth import GroundTruth
 from evs.emulator.world import Poser, bind_camera, extract_scene
 from evs.msgs import EvsError
 

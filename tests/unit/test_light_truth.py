@@ -11,8 +11,9 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer, GroundTruth
+from evs.emulator.light import DirectRenderer
 from evs.emulator.scene import CameraModel, CameraPose
+from evs.emulator.truth import GroundTruth
 from evs.emulator.world import BoundCamera, Poser, bind_camera, extract_scene
 
 Rays = Callable[[CameraModel], np.ndarray]

@@ -23,8 +23,8 @@ from evs.emulator.light.raster.drawing import (
     orthographic_matrix,
     pose_matrix,
 )
-from evs.emulator.light.truth import GroundTruth
 from evs.emulator.scene import F32, I32, CameraModel, CameraPose, SceneModel, SceneSnapshot
+from evs.emulator.truth import GroundTruth
 from evs.msgs import EvsError
 
 
