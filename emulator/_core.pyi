@@ -20,14 +20,25 @@ class SceneData:
     def add_texture(self, data: Annotated[NDArray[numpy.uint8], dict(shape=(None, None, None, None), order='C', device='cpu', writable=False)], srgb: bool) -> int:
         """data (faces, height, width, components) uint8; its index."""
 
-    def add_surface(self, rgba: Sequence[float], texture: int, repeat: Sequence[float], uniform: bool, emission: float, specular: float, shininess: float, reflectance: float) -> None: ...
+    def add_surface(self, rgba: Sequence[float], texture: int, repeat: Sequence[float], uniform: bool, emission: float, specular: float, shininess: float, reflectance: float, metallic: float, roughness: float, maps: Sequence[int]) -> None:
+        """
+        maps: textures for metallic, roughness, occlusion, opacity, normal, emissive; -1 none.
+        """
 
     def add_mesh(self, vertices: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu', writable=False)], faces: Annotated[NDArray[numpy.int32], dict(shape=(None, 3), order='C', device='cpu', writable=False)], normals: Annotated[NDArray[numpy.float32], dict(shape=(None, 3, 3), order='C', device='cpu', writable=False)] | None, texcoords: Annotated[NDArray[numpy.float32], dict(shape=(None, 3, 2), order='C', device='cpu', writable=False)] | None) -> None:
         """
         vertices (nv, 3), faces (nf, 3), normals (nf, 3, 3), texcoords (nf, 3, 2).
         """
 
-    def add_light(self, kind: int, ambient: Sequence[float], diffuse: Sequence[float], specular: Sequence[float], castshadow: bool, attenuation: Sequence[float], cutoff_deg: float, exponent: float, intensity: float, headlight: bool) -> None: ...
+    def add_light(self, kind: int, ambient: Sequence[float], diffuse: Sequence[float], specular: Sequence[float], castshadow: bool, attenuation: Sequence[float], cutoff_deg: float, exponent: float, intensity: float, headlight: bool, range: float, softness: float, texture: int) -> None: ...
+
+    def set_fog(self, start: float, end: float, color: Sequence[float]) -> None:
+        """Distances in m, display-coded colour."""
+
+    def set_haze(self, ratio: float, radius: float, color: Sequence[float]) -> None:
+        """
+        Share of the distance to the horizon, that distance in m, display-coded colour.
+        """
 
     def set_geoms(self, type: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], size: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu', writable=False)], mesh: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], surface: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> None: ...
 
@@ -45,6 +56,11 @@ class Caster:
 
     def trace_pixels(self, geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(9), order='C', device='cpu', writable=False)], x: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], y: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], luminance: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu')]) -> None:
         """luminance (n) of the pixels (x, y), (n) int32 each."""
+
+    def set_light_gains(self, gains: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> None:
+        """
+        Each light's strength (nl) from the next call on, 1 as the scene has it.
+        """
 
     def deform(self, mesh: int, vertices: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu', writable=False)], normals: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu', writable=False)]) -> None:
         """

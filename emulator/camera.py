@@ -269,7 +269,9 @@ def is_unlit(scene: SceneModel, render: RenderConfig) -> bool:
         colours = (*light.ambient, *light.diffuse, *light.specular, light.intensity)
         if any(colours) and (render.headlight == "model" or not light.headlight):
             return False
-    return not any(surface.emission > 0.0 for surface in scene.surfaces)
+    return not any(
+        surface.emission > 0.0 or surface.emissive_map >= 0 for surface in scene.surfaces
+    )
 
 
 def free_name(wanted: str | None, usual: str, taken: tuple[str, ...]) -> str:

@@ -90,6 +90,25 @@ class SensorConfig:
 
 
 @dataclass(frozen=True)
+class FlickerConfig:
+    """[[render.flicker]]: light that pulses, by its mean over each tick. Any number of them."""
+
+    light: str = "*"
+    """name of a light, its number where it has none, or "headlight"; "*" is every light that has no
+    table of its own"""
+    waveform: str = "mains"
+    """mains: a lamp on alternating current | sine | pwm: on and off; each has the mean 1"""
+    hz: float = 50.0
+    """of the waveform; mains: of the voltage, so light pulses twice as often (50 Hz: 100 times)"""
+    depth: float = 0.3
+    """mains, sine: amplitude, as share of the mean; pwm: 1 is dark between the pulses"""
+    duty: float = 0.5
+    """pwm: share of a period that is on"""
+    phase: float = 0.0
+    """share of a period of the light that has passed at t = 0"""
+
+
+@dataclass(frozen=True)
 class RenderConfig:
     """[render]: how light reaches the pixels."""
 
@@ -103,12 +122,17 @@ class RenderConfig:
     """model: as the model has it | off: removed"""
     shadows: bool = True
     """lights that cast shadows in the model cast them here"""
+    fog: bool = False
+    """the model's fog (visual/map fogstart, fogend); MuJoCo's viewer shows it on request only"""
+    haze: bool = True
+    """the model's haze below the horizon, where it has a sky and a plane without bounds"""
     lux_per_unit: float = 1000.0
     """illuminance that counts as 1, for lights with a physical intensity (candela, lux)"""
     incremental: bool = True
     """trace again only what something moved can touch; the result is the same bit for bit"""
     isa: str = "auto"
     """auto | avx512 | avx2 | portable: the instruction set; the result is the same bit for bit"""
+    flicker: tuple[FlickerConfig, ...] = ()
 
 
 @dataclass(frozen=True)

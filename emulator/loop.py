@@ -183,7 +183,7 @@ class World:
         self._posed += 1
 
     def _snapshot(self) -> SceneSnapshot:
-        return self._poser.snapshot(self.data, self.t_us)
+        return self._poser.snapshot(self.data, self.t_us, self.substeps.tick_us)
 
     def step(self, ctrl: npt.ArrayLike | None = None) -> tuple[EventPacket, ...]:
         """Advance one tick; one packet a camera.

@@ -45,6 +45,8 @@ class Sensor:
         plan = plan_camera(camera, sensor, render, model_config, name, seed, threads)
         tick_us = max(1, round(model.opt.timestep * 1e6))
         self._camera = Camera(model, extract_scene(model), plan, tick_us=tick_us)
+        self._tick_us = tick_us
+        self._t_us: int | None = None
         self._poser = Poser(model, [self._camera.bound])
         self._packet: EventPacket | None = None
 
@@ -61,7 +63,10 @@ class Sensor:
             )
         if not math.isfinite(data.time):
             raise EvsError(f"data.time is {data.time}: the simulation is unstable")
-        snapshot = self._poser.snapshot(data, round(data.time * 1e6))
+        t_us = round(data.time * 1e6)
+        passed_us = self._tick_us if self._t_us is None else max(t_us - self._t_us, 0)
+        snapshot = self._poser.snapshot(data, t_us, passed_us)
+        self._t_us = t_us
         if not self._camera.started:
             self._camera.start(snapshot)
             return empty_events()
@@ -71,7 +76,7 @@ class Sensor:
     def reset(self) -> None:
         """As new: call it after the data was reset. The next observe sets the reference again."""
         self._camera.reset()
-        self._packet = None
+        self._packet, self._t_us = None, None
 
     def refresh(self) -> None:
         """Read the model again, after its colours, lights, sizes or cameras were changed.

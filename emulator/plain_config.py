@@ -27,7 +27,7 @@ def plain_config(config: C, table: str) -> C:
     for field in fields(config):  # type: ignore[arg-type]
         value = getattr(config, field.name)
         try:
-            values[field.name] = _plain(value, hints[field.name])
+            values[field.name] = _plain(value, hints[field.name], f"{table}.{field.name}")
         except (TypeError, ValueError):
             wanted = _said(hints[field.name])
             raise EvsError(f"{table}.{field.name} is {value!r}; give {wanted}") from None
@@ -42,12 +42,21 @@ def plain_integer(value: Any, name: str) -> int:
         raise EvsError(f"{name} is {value!r}; give a whole number") from None
 
 
-def _plain(value: Any, hint: Any) -> Any:
-    """`value` as `hint` has it; TypeError or ValueError where it does not fit."""
+def _plain(value: Any, hint: Any, name: str = "") -> Any:
+    """`value` as `hint` has it; TypeError or ValueError where it does not fit.
+
+    In: name, of the key, for what stands inside it.
+    """
     kinds = _kinds(hint)
     if value is None and type(None) in kinds:
         return None
     for kind in kinds:
+        items = typing.get_args(kind)
+        if items[1:] == (Ellipsis,) and isinstance(value, tuple | list):
+            # tables of a kind
+            if not all(isinstance(item, items[0]) for item in value):
+                raise TypeError
+            return tuple(plain_config(item, f"{name}.{n}") for n, item in enumerate(value))
         if typing.get_origin(kind) is tuple and isinstance(value, tuple | list | np.ndarray):
             pairs = zip(value, typing.get_args(kind), strict=True)
             return tuple(_plain(item, inner) for item, inner in pairs)
@@ -79,9 +88,15 @@ def _said(hint: Any) -> str:
         str: "a name",
     }
     kinds = [
-        f"{len(typing.get_args(kind))} finite numbers" if typing.get_origin(kind) is tuple else kind
+        _tuple_said(typing.get_args(kind)) if typing.get_origin(kind) is tuple else kind
         for kind in _kinds(hint)
         if kind is not type(None)
     ]
     said = [words.get(kind, str(kind)) for kind in kinds]
     return " or ".join([*said, *(["None"] if type(None) in _kinds(hint) else [])])
+
+
+def _tuple_said(items: tuple[Any, ...]) -> str:
+    if items[1:] == (Ellipsis,):
+        return f"a tuple of {items[0].__name__}"
+    return f"{len(items)} finite numbers"

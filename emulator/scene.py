@@ -41,6 +41,7 @@ class LightKind(IntEnum):
     SPOT = 0
     DIRECTIONAL = 1
     POINT = 2
+    IMAGE = 3
 
 
 class TextureKind(IntEnum):
@@ -91,6 +92,24 @@ class Surface:
     shininess: float = 0.5
     """0 ... 1; times 128 is the Blinn-Phong exponent"""
     reflectance: float = 0.0
+    metallic: float = -1.0
+    """0 dielectric ... 1 metal; negative: not given. Given, or a map of it: a physical material,
+    whose gloss is a GGX lobe and not `specular` and `shininess`"""
+    roughness: float = -1.0
+    """0 ... 1, its square is the width of the GGX lobe; as `metallic`, it makes the material
+    physical"""
+    metallic_map: int = -1
+    """maps are indices into SceneModel.textures, -1 none; each multiplies the number of its name, 1
+    where that is not given. This one, roughness, occlusion and opacity have one component"""
+    roughness_map: int = -1
+    occlusion_map: int = -1
+    """share of the ambient light that arrives"""
+    opacity_map: int = -1
+    """multiplies alpha"""
+    normal_map: int = -1
+    """(x, y, z) as (c - 0.5) * 2: to the image's right, to its top, out of the surface"""
+    emissive_map: int = -1
+    """radiance, times `emission` where that is over 0; instead of the colour times `emission`"""
 
 
 @dataclass(frozen=True)
@@ -108,11 +127,34 @@ class Light:
     """half angle of a spot"""
     exponent: float = 10.0
     intensity: float = 0.0
-    """candela (spot, point) or lux (directional); 0: `diffuse` holds"""
+    """candela (spot, point), lux (directional) or cd/m^2 of a white texel (image); 0: `diffuse`
+    holds"""
     range_m: float = 10.0
+    """where the light of a candela ends, smoothly; 0 or less: nowhere"""
+    softness: float = 0.2
+    """share of `cutoff_deg` over which a spot with an intensity fades out, instead of `exponent`"""
+    texture: int = -1
+    """of an image light, a cube: index into SceneModel.textures"""
     bulbradius_m: float = 0.02
     headlight: bool = False
     """True: sits at the camera and looks along it; its snapshot pose is not used"""
+    name: str = ""
+    """the model's name of it, else its number; "headlight" is the camera's"""
+
+
+@dataclass(frozen=True)
+class Air:
+    """Fog and haze, as MuJoCo's viewer can show them. Colours are display-coded."""
+
+    fog_start_m: float
+    fog_end_m: float
+    """light from further away is the fog's"""
+    fog_rgb: tuple[float, float, float]
+    haze_ratio: float
+    """share of the way to the horizon that haze covers, 0 ... 1"""
+    haze_radius_m: float
+    """how far away the haze is; 0: there is none"""
+    haze_rgb: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -142,6 +184,8 @@ class SceneModel:
     """indices into meshes whose vertices every snapshot brings anew: skins and flexes"""
     geom_body: I32 = field(default_factory=lambda: np.zeros(0, np.int32))
     """(ng,) the body that carries the geom, -1 a skin or flex, which hang on many; or not told"""
+    air: Air | None = None
+    """None: nothing to see of it"""
     extent_m: float = 1.0
     """the model's characteristic size (mjModel.stat.extent)"""
 
@@ -183,6 +227,8 @@ class SceneSnapshot:
     """one for each camera that was bound, in that order"""
     deformed: tuple[Deformed, ...] = ()
     """one for each of SceneModel.deforming, in that order"""
+    exposure_us: int = 0
+    """flickering light is its mean over (t_us - exposure_us, t_us]; 0: as it is at t_us"""
 
 
 @dataclass(frozen=True)

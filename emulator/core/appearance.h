@@ -21,6 +21,9 @@ struct Appearance {
   std::vector<Chain> chains;
   std::vector<Texture> textures;  // views of the chains
   int skybox;                     // index into textures, -1 none
+  bool layered;                   // a surface is physical or has maps
+  bool bumpy;                     // a surface has a normal map
+  Air air;                        // but for where the camera is
 };
 
 // rgb: colour is wanted, whatever the lights are.

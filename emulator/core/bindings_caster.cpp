@@ -81,8 +81,15 @@ int add_texture(SceneData& s, In<uint8_t, N, N, N, N> data, bool srgb) {
 }
 
 void add_surface(SceneData& s, std::array<float, 4> rgba, int texture, std::array<float, 2> repeat,
-                 bool uniform, float emission, float specular, float shininess, float reflectance) {
-  require(texture < static_cast<int>(s.textures.size()), "surface's texture does not exist");
+                 bool uniform, float emission, float specular, float shininess, float reflectance,
+                 float metallic, float roughness, std::array<int, 6> maps) {
+  int textures = static_cast<int>(s.textures.size());
+  require(texture < textures, "surface's texture does not exist");
+  for (int map : maps) require(map < textures, "surface's map does not exist");
+  for (int i = 0; i < 4; i++) {
+    require(maps[i] < 0 || s.textures[maps[i]].components == 1, "such a map has one component");
+  }
+  require(maps[4] < 0 || s.textures[maps[4]].components >= 3, "a normal map has three components");
   SceneData::SurfaceData d = {};
   std::copy(rgba.begin(), rgba.end(), d.rgba);
   std::copy(repeat.begin(), repeat.end(), d.repeat);
@@ -92,12 +99,24 @@ void add_surface(SceneData& s, std::array<float, 4> rgba, int texture, std::arra
   d.specular = specular;
   d.shininess = shininess;
   d.reflectance = reflectance;
+  d.metallic = metallic;
+  d.roughness = roughness;
+  d.metallic_map = maps[0];
+  d.roughness_map = maps[1];
+  d.occlusion_map = maps[2];
+  d.opacity_map = maps[3];
+  d.normal_map = maps[4];
+  d.emissive_map = maps[5];
   s.surfaces.push_back(d);
 }
 
 void add_light(SceneData& s, int kind, Rgb ambient, Rgb diffuse, Rgb specular, bool castshadow,
-               Rgb attenuation, float cutoff_deg, float exponent, float intensity, bool headlight) {
-  require(kind >= SPOT && kind <= POINT, "unknown kind of light");
+               Rgb attenuation, float cutoff_deg, float exponent, float intensity, bool headlight,
+               float range, float softness, int texture) {
+  require(kind >= SPOT && kind <= IMAGE, "unknown kind of light");
+  require(texture < static_cast<int>(s.textures.size()), "light's texture does not exist");
+  require(kind != IMAGE || (texture >= 0 && s.textures[texture].faces == 6),
+          "an image light has a texture with six faces");
   SceneData::LightData d = {};
   d.kind = kind;
   std::copy(ambient.begin(), ambient.end(), d.ambient);
@@ -109,7 +128,24 @@ void add_light(SceneData& s, int kind, Rgb ambient, Rgb diffuse, Rgb specular, b
   d.exponent = exponent;
   d.intensity = intensity;
   d.headlight = headlight;
+  d.range = range;
+  d.softness = softness;
+  d.texture = texture;
   s.lights.push_back(d);
+}
+
+void set_fog(SceneData& s, float start, float end, Rgb color) {
+  s.air.fog = true;
+  s.air.fog_start = start;
+  s.air.fog_end = end;
+  std::copy(color.begin(), color.end(), s.air.fog_color);
+}
+
+void set_haze(SceneData& s, float ratio, float radius, Rgb color) {
+  s.air.haze = true;
+  s.air.haze_ratio = ratio;
+  s.air.haze_radius = radius;
+  std::copy(color.begin(), color.end(), s.air.haze_color);
 }
 
 struct BoundCaster {
@@ -144,6 +180,11 @@ void deform_mesh(BoundCaster& b, int mesh, In<float, N, 3> vertices, In<float, N
   require(vertices.shape(0) == count && normals.shape(0) == count,
           "as many vertices as the mesh was made with");
   b.caster.deform_mesh(mesh, vertices.data(), normals.data());
+}
+
+void set_light_gains(BoundCaster& b, In<float, N> gains) {
+  require(gains.shape(0) == b.lights, "gains for another number of lights");
+  b.caster.set_light_gains(gains.data());
 }
 
 Poses checked_poses(const BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
@@ -222,13 +263,19 @@ void bind_caster(nb::module_& m) {
            "data (faces, height, width, components) uint8; its index.")
       .def("add_surface", &add_surface, nb::arg("rgba"), nb::arg("texture"), nb::arg("repeat"),
            nb::arg("uniform"), nb::arg("emission"), nb::arg("specular"), nb::arg("shininess"),
-           nb::arg("reflectance"))
+           nb::arg("reflectance"), nb::arg("metallic"), nb::arg("roughness"), nb::arg("maps"),
+           "maps: textures for metallic, roughness, occlusion, opacity, normal, emissive; -1 none.")
       .def("add_mesh", &add_mesh, nb::arg("vertices"), nb::arg("faces"), nb::arg("normals").none(),
            nb::arg("texcoords").none(),
            "vertices (nv, 3), faces (nf, 3), normals (nf, 3, 3), texcoords (nf, 3, 2).")
       .def("add_light", &add_light, nb::arg("kind"), nb::arg("ambient"), nb::arg("diffuse"),
            nb::arg("specular"), nb::arg("castshadow"), nb::arg("attenuation"),
-           nb::arg("cutoff_deg"), nb::arg("exponent"), nb::arg("intensity"), nb::arg("headlight"))
+           nb::arg("cutoff_deg"), nb::arg("exponent"), nb::arg("intensity"), nb::arg("headlight"),
+           nb::arg("range"), nb::arg("softness"), nb::arg("texture"))
+      .def("set_fog", &set_fog, nb::arg("start"), nb::arg("end"), nb::arg("color"),
+           "Distances in m, display-coded colour.")
+      .def("set_haze", &set_haze, nb::arg("ratio"), nb::arg("radius"), nb::arg("color"),
+           "Share of the distance to the horizon, that distance in m, display-coded colour.")
       .def("set_geoms", &set_geoms, nb::arg("type"), nb::arg("size"), nb::arg("mesh"),
            nb::arg("surface"))
       .def_rw("skybox", &SceneData::skybox, "Index of the skybox's texture, -1 none.");
@@ -242,6 +289,8 @@ void bind_caster(nb::module_& m) {
            nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
            nb::arg("x"), nb::arg("y"), nb::arg("luminance"),
            "luminance (n) of the pixels (x, y), (n) int32 each.")
+      .def("set_light_gains", &set_light_gains, nb::arg("gains"),
+           "Each light's strength (nl) from the next call on, 1 as the scene has it.")
       .def("deform", &deform_mesh, nb::arg("mesh"), nb::arg("vertices"), nb::arg("normals"),
            "New vertices (nv, 3) and unit normals (nv, 3) of a mesh, before a call of render.")
       .def(

@@ -96,6 +96,16 @@ Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incr
   frame_.skybox = look_.skybox;
   frame_.channels = look_.channels;
   std::copy(look_.weights, look_.weights + MAX_CHANNELS, frame_.weights);
+  frame_.layered = look_.layered;
+  frame_.bumpy = look_.bumpy;
+  frame_.air = look_.air;
+  // the first plane without bounds has the horizon
+  for (int k = count - 1; k >= 0; k--) {
+    bool endless = geoms_[k].size[0] <= 0 && geoms_[k].size[1] <= 0;
+    if (geoms_[k].shape == PLANE && endless) haze_plane_ = k;
+  }
+  full_lights_ = look_.lights;
+  gains_.assign(look_.lights.size(), 1.0f);
   frame_.shadows = shadows;
 }
 
@@ -188,6 +198,12 @@ void Caster::place_geoms(const Poses& p) {
 void Caster::place_lights(const Poses& p) {
   for (size_t i = 0; i < look_.lights.size(); i++) {
     Light& l = look_.lights[i];
+    const Light& full = full_lights_[i];
+    for (int c = 0; c < MAX_CHANNELS; c++) {
+      l.ambient[c] = full.ambient[c] * gains_[i];
+      l.diffuse[c] = full.diffuse[c] * gains_[i];
+      l.specular[c] = full.specular[c] * gains_[i];
+    }
     if (look_.headlight[i]) {
       l.position = {0, 0, 0};
       l.direction = {0, 0, -1};
@@ -197,6 +213,21 @@ void Caster::place_lights(const Poses& p) {
     l.position = to_float(transposed_times(p.camera_mat, minus(p.light_pos + 3 * i, p.camera_pos)));
     l.direction = to_float(transposed_times(p.camera_mat, {d[0], d[1], d[2]}));
   }
+}
+
+void Caster::set_light_gains(const float* gains) {
+  std::copy(gains, gains + gains_.size(), gains_.begin());
+}
+
+// Haze is drawn from a camera above the plane only; an orthographic one has no horizon.
+void Caster::place_air() {
+  Air& air = frame_.air;
+  air.haze = look_.air.haze && haze_plane_ >= 0 && !frame_.orthographic;
+  if (!air.haze) return;
+  const Geom& plane = geoms_[haze_plane_];
+  air.haze_up = {plane.rotation[2], plane.rotation[5], plane.rotation[8]};
+  air.haze_elevation = plane.camera.z / air.haze_radius;
+  air.haze = air.haze_elevation > 0;
 }
 
 // Old and new bounds of every geom that moved, and a ball around them all.
@@ -234,6 +265,7 @@ void Caster::find_moved() {
 void Caster::render(const Poses& poses, float* luminance, float* rgb) {
   place_geoms(poses);
   place_lights(poses);
+  place_air();
 
   std::vector<double>& camera = camera_;
   bool first = camera.empty();
@@ -303,6 +335,7 @@ void Caster::trace_pixels(const Poses& poses, const int32_t* x, const int32_t* y
                           float* luminance) {
   place_geoms(poses);
   place_lights(poses);
+  place_air();
   constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT, PACKETS_A_JOB = 16;
   constexpr int PIXELS_A_JOB = PACKET * PACKETS_A_JOB;
   pool_.run((count + PIXELS_A_JOB - 1) / PIXELS_A_JOB, [&](int job, int) {

@@ -36,6 +36,9 @@ class Caster {
   void trace_pixels(const Poses& poses, const int32_t* x, const int32_t* y, int count,
                     float* luminance);
 
+  // Each light's strength from now on, 1 as the scene has it. In: gains (light_count), >= 0.
+  void set_light_gains(const float* gains);
+
   // New vertices and normals (nv, 3) of a mesh, before a call of render.
   void deform_mesh(int mesh, const float* vertices, const float* normals);
   int mesh_count() const { return static_cast<int>(mesh_data_.size()); }
@@ -55,6 +58,7 @@ class Caster {
   void make_records();
   void place_geoms(const Poses& poses);
   void place_lights(const Poses& poses);
+  void place_air();
   void find_moved();
   Ball sphere_of(const Geom& g) const;
 
@@ -65,6 +69,9 @@ class Caster {
   Appearance look_;
   std::vector<Mesh> meshes_;
   std::vector<Light> previous_lights_;
+  std::vector<float> gains_;        // of each light
+  std::vector<Light> full_lights_;  // at gain 1
+  int haze_plane_ = -1;             // kernel's geom, -1 none
   std::vector<int> order_;  // kernel's geom -> scene's geom: analytic shapes first, then meshes
   std::vector<Geom> geoms_, previous_geoms_;
   std::vector<Ball> balls_, previous_balls_;  // around each geom

@@ -6,20 +6,67 @@ struct Trail {  // what a packet's secondary rays covered, over all its samples
   float mirror_spread = -1;  // largest squared chord to the axis; negative: no mirror was met
 };
 
+// How much of the light a surface gives back evenly: of a lamp's, and of light from everywhere.
+template <int CHANNELS>
+struct Matt {
+  Float lamp[CHANNELS], ambient[CHANNELS];
+};
+
+template <int CHANNELS>
+Matt<CHANNELS> matt_of(const Frame& f, const Patch<CHANNELS>& patch) {
+  Matt<CHANNELS> out;
+  for (int c = 0; c < CHANNELS; c++) out.lamp[c] = out.ambient[c] = patch.albedo[c];
+  if (!f.layered) return out;
+  for (int c = 0; c < CHANNELS; c++) {
+    // the gloss of a physical surface takes its share of light from everywhere
+    Float gloss = select(patch.physical, patch.f0[c], splat(0.0f));
+    out.lamp[c] = patch.albedo[c] * (1.0f - patch.metallic);
+    out.ambient[c] = (out.lamp[c] + gloss) * patch.occlusion;
+  }
+  return out;
+}
+
+// An image light: no shadow, and the gloss sees it as blurred as paper does, but where it mirrors.
+template <int CHANNELS>
+void shade_image(const Frame& f, const Light& light, const Rays& rays, const Patch<CHANNELS>& patch,
+                 const Matt<CHANNELS>& matt, Float* out) {
+  Float received[CHANNELS];
+  received_from_image<CHANNELS>(f, light, patch.normal, received);
+  for (int c = 0; c < CHANNELS; c++) {
+    out[c] = out[c] + matt.lamp[c] * patch.occlusion * received[c];
+  }
+  if (!any(patch.physical)) return;
+  Vec d = rays.direction;
+  received_from_image<CHANNELS>(f, light, d - patch.normal * (dot(d, patch.normal) * 2.0f),
+                                received);
+  for (int c = 0; c < CHANNELS; c++) {
+    Float gloss = out[c] + patch.f0[c] * patch.occlusion * received[c];
+    out[c] = select(patch.physical, gloss, out[c]);
+  }
+}
+
 // Light that leaves the surface towards the ray's origin.
 template <int CHANNELS>
 void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNELS>& patch, Mask lit,
            Float* out) {
-  for (int c = 0; c < CHANNELS; c++) out[c] = patch.albedo[c] * patch.emission;
+  for (int c = 0; c < CHANNELS; c++) out[c] = patch.emitted[c];
+  Matt<CHANNELS> matt = matt_of(f, patch);
+  Mask physical = patch.physical & lit;
   Region region;
   grow(region, patch.origin, patch.step, lit);
   for (int i = 0; i < f.light_count; i++) {
     const Light& light = f.lights[i];
+    if (light.kind == IMAGE) {
+      shade_image(f, light, rays, patch, matt, out);
+      continue;
+    }
     Incidence in = incidence(light, patch.point);
     Float cosine = dot(in.towards, patch.normal);
     Mask facing = lit & (cosine > 0.0f) & (in.strength > 0.0f);
+    // a bent normal may see a lamp that is behind the surface
+    if (f.bumpy) facing = facing & (dot(in.towards, patch.plain) > 0.0f);
     for (int c = 0; c < CHANNELS; c++) {
-      out[c] = out[c] + patch.albedo[c] * in.strength * light.ambient[c];
+      out[c] = out[c] + matt.ambient[c] * in.strength * light.ambient[c];
     }
     if (!any(facing)) continue;
     Mask dark = mask_of(0);
@@ -30,10 +77,15 @@ void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNEL
     Mask reached = facing & ~dark;
     if (!any(reached)) continue;
     Float received = select(reached, cosine * in.strength, splat(0.0f));
-    for (int c = 0; c < CHANNELS; c++)
-      out[c] = out[c] + patch.albedo[c] * received * light.diffuse[c];
+    for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + matt.lamp[c] * received * light.diffuse[c];
+    if (any(reached & physical)) {
+      Vec view = rays.direction * splat(-1.0f);
+      Float lobe = ggx(patch.normal, view, in.towards, patch.alpha_ggx) * in.strength;
+      lobe = select(reached & physical, lobe, splat(0.0f));
+      for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + lobe * patch.f0[c] * light.diffuse[c];
+    }
     // Blinn-Phong
-    Mask glossy = reached & (patch.specular > 0.0f);
+    Mask glossy = reached & ~physical & (patch.specular > 0.0f);
     if (!any(glossy) ||
         light.specular[0] + light.specular[CHANNELS / 2] + light.specular[CHANNELS - 1] <= 0)
       continue;
@@ -87,14 +139,24 @@ template <int CHANNELS, bool FOLLOW>
 void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float travelled,
               Trail& trail, Float* out) {
   for (int c = 0; c < CHANNELS; c++) out[c] = splat(0.0f);
-  Float passing = splat(1.0f), beyond = splat(0.0f);
+  Float passing = splat(1.0f), beyond = splat(0.0f), cover = beyond, curtain = beyond;
   for (int layer = 0; layer < MAX_LAYERS; layer++) {
     Hit hit = closest(f, rays, hull, active, beyond);
     Mask lit = active & ~(hit.geom < splat(0)), missed = active & ~lit;
+    if (FOLLOW && f.air.haze && layer == 0) cover = haze(f, rays.direction, curtain);
+    if (FOLLOW && f.air.haze) {
+      // what is hit behind the haze, or nothing
+      Mask behind = active & (hit.distance > curtain);
+      Float share = select(behind, passing * cover, splat(0.0f));
+      for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + share * f.air.haze_color[c];
+      passing = passing - share;
+      cover = select(behind, splat(0.0f), cover);
+    }
     // mirrors do not show the sky, as in MuJoCo's viewer
-    if (FOLLOW && f.skybox >= 0 && any(missed)) {
+    if (FOLLOW && (f.skybox >= 0 || f.air.fog) && any(missed)) {
       Float light[CHANNELS];
-      sky<CHANNELS>(f, rays.direction, light);
+      for (int c = 0; c < CHANNELS; c++) light[c] = splat(f.air.fog_color[c]);
+      if (!f.air.fog) sky<CHANNELS>(f, rays.direction, light);
       for (int c = 0; c < CHANNELS; c++) {
         out[c] = select(missed, out[c] + light[c] * passing, out[c]);
       }
@@ -110,6 +172,7 @@ void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, F
         reflect<CHANNELS>(f, rays, patch, mirror, travelled + hit.distance, trail, surface);
       }
     }
+    if (f.air.fog) fog<CHANNELS>(f, travelled + hit.distance, surface);
     Float share = passing * patch.alpha;
     for (int c = 0; c < CHANNELS; c++) out[c] = select(lit, out[c] + surface[c] * share, out[c]);
     active = lit & (patch.alpha < 1.0f);

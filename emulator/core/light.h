@@ -21,12 +21,22 @@ EVS_INLINE Incidence incidence(const Light& light, Vec point) {
   const float* a = light.attenuation;
   Float fall = light.inverse_square ? square : square * a[2] + in.distance * a[1] + a[0];
   in.strength = 1.0f / max(fall, splat(1e-12f));
+  // physical light ends smoothly at its range, as in MuJoCo's physical renderer
+  if (light.fade > 0) {
+    Float share = square * light.fade;
+    Float left = max(1.0f - share * share, splat(0.0f));
+    in.strength = in.strength * (left * left);
+  }
   if (light.kind == SPOT) {
     Float cosine = -(in.towards.x * light.direction.x + in.towards.y * light.direction.y +
                      in.towards.z * light.direction.z);
-    Float cone = light.exponent > 0
-                     ? power(min(max(cosine, splat(0.0f)), splat(1.0f)), splat(light.exponent))
-                     : splat(1.0f);
+    Float cone = splat(1.0f);
+    if (light.edge > 0) {
+      Float inside = min((cosine - light.cos_cutoff) * light.edge, splat(1.0f));
+      cone = inside * inside;
+    } else if (light.exponent > 0) {
+      cone = power(min(max(cosine, splat(0.0f)), splat(1.0f)), splat(light.exponent));
+    }
     in.strength = select(cosine >= light.cos_cutoff, in.strength * cone, splat(0.0f));
   }
   return in;
@@ -46,4 +56,20 @@ EVS_INLINE Hull shadow_hull(const Light& light, const Region& region) {
     hull.length = __builtin_sqrtf(dot(w, w));
   }
   return hull;
+}
+
+// Light of an image light that a surface with this normal (camera frame) receives from everywhere,
+// over pi: what white paper gives back. Never negative, where the smooth fit of a hard sky is.
+template <int CHANNELS>
+void received_from_image(const Frame& f, const Light& light, Vec normal, Float* out) {
+  Vec n = to_camera(f.sky_rotation, normal);  // here: from the camera's frame to the world's
+  Float terms[8] = {n.y,       n.z,
+                    n.x,       n.x * n.y,
+                    n.y * n.z, n.z * n.z * 3.0f - 1.0f,
+                    n.x * n.z, n.x * n.x - n.y * n.y};
+  for (int c = 0; c < CHANNELS; c++) {
+    Float sum = splat(light.harmonics[c][0]);
+    for (int i = 0; i < 8; i++) sum = sum + terms[i] * light.harmonics[c][i + 1];
+    out[c] = max(sum, splat(0.0f)) * light.diffuse[c];
+  }
 }

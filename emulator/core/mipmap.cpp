@@ -33,8 +33,12 @@ float from_srgb(float c) {
   return c <= 0.04045f ? c / 12.92f : static_cast<float>(std::pow((c + 0.055) / 1.055, 2.4));
 }
 
-Chain build_chain(const uint8_t* data, int faces, int height, int width, int components, bool srgb,
-                  const float* tint, int channels) {
+namespace {
+
+// `texel(pixel, channel)`: the value of one texel of the image, `data` its first component.
+template <class Texel>
+Chain chain_of(const uint8_t* data, int faces, int height, int width, int components, int channels,
+               Texel&& texel) {
   Chain chain;
   Texture& t = chain.layout;
   t.faces = faces;
@@ -52,20 +56,11 @@ Chain build_chain(const uint8_t* data, int faces, int height, int width, int com
   t.channel_stride = total;
   chain.texels.resize(static_cast<size_t>(total) * channels);
 
-  float decode[256];
-  for (int i = 0; i < 256; i++)
-    decode[i] = srgb ? from_srgb(static_cast<float>(i) / 255.0f) : static_cast<float>(i) / 255.0f;
-  constexpr float WEIGHTS[3] = {0.2126f, 0.7152f, 0.0722f};
   for (int c = 0; c < channels; c++) {
     for (int face = 0; face < faces; face++) {
       std::vector<float> level(static_cast<size_t>(width) * height);
       for (int i = 0; i < width * height; i++) {
-        const uint8_t* p = data + (static_cast<size_t>(face) * width * height + i) * components;
-        float rgb[3];
-        for (int k = 0; k < 3; k++) rgb[k] = decode[p[components >= 3 ? k : 0]] * tint[k];
-        int k = channels == 1 ? -1 : c - (channels - 3);
-        level[i] =
-            k >= 0 ? rgb[k] : WEIGHTS[0] * rgb[0] + WEIGHTS[1] * rgb[1] + WEIGHTS[2] * rgb[2];
+        level[i] = texel(data + (static_cast<size_t>(face) * width * height + i) * components, c);
       }
       for (int l = 0;; l++) {
         std::copy(level.begin(), level.end(),
@@ -77,6 +72,36 @@ Chain build_chain(const uint8_t* data, int faces, int height, int width, int com
     }
   }
   return chain;
+}
+
+struct Decode {
+  float value[256];
+  explicit Decode(bool srgb) {
+    for (int i = 0; i < 256; i++) {
+      float coded = static_cast<float>(i) / 255.0f;
+      value[i] = srgb ? from_srgb(coded) : coded;
+    }
+  }
+};
+
+}  // namespace
+
+Chain build_chain(const uint8_t* data, int faces, int height, int width, int components, bool srgb,
+                  const float* tint, int channels) {
+  constexpr float WEIGHTS[3] = {0.2126f, 0.7152f, 0.0722f};
+  Decode decode(srgb);
+  return chain_of(data, faces, height, width, components, channels, [&](const uint8_t* p, int c) {
+    float rgb[3];
+    for (int k = 0; k < 3; k++) rgb[k] = decode.value[p[components >= 3 ? k : 0]] * tint[k];
+    return channels == 3 ? rgb[c] : WEIGHTS[0] * rgb[0] + WEIGHTS[1] * rgb[1] + WEIGHTS[2] * rgb[2];
+  });
+}
+
+Chain build_plain_chain(const uint8_t* data, int faces, int height, int width, int components,
+                        bool srgb, int channels) {
+  Decode decode(srgb);
+  return chain_of(data, faces, height, width, components, channels,
+                  [&](const uint8_t* p, int c) { return decode.value[p[c < components ? c : 0]]; });
 }
 
 }  // namespace evs

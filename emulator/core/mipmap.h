@@ -25,6 +25,10 @@ struct Chain {
 Chain build_chain(const uint8_t* data, int faces, int height, int width, int components, bool srgb,
                   const float* tint, int channels);
 
+// Numbers, not colours: `channels` of the image's components as they are, each its own channel.
+Chain build_plain_chain(const uint8_t* data, int faces, int height, int width, int components,
+                        bool srgb, int channels);
+
 float from_srgb(float coded);
 
 }  // namespace evs

@@ -7,7 +7,7 @@
 namespace evs {
 
 enum Shape { PLANE = 0, HFIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH };
-enum LightKind { SPOT = 0, DIRECTIONAL, POINT };
+enum LightKind { SPOT = 0, DIRECTIONAL, POINT, IMAGE };
 
 struct V3 {
   float x, y, z;
@@ -54,6 +54,7 @@ struct Texture {
 };
 
 constexpr int MAX_CHANNELS = 4;
+constexpr float MIN_ROUGHNESS = 0.045f;  // a lobe narrower than this is below float's precision
 
 struct Surface {
   float albedo[MAX_CHANNELS];  // linear; with a texture it is already inside the texels
@@ -64,11 +65,16 @@ struct Surface {
   float alpha;                 // 1: opaque
   bool physical;               // GGX; else classic, Blinn-Phong
   float metallic;              // physical only: 0 dielectric ... 1 metal
+  float roughness;             // physical only: its square is the width of the GGX lobe
   float alpha_ggx;             // width of the GGX lobe; classic: of a lobe as wide as Blinn-Phong's
   float f0;                    // classic: specular reflectance at normal incidence, grey
   int texture;                 // -1 none
   float repeat[2];
   bool uniform;
+  bool layered;  // has any of these maps: textures, -1 none
+  int metallic_map, roughness_map, occlusion_map, opacity_map;  // one channel
+  int normal_map;                                               // three channels
+  int emissive_map;                                             // as the base texture
 };
 
 // One geom in this tick.
@@ -90,6 +96,23 @@ struct Light {
   float attenuation[3];
   float cos_cutoff, exponent;
   bool inverse_square;  // physical intensity: 1 / r^2 instead of attenuation
+  float fade;           // 1 / range^2: physical light ends at its range; 0: nowhere
+  float edge;           // 1 / (cosine of the full cone - cos_cutoff), physical spots; 0: exponent
+  int texture;          // of an image light
+  // irradiance of an image light over pi, by the normal in the world's frame: the factors of
+  // 1, y, z, x, xy, yz, 3z^2 - 1, xz, x^2 - y^2
+  float harmonics[MAX_CHANNELS][9];
+};
+
+// Fog hides what is far; haze is a band below the horizon of an infinite plane.
+struct Air {
+  bool fog, haze;
+  float fog_end, fog_slope;  // clear share at distance r: (fog_end - r) * fog_slope, 0 ... 1
+  float fog_color[MAX_CHANNELS];
+  float haze_color[MAX_CHANNELS];
+  float haze_ratio, haze_radius, haze_peak;  // the cone's: reach inwards, rim, height of the peak
+  V3 haze_up;                                // the plane's normal, camera frame
+  float haze_elevation;                      // of the camera above the plane, in rims
 };
 
 // A region that bundles rays: a ball of origins (center, radius), opened by an angle, up to
@@ -119,7 +142,10 @@ struct Frame {
   int light_count;
   int skybox;             // texture, -1 none
   float sky_rotation[9];  // row-major, camera to world
+  Air air;
   bool shadows;
+  bool layered;                 // a surface is physical or has maps
+  bool bumpy;                   // a surface has a normal map
   int channels;                 // 1: luminance, as every light is grey; 3: RGB; 4: both, if grey
   float weights[MAX_CHANNELS];  // luminance of each channel
 

@@ -28,6 +28,9 @@ struct SceneData {
     float repeat[2];
     bool uniform;
     float emission, specular, shininess, reflectance;
+    float metallic, roughness;  // negative: a classic material, unless it has such a map
+    // textures, -1 none; the first four have one component
+    int metallic_map, roughness_map, occlusion_map, opacity_map, normal_map, emissive_map;
   };
   struct LightData {
     int kind;
@@ -37,6 +40,13 @@ struct SceneData {
     float cutoff_deg, exponent;
     float intensity;  // already divided by the lux of one unit; 0: diffuse holds
     bool headlight;
+    float range, softness;
+    int texture;  // of an image light
+  };
+  struct AirData {
+    bool fog = false, haze = false;
+    float fog_start = 0, fog_end = 0, fog_color[3] = {};
+    float haze_ratio = 0, haze_radius = 0, haze_color[3] = {};
   };
   std::vector<int> geom_type, geom_mesh, geom_surface;
   std::vector<float> geom_size;  // (ng, 3)
@@ -45,6 +55,7 @@ struct SceneData {
   std::vector<SurfaceData> surfaces;
   std::vector<LightData> lights;
   int skybox = -1;
+  AirData air;
 };
 
 // In: vertices (nv, 3) finite, faces (nf, 3) in range, normals (nf, 3, 3) and texcoords (nf, 3, 2)

@@ -6,39 +6,72 @@ struct Patch {
   Vec origin;         // where rays that leave the surface start
   float step = 0;     // from point to origin, at most
   Float albedo[CHANNELS];
+  Float emitted[CHANNELS];     // radiance of its own
   Float gloss_tint[CHANNELS];  // a texture colours the gloss too, as in MuJoCo's viewer; else 1
-  Float emission, specular, exponent, reflectance, alpha;
+  Float specular, exponent, reflectance, alpha;
+  Float occlusion;            // share of the ambient light that arrives
+  Vec plain;                  // the normal before a normal map bent it
   Mask physical;              // GGX lanes; the others are classic: metallic 0
   Float metallic, alpha_ggx;  // alpha_ggx: width of the GGX lobe, roughness squared
   Float f0[CHANNELS];         // specular reflectance at normal incidence
 };
 
-inline void texture_of_geom(const Frame& f, const Geom& g, const Surface& s, Vec p, Float footprint,
-                            Float* out) {
-  const Texture& t = f.textures[s.texture];
-  if (t.faces == 1) {
-    Float u, v;
-    float density;
-    on_shape(g, s, p, u, v, density);
-    sample(t, f.channels, u, v, splat(0), footprint * density, out);
-    return;
+// Where one sample lies on images, and how wide it is there; found when first asked for.
+struct Place {
+  const Geom& g;
+  const Surface& s;
+  Vec p;            // in the geom's frame
+  Float footprint;  // m
+  bool own;         // a mesh with coordinates of its own
+  Float u, v;       // those, and their density (image lengths per m)
+  Float density;
+  bool has_flat = false, has_cube = false;
+  Float flat_u = {}, flat_v = {}, flat_width = {}, cube_u = {}, cube_v = {}, cube_width = {};
+  Int face = {};
+
+  void find_flat() {
+    has_flat = true;
+    if (own) {
+      float ru = s.repeat[0] * (s.uniform && g.size[0] > 0 ? g.size[0] : 1.0f);
+      float rv = s.repeat[1] * (s.uniform && g.size[1] > 0 ? g.size[1] : 1.0f);
+      flat_u = u * ru;
+      flat_v = v * rv;
+      flat_width = footprint * density * (ru > rv ? ru : rv);
+      return;
+    }
+    float per_meter;
+    on_shape(g, s, p, flat_u, flat_v, per_meter);
+    flat_width = footprint * per_meter;
   }
-  Vec q = unit_point(g, p);
-  float third = g.shape == CAPSULE || g.shape == CYLINDER ? g.size[1] : g.size[2];
-  bool round = g.shape == SPHERE || g.shape == CAPSULE || g.shape == CYLINDER;
-  float second = round ? g.size[0] : g.size[1];
-  if (g.shape == SPHERE) third = g.size[0];
-  float per_meter =
-      g.shape == MESH || g.shape == HFIELD || g.shape == PLANE ? 1.0f : 1.0f / g.size[0];
-  if (s.uniform) {
-    q = {q.x * g.size[0], q.y * second, q.z * third};
-    per_meter = 1.0f;
+
+  void find_cube() {
+    has_cube = true;
+    Vec q = unit_point(g, p);
+    float third = g.shape == CAPSULE || g.shape == CYLINDER ? g.size[1] : g.size[2];
+    bool round = g.shape == SPHERE || g.shape == CAPSULE || g.shape == CYLINDER;
+    float second = round ? g.size[0] : g.size[1];
+    if (g.shape == SPHERE) third = g.size[0];
+    float per_meter =
+        g.shape == MESH || g.shape == HFIELD || g.shape == PLANE ? 1.0f : 1.0f / g.size[0];
+    if (s.uniform) {
+      q = {q.x * g.size[0], q.y * second, q.z * third};
+      per_meter = 1.0f;
+    }
+    Float major;
+    on_cube(q, cube_u, cube_v, face, major);
+    cube_width = footprint * (0.5f * per_meter) / major;
   }
-  Float u, v, major;
-  Int face;
-  on_cube(q, u, v, face, major);
-  sample(t, f.channels, u, v, face, footprint * (0.5f * per_meter) / major, out);
-}
+
+  void read(const Texture& t, int channels, Float* out) {
+    if (t.faces == 1) {
+      if (!has_flat) find_flat();
+      sample(t, channels, flat_u, flat_v, splat(0), flat_width, out);
+    } else {
+      if (!has_cube) find_cube();
+      sample(t, channels, cube_u, cube_v, face, cube_width, out);
+    }
+  }
+};
 
 // A mesh's normal and texture coordinates, lane by lane.
 inline void corners_of(const Mesh& mesh, const Hit& hit, unsigned lanes, Vec& smooth, Vec& flat,
@@ -100,6 +133,85 @@ EVS_INLINE Vec facing(Vec normal, Vec direction) {
   return select(dot(normal, direction) > 0.0f, normal * splat(-1.0f), normal);
 }
 
+// What a surface's maps make of its numbers.
+template <int CHANNELS>
+struct Layers {
+  Float opacity, occlusion, metallic, alpha_ggx;
+  Float emitted[CHANNELS] = {};
+};
+
+template <int CHANNELS>
+void read_layers(const Frame& f, const Surface& s, Place& place, Layers<CHANNELS>& out) {
+  Float value;
+  auto scale = [&](int map, Float& number) {
+    if (map < 0) return;
+    place.read(f.textures[map], 1, &value);
+    number = number * value;
+  };
+  scale(s.opacity_map, out.opacity);
+  scale(s.occlusion_map, out.occlusion);
+  scale(s.metallic_map, out.metallic);
+  if (s.roughness_map >= 0) {
+    Float rough = splat(s.roughness);
+    scale(s.roughness_map, rough);
+    rough = max(rough, splat(MIN_ROUGHNESS));
+    out.alpha_ggx = rough * rough;
+  }
+  if (s.emissive_map >= 0) {
+    place.read(f.textures[s.emissive_map], CHANNELS, out.emitted);
+    for (int c = 0; c < CHANNELS; c++) out.emitted[c] = out.emitted[c] * s.emission;
+  }
+}
+
+// Where an image's right and its top point, in the mesh's frame: from the coordinates of the
+// triangle's corners.
+inline void mesh_tangents(const Mesh& mesh, const Hit& hit, unsigned lanes, Vec& right, Vec& up) {
+  alignas(64) float out[6][LANES] = {};
+  alignas(64) int triangle[LANES];
+  store(triangle, hit.triangle);
+  for (; lanes; lanes &= lanes - 1) {
+    int i = first_lane(lanes);
+    const Corners& c = mesh.corners[triangle[i]];
+    const Triangle& t = mesh.triangles[triangle[i]];
+    V3 e1 = t.b - t.a, e2 = t.c - t.a;
+    float u1 = c.uv[1][0] - c.uv[0][0], v1 = c.uv[1][1] - c.uv[0][1];
+    float u2 = c.uv[2][0] - c.uv[0][0], v2 = c.uv[2][1] - c.uv[0][1];
+    float side = u1 * v2 - u2 * v1 < 0 ? -1.0f : 1.0f;
+    V3 along = scaled(scaled(e1, v2) - scaled(e2, v1), side);
+    V3 above = scaled(scaled(e1, u2) - scaled(e2, u1), side);  // v grows downwards
+    // lengths of their own: a tiny triangle's would be lost
+    along = normalized(along);
+    above = normalized(above);
+    out[0][i] = along.x;
+    out[1][i] = along.y;
+    out[2][i] = along.z;
+    out[3][i] = above.x;
+    out[4][i] = above.y;
+    out[5][i] = above.z;
+  }
+  right = {load(out[0]), load(out[1]), load(out[2])};
+  up = {load(out[3]), load(out[4]), load(out[5])};
+}
+
+// The normal that a normal map gives: red bends it to the image's right, green to its top. On a
+// cube map, where right and top turn from face to face, it stays as it is.
+inline Vec bent_normal(const Frame& f, const Hit& hit, unsigned lanes, Place& place, Vec n) {
+  const Texture& map = f.textures[place.s.normal_map];
+  if (map.faces != 1) return n;
+  Vec right, up;
+  if (place.own) {
+    mesh_tangents(f.meshes[place.g.mesh], hit, lanes, right, up);
+  } else {
+    shape_tangents(place.g, place.p, n, right, up);
+  }
+  right = normalize(right - n * dot(n, right));
+  up = normalize(up - n * dot(n, up));
+  Float c[3];
+  place.read(map, 3, c);
+  for (Float& component : c) component = component * 2.0f - 1.0f;
+  return normalize(right * c[0] + up * c[1] + n * c[2]);
+}
+
 // In: the hits of `lanes`. Out: what is there. `travelled`: distance from the camera to the rays'
 // start.
 template <int CHANNELS>
@@ -120,21 +232,19 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
     // seen at a slant the footprint stretches: take the mean of its two widths
     Float slant = max(abs(dot(n, d)), splat(0.02f));
     Float footprint = reach / sqrt(slant);
+    bool own = is_mesh && f.meshes[g.mesh].has_texcoords;
+    Place place = {g, s, p, footprint, own, mesh_u, mesh_v, mesh_density};
     Float texel[CHANNELS];
-    if (s.texture >= 0) {
-      if (is_mesh && f.meshes[g.mesh].has_texcoords && f.textures[s.texture].faces == 1) {
-        float ru = s.repeat[0] * (s.uniform && g.size[0] > 0 ? g.size[0] : 1.0f);
-        float rv = s.repeat[1] * (s.uniform && g.size[1] > 0 ? g.size[1] : 1.0f);
-        sample(f.textures[s.texture], CHANNELS, mesh_u * ru, mesh_v * rv, splat(0),
-               footprint * mesh_density * (ru > rv ? ru : rv), texel);
-      } else {
-        texture_of_geom(f, g, s, p, footprint, texel);
-      }
-    }
+    if (s.texture >= 0) place.read(f.textures[s.texture], CHANNELS, texel);
     for (int c = 0; c < CHANNELS; c++) {
       out.albedo[c] = select(here, s.texture >= 0 ? texel[c] : splat(s.albedo[c]), out.albedo[c]);
       out.gloss_tint[c] = select(here, s.texture >= 0 ? texel[c] : splat(1.0f), out.gloss_tint[c]);
     }
+    out.plain = select(here, to_camera(g.rotation, n), out.plain);
+    Layers<CHANNELS> layers = {splat(s.alpha), splat(1.0f), splat(s.metallic), splat(s.alpha_ggx)};
+    for (int c = 0; c < CHANNELS; c++) layers.emitted[c] = out.albedo[c] * s.emission;
+    if (s.layered) read_layers<CHANNELS>(f, s, place, layers);
+    if (s.normal_map >= 0) n = bent_normal(f, hit, bits(here), place, n);
     out.normal = select(here, to_camera(g.rotation, n), out.normal);
     if (is_mesh) {
       // step off the triangle: far enough for the rounding of hit point and mesh, no further
@@ -143,13 +253,15 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
       float longest = highest(select(here, step, splat(0.0f)));
       out.step = longest > out.step ? longest : out.step;
     }
-    out.emission = select(here, splat(s.emission), out.emission);
+    for (int c = 0; c < CHANNELS; c++)
+      out.emitted[c] = select(here, layers.emitted[c], out.emitted[c]);
     out.specular = select(here, splat(s.specular), out.specular);
     out.exponent = select(here, splat(s.exponent), out.exponent);
     out.reflectance = select(here, splat(s.reflectance), out.reflectance);
-    out.alpha = select(here, splat(s.alpha), out.alpha);
-    out.alpha_ggx = select(here, splat(s.alpha_ggx), out.alpha_ggx);
-    out.metallic = select(here, splat(s.metallic), out.metallic);
+    out.alpha = select(here, layers.opacity, out.alpha);
+    out.occlusion = select(here, layers.occlusion, out.occlusion);
+    out.alpha_ggx = select(here, layers.alpha_ggx, out.alpha_ggx);
+    out.metallic = select(here, layers.metallic, out.metallic);
     if (s.physical) out.physical = out.physical | here;
     for (int c = 0; c < CHANNELS; c++) {
       Float f0 = splat(s.f0);
@@ -158,5 +270,6 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
     }
   }
   out.normal = facing(out.normal, rays.direction);
+  if (f.bumpy) out.plain = facing(out.plain, rays.direction);
   return out;
 }

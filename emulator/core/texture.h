@@ -176,3 +176,36 @@ inline void on_shape(const Geom& g, const Surface& s, Vec p, Float& u, Float& v,
   v = v * rv;
   density = du * ru > dv * rv ? du * ru : dv * rv;
 }
+
+// Where the right and the top of an image on a shape point, in the geom's frame; not unit, and only
+// about across the normal n.
+inline void shape_tangents(const Geom& g, Vec p, Vec n, Vec& right, Vec& up) {
+  Float zero = splat(0.0f), one = splat(1.0f);
+  right = {one, zero, zero};
+  up = {zero, one, zero};
+  switch (g.shape) {
+    case SPHERE:
+    case CAPSULE:
+    case ELLIPSOID:
+    case CYLINDER: {
+      float y = g.shape == ELLIPSOID ? g.size[1] : g.size[0];
+      Vec around = {-p.y * (g.size[0] / y), p.x * (y / g.size[0]), zero};
+      Vec north = cross(n, around);
+      // a lid shows the image as seen along its axis from above, upside down
+      Mask lid = mask_of(0);
+      if (g.shape == CYLINDER) lid = g.size[1] - abs(p.z) < g.size[0] - sqrt(p.x * p.x + p.y * p.y);
+      right = select(lid, right, around);
+      up = select(lid, {zero, -one, zero}, north);
+      break;
+    }
+    case BOX: {
+      Float x = abs(p.x) - g.size[0], y = abs(p.y) - g.size[1], z = abs(p.z) - g.size[2];
+      Mask face_x = (x >= y) & (x >= z), face_z = (z > x) & (z > y);
+      right = select(face_x, up, right);
+      up = select(face_z, up, {zero, zero, one});
+      break;
+    }
+    default:  // planes, and meshes on which the image lies as seen from above
+      break;
+  }
+}

@@ -6,6 +6,7 @@ import numpy as np
 
 from evs.emulator import _core
 from evs.emulator.config import RenderConfig
+from evs.emulator.light.flicker import Flicker
 from evs.emulator.light.truth import trace_hits, trace_truth
 from evs.emulator.scene import (
     F32,
@@ -43,12 +44,13 @@ class DirectRenderer:
             if config.headlight == "model" or not light.headlight
         ]
         self._lights = np.array(keep, np.intp)
+        self._flicker = Flicker(scene.lights, config.flicker)
         self._deforming = scene.deforming
         shape = camera.height, camera.width
         self._luminance = np.zeros(shape, np.float32)
         self._rgb = np.zeros((*shape, 3), np.float32) if rgb else None
         self._caster = _core.Caster(
-            scene_data(scene, keep, config.lux_per_unit),
+            scene_data(scene, keep, config),
             camera.width,
             camera.height,
             camera.fx,
@@ -112,6 +114,8 @@ class DirectRenderer:
         for mesh, shape in zip(self._deforming, snapshot.deformed, strict=True):
             self._caster.deform(mesh, shape.vertices, shape.normals)
         lights = self._lights
+        if not self._flicker.steady:
+            self._caster.set_light_gains(self._flicker.gains(snapshot)[lights])
         return (
             snapshot.geom_pos,
             snapshot.geom_mat,
@@ -122,7 +126,7 @@ class DirectRenderer:
         )
 
 
-def scene_data(scene: SceneModel, lights: list[int], lux_per_unit: float) -> _core.SceneData:
+def scene_data(scene: SceneModel, lights: list[int], config: RenderConfig) -> _core.SceneData:
     """The native copy of a scene's constant part with the lights of these indices."""
     data = _core.SceneData()
     for texture in scene.textures:
@@ -139,6 +143,16 @@ def scene_data(scene: SceneModel, lights: list[int], lux_per_unit: float) -> _co
             surface.specular,
             surface.shininess,
             surface.reflectance,
+            surface.metallic,
+            surface.roughness,
+            (
+                surface.metallic_map,
+                surface.roughness_map,
+                surface.occlusion_map,
+                surface.opacity_map,
+                surface.normal_map,
+                surface.emissive_map,
+            ),
         )
     for mesh in scene.meshes:
         data.add_mesh(mesh.vertices, mesh.faces, mesh.normals, mesh.texcoords)
@@ -153,9 +167,17 @@ def scene_data(scene: SceneModel, lights: list[int], lux_per_unit: float) -> _co
             light.attenuation,
             light.cutoff_deg,
             light.exponent,
-            light.intensity / lux_per_unit,
+            light.intensity / config.lux_per_unit,
             light.headlight,
+            light.range_m,
+            light.softness,
+            light.texture,
         )
     data.set_geoms(scene.geom_type, scene.geom_size, scene.geom_mesh, scene.geom_surface)
     data.skybox = scene.skybox
+    air = scene.air
+    if air is not None and config.fog:
+        data.set_fog(air.fog_start_m, air.fog_end_m, air.fog_rgb)
+    if air is not None and config.haze:
+        data.set_haze(air.haze_ratio, air.haze_radius_m, air.haze_rgb)
     return data

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from evs.emulator.scene import I32, Mesh, SceneModel, Shape
 from evs.emulator.world.deforming import Deforming
 from evs.emulator.world.kinematics import update_poses
-from evs.emulator.world.lights import active_lights, extract_light
+from evs.emulator.world.lights import active_lights, extract_air, extract_light
 from evs.emulator.world.meshes import extract_height_field, extract_mesh
 from evs.emulator.world.surfaces import Surfaces, geom_rgba, is_shown
 from evs.msgs import EvsError
@@ -66,6 +66,7 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
     surfaces = Surfaces(model)
     geom_surface = [surfaces.of_geom(int(geom)) for geom in geoms]
     skybox = surfaces.skybox()
+    lights = tuple(extract_light(model, int(light), surfaces) for light in active_lights(model))
 
     # skins and flexes follow the geoms, each a mesh that lies in the world's frame
     indices = tuple(range(len(meshes), len(meshes) + len(deforming)))
@@ -87,9 +88,10 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
         meshes=tuple(meshes),
         surfaces=tuple(surfaces.surfaces),
         textures=tuple(surfaces.textures),
-        lights=tuple(extract_light(model, int(light)) for light in active_lights(model)),
+        lights=lights,
         skybox=skybox,
         deforming=indices,
+        air=extract_air(model),
         extent_m=float(model.stat.extent),
     )
 

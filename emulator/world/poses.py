@@ -51,8 +51,11 @@ class Poser:
         """Snapshots from now on have this camera's pose too, as their last."""
         self._cameras += (camera,)
 
-    def snapshot(self, data: mujoco.MjData, t_us: int) -> SceneSnapshot:
-        """Where everything is at `data.qpos` and the mocap poses. `data` is only read."""
+    def snapshot(self, data: mujoco.MjData, t_us: int, exposure_us: int = 0) -> SceneSnapshot:
+        """Where everything is at `data.qpos` and the mocap poses. `data` is only read.
+
+        In: exposure_us, over which flickering light is averaged.
+        """
         model, own = self._model, self._data
         if data.qpos.shape != own.qpos.shape or data.mocap_pos.shape != own.mocap_pos.shape:
             raise EvsError(
@@ -78,4 +81,5 @@ class Poser:
             light_dir,
             tuple(camera.mount.pose(own) for camera in self._cameras),
             self._deforming.vertices(own),
+            exposure_us,
         )

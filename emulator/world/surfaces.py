@@ -9,14 +9,26 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.scene import Surface, Texture, TextureKind
+from evs.emulator.world.bounds import BRIGHTEST, bounded
+from evs.emulator.world.names import name_of
 
 Rgba = tuple[float, float, float, float]
 
 VISIBLE_GROUPS = 3
 """Groups 0, 1 and 2 of geoms, skins and flexes are shown, as in MuJoCo's viewer at the start."""
 
-ROLES = (mujoco.mjtTextureRole.mjTEXROLE_RGB, mujoco.mjtTextureRole.mjTEXROLE_RGBA)
+Role = mujoco.mjtTextureRole
+
+COLOUR_ROLES = (Role.mjTEXROLE_RGB, Role.mjTEXROLE_RGBA)
 """The roles that give a material its colour, the first that is filled counts."""
+
+MAP_ROLES = {
+    "metallic_map": ((Role.mjTEXROLE_METALLIC, 0), (Role.mjTEXROLE_ORM, 2)),
+    "roughness_map": ((Role.mjTEXROLE_ROUGHNESS, 0), (Role.mjTEXROLE_ORM, 1)),
+    "occlusion_map": ((Role.mjTEXROLE_OCCLUSION, 0), (Role.mjTEXROLE_ORM, 0)),
+    "opacity_map": ((Role.mjTEXROLE_OPACITY, 0), (Role.mjTEXROLE_RGBA, 3)),
+}
+"""map of one number -> roles and which component of theirs; the first that is filled counts"""
 
 UNSET = (0.5, 0.5, 0.5, 1.0)
 """A geom's rgba that means: take the material's."""
@@ -40,7 +52,10 @@ def shown_rgba(model: mujoco.MjModel, rgba: npt.ArrayLike, material: int) -> Rgb
     own = tuple(float(value) for value in np.asarray(rgba))
     if own == UNSET and material >= 0:
         own = tuple(float(value) for value in model.mat_rgba[material])
-    return own[0], own[1], own[2], own[3]
+    red, green, blue, alpha = (
+        bounded(value, 0.0, 1.0, "a geom's or material's rgba") for value in own
+    )
+    return red, green, blue, alpha
 
 
 @dataclass
@@ -51,7 +66,7 @@ class Surfaces:
     surfaces: list[Surface] = field(default_factory=list)
     textures: list[Texture] = field(default_factory=list)
     surface_index: dict[Surface, int] = field(default_factory=dict)
-    texture_index: dict[int, int] = field(default_factory=dict)
+    texture_index: dict[tuple[int, bool, int], int] = field(default_factory=dict)
 
     def of_geom(self, geom: int) -> int:
         """Index of the geom's surface."""
@@ -63,20 +78,38 @@ class Surfaces:
         if material >= 0:
             surface = self._with_material(rgba, material)
         if not textured:
-            surface = replace(surface, texture=-1)
+            surface = replace(
+                surface,
+                texture=-1,
+                metallic_map=-1,
+                roughness_map=-1,
+                occlusion_map=-1,
+                opacity_map=-1,
+                normal_map=-1,
+                emissive_map=-1,
+            )
         if surface not in self.surface_index:
             self.surface_index[surface] = len(self.surfaces)
             self.surfaces.append(surface)
         return self.surface_index[surface]
 
-    def texture(self, index: int) -> int:
-        """Index, among those in use, of the model's texture `index`; -1 where it has no pixels."""
-        if index not in self.texture_index:
-            texture = extract_texture(self.model, index)
-            self.texture_index[index] = -1 if texture is None else len(self.textures)
+    def texture(self, index: int, colour: bool = True, component: int = -1) -> int:
+        """Index, among those in use, of the model's texture `index`; -1 where it has no pixels.
+
+        In: colour, whether it is coded for displays where the model does not say; component, the
+        only one that is wanted, -1 all.
+        """
+        if index < 0:
+            return -1
+        key = (index, colour, component)
+        if key not in self.texture_index:
+            texture = extract_texture(self.model, index, colour)
+            if texture is not None and component >= 0:
+                texture = _component(texture, component)
+            self.texture_index[key] = -1 if texture is None else len(self.textures)
             if texture is not None:
                 self.textures.append(texture)
-        return self.texture_index[index]
+        return self.texture_index[key]
 
     def skybox(self) -> int:
         """Index of the sky's texture, -1 where the model has none."""
@@ -87,33 +120,66 @@ class Surfaces:
 
     def _with_material(self, rgba: Rgba, material: int) -> Surface:
         model = self.model
-        images = [int(model.mat_texid[material, role]) for role in ROLES]
+        name = name_of(model, mujoco.mjtObj.mjOBJ_MATERIAL, material)
+
+        def number(attribute: str, low: float, high: float) -> float:
+            value = getattr(model, f"mat_{attribute}")[material]
+            return bounded(value, low, high, f"{attribute} of material '{name}'")
+
+        images = [int(model.mat_texid[material, role]) for role in COLOUR_ROLES]
         image = next((index for index in images if index >= 0), -1)
         return Surface(
             rgba=rgba,
-            texture=self.texture(image) if image >= 0 else -1,
+            texture=self.texture(image),
             texrepeat=(
                 float(model.mat_texrepeat[material, 0]),
                 float(model.mat_texrepeat[material, 1]),
             ),
             texuniform=bool(model.mat_texuniform[material]),
-            emission=float(model.mat_emission[material]),
-            specular=float(model.mat_specular[material]),
-            shininess=float(model.mat_shininess[material]),
-            reflectance=float(model.mat_reflectance[material]),
+            emission=number("emission", 0.0, BRIGHTEST),
+            specular=number("specular", 0.0, 1.0),
+            shininess=number("shininess", 0.0, 1.0),
+            reflectance=number("reflectance", 0.0, 1.0),
+            metallic=number("metallic", -1.0, 1.0),
+            roughness=number("roughness", -1.0, 1.0),
+            **self._maps(material),
         )
 
+    def _maps(self, material: int) -> dict[str, int]:
+        """Every map of a material by its field in Surface."""
+        layers = self.model.mat_texid[material]
+        maps = {
+            "normal_map": self.texture(int(layers[Role.mjTEXROLE_NORMAL]), colour=False),
+            "emissive_map": self.texture(int(layers[Role.mjTEXROLE_EMISSIVE])),
+        }
+        normal = maps["normal_map"]
+        if normal >= 0 and self.textures[normal].data.shape[-1] < 3:
+            maps["normal_map"] = -1
+        for name, roles in MAP_ROLES.items():
+            found = (
+                self.texture(int(layers[role]), False, component)
+                for role, component in roles
+                if layers[role] >= 0
+            )
+            maps[name] = next((index for index in found if index >= 0), -1)
+        return maps
 
-def extract_texture(model: mujoco.MjModel, index: int) -> Texture | None:
-    """One texture of the model; None where its bytes are not pixels that we can read."""
+
+def extract_texture(model: mujoco.MjModel, index: int, colour: bool = True) -> Texture | None:
+    """One texture of the model; None where its bytes are not pixels that we can read.
+
+    In: colour, whether it is coded for displays where the model does not say.
+    """
     width, height = int(model.tex_width[index]), int(model.tex_height[index])
     channels, first = int(model.tex_nchannel[index]), int(model.tex_adr[index])
     data = np.array(model.tex_data[first : first + width * height * channels], np.uint8)
     if channels not in (1, 3, 4) or data[:4].tobytes() == KTX_MAGIC:
         return None
 
-    # no colour space given: it is a colour, so it is coded for displays
-    linear = model.tex_colorspace[index] == mujoco.mjtColorSpace.mjCOLORSPACE_LINEAR
+    # colours are coded for displays, numbers are not, unless the model says otherwise
+    space = model.tex_colorspace[index]
+    linear = space == mujoco.mjtColorSpace.mjCOLORSPACE_LINEAR
+    linear = linear or (not colour and space != mujoco.mjtColorSpace.mjCOLORSPACE_SRGB)
     kind = {
         int(mujoco.mjtTexture.mjTEXTURE_2D): TextureKind.FLAT,
         int(mujoco.mjtTexture.mjTEXTURE_CUBE): TextureKind.CUBE,
@@ -127,3 +193,18 @@ def extract_texture(model: mujoco.MjModel, index: int) -> Texture | None:
     if len(faces) == 1:
         faces = np.repeat(faces, 6, axis=0)
     return Texture(kind, np.ascontiguousarray(faces), not linear)
+
+
+def _component(texture: Texture, component: int) -> Texture | None:
+    """One component of a texture; None where it has none such, but a grey one is every component.
+
+    Alpha alone is never coded for displays.
+    """
+    count = texture.data.shape[-1]
+    if component == 3:
+        alpha = np.ascontiguousarray(texture.data[..., 3:]) if count == 4 else None
+        return None if alpha is None else Texture(texture.kind, alpha, False)
+    only = component if count >= 3 else 0
+    return Texture(
+        texture.kind, np.ascontiguousarray(texture.data[..., only : only + 1]), texture.srgb
+    )

@@ -87,7 +87,7 @@ def test_spot_has_an_edge_and_an_exponent() -> None:
 
 def test_physical_intensity_is_inverse_square() -> None:
     light = floor_from_above(
-        '<light type="point" pos="0 0 2" diffuse="1 1 1" intensity="4000"/>', fovy=1e-3
+        '<light type="point" pos="0 0 2" diffuse="1 1 1" intensity="4000" range="1e6"/>', fovy=1e-3
     )
     # 4000 cd at 2 m are 1000 lux, which is one unit
     np.testing.assert_allclose(light, linear(0.5), rtol=1e-4)

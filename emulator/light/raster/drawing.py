@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from evs.emulator.config import RenderConfig
+from evs.emulator.light.flicker import Flicker
 from evs.emulator.light.raster.tessellate import Facets, facets_of, room
 from evs.emulator.scene import (
     F32,
@@ -142,9 +144,15 @@ def orthographic_matrix(camera: CameraModel, extent_m: float) -> F64:
 class Lamps:
     """The lights that a renderer uses, as shade.frag wants them."""
 
-    def __init__(self, scene: SceneModel, headlight: bool, lux_per_unit: float) -> None:
-        """headlight: False leaves the camera's own out; lux_per_unit as in RenderConfig."""
-        used = [i for i, x in enumerate(scene.lights) if headlight or not x.headlight]
+    def __init__(self, scene: SceneModel, config: RenderConfig) -> None:
+        """Image lights are left out: OpenGL has none."""
+        headlight, lux_per_unit = config.headlight == "model", config.lux_per_unit
+        used = [
+            i
+            for i, x in enumerate(scene.lights)
+            if (headlight or not x.headlight) and x.kind is not LightKind.IMAGE
+        ]
+        self._flicker = Flicker(scene.lights, config.flicker)
         self._at_camera = np.array([[scene.lights[i].headlight] for i in used], bool)
         self._used = used
         self.constant = light_uniforms([scene.lights[i] for i in used], lux_per_unit)
@@ -158,10 +166,15 @@ class Lamps:
             return {}
         ahead = -pose.mat.reshape(3, 3)[:, 2]
         places = snapshot.light_pos[self._used] - pose.pos
-        return {
+        moving: Uniforms = {
             "light_position": np.where(self._at_camera, 0.0, places),
             "light_direction": np.where(self._at_camera, ahead, snapshot.light_dir[self._used]),
         }
+        if not self._flicker.steady:
+            gains = self._flicker.gains(snapshot)[self._used, np.newaxis]
+            for name in ("light_ambient", "light_diffuse", "light_specular"):
+                moving[name] = self.constant[name] * gains
+        return moving
 
 
 def light_uniforms(lights: list[Light], lux_per_unit: float) -> Uniforms:
@@ -173,6 +186,9 @@ def light_uniforms(lights: list[Light], lux_per_unit: float) -> Uniforms:
     physical = np.array([[x.intensity > 0] for x in lights])
     cutoff = np.cos(np.deg2rad([x.cutoff_deg for x in lights]))
     square = [x.intensity > 0 and x.kind is not LightKind.DIRECTIONAL for x in lights]
+    inner = np.cos(np.deg2rad([(1.0 - x.softness) * x.cutoff_deg for x in lights]))
+    edge = 1.0 / np.maximum(inner - cutoff, 1.0 / 1024)
+    fade = [x.range_m**-2 if x.range_m > 0 else 0.0 for x in lights]
     return {
         "light_count": len(lights),
         "light_kind": np.array([int(x.kind) for x in lights]),
@@ -181,4 +197,5 @@ def light_uniforms(lights: list[Light], lux_per_unit: float) -> Uniforms:
         "light_specular": scale * np.array([x.specular for x in lights]),
         "light_attenuation": np.array([x.attenuation for x in lights], np.float64),
         "light_cone": np.stack([cutoff, [x.exponent for x in lights], square], 1),
+        "light_end": np.stack([fade, edge], 1) * np.array(square)[:, np.newaxis],
     }

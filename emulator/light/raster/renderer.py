@@ -45,7 +45,7 @@ class RasterRenderer:
         self._library, self._camera = load_library(), camera
         self._content, self._config = scene, config
         self._tracer: DirectRenderer | None = None
-        self._lamps = Lamps(scene, config.headlight == "model", config.lux_per_unit)
+        self._lamps = Lamps(scene, config)
         self._luminance = np.zeros((camera.height, camera.width), np.float32)
         self._canvas = Canvas(
             self._library, camera.width, camera.height, config.spp, len(self._lamps)

@@ -31,6 +31,7 @@ uniform vec3 light_specular[LIGHTS];
 uniform vec3 light_ambient[LIGHTS];
 uniform vec3 light_attenuation[LIGHTS];
 uniform vec3 light_cone[LIGHTS];  // cosine of the cutoff, exponent, 1 for inverse square
+uniform vec2 light_end[LIGHTS];   // physical lights: 1 / range^2, 1 / width of the cone's edge; or 0
 
 const vec3 LUMINANCE = vec3(0.2126, 0.7152, 0.0722);  // BT.709
 
@@ -58,9 +59,17 @@ float strength_of(int i, vec3 to_light, vec3 towards) {
   vec3 a = light_attenuation[i];
   float fall = light_cone[i].z > 0.0 ? square : a.x + a.y * sqrt(square) + a.z * square;
   float strength = 1.0 / max(fall, 1e-12);
+  if (light_end[i].x > 0.0) {
+    float share = square * light_end[i].x, left = max(1.0 - share * share, 0.0);
+    strength *= left * left;
+  }
   if (light_kind[i] != SPOT) return strength;
   float cosine = -dot(towards, light_direction[i]);
   if (cosine < light_cone[i].x) return 0.0;
+  if (light_end[i].y > 0.0) {
+    float inside = min((cosine - light_cone[i].x) * light_end[i].y, 1.0);
+    return strength * inside * inside;
+  }
   float power = light_cone[i].y;
   return power > 0.0 ? strength * pow(clamp(cosine, 1e-30, 1.0), power) : strength;
 }

@@ -57,7 +57,7 @@ def candela() -> Stage:
     made = Builder()
     made.add(Shape.PLANE, (1.4, 1.0, 1), (0, 0, 0), matt_rgb((0.7, 0.4, 0.2)))
     made.add(Shape.ELLIPSOID, (0.5, 0.3, 0.25), (0.2, 0.1, 0.3), matt_rgb((0.1, 0.6, 0.3)))
-    made.shine(LightKind.POINT, (0.9, 0.6, 1.5), diffuse=(1, 1, 1), intensity=2500.0)
+    made.shine(LightKind.POINT, (0.9, 0.6, 1.5), diffuse=(1, 1, 1), intensity=2500.0, range_m=0.0)
     made.shine(LightKind.DIRECTIONAL, towards=(-0.4, 0.5, -1), diffuse=(0.2, 0.5, 0.9))
     return made.look((0.3, -1.0, 2.0), (0, 0, 0), fovy_deg=2.4, orthographic=True)
 
