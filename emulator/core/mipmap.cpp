@@ -93,7 +93,8 @@ Chain build_chain(const uint8_t* data, int faces, int height, int width, int com
   return chain_of(data, faces, height, width, components, channels, [&](const uint8_t* p, int c) {
     float rgb[3];
     for (int k = 0; k < 3; k++) rgb[k] = decode.value[p[components >= 3 ? k : 0]] * tint[k];
-    return channels == 3 ? rgb[c] : WEIGHTS[0] * rgb[0] + WEIGHTS[1] * rgb[1] + WEIGHTS[2] * rgb[2];
+    int k = channels == 1 ? -1 : c - (channels - 3);
+    return k >= 0 ? rgb[k] : WEIGHTS[0] * rgb[0] + WEIGHTS[1] * rgb[1] + WEIGHTS[2] * rgb[2];
   });
 }
 

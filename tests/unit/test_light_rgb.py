@@ -66,16 +66,24 @@ def test_luminance_is_byte_equal_and_is_the_weighted_colour(
     assert plain.rgb is None
 
 
-def test_a_red_ball_in_white_light_is_red() -> None:
-    model = mujoco.MjModel.from_xml_string("""
-      <mujoco><visual><headlight active="0"/></visual><worldbody>
+@pytest.mark.parametrize("look", ['rgba="1 .5 0 1"', 'material="image"', 'material="tinted"'])
+def test_a_red_box_in_white_light_is_red(look: str) -> None:
+    model = mujoco.MjModel.from_xml_string(f"""
+      <mujoco><visual><headlight active="0"/></visual><asset>
+        <texture name="t" type="2d" builtin="flat" rgb1="1 .50001 0" width="4" height="4"/>
+        <texture name="white" type="cube" builtin="flat" rgb1="1 1 1" width="4" height="24"/>
+        <material name="image" texture="t"/>
+        <material name="tinted" texture="white" rgba="1 .5 0 1"/>
+      </asset><worldbody>
         <light type="directional" dir="0 0 -1" diffuse="1 1 1" specular="0 0 0"/>
         <camera name="c" pos="0 0 2"/>
-        <geom type="box" size="5 5 .1" rgba="1 .5 0 1"/>
+        <geom type="box" size="5 5 .1" {look}/>
       </worldbody></mujoco>""")
     bound = bind_camera(model, "c", 4, 4)
     shot = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
     renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(), 1, rgb=True)
     renderer.render(shot, shot.cameras[0])
-    decoded = ((0.5 + 0.055) / 1.055) ** 2.4
+    # MuJoCo's own image has 8 bits
+    green = 127 / 255 if "image" in look else 0.5
+    decoded = ((green + 0.055) / 1.055) ** 2.4
     np.testing.assert_allclose(renderer.rgb[2, 2], [1, decoded, 0], rtol=1e-6)
