@@ -116,6 +116,9 @@ class RenderConfig:
     """direct: our tracer | raster: OpenGL, no shadows or mirrors, needs the extra evs[raster]"""
     spp: int = 4
     """samples per pixel, at sub-pixel positions that never change: 1 ... 64"""
+    antialiasing: str = "fixed"
+    """fixed: every pixel takes all samples | adaptive: only pixels at an edge of the light do, the
+    others one; `direct` only"""
     seeds: str = "fixed"
     """fixed: a pixel's samples are the same every tick, so that still light gives no events"""
     headlight: str = "model"

@@ -78,12 +78,13 @@ bool is_grey(const SceneData::TextureData& t) {
 // What channel c carries: -1 luminance, else red, green, blue.
 int part_of(int channels, int c) { return channels == 1 ? -1 : c - (channels - 3); }
 
-// A linear colour in the scene's channels.
+// A linear colour in the scene's channels, and its luminance once more.
 void spread(const float* linear, int channels, float* out) {
   for (int c = 0; c < channels; c++) {
     int k = part_of(channels, c);
     out[c] = k >= 0 ? linear[k] : luminance_of(linear);
   }
+  out[channels] = luminance_of(linear);
 }
 
 void choose_channels(const SceneData& scene, bool rgb, Appearance& out) {
@@ -106,6 +107,13 @@ void add_image(const SceneData::LightData& l, const Appearance& look, Light& lig
     light.diffuse[c] = l.intensity > 0 ? PI * l.intensity : l.diffuse[k];
     project_irradiance(look.chains[light.texture], c, light.harmonics[c]);
   }
+  int more = look.channels;
+  light.ambient[more] = light.specular[more] = 0;
+  light.diffuse[more] = l.intensity > 0 ? PI * l.intensity : luminance_of(l.diffuse);
+  for (int i = 0; i < 9; i++) {
+    float part[3] = {light.harmonics[0][i], light.harmonics[1][i], light.harmonics[2][i]};
+    light.harmonics[more][i] = look.channels == 3 ? luminance_of(part) : part[0];
+  }
 }
 
 void add_lights(const SceneData& scene, Bakery& bakery, Appearance& out) {
@@ -122,6 +130,9 @@ void add_lights(const SceneData& scene, Bakery& bakery, Appearance& out) {
       light.diffuse[c] = scale * l.diffuse[k];
       light.specular[c] = scale * l.specular[k];
     }
+    light.ambient[out.channels] = l.intensity > 0 ? 0.0f : luminance_of(l.ambient);
+    light.diffuse[out.channels] = scale * luminance_of(l.diffuse);
+    light.specular[out.channels] = scale * luminance_of(l.specular);
     std::copy(l.attenuation, l.attenuation + 3, light.attenuation);
     light.cos_cutoff = static_cast<float>(std::cos(l.cutoff_deg * RADIANS));
     light.exponent = l.exponent;

@@ -12,7 +12,8 @@ namespace evs {
 
 struct Appearance {
   // 1: every light is grey, so that luminance alone is carried; 3: RGB; 4: grey lights again, and
-  // after the luminance, which keeps its bytes, RGB
+  // after the luminance, which keeps its bytes, RGB. Lights and surfaces have one channel more, the
+  // luminance, for a frame that carries it `plain`.
   int channels;
   float weights[MAX_CHANNELS];  // luminance of each channel
   std::vector<Light> lights;

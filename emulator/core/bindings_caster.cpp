@@ -156,16 +156,17 @@ struct BoundCaster {
 
 BoundCaster* make_caster(const SceneData& scene, int width, int height, double fx, double fy,
                          double cx, double cy, bool orthographic, int samples, bool shadows,
-                         bool incremental, int threads, const std::string& isa, bool rgb) {
+                         bool incremental, int threads, const std::string& isa, bool rgb,
+                         bool adaptive) {
   require(width > 0 && height > 0, "an image has pixels");
   require(fx > 0 && fy > 0 && std::isfinite(fx) && std::isfinite(fy) && std::isfinite(cx) &&
               std::isfinite(cy),
           "focal lengths are positive and finite");
-  require(samples >= 1 && samples <= 64, "samples: 1 ... 64");
+  require(samples >= 1 && samples <= 4096, "samples: 1 ... 4096");
   require(scene.skybox < static_cast<int>(scene.textures.size()),
           "the skybox's texture does not exist");
   require(scene.skybox < 0 || scene.textures[scene.skybox].faces == 6, "a skybox has six faces");
-  View view = {width, height, fx, fy, cx, cy, orthographic, samples};
+  View view = {width, height, fx, fy, cx, cy, orthographic, samples, adaptive};
   return new BoundCaster{{scene, view, shadows, incremental, threads, isa, rgb},
                          scene.geom_type.size(),
                          scene.lights.size(),
@@ -284,7 +285,7 @@ void bind_caster(nb::module_& m) {
       .def(nb::new_(&make_caster), nb::arg("scene"), nb::arg("width"), nb::arg("height"),
            nb::arg("fx"), nb::arg("fy"), nb::arg("cx"), nb::arg("cy"), nb::arg("orthographic"),
            nb::arg("samples"), nb::arg("shadows"), nb::arg("incremental"), nb::arg("threads"),
-           nb::arg("isa"), nb::arg("rgb") = false)
+           nb::arg("isa"), nb::arg("rgb") = false, nb::arg("adaptive") = false)
       .def("trace_pixels", &trace_pixels, nb::arg("geom_pos"), nb::arg("geom_mat"),
            nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
            nb::arg("x"), nb::arg("y"), nb::arg("luminance"),

@@ -106,7 +106,9 @@ Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incr
   }
   full_lights_ = look_.lights;
   gains_.assign(look_.lights.size(), 1.0f);
+  frame_.colour = frame_.channels == 3 ? 0 : 1;
   frame_.shadows = shadows;
+  if (view.adaptive && view.samples > 1) antialiasing_.emplace(view, sampling_, rgb);
 }
 
 // Room for the hulls of every packet; more lights than fit: those packets are traced always.
@@ -117,7 +119,7 @@ void Caster::make_records() {
   int capacity = std::min(2 * casting + 1, HULL_CAPACITY);
   hulls_.resize(packets * capacity);
   for (size_t i = 0; i < packets; i++) {
-    records_.push_back({-1, capacity, hulls_.data() + i * capacity});
+    records_.push_back({-1, capacity, hulls_.data() + i * capacity, {}});
   }
 }
 
@@ -289,7 +291,9 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
     for (Record& r : records_) r.count = -1;
   }
 
-  Outputs out = {luminance, rgb};
+  Outputs out = {luminance, rgb, nullptr, 0};
+  Outputs first_out = antialiasing_ ? antialiasing_->base() : out;
+  Frame first_frame = antialiasing_ ? antialiasing_->base_frame(frame_) : frame_;
   Bounds moved = moved_.view();
   std::atomic<long> traced{0};
   pool_.run(sampling_.rows, [&](int row, int) {
@@ -299,11 +303,19 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
           incremental_ ? &records_[static_cast<size_t>(row) * sampling_.columns + column] : nullptr;
       if (selective && !kernel_->touched(frame_, column, row, *record, moved, around_moved_))
         continue;
-      kernel_->trace(frame_, column, row, out, recording ? record : nullptr);
+      kernel_->trace(first_frame, column, row, first_out, recording ? record : nullptr);
+      if (antialiasing_) antialiasing_->traced(column, row);
       count++;
     }
     traced += count;
   });
+  if (antialiasing_ && traced > 0) {
+    antialiasing_->close_margin();
+    pool_.run(sampling_.rows, [&](int row, int) {
+      antialiasing_->finish_row(*kernel_, frame_, row, out, recording ? records_.data() : nullptr);
+    });
+    antialiasing_->next_tick();
+  }
   traced_fraction_ =
       static_cast<double>(traced) / (static_cast<double>(sampling_.rows) * sampling_.columns);
   previous_geoms_ = geoms_;
@@ -336,12 +348,18 @@ void Caster::trace_pixels(const Poses& poses, const int32_t* x, const int32_t* y
   place_geoms(poses);
   place_lights(poses);
   place_air();
+  Frame base = antialiasing_ ? antialiasing_->base_frame(frame_) : frame_;
   constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT, PACKETS_A_JOB = 16;
   constexpr int PIXELS_A_JOB = PACKET * PACKETS_A_JOB;
   pool_.run((count + PIXELS_A_JOB - 1) / PIXELS_A_JOB, [&](int job, int) {
     int end = std::min(count, (job + 1) * PIXELS_A_JOB);
     for (int i = job * PIXELS_A_JOB; i < end; i += PACKET) {
-      kernel_->trace_pixels(frame_, x + i, y + i, std::min(PACKET, end - i), luminance + i);
+      int n = std::min(PACKET, end - i);
+      if (antialiasing_) {
+        antialiasing_->trace_pixels(*kernel_, frame_, base, x + i, y + i, n, luminance + i);
+      } else {
+        kernel_->trace_pixels(frame_, x + i, y + i, n, luminance + i, nullptr);
+      }
     }
   });
 }

@@ -2,9 +2,11 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "antialiasing.h"
 #include "appearance.h"
 #include "pool.h"
 #include "scene.h"
@@ -84,6 +86,7 @@ class Caster {
   std::vector<Record> records_;
   std::vector<double> camera_;  // previous pose, 12 numbers; empty before the first call
   Frame frame_ = {};
+  std::optional<Antialiasing> antialiasing_;  // none: all samples everywhere
   double traced_fraction_ = 1;
 };
 

@@ -1,11 +1,5 @@
 // The `direct` integrator: each light once, shadows, one mirror bounce. No random number at all.
 
-struct Trail {  // what a packet's secondary rays covered, over all its samples
-  Region seen, mirrored;
-  V3 mirror_axis = {0, 0, 0};
-  float mirror_spread = -1;  // largest squared chord to the axis; negative: no mirror was met
-};
-
 // How much of the light a surface gives back evenly: of a lamp's, and of light from everywhere.
 template <int CHANNELS>
 struct Matt {
@@ -211,6 +205,7 @@ EVS_INLINE Rays primary_rays(const Frame& f, int column, int row, float sub_x, f
 
 // The hulls behind the record of one packet; more lights than fit: trace it always.
 inline void write_record(const Frame& f, const Trail& trail, Record* record) {
+  record->trail = trail;
   record->count = 0;
   int casting = 0;
   for (int i = 0; i < f.light_count; i++) casting += f.lights[i].castshadow && f.shadows;
@@ -239,7 +234,9 @@ inline void write_record(const Frame& f, const Trail& trail, Record* record) {
 template <int CHANNELS>
 EVS_INLINE Float luminance_of(const Frame& f, const Float* light) {
   Float luminance = light[0] * f.weights[0];
-  if (CHANNELS == 3) luminance = luminance + light[1] * f.weights[1] + light[2] * f.weights[2];
+  if (CHANNELS >= 3 && f.colour == 0) {
+    luminance = luminance + light[1] * f.weights[1] + light[2] * f.weights[2];
+  }
   return luminance;
 }
 
@@ -250,7 +247,9 @@ void write_pixels(const Frame& f, int column, int row, Float luminance, const Fl
   alignas(64) float grey[LANES], colour[3][LANES];
   store(grey, luminance);
   bool rgb = CHANNELS >= 3 && out.rgb;
-  for (int c = 0; c < 3 && rgb; c++) store(colour[c], light[(CHANNELS - 3) + c]);
+  for (int c = 0; c < 3 && rgb; c++) store(colour[c], light[f.colour + c]);
+  alignas(64) float plain[LANES];
+  if (out.plain) store(plain, light[CHANNELS - 1]);
   int x = column * PACKET_WIDTH, y = row * PACKET_HEIGHT;
   int columns = f.width - x < PACKET_WIDTH ? f.width - x : PACKET_WIDTH;
   int rows = f.height - y < PACKET_HEIGHT ? f.height - y : PACKET_HEIGHT;
@@ -260,6 +259,7 @@ void write_pixels(const Frame& f, int column, int row, Float luminance, const Fl
       int l = j * PACKET_WIDTH + i;
       out.luminance[at + i] = grey[l];
       for (int c = 0; c < 3 && rgb; c++) out.rgb[3 * (at + i) + c] = colour[c][l];
+      if (out.plain) out.plain[(y + j + 1) * out.plain_stride + (x + i + 1)] = plain[l];
     }
   }
 }
@@ -275,7 +275,7 @@ void trace_packet(const Frame& f, int column, int row, const Outputs& out, Recor
     Float light[CHANNELS];
     radiance<CHANNELS, true>(f, rays, hull, mask_of(0xffff), splat(0.0f), trail, light);
     sum = sum + luminance_of<CHANNELS>(f, light);
-    if (out.rgb) {
+    if (out.rgb || out.plain) {
       for (int c = 0; c < CHANNELS; c++) sums[c] = sums[c] + light[c];
     }
   }
@@ -289,23 +289,28 @@ void trace(const Frame& f, int column, int row, const Outputs& out, Record* reco
   switch (f.channels) {
     case 1:
       return trace_packet<1>(f, column, row, out, record);
+    case 2:
+      return trace_packet<2>(f, column, row, out, record);
     case 3:
       return trace_packet<3>(f, column, row, out, record);
-    default:
+    case 4:
       return trace_packet<4>(f, column, row, out, record);
+    default:
+      return trace_packet<5>(f, column, row, out, record);
   }
 }
 
 // Pixels from anywhere: their rays share no more than the camera, so their hull is wide.
 template <int CHANNELS>
-void trace_any(const Frame& f, const int32_t* x, const int32_t* y, int count, float* luminance) {
+void trace_any(const Frame& f, const int32_t* x, const int32_t* y, int count, float* luminance,
+               float* plain) {
   // the last pixel stands in for the lanes that are left over
   alignas(64) int column[LANES], row[LANES];
   for (int i = 0; i < LANES; i++) {
     column[i] = x[i < count ? i : count - 1];
     row[i] = y[i < count ? i : count - 1];
   }
-  Float sum = splat(0.0f);
+  Float sum = splat(0.0f), sum_plain = sum;
   Trail trail;
   Mask all = mask_of(0xffff);
   for (int s = 0; s < f.samples; s++) {
@@ -315,20 +320,29 @@ void trace_any(const Frame& f, const int32_t* x, const int32_t* y, int count, fl
     radiance<CHANNELS, true>(f, rays, hull_of(rays.origin, rays.direction, all, FAR), all,
                              splat(0.0f), trail, light);
     sum = sum + luminance_of<CHANNELS>(f, light);
+    sum_plain = sum_plain + light[CHANNELS - 1];
   }
   alignas(64) float out[LANES];
   store(out, sum * (1.0f / static_cast<float>(f.samples)));
   for (int i = 0; i < count; i++) luminance[i] = out[i];
+  if (!plain) return;
+  store(out, sum_plain * (1.0f / static_cast<float>(f.samples)));
+  for (int i = 0; i < count; i++) plain[i] = out[i];
 }
 
-void trace_pixels(const Frame& f, const int32_t* x, const int32_t* y, int count, float* luminance) {
+void trace_pixels(const Frame& f, const int32_t* x, const int32_t* y, int count, float* luminance,
+                  float* plain) {
   switch (f.channels) {
     case 1:
-      return trace_any<1>(f, x, y, count, luminance);
+      return trace_any<1>(f, x, y, count, luminance, plain);
+    case 2:
+      return trace_any<2>(f, x, y, count, luminance, plain);
     case 3:
-      return trace_any<3>(f, x, y, count, luminance);
+      return trace_any<3>(f, x, y, count, luminance, plain);
+    case 4:
+      return trace_any<4>(f, x, y, count, luminance, plain);
     default:
-      return trace_any<4>(f, x, y, count, luminance);
+      return trace_any<5>(f, x, y, count, luminance, plain);
   }
 }
 

@@ -6,6 +6,8 @@
 namespace evs {
 namespace {
 
+constexpr float WEIGHTS[3] = {0.2126f, 0.7152f, 0.0722f};
+
 // (w, h) -> (w2, h2) by area, one image
 std::vector<float> shrink(const std::vector<float>& from, int w, int h, int w2, int h2) {
   auto spans = [](int n, int n2, auto&& each) {
@@ -54,6 +56,7 @@ Chain chain_of(const uint8_t* data, int faces, int height, int width, int compon
     h = std::max(1, h / 2);
   } while (t.levels < MAX_LEVELS);
   t.channel_stride = total;
+  t.channels = channels;
   chain.texels.resize(static_cast<size_t>(total) * channels);
 
   for (int c = 0; c < channels; c++) {
@@ -69,6 +72,18 @@ Chain chain_of(const uint8_t* data, int faces, int height, int width, int compon
         if (l + 1 >= t.levels) break;
         level = shrink(level, t.width[l], t.height[l], t.width[l + 1], t.height[l + 1]);
       }
+    }
+  }
+  // all images are shrunk alike, so that the smallest of them have the mean of the largest
+  int last = t.levels - 1, texels = t.faces * t.width[last] * t.height[last];
+  for (int c = 0; c < std::min(channels, 3); c++) {
+    double mean = 0;
+    for (int i = 0; i < texels; i++) {
+      mean += chain.texels[static_cast<size_t>(c) * total + t.level_offset[last] + i];
+    }
+    // the first channel is the luminance, but where there are three
+    if (channels == 3 || c == 0) {
+      t.mean += static_cast<float>(mean / texels) * (channels == 3 ? WEIGHTS[c] : 1.0f);
     }
   }
   return chain;
@@ -88,7 +103,6 @@ struct Decode {
 
 Chain build_chain(const uint8_t* data, int faces, int height, int width, int components, bool srgb,
                   const float* tint, int channels) {
-  constexpr float WEIGHTS[3] = {0.2126f, 0.7152f, 0.0722f};
   Decode decode(srgb);
   return chain_of(data, faces, height, width, components, channels, [&](const uint8_t* p, int c) {
     float rgb[3];

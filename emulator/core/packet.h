@@ -97,12 +97,6 @@ EVS_INLINE float radius_of(V3 center, V3 high) {
   return __builtin_sqrtf(dot(half, half)) * 1.00001f + away * 5e-7f;
 }
 
-// A box of points that grows; as a ball it is where shadow and mirror rays start.
-struct Region {
-  V3 low = {FAR, FAR, FAR}, high = {-FAR, -FAR, -FAR};
-  float step = 0;  // how far the points were moved off their surfaces, at most
-};
-
 EVS_INLINE void grow(Region& r, Vec p, float step, Mask active) {
   r.step = step > r.step ? step : r.step;
   auto widen = [&](float& low, float& high, Float x) {

@@ -48,12 +48,14 @@ constexpr int MAX_LEVELS = 16;
 struct Texture {
   const float* texels;
   int channel_stride;
+  int channels;  // planes of texels
+  float mean;    // luminance
   int levels;
   int faces;  // 1 or 6
   int width[MAX_LEVELS], height[MAX_LEVELS], level_offset[MAX_LEVELS];
 };
 
-constexpr int MAX_CHANNELS = 4;
+constexpr int MAX_CHANNELS = 5;
 constexpr float MIN_ROUGHNESS = 0.045f;  // a lobe narrower than this is below float's precision
 
 struct Surface {
@@ -144,9 +146,12 @@ struct Frame {
   float sky_rotation[9];  // row-major, camera to world
   Air air;
   bool shadows;
-  bool layered;                 // a surface is physical or has maps
-  bool bumpy;                   // a surface has a normal map
-  int channels;                 // 1: luminance, as every light is grey; 3: RGB; 4: both, if grey
+  bool layered;  // a surface is physical or has maps
+  bool bumpy;    // a surface has a normal map
+  // 1: luminance, as every light is grey; 3: RGB; 4: both, if grey; one more: `plain`, the
+  // luminance with every texture replaced by its mean
+  int channels;
+  int colour;                   // where RGB begins
   float weights[MAX_CHANNELS];  // luminance of each channel
 
   int width, height;
@@ -162,16 +167,31 @@ struct Frame {
 
 constexpr int PACKET_WIDTH = 4, PACKET_HEIGHT = 4;
 
-// The hulls of a packet's secondary rays in the tick when it was last traced.
+// A box of points that grows; as a ball it is where shadow and mirror rays start.
+struct Region {
+  V3 low = {1e30f, 1e30f, 1e30f}, high = {-1e30f, -1e30f, -1e30f};
+  float step = 0;  // how far the points were moved off their surfaces, at most
+};
+
+struct Trail {  // what a packet's secondary rays covered, over all its samples
+  Region seen, mirrored;
+  V3 mirror_axis = {0, 0, 0};
+  float mirror_spread = -1;  // largest squared chord to the axis; negative: no mirror was met
+};
+
+// The hulls of a packet's secondary rays since the tick when it was last traced whole.
 struct Record {
   int count;  // -1: nothing recorded, trace it always
   int capacity;
   Hull* hulls;
+  Trail trail;  // what the hulls are made of
 };
 
 struct Outputs {
-  float* luminance;  // (h, w)
-  float* rgb;        // (h, w, 3) linear; or null
+  float* luminance;   // (h, w)
+  float* rgb;         // (h, w, 3) linear; or null
+  float* plain;       // the channel of that name, with a margin of one pixel; or null
+  long plain_stride;  // of its rows
 };
 
 // What the ray through each pixel's centre hits first.
@@ -188,9 +208,17 @@ struct Truth {
 struct Kernel {
   // Trace the 16 pixels of packet (column, row) and write them.
   void (*trace)(const Frame&, int column, int row, const Outputs&, Record* record);
-  // Luminance of up to 16 pixels anywhere, the same as `trace` gives them. In: x, y (count).
+  // Luminance of up to 16 pixels anywhere, the same as `trace` gives them, In: x, y (count);
+  // and the channel `plain` (count), or null.
   void (*trace_pixels)(const Frame&, const int32_t* x, const int32_t* y, int count,
-                       float* luminance);
+                       float* luminance, float* plain);
+  // How far 16 pixels are to be refined, 0 ... 1. In: `plain` of their 3 x 3 neighbours, row-major,
+  // 16 numbers each. Out: weight (16).
+  void (*weigh)(const float* const* neighbours, float* weight);
+  // All samples of some pixels of packet (column, row). In: pixels, one bit each; record, to which
+  // their rays are added, or null. Out: luminance (16) and rgb (16, 3) or null, where a bit is set.
+  void (*refine)(const Frame&, int column, int row, unsigned pixels, float* luminance, float* rgb,
+                 Record* record);
   // Ground truth of the 16 pixels of packet (column, row).
   void (*trace_truth)(const Frame&, int column, int row, const Truth&);
   // Can one of these spheres touch a ray of the packet? `around` holds all of them.

@@ -109,9 +109,9 @@ void same_bytes_everywhere() {
   std::mt19937 random(1);
   for (float tint : {0.5f, 0.3f}) {
     SceneData scene = scene_of_everything(tint);
-    for (View view :
-         {View{1, 1, 1, 1, 0.5, 0.5, false, 1}, View{33, 17, 30, 30, 16.5, 8.5, false, 3},
-          View{18, 21, 8, 8, 9, 10.5, true, 2}}) {
+    for (View view : {View{1, 1, 1, 1, 0.5, 0.5, false, 1, false},
+                      View{33, 17, 30, 30, 16.5, 8.5, false, 3, true},
+                      View{18, 21, 8, 8, 9, 10.5, true, 2, false}}) {
       size_t pixels = static_cast<size_t>(view.width) * view.height;
       Caster reference(scene, view, true, false, 1, "portable");
       std::vector<float> expected(pixels);
@@ -142,7 +142,7 @@ void same_bytes_everywhere() {
 void single_pixels_and_deforming_meshes() {
   std::mt19937 random(3);
   SceneData scene = scene_of_everything(0.5f);
-  View view = {21, 13, 20, 20, 10.5, 6.5, false, 2};
+  View view = {21, 13, 20, 20, 10.5, 6.5, false, 2, true};
   std::vector<int32_t> x, y;
   for (int i = 0; i < 21 * 13; i++) {
     x.push_back(i % 21);
@@ -172,7 +172,7 @@ void single_pixels_and_deforming_meshes() {
 void absurd_poses() {
   std::mt19937 random(2);
   SceneData scene = scene_of_everything(0.5f);
-  View view = {24, 18, 20, 20, 12, 9, false, 1};
+  View view = {24, 18, 20, 20, 12, 9, false, 1, false};
   std::vector<float> light(24 * 18);
   std::vector<int32_t> geom(light.size()), triangle(light.size());
   std::vector<float> distance(light.size()), point(3 * light.size()), normal(3 * light.size()),

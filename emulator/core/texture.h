@@ -47,7 +47,8 @@ EVS_INLINE Float bilinear(const Texture& t, const float* texels, Level l, Float 
   return top + (bottom - top) * fy;
 }
 
-// Trilinear: `footprint` is the width of what one sample sees, in image lengths.
+// Trilinear: `footprint` is the width of what one sample sees, in image lengths. A channel that the
+// image does not have is its mean.
 inline void sample(const Texture& t, int channels, Float u, Float v, Int face, Float footprint,
                    Float* out) {
   float widest = static_cast<float>(t.width[0] > t.height[0] ? t.width[0] : t.height[0]);
@@ -62,6 +63,10 @@ inline void sample(const Texture& t, int channels, Float u, Float v, Int face, F
     l1 = level_of(t, truncate(min(whole + 1.0f, splat(static_cast<float>(t.levels - 1)))));
   }
   for (int c = 0; c < channels; c++) {
+    if (c >= t.channels) {
+      out[c] = splat(t.mean);
+      continue;
+    }
     const float* base = t.texels + static_cast<long>(c) * t.channel_stride;
     out[c] = bilinear(t, base, l0, u, v, face);
     if (blend) out[c] = out[c] + (bilinear(t, base, l1, u, v, face) - out[c]) * share;

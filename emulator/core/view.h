@@ -12,6 +12,7 @@ struct View {
   double fx, fy, cx, cy;
   bool orthographic;
   int samples;
+  bool adaptive;  // all samples only where neighbours differ, one elsewhere
 };
 
 struct Sampling {

@@ -32,6 +32,8 @@ def make_renderer(
     # no noise, so there is nothing that could be fresh
     if config.seeds != "fixed":
         raise unknown("render.seeds", config.seeds, ["fixed"])
+    if config.antialiasing not in ("fixed", "adaptive"):
+        raise unknown("render.antialiasing", config.antialiasing, ["fixed", "adaptive"])
     if config.headlight not in ("model", "off"):
         raise unknown("render.headlight", config.headlight, ["model", "off"])
     if config.lux_per_unit <= 0:

@@ -64,6 +64,7 @@ class DirectRenderer:
             threads,
             config.isa,
             rgb,
+            config.antialiasing == "adaptive",
         )
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
