@@ -9,10 +9,11 @@ if TYPE_CHECKING:
     from evs.emulator.camera import Camera
     from evs.emulator.loop import World
     from evs.emulator.observe import Sensor
+    from evs.emulator.view import View
     from evs.emulator.virtual import VirtualCamera
     from evs.emulator.world import UnstableError
 
-__all__ = ["Camera", "Sensor", "UnstableError", "VirtualCamera", "World"]
+__all__ = ["Camera", "Sensor", "UnstableError", "View", "VirtualCamera", "World"]
 
 
 def __getattr__(name: str) -> Any:
@@ -23,6 +24,8 @@ def __getattr__(name: str) -> Any:
         return import_module("evs.emulator.observe").Sensor
     if name == "UnstableError":
         return import_module("evs.emulator.world").UnstableError
+    if name == "View":
+        return import_module("evs.emulator.view").View
     if name == "VirtualCamera":
         return import_module("evs.emulator.virtual").VirtualCamera
     if name == "World":

@@ -16,6 +16,7 @@ from evs.msgs import EvsError, unknown
 COMMANDS = {
     "demo": "evs.launch.demo",
     "emulate": "evs.launch.emulate",
+    "render": "evs.launch.render",
     "view": "evs.launch.view",
     "echo": "evs.launch.echo",
     "play": "evs.launch.play",

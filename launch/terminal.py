@@ -9,7 +9,13 @@ from rich.box import ROUNDED
 from rich.console import Console
 from rich.markup import escape
 from rich.panel import Panel
-from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    ProgressColumn,
+    TaskProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
@@ -39,14 +45,7 @@ def progress(ticks: int, quiet: bool = False) -> Iterator[Callable[[Progress], N
     if quiet or not console.is_terminal:
         yield lambda _: None
         return
-    columns = (
-        TextColumn("[bold]{task.description}"),
-        BarColumn(bar_width=None),
-        TaskProgressColumn(),
-        TextColumn("{task.fields[told]}"),
-        TimeRemainingColumn(),
-    )
-    with Bar(*columns, console=console, transient=True) as bar:
+    with Bar(*_columns(), console=console, transient=True) as bar:
         task = bar.add_task("emulating", total=ticks, told="")
         drawn_s = -REDRAW_S
 
@@ -59,6 +58,31 @@ def progress(ticks: int, quiet: bool = False) -> Iterator[Callable[[Progress], N
             bar.update(task, completed=where.tick, told=told)
 
         yield move
+
+
+@contextmanager
+def bar(what: str, total: int, quiet: bool = False) -> Iterator[Callable[[int, str], None]]:
+    """A plain bar on stderr while the block runs; Out: the callback with (steps done, a word).
+
+    It is drawn only on a terminal, and gone when the block ends.
+    """
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield lambda _done, _told: None
+        return
+    with Bar(*_columns(), console=console, transient=True) as drawn:
+        task = drawn.add_task(what, total=total, told="")
+        yield lambda done, told: drawn.update(task, completed=done, told=told)
+
+
+def _columns() -> tuple[ProgressColumn, ...]:
+    return (
+        TextColumn("[bold]{task.description}"),
+        BarColumn(bar_width=None),
+        TaskProgressColumn(),
+        TextColumn("{task.fields[told]}"),
+        TimeRemainingColumn(),
+    )
 
 
 def warn(line: str) -> None:

@@ -70,8 +70,10 @@ class StackWriter:
     """Writes an .npz file of known length frame by frame.
 
     Room for all frames is taken first, so a disk that is too small is told at the start. After each
-    frame the file is a whole archive of all frames until then, whatever happens to the process;
-    only while `close` moves the stacks of an early end together it is not.
+    frame the file is a whole archive of all frames until then, and stays one while the next frame's
+    values are written, so a process that is killed leaves what it had done. Not so in the
+    microseconds in which the lengths change, and while `close` moves the stacks of an early end
+    together: an archive that was cut off there is refused by numpy.
     """
 
     def __init__(
@@ -171,9 +173,10 @@ class StackWriter:
 
     def _tell(self) -> None:
         """Write what makes an archive of the frames so far."""
-        for stack in self._stacks:
-            self._put(stack.offset, stack.head(self.written))
-        self._put(self._end, self._directory())
+        heads = [(stack.offset, stack.head(self.written)) for stack in self._stacks]
+        # nothing but writing in between: the moment when they do not agree is short
+        for offset, data in [*heads, (self._end, self._directory())]:
+            self._put(offset, data)
 
     def _directory(self) -> bytes:
         members = [stack.member(self.written) for stack in self._stacks]

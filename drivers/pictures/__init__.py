@@ -1,5 +1,6 @@
 """Pictures of events: arrays in, arrays out, and thin writers. The only door to Pillow."""
 
+from evs.drivers.pictures.channels import channel_page
 from evs.drivers.pictures.clip import clip_frames
 from evs.drivers.pictures.colours import OFF_RGB, ON_RGB, U8
 from evs.drivers.pictures.frame import count_polarities, event_frame, events_between, upscale
@@ -18,6 +19,7 @@ __all__ = [
     "LightLog",
     "Playback",
     "Shot",
+    "channel_page",
     "clip_frames",
     "count_polarities",
     "event_frame",

@@ -115,23 +115,34 @@ KILLED = """
 import os, signal
 import numpy as np
 from evs.drivers.files.stacks import Channel, StackWriter
-writer = StackWriter({path!r}, 50, {{"x": Channel("<i8", (3,))}}, {{}})
+writer = StackWriter({path!r}, 50, {{"x": Channel("<i8", (3,)), "y": Channel("<f4", (2, 2))}}, {{}})
 for k in range(7):
-    writer.write({{"x": np.full(3, k)}})
-os.kill(os.getpid(), signal.SIGKILL)
+    writer.write({{"x": np.full(3, k), "y": np.full((2, 2), k)}})
+put, left = os.pwrite, {writes}
+def last(file, data, offset):
+    global left
+    left -= 1
+    if left < 0:
+        put(file, bytes(data)[:len(data) // 2], offset)
+        os.kill(os.getpid(), signal.SIGKILL)
+    return put(file, data, offset)
+os.pwrite = last
+writer.write({{"x": np.full(3, 7), "y": np.full((2, 2), 7)}})
 """
 
 
-def test_a_killed_process_leaves_its_frames(tmp_path: Path) -> None:
+@pytest.mark.parametrize("writes", [0, 1])
+def test_a_killed_process_leaves_its_frames(tmp_path: Path, writes: int) -> None:
     path = tmp_path / "a.npz"
     search = os.pathsep.join(entry for entry in sys.path if entry)
-    program = KILLED.format(path=str(path))
+    program = KILLED.format(path=str(path), writes=writes)
     done = subprocess.run(
         [sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": search}, timeout=60
     )
     assert done.returncode == -9
     with np.load(path) as file:
         np.testing.assert_array_equal(file["x"], np.arange(7)[:, np.newaxis].repeat(3, 1))
+        assert file["y"].shape == (7, 2, 2)
 
 
 def test_places_that_cannot_be_written(tmp_path: Path) -> None:

@@ -1,0 +1,63 @@
+"""The command line of programs that take a pipeline: a file, keys, and short names of keys."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+from collections.abc import Mapping
+
+from evs.drivers.pipeline import config as pipeline
+from evs.drivers.pipeline import keys, settings
+from evs.msgs import EvsError
+
+Options = Mapping[str, tuple[str, str, str]]
+"""option -> (the key it is short for, placeholder, one line). Defaults stand with the keys."""
+
+
+def declare(parser: argparse.ArgumentParser, options: Options) -> None:
+    """Declare pipeline, keys and options. All stay text here; the configuration knows types."""
+    parser.add_argument(
+        "words",
+        nargs="*",
+        metavar="PIPELINE.toml, key=value",
+        help="a pipeline file (or the name of one that comes with evs), then any keys",
+    )
+    for option, (key, placeholder, line) in options.items():
+        parser.add_argument(
+            f"--{option}", metavar=placeholder, help=f"{line}; short for {key}=", dest=option
+        )
+
+
+def given(args: argparse.Namespace, options: Options) -> tuple[str | None, list[tuple[str, str]]]:
+    """The pipeline file, if any, and (key, text) of everything else on the command line."""
+    files = [word for word in args.words if "=" not in word]
+    if len(files) > 1:
+        raise EvsError(f"two pipelines, '{files[0]}' and '{files[1]}'; give one, then key=value")
+    overrides = [settings.split_word(word) for word in args.words if "=" in word]
+    words = dict(overrides)
+    for option, (key, _, _) in options.items():
+        text = getattr(args, option)
+        if text is not None and words.get(key, text) != text:
+            raise EvsError(
+                f"--{option} {text} and {key}={words[key]} are one key; give one of them"
+            )
+        if text is not None:
+            overrides.append((key, text))
+    return (files[0] if files else None), overrides
+
+
+def keys_text() -> str:
+    """Every configuration key with its default and meaning, from the classes themselves."""
+    lines = [
+        "Configuration: defaults < PIPELINE.toml < the command line. A key is set in the file,",
+        "under its table, or here as key=value. Paths in a file are relative to that file, others",
+        "to the working directory; package:path is a file inside an installed Python package.",
+    ]
+    for table in keys.describe(pipeline.PipelineConfig):
+        lines += ["", f"[{table.name}]" if table.name else "top level"]
+        if table.doc and table.name:
+            lines[-1] += f"  {table.doc.partition(': ')[2] or table.doc}"
+        for key in table.keys:
+            lines.append(f"  {key.name}={key.default}")
+            lines += textwrap.wrap(key.doc, 92, initial_indent=" " * 6, subsequent_indent=" " * 6)
+    return "\n".join(lines)
