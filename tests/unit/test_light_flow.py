@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -13,7 +14,7 @@ from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.light import DirectRenderer
 from evs.emulator.scene import CameraModel, CameraPose, SceneSnapshot
 from evs.emulator.truth import GroundTruth
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import Poser, bind_camera, extract_scene, load_model
 from evs.msgs import EvsError
 
 Rays = Callable[[CameraModel], np.ndarray]
@@ -247,3 +248,32 @@ def test_nothing_moves_while_nothing_moves_and_time_has_to_pass() -> None:
     assert (stage.truth(*shots).flow == 0).all()
     with pytest.raises(EvsError, match="must be the earlier one"):
         stage.truth(shots[1], replace(shots[1]))
+
+
+def test_a_skin_flows_with_its_bones(robot_files: dict[str, Path]) -> None:
+    model = load_model(robot_files["dm_control/dog"])
+    stage = Stage(model, CameraConfig(lookat=(0, 0, 0.5), distance=1.6, azimuth=90, elevation=-10))
+    before = stage.shot(0)
+    # the whole dog moves as one body: every bone, and so the skin, turns and shifts alike
+    velocity = np.zeros(model.nv)
+    velocity[:6] = (0.5, -1.0, 0.7, 1.0, -2.0, 3.0)
+    mujoco.mj_integratePos(model, stage.data.qpos, velocity, TICK_US * 1e-6)
+    now = stage.shot(TICK_US)
+    truth = stage.truth(before, now)
+    skin = truth.geom_id == -2
+    assert skin.sum() > 300
+    assert (truth.body_id[skin] == -1).all()
+    mujoco.mj_kinematics(model, stage.data)
+    root = stage.data.body(model.body_rootid[1])
+    place, turn = root.xpos.copy(), root.xmat.reshape(3, 3).copy()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    first = data.body(model.body_rootid[1])
+    local = (truth.position[skin] - place) @ turn
+    was = local @ first.xmat.reshape(3, 3).T + first.xpos
+    pose = now.cameras[0]
+    moved = pixel_of(stage.camera, pose, truth.position[skin].astype(float))
+    moved -= pixel_of(stage.camera, pose, was)
+    # vertices are float32: 6e-8 m, 100 px a m, in 1 ms
+    np.testing.assert_allclose(truth.flow[skin], moved / 1e-3, rtol=2e-3, atol=0.2)
+    assert np.abs(truth.flow[skin]).max() > 50

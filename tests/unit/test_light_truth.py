@@ -199,3 +199,51 @@ def test_the_light_after_it_is_as_without_it() -> None:
         asked.ground_truth(replace(shot, geom_pos=shot.geom_pos + 0.1), pose)
         np.testing.assert_array_equal(asked_light, plain.render(shot, pose))
     assert asked.traced_fraction == plain.traced_fraction < 1
+
+
+SHAPES = """
+<mujoco>
+  <worldbody>
+    <geom type="plane" size="0 0 .1" pos="0 0 -1"/>
+    <geom type="plane" size=".6 .4 .1" pos="0 -1.4 .2" euler="40 20 0"/>
+    <geom type="sphere" size=".3" pos="-1 0 0"/>
+    <body pos=".1 .1 0">
+      <geom type="capsule" size=".12 .4" pos="-.4 .4 .2" euler="30 60 10"/>
+      <geom type="cylinder" size=".25 .2" pos=".3 -.5 .1" euler="70 10 0"/>
+    </body>
+    <geom type="ellipsoid" size=".4 .15 .25" pos=".4 .5 .6" euler="20 50 80"/>
+    <geom type="box" size=".2 .3 .1" pos="-.6 -.6 -.3" euler="15 25 35"/>
+  </worldbody>
+</mujoco>"""
+
+
+@pytest.mark.parametrize("azimuth", [0, 100, 220])
+def test_ids_distances_and_normals_are_those_of_mujocos_rays(
+    azimuth: int, camera_rays: Rays
+) -> None:
+    model = mujoco.MjModel.from_xml_string(SHAPES)
+    view = CameraConfig(lookat=(0, 0, 0), distance=4, azimuth=azimuth, elevation=-25)
+    truth, bound, pose = truth_of(model, view)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    rays = camera_rays(bound.model).reshape(-1, 3) @ pose.mat.reshape(3, 3).T
+    ids, depth, normals = (
+        np.zeros(len(rays), np.int32),
+        np.zeros(len(rays)),
+        np.zeros(3 * len(rays)),
+    )
+    mujoco.mj_multiRay(
+        model, data, pose.pos, np.ascontiguousarray(rays).ravel(), None, 1, -1, ids, depth, normals,
+        len(rays), mujoco.mjMAXVAL,
+    )  # fmt: skip
+    ids, normals = ids.reshape(HEIGHT, WIDTH), normals.reshape(HEIGHT, WIDTH, 3)
+    same = truth.geom_id == ids
+    assert same.mean() > 0.995
+    hit = same & (ids >= 0)
+    np.testing.assert_array_equal(truth.body_id[hit], model.geom_bodyid[ids[hit]])
+    np.testing.assert_allclose(truth.distance[hit], depth.reshape(HEIGHT, WIDTH)[hit], rtol=1e-4)
+    # MuJoCo's point outwards, ours to the camera: the same, but for planes seen from below
+    facing = np.sign((normals * -rays.reshape(HEIGHT, WIDTH, 3)).sum(-1))[..., np.newaxis]
+    away = np.linalg.norm(truth.normal - normals * facing, axis=-1)[hit]
+    # a hit on an edge may be either side's
+    assert (away < 1e-3).mean() > 0.998
