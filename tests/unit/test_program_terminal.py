@@ -121,3 +121,26 @@ def test_a_terminal_gets_a_bar_and_a_table() -> None:
         assert stage in shown
     assert "\x1b[" in shown
     assert "evs view run.aedat4" in shown
+
+
+PLAIN_BAR = """
+import sys
+sys.path[:0] = [folder for folder in sys.argv[1].split(":")]
+from evs.launch import terminal
+with terminal.bar("rendering", 20) as moved:
+    for frame in range(1, 21):
+        moved(frame, f"frame {frame}")
+"""
+
+
+def test_a_plain_bar_is_drawn_on_a_terminal_and_nowhere_else(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    shown = on_a_terminal(PLAIN_BAR, ":".join(sys.path))
+    assert "rendering" in shown
+    assert "frame 20" in shown
+    for quiet in (False, True):
+        with terminal.bar("rendering", 3, quiet) as moved:
+            moved(3, "done")
+    told = capsys.readouterr()
+    assert (told.out, told.err) == ("", "")
