@@ -142,7 +142,10 @@ void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, F
       // what is hit behind the haze, or nothing
       Mask behind = active & (hit.distance > curtain);
       Float share = select(behind, passing * cover, splat(0.0f));
-      for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + share * f.air.haze_color[c];
+      Float veil[CHANNELS];
+      for (int c = 0; c < CHANNELS; c++) veil[c] = splat(f.air.haze_color[c]);
+      if (f.air.fog) fog<CHANNELS>(f, curtain, veil);
+      for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + veil[c] * share;
       passing = passing - share;
       cover = select(behind, splat(0.0f), cover);
     }
