@@ -212,7 +212,9 @@ def test_physical_intensity_is_inverse_square() -> None:
     x, y = pixel_centres()
     # 4000 cd at 2 m are 1000 lux, which is one unit
     r = np.sqrt(x**2 + y**2 + 4)
-    np.testing.assert_allclose(light, linear(0.5) * 4 / r**2 * (2 / r), rtol=1e-4)
+    # and a lamp's range is 10 m where nothing is said
+    expected = linear(0.5) * 4 / r**2 * (2 / r) * (1 - (r / 10) ** 4) ** 2
+    np.testing.assert_allclose(light, expected, rtol=1e-4)
 
 
 @pytest.mark.slow

@@ -197,5 +197,6 @@ def light_uniforms(lights: list[Light], lux_per_unit: float) -> Uniforms:
         "light_specular": scale * np.array([x.specular for x in lights]),
         "light_attenuation": np.array([x.attenuation for x in lights], np.float64),
         "light_cone": np.stack([cutoff, [x.exponent for x in lights], square], 1),
-        "light_end": np.stack([fade, edge], 1) * np.array(square)[:, np.newaxis],
+        # vectors have three numbers here
+        "light_end": np.stack([fade, edge, 0 * edge], 1) * np.array(square)[:, np.newaxis],
     }

@@ -31,7 +31,7 @@ uniform vec3 light_specular[LIGHTS];
 uniform vec3 light_ambient[LIGHTS];
 uniform vec3 light_attenuation[LIGHTS];
 uniform vec3 light_cone[LIGHTS];  // cosine of the cutoff, exponent, 1 for inverse square
-uniform vec2 light_end[LIGHTS];   // physical lights: 1 / range^2, 1 / width of the cone's edge; or 0
+uniform vec3 light_end[LIGHTS];   // physical lights: 1 / range^2, 1 / width of the cone's edge, 0; or 0
 
 const vec3 LUMINANCE = vec3(0.2126, 0.7152, 0.0722);  // BT.709
 
