@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from evs.drivers.pipeline import config as pipeline
 from evs.drivers.pipeline import keys, settings
@@ -46,18 +46,24 @@ def given(args: argparse.Namespace, options: Options) -> tuple[str | None, list[
     return (files[0] if files else None), overrides
 
 
-def keys_text() -> str:
-    """Every configuration key with its default and meaning, from the classes themselves."""
+def keys_text(without: Collection[str] = ()) -> str:
+    """Every configuration key with its default and meaning, from the classes themselves.
+
+    In: without, first parts of the names of those that are left out.
+    """
     lines = [
         "Configuration: defaults < PIPELINE.toml < the command line. A key is set in the file,",
         "under its table, or here as key=value. Paths in a file are relative to that file, others",
         "to the working directory; package:path is a file inside an installed Python package.",
     ]
     for table in keys.describe(pipeline.PipelineConfig):
+        told = [key for key in table.keys if key.name.partition(".")[0] not in without]
+        if not told:
+            continue
         lines += ["", f"[{table.name}]" if table.name else "top level"]
         if table.doc and table.name:
             lines[-1] += f"  {table.doc.partition(': ')[2] or table.doc}"
-        for key in table.keys:
+        for key in told:
             lines.append(f"  {key.name}={key.default}")
             lines += textwrap.wrap(key.doc, 92, initial_indent=" " * 6, subsequent_indent=" " * 6)
     return "\n".join(lines)

@@ -56,12 +56,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     options.declare(parser, OPTIONS)
     add = parser.add_argument
     add("-o", "--out", metavar="FILE.npz", required=True, help="the file to write")
-    add("--fps", default="25", metavar="N", help="frames per simulated second; tick: every tick")
+    add("--fps", default="25", metavar="N", help="frames per simulated second (25), or tick: every")
     add("--channels", default="all", metavar="A,B", help="which channels (default: all)")
     add("--size", metavar="WxH", help="px; short for sensor.width= and sensor.height=")
     add("--preview", metavar="FILE.png", help="the last frame's channels as one picture")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
-    parser.epilog = EXAMPLES + options.keys_text()
+    parser.epilog = EXAMPLES + options.keys_text(NOT_HERE)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -251,3 +251,16 @@ def test_pages_colour_what_they_say() -> None:
     red, white = (255, 0, 0), (255, 255, 255)
     assert (page == (255, 63, 63)).all(-1).any() or (page == red).all(-1).sum() > 1000
     assert (page == white).all(-1).sum() > 1000
+
+
+def test_help_tells_the_keys_that_hold_here_and_no_others(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["render", "--help"])
+    assert ended.value.code == 0
+    told = capsys.readouterr().out
+    assert "\n  render.spp=" in told
+    assert "\n  duration_s=" in told
+    for key in ("pace", "record", "publish", "report", "sink."):
+        assert f"\n  {key}" not in told
