@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.config import RenderConfig
+from evs.emulator.config import FlickerConfig, RenderConfig
 from evs.emulator.light import DirectRenderer
 from evs.emulator.scene import (
+    Air,
     CameraModel,
     CameraPose,
     Light,
@@ -25,6 +26,8 @@ from evs.emulator.scene import (
 )
 
 Random = np.random.Generator
+
+PULSE = FlickerConfig(waveform="pwm", hz=166.0, depth=0.5, duty=0.3)
 
 
 def random_turn(rng: Random) -> np.ndarray:
@@ -92,6 +95,28 @@ def random_light(rng: Random, coloured: bool) -> Light:
     )
 
 
+def random_maps(rng: Random, surface: Surface) -> Surface:
+    """The surface with some of: a physical material, maps of each kind.
+
+    The random textures 6, 7 and 8 have one component, three and three; 3 and 4 are cubes.
+    """
+
+    def one_of(*indices: int) -> int:
+        return int(rng.choice([-1, *indices]))
+
+    return replace(
+        surface,
+        metallic=float(rng.choice([-1, 0, 0.5, 1])),
+        roughness=float(rng.choice([-1, 0, 0.4, 1])),
+        metallic_map=one_of(6),
+        roughness_map=one_of(6),
+        occlusion_map=one_of(6),
+        opacity_map=one_of(6, -1, -1),
+        normal_map=one_of(7, 8),
+        emissive_map=one_of(0, 3, -1),
+    )
+
+
 def random_surface(rng: Random, textures: int) -> Surface:
     """A material; every third is a mirror, every fifth transparent."""
     surface = Surface(
@@ -120,7 +145,8 @@ class Stage:
     """A random scene of at most 24 geoms, its camera, and its film, all from one seed.
 
     In: decades, how far apart the sizes are; zoom, how much further away the camera stands, with as
-    much longer a lens; flat, whether a mesh may be flat.
+    much longer a lens; flat, whether a mesh may be flat; rich, with physical materials, maps, an
+    image light, fog or haze, and light that pulses.
     """
 
     def __init__(
@@ -130,6 +156,7 @@ class Stage:
         decades: float = 1.0,
         zoom: float = 1.0,
         flat: bool = True,
+        rich: bool = False,
         size: tuple[int, int] = (41, 30),
     ) -> None:
         self.rng = rng = np.random.default_rng(seed)
@@ -144,6 +171,26 @@ class Stage:
         )
         surfaces = tuple(random_surface(rng, 5) for _ in range(6))
         lights = tuple(random_light(rng, coloured) for _ in range(rng.integers(0, 6)))
+        # from a generator of its own, so that the rest of a scene stays what it was
+        more, air = np.random.default_rng([seed, 1]), None
+        if rich:
+            textures = (
+                *textures,
+                Texture(TextureKind.FLAT, more.integers(0, 256, (7, 5, 1), np.uint8), False),
+                Texture(TextureKind.FLAT, more.integers(0, 256, (4, 6, 3), np.uint8), False),
+                Texture(TextureKind.CUBE, more.integers(0, 256, (6, 4, 4, 3), np.uint8), False),
+            )
+            surfaces = tuple(random_maps(more, surface) for surface in surfaces)
+            lights = tuple(
+                replace(light, range_m=float(more.choice([0, 2])), softness=float(more.random()))
+                for light in lights
+            )
+            if more.random() < 0.6:
+                lights = (*lights, Light(LightKind.IMAGE, diffuse=(0.5,) * 3, texture=5))
+            air = Air(
+                1.0, 6.0, (0.3, 0.4, 0.5), float(more.choice([0.1, 0.5])), 4.0, (0.9, 0.8, 0.7)
+            )
+        self.render: dict[str, object] = {"fog": seed % 2 == 0, "flicker": (PULSE,)} if rich else {}
         self.scene = SceneModel(
             geom_type=np.array(shapes, np.int32),
             geom_size=np.array(
@@ -158,6 +205,7 @@ class Stage:
             textures=textures,
             lights=lights,
             skybox=int(rng.choice([-1, 5])),
+            air=air,
         )
         self.orthographic = bool(rng.random() < 0.25)
         width, height = size
@@ -209,7 +257,7 @@ class Stage:
 
     def renderer(self, threads: int = 1, **render: object) -> DirectRenderer:
         """A renderer of this scene."""
-        config = RenderConfig(**{"spp": 1, **render})  # type: ignore[arg-type]
+        config = RenderConfig(**{"spp": 1, **self.render, **render})  # type: ignore[arg-type]
         return DirectRenderer(self.scene, self.camera, config, threads)
 
     def shifted(self, dx: int, dy: int, **render: object) -> np.ndarray:
@@ -222,7 +270,8 @@ class Stage:
             cx=camera.cx + dx,
             cy=camera.cy + dy,
         )
-        config = RenderConfig(**{"spp": 1, "incremental": False, **render})  # type: ignore[arg-type]
+        chosen = {"spp": 1, "incremental": False, **self.render, **render}
+        config = RenderConfig(**chosen)  # type: ignore[arg-type]
         light = DirectRenderer(self.scene, larger, config, 1).render(frame, pose)
         return light[dy : dy + camera.height, dx : dx + camera.width].copy()
 
@@ -253,6 +302,11 @@ def test_the_light_is_the_same_however_it_was_computed(first: int) -> None:
     check_film(range(first, first + 20), 12)
 
 
+@pytest.mark.parametrize("decades", [1.0, 6.0])
+def test_the_light_of_physical_materials_in_fog_is_the_same(decades: float) -> None:
+    check_film(range(40), 8, decades=decades, rich=True)
+
+
 @pytest.mark.parametrize("zoom", [0.01, 300.0])
 def test_the_light_is_the_same_from_near_and_far(zoom: float) -> None:
     check_film(range(30), 8, zoom=zoom)
@@ -268,10 +322,10 @@ def test_the_light_is_the_same_in_many_scenes(decades: float, zoom: float) -> No
     check_film(range(5000, 5600), 12, decades=decades, zoom=zoom)
 
 
-def check_shifts(seeds: range, zoom: float) -> None:
+def check_shifts(seeds: range, zoom: float, rich: bool = False) -> None:
     """Packets that begin elsewhere hold the same rays, so nothing that culls packets shows."""
     for seed in seeds:
-        scene = Stage(seed, zoom=zoom, flat=False)
+        scene = Stage(seed, zoom=zoom, flat=False, rich=rich)
         spp = (1, 2, 4)[seed % 3]
         light = scene.shifted(0, 0, spp=spp)
         for dx, dy in ((1, 0), (2, 3), (3, 1)):
@@ -281,6 +335,10 @@ def check_shifts(seeds: range, zoom: float) -> None:
 @pytest.mark.parametrize("zoom", [1.0, 30.0, 1000.0, 30000.0])
 def test_a_pixel_does_not_depend_on_its_neighbours(zoom: float) -> None:
     check_shifts(range(60), zoom)
+
+
+def test_a_pixel_of_a_physical_material_does_not_depend_on_its_neighbours() -> None:
+    check_shifts(range(40), 1.0, rich=True)
 
 
 @pytest.mark.slow
