@@ -52,7 +52,10 @@ class SceneData:
 class Caster:
     """One camera's view of one scene."""
 
-    def __init__(self, scene: SceneData, width: int, height: int, fx: float, fy: float, cx: float, cy: float, orthographic: bool, samples: int, shadows: bool, incremental: bool, threads: int, isa: str, rgb: bool = False, adaptive: bool = False) -> None: ...
+    def __init__(self, scene: SceneData, width: int, height: int, fx: float, fy: float, cx: float, cy: float, orthographic: bool, samples: int, shadows: bool, incremental: bool, threads: int, isa: str, rgb: bool = False, adaptive: bool = False, lens: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)] | None = None, share: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None) -> None:
+        """
+        lens (height + 1, width + 1, 3): the ray at each pixel's corners, camera frame; share (height, width): what a pixel gets of its light.
+        """
 
     def trace_pixels(self, geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(9), order='C', device='cpu', writable=False)], x: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], y: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], luminance: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu')]) -> None:
         """luminance (n) of the pixels (x, y), (n) int32 each."""

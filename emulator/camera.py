@@ -16,8 +16,9 @@ from evs.emulator.config import (
     SensorConfig,
 )
 from evs.emulator.light import make_renderer
+from evs.emulator.optics import camera_info
 from evs.emulator.plain_config import plain_config, plain_integer
-from evs.emulator.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
+from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.sensor import make_event_model, resolve_sensor
 from evs.emulator.stages import Meter, NoMeter
 from evs.emulator.truth import GroundTruth
@@ -243,24 +244,6 @@ def plan_of(config: RunConfig) -> CameraPlan:
         seed=config.seed,
         threads=config.threads,
     )
-
-
-def camera_info(camera: CameraModel) -> dict[str, Any]:
-    """Intrinsics in the fields of ROS's CameraInfo; an ideal lens has no distortion.
-
-    There the centre of the first pixel is 0, here its corner is: the principal point is 0.5 less.
-    """
-    info: dict[str, Any] = {
-        "width": camera.width,
-        "height": camera.height,
-        "distortion_model": "plumb_bob",
-        "d": [],
-        "k": [camera.fx, 0.0, camera.cx - 0.5, 0.0, camera.fy, camera.cy - 0.5, 0.0, 0.0, 1.0],
-    }
-    if camera.orthographic:
-        # ROS knows no such camera: k is in px per m here
-        info["projection"] = "orthographic"
-    return info
 
 
 def is_unlit(scene: SceneModel, render: RenderConfig) -> bool:

@@ -59,6 +59,15 @@ class CameraConfig:
     """fx, fy in px, instead of fovy"""
     principal_px: tuple[float, float] | None = None
     """cx, cy in px; None: the centre"""
+    distortion_model: str = "none"
+    """none | plumb_bob | rational_polynomial | equidistant (fisheye), as in ROS's CameraInfo"""
+    distortion: tuple[float, ...] = ()
+    """OpenCV's coefficients: k1 k2 p1 p2 k3 | k1 k2 p1 p2 k3 k4 k5 k6 | k1 k2 k3 k4"""
+    vignetting: str = "none"
+    """none | cos4: light falls with the fourth power of the cosine of the angle off the axis"""
+    vignetting_polynomial: tuple[float, ...] = ()
+    """a b ...: another factor 1 + a r^2 + b r^4 + ..., r = 1 half a diagonal off the principal
+    point"""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numbers
 import os
 import types
 import typing
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -51,15 +51,12 @@ def _plain(value: Any, hint: Any, name: str = "") -> Any:
     if value is None and type(None) in kinds:
         return None
     for kind in kinds:
-        items = typing.get_args(kind)
-        if items[1:] == (Ellipsis,) and isinstance(value, tuple | list):
-            # tables of a kind
-            if not all(isinstance(item, items[0]) for item in value):
-                raise TypeError
-            return tuple(plain_config(item, f"{name}.{n}") for n, item in enumerate(value))
         if typing.get_origin(kind) is tuple and isinstance(value, tuple | list | np.ndarray):
-            pairs = zip(value, typing.get_args(kind), strict=True)
-            return tuple(_plain(item, inner) for item, inner in pairs)
+            items = typing.get_args(kind)
+            if items[1:] == (Ellipsis,):
+                items = items[:1] * len(value)
+            pairs = zip(value, items, strict=True)
+            return tuple(_item(v, k, f"{name}.{n}") for n, (v, k) in enumerate(pairs))
         if kind is bool and isinstance(value, bool | np.bool_):
             return bool(value)
         if kind is str and isinstance(value, str | os.PathLike):
@@ -72,6 +69,15 @@ def _plain(value: Any, hint: Any, name: str = "") -> Any:
         if kind is float and isinstance(value, numbers.Real) and math.isfinite(value):
             return float(value)
     raise TypeError
+
+
+def _item(value: Any, hint: Any, name: str) -> Any:
+    """One of many: a plain value, or a table of its own."""
+    if not (isinstance(hint, type) and is_dataclass(hint)):
+        return _plain(value, hint, name)
+    if not isinstance(value, hint):
+        raise TypeError
+    return plain_config(value, name)
 
 
 def _kinds(hint: Any) -> tuple[Any, ...]:
@@ -98,5 +104,6 @@ def _said(hint: Any) -> str:
 
 def _tuple_said(items: tuple[Any, ...]) -> str:
     if items[1:] == (Ellipsis,):
-        return f"a tuple of {items[0].__name__}"
+        plain = items[0] is float
+        return "finite numbers" if plain else f"a tuple of {items[0].__name__}"
     return f"{len(items)} finite numbers"

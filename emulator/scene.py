@@ -237,7 +237,7 @@ class CameraModel:
 
     Perspective: the ray through image point (u, v) is ((u - cx) / fx, -(v - cy) / fy, -1) in the
     camera's frame. Orthographic: rays run along -z from ((u - cx) / fx, -(v - cy) / fy, 0), and
-    fx, fy are px per m.
+    fx, fy are px per m. A lens with distortion bends them as evs.emulator.optics says.
     """
 
     width: int
@@ -247,3 +247,11 @@ class CameraModel:
     cx: float
     cy: float
     orthographic: bool = False
+    distortion_model: str = "none"
+    """none | plumb_bob | rational_polynomial | equidistant, as in ROS's CameraInfo"""
+    distortion: tuple[float, ...] = ()
+    """its coefficients in OpenCV's order"""
+    vignetting: str = "none"
+    """none | cos4: light falls with the fourth power of the cosine of the angle off the axis"""
+    vignetting_polynomial: tuple[float, ...] = ()
+    """a b ...: another factor 1 + a r^2 + b r^4 + ..., r in half diagonals of the image"""

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from evs.emulator.camera import CameraPlan, camera_info
+from evs.emulator.camera import CameraPlan
 from evs.emulator.light import make_renderer
+from evs.emulator.optics import camera_info
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.sensor import resolve_sensor
 from evs.emulator.truth import GroundTruth

@@ -26,4 +26,4 @@ class StreamInfo:
     config: dict[str, Any] = field(default_factory=dict)
     """The whole configuration of the run, plain values."""
     camera_info: dict[str, Any] = field(default_factory=dict)
-    """Intrinsics as in ROS's CameraInfo: width, height, k (9), d, distortion_model."""
+    """As in ROS's CameraInfo: width, height, distortion_model, d, k (9), r (9), p (12)."""

@@ -134,6 +134,8 @@ def _convert(value: Any, annotation: Any, path: str, root: type) -> Any:
     for kind in kinds:
         if typing.get_origin(kind) is tuple and isinstance(value, (list, tuple)):
             kind_args = typing.get_args(kind)
+            if kind_args[1:] == (...,):
+                kind_args = kind_args[:1] * len(value)
             if len(value) == len(kind_args):
                 items = enumerate(zip(value, kind_args, strict=True))
                 return tuple(_convert(v, k, f"{path}.{i}", root) for i, (v, k) in items)
@@ -254,7 +256,8 @@ def _said(kind: Any) -> str:
         return words[kind]
     if kind is type(None):
         return "none"
-    return f"{len(typing.get_args(kind))} numbers"
+    inner = typing.get_args(kind)
+    return "numbers" if inner[1:] == (...,) else f"{len(inner)} numbers"
 
 
 def _shown(value: Any) -> str:

@@ -157,7 +157,8 @@ struct BoundCaster {
 BoundCaster* make_caster(const SceneData& scene, int width, int height, double fx, double fy,
                          double cx, double cy, bool orthographic, int samples, bool shadows,
                          bool incremental, int threads, const std::string& isa, bool rgb,
-                         bool adaptive) {
+                         bool adaptive, std::optional<In<float, N, N, 3>> lens,
+                         std::optional<In<float, N, N>> share) {
   require(width > 0 && height > 0, "an image has pixels");
   require(fx > 0 && fy > 0 && std::isfinite(fx) && std::isfinite(fy) && std::isfinite(cx) &&
               std::isfinite(cy),
@@ -166,12 +167,31 @@ BoundCaster* make_caster(const SceneData& scene, int width, int height, double f
   require(scene.skybox < static_cast<int>(scene.textures.size()),
           "the skybox's texture does not exist");
   require(scene.skybox < 0 || scene.textures[scene.skybox].faces == 6, "a skybox has six faces");
-  View view = {width, height, fx, fy, cx, cy, orthographic, samples, adaptive};
+  size_t w = static_cast<size_t>(width), h = static_cast<size_t>(height);
+  View view = {width, height, fx, fy, cx, cy, orthographic, samples, adaptive, {}, {}};
+  if (lens) {
+    require(lens->shape(0) == h + 1 && lens->shape(1) == w + 1,
+            "the lens is (height + 1, width + 1, 3)");
+    // its numbers are counted in 32 bits
+    require(lens->size() < (1u << 31) && !orthographic, "a lens bends the rays of a perspective");
+    view.lens.assign(lens->data(), lens->data() + lens->size());
+    for (size_t i = 0; i < view.lens.size(); i += 3) {
+      double x = view.lens[i], y = view.lens[i + 1], z = view.lens[i + 2];
+      double square = x * x + y * y + z * z;
+      require(square > 1e-12 && square < 1e12, "every ray has a direction");
+    }
+  }
+  if (share) {
+    require(share->shape(0) == h && share->shape(1) == w, "the share of light is (height, width)");
+    view.share.assign(share->data(), share->data() + share->size());
+    for (float part : view.share)
+      require(part >= 0 && std::isfinite(part), "a share is not negative");
+  }
   return new BoundCaster{{scene, view, shadows, incremental, threads, isa, rgb},
                          scene.geom_type.size(),
                          scene.lights.size(),
-                         static_cast<size_t>(width),
-                         static_cast<size_t>(height),
+                         w,
+                         h,
                          rgb};
 }
 
@@ -285,7 +305,10 @@ void bind_caster(nb::module_& m) {
       .def(nb::new_(&make_caster), nb::arg("scene"), nb::arg("width"), nb::arg("height"),
            nb::arg("fx"), nb::arg("fy"), nb::arg("cx"), nb::arg("cy"), nb::arg("orthographic"),
            nb::arg("samples"), nb::arg("shadows"), nb::arg("incremental"), nb::arg("threads"),
-           nb::arg("isa"), nb::arg("rgb") = false, nb::arg("adaptive") = false)
+           nb::arg("isa"), nb::arg("rgb") = false, nb::arg("adaptive") = false,
+           nb::arg("lens").none() = nb::none(), nb::arg("share").none() = nb::none(),
+           "lens (height + 1, width + 1, 3): the ray at each pixel's corners, camera frame; share "
+           "(height, width): what a pixel gets of its light.")
       .def("trace_pixels", &trace_pixels, nb::arg("geom_pos"), nb::arg("geom_mat"),
            nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
            nb::arg("x"), nb::arg("y"), nb::arg("luminance"),

@@ -184,8 +184,9 @@ constexpr float ROW[LANES] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
 
 // The rays through these points of the image, px.
 EVS_INLINE Rays rays_through(const Frame& f, Float px, Float py) {
-  Float x = (px - f.cx) * (1.0f / f.fx), y = (f.cy - py) * (1.0f / f.fy);
   Float zero = splat(0.0f), back = splat(-1.0f);
+  if (f.lens) return {{zero, zero, zero}, through_lens(f, px, py), true};
+  Float x = (px - f.cx) * (1.0f / f.fx), y = (f.cy - py) * (1.0f / f.fy);
   if (f.orthographic) return {{x, y, zero}, {zero, zero, back}, false};
   return {{zero, zero, zero}, normalize({x, y, back}), true};
 }
@@ -260,8 +261,10 @@ void write_pixels(const Frame& f, int column, int row, Float luminance, const Fl
     long at = static_cast<long>(y + j) * f.width + x;
     for (int i = 0; i < columns; i++) {
       int l = j * PACKET_WIDTH + i;
-      out.luminance[at + i] = grey[l];
-      for (int c = 0; c < 3 && rgb; c++) out.rgb[3 * (at + i) + c] = colour[c][l];
+      out.luminance[at + i] = shaded(f, at + i, grey[l]);
+      for (int c = 0; c < 3 && rgb; c++) {
+        out.rgb[3 * (at + i) + c] = shaded(f, at + i, colour[c][l]);
+      }
       if (out.plain) out.plain[(y + j + 1) * out.plain_stride + (x + i + 1)] = plain[l];
     }
   }
@@ -327,7 +330,9 @@ void trace_any(const Frame& f, const int32_t* x, const int32_t* y, int count, fl
   }
   alignas(64) float out[LANES];
   store(out, sum * (1.0f / static_cast<float>(f.samples)));
-  for (int i = 0; i < count; i++) luminance[i] = out[i];
+  for (int i = 0; i < count; i++) {
+    luminance[i] = shaded(f, static_cast<long>(y[i]) * f.width + x[i], out[i]);
+  }
   if (!plain) return;
   store(out, sum_plain * (1.0f / static_cast<float>(f.samples)));
   for (int i = 0; i < count; i++) plain[i] = out[i];

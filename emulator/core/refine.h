@@ -63,8 +63,13 @@ void refine_packet(const Frame& f, int column, int row, unsigned pixels, float* 
   float share = 1.0f / static_cast<float>(f.samples);
   for (unsigned left = pixels; left; left &= left - 1) {
     int pixel = first_lane(left);
-    luminance[pixel] = sum[pixel] * share;
-    for (int c = 0; c < 3 && rgb; c++) rgb[3 * pixel + c] = sums[pixel][c] * share;
+    int x = column * PACKET_WIDTH + pixel % PACKET_WIDTH;
+    int y = row * PACKET_HEIGHT + pixel / PACKET_WIDTH;
+    long at = static_cast<long>(y) * f.width + x;
+    luminance[pixel] = shaded(f, at, sum[pixel] * share);
+    for (int c = 0; c < 3 && rgb; c++) {
+      rgb[3 * pixel + c] = shaded(f, at, sums[pixel][c] * share);
+    }
   }
 }
 

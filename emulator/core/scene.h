@@ -157,7 +157,9 @@ struct Frame {
   int width, height;
   float fx, fy, cx, cy;
   bool orthographic;
-  float pixel_angle;  // footprint of a sample: rad (perspective) or m (orthographic)
+  const float* lens;   // (height + 1, width + 1, 3) ray at each pixel's corners; null: a pinhole
+  const float* share;  // (height, width) factor of a pixel's light; null: all 1
+  float pixel_angle;   // footprint of a sample at the image's centre: rad, or m (orthographic)
   int samples;
   const float* sample_x;  // sub-pixel positions, 0 ... 1
   const float* sample_y;

@@ -6,6 +6,13 @@
 namespace evs {
 namespace {
 
+// A hull that opens past 60 degrees: everything ahead and behind counts.
+void open_by(Hull& hull, double angle) {
+  hull.cosine = static_cast<float>(std::cos(angle));
+  hull.sine = static_cast<float>(std::sin(angle));
+  if (!(hull.cosine > 0.5f)) hull.radius = 1e30f;
+}
+
 // The pyramid of a packet's pixels as a cone; orthographic: the prism as a cylinder.
 Hull primary_hull(const Frame& f, int column, int row) {
   double x0 = column * PACKET_WIDTH, x1 = x0 + PACKET_WIDTH, y0 = row * PACKET_HEIGHT,
@@ -36,11 +43,42 @@ Hull primary_hull(const Frame& f, int column, int row) {
     least = std::min(least, d[i][0] * d[4][0] + d[i][1] * d[4][1] + d[i][2] * d[4][2]);
   hull.axis = {static_cast<float>(d[4][0]), static_cast<float>(d[4][1]),
                static_cast<float>(d[4][2])};
-  // a pyramid that opens past 60 degrees: everything ahead and behind counts
-  double angle = std::acos(std::min(least, 1.0)) * 1.001 + 1e-6;
-  hull.cosine = static_cast<float>(std::cos(angle));
-  hull.sine = static_cast<float>(std::sin(angle));
-  if (!(hull.cosine > 0.5f)) hull.radius = 1e30f;
+  open_by(hull, std::acos(std::min(least, 1.0)) * 1.001 + 1e-6);
+  return hull;
+}
+
+// Around a mean direction the cone that holds the rays at every corner of a packet's pixels: the
+// kernel mixes neighbouring corners, and a cone narrower than a half space holds every mixture.
+Hull lens_hull(const Frame& f, int column, int row) {
+  constexpr int MOST = (PACKET_WIDTH + 1) * (PACKET_HEIGHT + 1);
+  double d[MOST][3], axis[3] = {0, 0, 0};
+  int count = 0;
+  for (int j = 0; j <= PACKET_HEIGHT; j++) {
+    for (int i = 0; i <= PACKET_WIDTH; i++) {
+      int x = std::min(column * PACKET_WIDTH + i, f.width);
+      int y = std::min(row * PACKET_HEIGHT + j, f.height);
+      const float* ray = f.lens + 3 * (static_cast<size_t>(y) * (f.width + 1) + x);
+      double n =
+          std::sqrt(static_cast<double>(ray[0]) * ray[0] + static_cast<double>(ray[1]) * ray[1] +
+                    static_cast<double>(ray[2]) * ray[2]);
+      for (int a = 0; a < 3; a++) axis[a] += d[count][a] = ray[a] / n;
+      count++;
+    }
+  }
+  double n = std::sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
+  double square = 0;
+  for (double& a : axis) a /= std::max(n, 1e-30);
+  for (int k = 0; k < count; k++) {
+    double x = d[k][0] - axis[0], y = d[k][1] - axis[1], z = d[k][2] - axis[2];
+    square = std::max(square, x * x + y * y + z * z);
+  }
+  Hull hull = {};
+  hull.length = 1e30f;
+  hull.axis = {static_cast<float>(axis[0]), static_cast<float>(axis[1]),
+               static_cast<float>(axis[2])};
+  // chord to angle; the slack is that of a pinhole's packet
+  double angle = 2 * std::asin(std::min(0.5 * std::sqrt(square), 1.0)) * 1.001 + 1e-6;
+  open_by(hull, angle);
   return hull;
 }
 
@@ -55,6 +93,10 @@ void set_view(const View& view, Sampling& sampling, Frame& frame) {
   f.cx = static_cast<float>(view.cx);
   f.cy = static_cast<float>(view.cy);
   f.orthographic = view.orthographic;
+  sampling.lens = view.lens;
+  sampling.share = view.share;
+  f.lens = sampling.lens.empty() ? nullptr : sampling.lens.data();
+  f.share = sampling.share.empty() ? nullptr : sampling.share.data();
   f.samples = view.samples;
   double across = std::sqrt(static_cast<double>(view.samples));
   f.pixel_angle = static_cast<float>(1.0 / (std::sqrt(view.fx * view.fy) * across));
@@ -75,7 +117,9 @@ void set_view(const View& view, Sampling& sampling, Frame& frame) {
   sampling.rows = (view.height + PACKET_HEIGHT - 1) / PACKET_HEIGHT;
   f.packet_columns = sampling.columns;
   for (int r = 0; r < sampling.rows; r++) {
-    for (int c = 0; c < sampling.columns; c++) sampling.primary.push_back(primary_hull(f, c, r));
+    for (int c = 0; c < sampling.columns; c++) {
+      sampling.primary.push_back(f.lens ? lens_hull(f, c, r) : primary_hull(f, c, r));
+    }
   }
   f.primary = sampling.primary.data();
 }

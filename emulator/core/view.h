@@ -12,11 +12,13 @@ struct View {
   double fx, fy, cx, cy;
   bool orthographic;
   int samples;
-  bool adaptive;  // all samples only where neighbours differ, one elsewhere
+  bool adaptive;                   // all samples only where neighbours differ, one elsewhere
+  std::vector<float> lens, share;  // as in Frame; empty: none
 };
 
 struct Sampling {
-  std::vector<float> x, y;    // (samples) positions in the pixel, 0 ... 1
+  std::vector<float> x, y;  // (samples) positions in the pixel, 0 ... 1
+  std::vector<float> lens, share;
   std::vector<Hull> primary;  // (rows, columns) of packets
   int rows, columns;
 };

@@ -8,6 +8,7 @@ from evs.emulator import _core
 from evs.emulator.config import RenderConfig
 from evs.emulator.light.flicker import Flicker
 from evs.emulator.light.truth import trace_hits, trace_truth
+from evs.emulator.optics import make_lens
 from evs.emulator.scene import (
     F32,
     F64,
@@ -38,6 +39,7 @@ class DirectRenderer:
     ) -> None:
         """In: rgb, colour is wanted too; luminance keeps its bytes."""
         self._scene, self._camera = scene, camera
+        self._lens = make_lens(camera)
         keep = [
             i
             for i, light in enumerate(scene.lights)
@@ -65,6 +67,8 @@ class DirectRenderer:
             config.isa,
             rgb,
             config.antialiasing == "adaptive",
+            self._lens.directions,
+            self._lens.share,
         )
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
@@ -91,12 +95,14 @@ class DirectRenderer:
         """What each pixel's centre shows, and how it moved since `previous`."""
         placed = self._place(snapshot, pose)
         return trace_truth(
-            self._caster, placed, self._scene, self._camera, snapshot, pose, previous
+            self._caster, placed, self._scene, self._camera, self._lens, snapshot, pose, previous
         )
 
     def hits(self, snapshot: SceneSnapshot, pose: CameraPose) -> tuple[I32, F32]:
         """What each pixel's centre shows: index into the scene's geoms or -1, distance in m."""
-        found = trace_hits(self._caster, self._place(snapshot, pose), self._luminance.shape)
+        found = trace_hits(
+            self._caster, self._place(snapshot, pose), self._luminance.shape, self._lens
+        )
         return found.geom, np.where(found.geom < 0, np.float32(0), found.distance)
 
     @property

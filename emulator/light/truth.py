@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from evs.emulator import _core
+from evs.emulator.optics import Lens, project
 from evs.emulator.scene import (
     F32,
     F64,
@@ -40,9 +41,15 @@ class Hits(NamedTuple):
 
 
 def trace_hits(
-    caster: _core.Caster, placed: tuple[F64, F64, F64, F64, F64, F64], shape: tuple[int, int]
+    caster: _core.Caster,
+    placed: tuple[F64, F64, F64, F64, F64, F64],
+    shape: tuple[int, int],
+    lens: Lens,
 ) -> Hits:
-    """The first hits of a (h, w) image. In: placed, poses as Caster.render takes them."""
+    """The first hits of a (h, w) image. In: placed, poses as Caster.render takes them.
+
+    Pixels outside the lens's image circle hit nothing, and have no direction either: NaN.
+    """
     found = Hits(
         np.empty(shape, np.int32),
         np.empty(shape, np.float32),
@@ -52,6 +59,10 @@ def trace_hits(
         np.empty((*shape, 2), np.float32),
     )
     caster.trace_truth(*placed, *found)
+    if lens.outside is not None:
+        found.geom[lens.outside] = found.triangle[lens.outside] = -1
+        found.distance[lens.outside] = np.inf
+        found.point[lens.outside] = found.normal[lens.outside] = np.nan
     return found
 
 
@@ -60,6 +71,7 @@ def trace_truth(
     placed: tuple[F64, F64, F64, F64, F64, F64],
     scene: SceneModel,
     camera: CameraModel,
+    lens: Lens,
     snapshot: SceneSnapshot,
     pose: CameraPose,
     previous: View | None,
@@ -68,7 +80,7 @@ def trace_truth(
 
     EvsError where `previous` is not earlier than `snapshot`.
     """
-    found = trace_hits(caster, placed, (camera.height, camera.width))
+    found = trace_hits(caster, placed, (camera.height, camera.width), lens)
     hit, turn = found.geom >= 0, pose.mat.reshape(3, 3)
     missing, nothing = np.float32(np.inf), np.float32(np.nan)
     position = found.point @ turn.T + pose.pos
@@ -122,13 +134,6 @@ def optical_flow(
     if camera.orthographic:
         shift[geom < 0] = 0.0
     return (shift / (elapsed_us * 1e-6)).reshape(*found.geom.shape, 2).astype(np.float32)
-
-
-def project(camera: CameraModel, points: F64) -> F64:
-    """(n, 2) px of points (n, 3) in the camera's frame; NaN for what is not before the camera."""
-    x, y, z = points.T
-    depth = np.ones_like(z) if camera.orthographic else np.where(z < 0.0, -z, np.nan)
-    return np.stack([camera.cx + camera.fx * x / depth, camera.cy - camera.fy * y / depth], 1)
 
 
 def _motions(now: View, before: View) -> tuple[F64, F64, F64]:

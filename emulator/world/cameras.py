@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
 from evs.emulator.config import CameraConfig
+from evs.emulator.optics import check_distortion, check_vignetting
 from evs.emulator.scene import F64, MAX_PIXELS, CameraModel, CameraPose
 from evs.emulator.world.names import find, name_of
 from evs.msgs import EvsError
@@ -149,7 +150,8 @@ def _free_optics(
 ) -> CameraModel:
     """Optics of a camera that the model does not have: MuJoCo's free camera's, or the config's."""
     view = model.vis.global_
-    return _optics(width, height, float(view.fovy), bool(view.orthographic), config)
+    fovy = float(view.fovy)
+    return _with_lens(_optics(width, height, fovy, bool(view.orthographic), config), config)
 
 
 def _model_optics(
@@ -160,13 +162,28 @@ def _model_optics(
     size_x, size_y = (float(length) for length in model.cam_sensorsize[camera])
     if orthographic or not size_y or config.fovy is not None or config.focal_px is not None:
         fovy = float(model.cam_fovy[camera])
-        return _optics(width, height, fovy, bool(orthographic), config)
+        return _with_lens(_optics(width, height, fovy, bool(orthographic), config), config)
 
     # the model's image plane is stretched over our pixels, as MuJoCo stretches it over a window
     focal_x, focal_y, principal_x, principal_y = (float(v) for v in model.cam_intrinsic[camera])
     cx, cy = width / 2 - principal_x / size_x * width, height / 2 - principal_y / size_y * height
     cx, cy = config.principal_px or (cx, cy)
-    return CameraModel(width, height, focal_x / size_x * width, focal_y / size_y * height, cx, cy)
+    fx, fy = focal_x / size_x * width, focal_y / size_y * height
+    return _with_lens(CameraModel(width, height, fx, fy, cx, cy), config)
+
+
+def _with_lens(camera: CameraModel, config: CameraConfig) -> CameraModel:
+    """The camera with the lens that `config` describes."""
+    camera = replace(
+        camera,
+        distortion_model=config.distortion_model,
+        distortion=config.distortion,
+        vignetting=config.vignetting,
+        vignetting_polynomial=config.vignetting_polynomial,
+    )
+    check_distortion(camera)
+    check_vignetting(camera)
+    return camera
 
 
 def _optics(

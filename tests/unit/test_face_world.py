@@ -182,8 +182,10 @@ def test_info_tells_what_made_the_stream(arm):
         "width": 64,
         "height": 48,
         "distortion_model": "plumb_bob",
-        "d": [],
+        "d": [0.0] * 5,
         "k": [50, 0.0, 29.5, 0.0, 60, 19.5, 0.0, 0.0, 1.0],
+        "r": [1, 0, 0, 0, 1, 0, 0, 0, 1],
+        "p": [50, 0, 29.5, 0, 0, 60, 19.5, 0, 0, 0, 1, 0],
     }
     assert info.config["scene"]["file"] == str(arm)
     assert info.config["scene"]["control"] == "random"

@@ -23,6 +23,7 @@ from evs.emulator.light.raster.drawing import (
     orthographic_matrix,
     pose_matrix,
 )
+from evs.emulator.optics import check_distortion, is_distorted, make_lens
 from evs.emulator.scene import F32, I32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.truth import GroundTruth
 from evs.msgs import EvsError
@@ -42,7 +43,14 @@ class RasterRenderer:
     """
 
     def __init__(self, scene: SceneModel, camera: CameraModel, config: RenderConfig) -> None:
+        check_distortion(camera)
+        if is_distorted(camera):
+            raise EvsError(
+                f"the raster renderer has no lens distortion ({camera.distortion_model}): give "
+                'render.renderer = "direct", or camera.distortion_model = "none"'
+            )
         self._library, self._camera = load_library(), camera
+        self._share = make_lens(camera).share
         self._content, self._config = scene, config
         self._tracer: DirectRenderer | None = None
         self._lamps = Lamps(scene, config)
@@ -66,6 +74,8 @@ class RasterRenderer:
     def render(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
         """(h, w) float32 linear luminance; the array is this renderer's own and reused."""
         self._draw(snapshot, pose, self._luminance, False)
+        if self._share is not None:
+            self._luminance *= self._share
         return self._luminance
 
     def hits(self, snapshot: SceneSnapshot, pose: CameraPose) -> tuple[I32, F32]:

@@ -1,0 +1,138 @@
+"""Brown's lens model as OpenCV has it: plumb_bob (5 coefficients) and rational_polynomial (8).
+
+With x, y the pinhole's image point (to the right and down, focal length 1) and s = x^2 + y^2:
+
+    R  = (1 + k1 s + k2 s^2 + k3 s^3) / (1 + k4 s + k5 s^2 + k6 s^3)
+    xd = x R + 2 p1 x y + p2 (s + 2 x^2)        yd = y R + p1 (s + 2 y^2) + 2 p2 x y
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import polynomial
+
+from evs.emulator.scene import F64
+
+FLATTEST = 1e4
+"""Largest radius that is looked for: 89.99 degrees off the axis."""
+STEPS = 40
+SAMPLES = 4097
+
+
+@dataclass(frozen=True)
+class Brown:
+    """The model with coefficients k1 k2 p1 p2 k3 [k4 k5 k6]."""
+
+    coefficients: tuple[float, ...]
+
+    def image(self, x: F64, y: F64) -> tuple[F64, F64]:
+        """Pinhole point to distorted point; NaN past the last radius."""
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            s = x * x + y * y
+            ratio = self._ratio(s)[0]
+            inside = s < self.last_radius**2
+            xd, yd = self._bent(x, y, s, ratio)
+        return np.where(inside, xd, np.nan), np.where(inside, yd, np.nan)
+
+    @property
+    def last_radius(self) -> float:
+        """Up to here r R grows with r; from there on the image folds over itself."""
+        numerator, denominator = self._polynomials()
+        rise = polynomial.polymul(derivative(numerator), denominator)
+        fall = polynomial.polymul(numerator, derivative(denominator))
+        # d(r R)/dr is R + 2 s dR/ds; the square of the denominator does not matter
+        slope: F64 = polynomial.polyadd(
+            polynomial.polymul(numerator, denominator),
+            2.0 * polynomial.polymulx(polynomial.polysub(rise, fall)),
+        ).astype(np.float64)
+        return math.sqrt(min(first_root(slope), first_root(denominator)))
+
+    def undo(self, xd: F64, yd: F64) -> tuple[F64, F64]:
+        """Distorted point to pinhole point; NaN where there is none before the fold.
+
+        By Newton's method, from where the radial part alone would have it.
+        """
+        reach, wanted = self.last_radius, np.hypot(xd, yd)
+        with np.errstate(all="ignore"):
+            start = self._start(wanted, reach) / np.maximum(wanted, 1e-300)
+            start = np.where(wanted > 0.0, start, 1.0)
+            x, y = xd * start, yd * start
+            for _ in range(STEPS):
+                s = x * x + y * y
+                ratio, slope = self._ratio(s)
+                at_x, at_y = self._bent(x, y, s, ratio)
+                off_x, off_y = xd - at_x, yd - at_y
+                (xx, xy, yy), determinant = self._jacobian(x, y, ratio, slope)
+                step_x = (yy * off_x - xy * off_y) / determinant
+                step_y = (xx * off_y - xy * off_x) / determinant
+                # far from the solution a step may be wild
+                most = 0.2 * (1.0 + np.sqrt(s))
+                share = np.minimum(1.0, most / np.maximum(np.hypot(step_x, step_y), 1e-300))
+                x, y = x + step_x * share, y + step_y * share
+                if np.all(np.hypot(step_x, step_y) <= 1e-15 * (1.0 + np.sqrt(s))):
+                    break
+            s = x * x + y * y
+            ratio, slope = self._ratio(s)
+            at_x, at_y = self._bent(x, y, s, ratio)
+            close = np.hypot(xd - at_x, yd - at_y) <= 1e-11 * (1.0 + wanted)
+            found = close & (s < reach**2) & (self._jacobian(x, y, ratio, slope)[1] > 0.0)
+        return np.where(found, x, np.nan), np.where(found, y, np.nan)
+
+    def _polynomials(self) -> tuple[F64, F64]:
+        """Numerator and denominator of R, in powers of s."""
+        k1, k2, _, _, k3, *rest = self.coefficients
+        return np.array([1.0, k1, k2, k3]), np.array([1.0, *rest])
+
+    def _ratio(self, s: F64) -> tuple[F64, F64]:
+        """R and dR/ds."""
+        numerator, denominator = self._polynomials()
+        above, rise = value(numerator, s), value(derivative(numerator), s)
+        if len(denominator) == 1:
+            return above, rise
+        below, fall = value(denominator, s), value(derivative(denominator), s)
+        return above / below, (rise * below - above * fall) / (below * below)
+
+    def _bent(self, x: F64, y: F64, s: F64, ratio: F64) -> tuple[F64, F64]:
+        _, _, p1, p2, *_ = self.coefficients
+        product = 2.0 * x * y
+        return (
+            x * ratio + p1 * product + p2 * (s + 2.0 * x * x),
+            y * ratio + p1 * (s + 2.0 * y * y) + p2 * product,
+        )
+
+    def _jacobian(self, x: F64, y: F64, ratio: F64, slope: F64) -> tuple[tuple[F64, F64, F64], F64]:
+        """d(xd)/dx, d(xd)/dy = d(yd)/dx, d(yd)/dy, and the determinant."""
+        _, _, p1, p2, *_ = self.coefficients
+        xx = ratio + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x
+        xy = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y
+        yy = ratio + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
+        return (xx, xy, yy), xx * yy - xy * xy
+
+    def _start(self, wanted: F64, reach: float) -> F64:
+        """Radius of the pinhole point by the radial part alone, roughly; `reach` where none is."""
+        most, end = float(wanted.max(initial=0.0)), 1.0
+        while end < min(reach, FLATTEST) and end * float(self._ratio(np.array(end**2))[0]) < most:
+            end *= 2.0
+        r = np.linspace(0.0, min(end, reach, FLATTEST) * (1.0 - 1e-9), SAMPLES)
+        start: F64 = np.interp(wanted, r * self._ratio(r * r)[0], r).astype(np.float64)
+        return start
+
+
+def value(coefficients: F64, x: F64) -> F64:
+    """A polynomial in rising powers at `x`, by Horner's rule."""
+    return np.asarray(polynomial.polyval(x, coefficients), np.float64)
+
+
+def derivative(coefficients: F64) -> F64:
+    """Of a polynomial in rising powers."""
+    return np.asarray(polynomial.polyder(coefficients), np.float64)
+
+
+def first_root(coefficients: F64) -> float:
+    """Smallest positive real root of a polynomial in rising powers; inf where it has none."""
+    roots = np.asarray(polynomial.polyroots(polynomial.polytrim(coefficients)), np.complex128)
+    real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0.0)]
+    return float(real.min(initial=math.inf))

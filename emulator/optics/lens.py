@@ -1,0 +1,99 @@
+"""A camera's lens as the tracer takes it: tables that know no model.
+
+The tracer interpolates the corners' directions inside a pixel. Against the exact inversion that is
+off by at most 0.004 px, measured at 346 x 260 (tests/unit/test_optics_models.py): 0.0008 px with 85
+degrees of plumb_bob, 0.004 with 149 of rational_polynomial, 0.002 with 200 of a fisheye, which
+grows to 0.01 at 300; 360 degrees end in a point, and 0.4 px at its rim. The error in pixels is
+inversely proportional to the resolution.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.emulator.optics.brown import Brown
+from evs.emulator.optics.distortion import check_distortion, is_distorted
+from evs.emulator.optics.equidistant import Equidistant
+from evs.emulator.optics.vignetting import check_vignetting, light_share
+from evs.emulator.scene import F32, F64, CameraModel
+from evs.msgs import EvsError
+
+
+@dataclass(frozen=True)
+class Lens:
+    """What lies between the world and the pixels; None is a pinhole's."""
+
+    directions: F32 | None = None
+    """(h + 1, w + 1, 3) ray at each pixel's corners, camera's frame, any length"""
+    share: F32 | None = None
+    """(h, w) factor of the light that reaches a pixel; 0 outside the image circle"""
+    outside: npt.NDArray[np.bool_] | None = None
+    """(h, w) pixels that reach over the rim of a fisheye's image circle"""
+
+
+def make_lens(camera: CameraModel) -> Lens:
+    """The tables of a camera. EvsError where its coefficients give a pixel no ray."""
+    check_distortion(camera)
+    check_vignetting(camera)
+    shaded = camera.vignetting != "none" or bool(camera.vignetting_polynomial)
+    bent = is_distorted(camera)
+    if not (bent or shaded):
+        return Lens()
+    x, y = np.meshgrid(np.arange(camera.width + 1.0), np.arange(camera.height + 1.0))
+    directions, beyond = rays(camera, x, y)
+    quads = (np.s_[:-1, :-1], np.s_[1:, :-1], np.s_[:-1, 1:], np.s_[1:, 1:])
+    outside: npt.NDArray[np.bool_] = np.logical_or.reduce([beyond[quad] for quad in quads])
+    if outside.all():
+        raise EvsError(
+            "camera.distortion: no pixel lies in the lens's image circle; check camera.focal_px, "
+            "principal_px and the coefficients"
+        )
+    share = light_share(camera, sum((directions[quad] for quad in quads), np.zeros(3)))
+    share[outside] = 0.0
+    return Lens(
+        directions=directions.astype(np.float32) if bent else None,
+        share=share.astype(np.float32) if shaded or outside.any() else None,
+        outside=outside if outside.any() else None,
+    )
+
+
+def rays(camera: CameraModel, x: F64, y: F64) -> tuple[F64, npt.NDArray[np.bool_]]:
+    """Directions (..., 3) through image points (px) and whether they lie outside the image circle.
+
+    EvsError with the first pixel that the model cannot have.
+    """
+    u, v = (x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy
+    if camera.distortion_model == "equidistant":
+        directions, outside = Equidistant(camera.distortion).undo(u, v)
+        _check_steps(camera, directions)
+        return directions, outside
+    if is_distorted(camera):
+        lens = Brown(camera.distortion)
+        u, v = lens.undo(u, v)
+        if not np.isfinite(u).all():
+            column, row = (
+                min(int(part[~np.isfinite(u)][0]), size - 1)
+                for part, size in ((x, camera.width), (y, camera.height))
+            )
+            angle = np.degrees(np.arctan(lens.last_radius))
+            raise EvsError(
+                f"camera.distortion: no ray leads to pixel ({column}, {row}), the image folds over "
+                f"{angle:.1f} degrees off the axis: give a longer camera.focal_px, other "
+                'coefficients, or distortion_model = "equidistant" for a wide lens'
+            )
+    directions = np.stack([u, -v, -np.ones_like(u)], -1)
+    return directions, np.zeros(u.shape, np.bool_)
+
+
+def _check_steps(camera: CameraModel, directions: F64) -> None:
+    """EvsError where neighbours are so far apart that what lies between them means nothing."""
+    for axis in range(directions.ndim - 1):
+        a, b = np.delete(directions, -1, axis), np.delete(directions, 0, axis)
+        if ((a * b).sum(-1) < 0.5).any():
+            raise EvsError(
+                f"camera.focal_px ({camera.fx:g}, {camera.fy:g}): one pixel of this fisheye sees "
+                "over 60 degrees; give a longer focal length"
+            )
