@@ -17,7 +17,7 @@ class GroundTruth:
 
     t_us: int
     depth: F32
-    """(h, w) along the optical axis, m"""
+    """(h, w) along the optical axis, m; negative for what a fisheye sees behind itself"""
     distance: F32
     """(h, w) along the ray, m"""
     normal: F32

@@ -20,7 +20,7 @@ from evs.emulator.scene import (
 from evs.emulator.truth import GroundTruth
 from evs.msgs import EvsError
 
-View = tuple[SceneSnapshot, CameraPose]
+Instant = tuple[SceneSnapshot, CameraPose]
 
 
 class Hits(NamedTuple):
@@ -74,7 +74,7 @@ def trace_truth(
     lens: Lens,
     snapshot: SceneSnapshot,
     pose: CameraPose,
-    previous: View | None,
+    previous: Instant | None,
 ) -> GroundTruth:
     """Ground truth of one instant. In: placed, `snapshot` and `pose` as the caster takes them.
 
@@ -101,7 +101,7 @@ def trace_truth(
 
 
 def optical_flow(
-    found: Hits, scene: SceneModel, camera: CameraModel, now: View, before: View
+    found: Hits, scene: SceneModel, camera: CameraModel, now: Instant, before: Instant
 ) -> F32:
     """(h, w, 2) px/s: where the point seen now was before, divided by the time since then."""
     elapsed_us = now[0].t_us - before[0].t_us
@@ -136,7 +136,7 @@ def optical_flow(
     return (shift / (elapsed_us * 1e-6)).reshape(*found.geom.shape, 2).astype(np.float32)
 
 
-def _motions(now: View, before: View) -> tuple[F64, F64, F64]:
+def _motions(now: Instant, before: Instant) -> tuple[F64, F64, F64]:
     """Of each geom, and last of what lies at infinity: from a point now to where it was before.
 
     Out: turns (ng + 1, 3, 3) and shifts (ng + 1, 3), both in the cameras' frames, and (ng + 1)
