@@ -1,4 +1,4 @@
-"""`evs info FILE`: what a recording holds, whether it is whole, and `--repair`."""
+"""`evs info FILE`: what a recording holds, whether it is whole, `--repair`, `--camera-info`."""
 
 from __future__ import annotations
 
@@ -21,14 +21,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--repair", action="store_true", help="first cut a torn tail, in place; no packet is lost"
     )
-    parser.add_argument("--json", action="store_true", help="one JSON object instead of lines")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="one JSON object instead of lines")
+    form.add_argument(
+        "--camera-info",
+        action="store_true",
+        help="the camera's calibration instead, as the YAML that ROS's camera_info_manager reads",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Repair if asked to, then print the summary."""
-    from evs.drivers.files import repair, summary
+    from evs.drivers.files import calibration_yaml, repair, stream_of, summary
 
     repaired = repair(args.file) if args.repair else None
+    if args.camera_info:
+        print(calibration_yaml(stream_of(args.file)), end="")
+        return 0
     found = summary(args.file)
     if args.json:
         said = dataclasses.asdict(found)

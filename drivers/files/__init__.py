@@ -11,10 +11,12 @@ from evs.drivers.files.by_suffix import (
     stream_of,
     summary,
 )
+from evs.drivers.files.calibration import calibration_yaml
 
 __all__ = [
     "SUFFIXES",
     "Summary",
+    "calibration_yaml",
     "opened",
     "packets",
     "read",
