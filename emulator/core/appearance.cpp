@@ -35,12 +35,19 @@ class Bakery {
     });
   }
 
-  // `channels` components as numbers; -1 stays -1
-  int plain(int texture, int channels) {
-    float key[3] = {-1, static_cast<float>(channels), 0};
-    return find(texture, key, [&](const SceneData::TextureData& t) {
-      return build_plain_chain(t.data.data(), t.faces, t.height, t.width, t.components, t.srgb,
-                               channels);
+  // its first component as a number; -1 stays -1
+  int number(int texture) {
+    constexpr float KEY[3] = {-1, 1, 0};
+    return find(texture, KEY, [&](const SceneData::TextureData& t) {
+      return build_number_chain(t.data.data(), t.faces, t.height, t.width, t.components, t.srgb);
+    });
+  }
+
+  // normals; -1 stays -1
+  int normals(int texture) {
+    constexpr float KEY[3] = {-1, 3, 0};
+    return find(texture, KEY, [&](const SceneData::TextureData& t) {
+      return build_normal_chain(t.data.data(), t.faces, t.height, t.width, t.components, t.srgb);
     });
   }
 
@@ -155,11 +162,11 @@ void add_lights(const SceneData& scene, Bakery& bakery, Appearance& out) {
 // What makes a material physical, and the maps; a map multiplies the number beside it.
 void add_layers(const SceneData::SurfaceData& s, Bakery& bakery, Surface& out) {
   out.physical = s.metallic >= 0 || s.roughness >= 0 || s.metallic_map >= 0 || s.roughness_map >= 0;
-  out.metallic_map = bakery.plain(s.metallic_map, 1);
-  out.roughness_map = bakery.plain(s.roughness_map, 1);
-  out.occlusion_map = bakery.plain(s.occlusion_map, 1);
-  out.opacity_map = bakery.plain(s.opacity_map, 1);
-  out.normal_map = bakery.plain(s.normal_map, 3);
+  out.metallic_map = bakery.number(s.metallic_map);
+  out.roughness_map = bakery.number(s.roughness_map);
+  out.occlusion_map = bakery.number(s.occlusion_map);
+  out.opacity_map = bakery.number(s.opacity_map);
+  out.normal_map = bakery.normals(s.normal_map);
   out.emissive_map = bakery.color(s.emissive_map, WHITE);
   out.layered = out.metallic_map >= 0 || out.roughness_map >= 0 || out.occlusion_map >= 0 ||
                 out.opacity_map >= 0 || out.normal_map >= 0 || out.emissive_map >= 0;

@@ -112,11 +112,24 @@ Chain build_chain(const uint8_t* data, int faces, int height, int width, int com
   });
 }
 
-Chain build_plain_chain(const uint8_t* data, int faces, int height, int width, int components,
-                        bool srgb, int channels) {
+Chain build_number_chain(const uint8_t* data, int faces, int height, int width, int components,
+                         bool srgb) {
   Decode decode(srgb);
-  return chain_of(data, faces, height, width, components, channels,
-                  [&](const uint8_t* p, int c) { return decode.value[p[c < components ? c : 0]]; });
+  return chain_of(data, faces, height, width, components, 1,
+                  [&](const uint8_t* p, int) { return decode.value[*p]; });
+}
+
+Chain build_normal_chain(const uint8_t* data, int faces, int height, int width, int components,
+                         bool srgb) {
+  Decode decode(srgb);
+  return chain_of(data, faces, height, width, components, 3, [&](const uint8_t* p, int c) {
+    double n[3], square = 0;
+    for (int k = 0; k < 3; k++) {
+      n[k] = 2.0 * decode.value[p[k]] - 1.0;
+      square += n[k] * n[k];
+    }
+    return static_cast<float>(n[c] / std::sqrt(square));
+  });
 }
 
 }  // namespace evs

@@ -25,9 +25,14 @@ struct Chain {
 Chain build_chain(const uint8_t* data, int faces, int height, int width, int components, bool srgb,
                   const float* tint, int channels);
 
-// Numbers, not colours: `channels` of the image's components as they are, each its own channel.
-Chain build_plain_chain(const uint8_t* data, int faces, int height, int width, int components,
-                        bool srgb, int channels);
+// Numbers, not colours: the image's first component.
+Chain build_number_chain(const uint8_t* data, int faces, int height, int width, int components,
+                         bool srgb);
+
+// Unit normals (x, y, z) of an image whose first three components code them as (n + 1) / 2. Means
+// of them are shorter the further they point apart.
+Chain build_normal_chain(const uint8_t* data, int faces, int height, int width, int components,
+                         bool srgb);
 
 float from_srgb(float coded);
 

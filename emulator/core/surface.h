@@ -136,7 +136,7 @@ EVS_INLINE Vec facing(Vec normal, Vec direction) {
 // What a surface's maps make of its numbers.
 template <int CHANNELS>
 struct Layers {
-  Float opacity, occlusion, metallic, alpha_ggx;
+  Float opacity, occlusion, metallic, alpha_ggx, specular, exponent;
   Float emitted[CHANNELS] = {};
 };
 
@@ -161,6 +161,16 @@ void read_layers(const Frame& f, const Surface& s, Place& place, Layers<CHANNELS
     place.read(f.textures[s.emissive_map], CHANNELS, out.emitted);
     for (int c = 0; c < CHANNELS; c++) out.emitted[c] = out.emitted[c] * s.emission;
   }
+}
+
+// Gloss over normals of this variance: a wider lobe, and of Blinn-Phong's, which keeps its peak
+// when it widens, a lower one. So far bumps do not glint.
+template <int CHANNELS>
+void widen(Float apart, Layers<CHANNELS>& out) {
+  out.alpha_ggx = min(sqrt(out.alpha_ggx * out.alpha_ggx + apart * 2.0f), splat(1.0f));
+  Float exponent = out.exponent / (1.0f + out.exponent * apart);
+  out.specular = out.specular * ((1.0f + exponent) / (1.0f + out.exponent));
+  out.exponent = exponent;
 }
 
 // Where an image's right and its top point, in the mesh's frame: from the coordinates of the
@@ -195,7 +205,10 @@ inline void mesh_tangents(const Mesh& mesh, const Hit& hit, unsigned lanes, Vec&
 
 // The normal that a normal map gives: red bends it to the image's right, green to its top. On a
 // cube map, where right and top turn from face to face, it stays as it is.
-inline Vec bent_normal(const Frame& f, const Hit& hit, unsigned lanes, Place& place, Vec n) {
+// Out: `apart`, the variance of the normals that a sample averages (Toksvig 2005).
+inline Vec bent_normal(const Frame& f, const Hit& hit, unsigned lanes, Place& place, Vec n,
+                       Float& apart) {
+  apart = splat(0.0f);
   const Texture& map = f.textures[place.s.normal_map];
   if (map.faces != 1) return n;
   Vec right, up;
@@ -208,7 +221,9 @@ inline Vec bent_normal(const Frame& f, const Hit& hit, unsigned lanes, Place& pl
   up = normalize(up - n * dot(n, up));
   Float c[3];
   place.read(map, 3, c);
-  for (Float& component : c) component = component * 2.0f - 1.0f;
+  Float length = sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2]);
+  // 1e-5: the rounding of unit normals
+  apart = max((1.0f - length) / max(length, splat(0.05f)) - 1e-5f, splat(0.0f));
   return normalize(right * c[0] + up * c[1] + n * c[2]);
 }
 
@@ -241,10 +256,15 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
       out.gloss_tint[c] = select(here, s.texture >= 0 ? texel[c] : splat(1.0f), out.gloss_tint[c]);
     }
     out.plain = select(here, to_camera(g.rotation, n), out.plain);
-    Layers<CHANNELS> layers = {splat(s.alpha), splat(1.0f), splat(s.metallic), splat(s.alpha_ggx)};
+    Layers<CHANNELS> layers = {splat(s.alpha),     splat(1.0f),       splat(s.metallic),
+                               splat(s.alpha_ggx), splat(s.specular), splat(s.exponent)};
     for (int c = 0; c < CHANNELS; c++) layers.emitted[c] = out.albedo[c] * s.emission;
     if (s.layered) read_layers<CHANNELS>(f, s, place, layers);
-    if (s.normal_map >= 0) n = bent_normal(f, hit, bits(here), place, n);
+    if (s.normal_map >= 0) {
+      Float apart;
+      n = bent_normal(f, hit, bits(here), place, n, apart);
+      widen(apart, layers);
+    }
     out.normal = select(here, to_camera(g.rotation, n), out.normal);
     if (is_mesh) {
       // step off the triangle: far enough for the rounding of hit point and mesh, no further
@@ -255,8 +275,8 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
     }
     for (int c = 0; c < CHANNELS; c++)
       out.emitted[c] = select(here, layers.emitted[c], out.emitted[c]);
-    out.specular = select(here, splat(s.specular), out.specular);
-    out.exponent = select(here, splat(s.exponent), out.exponent);
+    out.specular = select(here, layers.specular, out.specular);
+    out.exponent = select(here, layers.exponent, out.exponent);
     out.reflectance = select(here, splat(s.reflectance), out.reflectance);
     out.alpha = select(here, layers.opacity, out.alpha);
     out.occlusion = select(here, layers.occlusion, out.occlusion);

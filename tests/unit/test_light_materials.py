@@ -277,6 +277,32 @@ def test_a_bent_normal_sees_no_light_from_behind_the_surface() -> None:
     assert (above.luminance > 0.5).all()
 
 
+@pytest.mark.parametrize("physical", [True, False])
+def test_bumps_too_far_to_see_widen_the_gloss(physical: bool) -> None:
+    # two normals in turn, so fine that a sample covers many: what is left is their mean
+    tilted = np.array([bent(0.3, 0.0)[0].data[0, 0], bent(-0.3, 0.0)[0].data[0, 0]])
+    image = Texture(TextureKind.FLAT, tilted[[[0, 1], [1, 0]]], False)
+    normals = unit(tilted / 255 * 2 - 1)
+    length = np.linalg.norm(normals.mean(0))
+    mean, apart = unit(normals.mean(0)), (1 - length) / length
+    surface = Surface(
+        rgba=(*COLOUR, 1.0), specular=1.0, shininess=0.5, normal_map=0, texrepeat=(1e9, 1e9),
+        roughness=0.4 if physical else -1.0,
+    )  # fmt: skip
+    lamp = replace(LAMP, specular=(0.6,) * 3)
+    look = Look(surface, textures=(image,), lights=(lamp,), light_dir=(0.1, -0.5, -1.0))
+    matt = linear(COLOUR) * 0.8 * (mean @ look.towards_light)
+    if physical:
+        wide = np.sqrt(0.4**4 + 2 * apart)
+        gloss = 0.8 * 0.04 * ggx(mean, look.view, look.towards_light, wide)
+    else:
+        # Toksvig 2005, equations 6 and 7
+        factor = length / (length + 64 * (1 - length))
+        lobe = (mean @ unit(look.view + look.towards_light)) ** (64 * factor)
+        gloss = 0.6 * (1 + 64 * factor) / (1 + 64) * lobe
+    np.testing.assert_allclose(look.rgb, matt + gloss, rtol=2e-4)
+
+
 def test_a_normal_map_on_a_cube_is_not_applied() -> None:
     image, _ = bent(0.5, -0.3)
     cube = Texture(TextureKind.CUBE, np.repeat(image.data[np.newaxis, :3, :3], 6, axis=0), False)
