@@ -28,7 +28,7 @@ check:
 # make bench     timings
 bench:
 	@sh .ci/setup.sh
-	.venv/bin/pytest -m bench -s tests/bench
+	.venv/bin/pytest -m "bench and not slow" -s tests/bench
 
 # make dev       only the set-up: .venv, the native core in place, the tools of make check
 dev:

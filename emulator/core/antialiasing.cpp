@@ -7,6 +7,7 @@ namespace evs {
 namespace {
 
 constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT;
+constexpr int TAPS = 4;  // points in a pixel at which the textures of planes and the sky are read
 
 float blend(float base, float refined, float weight) {
   return weight < 1 ? base + weight * (refined - base) : refined;
@@ -20,6 +21,10 @@ Antialiasing::Antialiasing(const View& view, const Sampling& sampling, bool rgb)
       columns_(sampling.columns),
       rows_(sampling.rows),
       base_angle_(static_cast<float>(1.0 / std::sqrt(view.fx * view.fy))) {
+  if (!view.orthographic) {
+    sample_points(TAPS, tap_x_, tap_y_);
+    for (int i = 0; i < TAPS; i++) tap_x_[i] -= 0.5f, tap_y_[i] -= 0.5f;
+  }
   size_t pixels = static_cast<size_t>(width_) * height_;
   size_t packets = static_cast<size_t>(rows_) * columns_;
   luminance_.resize(pixels);
@@ -39,6 +44,10 @@ Frame Antialiasing::base_frame(const Frame& frame) const {
   f.sample_x = f.sample_y = &middle_;
   f.pixel_angle = base_angle_;
   f.channels++;
+  f.taps = static_cast<int>(tap_x_.size());
+  f.tap_x = tap_x_.data();
+  f.tap_y = tap_y_.data();
+  f.tap_width = 1.0f / std::sqrt(static_cast<float>(TAPS));
   return f;
 }
 

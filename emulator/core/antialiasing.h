@@ -43,14 +43,15 @@ class Antialiasing {
   int width_, height_, columns_, rows_;
   float base_angle_;
   float middle_ = 0.5f;
-  long stride_;                     // of plain_
-  std::vector<float> luminance_;    // (h, w) of the first pass
-  std::vector<float> rgb_;          // (h, w, 3); empty: not wanted
-  std::vector<float> plain_;        // (h + 2, stride) light without textures, margin of one pixel
-  std::vector<float> refined_;      // (rows, columns, 16) mean of all samples, where `known_`
-  std::vector<float> refined_rgb_;  // (rows, columns, 16, 3)
-  std::vector<uint16_t> known_;     // (rows, columns) one bit a pixel
-  std::vector<uint8_t> traced_;     // (rows, columns) by this tick's first pass
+  std::vector<float> tap_x_, tap_y_;  // px from the pixel's centre
+  long stride_;                       // of plain_
+  std::vector<float> luminance_;      // (h, w) of the first pass
+  std::vector<float> rgb_;            // (h, w, 3); empty: not wanted
+  std::vector<float> plain_;          // (h + 2, stride) light without textures, margin of one pixel
+  std::vector<float> refined_;        // (rows, columns, 16) mean of all samples, where `known_`
+  std::vector<float> refined_rgb_;    // (rows, columns, 16, 3)
+  std::vector<uint16_t> known_;       // (rows, columns) one bit a pixel
+  std::vector<uint8_t> traced_;       // (rows, columns) by this tick's first pass
 };
 
 }  // namespace evs

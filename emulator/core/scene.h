@@ -163,6 +163,10 @@ struct Frame {
   int samples;
   const float* sample_x;  // sub-pixel positions, 0 ... 1
   const float* sample_y;
+  // where one sample stands for the pixel, textures of planes and the sky are read at `taps` points
+  int taps;
+  const float *tap_x, *tap_y;  // px from the sample
+  float tap_width;             // footprint of one, as a share of the sample's
   const Hull* primary;  // (packet rows, packet columns): the hull of each packet's primary rays
   int packet_columns;
 };

@@ -227,6 +227,32 @@ inline Vec bent_normal(const Frame& f, const Hit& hit, unsigned lanes, Place& pl
   return normalize(right * c[0] + up * c[1] + n * c[2]);
 }
 
+// The image on a plane as the pixels of camera rays see it: the mean of some points in each pixel,
+// which are found on the plane without tracing them.
+template <int CHANNELS>
+void tap_plane(const Frame& f, const Geom& g, const Surface& s, const Rays& rays, Vec d,
+               Float footprint, Float* out) {
+  const Texture& t = f.textures[s.texture];
+  const float* r = g.rotation;
+  Float drop = max(-d.z, splat(1e-6f)), scale = -rays.direction.z;
+  for (int c = 0; c < CHANNELS; c++) out[c] = splat(0.0f);
+  Lod lod;
+  for (int i = 0; i < f.taps; i++) {
+    Float x = scale * (f.tap_x[i] / f.fx), y = scale * (f.tap_y[i] / -f.fy);
+    Vec to = {d.x + x * r[0] + y * r[3], d.y + x * r[1] + y * r[4], d.z + x * r[2] + y * r[5]};
+    // beyond the horizon there is no plane
+    Float distance = splat(g.camera.z) / max(-to.z, drop * 0.25f);
+    Vec p = {to.x * distance + g.camera.x, to.y * distance + g.camera.y, splat(0.0f)};
+    Float u, v, texel[CHANNELS];
+    float per_meter;
+    on_shape(g, s, p, u, v, per_meter);
+    if (i == 0) lod = lod_of(t, footprint * (per_meter * f.tap_width));
+    read_between(t, CHANNELS, lod, u, v, splat(0), texel);
+    for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + texel[c];
+  }
+  for (int c = 0; c < CHANNELS; c++) out[c] = out[c] * (1.0f / static_cast<float>(f.taps));
+}
+
 // In: the hits of `lanes`. Out: what is there. `travelled`: distance from the camera to the rays'
 // start.
 template <int CHANNELS>
@@ -250,7 +276,14 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
     bool own = is_mesh && f.meshes[g.mesh].has_texcoords;
     Place place = {g, s, p, footprint, own, mesh_u, mesh_v, mesh_density};
     Float texel[CHANNELS];
-    if (s.texture >= 0) place.read(f.textures[s.texture], CHANNELS, texel);
+    if (s.texture >= 0) {
+      const Texture& t = f.textures[s.texture];
+      if (f.taps > 1 && rays.common && g.shape == PLANE && t.faces == 1) {
+        tap_plane<CHANNELS>(f, g, s, rays, d, footprint, texel);
+      } else {
+        place.read(t, CHANNELS, texel);
+      }
+    }
     for (int c = 0; c < CHANNELS; c++) {
       out.albedo[c] = select(here, s.texture >= 0 ? texel[c] : splat(s.albedo[c]), out.albedo[c]);
       out.gloss_tint[c] = select(here, s.texture >= 0 ? texel[c] : splat(1.0f), out.gloss_tint[c]);

@@ -47,30 +47,47 @@ EVS_INLINE Float bilinear(const Texture& t, const float* texels, Level l, Float 
   return top + (bottom - top) * fy;
 }
 
-// Trilinear: `footprint` is the width of what one sample sees, in image lengths. A channel that the
-// image does not have is its mean.
-inline void sample(const Texture& t, int channels, Float u, Float v, Int face, Float footprint,
-                   Float* out) {
+// The two levels of an image between which a sample of width `footprint`, in image lengths, lies.
+struct Lod {
+  Level l0, l1;
+  Float share;
+  bool blend;  // false: near enough that every lane reads the full image
+};
+
+EVS_INLINE Lod lod_of(const Texture& t, Float footprint) {
   float widest = static_cast<float>(t.width[0] > t.height[0] ? t.width[0] : t.height[0]);
   Float texels = max(footprint * widest, splat(1.0f));
   Float lod = min(log2(texels), splat(static_cast<float>(t.levels - 1)));
   Float whole = floor(lod), share = lod - whole;
-  // near enough that every lane reads the full image
   bool blend = any(share > 0.0f) || any(whole > 0.0f);
   Level l0 = {splat(t.width[0]), splat(t.height[0]), splat(t.level_offset[0])}, l1 = l0;
   if (blend) {
     l0 = level_of(t, truncate(whole));
     l1 = level_of(t, truncate(min(whole + 1.0f, splat(static_cast<float>(t.levels - 1)))));
   }
+  return {l0, l1, share, blend};
+}
+
+// A channel that the image does not have is its mean.
+EVS_INLINE void read_between(const Texture& t, int channels, const Lod& lod, Float u, Float v,
+                             Int face, Float* out) {
   for (int c = 0; c < channels; c++) {
     if (c >= t.channels) {
       out[c] = splat(t.mean);
       continue;
     }
     const float* base = t.texels + static_cast<long>(c) * t.channel_stride;
-    out[c] = bilinear(t, base, l0, u, v, face);
-    if (blend) out[c] = out[c] + (bilinear(t, base, l1, u, v, face) - out[c]) * share;
+    out[c] = bilinear(t, base, lod.l0, u, v, face);
+    if (lod.blend) {
+      out[c] = out[c] + (bilinear(t, base, lod.l1, u, v, face) - out[c]) * lod.share;
+    }
   }
+}
+
+// Trilinear: `footprint` is the width of what one sample sees, in image lengths.
+inline void sample(const Texture& t, int channels, Float u, Float v, Int face, Float footprint,
+                   Float* out) {
+  read_between(t, channels, lod_of(t, footprint), u, v, face, out);
 }
 
 // Cube map: face and position on it of direction d, as OpenGL numbers them (+X -X +Y -Y +Z -Z).

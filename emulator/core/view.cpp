@@ -84,6 +84,20 @@ Hull lens_hull(const Frame& f, int column, int row) {
 
 }  // namespace
 
+void sample_points(int count, std::vector<float>& x_at, std::vector<float>& y_at) {
+  // Hammersley points, the first bit flipped: four of them are the rotated grid
+  for (int i = 0; i < count; i++) {
+    double y = 0;
+    for (int bit = 1, n = i; n; n >>= 1, bit++) y += (n & 1) * std::ldexp(1.0, -bit);
+    int power = 1;
+    while (power < count) power *= 2;
+    y += y < 0.5 ? 0.5 : -0.5;
+    if (count == 1) y = 0;
+    x_at.push_back(static_cast<float>((i + 0.5) / count));
+    y_at.push_back(static_cast<float>(y + 0.5 / power));
+  }
+}
+
 void set_view(const View& view, Sampling& sampling, Frame& frame) {
   Frame& f = frame;
   f.width = view.width;
@@ -100,17 +114,7 @@ void set_view(const View& view, Sampling& sampling, Frame& frame) {
   f.samples = view.samples;
   double across = std::sqrt(static_cast<double>(view.samples));
   f.pixel_angle = static_cast<float>(1.0 / (std::sqrt(view.fx * view.fy) * across));
-  // Hammersley points, the first bit flipped: four of them are the rotated grid
-  for (int i = 0; i < view.samples; i++) {
-    double y = 0;
-    for (int bit = 1, n = i; n; n >>= 1, bit++) y += (n & 1) * std::ldexp(1.0, -bit);
-    int power = 1;
-    while (power < view.samples) power *= 2;
-    y += y < 0.5 ? 0.5 : -0.5;
-    if (view.samples == 1) y = 0;
-    sampling.x.push_back(static_cast<float>((i + 0.5) / view.samples));
-    sampling.y.push_back(static_cast<float>(y + 0.5 / power));
-  }
+  sample_points(view.samples, sampling.x, sampling.y);
   f.sample_x = sampling.x.data();
   f.sample_y = sampling.y.data();
   sampling.columns = (view.width + PACKET_WIDTH - 1) / PACKET_WIDTH;

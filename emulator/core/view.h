@@ -23,6 +23,9 @@ struct Sampling {
   int rows, columns;
 };
 
+// Positions in a pixel that never change, 0 ... 1. Out: x, y (count) each.
+void sample_points(int count, std::vector<float>& x, std::vector<float>& y);
+
 // Out: the sampling, and the camera's part of `frame`, which points into it.
 void set_view(const View& view, Sampling& sampling, Frame& frame);
 

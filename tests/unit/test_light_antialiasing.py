@@ -193,7 +193,7 @@ def test_light_that_bends_more_and_more_is_blended_in() -> None:
     assert np.abs(np.diff(light, axis=0) / light[:-1]).max() < 0.02
 
 
-def test_events_are_better_than_those_of_4_samples() -> None:
+def test_events_are_those_of_16_samples_everywhere() -> None:
     scene, camera, frames = room(120)
     sensor = resolve_sensor(SensorConfig("davis346", width=WIDTH, height=HEIGHT))
 
@@ -219,10 +219,42 @@ def test_events_are_better_than_those_of_4_samples() -> None:
     }
     assert len(truth) > 900
     assert emd["16"] < 0.6 * emd["4"] < 0.4 * emd["1"]
-    assert emd["adaptive"] < 0.8 * emd["4"]
+    assert emd["adaptive"] < 1.25 * emd["16"]
 
 
 def test_another_name_is_refused() -> None:
     scene, camera, _ = room(1)
     with pytest.raises(EvsError, match="antialiasing 'adaptiv'; there is: adaptive, fixed"):
         make_renderer(scene, camera, RenderConfig(antialiasing="adaptiv"), 1)
+
+
+def test_textures_of_planes_and_the_sky_are_read_at_several_points_of_a_pixel() -> None:
+    # a checker and stars that are no wider than the pixels, without an edge of another kind
+    xml = """
+    <mujoco><visual><headlight diffuse="0 0 0" ambient="1 1 1" specular="0 0 0"/></visual>
+      <asset>
+        <texture type="skybox" builtin="flat" mark="random" random=".05" markrgb="1 1 1"
+                rgb1=".2 .2 .2" rgb2=".2 .2 .2" width="256" height="1536"/>
+        <texture name="tiles" type="2d" builtin="checker" rgb1=".1 .1 .1" rgb2=".9 .9 .9"
+                width="64" height="64"/>
+        <material name="tiles" texture="tiles" texrepeat="5 5" texuniform="true"/>
+      </asset>
+      <worldbody><geom type="plane" size="0 0 .1" material="tiles"/></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(xml)
+    view = CameraConfig(lookat=(0, 0, 0.5), distance=4, azimuth=65, elevation=-15)
+    bound = bind_camera(model, "", WIDTH, HEIGHT, view)
+    frame, scene = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0), extract_scene(model)
+
+    def light(**render: object) -> F32:
+        renderer = DirectRenderer(scene, bound.model, RenderConfig(**render), 1)  # type: ignore[arg-type]
+        return renderer.render(frame, frame.cameras[0]).copy()
+
+    truth = light(spp=256)
+    one, four, some = (
+        light(spp=1), light(spp=4), light(spp=4, antialiasing="adaptive")
+    )  # fmt: skip
+    halves = {"sky": slice(0, HEIGHT // 4), "floor": slice(HEIGHT // 2, HEIGHT)}
+    for rows in halves.values():
+        error = [float(np.abs(a - truth)[rows].mean()) for a in (one, four, some)]
+        # as good as four whole samples
+        assert error[2] < 1.05 * error[1] < 0.8 * error[0]
