@@ -50,6 +50,17 @@ def ggx(a: F64, b: F64, alpha: float) -> F64:
     return np.asarray(facets * seen(a) * seen(b) / (4 * a[..., 2] * b[..., 2]))
 
 
+def ggx_density(eye: F64, w: F64, alpha: float) -> F64:
+    """Density per sr of w as the mirror image of `eye` in the facets that it sees (Heitz 2018)."""
+    half = w + eye
+    half = half / np.linalg.norm(half, axis=-1, keepdims=True)
+    square = alpha**2
+    facets = square / (np.pi * (half[..., 2] ** 2 * (square - 1) + 1) ** 2)
+    slope = (1 - eye[2] ** 2) / eye[2] ** 2
+    seen = 2 / (1 + np.sqrt(1 + square * slope))
+    return np.asarray(facets * seen / (4 * eye[2]))
+
+
 def ggx_albedo(cosine: float, alpha: float, nodes: int = 400) -> float:
     """Share of the light from all sides that GGX of reflectance 1 sends towards one direction."""
     eye = np.array([np.sqrt(1 - cosine**2), 0, cosine])

@@ -118,17 +118,27 @@ def _geom(stage: Stage, index: int, shape: Shape) -> list[Any]:
     frame = pose(stage.shot.geom_pos[index], stage.shot.geom_mat[index])
     size = [float(s) for s in scene.geom_size[index]]
     surface = scene.surfaces[scene.geom_surface[index]]
-    look: dict[str, Any] = {"bsdf": bsdf(stage, surface, shape)}
+    glow: dict[str, Any] = {}
     if surface.emission > 0:
         assert surface.texture < 0
-        glow = surface.emission * linear(surface.rgba[:3])
-        look["emitter"] = {"type": "area", "radiance": rgb(glow)}
+        radiance = surface.emission * linear(surface.rgba[:3])
+        glow = {"emitter": {"type": "area", "radiance": rgb(radiance)}}
+    mesh = None
+    if shape is Shape.ELLIPSOID:
+        mesh = ball(200, size)
+    elif shape is Shape.MESH:
+        mesh = scene.meshes[scene.geom_mesh[index]]
+    look = {"bsdf": bsdf(stage, surface, shape)} | glow
+    return [_mesh(mesh, frame, look)] if mesh else _parts(shape, size, frame, look)
+
+
+def _parts(shape: Shape, size: list[float], frame: F64, look: dict[str, Any]) -> list[Any]:
+    """A primitive, of one shape of Mitsuba's or of some."""
 
     def at(z: float) -> list[float]:
         return [float(v) for v in (frame @ [0, 0, z, 1])[:3]]
 
     radius, half = size[0], size[1]
-    barrel = {"type": "cylinder", "radius": radius, "p0": at(-half), "p1": at(half)} | look
     if shape is Shape.PLANE:
         sides = [side if side > 0 else FAR for side in size[:2]]
         return [{"type": "rectangle", "to_world": scaled(frame, [*sides, 1])} | look]
@@ -136,6 +146,7 @@ def _geom(stage: Stage, index: int, shape: Shape) -> list[Any]:
         return [{"type": "sphere", "center": at(0), "radius": radius} | look]
     if shape is Shape.BOX:
         return [{"type": "cube", "to_world": scaled(frame, size)} | look]
+    barrel = {"type": "cylinder", "radius": radius, "p0": at(-half), "p1": at(half)} | look
     if shape is Shape.CYLINDER:
         lids = [
             {"type": "disk", "to_world": scaled(frame @ pose([0, 0, z], turn), [radius, radius, 1])}
@@ -143,13 +154,11 @@ def _geom(stage: Stage, index: int, shape: Shape) -> list[Any]:
             for z, turn in ((half, np.eye(3)), (-half, np.diag([1.0, -1.0, -1.0])))
         ]
         return [barrel, *lids]
-    if shape is Shape.CAPSULE:
-        # the inner halves of the balls cannot be seen
-        assert surface.emission == 0
-        ends = [{"type": "sphere", "center": at(z), "radius": radius} | look for z in (-half, half)]
-        return [barrel, *ends]
-    mesh = ball(200, size) if shape is Shape.ELLIPSOID else scene.meshes[scene.geom_mesh[index]]
-    return [_mesh(mesh, frame, look)]
+    # the inner halves of a capsule's balls cannot be seen, but they would glow
+    assert shape is Shape.CAPSULE
+    assert "emitter" not in look
+    ends = [{"type": "sphere", "center": at(z), "radius": radius} | look for z in (-half, half)]
+    return [barrel, *ends]
 
 
 def _mesh(mesh: Mesh, frame: F64, look: dict[str, Any]) -> Any:
@@ -184,20 +193,48 @@ def bsdf(stage: Stage, surface: Surface, shape: Shape) -> dict[str, Any]:
     if surface.texture >= 0:
         albedo = _texture(stage, surface, shape)
     look: dict[str, Any] = {"type": "diffuse", "reflectance": albedo}
-    if stage.path and surface.specular > 0:
+    shine = {"type": "roughconductor", "material": "none", "distribution": "ggx"}
+    if stage.path and surface.roughness >= 0:
+        # a physical material: the dielectric's 4 % or the metal's colour, and what is left
+        colour, metallic = linear(surface.rgba[:3]), max(surface.metallic, 0.0)
+        gloss = 0.04 + (colour - 0.04) * metallic
+        share = float(gloss.max())
+        rest = colour * (1 - metallic) * (1 - gloss) / (1 - share)
+        assert (rest <= 1).all()
+        shine |= {"alpha": surface.roughness**2, "specular_reflectance": rgb(gloss / share)}
+        look = _blend(share, {"type": "diffuse", "reflectance": rgb(rest)}, shine)
+    elif stage.path and surface.specular > 0:
         # the lobe of a Blinn-Phong exponent; specular 0.5 reflects as most dielectrics do
         width = np.sqrt(2 / (128 * surface.shininess + 2))
-        shine = {"type": "roughconductor", "material": "none", "distribution": "ggx"}
-        look = _blend(0.08 * linear(surface.specular), look, shine | {"alpha": float(width)})
+        look = _blend(0.08 * surface.specular, look, shine | {"alpha": float(width)})
     if surface.reflectance > 0:
-        look = _blend(surface.reflectance, look, {"type": "conductor", "material": "none"})
+        mirror = {"type": "conductor", "material": "none"}
+        look = _blend(_mosaic(surface.reflectance), look, mirror)
     if surface.rgba[3] < 1:
         look = {"type": "mask", "opacity": surface.rgba[3], "bsdf": look}
     return look
 
 
-def _blend(weight: float, first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:
-    return {"type": "blendbsdf", "weight": float(weight), "first": first, "second": second}
+def _mosaic(share: float) -> dict[str, Any]:
+    """A pattern far finer than a pixel, of which this share, in tenths, is one and the rest 0.
+
+    Mitsuba's blend of a perfect mirror and another surface is wrong (3.9: it adds densities of
+    different kinds), but for the blends all of one and all of the other.
+    """
+    tenths = round(10 * share)
+    assert abs(10 * share - tenths) < 1e-9
+    latin = (np.add.outer(np.arange(10), 3 * np.arange(10)) % 10 < tenths).astype(np.float32)
+    return {
+        "type": "bitmap",
+        "bitmap": mi.Bitmap(np.ascontiguousarray(latin[..., np.newaxis])),
+        "raw": True,
+        "filter_type": "nearest",
+        "to_uv": mi.ScalarTransform4f(np.diag([2000.0, 2000.0, 1.0, 1.0])),
+    }
+
+
+def _blend(weight: Any, first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "blendbsdf", "weight": weight, "first": first, "second": second}
 
 
 def _texture(stage: Stage, surface: Surface, shape: Shape) -> dict[str, Any]:
@@ -267,10 +304,11 @@ def _across(direction: F64) -> list[float]:
 
 def _sky(stage: Stage, dome: F64) -> dict[str, Any]:
     """The skybox and the uniform dome as one latitude-longitude picture."""
-    height = 256
-    # Mitsuba's y is up in the picture: u turns around it from -z to +x
+    height = 512
+    # Mitsuba's y is up in the picture: u turns around it from -z to +x. Its first and last row are
+    # the poles, its columns lie between
     tall, around = np.meshgrid(
-        (np.arange(height) + 0.5) / height * np.pi,
+        np.linspace(0, np.pi, height),
         (np.arange(2 * height) + 0.5) / height * np.pi,
         indexing="ij",
     )

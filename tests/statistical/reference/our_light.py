@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -50,3 +51,11 @@ def path_batches(stage: Stage, batches: int, spp: int) -> F64:
             for k in range(batches)
         ]
     )
+
+
+def path_caster(stage: Stage) -> tuple[Any, tuple[F64, ...]]:
+    """The native caster behind `path`, and where everything is, as it wants to be told."""
+    renderer: Any = make_renderer(
+        stage.scene, stage.camera, replace(stage.render, renderer="path"), 1
+    )
+    return renderer._caster, renderer._place(stage.shot, stage.pose)

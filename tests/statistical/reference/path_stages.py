@@ -112,7 +112,7 @@ def sky() -> Stage:
         glow = np.exp(4 * (0.6 * x - 0.6 * y + 0.53 * z - 1))
         return np.stack([0.2 + 0.8 * glow, 0.3 + 0.2 * z + 0.4 * glow, 0.5 + 0.4 * z], -1)
 
-    made.textures = [skybox(colour, 64)]
+    made.textures = [skybox(colour, 4)]
     made.skybox = 0
     return _look(made, (0.3, -3.0, 0.8), (0, 0, 0.5), 1, sky_radiance=radiance_of(made.textures[0]))
 
@@ -120,7 +120,7 @@ def sky() -> Stage:
 def mirror() -> Stage:
     """A mirror on the floor and a mirror ball, which see each other."""
     made = Builder()
-    made.add(Shape.PLANE, (0, 0, 1), (0, 0, 0), matt(0.5, reflectance=0.4))
+    made.add(Shape.PLANE, (6, 6, 1), (0, 0, 0), matt(0.5, reflectance=0.4))
     made.add(Shape.SPHERE, (0.4,), (-0.5, 0, 0.45), matt(0.3, reflectance=0.7))
     made.add(Shape.BOX, (0.3, 0.2, 0.3), (0.5, 0.2, 0.3), matt_rgb((0.2, 0.4, 0.8)))
     # a lamp without a size: ours are not seen in mirrors
@@ -138,6 +138,21 @@ def glossy() -> Stage:
     glow = matt(1.0, emission=6.0)
     made.add(Shape.PLANE, (0.9, 0.2, 1), (0, -0.2, 1.7), glow, turn=turned((1, 0, 0), 170))
     return _look(made, (0.0, -2.6, 1.3), (0, 0, 0.3), 1)
+
+
+def metals() -> Stage:
+    """Physical materials: gold and plastic, polished and rough, in the light of two panels."""
+    made = Builder()
+    rough = matt_rgb((0.3, 0.35, 0.4), metallic=0.0, roughness=0.6)
+    made.add(Shape.PLANE, (0, 0, 1), (0, 0, 0), rough)
+    for x, metallic, roughness in ((-0.9, 1, 0.2), (-0.3, 1, 0.6), (0.3, 0, 0.3), (0.9, 0.5, 0.4)):
+        look = matt_rgb((0.9, 0.6, 0.2), metallic=float(metallic), roughness=roughness)
+        made.add(Shape.SPHERE, (0.28,), (x, 0, 0.28), look)
+    for x, colour in ((-0.8, (1.0, 0.9, 0.8)), (0.9, (0.5, 0.7, 1.0))):
+        glow = matt_rgb(colour, emission=6.0)
+        turn = turned((1, 0, 0), 170)
+        made.add(Shape.PLANE, (0.5, 0.2, 1), (x, -0.3, 1.6), glow, turn=turn)
+    return _look(made, (0.0, -2.8, 1.2), (0, 0, 0.3), 1)
 
 
 def tiles() -> Stage:
@@ -214,6 +229,7 @@ PATH_STAGES = {
     "sky": sky,
     "mirror": mirror,
     "glossy": glossy,
+    "metals": metals,
     "tiles": tiles,
     "room": room,
     "swell": swell,

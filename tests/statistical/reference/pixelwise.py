@@ -45,12 +45,14 @@ def judge(ours: F64, theirs: F64) -> Verdict:
     if not (np.isfinite(ours).all() and np.isfinite(theirs).all()):
         raise AssertionError("not a number, or infinite")
     tests, found = 0, {}
-    for side in SCALES:
+    # a picture may be smaller than a block
+    scales = [side for side in SCALES if side <= min(ours.shape[1:])]
+    for side in scales:
         a, b = (_blocks(stack, side) for stack in (ours, theirs))
         z, freedom, error = _welch(a, b)
         found[side] = z, 2 * stats.t.sf(np.abs(z), freedom)
         tests += z.size
-    side = min(SCALES, key=lambda s: found[s][1].min())
+    side = min(scales, key=lambda s: found[s][1].min())
     least = float(found[side][1].min())
     row, column = np.unravel_index(np.argmin(found[side][1]), found[side][1].shape)
     # the whole picture came last

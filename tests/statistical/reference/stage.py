@@ -80,7 +80,10 @@ class Builder:
     ) -> None:
         """One light; fades with the square of the distance and glows in no other way."""
         direction = np.array(towards, np.float64)
-        plain = Light(kind, specular=(0, 0, 0), attenuation=(0.0, 0.0, 1.0), exponent=0.0)
+        dark, square = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+        plain = Light(
+            kind, specular=dark, attenuation=square, exponent=0.0, range_m=0.0, softness=0.0
+        )
         self.lights.append(replace(plain, **light))
         self.places.append((pos, direction / np.linalg.norm(direction)))
 
