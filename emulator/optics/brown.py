@@ -133,6 +133,8 @@ def derivative(coefficients: F64) -> F64:
 
 def first_root(coefficients: F64) -> float:
     """Smallest positive real root of a polynomial in rising powers; inf where it has none."""
-    roots = np.asarray(polynomial.polyroots(polynomial.polytrim(coefficients)), np.complex128)
+    roots = np.asarray(
+        polynomial.polyroots(polynomial.polytrim(coefficients, 1e-30)), np.complex128
+    )
     real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0.0)]
     return float(real.min(initial=math.inf))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from evs.emulator.optics.brown import Brown
@@ -19,6 +17,9 @@ MODELS = {
 }
 """distortion model, by the names of ROS's CameraInfo -> its coefficients, in OpenCV's order"""
 
+LARGEST = 1e6
+"""Coefficients of real lenses are below 100; up to here nothing overflows."""
+
 
 def check_distortion(camera: CameraModel) -> None:
     """EvsError for an unknown model, coefficients that it does not have, and flat cameras."""
@@ -32,8 +33,11 @@ def check_distortion(camera: CameraModel) -> None:
             f"camera.distortion has {len(given)} coefficients, and {model} takes {wants}"
         )
     for name, value in zip(names, given, strict=True):
-        if not math.isfinite(value):
-            raise EvsError(f"camera.distortion: {name} is {value}; give a finite number")
+        if not abs(value) <= LARGEST:
+            raise EvsError(
+                f"camera.distortion: {name} is {value}; give a number from a calibration, "
+                f"{-LARGEST:g} ... {LARGEST:g}"
+            )
     if names and camera.orthographic:
         raise EvsError(
             "camera.distortion_model is for lenses, and this camera is orthographic: "

@@ -15,11 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.optics.brown import Brown
-from evs.emulator.optics.distortion import check_distortion, is_distorted
+from evs.emulator.optics.distortion import check_distortion, is_distorted, project
 from evs.emulator.optics.equidistant import Equidistant
 from evs.emulator.optics.vignetting import check_vignetting, light_share
 from evs.emulator.scene import F32, F64, CameraModel
 from evs.msgs import EvsError
+
+MOST_OFF_PX = 0.5
+"""Error of an interpolated centre that tells of a broken map."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,11 @@ def make_lens(camera: CameraModel) -> Lens:
             "camera.distortion: no pixel lies in the lens's image circle; check camera.focal_px, "
             "principal_px and the coefficients"
         )
-    share = light_share(camera, sum((directions[quad] for quad in quads), np.zeros(3)))
+    centres = sum((directions[quad] for quad in quads), np.zeros(3))
+    # a fisheye has one branch, and at the rim of 360 degrees everything runs together
+    if bent and camera.distortion_model != "equidistant":
+        _check_centres(camera, centres, outside)
+    share = light_share(camera, centres)
     share[outside] = 0.0
     return Lens(
         directions=directions.astype(np.float32) if bent else None,
@@ -78,14 +85,34 @@ def rays(camera: CameraModel, x: F64, y: F64) -> tuple[F64, npt.NDArray[np.bool_
                 min(int(part[~np.isfinite(u)][0]), size - 1)
                 for part, size in ((x, camera.width), (y, camera.height))
             )
-            angle = np.degrees(np.arctan(lens.last_radius))
+            last = np.degrees(np.arctan(lens.last_radius))
+            fold = f"the image folds over {last:.1f} degrees off the axis"
+            if not np.isfinite(lens.last_radius):
+                fold = "p1 and p2 fold the image over"
             raise EvsError(
-                f"camera.distortion: no ray leads to pixel ({column}, {row}), the image folds over "
-                f"{angle:.1f} degrees off the axis: give a longer camera.focal_px, other "
+                f"camera.distortion: no ray leads to pixel ({column}, {row}), {fold}: "
+                "give a longer camera.focal_px, other "
                 'coefficients, or distortion_model = "equidistant" for a wide lens'
             )
     directions = np.stack([u, -v, -np.ones_like(u)], -1)
     return directions, np.zeros(u.shape, np.bool_)
+
+
+def _check_centres(camera: CameraModel, centres: F64, outside: npt.NDArray[np.bool_]) -> None:
+    """EvsError where what lies between four corners is not the pixel.
+
+    Then they came from two branches of the map, or it bends too much. In: centres (h, w, 3).
+    """
+    image = project(camera, centres.reshape(-1, 3)).reshape(*outside.shape, 2)
+    x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+    off = np.hypot(image[..., 0] - x, image[..., 1] - y)
+    wrong = ~outside & ~(off < MOST_OFF_PX)
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0]
+        raise EvsError(
+            f"camera.distortion bends the image too much within pixel ({column}, {row}): give a "
+            "longer camera.focal_px, or other coefficients"
+        )
 
 
 def _check_steps(camera: CameraModel, directions: F64) -> None:

@@ -203,7 +203,7 @@ BAD = {
     "unknown": ({"distortion_model": "plumbob"}, "plumb_bob"),
     "nan": (
         {"distortion_model": "equidistant", "distortion": (0, 0, float("nan"), 0)},
-        "k3 is nan; give a finite number",
+        "k3 is nan; give a number from a calibration",
     ),
     "flat": (
         {"distortion_model": "equidistant", "distortion": (0.0,) * 4, "orthographic": True},
@@ -215,11 +215,24 @@ BAD = {
     ),
     "tangential": (
         {"distortion_model": "plumb_bob", "distortion": (0, 0, 1.5, 0, 0)},
-        r"no ray leads to pixel",
+        r"no ray leads to pixel \(\d+, 0\), p1 and p2 fold the image over",
     ),
     "huge": (
-        {"distortion_model": "plumb_bob", "distortion": (-1e300, 1e300, 0, 0, -1e300)},
-        r"no ray leads to pixel",
+        {"distortion_model": "plumb_bob", "distortion": (-1e7, 0, 0, 0, 0)},
+        r"k1 is -10000000.0; give",
+    ),
+    "two branches": (
+        {
+            "distortion_model": "plumb_bob",
+            "distortion": (0.1034126, -0.1526053, 0.1853375, 0.0902224, 0.0888382),
+            "width": 23,
+            "height": 17,
+            "fx": 12.4210579,
+            "fy": 13.6103896,
+            "cx": 14.5663913,
+            "cy": 17.3900939,
+        },
+        "bends the image too much within pixel",
     ),
     "coarse": (
         {"distortion_model": "equidistant", "distortion": (0.0,) * 4, "fx": 0.5, "fy": 0.5},
