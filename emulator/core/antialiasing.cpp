@@ -44,7 +44,8 @@ Frame Antialiasing::base_frame(const Frame& frame) const {
   f.sample_x = f.sample_y = &middle_;
   f.pixel_angle = base_angle_;
   f.channels++;
-  f.taps = static_cast<int>(tap_x_.size());
+  // the points are those of a pinhole's pixels; behind a lens the mip level alone filters
+  f.taps = frame.lens ? 1 : static_cast<int>(tap_x_.size());
   f.tap_x = tap_x_.data();
   f.tap_y = tap_y_.data();
   f.tap_width = 1.0f / std::sqrt(static_cast<float>(TAPS));
