@@ -261,6 +261,7 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
   Patch<CHANNELS> out = {};
   out.point = rays.origin + rays.direction * hit.distance;
   out.origin = out.point;
+  out.occlusion = splat(1.0f);
   Float reach = f.orthographic ? splat(f.pixel_angle) : (travelled + hit.distance) * f.pixel_angle;
   while (lanes) {
     int index = lane(hit.geom, first_lane(lanes));
@@ -288,7 +289,8 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
       out.albedo[c] = select(here, s.texture >= 0 ? texel[c] : splat(s.albedo[c]), out.albedo[c]);
       out.gloss_tint[c] = select(here, s.texture >= 0 ? texel[c] : splat(1.0f), out.gloss_tint[c]);
     }
-    out.plain = select(here, to_camera(g.rotation, n), out.plain);
+    Vec facing_out = to_camera(g.rotation, n);
+    out.plain = select(here, facing_out, out.plain);
     Layers<CHANNELS> layers = {splat(s.alpha),     splat(1.0f),       splat(s.metallic),
                                splat(s.alpha_ggx), splat(s.specular), splat(s.exponent)};
     for (int c = 0; c < CHANNELS; c++) layers.emitted[c] = out.albedo[c] * s.emission;
@@ -297,8 +299,9 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
       Float apart;
       n = bent_normal(f, hit, bits(here), place, n, apart);
       widen(apart, layers);
+      facing_out = to_camera(g.rotation, n);
     }
-    out.normal = select(here, to_camera(g.rotation, n), out.normal);
+    out.normal = select(here, facing_out, out.normal);
     if (is_mesh) {
       // step off the triangle: far enough for the rounding of hit point and mesh, no further
       Float step = (travelled + hit.distance) * 2e-5f + f.bounds.radius[index] * 1e-5f;
@@ -312,9 +315,9 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
     out.exponent = select(here, layers.exponent, out.exponent);
     out.reflectance = select(here, splat(s.reflectance), out.reflectance);
     out.alpha = select(here, layers.opacity, out.alpha);
-    out.occlusion = select(here, layers.occlusion, out.occlusion);
+    if (s.layered) out.occlusion = select(here, layers.occlusion, out.occlusion);
     out.alpha_ggx = select(here, layers.alpha_ggx, out.alpha_ggx);
-    out.metallic = select(here, layers.metallic, out.metallic);
+    if (s.physical) out.metallic = select(here, layers.metallic, out.metallic);
     if (s.physical) out.physical = out.physical | here;
     for (int c = 0; c < CHANNELS; c++) {
       Float f0 = splat(s.f0);
