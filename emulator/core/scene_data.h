@@ -28,9 +28,10 @@ struct SceneData {
     float repeat[2];
     bool uniform;
     float emission, specular, shininess, reflectance;
-    float metallic, roughness;  // negative: a classic material, unless it has such a map
+    float metallic = -1, roughness = -1;  // negative: a classic material, unless it has such a map
     // textures, -1 none; the first four have one component
-    int metallic_map, roughness_map, occlusion_map, opacity_map, normal_map, emissive_map;
+    int metallic_map = -1, roughness_map = -1, occlusion_map = -1, opacity_map = -1;
+    int normal_map = -1, emissive_map = -1;
   };
   struct LightData {
     int kind;
@@ -40,8 +41,8 @@ struct SceneData {
     float cutoff_deg, exponent;
     float intensity;  // already divided by the lux of one unit; 0: diffuse holds
     bool headlight;
-    float range, softness;
-    int texture;  // of an image light
+    float range = 0, softness = 0;
+    int texture = -1;  // of an image light
   };
   struct AirData {
     bool fog = false, haze = false;

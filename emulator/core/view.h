@@ -12,8 +12,8 @@ struct View {
   double fx, fy, cx, cy;
   bool orthographic;
   int samples;
-  bool adaptive;                   // all samples only where neighbours differ, one elsewhere
-  std::vector<float> lens, share;  // as in Frame; empty: none
+  bool adaptive;  // all samples only where neighbours differ, one elsewhere
+  std::vector<float> lens = {}, share = {};  // as in Frame; empty: none
 };
 
 struct Sampling {
