@@ -200,7 +200,10 @@ def swell() -> Stage:
 
 
 def glass() -> Stage:
-    """Panes of coloured glass in front of things and of the lamp behind them."""
+    """Panes of coloured glass in front of things, and lamps on both sides of them.
+
+    Ours let everything pass from behind, Mitsuba's do not: so no light that is seen goes that way.
+    """
     made = Builder()
     _things(made)
     upright = turned((1, 0, 0), 90)
@@ -213,9 +216,19 @@ def glass() -> Stage:
             replace(pane, rgba=(*pane.rgba[:3], alpha)),
             turn=upright,
         )
-    # light comes from behind the panes: what we see of them is the front, and so does their shadow
     made.shine(LightKind.POINT, (0.2, 1.6, 1.8), diffuse=(3.0, 3.0, 3.0), bulbradius_m=0.2)
-    return _look(made, (0.2, -3.0, 1.4), (0, -0.3, 0.2), 1)
+    for x in (-0.55, 0.45):
+        # from below at a pane, and beyond it over everything
+        spot = (x, -1.2, 0.02)
+        made.shine(
+            LightKind.SPOT,
+            spot,
+            (0, 0.5, 0.53),
+            cutoff_deg=10,
+            diffuse=(0.2, 0.3, 0.2),
+            bulbradius_m=0.0,
+        )
+    return _look(made, (0.2, -3.0, 1.4), (0, -0.3, 0.2), 0)
 
 
 PATH_STAGES = {
