@@ -30,7 +30,7 @@ class SceneData:
         vertices (nv, 3), faces (nf, 3), normals (nf, 3, 3), texcoords (nf, 3, 2).
         """
 
-    def add_light(self, kind: int, ambient: Sequence[float], diffuse: Sequence[float], specular: Sequence[float], castshadow: bool, attenuation: Sequence[float], cutoff_deg: float, exponent: float, intensity: float, headlight: bool, range: float, softness: float, texture: int) -> None: ...
+    def add_light(self, kind: int, ambient: Sequence[float], diffuse: Sequence[float], specular: Sequence[float], castshadow: bool, attenuation: Sequence[float], cutoff_deg: float, exponent: float, intensity: float, headlight: bool, range: float, softness: float, texture: int, bulbradius: float) -> None: ...
 
     def set_fog(self, start: float, end: float, color: Sequence[float]) -> None:
         """Distances in m, display-coded colour."""
@@ -52,12 +52,12 @@ class SceneData:
 class Caster:
     """One camera's view of one scene."""
 
-    def __init__(self, scene: SceneData, width: int, height: int, fx: float, fy: float, cx: float, cy: float, orthographic: bool, samples: int, shadows: bool, incremental: bool, threads: int, isa: str, rgb: bool = False, adaptive: bool = False, lens: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)] | None = None, share: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None) -> None:
+    def __init__(self, scene: SceneData, width: int, height: int, fx: float, fy: float, cx: float, cy: float, orthographic: bool, samples: int, shadows: bool, incremental: bool, threads: int, isa: str, rgb: bool = False, adaptive: bool = False, lens: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)] | None = None, share: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, integrator: str = 'direct', bounces: int = 0, sample_set: str = 'owen') -> None:
         """
         lens (height + 1, width + 1, 3): the ray at each pixel's corners, camera frame; share (height, width): what a pixel gets of its light.
         """
 
-    def trace_pixels(self, geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(9), order='C', device='cpu', writable=False)], x: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], y: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], luminance: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu')]) -> None:
+    def trace_pixels(self, geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(9), order='C', device='cpu', writable=False)], x: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], y: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], luminance: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu')], seed: int = 0) -> None:
         """luminance (n) of the pixels (x, y), (n) int32 each."""
 
     def set_light_gains(self, gains: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> None:
@@ -70,7 +70,7 @@ class Caster:
         New vertices (nv, 3) and unit normals (nv, 3) of a mesh, before a call of render.
         """
 
-    def render(self, geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(9), order='C', device='cpu', writable=False)], luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], rgb: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order='C', device='cpu')] | None = None) -> None:
+    def render(self, geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(9), order='C', device='cpu', writable=False)], luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], rgb: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order='C', device='cpu')] | None = None, seed: int = 0) -> None:
         """
         luminance (h, w) and rgb (h, w, 3) float32 must be the same arrays, untouched, in every call.
         """

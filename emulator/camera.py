@@ -104,7 +104,9 @@ class Camera:
         sensor = resolve_sensor(plan.sensor)
         self._size = (int(sensor.width), int(sensor.height))
         self.bound: BoundCamera = bind_camera(world, plan.camera, *self._size, plan.optics)
-        self._renderer = make_renderer(scene, self.bound.model, plan.render, plan.threads)
+        self._renderer = make_renderer(
+            scene, self.bound.model, plan.render, plan.threads, plan.seed
+        )
         self._unlit = is_unlit(scene, plan.render)
         self._model = make_event_model(sensor, plan.model, plan.threads)
         name = free_name(plan.name, self.bound.name, taken)
@@ -138,7 +140,9 @@ class Camera:
         self._forget_instants()
         self.bound = bind_camera(world, self._plan.camera, *self._size, self._plan.optics)
         plan = self._plan
-        self._renderer = make_renderer(scene, self.bound.model, plan.render, plan.threads)
+        self._renderer = make_renderer(
+            scene, self.bound.model, plan.render, plan.threads, plan.seed
+        )
         self._unlit = is_unlit(scene, plan.render)
 
     @property

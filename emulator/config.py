@@ -122,14 +122,19 @@ class RenderConfig:
     """[render]: how light reaches the pixels."""
 
     renderer: str = "direct"
-    """direct: our tracer | raster: OpenGL, no shadows or mirrors, needs the extra evs[raster]"""
+    """direct: hard light, no noise | path: light that bounces, soft shadows | raster: OpenGL"""
     spp: int = 4
-    """samples per pixel, at sub-pixel positions that never change: 1 ... 64"""
+    """samples per pixel: 1 ... 64 (direct, raster), 1 ... 4096 (path)"""
     antialiasing: str = "fixed"
     """fixed: every pixel takes all samples | adaptive: only pixels at an edge of the light do, the
     others one; `direct` only"""
     seeds: str = "fixed"
-    """fixed: a pixel's samples are the same every tick, so that still light gives no events"""
+    """fixed: a pixel's samples are the same every tick, so that still light gives no events
+    fresh: new ones every tick, as in the paper (path only)"""
+    bounces: int = 2
+    """path: how often light may go from one surface to another on its way: 0 ... 64"""
+    sampler: str = "owen"
+    """path: owen | sobol | global | random: how its samples lie, see the docs of noise"""
     headlight: str = "model"
     """model: as the model has it | off: removed"""
     shadows: bool = True

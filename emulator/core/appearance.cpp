@@ -94,8 +94,8 @@ void spread(const float* linear, int channels, float* out) {
   out[channels] = luminance_of(linear);
 }
 
-void choose_channels(const SceneData& scene, bool rgb, Appearance& out) {
-  bool grey = true;
+void choose_channels(const SceneData& scene, bool rgb, bool mixing, Appearance& out) {
+  bool grey = !mixing;
   for (const SceneData::LightData& l : scene.lights) {
     grey = grey && is_grey(l.ambient) && is_grey(l.diffuse) && is_grey(l.specular);
     if (l.kind == IMAGE) grey = grey && is_grey(scene.textures[l.texture]);
@@ -143,6 +143,7 @@ void add_lights(const SceneData& scene, Bakery& bakery, Appearance& out) {
     std::copy(l.attenuation, l.attenuation + 3, light.attenuation);
     light.cos_cutoff = static_cast<float>(std::cos(l.cutoff_deg * RADIANS));
     light.exponent = l.exponent;
+    light.radius = std::max(l.bulbradius, 0.0f);
     if (light.inverse_square) {
       light.fade = l.range > 0 ? 1.0f / (l.range * l.range) : 0.0f;
       // as MuJoCo's physical renderer: full light inside, none at the cutoff
@@ -191,7 +192,7 @@ void add_surfaces(const SceneData& scene, Bakery& bakery, Appearance& look) {
     out.alpha = std::min(s.rgba[3], 1.0f);
     // the GGX lobe nearest to Blinn-Phong's; specular 0.5 reflects as most dielectrics do
     out.alpha_ggx = static_cast<float>(std::sqrt(2.0 / (out.exponent + 2.0)));
-    out.f0 = 0.08f * out.specular;
+    out.f0 = 0.08f * std::clamp(s.specular, 0.0f, 1.0f);
     out.reflectance = out.alpha < 1 ? 0.0f : s.reflectance;
     out.texture = bakery.color(s.texture, s.rgba);
     for (int k = 0; k < 2; k++) out.repeat[k] = s.repeat[k] > 0 ? s.repeat[k] : 1.0f;
@@ -228,9 +229,9 @@ void add_air(const SceneData::AirData& data, Appearance& look) {
 
 }  // namespace
 
-Appearance make_appearance(const SceneData& scene, bool rgb) {
+Appearance make_appearance(const SceneData& scene, bool rgb, bool mixing) {
   Appearance look = {};
-  choose_channels(scene, rgb, look);
+  choose_channels(scene, rgb, mixing, look);
   Bakery bakery(scene, look);
   add_lights(scene, bakery, look);
   add_surfaces(scene, bakery, look);

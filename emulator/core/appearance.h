@@ -27,7 +27,8 @@ struct Appearance {
   Air air;                        // but for where the camera is
 };
 
-// rgb: colour is wanted, whatever the lights are.
-Appearance make_appearance(const SceneData& scene, bool rgb);
+// rgb: colour is wanted, whatever the lights are; the luminance keeps its bytes. mixing: light goes
+// from surface to surface, which needs its colour: three channels.
+Appearance make_appearance(const SceneData& scene, bool rgb, bool mixing);
 
 }  // namespace evs

@@ -112,7 +112,7 @@ void add_surface(SceneData& s, std::array<float, 4> rgba, int texture, std::arra
 
 void add_light(SceneData& s, int kind, Rgb ambient, Rgb diffuse, Rgb specular, bool castshadow,
                Rgb attenuation, float cutoff_deg, float exponent, float intensity, bool headlight,
-               float range, float softness, int texture) {
+               float range, float softness, int texture, float bulbradius) {
   require(kind >= SPOT && kind <= IMAGE, "unknown kind of light");
   require(texture < static_cast<int>(s.textures.size()), "light's texture does not exist");
   require(kind != IMAGE || (texture >= 0 && s.textures[texture].faces == 6),
@@ -126,6 +126,7 @@ void add_light(SceneData& s, int kind, Rgb ambient, Rgb diffuse, Rgb specular, b
   d.castshadow = castshadow;
   d.cutoff_deg = cutoff_deg;
   d.exponent = exponent;
+  d.bulbradius = bulbradius;
   d.intensity = intensity;
   d.headlight = headlight;
   d.range = range;
@@ -158,12 +159,22 @@ BoundCaster* make_caster(const SceneData& scene, int width, int height, double f
                          double cx, double cy, bool orthographic, int samples, bool shadows,
                          bool incremental, int threads, const std::string& isa, bool rgb,
                          bool adaptive, std::optional<In<float, N, N, 3>> lens,
-                         std::optional<In<float, N, N>> share) {
+                         std::optional<In<float, N, N>> share, const std::string& integrator,
+                         int bounces, const std::string& sample_set) {
   require(width > 0 && height > 0, "an image has pixels");
   require(fx > 0 && fy > 0 && std::isfinite(fx) && std::isfinite(fy) && std::isfinite(cx) &&
               std::isfinite(cy),
           "focal lengths are positive and finite");
   require(samples >= 1 && samples <= 4096, "samples: 1 ... 4096");
+  require(integrator == "direct" || integrator == "path", "the integrator is direct or path");
+  bool path = integrator == "path";
+  require(!path || !adaptive, "paths take all samples in every pixel");
+  require(bounces >= 0 && bounces <= 1000, "bounces: 0 ... 1000");
+  const char* const sets[] = {"sobol", "owen", "global", "random"};
+  int set = 0;
+  while (set < 4 && sample_set != sets[set]) set++;
+  require(set < 4, "the sample set is sobol, owen, global or random");
+  Integrator paths = {path, bounces, static_cast<SampleSet>(set)};
   require(scene.skybox < static_cast<int>(scene.textures.size()),
           "the skybox's texture does not exist");
   require(scene.skybox < 0 || scene.textures[scene.skybox].faces == 6, "a skybox has six faces");
@@ -187,7 +198,7 @@ BoundCaster* make_caster(const SceneData& scene, int width, int height, double f
     for (float part : view.share)
       require(part >= 0 && std::isfinite(part), "a share is not negative");
   }
-  return new BoundCaster{{scene, view, shadows, incremental, threads, isa, rgb},
+  return new BoundCaster{{scene, view, shadows, incremental, threads, isa, rgb, paths},
                          scene.geom_type.size(),
                          scene.lights.size(),
                          w,
@@ -222,13 +233,14 @@ Poses checked_poses(const BoundCaster& b, In<double, N, 3> geom_pos, In<double, 
 void render(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
             In<double, N, 3> light_pos, In<double, N, 3> light_dir, In<double, 3> camera_pos,
             In<double, 9> camera_mat, Out<float, N, N> luminance,
-            std::optional<Out<float, N, N, 3>> rgb) {
+            std::optional<Out<float, N, N, 3>> rgb, int seed) {
   require(luminance.shape(0) == b.height && luminance.shape(1) == b.width,
           "luminance is (height, width)");
   require(!rgb || b.rgb, "colour is given only by a caster that was made with rgb");
   require(!rgb || (rgb->shape(0) == b.height && rgb->shape(1) == b.width),
           "rgb is (height, width, 3)");
   Poses poses = checked_poses(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
+  poses.seed = seed;
   nb::gil_scoped_release release;
   b.caster.render(poses, luminance.data(), rgb ? rgb->data() : nullptr);
 }
@@ -254,7 +266,7 @@ void trace_truth(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geo
 void trace_pixels(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
                   In<double, N, 3> light_pos, In<double, N, 3> light_dir, In<double, 3> camera_pos,
                   In<double, 9> camera_mat, In<int32_t, N> x, In<int32_t, N> y,
-                  Out<float, N> luminance) {
+                  Out<float, N> luminance, int seed) {
   Poses poses = checked_poses(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
   size_t count = x.shape(0);
   require(y.shape(0) == count && luminance.shape(0) == count,
@@ -266,6 +278,7 @@ void trace_pixels(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> ge
                 row < static_cast<int>(b.height),
             "a pixel lies outside the image");
   }
+  poses.seed = seed;
   nb::gil_scoped_release release;
   b.caster.trace_pixels(poses, x.data(), y.data(), static_cast<int>(count), luminance.data());
 }
@@ -292,7 +305,7 @@ void bind_caster(nb::module_& m) {
       .def("add_light", &add_light, nb::arg("kind"), nb::arg("ambient"), nb::arg("diffuse"),
            nb::arg("specular"), nb::arg("castshadow"), nb::arg("attenuation"),
            nb::arg("cutoff_deg"), nb::arg("exponent"), nb::arg("intensity"), nb::arg("headlight"),
-           nb::arg("range"), nb::arg("softness"), nb::arg("texture"))
+           nb::arg("range"), nb::arg("softness"), nb::arg("texture"), nb::arg("bulbradius"))
       .def("set_fog", &set_fog, nb::arg("start"), nb::arg("end"), nb::arg("color"),
            "Distances in m, display-coded colour.")
       .def("set_haze", &set_haze, nb::arg("ratio"), nb::arg("radius"), nb::arg("color"),
@@ -307,11 +320,12 @@ void bind_caster(nb::module_& m) {
            nb::arg("samples"), nb::arg("shadows"), nb::arg("incremental"), nb::arg("threads"),
            nb::arg("isa"), nb::arg("rgb") = false, nb::arg("adaptive") = false,
            nb::arg("lens").none() = nb::none(), nb::arg("share").none() = nb::none(),
+           nb::arg("integrator") = "direct", nb::arg("bounces") = 0, nb::arg("sample_set") = "owen",
            "lens (height + 1, width + 1, 3): the ray at each pixel's corners, camera frame; share "
            "(height, width): what a pixel gets of its light.")
       .def("trace_pixels", &trace_pixels, nb::arg("geom_pos"), nb::arg("geom_mat"),
            nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
-           nb::arg("x"), nb::arg("y"), nb::arg("luminance"),
+           nb::arg("x"), nb::arg("y"), nb::arg("luminance"), nb::arg("seed") = 0,
            "luminance (n) of the pixels (x, y), (n) int32 each.")
       .def("set_light_gains", &set_light_gains, nb::arg("gains"),
            "Each light's strength (nl) from the next call on, 1 as the scene has it.")
@@ -320,7 +334,7 @@ void bind_caster(nb::module_& m) {
       .def(
           "render", &render, nb::arg("geom_pos"), nb::arg("geom_mat"), nb::arg("light_pos"),
           nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"), nb::arg("luminance"),
-          nb::arg("rgb").none() = nb::none(),
+          nb::arg("rgb").none() = nb::none(), nb::arg("seed") = 0,
           "luminance (h, w) and rgb (h, w, 3) float32 must be the same arrays, untouched, in every "
           "call.")
       .def("trace_truth", &trace_truth, nb::arg("geom_pos"), nb::arg("geom_mat"),

@@ -56,12 +56,12 @@ Bounds Caster::Spheres::view() const {
 }
 
 Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incremental,
-               int threads, const std::string& isa, bool rgb)
+               int threads, const std::string& isa, bool rgb, const Integrator& integrator)
     : kernel_(kernel_of(isa)),
       pool_(threads),
       incremental_(incremental),
       mesh_data_(scene.meshes),
-      look_(make_appearance(scene, rgb)) {
+      look_(make_appearance(scene, rgb, integrator.path)) {
   for (const SceneData::MeshData& m : mesh_data_) {
     meshes_.push_back(mesh_view(m));
   }
@@ -86,7 +86,7 @@ Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incr
   deformed_.resize(mesh_data_.size());
   shapes_.resize(mesh_data_.size());
   set_view(view, sampling_, frame_);
-  if (incremental_) make_records();
+  if (incremental_ && !integrator.path) make_records();
   frame_.geoms = geoms_.data();
   frame_.meshes = meshes_.data();
   frame_.surfaces = look_.surfaces.data();
@@ -109,6 +109,22 @@ Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incr
   frame_.colour = frame_.channels == 3 ? 0 : 1;
   frame_.shadows = shadows;
   if (view.adaptive && view.samples > 1) antialiasing_.emplace(view, sampling_, rgb);
+  if (integrator.path) {
+    emitters_.emplace(scene, look_, order_);
+    paths_.bounces = integrator.bounces;
+    paths_.sample_set = integrator.samples;
+    while ((1 << paths_.digits) < view.samples) paths_.digits++;
+    set_paths();
+  }
+}
+
+// The emitters' part of what the path kernels read.
+void Caster::set_paths() {
+  PathFrame f = emitters_->frame();
+  f.bounces = paths_.bounces;
+  f.sample_set = paths_.sample_set;
+  f.digits = paths_.digits;
+  paths_ = f;
 }
 
 // Room for the hulls of every packet; more lights than fit: those packets are traced always.
@@ -173,6 +189,10 @@ void Caster::deform_mesh(int index, const float* vertices, const float* normals)
   deform(mesh, vertices, normals);
   meshes_[index] = mesh_view(mesh);
   deformed_[index] = true;
+  if (emitters_) {
+    emitters_->forget_mesh(index);
+    set_paths();
+  }
 }
 
 void Caster::place_geoms(const Poses& p) {
@@ -282,11 +302,18 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
                  std::memcmp(look_.lights.data(), previous_lights_.data(), light_bytes) == 0);
   bool selective = incremental_ && still && same_lights;
 
-  if (selective) {
-    find_moved();
+  paths_.seed = poses.seed;
+  bool path = emitters_.has_value();
+
+  if (selective) find_moved();
+  // a path may go anywhere: what is still is still as a whole, or not at all
+  if (path && selective && moved_.view().count == 0 && poses.seed == previous_seed_) {
+    traced_fraction_ = 0;
+    return;
   }
+  previous_seed_ = poses.seed;
   // records pay off only while the camera stays
-  bool recording = incremental_ && (first || still);
+  bool recording = incremental_ && !path && (first || still);
   if (incremental_ && !recording) {
     for (Record& r : records_) r.count = -1;
   }
@@ -299,6 +326,11 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
   pool_.run(sampling_.rows, [&](int row, int) {
     long count = 0;
     for (int column = 0; column < sampling_.columns; column++) {
+      if (path) {
+        kernel_->trace_path(frame_, paths_, column, row, out);
+        count++;
+        continue;
+      }
       Record* record =
           incremental_ ? &records_[static_cast<size_t>(row) * sampling_.columns + column] : nullptr;
       if (selective && !kernel_->touched(frame_, column, row, *record, moved, around_moved_))
@@ -348,6 +380,7 @@ void Caster::trace_pixels(const Poses& poses, const int32_t* x, const int32_t* y
   place_geoms(poses);
   place_lights(poses);
   place_air();
+  paths_.seed = poses.seed;
   Frame base = antialiasing_ ? antialiasing_->base_frame(frame_) : frame_;
   constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT, PACKETS_A_JOB = 16;
   constexpr int PIXELS_A_JOB = PACKET * PACKETS_A_JOB;
@@ -355,7 +388,9 @@ void Caster::trace_pixels(const Poses& poses, const int32_t* x, const int32_t* y
     int end = std::min(count, (job + 1) * PIXELS_A_JOB);
     for (int i = job * PIXELS_A_JOB; i < end; i += PACKET) {
       int n = std::min(PACKET, end - i);
-      if (antialiasing_) {
+      if (emitters_) {
+        kernel_->trace_path_pixels(frame_, paths_, x + i, y + i, n, luminance + i);
+      } else if (antialiasing_) {
         antialiasing_->trace_pixels(*kernel_, frame_, base, x + i, y + i, n, luminance + i);
       } else {
         kernel_->trace_pixels(frame_, x + i, y + i, n, luminance + i, nullptr);

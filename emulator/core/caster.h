@@ -8,6 +8,7 @@
 
 #include "antialiasing.h"
 #include "appearance.h"
+#include "emitters.h"
 #include "pool.h"
 #include "scene.h"
 #include "scene_data.h"
@@ -18,13 +19,20 @@ namespace evs {
 // Where everything is, in the world's frame, double. Shapes as emulator/scene.py gives them.
 struct Poses {
   const double *geom_pos, *geom_mat, *light_pos, *light_dir, *camera_pos, *camera_mat;
+  int seed = 0;  // of the paths' samples
+};
+
+struct Integrator {
+  bool path = false;  // else: direct
+  int bounces = 0;
+  SampleSet samples = SAMPLES_OWEN;
 };
 
 class Caster {
  public:
   // isa: "auto" or one of isa_available(); rgb: `render` can give colour
   Caster(const SceneData& scene, const View& view, bool shadows, bool incremental, int threads,
-         const std::string& isa, bool rgb = false);
+         const std::string& isa, bool rgb = false, const Integrator& integrator = {});
 
   // Out: luminance (h, w) and, where `rgb` was given, linear rgb (h, w, 3) or null: the same
   // memory, untouched, in every call.
@@ -58,6 +66,7 @@ class Caster {
   };
 
   void make_records();
+  void set_paths();
   void place_geoms(const Poses& poses);
   void place_lights(const Poses& poses);
   void place_air();
@@ -69,6 +78,9 @@ class Caster {
   bool incremental_;
   std::vector<SceneData::MeshData> mesh_data_;
   Appearance look_;
+  std::optional<Emitters> emitters_;  // of paths only
+  PathFrame paths_ = {};
+  int previous_seed_ = 0;
   std::vector<Mesh> meshes_;
   std::vector<Light> previous_lights_;
   std::vector<float> gains_;        // of each light

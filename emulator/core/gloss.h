@@ -1,14 +1,14 @@
 // Gloss of physical materials: the GGX lobe.
 
 // pi times the lobe's BRDF for a reflectance of 1, times the cosine of the light (Walter et al.
-// 2007; shadowing by height-correlated Smith, Heitz 2014). In: unit vectors from the surface, both
-// on the normal's side. Nothing here divides by less than alpha's square times 1e-4.
+// 2007, with the separable shadowing of Smith that they use). In: unit vectors from the surface,
+// both on the normal's side. Nothing here divides by less than alpha's square times 1e-4.
 EVS_INLINE Float ggx(Vec normal, Vec view, Vec light, Float alpha) {
   Vec half = normalize(view + light), apart = cross(normal, half);
   Float cosine = dot(normal, half), square = alpha * alpha, rest = 1.0f - square;
   // sine and cosine apart: 1 - cosine^2 would leave nothing of a narrow lobe
   Float spread = dot(apart, apart) + square * cosine * cosine;
   Float in = max(dot(normal, light), splat(0.0f)), out = max(dot(normal, view), splat(1e-4f));
-  Float masking = in * sqrt(out * out * rest + square) + out * sqrt(in * in * rest + square);
-  return square / (spread * spread) * (0.5f / masking) * in;
+  Float masking = (in + sqrt(in * in * rest + square)) * (out + sqrt(out * out * rest + square));
+  return square / (spread * spread) / masking * in;
 }

@@ -97,6 +97,7 @@ struct Light {
   float ambient[MAX_CHANNELS], diffuse[MAX_CHANNELS], specular[MAX_CHANNELS];
   float attenuation[3];
   float cos_cutoff, exponent;
+  float radius;         // of the bulb, m; `direct` has points
   bool inverse_square;  // physical intensity: 1 / r^2 instead of attenuation
   float fade;           // 1 / range^2: physical light ends at its range; 0: nowhere
   float edge;           // 1 / (cosine of the full cone - cos_cutoff), physical spots; 0: exponent
@@ -210,6 +211,8 @@ struct Truth {
   float* barycentric;  // (h, w, 2) shares of the triangle's second and third corner
 };
 
+struct PathFrame;  // path_scene.h
+
 // One instruction set's entry points.
 struct Kernel {
   // Trace the 16 pixels of packet (column, row) and write them.
@@ -230,6 +233,10 @@ struct Kernel {
   // Can one of these spheres touch a ray of the packet? `around` holds all of them.
   bool (*touched)(const Frame&, int column, int row, const Record&, const Bounds& spheres,
                   const Ball& around);
+  // The same for paths, which leave no record.
+  void (*trace_path)(const Frame&, const PathFrame&, int column, int row, const Outputs&);
+  void (*trace_path_pixels)(const Frame&, const PathFrame&, const int32_t* x, const int32_t* y,
+                            int count, float* luminance);
 };
 
 extern const Kernel KERNEL_PORTABLE, KERNEL_AVX2, KERNEL_AVX512;

@@ -39,7 +39,8 @@ struct SceneData {
     bool castshadow;
     float attenuation[3];
     float cutoff_deg, exponent;
-    float intensity;  // already divided by the lux of one unit; 0: diffuse holds
+    float bulbradius;  // m
+    float intensity;   // already divided by the lux of one unit; 0: diffuse holds
     bool headlight;
     float range = 0, softness = 0;
     int texture = -1;  // of an image light

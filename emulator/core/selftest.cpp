@@ -75,11 +75,12 @@ SceneData scene_of_everything(float tint) {
                         {1, 0.1f, 0},
                         40,
                         3,
+                        0.1f,
                         kind == POINT ? 2.0f : 0.0f,
                         false});
   }
   s.lights.push_back(
-      {DIRECTIONAL, {0, 0, 0}, {0.2f, 0.2f, 0.2f}, {0, 0, 0}, false, {1, 0, 0}, 45, 0, 0, true});
+      {DIRECTIONAL, {0, 0, 0}, {0.2f, 0.2f, 0.2f}, {0, 0, 0}, false, {1, 0, 0}, 45, 0, 0, 0, true});
   s.skybox = 3;
   return s;
 }
@@ -105,7 +106,7 @@ Stage stage_of(const SceneData& s, std::mt19937& random, double scale) {
   return stage;
 }
 
-void same_bytes_everywhere() {
+void same_bytes_everywhere(const Integrator& how) {
   std::mt19937 random(1);
   for (float tint : {0.5f, 0.3f}) {
     SceneData scene = scene_of_everything(tint);
@@ -113,13 +114,14 @@ void same_bytes_everywhere() {
                       View{33, 17, 30, 30, 16.5, 8.5, false, 3, true},
                       View{18, 21, 8, 8, 9, 10.5, true, 2, false}}) {
       size_t pixels = static_cast<size_t>(view.width) * view.height;
-      Caster reference(scene, view, true, false, 1, "portable");
+      Caster reference(scene, view, true, false, 1, "portable", false, how);
       std::vector<float> expected(pixels);
       std::vector<std::vector<float>> light;
       std::vector<std::unique_ptr<Caster>> casters;
       for (const std::string& isa : isa_available()) {
         for (bool incremental : {false, true}) {
-          casters.push_back(std::make_unique<Caster>(scene, view, true, incremental, 2, isa));
+          casters.push_back(
+              std::make_unique<Caster>(scene, view, true, incremental, 2, isa, false, how));
           light.emplace_back(pixels);
         }
       }
@@ -139,7 +141,7 @@ void same_bytes_everywhere() {
   }
 }
 
-void single_pixels_and_deforming_meshes() {
+void single_pixels_and_deforming_meshes(const Integrator& how) {
   std::mt19937 random(3);
   SceneData scene = scene_of_everything(0.5f);
   View view = {21, 13, 20, 20, 10.5, 6.5, false, 2, true};
@@ -151,7 +153,7 @@ void single_pixels_and_deforming_meshes() {
   std::vector<float> light(x.size()), single(x.size());
   std::vector<float> vertices, normals(15, 0.5f);
   for (const std::string& isa : isa_available()) {
-    Caster caster(scene, view, true, true, 2, isa);
+    Caster caster(scene, view, true, true, 2, isa, false, how);
     Stage stage = stage_of(scene, random, 1);
     for (int tick = 0; tick < 5; tick++) {
       vertices.clear();
@@ -169,7 +171,7 @@ void single_pixels_and_deforming_meshes() {
 }
 
 // No crash and no read out of bounds, whatever the poses; finite light for finite poses.
-void absurd_poses() {
+void absurd_poses(const Integrator& how) {
   std::mt19937 random(2);
   SceneData scene = scene_of_everything(0.5f);
   View view = {24, 18, 20, 20, 12, 9, false, 1, false};
@@ -180,7 +182,7 @@ void absurd_poses() {
   Truth truth = {geom.data(),   distance.data(), point.data(),
                  normal.data(), triangle.data(), barycentric.data()};
   for (const std::string& isa : isa_available()) {
-    Caster caster(scene, view, true, true, 1, isa);
+    Caster caster(scene, view, true, true, 1, isa, false, how);
     for (double scale : {1e-6, 1.0, 1e5, 1e12}) {
       Stage stage = stage_of(scene, random, scale);
       caster.render(stage.poses(), light.data(), nullptr);
@@ -294,9 +296,12 @@ void pixels_survive_any_light() {
 int main() {
   evs::pool_runs_each_job_once();
   evs::degenerate_meshes();
-  evs::same_bytes_everywhere();
-  evs::single_pixels_and_deforming_meshes();
-  evs::absurd_poses();
+  for (const evs::Integrator& how :
+       {evs::Integrator{}, evs::Integrator{true, 3, evs::SAMPLES_OWEN}}) {
+    evs::same_bytes_everywhere(how);
+    evs::single_pixels_and_deforming_meshes(how);
+    evs::absurd_poses(how);
+  }
   evs::pixels_survive_any_light();
   std::printf("%d failures\n", evs::failures);
   return evs::failures;

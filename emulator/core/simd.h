@@ -251,6 +251,7 @@ EVS_INLINE Float operator+(Float a, float b) { return a + splat(b); }
 EVS_INLINE Float operator-(Float a, float b) { return a - splat(b); }
 EVS_INLINE Float operator*(Float a, float b) { return a * splat(b); }
 EVS_INLINE Float operator+(float a, Float b) { return splat(a) + b; }
+EVS_INLINE Float operator*(float a, Float b) { return splat(a) * b; }
 EVS_INLINE Float operator-(float a, Float b) { return splat(a) - b; }
 EVS_INLINE Float operator/(float a, Float b) { return splat(a) / b; }
 EVS_INLINE Mask operator<(Float a, float b) { return a < splat(b); }

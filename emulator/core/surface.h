@@ -3,6 +3,7 @@
 template <int CHANNELS>
 struct Patch {
   Vec point, normal;  // camera frame; the normal is unit and faces the ray
+  Vec flat;           // normal of the surface itself, not of its shading; faces the ray
   Vec origin;         // where rays that leave the surface start
   float step = 0;     // from point to origin, at most
   Float albedo[CHANNELS];
@@ -291,6 +292,7 @@ Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsig
     }
     Vec facing_out = to_camera(g.rotation, n);
     out.plain = select(here, facing_out, out.plain);
+    out.flat = select(here, is_mesh ? to_camera(g.rotation, flat) : facing_out, out.flat);
     Layers<CHANNELS> layers = {splat(s.alpha),     splat(1.0f),       splat(s.metallic),
                                splat(s.alpha_ggx), splat(s.specular), splat(s.exponent)};
     for (int c = 0; c < CHANNELS; c++) layers.emitted[c] = out.albedo[c] * s.emission;

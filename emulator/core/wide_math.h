@@ -37,3 +37,19 @@ EVS_INLINE Float turns(Float y, Float x) {
   angle = select(x < 0.0f, 0.5f - angle, angle);
   return select(y < 0.0f, 1.0f - angle, angle);
 }
+
+// cosine and sine of an angle in turns, 0 <= a <= 1; error 1e-6
+EVS_INLINE void circle(Float a, Float& cosine, Float& sine) {
+  // quadrants around 0, 1/4, 1/2, 3/4: the series on |angle| <= pi/4
+  Float quadrant = floor(a * 4.0f + 0.5f);
+  Float x = (a - quadrant * 0.25f) * 6.28318531f, q = x * x;
+  Float s = ((q * (-1.0f / 5040) + 1.0f / 120) * q - 1.0f / 6) * q * x + x;
+  Float c = (((q * (1.0f / 40320) - 1.0f / 720) * q + 1.0f / 24) * q - 0.5f) * q + 1.0f;
+  Int k = truncate(quadrant);
+  Mask odd = (k & splat(1)) == splat(1);
+  Float first = select(odd, s, c), second = select(odd, c, s);
+  // k 0: (c, s)  1: (-s, c)  2: (-c, -s)  3: (s, -c)
+  Mask lower = (k & splat(2)) == splat(2), left = ((k + splat(1)) & splat(2)) == splat(2);
+  cosine = select(left, -first, first);
+  sine = select(lower, -second, second);
+}

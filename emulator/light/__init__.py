@@ -2,5 +2,6 @@
 
 from evs.emulator.light.choose import make_renderer
 from evs.emulator.light.direct import DirectRenderer
+from evs.emulator.light.path import PathRenderer
 
-__all__ = ["DirectRenderer", "make_renderer"]
+__all__ = ["DirectRenderer", "PathRenderer", "make_renderer"]

@@ -5,12 +5,15 @@ from __future__ import annotations
 from evs.emulator import _core
 from evs.emulator.config import RenderConfig
 from evs.emulator.light.direct import DirectRenderer
+from evs.emulator.light.path import PathRenderer
 from evs.emulator.scene import CameraModel, SceneModel
 from evs.emulator.stages import Renderer
 from evs.msgs import EvsError, unknown
 
-MAX_SPP = 64
-RENDERERS = ("direct", "raster")
+MAX_SPP = {"direct": 64, "path": 4096, "raster": 64}
+RENDERERS = tuple(MAX_SPP)
+SAMPLERS = ("owen", "sobol", "global", "random")
+MAX_BOUNCES = 64
 MAX_THREADS = 1024
 
 
@@ -20,18 +23,27 @@ def make_renderer(
     config: RenderConfig,
     threads: int,
     rgb: bool = False,
+    seed: int = 0,
 ) -> Renderer:
     """The renderer of one camera. Raises EvsError where the configuration makes no sense.
 
-    In: rgb, colour is wanted beside the luminance.
+    In: rgb, colour is wanted beside the luminance; seed, what the noise of `path` follows from.
     """
     if config.renderer not in RENDERERS:
         raise unknown("renderer", config.renderer, list(RENDERERS))
-    if not 1 <= config.spp <= MAX_SPP:
-        raise EvsError(f"render.spp is {config.spp}; it must be 1 ... {MAX_SPP}")
-    # no noise, so there is nothing that could be fresh
-    if config.seeds != "fixed":
-        raise unknown("render.seeds", config.seeds, ["fixed"])
+    most = MAX_SPP[config.renderer]
+    if not 1 <= config.spp <= most:
+        raise EvsError(
+            f"render.spp is {config.spp}; with renderer {config.renderer} it must be 1 ... {most}"
+        )
+    # without noise there is nothing that could be fresh
+    seeds = ["fixed", "fresh"] if config.renderer == "path" else ["fixed"]
+    if config.seeds not in seeds:
+        raise unknown(f"render.seeds of renderer {config.renderer}", config.seeds, seeds)
+    if not 0 <= config.bounces <= MAX_BOUNCES:
+        raise EvsError(f"render.bounces is {config.bounces}; it must be 0 ... {MAX_BOUNCES}")
+    if config.sampler not in SAMPLERS:
+        raise unknown("render.sampler", config.sampler, list(SAMPLERS))
     if config.antialiasing not in ("fixed", "adaptive"):
         raise unknown("render.antialiasing", config.antialiasing, ["fixed", "adaptive"])
     if config.headlight not in ("model", "off"):
@@ -49,4 +61,6 @@ def make_renderer(
         if rgb:
             raise EvsError("raster gives no colour, only luminance: take render.renderer=direct")
         return RasterRenderer(scene, camera, config)
+    if config.renderer == "path":
+        return PathRenderer(scene, camera, config, threads, rgb, seed)
     return DirectRenderer(scene, camera, config, threads, rgb)

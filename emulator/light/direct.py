@@ -36,10 +36,16 @@ class DirectRenderer:
         config: RenderConfig,
         threads: int,
         rgb: bool = False,
+        integrator: tuple[str, int, str] = ("direct", 0, "owen"),
     ) -> None:
-        """In: rgb, colour is wanted too; luminance keeps its bytes."""
+        """Build the caster.
+
+        In: rgb, colour is wanted too, and luminance keeps its bytes; integrator, its name,
+        bounces and sampler.
+        """
         self._scene, self._camera = scene, camera
         self._lens = make_lens(camera)
+        self._noise = 0
         keep = [
             i
             for i, light in enumerate(scene.lights)
@@ -66,14 +72,15 @@ class DirectRenderer:
             threads,
             config.isa,
             rgb,
-            config.antialiasing == "adaptive",
+            config.antialiasing == "adaptive" and integrator[0] == "direct",
             self._lens.directions,
             self._lens.share,
+            *integrator,
         )
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
         """(h, w) float32 linear luminance; the array is this renderer's own and reused."""
-        self._caster.render(*self._place(snapshot, pose), self._luminance, self._rgb)
+        self._caster.render(*self._place(snapshot, pose), self._luminance, self._rgb, self._noise)
         return self._luminance
 
     def trace(self, snapshot: SceneSnapshot, pose: CameraPose, pixels: I32) -> F32:
@@ -83,7 +90,7 @@ class DirectRenderer:
         """
         x, y = (np.ascontiguousarray(part, np.int32) for part in np.asarray(pixels).T)
         luminance = np.zeros(len(x), np.float32)
-        self._caster.trace_pixels(*self._place(snapshot, pose), x, y, luminance)
+        self._caster.trace_pixels(*self._place(snapshot, pose), x, y, luminance, self._noise)
         return luminance
 
     def ground_truth(
@@ -179,6 +186,7 @@ def scene_data(scene: SceneModel, lights: list[int], config: RenderConfig) -> _c
             light.range_m,
             light.softness,
             light.texture,
+            light.bulbradius_m,
         )
     data.set_geoms(scene.geom_type, scene.geom_size, scene.geom_mesh, scene.geom_surface)
     data.skybox = scene.skybox

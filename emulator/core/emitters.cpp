@@ -1,0 +1,200 @@
+#include "emitters.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace evs {
+namespace {
+
+constexpr double PI = 3.14159265358979323846;
+constexpr double WEIGHTS[3] = {0.2126, 0.7152, 0.0722};  // BT.709
+
+// m^2 of a shape's front; 0: it cannot be aimed at
+double area_of(int shape, const float* size) {
+  double a = size[0], b = size[1], c = size[2];
+  switch (shape) {
+    case PLANE:
+      return a > 0 && b > 0 ? 4 * a * b : 0;
+    case SPHERE:
+      return 4 * PI * a * a;
+    case CAPSULE:
+      return 4 * PI * a * (a + b);
+    case CYLINDER:
+      return 2 * PI * a * (a + 2 * b);
+    case BOX:
+      return 8 * (a * b + b * c + c * a);
+    case ELLIPSOID:
+      return 4 * PI;
+    default:
+      return 0;
+  }
+}
+
+std::vector<float> triangle_shares(const Tree& tree, double& area) {
+  std::vector<double> sums;
+  area = 0;
+  for (const Triangle& t : tree.triangles) {
+    double x = t.normal.x, y = t.normal.y, z = t.normal.z;
+    double twice = std::sqrt(x * x + y * y + z * z);
+    area += std::isfinite(twice) ? 0.5 * twice : 0;
+    sums.push_back(area);
+  }
+  std::vector<float> shares;
+  for (double sum : sums) shares.push_back(static_cast<float>(sum / std::max(area, 1e-300)));
+  return shares;
+}
+
+// Mean luminance of an image chain.
+double luminance_of(const Texture& t) {
+  int level = t.levels - 1;
+  int count = t.width[level] * t.height[level] * t.faces;
+  double sum = 0;
+  for (int c = 0; c < 3; c++) {
+    const float* texels =
+        t.texels + static_cast<long>(t.channel_stride) * c + t.level_offset[level];
+    for (int i = 0; i < count; i++) sum += WEIGHTS[c] * texels[i];
+  }
+  return sum / count;
+}
+
+// Of a glowing surface, mean radiance for an emission of 1.
+double luminance_of(const Surface& s, const Appearance& look) {
+  if (s.emissive_map >= 0) return luminance_of(look.textures[s.emissive_map]);
+  if (s.texture >= 0) return luminance_of(look.textures[s.texture]);
+  return WEIGHTS[0] * s.albedo[0] + WEIGHTS[1] * s.albedo[1] + WEIGHTS[2] * s.albedo[2];
+}
+
+}  // namespace
+
+Emitters::Emitters(const SceneData& scene, const Appearance& look, const std::vector<int>& order) {
+  for (const Light& light : look.lights) {
+    for (int c = 0; c < 3; c++) dome_[c] += std::max(light.ambient[c], 0.0f);
+  }
+  for (const Light& light : look.lights) lamps_ += light.kind != IMAGE;
+  for (const Surface& s : look.surfaces) {
+    transparent_ = transparent_ || s.alpha < 1 || s.opacity_map >= 0;
+  }
+  for (size_t k = 0; k < order.size(); k++) {
+    int g = order[k], shape = scene.geom_type[g];
+    const Surface& surface = look.surfaces[scene.geom_surface[g]];
+    double radiance = surface.emission * luminance_of(surface, look);
+    if (!(surface.emission > 0)) continue;
+    Glow glow = {static_cast<int>(k), -1, 0, 0, {}};
+    double area = area_of(shape, &scene.geom_size[3 * static_cast<size_t>(g)]);
+    double power_area = area;
+    if (shape == MESH || shape == HFIELD) {
+      glow.mesh = scene.geom_mesh[g];
+      glow.cumulative = triangle_shares(scene.meshes[glow.mesh].tree, area);
+      power_area = area;
+    } else if (shape == ELLIPSOID) {
+      const float* s = &scene.geom_size[3 * static_cast<size_t>(g)];
+      power_area = area * std::cbrt(std::pow(s[0] * s[1] * s[2], 2.0));
+    }
+    glow.area = static_cast<float>(area);
+    glow.power = radiance * power_area;
+    if (glow.power > 0 && std::isfinite(glow.power) && glow.area > 0) glows_.push_back(glow);
+  }
+  emitter_of_geom_.resize(order.size());
+  share();
+  make_sky(look);
+}
+
+// Chances by power, in order of the geoms.
+void Emitters::share() {
+  std::fill(emitter_of_geom_.begin(), emitter_of_geom_.end(), -1);
+  emitters_.clear();
+  double total = 0, sum = 0;
+  for (const Glow& g : glows_) total += g.power;
+  for (const Glow& g : glows_) {
+    float begin = static_cast<float>(sum / total);
+    sum += g.power;
+    float end = static_cast<float>(sum / total);
+    emitter_of_geom_[g.geom] = static_cast<int>(emitters_.size());
+    emitters_.push_back({g.geom, begin, end, g.area,
+                         g.cumulative.empty() ? nullptr : g.cumulative.data(),
+                         static_cast<int>(g.cumulative.size())});
+  }
+}
+
+void Emitters::forget_mesh(int mesh) {
+  auto uses = [mesh](const Glow& g) { return g.mesh == mesh; };
+  auto end = std::remove_if(glows_.begin(), glows_.end(), uses);
+  if (end == glows_.end()) return;
+  glows_.erase(end, glows_.end());
+  share();
+}
+
+// Skybox and image lights together.
+void Emitters::make_sky(const Appearance& look) {
+  struct Source {
+    const Texture* texture;
+    int level;
+    float tint[3];
+  };
+  std::vector<Source> sources;
+  auto add = [&](int texture, const float* tint) {
+    const Texture& t = look.textures[texture];
+    int level = 0;
+    while (level + 1 < t.levels && t.width[level] > 32) level++;
+    sources.push_back({&t, level, {tint[0], tint[1], tint[2]}});
+  };
+  constexpr float WHITE[3] = {1, 1, 1};
+  if (look.skybox >= 0) add(look.skybox, WHITE);
+  for (const Light& light : look.lights) {
+    if (light.kind == IMAGE) add(light.texture, light.diffuse);
+  }
+  int n = 0;
+  for (const Source& s : sources) n = std::max(n, s.texture->width[s.level]);
+  if (n == 0) return;
+  size_t rows = 6 * static_cast<size_t>(n), count = rows * n;
+  std::vector<double> weights(count);
+  double total = 0;
+  for (size_t i = 0; i < count; i++) {
+    int face = static_cast<int>(i) / (n * n), row = static_cast<int>(i) / n % n;
+    int column = static_cast<int>(i) % n;
+    double x = (column + 0.5) / n * 2 - 1, y = (row + 0.5) / n * 2 - 1, light = 0;
+    for (const Source& s : sources) {
+      int side = s.texture->width[s.level];
+      int texel = (face * side + row * side / n) * side + column * side / n;
+      for (int c = 0; c < 3; c++) {
+        light += WEIGHTS[c] * s.tint[c] *
+                 s.texture->texels[static_cast<long>(s.texture->channel_stride) * c +
+                                   s.texture->level_offset[s.level] + texel];
+      }
+    }
+    weights[i] = light * std::pow(1 + x * x + y * y, -1.5);
+    total += weights[i];
+  }
+  if (!(total > 0) || !std::isfinite(total)) return;
+  // a cell is never without a chance: its neighbours' light reaches into it
+  double mean = total / static_cast<double>(count), sum = 0;
+  for (double& w : weights) w += 0.1 * mean;
+  total *= 1.1;
+  side_ = n;
+  for (size_t r = 0; r < rows; r++) {
+    double row = 0, part = 0;
+    for (int i = 0; i < n; i++) row += weights[r * n + i];
+    sum += row;
+    rows_.push_back(static_cast<float>(sum / total));
+    for (int i = 0; i < n; i++) {
+      part += weights[r * n + i];
+      cells_.push_back(static_cast<float>(part / row));
+      density_.push_back(static_cast<float>(weights[r * n + i] / total * n * n * 0.25));
+    }
+  }
+}
+
+PathFrame Emitters::frame() const {
+  PathFrame f = {};
+  f.transparent = transparent_;
+  f.lamp_count = lamps_;
+  std::copy(dome_, dome_ + 3, f.dome);
+  f.sky_share = side_ == 0 ? 0.0f : emitters_.empty() ? 1.0f : 0.5f;
+  f.sky = {side_, rows_.data(), cells_.data(), density_.data()};
+  f.emitters = emitters_.data();
+  f.emitter_count = static_cast<int>(emitters_.size());
+  f.emitter_of_geom = emitter_of_geom_.data();
+  return f;
+}
+
+}  // namespace evs

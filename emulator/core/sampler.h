@@ -1,0 +1,99 @@
+// Sample points of the `path` integrator: dimension by dimension, each a point set of its own that
+// is filled evenly by the first 2^n samples. A counter, no state: (pixel, seed, dimension, sample).
+//
+// sobol    the Sobol points of every pixel moved by a shift of its own (Cranley & Patterson 1976)
+// owen     the Sobol points of every pixel scrambled in a way of its own (Owen 1995, with the hash
+//          of Laine & Karras 2011 as Burley 2020 has it)
+// global   the Owen-scrambled points, the same in every pixel
+// random   independent numbers
+
+struct Sampler {
+  Int pixel;   // who asks: row * width + column
+  int mode;    // enum SampleSet
+  int seed;    // the whole image's
+  int index;   // of the sample
+  int digits;  // 2^digits samples or fewer are drawn
+};
+
+template <int N>
+EVS_INLINE Int shift_right_unsigned(Int a) {
+  return shift_right<N>(a) & splat(static_cast<int>(0xffffffffu >> N));
+}
+
+// A permutation of 32 bits in which every bit depends on every other (the "lowbias32" of
+// C. Wellons, 2018).
+EVS_INLINE Int hash(Int a) {
+  a = (a ^ shift_right_unsigned<16>(a)) * splat(0x7feb352d);
+  a = (a ^ shift_right_unsigned<15>(a)) * splat(static_cast<int>(0x846ca68bu));
+  return a ^ shift_right_unsigned<16>(a);
+}
+inline unsigned hash(unsigned a) {
+  a = (a ^ (a >> 16)) * 0x7feb352du;
+  a = (a ^ (a >> 15)) * 0x846ca68bu;
+  return a ^ (a >> 16);
+}
+
+EVS_INLINE Int reverse_bits(Int a) {
+  auto swap = [](Int x, Int high, int mask, int times) {
+    return (high & splat(mask)) | ((x & splat(mask)) * splat(times));
+  };
+  a = swap(a, shift_right<1>(a), 0x55555555, 2);
+  a = swap(a, shift_right<2>(a), 0x33333333, 4);
+  a = swap(a, shift_right<4>(a), 0x0f0f0f0f, 16);
+  a = swap(a, shift_right<8>(a), 0x00ff00ff, 256);
+  return swap(a, shift_right<16>(a), 0x0000ffff, 65536);
+}
+inline unsigned reverse_bits(unsigned a) {
+  unsigned r = 0;
+  for (int i = 0; i < 32; i++) r |= ((a >> i) & 1u) << (31 - i);
+  return r;
+}
+
+// Nested uniform scramble of numbers whose most significant digit is bit 0.
+EVS_INLINE Int scramble_reversed(Int a, Int seed) {
+  a = a ^ (a * splat(0x3d20adea));
+  a = a + seed;
+  a = a * (shift_right_unsigned<16>(seed) | splat(1));
+  a = a ^ (a * splat(0x05526c56));
+  return a ^ (a * splat(0x53a22864));
+}
+
+// 0 <= x < 1 of the 24 leading bits.
+EVS_INLINE Float unit(Int a) {
+  return to_float(shift_right_unsigned<8>(a)) * 5.9604644775390625e-8f;
+}
+
+struct Pair {
+  Float x, y;
+};
+
+// Two numbers in [0, 1) of one dimension.
+EVS_INLINE Pair pair_of(const Sampler& s, int dimension) {
+  Int own = s.pixel;
+  if (s.mode == SAMPLES_GLOBAL) own = splat(0);
+  unsigned mixed =
+      hash(static_cast<unsigned>(s.seed) * 0x9e3779b9u + static_cast<unsigned>(dimension));
+  Int key = hash(own ^ splat(static_cast<int>(mixed)));
+  if (s.mode == SAMPLES_RANDOM) {
+    Int a = hash(key + splat(static_cast<int>(hash(static_cast<unsigned>(s.index) + 1u))));
+    return {unit(a), unit(hash(a ^ splat(0x68bc21eb)))};
+  }
+  // the order of the points differs between dimensions, so that their pairings do too
+  Int order = s.mode == SAMPLES_SOBOL ? splat(static_cast<int>(hash(mixed)))
+                                      : hash(key ^ splat(0x2c1b3c6d));
+  Int reversed = scramble_reversed(
+      splat(static_cast<int>(reverse_bits(static_cast<unsigned>(s.index)))), order);
+  Int index = reverse_bits(reversed) & splat((1 << s.digits) - 1);
+  // the second dimension's direction numbers are Pascal's triangle modulo 2
+  Int second = splat(0);
+  unsigned direction = 0x80000000u;
+  for (int i = 0; i < s.digits; i++) {
+    Mask set = (index & splat(1 << i)) == splat(1 << i);
+    second = select(set, second ^ splat(static_cast<int>(direction)), second);
+    direction ^= direction >> 1;
+  }
+  Int shift_x = hash(key + splat(0x1b873593)), shift_y = hash(key + splat(0x27d4eb2f));
+  if (s.mode == SAMPLES_SOBOL) return {unit(reverse_bits(index) + shift_x), unit(second + shift_y)};
+  return {unit(reverse_bits(scramble_reversed(index, shift_x))),
+          unit(reverse_bits(scramble_reversed(reverse_bits(second), shift_y)))};
+}
