@@ -105,7 +105,7 @@ class Camera:
         self._size = (int(sensor.width), int(sensor.height))
         self.bound: BoundCamera = bind_camera(world, plan.camera, *self._size, plan.optics)
         self._renderer = make_renderer(
-            scene, self.bound.model, plan.render, plan.threads, plan.seed
+            scene, self.bound.model, plan.render, plan.threads, seed=plan.seed
         )
         self._unlit = is_unlit(scene, plan.render)
         self._model = make_event_model(sensor, plan.model, plan.threads)
@@ -141,7 +141,7 @@ class Camera:
         self.bound = bind_camera(world, self._plan.camera, *self._size, self._plan.optics)
         plan = self._plan
         self._renderer = make_renderer(
-            scene, self.bound.model, plan.render, plan.threads, plan.seed
+            scene, self.bound.model, plan.render, plan.threads, seed=plan.seed
         )
         self._unlit = is_unlit(scene, plan.render)
 

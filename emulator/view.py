@@ -38,7 +38,9 @@ class View:
         self.bound: BoundCamera = bind_camera(
             world, plan.camera, self.width, self.height, plan.optics
         )
-        self._renderer = make_renderer(scene, self.bound.model, plan.render, plan.threads, rgb)
+        self._renderer = make_renderer(
+            scene, self.bound.model, plan.render, plan.threads, rgb, plan.seed
+        )
         self._place, self._present = place, present
         self._now: tuple[SceneSnapshot, CameraPose] | None = None
         self._previous: tuple[SceneSnapshot, CameraPose] | None = None

@@ -29,8 +29,37 @@ def make_renderer(
 
     In: rgb, colour is wanted beside the luminance; seed, what the noise of `path` follows from.
     """
+    check_render(config)
+    if not 0 <= threads <= MAX_THREADS:
+        raise EvsError(f"threads is {threads}; give 0 for one a core, or 1 ... {MAX_THREADS}")
+    if config.renderer == "raster":
+        # an extra: what it imports need not be there
+        from evs.emulator.light.raster import RasterRenderer
+
+        if rgb:
+            raise EvsError("raster gives no colour, only luminance: take render.renderer=direct")
+        return RasterRenderer(scene, camera, config)
+    if config.renderer == "path":
+        return PathRenderer(scene, camera, config, threads, rgb, seed)
+    return DirectRenderer(scene, camera, config, threads, rgb)
+
+
+def check_render(config: RenderConfig) -> None:
+    """EvsError where a value of the configuration makes no sense."""
     if config.renderer not in RENDERERS:
         raise unknown("renderer", config.renderer, list(RENDERERS))
+    _check_samples(config)
+    if config.antialiasing not in ("fixed", "adaptive"):
+        raise unknown("render.antialiasing", config.antialiasing, ["fixed", "adaptive"])
+    if config.headlight not in ("model", "off"):
+        raise unknown("render.headlight", config.headlight, ["model", "off"])
+    if config.lux_per_unit <= 0:
+        raise EvsError(f"render.lux_per_unit is {config.lux_per_unit}; it must be positive")
+    if config.isa not in ("auto", *_core.isa_available()):
+        raise unknown("instruction set", config.isa, ["auto", *_core.isa_available()])
+
+
+def _check_samples(config: RenderConfig) -> None:
     most = MAX_SPP[config.renderer]
     if not 1 <= config.spp <= most:
         raise EvsError(
@@ -44,23 +73,3 @@ def make_renderer(
         raise EvsError(f"render.bounces is {config.bounces}; it must be 0 ... {MAX_BOUNCES}")
     if config.sampler not in SAMPLERS:
         raise unknown("render.sampler", config.sampler, list(SAMPLERS))
-    if config.antialiasing not in ("fixed", "adaptive"):
-        raise unknown("render.antialiasing", config.antialiasing, ["fixed", "adaptive"])
-    if config.headlight not in ("model", "off"):
-        raise unknown("render.headlight", config.headlight, ["model", "off"])
-    if config.lux_per_unit <= 0:
-        raise EvsError(f"render.lux_per_unit is {config.lux_per_unit}; it must be positive")
-    if config.isa not in ("auto", *_core.isa_available()):
-        raise unknown("instruction set", config.isa, ["auto", *_core.isa_available()])
-    if not 0 <= threads <= MAX_THREADS:
-        raise EvsError(f"threads is {threads}; give 0 for one a core, or 1 ... {MAX_THREADS}")
-    if config.renderer == "raster":
-        # an extra: what it imports need not be there
-        from evs.emulator.light.raster import RasterRenderer
-
-        if rgb:
-            raise EvsError("raster gives no colour, only luminance: take render.renderer=direct")
-        return RasterRenderer(scene, camera, config)
-    if config.renderer == "path":
-        return PathRenderer(scene, camera, config, threads, rgb, seed)
-    return DirectRenderer(scene, camera, config, threads, rgb)

@@ -102,7 +102,7 @@ class Look:
 def ggx(normal: object, view: object, light: object, alpha: float) -> float:
     """pi times the BRDF for a reflectance of 1, times the light's cosine.
 
-    D as Walter et al. 2007, equation 33; G2 as Heitz 2014, equation 99.
+    D and the separable G as Walter et al. 2007, equations 33, 23 and 34.
     """
     n, v, l = unit(normal), unit(view), unit(light)  # noqa: E741
     h = unit(v + l)
@@ -112,7 +112,7 @@ def ggx(normal: object, view: object, light: object, alpha: float) -> float:
         return (np.sqrt(1 + alpha**2 * tangent) - 1) / 2
 
     d = alpha**2 / (np.pi * ((n @ h) ** 2 * (alpha**2 - 1) + 1) ** 2)
-    masking = 1 / (1 + smith(float(n @ v)) + smith(float(n @ l)))
+    masking = 1 / (1 + smith(float(n @ v))) / (1 + smith(float(n @ l)))
     return float(np.pi * d * masking / (4 * (n @ v)))
 
 
