@@ -86,6 +86,29 @@ class Caster:
     @property
     def channels(self) -> int: ...
 
+def probe_points(sampler: str, index: int, dimension: int, pixels: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], out: Annotated[NDArray[numpy.float32], dict(shape=(None, 2), order='C', device='cpu')], seed: int = 0, digits: int = 6) -> None:
+    """
+    Points (n, 2) that pixels (n) draw for one sample and dimension: for tests.
+    """
+
+def probe_scatter(albedo: float, f0: float, metallic: float, alpha: float, mirror: float, eye: Sequence[float], numbers: Annotated[NDArray[numpy.float32], dict(shape=(None, 4), order='C', device='cpu', writable=False)], direction: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu')], light: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu')], density: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu')], again: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu')], mirrored: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu')], alive: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu')]) -> None:
+    """
+    Directions that a surface with its normal along z draws by numbers (n, 4): for tests.
+    """
+
+def probe_evaluate(albedo: float, f0: float, metallic: float, alpha: float, mirror: float, eye: Sequence[float], direction: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu')], density: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu')]) -> None:
+    """f times cosine (n, 3) and density (n) of directions (n, 3): for tests."""
+
+def probe_aim(caster: Caster, geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(9), order='C', device='cpu', writable=False)], point: Sequence[float], sky: bool, numbers: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu', writable=False)], direction: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu')], light: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu')], density: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu')], again: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu')]) -> None:
+    """
+    What a point aims at by numbers (n, 3), camera frame; and the density (n) that a ray is told which goes there by chance: for tests.
+    """
+
+def probe_told(caster: Caster, geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(9), order='C', device='cpu', writable=False)], point: Sequence[float], direction: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu', writable=False)], density: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu')]) -> None:
+    """
+    The density (n) of aiming at what directions (n, 3) from a point meet: for tests.
+    """
+
 class PlainSensor:
     """A sensor of plain pixels: see evs.emulator.sensor.plain."""
 

@@ -12,23 +12,14 @@
 #include <cmath>
 #include <optional>
 
-#include "caster.h"
+#include "bound_caster.h"
 
 namespace nb = nanobind;
 
 namespace evs {
 namespace {
 
-template <class T, nb::ssize_t... SHAPE>
-using In = nb::ndarray<const T, nb::shape<SHAPE...>, nb::c_contig, nb::device::cpu>;
-template <class T, nb::ssize_t... SHAPE>
-using Out = nb::ndarray<T, nb::shape<SHAPE...>, nb::c_contig, nb::device::cpu>;
-constexpr nb::ssize_t N = -1;
 using Rgb = std::array<float, 3>;
-
-void require(bool holds, const char* what) {
-  if (!holds) throw nb::value_error(what);
-}
 
 void set_geoms(SceneData& s, In<int32_t, N> type, In<float, N, 3> size, In<int32_t, N> mesh,
                In<int32_t, N> surface) {
@@ -149,12 +140,6 @@ void set_haze(SceneData& s, float ratio, float radius, Rgb color) {
   std::copy(color.begin(), color.end(), s.air.haze_color);
 }
 
-struct BoundCaster {
-  Caster caster;
-  size_t geoms, lights, width, height;
-  bool rgb;
-};
-
 BoundCaster* make_caster(const SceneData& scene, int width, int height, double fx, double fy,
                          double cx, double cy, bool orthographic, int samples, bool shadows,
                          bool incremental, int threads, const std::string& isa, bool rgb,
@@ -170,11 +155,7 @@ BoundCaster* make_caster(const SceneData& scene, int width, int height, double f
   bool path = integrator == "path";
   require(!path || !adaptive, "paths take all samples in every pixel");
   require(bounces >= 0 && bounces <= 1000, "bounces: 0 ... 1000");
-  const char* const sets[] = {"sobol", "owen", "global", "random"};
-  int set = 0;
-  while (set < 4 && sample_set != sets[set]) set++;
-  require(set < 4, "the sample set is sobol, owen, global or random");
-  Integrator paths = {path, bounces, static_cast<SampleSet>(set)};
+  Integrator paths = {path, bounces, sample_set_of(sample_set)};
   require(scene.skybox < static_cast<int>(scene.textures.size()),
           "the skybox's texture does not exist");
   require(scene.skybox < 0 || scene.textures[scene.skybox].faces == 6, "a skybox has six faces");
@@ -217,17 +198,6 @@ void deform_mesh(BoundCaster& b, int mesh, In<float, N, 3> vertices, In<float, N
 void set_light_gains(BoundCaster& b, In<float, N> gains) {
   require(gains.shape(0) == b.lights, "gains for another number of lights");
   b.caster.set_light_gains(gains.data());
-}
-
-Poses checked_poses(const BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
-                    In<double, N, 3> light_pos, In<double, N, 3> light_dir,
-                    In<double, 3> camera_pos, In<double, 9> camera_mat) {
-  require(geom_pos.shape(0) == b.geoms && geom_mat.shape(0) == b.geoms,
-          "poses for another number of geoms");
-  require(light_pos.shape(0) == b.lights && light_dir.shape(0) == b.lights,
-          "poses for another number of lights");
-  return {geom_pos.data(),  geom_mat.data(),   light_pos.data(),
-          light_dir.data(), camera_pos.data(), camera_mat.data()};
 }
 
 void render(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,

@@ -8,7 +8,6 @@
 namespace evs {
 namespace {
 
-constexpr float HUGE_RADIUS = 1e15f;  // of an infinite plane
 constexpr int HULL_CAPACITY = 33;
 
 struct D3 {
@@ -35,25 +34,6 @@ Mesh mesh_view(const SceneData::MeshData& m) {
 }
 
 }  // namespace
-
-void Caster::Spheres::resize(int count) {
-  size_t padded = static_cast<size_t>((count + 15) / 16) * 16;
-  x.assign(padded, 0.0f);
-  y.assign(padded, 0.0f);
-  z.assign(padded, 0.0f);
-  radius.assign(padded, -1.0f);
-}
-
-void Caster::Spheres::set(int i, const Ball& s) {
-  x[i] = s.center.x;
-  y[i] = s.center.y;
-  z[i] = s.center.z;
-  radius[i] = s.radius;
-}
-
-Bounds Caster::Spheres::view() const {
-  return {x.data(), y.data(), z.data(), radius.data(), static_cast<int>(x.size())};
-}
 
 Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incremental,
                int threads, const std::string& isa, bool rgb, const Integrator& integrator)
@@ -139,42 +119,6 @@ void Caster::make_records() {
   }
 }
 
-Ball Caster::sphere_of(const Geom& g) const {
-  const float* s = g.size;
-  float r = 0;
-  V3 c = g.position;
-  switch (g.shape) {
-    case PLANE:
-      r = s[0] > 0 && s[1] > 0 ? std::hypot(s[0], s[1]) : HUGE_RADIUS;
-      break;
-    case SPHERE:
-      r = s[0];
-      break;
-    case CAPSULE:
-      r = s[0] + s[1];
-      break;
-    case CYLINDER:
-      r = std::hypot(s[0], s[1]);
-      break;
-    case ELLIPSOID:
-      r = std::max({s[0], s[1], s[2]});
-      break;
-    case BOX:
-      r = std::sqrt(s[0] * s[0] + s[1] * s[1] + s[2] * s[2]);
-      break;
-    default: {
-      const Tree& tree = mesh_data_[g.mesh].tree;
-      const float* m = g.rotation;
-      V3 q = tree.center;
-      c = {c.x + m[0] * q.x + m[1] * q.y + m[2] * q.z, c.y + m[3] * q.x + m[4] * q.y + m[5] * q.z,
-           c.z + m[6] * q.x + m[7] * q.y + m[8] * q.z};
-      r = tree.radius;
-    }
-  }
-  // and the rounding of its place
-  return {c, r * 1.0001f + (std::abs(c.x) + std::abs(c.y) + std::abs(c.z)) * 5e-7f};
-}
-
 void Caster::deform_mesh(int index, const float* vertices, const float* normals) {
   SceneData::MeshData& mesh = mesh_data_.at(index);
   // a body at rest costs a comparison
@@ -250,38 +194,6 @@ void Caster::place_air() {
   air.haze_up = {plane.rotation[2], plane.rotation[5], plane.rotation[8]};
   air.haze_elevation = plane.camera.z / air.haze_radius;
   air.haze = air.haze_elevation > 0;
-}
-
-// Old and new bounds of every geom that moved, and a ball around them all.
-void Caster::find_moved() {
-  std::vector<Ball> balls;
-  for (size_t k = 0; k < geoms_.size(); k++) {
-    bool deformed = geoms_[k].mesh >= 0 && deformed_[geoms_[k].mesh];
-    if (!deformed && std::memcmp(&geoms_[k], &previous_geoms_[k], sizeof(Geom)) == 0) continue;
-    balls.push_back(previous_balls_[k]);
-    balls.push_back(balls_[k]);
-  }
-  moved_.resize(static_cast<int>(balls.size()));
-  double center[3] = {0, 0, 0};
-  for (size_t i = 0; i < balls.size(); i++) {
-    moved_.set(static_cast<int>(i), balls[i]);
-    center[0] += balls[i].center.x;
-    center[1] += balls[i].center.y;
-    center[2] += balls[i].center.z;
-  }
-  around_moved_ = {{0, 0, 0}, -1};
-  if (balls.empty()) return;
-  double n = static_cast<double>(balls.size()), radius = 0;
-  for (double& c : center) c /= n;
-  for (const Ball& b : balls) {
-    double x = b.center.x - center[0], y = b.center.y - center[1], z = b.center.z - center[2];
-    radius = std::max(radius, std::sqrt(x * x + y * y + z * z) + b.radius);
-  }
-  // a pose that is not finite may have been anywhere
-  bool finite = std::isfinite(center[0] + center[1] + center[2]) && radius < 1e29;
-  if (!finite) center[0] = center[1] = center[2] = 0, radius = 1e29;
-  around_moved_ = {to_float({center[0], center[1], center[2]}),
-                   static_cast<float>(radius * 1.0001)};
 }
 
 void Caster::render(const Poses& poses, float* luminance, float* rgb) {

@@ -54,6 +54,20 @@ class Caster {
   int mesh_count() const { return static_cast<int>(mesh_data_.size()); }
   const SceneData::MeshData& mesh(int index) const { return mesh_data_.at(index); }
 
+  // For the tests of the samplers: the kernel and what it reads, with everything in its place.
+  // Paths only.
+  struct Placed {
+    const Kernel& kernel;
+    const Frame& frame;
+    const PathFrame& paths;
+  };
+  Placed placed(const Poses& poses) {
+    place_geoms(poses);
+    place_lights(poses);
+    place_air();
+    return {*kernel_, frame_, paths_};
+  }
+
   double traced_fraction() const { return traced_fraction_; }
   int channels() const { return frame_.channels; }
 

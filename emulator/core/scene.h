@@ -211,7 +211,9 @@ struct Truth {
   float* barycentric;  // (h, w, 2) shares of the triangle's second and third corner
 };
 
-struct PathFrame;  // path_scene.h
+struct PathFrame;
+struct ProbeLanes;
+struct ProbeSurface;  // path_scene.h
 
 // One instruction set's entry points.
 struct Kernel {
@@ -237,6 +239,14 @@ struct Kernel {
   void (*trace_path)(const Frame&, const PathFrame&, int column, int row, const Outputs&);
   void (*trace_path_pixels)(const Frame&, const PathFrame&, const int32_t* x, const int32_t* y,
                             int count, float* luminance);
+  // The samplers of paths for their tests, 16 draws at once: see probe.h.
+  void (*probe_points)(int mode, int seed, int digits, int index, int dimension, const int* pixel,
+                       float* x, float* y);
+  void (*probe_scatter)(const ProbeSurface&, const float* numbers, ProbeLanes&);
+  void (*probe_evaluate)(const ProbeSurface&, ProbeLanes&);
+  void (*probe_aim)(const Frame&, const PathFrame&, const float* point, bool sky,
+                    const float* numbers, ProbeLanes&);
+  void (*probe_told)(const Frame&, const PathFrame&, const float* point, ProbeLanes&);
 };
 
 extern const Kernel KERNEL_PORTABLE, KERNEL_AVX2, KERNEL_AVX512;

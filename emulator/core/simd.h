@@ -72,6 +72,7 @@ constexpr int PARTS = LANES * 32 / EVS_WIDTH;
 constexpr int PART = LANES / PARTS;
 typedef float FloatPart __attribute__((vector_size(EVS_WIDTH / 8)));
 typedef int IntPart __attribute__((vector_size(EVS_WIDTH / 8)));
+typedef unsigned UnsignedPart __attribute__((vector_size(EVS_WIDTH / 8)));  // may overflow
 
 struct Mask {
   IntPart m[PARTS];  // each lane all ones or all zeros
@@ -122,9 +123,9 @@ EVS_BINARY(Float, Mask, m, operator<, (a.v[i] < b.v[i]))
 EVS_BINARY(Float, Mask, m, operator<=, (a.v[i] <= b.v[i]))
 EVS_BINARY(Int, Mask, m, operator==, (a.v[i] == b.v[i]))
 EVS_BINARY(Int, Mask, m, operator<, (a.v[i] < b.v[i]))
-EVS_BINARY(Int, Int, v, operator+, a.v[i] + b.v[i])
-EVS_BINARY(Int, Int, v, operator-, a.v[i] - b.v[i])
-EVS_BINARY(Int, Int, v, operator*, a.v[i] * b.v[i])
+EVS_BINARY(Int, Int, v, operator+, (IntPart)((UnsignedPart)a.v[i] + (UnsignedPart)b.v[i]))
+EVS_BINARY(Int, Int, v, operator-, (IntPart)((UnsignedPart)a.v[i] - (UnsignedPart)b.v[i]))
+EVS_BINARY(Int, Int, v, operator*, (IntPart)((UnsignedPart)a.v[i] * (UnsignedPart)b.v[i]))
 EVS_BINARY(Int, Int, v, operator&, a.v[i] & b.v[i])
 EVS_BINARY(Int, Int, v, operator|, a.v[i] | b.v[i])
 EVS_BINARY(Int, Int, v, operator^, a.v[i] ^ b.v[i])

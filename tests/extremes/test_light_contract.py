@@ -14,7 +14,10 @@ from evs.emulator.scene import LightKind, Mesh, Shape, Surface
 from reference.stage import Builder, Stage, matt, turned
 from reference.tessellation import ball
 
-RENDERERS = {"direct": RenderConfig(spp=2)}
+RENDERERS = {
+    "direct": RenderConfig(spp=2),
+    "path": RenderConfig(renderer="path", spp=2, bounces=3),
+}
 SHAPES = [shape for shape in Shape if shape is not Shape.HFIELD]
 SHINY = Surface((0.9, 0.9, 0.9, 1.0), specular=1.0, shininess=1.0, reflectance=0.3)
 

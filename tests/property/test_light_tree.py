@@ -11,7 +11,10 @@ from evs.emulator.scene import LightKind, Mesh, Shape
 from reference.stage import Builder, Stage, matt
 from reference.tessellation import ball, waves
 
-CONFIGS = {"direct": RenderConfig(spp=4)}
+CONFIGS = {
+    "direct": RenderConfig(spp=4),
+    "path": RenderConfig(renderer="path", spp=4, bounces=2),
+}
 
 
 def soup(seed: int) -> Mesh:

@@ -1,0 +1,51 @@
+// What the bindings of the caster share: arrays of a known shape, and a caster that knows its own.
+#pragma once
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <string>
+
+#include "caster.h"
+
+namespace nb = nanobind;
+
+namespace evs {
+
+template <class T, nb::ssize_t... SHAPE>
+using In = nb::ndarray<const T, nb::shape<SHAPE...>, nb::c_contig, nb::device::cpu>;
+template <class T, nb::ssize_t... SHAPE>
+using Out = nb::ndarray<T, nb::shape<SHAPE...>, nb::c_contig, nb::device::cpu>;
+constexpr nb::ssize_t N = -1;
+
+inline void require(bool holds, const char* what) {
+  if (!holds) throw nb::value_error(what);
+}
+
+struct BoundCaster {
+  Caster caster;
+  size_t geoms, lights, width, height;
+  bool rgb;
+};
+
+inline Poses checked_poses(const BoundCaster& b, In<double, N, 3> geom_pos,
+                           In<double, N, 9> geom_mat, In<double, N, 3> light_pos,
+                           In<double, N, 3> light_dir, In<double, 3> camera_pos,
+                           In<double, 9> camera_mat) {
+  require(geom_pos.shape(0) == b.geoms && geom_mat.shape(0) == b.geoms,
+          "poses for another number of geoms");
+  require(light_pos.shape(0) == b.lights && light_dir.shape(0) == b.lights,
+          "poses for another number of lights");
+  return {geom_pos.data(),  geom_mat.data(),   light_pos.data(),
+          light_dir.data(), camera_pos.data(), camera_mat.data()};
+}
+
+inline SampleSet sample_set_of(const std::string& name) {
+  const char* const sets[] = {"sobol", "owen", "global", "random"};
+  int set = 0;
+  while (set < 4 && name != sets[set]) set++;
+  require(set < 4, "the sample set is sobol, owen, global or random");
+  return static_cast<SampleSet>(set);
+}
+
+}  // namespace evs

@@ -1,0 +1,67 @@
+"""`path` against Mitsuba 3: soft light and bounces, pixel by pixel within the noise of both.
+
+Each scene is a function of reference/path_stages.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from reference.mitsuba_scene import mitsuba_scene, render
+from reference.our_light import path_batches
+from reference.path_stages import PATH_STAGES
+from reference.pixelwise import assert_same_picture
+from reference.stage import Stage
+
+pytestmark = [pytest.mark.slow, pytest.mark.statistical]
+BATCHES = 16
+SPP = {"glass": (256, 256), "room": (128, 128), "embers": (128, 256), "metals": (128, 128)}
+"""Samples a batch, ours and Mitsuba's, where 64 are too few."""
+
+
+def theirs_of(name: str, stage: Stage) -> np.ndarray:
+    # light goes through what is transparent in Mitsuba's integrator for volumes only
+    integrator = "volpath" if name == "glass" else "path"
+    return render(mitsuba_scene(stage, integrator), BATCHES, SPP.get(name, (64, 64))[1])
+
+
+@pytest.mark.parametrize("name", PATH_STAGES)
+def test_path_is_mitsubas_light(name: str, pytestconfig: pytest.Config) -> None:
+    stage = PATH_STAGES[name]()
+    ours = path_batches(stage, BATCHES, SPP.get(name, (64, 64))[0])
+    folder = pytestconfig.rootpath / "out" / "tests"
+    assert_same_picture(f"path_{name}", ours, theirs_of(name, stage), folder)
+
+
+@pytest.mark.parametrize("sampler", ["sobol", "global", "random"])
+def test_no_sampler_changes_the_light(sampler: str, pytestconfig: pytest.Config) -> None:
+    stage = PATH_STAGES["panel"]()
+    drawn = replace(stage, render=replace(stage.render, sampler=sampler))
+    folder = pytestconfig.rootpath / "out" / "tests"
+    ours = path_batches(drawn, BATCHES, 256)
+    assert_same_picture(f"path_{sampler}", ours, theirs_of("panel", stage), folder)
+
+
+def test_a_bounce_too_few_is_refused(tmp_path: Path) -> None:
+    stage = PATH_STAGES["room"]()
+    theirs = theirs_of("room", stage)
+    ours = path_batches(replace(stage, bounces=stage.bounces - 1), BATCHES, 128)
+    with pytest.raises(AssertionError, match="means differ by -"):
+        assert_same_picture("bounce", ours, theirs, tmp_path)
+
+
+def test_two_percent_more_albedo_is_refused_by_path(tmp_path: Path) -> None:
+    stage = PATH_STAGES["bulb"]()
+    brighter = tuple(
+        replace(s, rgba=(*(1.02 ** (1 / 2.4) * (c + 0.055) - 0.055 for c in s.rgba[:3]), 1.0))
+        for s in stage.scene.surfaces
+    )
+    wrong = replace(stage, scene=replace(stage.scene, surfaces=brighter))
+    with pytest.raises(AssertionError, match=r"means differ by \+"):
+        assert_same_picture(
+            "albedo", path_batches(wrong, BATCHES, 64), theirs_of("bulb", stage), tmp_path
+        )
