@@ -117,6 +117,10 @@ class FlickerConfig:
     """share of a period of the light that has passed at t = 0"""
 
 
+SEEDS = {"direct": ("fixed",), "path": ("fixed", "fresh"), "raster": ("fixed",)}
+"""renderer -> where its samples come from; without noise there is nothing that could be fresh"""
+
+
 @dataclass(frozen=True)
 class RenderConfig:
     """[render]: how light reaches the pixels."""

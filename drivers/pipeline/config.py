@@ -15,16 +15,13 @@ from typing import Any, TypeVar
 
 from evs.drivers.pipeline import settings
 from evs.drivers.sink import Sink
-from evs.emulator.config import RunConfig
+from evs.emulator.config import SEEDS, RunConfig
 from evs.msgs import EvsError, nearest_first, unknown
 
 T = TypeVar("T")
 
 PACES = {"free": 0.0, "realtime": 1.0}
 """pace -> simulated seconds per wall second; 0: as fast as it goes"""
-
-SEEDS = ("fixed",)
-"""where a renderer's samples come from: `direct` has no noise, so it knows no other way"""
 
 RECORDERS = {".aedat4": "aedat4", ".npz": "npz"}
 """suffix of a recording -> sink type"""
@@ -137,8 +134,9 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
         raise EvsError('no scene: give --scene FILE.xml, or file = "FILE.xml" under [scene]')
     if config.pace not in PACES:
         raise _at("pace", unknown("pace", config.pace, PACES))
-    if config.render.seeds not in SEEDS:
-        raise _at("render.seeds", unknown("seeds", config.render.seeds, SEEDS))
+    seeds = SEEDS.get(config.render.renderer, ())
+    if seeds and config.render.seeds not in seeds:
+        raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))
     for place, sink in enumerate(config.sink):
         _check_sink(sink, f"sink.{place}")
     _check_outputs(config, pipeline)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from evs.emulator import _core
-from evs.emulator.config import RenderConfig
+from evs.emulator.config import SEEDS, RenderConfig
 from evs.emulator.light.direct import DirectRenderer
 from evs.emulator.light.path import PathRenderer
 from evs.emulator.scene import CameraModel, SceneModel
@@ -65,10 +65,9 @@ def _check_samples(config: RenderConfig) -> None:
         raise EvsError(
             f"render.spp is {config.spp}; with renderer {config.renderer} it must be 1 ... {most}"
         )
-    # without noise there is nothing that could be fresh
-    seeds = ["fixed", "fresh"] if config.renderer == "path" else ["fixed"]
+    seeds = SEEDS[config.renderer]
     if config.seeds not in seeds:
-        raise unknown(f"render.seeds of renderer {config.renderer}", config.seeds, seeds)
+        raise unknown("render.seeds", config.seeds, list(seeds))
     if not 0 <= config.bounces <= MAX_BOUNCES:
         raise EvsError(f"render.bounces is {config.bounces}; it must be 0 ... {MAX_BOUNCES}")
     if config.sampler not in SAMPLERS:

@@ -151,7 +151,7 @@ def test_hard_light_without_bounces_is_that_of_direct() -> None:
         ({"bounces": -1}, "render.bounces is -1; it must be 0 ... 64"),
         ({"sampler": "halton"}, "halton"),
         ({"seeds": "new"}, "fresh"),
-        ({"seeds": "fresh", "renderer": "direct"}, "renderer direct"),
+        ({"seeds": "fresh", "renderer": "direct"}, "no render.seeds 'fresh'; there is: fixed"),
     ],
 )
 def test_bad_values_are_refused_in_one_line(
