@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer
+from evs.emulator.light import make_renderer
 from evs.emulator.scene import CameraModel
 from evs.emulator.world import Poser, bind_camera, extract_scene
 
@@ -64,17 +64,19 @@ def test_direct_against_mujoco_rays(
 
     content = extract_scene(model)
 
-    def direct(threads: int, spp: int) -> Callable[[], object]:
-        config = RenderConfig(spp=spp, incremental=False)
-        renderer = DirectRenderer(content, camera, config, threads)
+    def light(threads: int, spp: int, renderer_name: str = "direct") -> Callable[[], object]:
+        config = RenderConfig(renderer=renderer_name, spp=spp, bounces=2, incremental=False)
+        renderer = make_renderer(content, camera, config, threads)
         return lambda: renderer.render(snapshot, pose)
 
     times = milliseconds({
         "mj_multiRay, primary rays": multi_ray,
-        "direct, 1 spp, 1 thread": direct(1, 1),
-        "direct, 1 spp, 2 threads": direct(2, 1),
-        "direct, 4 spp, 1 thread": direct(1, 4),
-        "direct, 4 spp, 2 threads": direct(2, 4),
+        "direct, 1 spp, 1 thread": light(1, 1),
+        "direct, 1 spp, 2 threads": light(2, 1),
+        "direct, 4 spp, 1 thread": light(1, 4),
+        "direct, 4 spp, 2 threads": light(2, 4),
+        "path, 1 spp, 1 thread": light(1, 1, "path"),
+        "path, 4 spp, 2 threads": light(2, 4, "path"),
     })  # fmt: skip
     yardstick = times["mj_multiRay, primary rays"][0]
     print(f"\n{scene}, {WIDTH}x{HEIGHT}, shadows, full frame")
