@@ -86,7 +86,7 @@ BAD = [
     ([*GOOD, "--duration", "0"], ["at duration_s", "more than 0 s"]),
     ([*GOOD, "--duration", "-1"], ["at duration_s", "more than 0 s"]),
     ([*GOOD, "--duration", "nan"], ["at duration_s: expected a finite number, got nan"]),
-    ([*GOOD, "--renderer", "path"], ["no renderer 'path'; there is: raster, direct"]),
+    ([*GOOD, "--renderer", "pith"], ["no renderer 'pith'; there is: path, direct, raster"]),
     ([*GOOD, "--model", "evsnet"], ["no model 'evsnet'; there is: plain"]),
     ([*GOOD, "--pace", "lockstep"], ["at pace: no pace 'lockstep'; there is: "]),
     ([*GOOD, "--seeds", "fresh"], ["at render.seeds: no seeds 'fresh'; there is: fixed"]),

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from evs.drivers.pipeline import settings
 from evs.drivers.pipeline.config import PipelineConfig, SinkConfig
-from evs.emulator.config import RunConfig
+from evs.emulator.config import FlickerConfig, RunConfig
 from evs.msgs import EvsError
 
 
@@ -22,8 +22,8 @@ def plain_keys(cls: type, prefix: str = "") -> list[tuple[str, Any]]:
     for name, annotation in typing.get_type_hints(cls).items():
         if isinstance(annotation, type) and hasattr(annotation, "__dataclass_fields__"):
             found += plain_keys(annotation, f"{prefix}{name}.")
-        elif annotation == tuple[SinkConfig, ...]:
-            found += plain_keys(SinkConfig, f"{prefix}{name}.0.")
+        elif annotation in (tuple[SinkConfig, ...], tuple[FlickerConfig, ...]):
+            found += plain_keys(typing.get_args(annotation)[0], f"{prefix}{name}.0.")
         else:
             found.append((prefix + name, annotation))
     return found
@@ -32,6 +32,8 @@ def plain_keys(cls: type, prefix: str = "") -> list[tuple[str, Any]]:
 def values(annotation: Any) -> st.SearchStrategy[Any]:
     if isinstance(annotation, types.UnionType):
         return st.one_of([values(kind) for kind in typing.get_args(annotation)])
+    if typing.get_origin(annotation) is tuple and Ellipsis in typing.get_args(annotation):
+        return st.lists(values(typing.get_args(annotation)[0]), max_size=5).map(tuple)
     if typing.get_origin(annotation) is tuple:
         return st.tuples(*[values(kind) for kind in typing.get_args(annotation)])
     strategies: dict[Any, st.SearchStrategy[Any]] = {
