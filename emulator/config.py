@@ -138,7 +138,7 @@ class RenderConfig:
     bounces: int = 2
     """path: how often light may go from one surface to another on its way: 0 ... 64"""
     sampler: str = "owen"
-    """path: owen | sobol | global | random: how its samples lie, see the docs of noise"""
+    """path: owen | sobol | global | random: how its samples lie (README, Paths of light)"""
     headlight: str = "model"
     """model: as the model has it | off: removed"""
     shadows: bool = True

@@ -64,8 +64,8 @@ def test_direct_against_mujoco_rays(
 
     content = extract_scene(model)
 
-    def light(threads: int, spp: int, renderer_name: str = "direct") -> Callable[[], object]:
-        config = RenderConfig(renderer=renderer_name, spp=spp, bounces=2, incremental=False)
+    def light(threads: int, spp: int, **render: str) -> Callable[[], object]:
+        config = RenderConfig(spp=spp, incremental=False, **render)  # type: ignore[arg-type]
         renderer = make_renderer(content, camera, config, threads)
         return lambda: renderer.render(snapshot, pose)
 
@@ -75,8 +75,10 @@ def test_direct_against_mujoco_rays(
         "direct, 1 spp, 2 threads": light(2, 1),
         "direct, 4 spp, 1 thread": light(1, 4),
         "direct, 4 spp, 2 threads": light(2, 4),
-        "path, 1 spp, 1 thread": light(1, 1, "path"),
-        "path, 4 spp, 2 threads": light(2, 4, "path"),
+        "adaptive, 4 spp, 1 thread": light(1, 4, antialiasing="adaptive"),
+        "adaptive, 16 spp, 1 thread": light(1, 16, antialiasing="adaptive"),
+        "path, 1 spp, 1 thread": light(1, 1, renderer="path"),
+        "path, 4 spp, 2 threads": light(2, 4, renderer="path"),
     })  # fmt: skip
     yardstick = times["mj_multiRay, primary rays"][0]
     print(f"\n{scene}, {WIDTH}x{HEIGHT}, shadows, full frame")
