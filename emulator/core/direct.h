@@ -326,16 +326,20 @@ void trace(const Frame& f, int column, int row, const Outputs& out, Record* reco
   }
 }
 
-// Pixels from anywhere: their rays share no more than the camera, so their hull is wide.
-template <int CHANNELS>
-void trace_any(const Frame& f, const int32_t* x, const int32_t* y, int count, float* luminance,
-               float* plain) {
-  // the last pixel stands in for the lanes that are left over
-  alignas(64) int column[LANES], row[LANES];
+// Up to 16 pixels in 16 lanes: the last one stands in for the lanes that are left over.
+inline void fill_lanes(const int32_t* x, const int32_t* y, int count, int* column, int* row) {
   for (int i = 0; i < LANES; i++) {
     column[i] = x[i < count ? i : count - 1];
     row[i] = y[i < count ? i : count - 1];
   }
+}
+
+// Pixels from anywhere: their rays share no more than the camera, so their hull is wide.
+template <int CHANNELS>
+void trace_any(const Frame& f, const int32_t* x, const int32_t* y, int count, float* luminance,
+               float* plain) {
+  alignas(64) int column[LANES], row[LANES];
+  fill_lanes(x, y, count, column, row);
   Float sum = splat(0.0f), sum_plain = sum;
   Trail trail;
   Mask all = mask_of(0xffff);

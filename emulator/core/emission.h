@@ -31,12 +31,17 @@ EVS_INLINE Float within(const float* table, Int begin, Int index, Float x) {
   return max(min((x - low) / max(high - low, splat(1e-20f)), splat(0.99999994f)), splat(0.0f));
 }
 
+// Face of the sky's cube, and position on it, of direction d.
+EVS_INLINE void on_sky(const Frame& f, Vec d, Float& u, Float& v, Int& face, Float& major) {
+  Vec w = to_camera(f.sky_rotation, d);
+  on_cube({w.x, w.z, -w.y}, u, v, face, major);
+}
+
 // An environment's texture in direction d.
 inline void environment(const Frame& f, int texture, Vec d, Float* out) {
-  Vec w = to_camera(f.sky_rotation, d);
   Float u, v, major;
   Int face;
-  on_cube({w.x, w.z, -w.y}, u, v, face, major);
+  on_sky(f, d, u, v, face, major);
   float footprint = f.orthographic ? 0.0f : 0.5f * f.pixel_angle;
   sample(f.textures[texture], 3, u, v, face, splat(footprint) / major, out);
 }
@@ -55,10 +60,9 @@ inline void sky_light(const Frame& f, const PathFrame& p, Vec d, Float* light, F
   }
   for (int c = 0; c < 3; c++) light[c] = light[c] + p.dome[c];
   if (p.sky.side == 0) return;
-  Vec w = to_camera(f.sky_rotation, d);
   Float u, v, major;
   Int face;
-  on_cube({w.x, w.z, -w.y}, u, v, face, major);
+  on_sky(f, d, u, v, face, major);
   float last = static_cast<float>(p.sky.side - 1), side = static_cast<float>(p.sky.side);
   Int x = truncate(max(min(u * side, splat(last)), splat(0.0f)));
   Int y = truncate(max(min(v * side, splat(last)), splat(0.0f)));

@@ -268,12 +268,8 @@ void trace_path(const Frame& f, const PathFrame& p, int column, int row, const O
 
 void trace_path_pixels(const Frame& f, const PathFrame& p, const int32_t* x, const int32_t* y,
                        int count, float* luminance) {
-  // the last pixel stands in for the lanes that are left over
   alignas(64) int column[LANES], row[LANES];
-  for (int i = 0; i < LANES; i++) {
-    column[i] = x[i < count ? i : count - 1];
-    row[i] = y[i < count ? i : count - 1];
-  }
+  fill_lanes(x, y, count, column, row);
   Float mean[3];
   trace_paths(f, p, column, row, nullptr, mean);
   alignas(64) float out[LANES];
