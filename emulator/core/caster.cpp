@@ -61,8 +61,15 @@ Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incr
     geoms_[k].surface = scene.geom_surface[g];
     for (int a = 0; a < 3; a++) geoms_[k].size[a] = scene.geom_size[3 * g + a];
   }
+  // nothing is allocated in a tick: what grows has its room from here on
+  previous_geoms_ = geoms_;
   spheres_.resize(count);
   balls_.resize(count);
+  previous_balls_.resize(count);
+  moved_.reserve(2 * count);
+  moved_balls_.reserve(2 * static_cast<size_t>(count));
+  previous_lights_ = look_.lights;
+  camera_.reserve(12);
   deformed_.resize(mesh_data_.size());
   shapes_.resize(mesh_data_.size());
   set_view(view, sampling_, frame_);

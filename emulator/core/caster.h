@@ -74,6 +74,7 @@ class Caster {
  private:
   struct Spheres {  // structure of arrays behind a Bounds
     std::vector<float> x, y, z, radius;
+    void reserve(int count);
     void resize(int count);
     void set(int i, const Ball& s);
     Bounds view() const;
@@ -106,6 +107,7 @@ class Caster {
   std::vector<std::vector<float>> shapes_;    // last vertices and normals of each deforming mesh
   std::vector<bool> deformed_;                // meshes, since the last render
   Spheres spheres_, moved_;
+  std::vector<Ball> moved_balls_;  // what `moved_` is made of
   Ball around_moved_ = {{0, 0, 0}, -1};
   Sampling sampling_ = {};
   std::vector<Hull> hulls_;

@@ -10,10 +10,16 @@ namespace {
 
 constexpr float HUGE_RADIUS = 1e15f;  // of an infinite plane
 
+size_t padded_to_16(int count) { return static_cast<size_t>((count + 15) / 16) * 16; }
+
 }  // namespace
 
+void Caster::Spheres::reserve(int count) {
+  for (std::vector<float>* part : {&x, &y, &z, &radius}) part->reserve(padded_to_16(count));
+}
+
 void Caster::Spheres::resize(int count) {
-  size_t padded = static_cast<size_t>((count + 15) / 16) * 16;
+  size_t padded = padded_to_16(count);
   x.assign(padded, 0.0f);
   y.assign(padded, 0.0f);
   z.assign(padded, 0.0f);
@@ -69,7 +75,8 @@ Ball Caster::sphere_of(const Geom& g) const {
 
 // Old and new bounds of every geom that moved, and a ball around them all.
 void Caster::find_moved() {
-  std::vector<Ball> balls;
+  std::vector<Ball>& balls = moved_balls_;
+  balls.clear();
   for (size_t k = 0; k < geoms_.size(); k++) {
     bool deformed = geoms_[k].mesh >= 0 && deformed_[geoms_[k].mesh];
     if (!deformed && std::memcmp(&geoms_[k], &previous_geoms_[k], sizeof(Geom)) == 0) continue;

@@ -4,8 +4,6 @@ events where and of the sign that the scene says, and memory that stays."""
 from __future__ import annotations
 
 import copy
-import gc
-import os
 from pathlib import Path
 
 import mujoco
@@ -15,6 +13,7 @@ import pytest
 from evs.emulator import Sensor, VirtualCamera, World, _core
 from evs.emulator.config import CameraConfig, RenderConfig, SensorConfig
 from evs.msgs import EvsError
+from reference.memory import LEAST_BYTES, resident_bytes
 
 SMALL = SensorConfig(preset="davis346", width=64, height=48)
 
@@ -181,12 +180,6 @@ def test_a_slow_pan_over_a_checker_gives_events_on_its_edges_only() -> None:
     assert total > 5000
 
 
-def resident_bytes() -> int:
-    """Memory of this process that is in RAM."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGESIZE")
-
-
 @pytest.mark.slow
 def test_memory_does_not_grow_over_twenty_thousand_ticks(robot_files: dict[str, Path]) -> None:
     camera = VirtualCamera(
@@ -200,14 +193,11 @@ def test_memory_does_not_grow_over_twenty_thousand_ticks(robot_files: dict[str, 
     stream = camera.run((warm + ticks) / 1000)
     for _ in range(warm):
         next(stream)
-    gc.collect()
     before = resident_bytes()
     for packet in stream:
         events += len(packet.events)
-    gc.collect()
     assert events > ticks
-    # one object of 64 bytes, the least malloc and Python give, kept in each tick would be over this
-    assert resident_bytes() - before < 64 * ticks
+    assert resident_bytes() - before < LEAST_BYTES * ticks
 
 
 def test_an_absurd_number_of_threads_is_an_error_not_a_crash() -> None:

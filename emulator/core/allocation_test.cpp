@@ -1,0 +1,116 @@
+// The render path allocates nothing from tick to tick: every operator new of this program is
+// counted.
+
+#include <atomic>
+#include <cstddef>
+#include <cstdlib>
+#include <new>
+#include <string>
+
+#include "selftest.h"
+
+namespace {
+
+std::atomic<long> allocations{0};
+
+void* counted(std::size_t size, std::size_t alignment) {
+  allocations++;
+  void* memory = nullptr;
+  if (alignment <= alignof(std::max_align_t)) {
+    memory = std::malloc(size > 0 ? size : 1);
+  } else if (posix_memalign(&memory, alignment, size) != 0) {
+    memory = nullptr;
+  }
+  if (memory == nullptr) throw std::bad_alloc();
+  return memory;
+}
+
+}  // namespace
+
+// operator new[] and what takes no exceptions end in these two
+void* operator new(std::size_t size) { return counted(size, 0); }
+void* operator new(std::size_t size, std::align_val_t alignment) {
+  return counted(size, static_cast<std::size_t>(alignment));
+}
+void operator delete(void* memory) noexcept { std::free(memory); }
+void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
+void operator delete(void* memory, std::align_val_t) noexcept { std::free(memory); }
+void operator delete(void* memory, std::size_t, std::align_val_t) noexcept { std::free(memory); }
+
+namespace evs {
+namespace {
+
+struct How {
+  const char* name;
+  bool incremental, adaptive, rgb;
+  Integrator integrator;
+  int ticks;
+};
+
+// Where the test moves to in tick k: one geom more in each, then all of them rest for a tick;
+// sometimes a light and the camera.
+void move(Stage& stage, int tick) {
+  size_t geoms = stage.geom_pos.size() / 3, moving = static_cast<size_t>(tick) % (geoms + 1);
+  for (size_t g = 0; g < moving; g++) stage.geom_pos[3 * g] += tick % 2 ? 0.01 : -0.01;
+  if (tick % 29 == 5) stage.light_pos[0] += 0.01;
+  if (tick % 31 == 7) stage.camera_pos[0] += 0.01;
+}
+
+void check_ticks(const How& how) {
+  std::mt19937 random(4);
+  SceneData scene = scene_of_everything(0.3f);
+  View view = {33, 17, 30, 30, 16.5, 8.5, false, 4, how.adaptive};
+  size_t pixels = 33 * 17;
+  Caster caster(scene, view, true, how.incremental, 2, "auto", how.rgb, how.integrator);
+  Stage stage = stage_of(scene, random, 1);
+  std::vector<float> light(pixels), rgb(3 * pixels), single(40), gains(scene.lights.size(), 1.0f);
+  std::vector<float> distance(pixels), point(3 * pixels), normal(3 * pixels), share(2 * pixels);
+  std::vector<int32_t> x, y, geom(pixels), triangle(pixels);
+  for (int i = 0; i < 40; i++) x.push_back(i % 33), y.push_back(i % 17);
+  std::vector<float> vertices(15), normals(15, 0.5f);
+  Truth truth = {geom.data(),   distance.data(), point.data(),
+                 normal.data(), triangle.data(), share.data()};
+
+  long before = 0;
+  double traced = 0;
+  for (int tick = 0; tick <= how.ticks; tick++) {
+    // the first tick may make room: which meshes deform is not known before
+    if (tick == 1) before = allocations;
+    move(stage, tick);
+    for (float& v : vertices) v = static_cast<float>(random() % 1000) / 500;
+    if (tick % 5 == 0) caster.deform_mesh(0, vertices.data(), normals.data());
+    if (tick % 13 == 0) gains[0] = tick % 2 ? 0.5f : 1.0f;
+    caster.set_light_gains(gains.data());
+    caster.render(stage.poses(), light.data(), how.rgb ? rgb.data() : nullptr);
+    traced += caster.traced_fraction();
+    if (tick % 10 == 0) {
+      caster.trace_pixels(stage.poses(), x.data(), y.data(), 40, single.data());
+      caster.trace_truth(stage.poses(), truth);
+    }
+  }
+  long count = allocations - before;
+  std::string what = std::string(how.name) + ": " + std::to_string(count) + " allocations";
+  check(count == 0, what.c_str());
+  // and the scene was one that keeps it busy
+  bool kept = traced < how.ticks;
+  check(traced > 0 && kept == how.incremental, "a moving scene is traced, in part or whole");
+}
+
+}  // namespace
+
+void ticks_allocate_nothing() {
+  long before = allocations;
+  check(std::vector<Geom>(1).size() + std::vector<int>(1).size() == 2 && allocations - before == 2,
+        "allocations are counted");
+  Integrator path = {true, 3, SAMPLES_OWEN};
+  for (const How& how : {How{"direct, full", false, false, false, {}, 200},
+                         How{"direct, incremental", true, false, true, {}, 200},
+                         How{"adaptive, full", false, true, false, {}, 200},
+                         How{"adaptive, incremental", true, true, true, {}, 200},
+                         How{"path, full", false, false, false, path, 200},
+                         How{"path, incremental", true, false, true, path, 200}}) {
+    check_ticks(how);
+  }
+}
+
+}  // namespace evs

@@ -1,0 +1,36 @@
+// What the native core's own tests share: a scene of everything, and who counts the failures.
+#pragma once
+
+#include <random>
+#include <vector>
+
+#include "caster.h"
+
+namespace evs {
+
+extern int failures;
+
+// Print `what` and count it where it does not hold.
+void check(bool holds, const char* what);
+
+// Poses of a scene, as Python would hand them over.
+struct Stage {
+  std::vector<double> geom_pos, geom_mat, light_pos, light_dir;
+  std::vector<double> camera_pos = {0, -4, 1}, camera_mat = {1, 0, 0, 0, 0, -1, 0, 1, 0};
+
+  Poses poses() const {
+    return {geom_pos.data(),  geom_mat.data(),   light_pos.data(),
+            light_dir.data(), camera_pos.data(), camera_mat.data()};
+  }
+};
+
+// Every shape, texture and kind of light; lights are coloured unless the tint is 0.5.
+SceneData scene_of_everything(float tint);
+
+// Its geoms at random places within `scale` of the origin.
+Stage stage_of(const SceneData& s, std::mt19937& random, double scale);
+
+// The render path allocates nothing after its first tick.
+void ticks_allocate_nothing();
+
+}  // namespace evs
