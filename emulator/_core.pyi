@@ -7,6 +7,22 @@ import numpy
 from numpy.typing import NDArray
 
 
+class Optics:
+    """One camera's pixels and rays; lengths in px."""
+
+    def __init__(self, *, width: int, height: int, fx: float, fy: float, cx: float, cy: float, orthographic: bool = False, lens: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)] | None = None, share: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None) -> None:
+        """
+        orthographic: fx and fy are px/m; lens (height + 1, width + 1, 3): the ray at each pixel's corners, camera frame; share (height, width): what a pixel gets of its light.
+        """
+
+class Tracing:
+    """How the light is found, and what is given of it."""
+
+    def __init__(self, *, samples: int = 1, adaptive: bool = False, shadows: bool = True, incremental: bool = False, rgb: bool = False, integrator: str = 'direct', bounces: int = 0, sample_set: str = 'owen') -> None:
+        """
+        samples of a pixel, adaptive: only where neighbours differ, one elsewhere; incremental: a still camera keeps what nothing that moved can touch; rgb: `render` can give colour; integrator: direct or path, which alone has bounces and a sample_set.
+        """
+
 def isa_available() -> list[str]:
     """Instruction sets that this build and this machine have, fastest first."""
 
@@ -52,10 +68,8 @@ class SceneData:
 class Caster:
     """One camera's view of one scene."""
 
-    def __init__(self, scene: SceneData, width: int, height: int, fx: float, fy: float, cx: float, cy: float, orthographic: bool, samples: int, shadows: bool, incremental: bool, threads: int, isa: str, rgb: bool = False, adaptive: bool = False, lens: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)] | None = None, share: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, integrator: str = 'direct', bounces: int = 0, sample_set: str = 'owen') -> None:
-        """
-        lens (height + 1, width + 1, 3): the ray at each pixel's corners, camera frame; share (height, width): what a pixel gets of its light.
-        """
+    def __init__(self, scene: SceneData, optics: Optics, tracing: Tracing, *, threads: int = 1, isa: str = 'auto') -> None:
+        """threads: 0 is one a core; isa: auto, or one of isa_available()."""
 
     def trace_pixels(self, geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(9), order='C', device='cpu', writable=False)], x: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], y: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], luminance: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu')], seed: int = 0) -> None:
         """luminance (n) of the pixels (x, y), (n) int32 each."""

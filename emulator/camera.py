@@ -20,7 +20,7 @@ from evs.emulator.optics import camera_info
 from evs.emulator.plain_config import plain_config, plain_integer
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.sensor import make_event_model, resolve_sensor
-from evs.emulator.stages import Meter, NoMeter
+from evs.emulator.stages import Meter, NoMeter, Renderer
 from evs.emulator.truth import GroundTruth
 from evs.emulator.world import MUJOCO_VERSION, BoundCamera, MjModel, bind_camera
 from evs.msgs import EventPacket, EvsError, StreamInfo
@@ -40,6 +40,17 @@ class CameraPlan:
     """its name on the bus and in recordings; None: after the model's camera or the body"""
     seed: int = 0
     threads: int = 0
+
+    def stand(
+        self, world: MjModel, scene: SceneModel, width: int, height: int, rgb: bool = False
+    ) -> tuple[BoundCamera, Renderer]:
+        """The camera in its place in a world, and the renderer of what it sees of the scene.
+
+        In: rgb, colour is wanted too.
+        """
+        bound = bind_camera(world, self.camera, width, height, self.optics)
+        renderer = make_renderer(scene, bound.model, self.render, self.threads, rgb, self.seed)
+        return bound, renderer
 
 
 def plan_camera(
@@ -79,6 +90,8 @@ class Camera:
     `start` sets the reference, then every `observe` gives the packet of the time since the last.
     """
 
+    bound: BoundCamera
+    """the model's camera, or what describes it, with its optics"""
     _now: tuple[SceneSnapshot, CameraPose] | None
     _previous: tuple[SceneSnapshot, CameraPose] | None
 
@@ -103,11 +116,7 @@ class Camera:
         self._plan, self._place, self._meter = plan, place, meter or NoMeter()
         sensor = resolve_sensor(plan.sensor)
         self._size = (int(sensor.width), int(sensor.height))
-        self.bound: BoundCamera = bind_camera(world, plan.camera, *self._size, plan.optics)
-        self._renderer = make_renderer(
-            scene, self.bound.model, plan.render, plan.threads, seed=plan.seed
-        )
-        self._unlit = is_unlit(scene, plan.render)
+        self._stand(world, scene)
         self._model = make_event_model(sensor, plan.model, plan.threads)
         name = free_name(plan.name, self.bound.name, taken)
         if config is None:
@@ -138,12 +147,11 @@ class Camera:
     def refresh(self, world: MjModel, scene: SceneModel) -> None:
         """Look at a changed world through the same pixels: their state stays."""
         self._forget_instants()
-        self.bound = bind_camera(world, self._plan.camera, *self._size, self._plan.optics)
-        plan = self._plan
-        self._renderer = make_renderer(
-            scene, self.bound.model, plan.render, plan.threads, seed=plan.seed
-        )
-        self._unlit = is_unlit(scene, plan.render)
+        self._stand(world, scene)
+
+    def _stand(self, world: MjModel, scene: SceneModel) -> None:
+        self.bound, self._renderer = self._plan.stand(world, scene, *self._size)
+        self._unlit = is_unlit(scene, self._plan.render)
 
     @property
     def started(self) -> bool:

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.camera import CameraPlan
-from evs.emulator.light import make_renderer
 from evs.emulator.optics import camera_info
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.sensor import resolve_sensor
 from evs.emulator.truth import GroundTruth
-from evs.emulator.world import BoundCamera, MjModel, bind_camera
+from evs.emulator.world import MjModel
 
 
 class View:
@@ -35,12 +34,7 @@ class View:
         """
         sensor = resolve_sensor(plan.sensor)
         self.width, self.height = int(sensor.width), int(sensor.height)
-        self.bound: BoundCamera = bind_camera(
-            world, plan.camera, self.width, self.height, plan.optics
-        )
-        self._renderer = make_renderer(
-            scene, self.bound.model, plan.render, plan.threads, rgb, plan.seed
-        )
+        self.bound, self._renderer = plan.stand(world, scene, self.width, self.height, rgb)
         self._place, self._present = place, present
         self._now: tuple[SceneSnapshot, CameraPose] | None = None
         self._previous: tuple[SceneSnapshot, CameraPose] | None = None

@@ -40,11 +40,11 @@ void operator delete(void* memory, std::size_t, std::align_val_t) noexcept { std
 namespace evs {
 namespace {
 
+constexpr int TICKS = 200;
+
 struct How {
   const char* name;
-  bool incremental, adaptive, rgb;
-  Integrator integrator;
-  int ticks;
+  bool incremental, adaptive, rgb, path;
 };
 
 // Where the test moves to in tick k: one geom more in each, then all of them rest for a tick;
@@ -59,9 +59,10 @@ void move(Stage& stage, int tick) {
 void check_ticks(const How& how) {
   std::mt19937 random(4);
   SceneData scene = scene_of_everything(0.3f);
-  View view = {33, 17, 30, 30, 16.5, 8.5, false, 4, how.adaptive};
+  Optics optics = {33, 17, 30, 30, 16.5, 8.5};
   size_t pixels = 33 * 17;
-  Caster caster(scene, view, true, how.incremental, 2, "auto", how.rgb, how.integrator);
+  Tracing tracing = {4, how.adaptive, true, how.incremental, how.rgb, how.path, 3};
+  Caster caster(scene, optics, tracing, 2);
   Stage stage = stage_of(scene, random, 1);
   std::vector<float> light(pixels), rgb(3 * pixels), single(40), gains(scene.lights.size(), 1.0f);
   std::vector<float> distance(pixels), point(3 * pixels), normal(3 * pixels), share(2 * pixels);
@@ -73,7 +74,7 @@ void check_ticks(const How& how) {
 
   long before = 0;
   double traced = 0;
-  for (int tick = 0; tick <= how.ticks; tick++) {
+  for (int tick = 0; tick <= TICKS; tick++) {
     // the first tick may make room: which meshes deform is not known before
     if (tick == 1) before = allocations;
     move(stage, tick);
@@ -92,7 +93,7 @@ void check_ticks(const How& how) {
   std::string what = std::string(how.name) + ": " + std::to_string(count) + " allocations";
   check(count == 0, what.c_str());
   // and the scene was one that keeps it busy
-  bool kept = traced < how.ticks;
+  bool kept = traced < TICKS;
   check(traced > 0 && kept == how.incremental, "a moving scene is traced, in part or whole");
 }
 
@@ -102,13 +103,12 @@ void ticks_allocate_nothing() {
   long before = allocations;
   check(std::vector<Geom>(1).size() + std::vector<int>(1).size() == 2 && allocations - before == 2,
         "allocations are counted");
-  Integrator path = {true, 3, SAMPLES_OWEN};
-  for (const How& how : {How{"direct, full", false, false, false, {}, 200},
-                         How{"direct, incremental", true, false, true, {}, 200},
-                         How{"adaptive, full", false, true, false, {}, 200},
-                         How{"adaptive, incremental", true, true, true, {}, 200},
-                         How{"path, full", false, false, false, path, 200},
-                         How{"path, incremental", true, false, true, path, 200}}) {
+  for (const How& how : {How{"direct, full", false, false, false, false},
+                         {"direct, incremental", true, false, true, false},
+                         {"adaptive, full", false, true, false, false},
+                         {"adaptive, incremental", true, true, true, false},
+                         {"path, full", false, false, false, true},
+                         {"path, incremental", true, false, true, true}}) {
     check_ticks(how);
   }
 }

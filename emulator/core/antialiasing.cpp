@@ -15,13 +15,13 @@ float blend(float base, float refined, float weight) {
 
 }  // namespace
 
-Antialiasing::Antialiasing(const View& view, const Sampling& sampling, bool rgb)
-    : width_(view.width),
-      height_(view.height),
+Antialiasing::Antialiasing(const Optics& optics, const Sampling& sampling, bool rgb)
+    : width_(optics.width),
+      height_(optics.height),
       columns_(sampling.columns),
       rows_(sampling.rows),
-      base_angle_(static_cast<float>(1.0 / std::sqrt(view.fx * view.fy))) {
-  if (!view.orthographic) {
+      base_angle_(static_cast<float>(1.0 / std::sqrt(optics.fx * optics.fy))) {
+  if (!optics.orthographic) {
     sample_points(TAPS, tap_x_, tap_y_);
     for (int i = 0; i < TAPS; i++) tap_x_[i] -= 0.5f, tap_y_[i] -= 0.5f;
   }

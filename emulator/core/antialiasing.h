@@ -5,15 +5,15 @@
 #include <cstdint>
 #include <vector>
 
+#include "optics.h"
 #include "scene.h"
-#include "view.h"
 
 namespace evs {
 
 class Antialiasing {
  public:
   // rgb: colour is carried beside the luminance.
-  Antialiasing(const View& view, const Sampling& sampling, bool rgb);
+  Antialiasing(const Optics& optics, const Sampling& sampling, bool rgb);
 
   // The first pass: one sample a pixel, and the light without textures. In: the frame of the
   // second.

@@ -6,10 +6,12 @@ namespace evs {
 void bind_caster(nanobind::module_& m);
 void bind_probe(nanobind::module_& m);
 void bind_sensor(nanobind::module_& m);
+void bind_settings(nanobind::module_& m);
 }  // namespace evs
 
 NB_MODULE(_core, m) {
   m.doc() = "The native core: ray caster and event pixel.";
+  evs::bind_settings(m);
   evs::bind_caster(m);
   evs::bind_probe(m);
   evs::bind_sensor(m);

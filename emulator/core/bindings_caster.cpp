@@ -9,7 +9,6 @@
 #include <nanobind/stl/vector.h>
 
 #include <array>
-#include <cmath>
 #include <optional>
 
 #include "bound_caster.h"
@@ -140,51 +139,17 @@ void set_haze(SceneData& s, float ratio, float radius, Rgb color) {
   std::copy(color.begin(), color.end(), s.air.haze_color);
 }
 
-BoundCaster* make_caster(const SceneData& scene, int width, int height, double fx, double fy,
-                         double cx, double cy, bool orthographic, int samples, bool shadows,
-                         bool incremental, int threads, const std::string& isa, bool rgb,
-                         bool adaptive, std::optional<In<float, N, N, 3>> lens,
-                         std::optional<In<float, N, N>> share, const std::string& integrator,
-                         int bounces, const std::string& sample_set) {
-  require(width > 0 && height > 0, "an image has pixels");
-  require(fx > 0 && fy > 0 && std::isfinite(fx) && std::isfinite(fy) && std::isfinite(cx) &&
-              std::isfinite(cy),
-          "focal lengths are positive and finite");
-  require(samples >= 1 && samples <= 4096, "samples: 1 ... 4096");
-  require(integrator == "direct" || integrator == "path", "the integrator is direct or path");
-  bool path = integrator == "path";
-  require(!path || !adaptive, "paths take all samples in every pixel");
-  require(bounces >= 0 && bounces <= 1000, "bounces: 0 ... 1000");
-  Integrator paths = {path, bounces, sample_set_of(sample_set)};
+BoundCaster* make_caster(const SceneData& scene, const Optics& optics, const Tracing& tracing,
+                         int threads, const std::string& isa) {
   require(scene.skybox < static_cast<int>(scene.textures.size()),
           "the skybox's texture does not exist");
   require(scene.skybox < 0 || scene.textures[scene.skybox].faces == 6, "a skybox has six faces");
-  size_t w = static_cast<size_t>(width), h = static_cast<size_t>(height);
-  View view = {width, height, fx, fy, cx, cy, orthographic, samples, adaptive, {}, {}};
-  if (lens) {
-    require(lens->shape(0) == h + 1 && lens->shape(1) == w + 1,
-            "the lens is (height + 1, width + 1, 3)");
-    // its numbers are counted in 32 bits
-    require(lens->size() < (1u << 31) && !orthographic, "a lens bends the rays of a perspective");
-    view.lens.assign(lens->data(), lens->data() + lens->size());
-    for (size_t i = 0; i < view.lens.size(); i += 3) {
-      double x = view.lens[i], y = view.lens[i + 1], z = view.lens[i + 2];
-      double square = x * x + y * y + z * z;
-      require(square > 1e-12 && square < 1e12, "every ray has a direction");
-    }
-  }
-  if (share) {
-    require(share->shape(0) == h && share->shape(1) == w, "the share of light is (height, width)");
-    view.share.assign(share->data(), share->data() + share->size());
-    for (float part : view.share)
-      require(part >= 0 && std::isfinite(part), "a share is not negative");
-  }
-  return new BoundCaster{{scene, view, shadows, incremental, threads, isa, rgb, paths},
+  return new BoundCaster{{scene, optics, tracing, threads, isa},
                          scene.geom_type.size(),
                          scene.lights.size(),
-                         w,
-                         h,
-                         rgb};
+                         static_cast<size_t>(optics.width),
+                         static_cast<size_t>(optics.height),
+                         tracing.rgb};
 }
 
 void deform_mesh(BoundCaster& b, int mesh, In<float, N, 3> vertices, In<float, N, 3> normals) {
@@ -285,14 +250,9 @@ void bind_caster(nb::module_& m) {
       .def_rw("skybox", &SceneData::skybox, "Index of the skybox's texture, -1 none.");
 
   nb::class_<BoundCaster>(m, "Caster", "One camera's view of one scene.")
-      .def(nb::new_(&make_caster), nb::arg("scene"), nb::arg("width"), nb::arg("height"),
-           nb::arg("fx"), nb::arg("fy"), nb::arg("cx"), nb::arg("cy"), nb::arg("orthographic"),
-           nb::arg("samples"), nb::arg("shadows"), nb::arg("incremental"), nb::arg("threads"),
-           nb::arg("isa"), nb::arg("rgb") = false, nb::arg("adaptive") = false,
-           nb::arg("lens").none() = nb::none(), nb::arg("share").none() = nb::none(),
-           nb::arg("integrator") = "direct", nb::arg("bounces") = 0, nb::arg("sample_set") = "owen",
-           "lens (height + 1, width + 1, 3): the ray at each pixel's corners, camera frame; share "
-           "(height, width): what a pixel gets of its light.")
+      .def(nb::new_(&make_caster), nb::arg("scene"), nb::arg("optics"), nb::arg("tracing"),
+           nb::kw_only(), nb::arg("threads") = 1, nb::arg("isa") = "auto",
+           "threads: 0 is one a core; isa: auto, or one of isa_available().")
       .def("trace_pixels", &trace_pixels, nb::arg("geom_pos"), nb::arg("geom_mat"),
            nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
            nb::arg("x"), nb::arg("y"), nb::arg("luminance"), nb::arg("seed") = 0,

@@ -35,13 +35,13 @@ Mesh mesh_view(const SceneData::MeshData& m) {
 
 }  // namespace
 
-Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incremental,
-               int threads, const std::string& isa, bool rgb, const Integrator& integrator)
+Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& tracing, int threads,
+               const std::string& isa)
     : kernel_(kernel_of(isa)),
       pool_(threads),
-      incremental_(incremental),
+      incremental_(tracing.incremental),
       mesh_data_(scene.meshes),
-      look_(make_appearance(scene, rgb, integrator.path)) {
+      look_(make_appearance(scene, tracing.rgb, tracing.path)) {
   for (const SceneData::MeshData& m : mesh_data_) {
     meshes_.push_back(mesh_view(m));
   }
@@ -72,8 +72,8 @@ Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incr
   camera_.reserve(12);
   deformed_.resize(mesh_data_.size());
   shapes_.resize(mesh_data_.size());
-  set_view(view, sampling_, frame_);
-  if (incremental_ && !integrator.path) make_records();
+  set_optics(optics, tracing.samples, sampling_, frame_);
+  if (incremental_ && !tracing.path) make_records();
   frame_.geoms = geoms_.data();
   frame_.meshes = meshes_.data();
   frame_.surfaces = look_.surfaces.data();
@@ -94,13 +94,15 @@ Caster::Caster(const SceneData& scene, const View& view, bool shadows, bool incr
   full_lights_ = look_.lights;
   gains_.assign(look_.lights.size(), 1.0f);
   frame_.colour = frame_.channels == 3 ? 0 : 1;
-  frame_.shadows = shadows;
-  if (view.adaptive && view.samples > 1) antialiasing_.emplace(view, sampling_, rgb);
-  if (integrator.path) {
+  frame_.shadows = tracing.shadows;
+  if (tracing.adaptive && !tracing.path && tracing.samples > 1) {
+    antialiasing_.emplace(optics, sampling_, tracing.rgb);
+  }
+  if (tracing.path) {
     emitters_.emplace(scene, look_, order_);
-    paths_.bounces = integrator.bounces;
-    paths_.sample_set = integrator.samples;
-    while ((1 << paths_.digits) < view.samples) paths_.digits++;
+    paths_.bounces = tracing.bounces;
+    paths_.sample_set = tracing.sample_set;
+    while ((1 << paths_.digits) < tracing.samples) paths_.digits++;
     set_paths();
   }
 }

@@ -9,10 +9,10 @@
 #include "antialiasing.h"
 #include "appearance.h"
 #include "emitters.h"
+#include "optics.h"
 #include "pool.h"
 #include "scene.h"
 #include "scene_data.h"
-#include "view.h"
 
 namespace evs {
 
@@ -22,19 +22,25 @@ struct Poses {
   int seed = 0;  // of the paths' samples
 };
 
-struct Integrator {
-  bool path = false;  // else: direct
-  int bounces = 0;
-  SampleSet samples = SAMPLES_OWEN;
+// How the light is found, and what is given of it.
+struct Tracing {
+  int samples = 1;           // a pixel
+  bool adaptive = false;     // direct: all of them only where neighbours differ, one elsewhere
+  bool shadows = true;       // direct
+  bool incremental = false;  // a still camera keeps what nothing that moved can touch
+  bool rgb = false;          // `render` can give colour
+  bool path = false;         // else: direct
+  int bounces = 0;           // of paths
+  SampleSet sample_set = SAMPLES_OWEN;
 };
 
 class Caster {
  public:
-  // isa: "auto" or one of isa_available(); rgb: `render` can give colour
-  Caster(const SceneData& scene, const View& view, bool shadows, bool incremental, int threads,
-         const std::string& isa, bool rgb = false, const Integrator& integrator = {});
+  // threads: 0 is one a core; isa: "auto" or one of isa_available()
+  Caster(const SceneData& scene, const Optics& optics, const Tracing& tracing, int threads = 1,
+         const std::string& isa = "auto");
 
-  // Out: luminance (h, w) and, where `rgb` was given, linear rgb (h, w, 3) or null: the same
+  // Out: luminance (h, w) and, where Tracing::rgb was set, linear rgb (h, w, 3) or null: the same
   // memory, untouched, in every call.
   void render(const Poses& poses, float* luminance, float* rgb);
 

@@ -8,6 +8,7 @@
 #include <memory>
 #include <random>
 #include <stdexcept>
+#include <tuple>
 
 #include "plain.h"
 #include "selftest.h"
@@ -15,22 +16,26 @@
 namespace evs {
 namespace {
 
-void same_bytes_everywhere(const Integrator& how) {
+void same_bytes_everywhere(const Tracing& how) {
   std::mt19937 random(1);
   for (float tint : {0.5f, 0.3f}) {
     SceneData scene = scene_of_everything(tint);
-    for (View view : {View{1, 1, 1, 1, 0.5, 0.5, false, 1, false},
-                      View{33, 17, 30, 30, 16.5, 8.5, false, 3, true},
-                      View{18, 21, 8, 8, 9, 10.5, true, 2, false}}) {
-      size_t pixels = static_cast<size_t>(view.width) * view.height;
-      Caster reference(scene, view, true, false, 1, "portable", false, how);
+    Optics pinhole = {33, 17, 30, 30, 16.5, 8.5}, orthographic = {18, 21, 8, 8, 9, 10.5, true};
+    for (auto [optics, samples, adaptive] : {std::tuple(Optics{1, 1, 1, 1, 0.5, 0.5}, 1, false),
+                                             {pinhole, 3, true},
+                                             {orthographic, 2, false}}) {
+      size_t pixels = static_cast<size_t>(optics.width) * optics.height;
+      Tracing tracing = how;
+      tracing.samples = samples;
+      tracing.adaptive = adaptive;
+      Caster reference(scene, optics, tracing, 1, "portable");
       std::vector<float> expected(pixels);
       std::vector<std::vector<float>> light;
       std::vector<std::unique_ptr<Caster>> casters;
       for (const std::string& isa : isa_available()) {
         for (bool incremental : {false, true}) {
-          casters.push_back(
-              std::make_unique<Caster>(scene, view, true, incremental, 2, isa, false, how));
+          tracing.incremental = incremental;
+          casters.push_back(std::make_unique<Caster>(scene, optics, tracing, 2, isa));
           light.emplace_back(pixels);
         }
       }
@@ -50,10 +55,12 @@ void same_bytes_everywhere(const Integrator& how) {
   }
 }
 
-void single_pixels_and_deforming_meshes(const Integrator& how) {
+void single_pixels_and_deforming_meshes(Tracing how) {
   std::mt19937 random(3);
   SceneData scene = scene_of_everything(0.5f);
-  View view = {21, 13, 20, 20, 10.5, 6.5, false, 2, true};
+  Optics optics = {21, 13, 20, 20, 10.5, 6.5};
+  how.samples = 2;
+  how.adaptive = how.incremental = true;
   std::vector<int32_t> x, y;
   for (int i = 0; i < 21 * 13; i++) {
     x.push_back(i % 21);
@@ -62,7 +69,7 @@ void single_pixels_and_deforming_meshes(const Integrator& how) {
   std::vector<float> light(x.size()), single(x.size());
   std::vector<float> vertices, normals(15, 0.5f);
   for (const std::string& isa : isa_available()) {
-    Caster caster(scene, view, true, true, 2, isa, false, how);
+    Caster caster(scene, optics, how, 2, isa);
     Stage stage = stage_of(scene, random, 1);
     for (int tick = 0; tick < 5; tick++) {
       vertices.clear();
@@ -80,10 +87,11 @@ void single_pixels_and_deforming_meshes(const Integrator& how) {
 }
 
 // No crash and no read out of bounds, whatever the poses; finite light for finite poses.
-void absurd_poses(const Integrator& how) {
+void absurd_poses(Tracing how) {
   std::mt19937 random(2);
   SceneData scene = scene_of_everything(0.5f);
-  View view = {24, 18, 20, 20, 12, 9, false, 1, false};
+  Optics optics = {24, 18, 20, 20, 12, 9};
+  how.incremental = true;
   std::vector<float> light(24 * 18);
   std::vector<int32_t> geom(light.size()), triangle(light.size());
   std::vector<float> distance(light.size()), point(3 * light.size()), normal(3 * light.size()),
@@ -91,7 +99,7 @@ void absurd_poses(const Integrator& how) {
   Truth truth = {geom.data(),   distance.data(), point.data(),
                  normal.data(), triangle.data(), barycentric.data()};
   for (const std::string& isa : isa_available()) {
-    Caster caster(scene, view, true, true, 1, isa, false, how);
+    Caster caster(scene, optics, how, 1, isa);
     for (double scale : {1e-6, 1.0, 1e5, 1e12}) {
       Stage stage = stage_of(scene, random, scale);
       caster.render(stage.poses(), light.data(), nullptr);
@@ -205,8 +213,10 @@ void pixels_survive_any_light() {
 int main() {
   evs::pool_runs_each_job_once();
   evs::degenerate_meshes();
-  for (const evs::Integrator& how :
-       {evs::Integrator{}, evs::Integrator{true, 3, evs::SAMPLES_OWEN}}) {
+  evs::Tracing direct, path;
+  path.path = true;
+  path.bounces = 3;
+  for (const evs::Tracing& how : {direct, path}) {
     evs::same_bytes_everywhere(how);
     evs::single_pixels_and_deforming_meshes(how);
     evs::absurd_poses(how);

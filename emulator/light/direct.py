@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from evs.emulator import _core
@@ -29,6 +31,9 @@ class DirectRenderer:
     its shadow can touch are traced again; the light is the same bit for bit.
     """
 
+    integrator: ClassVar[str] = "direct"
+    """which of the core's"""
+
     def __init__(
         self,
         scene: SceneModel,
@@ -36,13 +41,8 @@ class DirectRenderer:
         config: RenderConfig,
         threads: int,
         rgb: bool = False,
-        integrator: tuple[str, int, str] = ("direct", 0, "owen"),
     ) -> None:
-        """Build the caster.
-
-        In: rgb, colour is wanted too, and luminance keeps its bytes; integrator, its name,
-        bounces and sampler.
-        """
+        """Build the caster. In: rgb, colour is wanted too, and luminance keeps its bytes."""
         self._scene, self._camera = scene, camera
         self._lens = make_lens(camera)
         self._noise = 0
@@ -59,23 +59,29 @@ class DirectRenderer:
         self._rgb = np.zeros((*shape, 3), np.float32) if rgb else None
         self._caster = _core.Caster(
             scene_data(scene, keep, config),
-            camera.width,
-            camera.height,
-            camera.fx,
-            camera.fy,
-            camera.cx,
-            camera.cy,
-            camera.orthographic,
-            config.spp,
-            config.shadows,
-            config.incremental,
-            threads,
-            config.isa,
-            rgb,
-            config.antialiasing == "adaptive" and integrator[0] == "direct",
-            self._lens.directions,
-            self._lens.share,
-            *integrator,
+            _core.Optics(
+                width=camera.width,
+                height=camera.height,
+                fx=camera.fx,
+                fy=camera.fy,
+                cx=camera.cx,
+                cy=camera.cy,
+                orthographic=camera.orthographic,
+                lens=self._lens.directions,
+                share=self._lens.share,
+            ),
+            _core.Tracing(
+                samples=config.spp,
+                adaptive=config.antialiasing == "adaptive" and self.integrator == "direct",
+                shadows=config.shadows,
+                incremental=config.incremental,
+                rgb=rgb,
+                integrator=self.integrator,
+                bounces=config.bounces,
+                sample_set=config.sampler,
+            ),
+            threads=threads,
+            isa=config.isa,
         )
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:

@@ -16,6 +16,8 @@ class PathRenderer(DirectRenderer):
     with fresh ones every tick has its own noise, as in the paper.
     """
 
+    integrator = "path"
+
     def __init__(
         self,
         scene: SceneModel,
@@ -26,9 +28,7 @@ class PathRenderer(DirectRenderer):
         seed: int = 0,
     ) -> None:
         """In: seed, what the noise follows from."""
-        super().__init__(
-            scene, camera, config, threads, rgb, ("path", config.bounces, config.sampler)
-        )
+        super().__init__(scene, camera, config, threads, rgb)
         self._seed, self._fresh = seed, config.seeds == "fresh"
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:

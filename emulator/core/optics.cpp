@@ -1,4 +1,4 @@
-#include "view.h"
+#include "optics.h"
 
 #include <algorithm>
 #include <cmath>
@@ -98,27 +98,27 @@ void sample_points(int count, std::vector<float>& x_at, std::vector<float>& y_at
   }
 }
 
-void set_view(const View& view, Sampling& sampling, Frame& frame) {
+void set_optics(const Optics& optics, int samples, Sampling& sampling, Frame& frame) {
   Frame& f = frame;
-  f.width = view.width;
-  f.height = view.height;
-  f.fx = static_cast<float>(view.fx);
-  f.fy = static_cast<float>(view.fy);
-  f.cx = static_cast<float>(view.cx);
-  f.cy = static_cast<float>(view.cy);
-  f.orthographic = view.orthographic;
-  sampling.lens = view.lens;
-  sampling.share = view.share;
+  f.width = optics.width;
+  f.height = optics.height;
+  f.fx = static_cast<float>(optics.fx);
+  f.fy = static_cast<float>(optics.fy);
+  f.cx = static_cast<float>(optics.cx);
+  f.cy = static_cast<float>(optics.cy);
+  f.orthographic = optics.orthographic;
+  sampling.lens = optics.lens;
+  sampling.share = optics.share;
   f.lens = sampling.lens.empty() ? nullptr : sampling.lens.data();
   f.share = sampling.share.empty() ? nullptr : sampling.share.data();
-  f.samples = view.samples;
-  double across = std::sqrt(static_cast<double>(view.samples));
-  f.pixel_angle = static_cast<float>(1.0 / (std::sqrt(view.fx * view.fy) * across));
-  sample_points(view.samples, sampling.x, sampling.y);
+  f.samples = samples;
+  double across = std::sqrt(static_cast<double>(samples));
+  f.pixel_angle = static_cast<float>(1.0 / (std::sqrt(optics.fx * optics.fy) * across));
+  sample_points(samples, sampling.x, sampling.y);
   f.sample_x = sampling.x.data();
   f.sample_y = sampling.y.data();
-  sampling.columns = (view.width + PACKET_WIDTH - 1) / PACKET_WIDTH;
-  sampling.rows = (view.height + PACKET_HEIGHT - 1) / PACKET_HEIGHT;
+  sampling.columns = (optics.width + PACKET_WIDTH - 1) / PACKET_WIDTH;
+  sampling.rows = (optics.height + PACKET_HEIGHT - 1) / PACKET_HEIGHT;
   f.packet_columns = sampling.columns;
   for (int r = 0; r < sampling.rows; r++) {
     for (int c = 0; c < sampling.columns; c++) {

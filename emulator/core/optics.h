@@ -7,12 +7,10 @@
 
 namespace evs {
 
-struct View {
-  int width, height;
-  double fx, fy, cx, cy;
-  bool orthographic;
-  int samples;
-  bool adaptive;  // all samples only where neighbours differ, one elsewhere
+struct Optics {
+  int width, height;      // px
+  double fx, fy, cx, cy;  // px; orthographic: fx and fy in px/m
+  bool orthographic = false;
   std::vector<float> lens = {}, share = {};  // as in Frame; empty: none
 };
 
@@ -27,6 +25,6 @@ struct Sampling {
 void sample_points(int count, std::vector<float>& x, std::vector<float>& y);
 
 // Out: the sampling, and the camera's part of `frame`, which points into it.
-void set_view(const View& view, Sampling& sampling, Frame& frame);
+void set_optics(const Optics& optics, int samples, Sampling& sampling, Frame& frame);
 
 }  // namespace evs
