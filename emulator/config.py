@@ -138,7 +138,8 @@ class RenderConfig:
     bounces: int = 2
     """path: how often light may go from one surface to another on its way: 0 ... 64"""
     sampler: str = "owen"
-    """path: owen | sobol | global | random: how its samples lie (README, Paths of light)"""
+    """path: owen | sobol | global | random: how its samples lie (README, Paths of light)
+    anchored: as owen, but the noise moves with the surface that is seen (for studies)"""
     headlight: str = "model"
     """model: as the model has it | off: removed"""
     shadows: bool = True

@@ -41,10 +41,10 @@ inline Poses checked_poses(const BoundCaster& b, In<double, N, 3> geom_pos,
 }
 
 inline SampleSet sample_set_of(const std::string& name) {
-  const char* const sets[] = {"sobol", "owen", "global", "random"};
+  const char* const sets[] = {"sobol", "owen", "global", "random", "anchored"};
   int set = 0;
-  while (set < 4 && name != sets[set]) set++;
-  require(set < 4, "the sample set is sobol, owen, global or random");
+  while (set < 5 && name != sets[set]) set++;
+  require(set < 5, "the sample set is sobol, owen, global, random or anchored");
   return static_cast<SampleSet>(set);
 }
 

@@ -74,7 +74,7 @@ inline void add_light(const Frame& f, const PathFrame& p, const Scattering& s, V
 // Light of one sample along each ray of `active`. `first`: the hull of the rays. Out: how far away
 // the first surface is, FAR where there is none.
 inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hull& first,
-                         Sampler& sampler, Mask active, Float* out) {
+                         Sampler sampler, Mask active, Float* out) {
   Float zero = splat(0.0f), one = splat(1.0f);
   Float carried[3] = {one, one, one};
   for (int c = 0; c < 3; c++) out[c] = zero;
@@ -103,6 +103,10 @@ inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hu
                select(through, next.v, hit.v)};
         patch = patch_of<3>(f, rays, hit, bits(lit), travelled);
       }
+    }
+
+    if (point == 0 && sampler.mode == SAMPLES_ANCHORED) {
+      sampler.pixel = anchor_of(f, rays, hit, lit);
     }
 
     Mask missed = active & ~lit;

@@ -6,7 +6,13 @@
 
 namespace evs {
 
-enum SampleSet { SAMPLES_SOBOL = 0, SAMPLES_OWEN, SAMPLES_GLOBAL, SAMPLES_RANDOM };
+enum SampleSet {
+  SAMPLES_SOBOL = 0,
+  SAMPLES_OWEN,
+  SAMPLES_GLOBAL,
+  SAMPLES_RANDOM,
+  SAMPLES_ANCHORED
+};
 
 // A glowing geom; its share of the choice between all of them is end - begin.
 struct Emitter {

@@ -6,9 +6,11 @@
 //          of Laine & Karras 2011 as Burley 2020 has it)
 // global   the Owen-scrambled points, the same in every pixel
 // random   independent numbers
+// anchored as owen, but behind the first surface it is a cell of that surface that asks, not the
+//          pixel: the noise moves with the surface, as a texture would
 
 struct Sampler {
-  Int pixel;   // who asks: row * width + column
+  Int pixel;   // who asks: row * width + column, or anchor_of
   int mode;    // enum SampleSet
   int seed;    // the whole image's
   int index;   // of the sample
@@ -96,4 +98,31 @@ EVS_INLINE Pair pair_of(const Sampler& s, int dimension) {
   if (s.mode == SAMPLES_SOBOL) return {unit(reverse_bits(index) + shift_x), unit(second + shift_y)};
   return {unit(reverse_bits(scramble_reversed(index, shift_x))),
           unit(reverse_bits(scramble_reversed(reverse_bits(second), shift_y)))};
+}
+
+// Who asks where a ray of the camera hits: a number of the geom and of the cell around the point,
+// in the geom's own frame. A cell is a power of two wide, 3/4 to 3/2 of the pixel's footprint, so
+// that it stays the same cell while the camera comes nearer, until it is twice as near.
+inline Int anchor_of(const Frame& f, const Rays& rays, const Hit& hit, Mask lit) {
+  float pixel = f.pixel_angle * __builtin_sqrtf(static_cast<float>(f.samples));
+  Float footprint = (f.orthographic ? splat(1.0f) : hit.distance) * (1.5f * pixel);
+  Int exponent = as_int(footprint) & splat(0x7f800000);
+  Float inverse = 1.0f / as_float(exponent);
+  auto cell = [&](Float x) {
+    // no border at 0 nor at round sizes: rounding would throw faces that lie there to both sides;
+    // and no cell, nor a NaN, that Int does not hold
+    return truncate(floor(min(max(x * inverse + 0.381966f, splat(-1e9f)), splat(1e9f))));
+  };
+  Int anchor = splat(0);
+  for (unsigned lanes = bits(lit); lanes;) {
+    int index = lane(hit.geom, first_lane(lanes));
+    Mask here = (hit.geom == splat(index)) & mask_of(lanes);
+    lanes &= ~bits(here);
+    const Geom& g = f.geoms[index];
+    Vec p = local_origin(g, rays) + to_local(g.rotation, rays.direction) * hit.distance;
+    Int key = hash(exponent ^ splat(static_cast<int>(hash(static_cast<unsigned>(index)))));
+    key = hash(cell(p.z) ^ hash(cell(p.y) ^ hash(cell(p.x) ^ key)));
+    anchor = select(here, key, anchor);
+  }
+  return anchor;
 }

@@ -12,7 +12,7 @@ from evs.msgs import EvsError, unknown
 
 MAX_SPP = {"direct": 64, "path": 4096, "raster": 64}
 RENDERERS = tuple(MAX_SPP)
-SAMPLERS = ("owen", "sobol", "global", "random")
+SAMPLERS = ("owen", "sobol", "global", "random", "anchored")
 MAX_BOUNCES = 64
 MAX_THREADS = 1024
 

@@ -9,9 +9,9 @@ from reference.random_scenes import check_film
 
 def paths(seed: int) -> dict[str, object]:
     """Settings of `path`: any number of bounces, every sampler, fixed and fresh seeds."""
-    sampler = ("owen", "sobol", "global", "random")[seed % 4]
-    seeds = ("fixed", "fresh")[seed // 4 % 2]
-    return {"renderer": "path", "bounces": seed % 5, "sampler": sampler, "seeds": seeds}
+    sampler = ("owen", "sobol", "global", "random", "anchored")[seed % 5]
+    seeds = ("fixed", "fresh")[seed // 5 % 2]
+    return {"renderer": "path", "bounces": seed % 6, "sampler": sampler, "seeds": seeds}
 
 
 @pytest.mark.parametrize(("decades", "zoom"), [(1.0, 1.0), (6.0, 1.0), (1.0, 300.0), (1.0, 0.01)])

@@ -37,7 +37,7 @@ def test_path_is_mitsubas_light(name: str, pytestconfig: pytest.Config) -> None:
     assert_same_picture(f"path_{name}", ours, theirs_of(name, stage), folder)
 
 
-@pytest.mark.parametrize("sampler", ["sobol", "global", "random"])
+@pytest.mark.parametrize("sampler", ["sobol", "global", "random", "anchored"])
 def test_no_sampler_changes_the_light(sampler: str, pytestconfig: pytest.Config) -> None:
     stage = PATH_STAGES["panel"]()
     drawn = replace(stage, render=replace(stage.render, sampler=sampler))

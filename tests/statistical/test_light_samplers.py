@@ -19,7 +19,7 @@ from reference.stage import EYE, Builder, Stage, matt, turned
 from reference.tessellation import ball, sheet
 
 pytestmark = pytest.mark.statistical
-SAMPLERS = ("owen", "sobol", "global", "random")
+SAMPLERS = ("owen", "sobol", "global", "random", "anchored")
 LEAST = 1e-4
 """A sampler that is right is refused by one of ten thousand seeds."""
 DRAWS = 1 << 17
@@ -33,7 +33,7 @@ def points(sampler: str, index: int, dimension: int, pixels: np.ndarray, **more:
     return out.astype(np.float64)
 
 
-@pytest.mark.parametrize("sampler", ["owen", "sobol", "random"])
+@pytest.mark.parametrize("sampler", ["owen", "sobol", "random", "anchored"])
 def test_points_are_uniform_over_the_pixels_and_independent_between_dimensions(
     sampler: str,
 ) -> None:
@@ -66,7 +66,7 @@ def test_the_points_of_a_pixel_fill_the_square_evenly(sampler: str) -> None:
             boxes = 2**across, 2 ** (6 - across)
             cell = np.floor(found * boxes).astype(int)
             taken = [len({(x, y) for x, y in one}) for one in cell.tolist()]
-            if sampler in ("owen", "global"):
+            if sampler in ("owen", "global", "anchored"):
                 assert min(taken) == 64
         if sampler == "sobol":
             # the shift takes them off the boxes, not out of step: sorted, no gap is over 1 / 32

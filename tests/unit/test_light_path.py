@@ -71,7 +71,7 @@ def test_the_noise_follows_from_the_seed(room: Room) -> None:
     assert np.isfinite(room.see(room.renderer(seed=-3))).all()
 
 
-@pytest.mark.parametrize("sampler", ["owen", "sobol", "global", "random"])
+@pytest.mark.parametrize("sampler", ["owen", "sobol", "global", "random", "anchored"])
 def test_every_sampler_finds_the_same_light(room: Room, sampler: str) -> None:
     means = [room.see(room.renderer(spp=32, sampler=sampler, seed=k)).mean() for k in range(12)]
     expected = room.see(room.renderer(spp=2048, seed=99)).mean()
