@@ -11,15 +11,17 @@ if TYPE_CHECKING:
     from evs.emulator.observe import Sensor
     from evs.emulator.view import View
     from evs.emulator.virtual import VirtualCamera
-    from evs.emulator.world import UnstableError
+    from evs.emulator.world import LeftOutWarning, UnstableError
 
-__all__ = ["Camera", "Sensor", "UnstableError", "View", "VirtualCamera", "World"]
+__all__ = ["Camera", "LeftOutWarning", "Sensor", "UnstableError", "View", "VirtualCamera", "World"]
 
 
 def __getattr__(name: str) -> Any:
     # written out, so that the house's rules see every import
     if name == "Camera":
         return import_module("evs.emulator.camera").Camera
+    if name == "LeftOutWarning":
+        return import_module("evs.emulator.world").LeftOutWarning
     if name == "Sensor":
         return import_module("evs.emulator.observe").Sensor
     if name == "UnstableError":

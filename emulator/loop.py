@@ -247,6 +247,11 @@ class World:
         return self._physics.substeps
 
     @property
+    def left_out(self) -> tuple[str, ...]:
+        """One line for each thing of the model that is not shown; said as warnings at the start."""
+        return self._scene.left_out
+
+    @property
     def cameras(self) -> tuple[Camera, ...]:
         """All cameras, in the order of the packets."""
         return tuple(self._cameras)

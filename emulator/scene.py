@@ -188,6 +188,8 @@ class SceneModel:
     """None: nothing to see of it"""
     extent_m: float = 1.0
     """the model's characteristic size (mjModel.stat.extent)"""
+    left_out: tuple[str, ...] = ()
+    """one line for each thing of the model that is not shown, with the fix"""
 
 
 @dataclass(frozen=True)

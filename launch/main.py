@@ -6,6 +6,7 @@ import argparse
 import importlib
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from types import ModuleType
 from typing import NoReturn
@@ -54,7 +55,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; the exit code: 0, 2 for what the user can mend, 130 after Ctrl-C."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        return _dispatch(words)
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            return _dispatch(words)
     except EvsError as error:
         # libraries below may quote messages of many lines
         print("evs:", " ".join(str(error).split()), file=sys.stderr)
@@ -65,6 +68,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # `evs ... | head`: nobody reads on; keep the interpreter's last flush from failing too
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 141
+
+
+def _show_warning(message: Warning | str, *_where: object, **_named: object) -> None:
+    """A warning of any layer as one line; where in the code it was raised helps nobody here."""
+    print("evs: warning:", " ".join(str(message).split()), file=sys.stderr)
 
 
 def _dispatch(words: list[str]) -> int:

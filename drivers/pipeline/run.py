@@ -53,6 +53,10 @@ class RunWorld(Protocol):
         """Simulated time, us."""
 
     @property
+    def left_out(self) -> Sequence[str]:
+        """One line for each thing of its model that is not shown, said at loading."""
+
+    @property
     def substeps(self) -> object:
         """Its str() says how the model's time step was fitted to the tick."""
 
@@ -166,7 +170,7 @@ class _Loop:
         self.wall_seconds = 0.0
         self.opened: list[Sink] = []
         self.said: list[dict[str, Any]] = []
-        self.warnings: list[str] = []
+        self.warnings = list(world.left_out)
 
     @property
     def sim_seconds(self) -> float:

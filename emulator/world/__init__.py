@@ -14,6 +14,7 @@ from evs.emulator.world.controls import (
     make_control,
 )
 from evs.emulator.world.extraction import extract_scene, visible_geoms
+from evs.emulator.world.left_out import LeftOutWarning
 from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model
 from evs.emulator.world.physics import Physics
 from evs.emulator.world.poses import Poser
@@ -25,6 +26,7 @@ __all__ = [
     "BoundCamera",
     "Control",
     "ControlFunction",
+    "LeftOutWarning",
     "MjData",
     "MjModel",
     "Physics",

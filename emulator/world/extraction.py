@@ -9,7 +9,8 @@ import numpy.typing as npt
 from evs.emulator.scene import I32, Mesh, SceneModel, Shape
 from evs.emulator.world.deforming import Deforming
 from evs.emulator.world.kinematics import update_poses
-from evs.emulator.world.lights import active_lights, extract_air, extract_light
+from evs.emulator.world.left_out import warn_left_out
+from evs.emulator.world.lights import active_lights, extract_air, extract_light, unlit_images
 from evs.emulator.world.meshes import extract_height_field, extract_mesh
 from evs.emulator.world.surfaces import Surfaces, geom_rgba, is_shown
 from evs.msgs import EvsError
@@ -36,7 +37,8 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
     """Everything of the model that a renderer needs and that never moves.
 
     A signed distance field is shown by its mesh. A height field keeps its type and brings a mesh.
-    Raises EvsError where nothing is visible.
+    What cannot be shown is told in `left_out`, and as a LeftOutWarning each. Raises EvsError where
+    nothing is visible.
     """
     geoms = visible_geoms(model)
     deforming = Deforming(model)
@@ -75,6 +77,8 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
         update_poses(model, data)
         meshes += deforming.meshes(data)
         geom_surface += [surfaces.of(*look) for look in deforming.looks()]
+    left_out = (*unlit_images(model), *surfaces.unread_lines())
+    warn_left_out(left_out)
     return SceneModel(
         geom_type=np.array([*kinds, *(Shape.MESH for _ in indices)], np.int32),
         geom_size=np.vstack([model.geom_size[geoms], np.ones((len(indices), 3))]).astype(
@@ -93,6 +97,7 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
         deforming=indices,
         air=extract_air(model),
         extent_m=float(model.stat.extent),
+        left_out=left_out,
     )
 
 

@@ -7,10 +7,13 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from evs.emulator.scene import I32, Air, Light, LightKind, Texture, TextureKind
+from evs.emulator.scene import I32, Air, Light, LightKind
 from evs.emulator.world.bounds import BRIGHTEST, bounded, bounded_colour
 from evs.emulator.world.names import name_of
-from evs.emulator.world.surfaces import Surfaces, extract_texture
+from evs.emulator.world.surfaces import Surfaces, is_encoded
+
+SIX_FACES = 'type="cube" or type="skybox"'
+"""What the texture of an image light has to have."""
 
 HAZE_DISTANCE = 0.7
 """Of the far clipping plane: where MuJoCo's viewer draws sky and haze."""
@@ -19,14 +22,23 @@ HAZE_DISTANCE = 0.7
 def active_lights(model: mujoco.MjModel) -> I32:
     """(nl,) ids of the lights that shine; -1 is the headlight.
 
-    An image light whose image is not a cube that we can read (KTX, HDR) is left out.
+    An image light without a cube image that we can read is left out: see unlit_images.
     """
     chosen = [
         light
         for light in range(model.nlight)
-        if model.light_active[light] and _has_image(model, light)
+        if model.light_active[light] and not _image_problem(model, light)
     ]
     return np.array([-1] * bool(model.vis.headlight.active) + chosen, np.int32)
+
+
+def unlit_images(model: mujoco.MjModel) -> list[str]:
+    """One line for each image light that is left out: its name, the reason, the fix."""
+    return [
+        f"light '{name_of(model, mujoco.mjtObj.mjOBJ_LIGHT, light)}' is left out: {problem}"
+        for light in range(model.nlight)
+        if model.light_active[light] and (problem := _image_problem(model, light))
+    ]
 
 
 def extract_light(model: mujoco.MjModel, light: int, surfaces: Surfaces) -> Light:
@@ -94,10 +106,19 @@ def extract_air(model: mujoco.MjModel) -> Air:
     )
 
 
-def _has_image(model: mujoco.MjModel, light: int) -> bool:
-    """Whether a light needs no image, or has one."""
+def _image_problem(model: mujoco.MjModel, light: int) -> str:
+    """Why an image light cannot shine, and what would help; "" for every other light."""
     if model.light_type[light] != mujoco.mjtLightType.mjLIGHT_IMAGE:
-        return True
+        return ""
     index = int(model.light_texid[light])
-    image: Texture | None = extract_texture(model, index) if index >= 0 else None
-    return image is not None and image.kind is not TextureKind.FLAT
+    if index < 0:
+        return f"an image light has a texture; give it one with {SIX_FACES}"
+    name = name_of(model, mujoco.mjtObj.mjOBJ_TEXTURE, index)
+    if is_encoded(model, index):
+        return (
+            f"its texture '{name}' is a KTX file, which is not read; give it one of PNG with "
+            f"{SIX_FACES}"
+        )
+    if model.tex_type[index] == mujoco.mjtTexture.mjTEXTURE_2D:
+        return f"its texture '{name}' is flat; give it one with {SIX_FACES}"
+    return ""

@@ -67,6 +67,8 @@ class Surfaces:
     textures: list[Texture] = field(default_factory=list)
     surface_index: dict[Surface, int] = field(default_factory=dict)
     texture_index: dict[tuple[int, bool, int], int] = field(default_factory=dict)
+    unread: dict[int, None] = field(default_factory=dict)
+    """the model's textures that were asked for and are not pixels, in that order"""
 
     def of_geom(self, geom: int) -> int:
         """Index of the geom's surface."""
@@ -104,6 +106,8 @@ class Surfaces:
         key = (index, colour, component)
         if key not in self.texture_index:
             texture = extract_texture(self.model, index, colour)
+            if texture is None:
+                self.unread[index] = None
             if texture is not None and component >= 0:
                 texture = _component(texture, component)
             self.texture_index[key] = -1 if texture is None else len(self.textures)
@@ -117,6 +121,14 @@ class Surfaces:
             if self.model.tex_type[index] == mujoco.mjtTexture.mjTEXTURE_SKYBOX:
                 return self.texture(index)
         return -1
+
+    def unread_lines(self) -> list[str]:
+        """One line for each texture in use that could not be read: its name, and the fix."""
+        names = (name_of(self.model, mujoco.mjtObj.mjOBJ_TEXTURE, index) for index in self.unread)
+        return [
+            f"texture '{name}' is left out: it is a KTX file, which is not read; give a PNG file"
+            for name in names
+        ]
 
     def _with_material(self, rgba: Rgba, material: int) -> Surface:
         model = self.model
@@ -165,6 +177,13 @@ class Surfaces:
         return maps
 
 
+def is_encoded(model: mujoco.MjModel, index: int) -> bool:
+    """Whether a texture's bytes are a whole file (KTX) and not pixels."""
+    first = int(model.tex_adr[index])
+    begin = np.asarray(model.tex_data[first : first + len(KTX_MAGIC)], np.uint8)
+    return int(model.tex_nchannel[index]) not in (1, 3, 4) or begin.tobytes() == KTX_MAGIC
+
+
 def extract_texture(model: mujoco.MjModel, index: int, colour: bool = True) -> Texture | None:
     """One texture of the model; None where its bytes are not pixels that we can read.
 
@@ -172,9 +191,9 @@ def extract_texture(model: mujoco.MjModel, index: int, colour: bool = True) -> T
     """
     width, height = int(model.tex_width[index]), int(model.tex_height[index])
     channels, first = int(model.tex_nchannel[index]), int(model.tex_adr[index])
-    data = np.array(model.tex_data[first : first + width * height * channels], np.uint8)
-    if channels not in (1, 3, 4) or data[:4].tobytes() == KTX_MAGIC:
+    if is_encoded(model, index):
         return None
+    data = np.array(model.tex_data[first : first + width * height * channels], np.uint8)
 
     # colours are coded for displays, numbers are not, unless the model says otherwise
     space = model.tex_colorspace[index]

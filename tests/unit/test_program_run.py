@@ -34,6 +34,7 @@ class FakeWorld:
     """Two events a tick and camera; `at` maps a tick to what happens in it."""
 
     substeps = "2 steps of 0.0005 s make a tick"
+    left_out = ()
 
     def __init__(self, names: Sequence[str] = ("a",), dark: bool = False, **at: Any) -> None:
         self.cameras = [FakeCamera(name, dark) for name in names]
