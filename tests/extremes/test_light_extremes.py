@@ -24,52 +24,10 @@ from evs.emulator.scene import (
     Texture,
     TextureKind,
 )
+from reference.scenes import camera_of, scene_of, shot_of
 
 EYE = np.eye(3).reshape(9)
-SUN = Light(LightKind.DIRECTIONAL)
 MIRROR, GLOW = Surface((0, 0, 0, 1), specular=0, reflectance=1.0), Surface((1, 1, 1, 1), emission=1)
-
-
-def scene_of(
-    shapes: list[Shape],
-    sizes: list[list[float]],
-    *,
-    surfaces: tuple[Surface, ...] = (Surface(),),
-    surface: list[int] | None = None,
-    lights: tuple[Light, ...] = (SUN,),
-    meshes: tuple[Mesh, ...] = (),
-) -> SceneModel:
-    """Geoms of these shapes and sizes; every mesh geom shows the first mesh."""
-    count = len(shapes)
-    return SceneModel(
-        geom_type=np.array(shapes, np.int32),
-        geom_size=np.array(sizes, np.float32).reshape(count, 3),
-        geom_mesh=np.array([0 if s is Shape.MESH else -1 for s in shapes], np.int32),
-        geom_surface=np.array(surface or [0] * count, np.int32),
-        geom_id=np.arange(count, dtype=np.int32),
-        geom_static=np.zeros(count, np.bool_),
-        meshes=meshes,
-        surfaces=surfaces,
-        lights=lights,
-    )
-
-
-def shot_of(
-    scene: SceneModel, places: object, mats: object = None, lamps: object = None
-) -> SceneSnapshot:
-    """Geoms at `places`, upright unless `mats`; lights at `lamps` (4 m up), shining down."""
-    count, lights = len(scene.geom_type), len(scene.lights)
-    return SceneSnapshot(
-        0,
-        np.asarray(places, np.float64).reshape(count, 3),
-        np.tile(EYE, (count, 1)) if mats is None else np.asarray(mats, np.float64),
-        np.tile([0.0, 0.0, 4.0], (lights, 1)) if lamps is None else np.asarray(lamps, np.float64),
-        np.tile([0.0, 0.0, -1.0], (lights, 1)),
-    )
-
-
-def camera_of(width: int, height: int, focal: float, orthographic: bool = False) -> CameraModel:
-    return CameraModel(width, height, focal, focal, width / 2, height / 2, orthographic)
 
 
 def looking_down(height: float, x: float = 0.0, y: float = 0.0) -> CameraPose:
@@ -179,7 +137,7 @@ def test_packets_wider_than_a_right_angle_lose_nothing(
     scene = scene_of([Shape.SPHERE] * 40, [[0.24, 0, 0]] * 40, surfaces=(GLOW,))
     width, height = size
     focal = height / 2 / np.tan(np.deg2rad(fovy) / 2)
-    camera = CameraModel(width, height, focal, focal, width / 2, height / 2)
+    camera = camera_of(width, height, focal)
     renderer = DirectRenderer(scene, camera, RenderConfig(spp=1), 1)
     index, _ = renderer.hits(shot_of(scene, places), looking_down(0.0))
     # against rays and spheres in NumPy

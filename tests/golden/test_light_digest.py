@@ -16,7 +16,6 @@ from evs.emulator import _core
 from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.light import make_renderer
 from evs.emulator.scene import (
-    CameraModel,
     CameraPose,
     Light,
     LightKind,
@@ -30,6 +29,7 @@ from evs.emulator.scene import (
 )
 from evs.emulator.sensor import make_event_model, resolve_sensor
 from evs.msgs import join_events
+from reference.scenes import camera_of, scene_of, shot_of
 
 LIGHT = "2b3b6f9024fe1a16"
 EVENTS = {
@@ -54,14 +54,11 @@ def scene() -> SceneModel:
         np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1], [1, 3, 2], [1, 4, 3]], np.int32),
     )
     shapes = [Shape.PLANE, Shape.SPHERE, Shape.CAPSULE, Shape.ELLIPSOID, Shape.CYLINDER, Shape.BOX]
-    count = len(shapes) + 1
-    return SceneModel(
-        geom_type=np.array([*shapes, Shape.MESH], np.int32),
-        geom_size=np.array([[2, 2, 0.1], *[[0.2, 0.15, 0.1]] * 6], np.float32),
-        geom_mesh=np.array([-1] * 6 + [0], np.int32),
-        geom_surface=np.array([0, 1, 1, 1, 1, 1, 1], np.int32),
-        geom_id=np.arange(count, dtype=np.int32),
-        geom_static=np.array([True] + [False] * 6),
+    return scene_of(
+        [*shapes, Shape.MESH],
+        [[2, 2, 0.1], *[[0.2, 0.15, 0.1]] * 6],
+        surface=[0, 1, 1, 1, 1, 1, 1],
+        static=[True] + [False] * 6,
         meshes=(pyramid,),
         surfaces=(
             Surface((1, 1, 1, 1), 0, (2, 2), True, reflectance=0.25),
@@ -93,20 +90,15 @@ def snapshots() -> Iterator[SceneSnapshot]:
     )
     turned = np.tile(quarter.reshape(9), (7, 1))
     turned[0] = np.eye(3).reshape(9)
+    world, lamps = scene(), [[0, 0, 0], [0.5, -0.5, 2]]
     for tick in range(TICKS + 1):
         moved = places + np.array([tick / 256, -tick / 512, 0]) * np.arange(7)[:, np.newaxis] / 8
-        yield SceneSnapshot(
-            1000 * tick,
-            moved,
-            turned,
-            np.array([[0, 0, 0], [0.5, -0.5, 2]]),
-            np.array([[0, 0, -1], [0, 0, -1.0]]),
-        )
+        yield shot_of(world, moved, turned, lamps, t_us=1000 * tick)
 
 
 def run(isa: str) -> tuple[str, dict[str, str]]:
     """Digest of all the light, and of each field of all the events."""
-    camera = CameraModel(WIDTH, HEIGHT, 60, 60, WIDTH / 2, HEIGHT / 2)
+    camera = camera_of(WIDTH, HEIGHT, 60)
     pose = CameraPose(np.array([0, -2, 1.5]), np.array([1, 0, 0, 0, 0.6, -0.8, 0, 0.8, 0.6]))
     renderer = make_renderer(scene(), camera, RenderConfig(spp=2, isa=isa), 1)
     sensor = resolve_sensor(SensorConfig("ideal", width=WIDTH, height=HEIGHT, sigma_thres=0.02))

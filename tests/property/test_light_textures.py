@@ -12,16 +12,14 @@ import pytest
 from evs.emulator.config import RenderConfig
 from evs.emulator.light import DirectRenderer
 from evs.emulator.scene import (
-    CameraModel,
     CameraPose,
     Mesh,
-    SceneModel,
-    SceneSnapshot,
     Shape,
     Surface,
     Texture,
     TextureKind,
 )
+from reference.scenes import camera_of, scene_of, shot_of
 
 SIZE = 72
 SIZES = {
@@ -49,13 +47,11 @@ class Look:
         mesh: Mesh | None = None,
     ) -> None:  # fmt: skip
         self.size = np.array(SIZES.get(shape, (1.5, 0.5, 1.0)))
-        scene = SceneModel(
-            geom_type=np.array([shape], np.int32),
-            geom_size=self.size[np.newaxis].astype(np.float32),
-            geom_mesh=np.array([-1 if mesh is None else 0], np.int32),
-            geom_surface=np.zeros(1, np.int32),
-            geom_id=np.zeros(1, np.int32),
-            geom_static=np.ones(1, np.bool_),
+        scene = scene_of(
+            [shape],
+            self.size,
+            static=True,
+            lights=(),
             meshes=() if mesh is None else (mesh,),
             surfaces=(surface,),
             textures=(texture,),
@@ -69,11 +65,9 @@ class Look:
         x = np.cross(rng.normal(size=3), back)
         x /= np.linalg.norm(x)
         axes = np.stack([x, np.cross(back, x), back], 1)
-        camera = CameraModel(SIZE, SIZE, 1.3 * SIZE, 1.3 * SIZE, SIZE / 2, SIZE / 2)
+        camera = camera_of(SIZE, SIZE, 1.3 * SIZE)
         pose = CameraPose(place + back, axes.reshape(9))
-        shot = SceneSnapshot(
-            0, place[np.newaxis], self.turn.reshape(1, 9), np.zeros((0, 3)), np.zeros((0, 3))
-        )
+        shot = shot_of(scene, place, self.turn)
         renderer = DirectRenderer(scene, camera, RenderConfig(spp=1), 1)
         self.light = renderer.render(shot, pose).copy()
         index, distance = renderer.hits(shot, pose)

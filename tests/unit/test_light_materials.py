@@ -11,18 +11,16 @@ from evs.emulator import _core
 from evs.emulator.config import RenderConfig
 from evs.emulator.light import DirectRenderer
 from evs.emulator.scene import (
-    CameraModel,
     CameraPose,
     Light,
     LightKind,
     Mesh,
-    SceneModel,
-    SceneSnapshot,
     Shape,
     Surface,
     Texture,
     TextureKind,
 )
+from reference.scenes import camera_of, scene_of, shot_of
 
 SIZE = 24
 WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
@@ -66,13 +64,10 @@ class Look:
         focal_px: float = 1e6,
         **render: object,
     ) -> None:
-        scene = SceneModel(
-            geom_type=np.array([shape], np.int32),
-            geom_size=np.array([size], np.float32),
-            geom_mesh=np.array([-1 if mesh is None else 0], np.int32),
-            geom_surface=np.zeros(1, np.int32),
-            geom_id=np.zeros(1, np.int32),
-            geom_static=np.ones(1, np.bool_),
+        scene = scene_of(
+            [shape],
+            size,
+            static=True,
             meshes=() if mesh is None else (mesh,),
             surfaces=(surface,),
             textures=textures,
@@ -83,15 +78,9 @@ class Look:
         axes = np.stack([x, np.cross(self.view, x), self.view], 1)
         self.pose = CameraPose(5.0 * self.view, axes.reshape(9))
         # with a long lens every ray runs along the view
-        camera = CameraModel(SIZE, SIZE, focal_px, focal_px, SIZE / 2, SIZE / 2)
-        count = len(lights)
-        self.shot = SceneSnapshot(
-            0,
-            np.zeros((1, 3)),
-            np.eye(3).reshape(1, 9),
-            np.zeros((count, 3)),
-            np.tile(-self.towards_light, (count, 1)),
-        )
+        camera = camera_of(SIZE, SIZE, focal_px)
+        lamps = np.zeros((len(lights), 3))
+        self.shot = shot_of(scene, [0, 0, 0], None, lamps, -self.towards_light)
         config = RenderConfig(**{"spp": 1, **render})  # type: ignore[arg-type]
         renderer = DirectRenderer(scene, camera, config, 1, rgb=True)
         self.luminance = renderer.render(self.shot, self.pose).copy()

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.light import DirectRenderer
 from evs.emulator.scene import (
     F32,
-    CameraModel,
     CameraPose,
     SceneModel,
-    SceneSnapshot,
     Shape,
     Surface,
     Texture,
     TextureKind,
 )
 from evs.emulator.sensor import make_event_model, resolve_sensor
+from reference.scenes import camera_of, scene_of, shot_of
 
 WIDTH, HEIGHT, FOCAL, TICKS = 64, 32, 60.0, 60
 HEIGHT_M = 1.5
@@ -36,18 +37,16 @@ def pose(tick: int) -> CameraPose:
     )
 
 
-def renderer(spp: int) -> DirectRenderer:
-    """A glowing checker without end, seen as pixels of the lower half see it."""
+def floor() -> SceneModel:
+    """A glowing checker without end."""
     texels = np.array([[0, 1], [1, 0]])
     colours = np.round(255 * np.array([DARK, BRIGHT]))[texels].astype(np.uint8)
     image = np.repeat(np.kron(colours, np.ones((32, 32), np.uint8))[..., np.newaxis], 3, -1)
-    scene = SceneModel(
-        geom_type=np.array([Shape.PLANE], np.int32),
-        geom_size=np.zeros((1, 3), np.float32),
-        geom_mesh=np.full(1, -1, np.int32),
-        geom_surface=np.zeros(1, np.int32),
-        geom_id=np.zeros(1, np.int32),
-        geom_static=np.ones(1, np.bool_),
+    return scene_of(
+        [Shape.PLANE],
+        [0, 0, 0],
+        static=True,
+        lights=(),
         surfaces=(
             Surface(
                 (1.0,) * 4, texture=0, texrepeat=(SQUARES_PER_M, SQUARES_PER_M),
@@ -56,17 +55,15 @@ def renderer(spp: int) -> DirectRenderer:
         ),
         textures=(Texture(TextureKind.FLAT, image, False),),
     )  # fmt: skip
-    # the horizon lies on the image's upper rim
-    camera = CameraModel(WIDTH, HEIGHT, FOCAL, FOCAL, WIDTH / 2, 0.0)
-    return DirectRenderer(scene, camera, RenderConfig(spp=spp), 1)
 
 
 def filtered(spp: int) -> list[F32]:
     """The light of every tick."""
-    tracer = renderer(spp)
-    places = np.zeros((1, 3)), np.eye(3).reshape(1, 9), np.zeros((0, 3)), np.zeros((0, 3))
+    # the horizon lies on the image's upper rim
+    scene, camera = floor(), replace(camera_of(WIDTH, HEIGHT, FOCAL), cy=0.0)
+    tracer = DirectRenderer(scene, camera, RenderConfig(spp=spp), 1)
     return [
-        tracer.render(SceneSnapshot(1000 * tick, *places), pose(tick)).copy()
+        tracer.render(shot_of(scene, [0, 0, 0], t_us=1000 * tick), pose(tick)).copy()
         for tick in range(TICKS)
     ]
 

@@ -12,12 +12,10 @@ from evs.emulator.config import FlickerConfig, RenderConfig
 from evs.emulator.light import DirectRenderer, make_renderer
 from evs.emulator.scene import (
     Air,
-    CameraModel,
     CameraPose,
     Light,
     LightKind,
     Mesh,
-    SceneModel,
     SceneSnapshot,
     Shape,
     Surface,
@@ -25,6 +23,7 @@ from evs.emulator.scene import (
     TextureKind,
 )
 from evs.emulator.stages import Renderer
+from reference.scenes import camera_of, scene_of, shot_of
 
 Random = np.random.Generator
 
@@ -164,7 +163,6 @@ class RandomStage:
         count, coloured = int(rng.integers(0, 25)), bool(rng.integers(2))
         shapes = [Shape(int(s)) for s in rng.integers(0, len(Shape), count)]
         meshes = tuple(random_mesh(rng, flat) for _ in range(3))
-        is_mesh = [shape in (Shape.MESH, Shape.HFIELD) for shape in shapes]
         textures = (
             *(random_texture(rng, TextureKind.FLAT) for _ in range(3)),
             *(random_texture(rng, TextureKind.CUBE) for _ in range(2)),
@@ -192,15 +190,11 @@ class RandomStage:
                 1.0, 6.0, (0.3, 0.4, 0.5), float(more.choice([0.1, 0.5])), 4.0, (0.9, 0.8, 0.7)
             )
         self.render: dict[str, object] = {"fog": seed % 2 == 0, "flicker": (PULSE,)} if rich else {}
-        self.scene = SceneModel(
-            geom_type=np.array(shapes, np.int32),
-            geom_size=np.array(
-                [random_size(rng, shape, decades) for shape in shapes], np.float32
-            ).reshape(-1, 3),
-            geom_mesh=np.where(is_mesh, rng.integers(0, 3, count), -1).astype(np.int32),
-            geom_surface=rng.integers(0, 6, count).astype(np.int32),
-            geom_id=np.arange(count, dtype=np.int32),
-            geom_static=np.zeros(count, np.bool_),
+        self.scene = scene_of(
+            shapes,
+            [random_size(rng, shape, decades) for shape in shapes],
+            mesh=rng.integers(0, 3, count),
+            surface=rng.integers(0, 6, count),
             meshes=meshes,
             surfaces=surfaces,
             textures=textures,
@@ -213,9 +207,7 @@ class RandomStage:
         focal = width / (
             3.0 if self.orthographic else float(rng.choice([0.3, 1.0, 2.0, 8.0])) / zoom
         )
-        self.camera = CameraModel(
-            width, height, focal, focal, width / 2, height / 2, self.orthographic
-        )
+        self.camera = camera_of(width, height, focal, self.orthographic)
         self.geom_pos = rng.normal(size=(count, 3)) * 0.8
         self.geom_mat = np.array([random_turn(rng) for _ in range(count)]).reshape(-1, 9)
         self.light_pos = rng.normal(size=(len(lights), 3)) * 2 + np.array([0, 0, 2])
@@ -233,13 +225,8 @@ class RandomStage:
 
     def snapshot(self, t_us: int = 0) -> SceneSnapshot:
         """Where everything is now."""
-        return SceneSnapshot(
-            t_us,
-            self.geom_pos.copy(),
-            self.geom_mat.copy(),
-            self.light_pos.copy(),
-            self.light_dir.copy(),
-        )
+        places = self.geom_pos.copy(), self.geom_mat.copy(), self.light_pos.copy()
+        return shot_of(self.scene, *places, self.light_dir, t_us)
 
     def film(self, ticks: int) -> list[tuple[SceneSnapshot, CameraPose]]:
         """Some geoms move, by jumps or hardly at all; sometimes a light does, or the camera."""

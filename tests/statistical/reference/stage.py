@@ -22,6 +22,7 @@ from evs.emulator.scene import (
     Surface,
     Texture,
 )
+from reference.scenes import scene_of, shot_of
 
 F64 = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -113,13 +114,12 @@ class Builder:
 
     def _model(self) -> SceneModel:
         shapes, sizes, _, _, surfaces, meshes = zip(*self.geoms, strict=True)
-        return SceneModel(
-            geom_type=np.array(shapes, np.int32),
-            geom_size=np.array([[*s, 0, 0, 0][:3] for s in sizes], np.float32),
-            geom_mesh=np.array(meshes, np.int32),
-            geom_surface=np.array(surfaces, np.int32),
-            geom_id=np.arange(len(shapes), dtype=np.int32),
-            geom_static=np.ones(len(shapes), np.bool_),
+        return scene_of(
+            shapes,
+            [[*s, 0, 0, 0][:3] for s in sizes],
+            surface=surfaces,
+            mesh=meshes,
+            static=True,
             meshes=tuple(self.meshes),
             surfaces=tuple(self.surfaces),
             textures=tuple(self.textures),
@@ -128,13 +128,12 @@ class Builder:
         )
 
     def _shot(self) -> SceneSnapshot:
-        count = len(self.lights)
-        return SceneSnapshot(
-            0,
-            np.stack([geom[2] for geom in self.geoms]),
-            np.stack([geom[3].ravel() for geom in self.geoms]),
-            np.array([pos for pos, _ in self.places], np.float64).reshape(count, 3),
-            np.array([along for _, along in self.places], np.float64).reshape(count, 3),
+        return shot_of(
+            self._model(),
+            [geom[2] for geom in self.geoms],
+            [geom[3].ravel() for geom in self.geoms],
+            [pos for pos, _ in self.places],
+            np.array([along for _, along in self.places], np.float64).reshape(-1, 3),
         )
 
 
