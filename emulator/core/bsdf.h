@@ -64,14 +64,9 @@ EVS_INLINE Value evaluate(const Scattering& s, Vec d, Vec w) {
   Float incoming = dot(w, s.normal);
   Mask above = incoming > 0.0f;
   Float cosine = max(incoming, splat(0.0f));
-  Vec half = normalize(w - d);
-  Vec apart = cross(s.normal, half);
-  Float across = dot(half, s.normal), square = s.alpha * s.alpha;
-  // sine and cosine apart: 1 - cosine^2 would leave nothing of a narrow lobe
-  Float spread = dot(apart, apart) + square * across * across;
-  Float facets = square / (spread * spread * PI);
   // D G(eye) / (4 cos(eye)) is the density of drawing w; times G(w) F it is f cos
-  Float drawn = facets * shadowing(s.outgoing, s.alpha) / (s.outgoing * 4.0f);
+  Float facing = facets(s.normal, normalize(w - d), s.alpha) * (1.0f / PI);
+  Float drawn = facing * shadowing(s.outgoing, s.alpha) / (s.outgoing * 4.0f);
   Float gloss = drawn * shadowing(max(cosine, splat(1e-6f)), s.alpha);
   Float lambert = cosine * (1.0f / PI);
   for (int c = 0; c < 3; c++) {

@@ -83,7 +83,7 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   frame_.skybox = look_.skybox;
   frame_.channels = look_.channels;
   std::copy(look_.weights, look_.weights + MAX_CHANNELS, frame_.weights);
-  frame_.layered = look_.layered;
+  frame_.lobes = look_.layered || tracing.path;
   frame_.bumpy = look_.bumpy;
   frame_.air = look_.air;
   // the first plane without bounds has the horizon

@@ -10,7 +10,7 @@ template <int CHANNELS>
 Matt<CHANNELS> matt_of(const Frame& f, const Patch<CHANNELS>& patch) {
   Matt<CHANNELS> out;
   for (int c = 0; c < CHANNELS; c++) out.lamp[c] = out.ambient[c] = patch.albedo[c];
-  if (!f.layered) return out;
+  if (!f.lobes) return out;
   for (int c = 0; c < CHANNELS; c++) {
     // the gloss of a physical surface takes its share of light from everywhere
     Float gloss = select(patch.physical, patch.f0[c], splat(0.0f));
@@ -26,28 +26,25 @@ void shade_image(const Frame& f, const Light& light, const Rays& rays, const Pat
                  const Matt<CHANNELS>& matt, Float* out) {
   Float received[CHANNELS];
   received_from_image<CHANNELS>(f, light, patch.normal, received);
-  for (int c = 0; c < CHANNELS; c++) {
-    out[c] = out[c] + matt.lamp[c] * patch.occlusion * received[c];
-  }
-  if (!any(patch.physical)) return;
+  Float open = f.lobes ? patch.occlusion : splat(1.0f);
+  for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + matt.lamp[c] * open * received[c];
+  if (!f.lobes || !any(patch.physical)) return;
   Vec d = rays.direction;
   received_from_image<CHANNELS>(f, light, d - patch.normal * (dot(d, patch.normal) * 2.0f),
                                 received);
   for (int c = 0; c < CHANNELS; c++) {
-    Float gloss = out[c] + patch.f0[c] * patch.occlusion * received[c];
+    Float gloss = out[c] + patch.f0[c] * open * received[c];
     out[c] = select(patch.physical, gloss, out[c]);
   }
 }
 
-// Light that leaves the surface towards the ray's origin.
+// Light that leaves the surface towards the ray's origin. `region`: where the points of `lit` are.
 template <int CHANNELS>
-void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNELS>& patch, Mask lit,
-           Float* out) {
+void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNELS>& patch,
+           const Region& region, Mask lit, Float* out) {
   for (int c = 0; c < CHANNELS; c++) out[c] = patch.emitted[c];
   Matt<CHANNELS> matt = matt_of(f, patch);
-  Mask physical = patch.physical & lit;
-  Region region;
-  grow(region, patch.origin, patch.step, lit);
+  Mask physical = f.lobes ? patch.physical & lit : mask_of(0);
   for (int i = 0; i < f.light_count; i++) {
     const Light& light = f.lights[i];
     if (light.kind == IMAGE) {
@@ -85,42 +82,15 @@ void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNEL
       continue;
     Vec half = normalize(in.towards - rays.direction);
     Float lobe = min(max(dot(half, patch.normal), splat(0.0f)), splat(1.0f));
+    // far from the highlight, where lobe^exponent < exp(-16.7) = 2^-24, there is none
+    glossy = glossy & ((1.0f - lobe) * patch.exponent < 16.7f);
+    if (!any(glossy)) continue;
     Float gloss = power(lobe, patch.exponent) * patch.specular * in.strength;
     gloss = select(glossy, gloss, splat(0.0f));
     for (int c = 0; c < CHANNELS; c++) {
       out[c] = out[c] + gloss * patch.gloss_tint[c] * light.specular[c];
     }
   }
-}
-
-// The sky along camera rays, on a perspective camera the mean of some points in each pixel.
-template <int CHANNELS>
-void sky(const Frame& f, Vec d, Float* out) {
-  const Texture& t = f.textures[f.skybox];
-  const float* r = f.sky_rotation;
-  Vec w = to_camera(r, d);
-  float footprint = f.orthographic ? 0.0f : 0.5f * f.pixel_angle;
-  Float scale = -d.z;
-  int taps = f.taps > 1 ? f.taps : 1;
-  Lod lod;
-  for (int i = 0; i < taps; i++) {
-    Vec to = w;
-    if (taps > 1) {
-      Float x = scale * (f.tap_x[i] / f.fx), y = scale * (f.tap_y[i] / -f.fy);
-      to = {w.x + x * r[0] + y * r[1], w.y + x * r[3] + y * r[4], w.z + x * r[6] + y * r[7]};
-    }
-    Float u, v, major;
-    Int face;
-    on_cube({to.x, to.z, -to.y}, u, v, face, major);
-    // the points lie so close together that the first one's level is that of all
-    if (i == 0) lod = lod_of(t, splat(taps > 1 ? footprint * f.tap_width : footprint) / major);
-    Float texel[CHANNELS];
-    read_between(t, CHANNELS, lod, u, v, face, i == 0 ? out : texel);
-    if (i == 0) continue;
-    for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + texel[c];
-  }
-  if (taps == 1) return;
-  for (int c = 0; c < CHANNELS; c++) out[c] = out[c] * (1.0f / static_cast<float>(taps));
 }
 
 template <int CHANNELS, bool FOLLOW>
@@ -173,16 +143,17 @@ void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, F
     if (FOLLOW && (f.skybox >= 0 || f.air.fog) && any(missed)) {
       Float light[CHANNELS];
       for (int c = 0; c < CHANNELS; c++) light[c] = splat(f.air.fog_color[c]);
-      if (!f.air.fog) sky<CHANNELS>(f, rays.direction, light);
+      if (!f.air.fog) sky<CHANNELS>(f, rays.direction, bits(missed), light);
       for (int c = 0; c < CHANNELS; c++) {
         out[c] = select(missed, out[c] + light[c] * passing, out[c]);
       }
     }
     if (!any(lit)) break;
     Patch<CHANNELS> patch = patch_of<CHANNELS>(f, rays, hit, bits(lit), travelled);
-    grow(FOLLOW ? trail.seen : trail.mirrored, patch.origin, patch.step, lit);
+    Region region = region_of(patch.origin, patch.step, lit);
+    grow(FOLLOW ? trail.seen : trail.mirrored, region);
     Float surface[CHANNELS];
-    shade<CHANNELS>(f, rays, hit, patch, lit, surface);
+    shade<CHANNELS>(f, rays, hit, patch, region, lit, surface);
     if constexpr (FOLLOW) {
       Mask mirror = lit & (patch.reflectance > 0.0f);
       if (any(mirror)) {
@@ -271,12 +242,19 @@ void write_pixels(const Frame& f, int column, int row, Float luminance, const Fl
   alignas(64) float grey[LANES], colour[3][LANES];
   store(grey, luminance);
   bool rgb = CHANNELS >= 3 && out.rgb;
-  for (int c = 0; c < 3 && rgb; c++) store(colour[c], light[f.colour + c]);
-  alignas(64) float plain[LANES];
-  if (out.plain) store(plain, light[CHANNELS - 1]);
   int x = column * PACKET_WIDTH, y = row * PACKET_HEIGHT;
   int columns = f.width - x < PACKET_WIDTH ? f.width - x : PACKET_WIDTH;
   int rows = f.height - y < PACKET_HEIGHT ? f.height - y : PACKET_HEIGHT;
+  if (columns == PACKET_WIDTH && !rgb && !out.plain && !f.share) {
+    for (int j = 0; j < rows; j++) {
+      float* to = out.luminance + static_cast<long>(y + j) * f.width + x;
+      __builtin_memcpy(to, grey + j * PACKET_WIDTH, PACKET_WIDTH * sizeof(float));
+    }
+    return;
+  }
+  for (int c = 0; c < 3 && rgb; c++) store(colour[c], light[f.colour + c]);
+  alignas(64) float plain[LANES];
+  if (out.plain) store(plain, light[CHANNELS - 1]);
   for (int j = 0; j < rows; j++) {
     long at = static_cast<long>(y + j) * f.width + x;
     for (int i = 0; i < columns; i++) {

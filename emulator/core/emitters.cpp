@@ -46,15 +46,13 @@ std::vector<float> triangle_shares(const Tree& tree, double& area) {
 
 // Mean luminance of an image chain.
 double luminance_of(const Texture& t) {
-  int level = t.levels - 1;
-  int count = t.width[level] * t.height[level] * t.faces;
-  double sum = 0;
+  double sum = 0;  // the last level is one texel
   for (int c = 0; c < 3; c++) {
-    const float* texels =
-        t.texels + static_cast<long>(t.channel_stride) * c + t.level_offset[level];
-    for (int i = 0; i < count; i++) sum += WEIGHTS[c] * texels[i];
+    for (int face = 0; face < t.faces; face++) {
+      sum += WEIGHTS[c] * t.texels[t.at(c, t.levels - 1, face, 1, 1)];
+    }
   }
-  return sum / count;
+  return sum / t.faces;
 }
 
 // Of a glowing surface, mean radiance for an emission of 1.
@@ -71,6 +69,8 @@ Emitters::Emitters(const SceneData& scene, const Appearance& look, const std::ve
     for (int c = 0; c < 3; c++) dome_[c] += std::max(light.ambient[c], 0.0f);
   }
   for (const Light& light : look.lights) lamps_ += light.kind != IMAGE;
+  open_ = look.skybox >= 0 || lamps_ < static_cast<int>(look.lights.size()) ||
+          dome_[0] + dome_[1] + dome_[2] > 0;
   for (const Surface& s : look.surfaces) {
     transparent_ = transparent_ || s.alpha < 1 || s.opacity_map >= 0;
   }
@@ -79,6 +79,7 @@ Emitters::Emitters(const SceneData& scene, const Appearance& look, const std::ve
     const Surface& surface = look.surfaces[scene.geom_surface[g]];
     double radiance = surface.emission * luminance_of(surface, look);
     if (!(surface.emission > 0)) continue;
+    glowing_ = true;
     Glow glow = {static_cast<int>(k), -1, 0, 0, {}};
     double area = area_of(shape, &scene.geom_size[3 * static_cast<size_t>(g)]);
     double power_area = area;
@@ -155,11 +156,10 @@ void Emitters::make_sky(const Appearance& look) {
     double x = (column + 0.5) / n * 2 - 1, y = (row + 0.5) / n * 2 - 1, light = 0;
     for (const Source& s : sources) {
       int side = s.texture->width[s.level];
-      int texel = (face * side + row * side / n) * side + column * side / n;
+      int y_at = row * side / n + 1, x_at = column * side / n + 1;
       for (int c = 0; c < 3; c++) {
-        light += WEIGHTS[c] * s.tint[c] *
-                 s.texture->texels[static_cast<long>(s.texture->channel_stride) * c +
-                                   s.texture->level_offset[s.level] + texel];
+        light +=
+            WEIGHTS[c] * s.tint[c] * s.texture->texels[s.texture->at(c, s.level, face, y_at, x_at)];
       }
     }
     weights[i] = light * std::pow(1 + x * x + y * y, -1.5);
@@ -187,6 +187,8 @@ void Emitters::make_sky(const Appearance& look) {
 PathFrame Emitters::frame() const {
   PathFrame f = {};
   f.transparent = transparent_;
+  f.glowing = glowing_;
+  f.open = open_;
   f.lamp_count = lamps_;
   std::copy(dome_, dome_ + 3, f.dome);
   f.sky_share = side_ == 0 ? 0.0f : emitters_.empty() ? 1.0f : 0.5f;

@@ -37,7 +37,7 @@ class Emitters {
   std::vector<int> emitter_of_geom_;
   std::vector<float> rows_, cells_, density_;
   int side_ = 0;
-  bool transparent_ = false;
+  bool transparent_ = false, glowing_ = false, open_ = false;
   int lamps_ = 0;
   float dome_[3] = {0, 0, 0};
 };

@@ -39,8 +39,6 @@ void project_irradiance(const Chain& image, int channel, float* factors) {
   int level = 0;
   while (level + 1 < t.levels && t.width[level] > WIDEST) level++;
   int w = t.width[level], h = t.height[level];
-  const float* texels =
-      image.texels.data() + static_cast<long>(channel) * t.channel_stride + t.level_offset[level];
   double sum[9] = {}, sphere = 0;
   for (int face = 0; face < 6; face++) {
     for (int y = 0; y < h; y++) {
@@ -52,7 +50,7 @@ void project_irradiance(const Chain& image, int channel, float* factors) {
         double d[3], basis[9];
         direction_of(face, 0.5 * (s0 + s1), 0.5 * (t0 + t1), d);
         basis_of(d, basis);
-        double light = texels[(static_cast<long>(face) * h + y) * w + x] * angle;
+        double light = image.texels[t.at(channel, level, face, y + 1, x + 1)] * angle;
         for (int i = 0; i < 9; i++) sum[i] += light * basis[i];
         sphere += angle;
       }

@@ -5,13 +5,29 @@ EVS_INLINE Vec local_origin(const Geom& g, const Rays& rays) {
   return to_local(g.rotation, rays.origin - splat(g.position));
 }
 
+// Rays so far apart that their hull tells little; each may be asked whether it comes near a geom.
+EVS_INLINE bool scattered(const Hull& hull) { return hull.radius >= FAR || hull.cosine < 0.95f; }
+
+// Can one of `active` touch the ball around geom `index`? With the slack of `touching`.
+EVS_INLINE bool any_near(const Frame& f, int index, const Rays& rays, Mask active) {
+  if (f.geoms[index].shape == PLANE) return true;
+  const Bounds& b = f.bounds;
+  Vec v = splat(V3{b.x[index], b.y[index], b.z[index]}) - rays.origin;
+  Float along = dot(v, rays.direction);
+  Vec across = v - rays.direction * along;
+  Float reach = abs(along) * 2e-6f + b.radius[index] * 1.000002f;
+  return any(active & (along >= -reach) & (dot(across, across) <= reach * reach));
+}
+
 // What the rays of `active` hit first after `beyond`.
 inline Hit closest(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float beyond) {
   Hit hit = {select(active, splat(FAR), splat(-1.0f)), splat(-1), splat(0), splat(0.0f),
              splat(0.0f)};
+  bool apart = scattered(hull);
   for (int k = 0; k < f.bounds.count; k += LANES) {
     for (unsigned near = touching(f.bounds, k, hull); near; near &= near - 1) {
       int index = k + first_lane(near);
+      if (apart && !any_near(f, index, rays, active)) continue;
       const Geom& g = f.geoms[index];
       Vec o = local_origin(g, rays), d = to_local(g.rotation, rays.direction);
       if (g.shape == MESH || g.shape == HFIELD) {
@@ -35,9 +51,11 @@ inline Mask occluded(const Frame& f, Vec origin, Vec direction, Float limit, Int
                      const Hull& hull, Mask wanted) {
   Mask blocked = mask_of(0);
   Rays rays = {origin, direction, false};
+  bool apart = scattered(hull);
   for (int k = 0; k < f.bounds.count; k += LANES) {
     for (unsigned near = touching(f.bounds, k, hull); near; near &= near - 1) {
       int index = k + first_lane(near);
+      if (apart && !any_near(f, index, rays, wanted & ~blocked)) continue;
       const Geom& g = f.geoms[index];
       Vec o = local_origin(g, rays), d = to_local(g.rotation, direction);
       if (g.shape == MESH || g.shape == HFIELD) {

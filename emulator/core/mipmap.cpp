@@ -37,6 +37,22 @@ float from_srgb(float c) {
 
 namespace {
 
+// One image and its rim. In: level (height, width).
+void write_level(Chain& chain, int channel, int level, int face, const std::vector<float>& image) {
+  const Texture& t = chain.layout;
+  int w = t.width[level], h = t.height[level];
+  auto inside = [&](int i, int n) {
+    if (i >= 1 && i <= n) return i - 1;
+    bool repeats = t.faces == 1;
+    return (i < 1) == repeats ? n - 1 : 0;
+  };
+  for (int y = 0; y < h + 2; y++) {
+    const float* from = image.data() + static_cast<long>(inside(y, h)) * w;
+    float* to = chain.texels.data() + t.at(channel, level, face, y, 0);
+    for (int x = 0; x < w + 2; x++) to[x] = from[inside(x, w)];
+  }
+}
+
 // `texel(pixel, channel)`: the value of one texel of the image, `data` its first component.
 template <class Texel>
 Chain chain_of(const uint8_t* data, int faces, int height, int width, int components, int channels,
@@ -49,7 +65,7 @@ Chain chain_of(const uint8_t* data, int faces, int height, int width, int compon
     t.width[t.levels] = w;
     t.height[t.levels] = h;
     t.level_offset[t.levels] = total;
-    total += faces * w * h;
+    total += faces * (w + 2) * (h + 2);
     t.levels++;
     if (w == 1 && h == 1) break;
     w = std::max(1, w / 2);
@@ -66,24 +82,21 @@ Chain chain_of(const uint8_t* data, int faces, int height, int width, int compon
         level[i] = texel(data + (static_cast<size_t>(face) * width * height + i) * components, c);
       }
       for (int l = 0;; l++) {
-        std::copy(level.begin(), level.end(),
-                  chain.texels.begin() + static_cast<long>(c) * total + t.level_offset[l] +
-                      static_cast<long>(face) * level.size());
+        write_level(chain, c, l, face, level);
         if (l + 1 >= t.levels) break;
         level = shrink(level, t.width[l], t.height[l], t.width[l + 1], t.height[l + 1]);
       }
     }
   }
-  // all images are shrunk alike, so that the smallest of them have the mean of the largest
-  int last = t.levels - 1, texels = t.faces * t.width[last] * t.height[last];
+  // all images are shrunk alike, so that the last, one texel, has the mean of the first
   for (int c = 0; c < std::min(channels, 3); c++) {
     double mean = 0;
-    for (int i = 0; i < texels; i++) {
-      mean += chain.texels[static_cast<size_t>(c) * total + t.level_offset[last] + i];
+    for (int face = 0; face < t.faces; face++) {
+      mean += chain.texels[t.at(c, t.levels - 1, face, 1, 1)];
     }
     // the first channel is the luminance, but where there are three
     if (channels == 3 || c == 0) {
-      t.mean += static_cast<float>(mean / texels) * (channels == 3 ? WEIGHTS[c] : 1.0f);
+      t.mean += static_cast<float>(mean / t.faces) * (channels == 3 ? WEIGHTS[c] : 1.0f);
     }
   }
   return chain;

@@ -54,10 +54,12 @@ EVS_INLINE unsigned touching(const Bounds& b, int k, const Hull& hull) {
   Float along = v.x * hull.axis.x + v.y * hull.axis.y + v.z * hull.axis.z;
   // the part across the axis by subtraction of vectors: no cancellation of squares
   Vec across = {v.x - along * hull.axis.x, v.y - along * hull.axis.y, v.z - along * hull.axis.z};
-  Float away = sqrt(dot(across, across));
   Float reach = load(b.radius + k) + hull.radius;
   Float slack = (abs(along) + reach) * 2e-6f;
-  Mask near = away * hull.cosine - along * hull.sine <= reach + slack;
+  // distance from the axis, times the cosine, against how far the ball and the opening reach
+  Float allowed = along * hull.sine + (reach + slack);
+  Mask near =
+      (allowed >= 0.0f) & (dot(across, across) * (hull.cosine * hull.cosine) <= allowed * allowed);
   Mask ahead = along >= -reach - slack;
   Mask before = along - reach <= splat(hull.length) + slack;
   Mask real = load(b.radius + k) >= 0.0f;  // padding has a negative radius
@@ -97,16 +99,21 @@ EVS_INLINE float radius_of(V3 center, V3 high) {
   return __builtin_sqrtf(dot(half, half)) * 1.00001f + away * 5e-7f;
 }
 
-EVS_INLINE void grow(Region& r, Vec p, float step, Mask active) {
-  r.step = step > r.step ? step : r.step;
-  auto widen = [&](float& low, float& high, Float x) {
-    float a = lowest(select(active, x, splat(FAR))), b = highest(select(active, x, splat(-FAR)));
+EVS_INLINE Region region_of(Vec p, float step, Mask active) {
+  auto low = [&](Float x) { return lowest(select(active, x, splat(FAR))); };
+  auto high = [&](Float x) { return highest(select(active, x, splat(-FAR))); };
+  return {{low(p.x), low(p.y), low(p.z)}, {high(p.x), high(p.y), high(p.z)}, step};
+}
+
+EVS_INLINE void grow(Region& r, const Region& by) {
+  r.step = by.step > r.step ? by.step : r.step;
+  auto widen = [](float& low, float& high, float a, float b) {
     low = a < low ? a : low;
     high = b > high ? b : high;
   };
-  widen(r.low.x, r.high.x, p.x);
-  widen(r.low.y, r.high.y, p.y);
-  widen(r.low.z, r.high.z, p.z);
+  widen(r.low.x, r.high.x, by.low.x, by.high.x);
+  widen(r.low.y, r.high.y, by.low.y, by.high.y);
+  widen(r.low.z, r.high.z, by.low.z, by.high.z);
 }
 
 EVS_INLINE Hull ball_of(const Region& r) {
@@ -129,9 +136,7 @@ EVS_INLINE float spread(Vec d, V3 axis, Mask active) {
 
 // The hull of the active lanes' rays: from points p, along directions d, no further than `length`.
 EVS_INLINE Hull hull_of(Vec p, Vec d, Mask active, float length) {
-  Region starts;
-  grow(starts, p, 0.0f, active);
-  Hull hull = ball_of(starts);
+  Hull hull = ball_of(region_of(p, 0.0f, active));
   hull.length = length;
   int first = first_lane(bits(active));
   hull.axis = normalized({lane(d.x, first), lane(d.y, first), lane(d.z, first)});

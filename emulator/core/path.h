@@ -71,6 +71,24 @@ inline void add_light(const Frame& f, const PathFrame& p, const Scattering& s, V
   }
 }
 
+// Light of `lanes` that was met with `carried` left of it: times `weight`.
+EVS_INLINE void add_seen(const Float* carried, const Float* light, Float weight, Mask lanes,
+                         Float* out) {
+  for (int c = 0; c < 3; c++) {
+    out[c] = select(lanes, out[c] + carried[c] * light[c] * weight, out[c]);
+  }
+}
+
+// The sky's light of rays that a surface scattered with `density`, weighed against aiming at it.
+// `arrives`: what share gets through.
+inline void add_sky(const Frame& f, const PathFrame& p, Vec d, Mask sure, Float density,
+                    const Float* carried, Float arrives, Mask lanes, Float* out) {
+  Float light[3], aimed = sky_density(f, p, d);
+  sky_light(f, p, d, select(sure, splat(FAR), density), bits(lanes), light);
+  Float weight = select(sure, splat(1.0f), density / max(density + aimed, splat(1e-30f)));
+  add_seen(carried, light, weight * arrives, lanes, out);
+}
+
 // Light of one sample along each ray of `active`. `first`: the hull of the rays. Out: how far away
 // the first surface is, FAR where there is none.
 inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hull& first,
@@ -79,9 +97,20 @@ inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hu
   Float carried[3] = {one, one, one};
   for (int c = 0; c < 3; c++) out[c] = zero;
   Float travelled = zero, density = zero, away = splat(FAR);
-  Mask sure = active;  // found in no other way: camera and mirror rays
+  Mask sure = active;    // found in no other way: camera and mirror rays
+  Int left = splat(-1);  // the geom that the rays come from
   for (int point = 0;; point++) {
     int draws = point * DRAWS;
+    if (point > p.bounces && !p.glowing) {
+      // the last rays can meet the sky or nothing
+      if (!p.open) return away;
+      Float arrives = visibility(f, p, rays.origin, rays.direction, splat(FAR), left, active);
+      active = active & (arrives > 0.0f);
+      if (any(active)) {
+        add_sky(f, p, rays.direction, sure, density, carried, arrives, active, out);
+      }
+      return away;
+    }
     Hull hull = point == 0 ? first : hull_of(rays.origin, rays.direction, active, FAR);
     Hit hit = closest(f, rays, hull, active, zero);
     Mask lit = active & ~(hit.geom < splat(0));
@@ -110,17 +139,14 @@ inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hu
     }
 
     Mask missed = active & ~lit;
-    if (any(missed)) {
-      Float light[3], aimed = zero;
+    if (any(missed) && p.open) {
+      Float light[3];
       if (point == 0) {
         for (int c = 0; c < 3; c++) light[c] = zero;
-        if (f.skybox >= 0) sky<3>(f, rays.direction, light);
+        if (f.skybox >= 0) sky<3>(f, rays.direction, bits(missed), light);
+        add_seen(carried, light, one, missed, out);
       } else {
-        sky_light(f, p, rays.direction, light, aimed);
-      }
-      Float weight = select(sure, one, density / max(density + aimed, splat(1e-30f)));
-      for (int c = 0; c < 3; c++) {
-        out[c] = select(missed, out[c] + carried[c] * light[c] * weight, out[c]);
+        add_sky(f, p, rays.direction, sure, density, carried, one, missed, out);
       }
     }
     if (point == 0) away = select(lit, hit.distance, away);
@@ -133,10 +159,7 @@ inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hu
         Float aimed = density_of_hit(f, p, rays, hit, patch, bits(glowing & ~sure));
         weight = select(sure, one, density / max(density + aimed, splat(1e-30f)));
       }
-      for (int c = 0; c < 3; c++) {
-        Float light = carried[c] * patch.emitted[c] * weight;
-        out[c] = select(glowing, out[c] + light, out[c]);
-      }
+      add_seen(carried, patch.emitted, weight, glowing, out);
     }
     if (point > p.bounces) return away;
 
@@ -179,9 +202,14 @@ inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hu
         aim.towards = select(to_sky, sky.towards, aim.towards);
         aim.distance = select(to_sky, sky.distance, aim.distance);
         aim.density = select(to_sky, sky.density, aim.density);
-        for (int c = 0; c < 3; c++) aim.light[c] = select(to_sky, sky.light[c], aim.light[c]);
       }
       Value v = evaluate(s, rays.direction, aim.towards);
+      to_sky = to_sky & (v.density > 0.0f);
+      if (any(to_sky)) {
+        Float light[3];
+        sky_light(f, p, aim.towards, v.density, bits(to_sky), light);
+        for (int c = 0; c < 3; c++) aim.light[c] = select(to_sky, light[c], aim.light[c]);
+      }
       Mask facing =
           lit & (aim.density > 0.0f) & (v.density > 0.0f) & (dot(aim.towards, patch.flat) > 0.0f);
       if (any(facing)) {
@@ -216,6 +244,7 @@ inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hu
     sure = next.mirrored;
     density = next.density;
     travelled = travelled + hit.distance;
+    left = hit.geom;
     rays = {patch.origin, next.direction, false};
   }
 }

@@ -37,6 +37,8 @@ struct PathFrame {
   int seed;    // of this tick
   int digits;  // 2^digits samples or fewer
   bool transparent;
+  bool glowing;     // a geom has light of its own
+  bool open;        // what meets nothing meets light
   int lamp_count;   // lights but for images
   float dome[3];    // radiance of the uniform sky that stands for the lights' ambient part
   float sky_share;  // probability of aiming at the sky instead of an emitter

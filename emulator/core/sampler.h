@@ -35,6 +35,29 @@ inline unsigned hash(unsigned a) {
   return a ^ (a >> 16);
 }
 
+#if EVS_WIDTH >= 256
+// Bytes in reverse by one shuffle, then each byte's halves by a table of 16.
+EVS_INLINE Int reverse_bits(Int a) {
+  const __m128i bytes = _mm_setr_epi8(3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12);
+  const __m128i halves = _mm_setr_epi8(0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15);
+#if EVS_WIDTH == 512
+  const __m512i table = _mm512_broadcast_i32x4(halves), low = _mm512_set1_epi8(15);
+  __m512i x = _mm512_shuffle_epi8(a.v, _mm512_broadcast_i32x4(bytes));
+  __m512i bottom = _mm512_shuffle_epi8(table, _mm512_and_si512(x, low));
+  __m512i top = _mm512_shuffle_epi8(table, _mm512_and_si512(_mm512_srli_epi16(x, 4), low));
+  return {_mm512_or_si512(_mm512_slli_epi16(bottom, 4), top)};
+#else
+  const __m256i table = _mm256_broadcastsi128_si256(halves), low = _mm256_set1_epi8(15);
+  for (IntPart& part : a.v) {
+    __m256i x = _mm256_shuffle_epi8((__m256i)part, _mm256_broadcastsi128_si256(bytes));
+    __m256i bottom = _mm256_shuffle_epi8(table, _mm256_and_si256(x, low));
+    __m256i top = _mm256_shuffle_epi8(table, _mm256_and_si256(_mm256_srli_epi16(x, 4), low));
+    part = (IntPart)_mm256_or_si256(_mm256_slli_epi16(bottom, 4), top);
+  }
+  return a;
+#endif
+}
+#else
 EVS_INLINE Int reverse_bits(Int a) {
   auto swap = [](Int x, Int high, int mask, int times) {
     return (high & splat(mask)) | ((x & splat(mask)) * splat(times));
@@ -45,6 +68,7 @@ EVS_INLINE Int reverse_bits(Int a) {
   a = swap(a, shift_right<8>(a), 0x00ff00ff, 256);
   return swap(a, shift_right<16>(a), 0x0000ffff, 65536);
 }
+#endif
 inline unsigned reverse_bits(unsigned a) {
   unsigned r = 0;
   for (int i = 0; i < 32; i++) r |= ((a >> i) & 1u) << (31 - i);

@@ -42,8 +42,9 @@ struct Mesh {
   float radius;
 };
 
-// An image chain, linear light, channel-planar: level l of channel c begins at
-// texels + channel_stride * c + level_offset[l] and has width[l] x height[l] (x 6 faces) texels.
+// An image chain, linear light, channel-planar: level l has width[l] x height[l] (x 6 faces) texels
+// and around each image a rim of one more, in which it repeats or, with 6 faces, its edge goes on.
+// Columns and rows of the image count from 1, those of the rim are 0 and the last.
 constexpr int MAX_LEVELS = 16;
 struct Texture {
   const float* texels;
@@ -53,6 +54,12 @@ struct Texture {
   int levels;
   int faces;  // 1 or 6
   int width[MAX_LEVELS], height[MAX_LEVELS], level_offset[MAX_LEVELS];
+
+  long at(int channel, int level, int face, int row, int column) const {
+    long rows = static_cast<long>(face) * (height[level] + 2) + row;
+    return static_cast<long>(channel) * channel_stride + level_offset[level] +
+           rows * (width[level] + 2) + column;
+  }
 };
 
 constexpr int MAX_CHANNELS = 5;
@@ -147,8 +154,8 @@ struct Frame {
   float sky_rotation[9];  // row-major, camera to world
   Air air;
   bool shadows;
-  bool layered;  // a surface is physical or has maps
-  bool bumpy;    // a surface has a normal map
+  bool lobes;  // a surface is physical or has maps, or paths are traced: GGX lobes are asked for
+  bool bumpy;  // a surface has a normal map
   // 1: luminance, as every light is grey; 3: RGB; 4: both, if grey; one more: `plain`, the
   // luminance with every texture replaced by its mean
   int channels;

@@ -10,8 +10,9 @@ struct Patch {
   Float emitted[CHANNELS];     // radiance of its own
   Float gloss_tint[CHANNELS];  // a texture colours the gloss too, as in MuJoCo's viewer; else 1
   Float specular, exponent, reflectance, alpha;
+  Vec plain;  // where frame.bumpy: the normal before a normal map bent it
+  // where frame.lobes:
   Float occlusion;            // share of the ambient light that arrives
-  Vec plain;                  // the normal before a normal map bent it
   Mask physical;              // GGX lanes; the others are classic: metallic 0
   Float metallic, alpha_ggx;  // alpha_ggx: width of the GGX lobe, roughness squared
   Float f0[CHANNELS];         // specular reflectance at normal incidence
@@ -23,6 +24,7 @@ struct Place {
   const Surface& s;
   Vec p;            // in the geom's frame
   Float footprint;  // m
+  unsigned lanes;   // that are asked for
   bool own;         // a mesh with coordinates of its own
   Float u, v;       // those, and their density (image lengths per m)
   Float density;
@@ -66,10 +68,10 @@ struct Place {
   void read(const Texture& t, int channels, Float* out) {
     if (t.faces == 1) {
       if (!has_flat) find_flat();
-      sample(t, channels, flat_u, flat_v, splat(0), flat_width, out);
+      sample(t, channels, flat_u, flat_v, splat(0), flat_width, lanes, out);
     } else {
       if (!has_cube) find_cube();
-      sample(t, channels, cube_u, cube_v, face, cube_width, out);
+      sample(t, channels, cube_u, cube_v, face, cube_width, lanes, out);
     }
   }
 };
@@ -115,7 +117,7 @@ struct Site {
 
 inline Site site_of(const Frame& f, const Geom& g, const Rays& rays, const Hit& hit,
                     unsigned lanes) {
-  Site s = {};
+  Site s;
   s.d = to_local(g.rotation, rays.direction);
   s.p = local_origin(g, rays) + s.d * hit.distance;
   s.is_mesh = g.shape == MESH || g.shape == HFIELD;
@@ -232,7 +234,7 @@ inline Vec bent_normal(const Frame& f, const Hit& hit, unsigned lanes, Place& pl
 // which are found on the plane without tracing them.
 template <int CHANNELS>
 void tap_plane(const Frame& f, const Geom& g, const Surface& s, const Rays& rays, Vec d,
-               Float footprint, Float* out) {
+               Float footprint, unsigned lanes, Float* out) {
   const Texture& t = f.textures[s.texture];
   const float* r = g.rotation;
   Float drop = max(-d.z, splat(1e-6f)), scale = -rays.direction.z;
@@ -247,84 +249,112 @@ void tap_plane(const Frame& f, const Geom& g, const Surface& s, const Rays& rays
     Float u, v, texel[CHANNELS];
     float per_meter;
     on_shape(g, s, p, u, v, per_meter);
-    if (i == 0) lod = lod_of(t, footprint * (per_meter * f.tap_width));
+    if (i == 0) lod = lod_of(t, footprint * (per_meter * f.tap_width), lanes);
     read_between(t, CHANNELS, lod, u, v, splat(0), texel);
     for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + texel[c];
   }
   for (int c = 0; c < CHANNELS; c++) out[c] = out[c] * (1.0f / static_cast<float>(f.taps));
 }
 
-// In: the hits of `lanes`. Out: what is there. `travelled`: distance from the camera to the rays'
-// start.
+// What is at the hits of geom `index` in the lanes `here`, which are all that are asked for if
+// ALONE. `reach`: width of what a sample sees across its ray, m.
+template <int CHANNELS, bool ALONE>
+void add_geom(const Frame& f, const Rays& rays, const Hit& hit, Float travelled, Float reach,
+              int index, Mask here, Patch<CHANNELS>& out) {
+  auto put = [here](auto& to, auto value) {
+    if constexpr (ALONE) {
+      to = value;
+    } else {
+      to = select(here, value, to);
+    }
+  };
+  unsigned lanes = bits(here);
+  const Geom& g = f.geoms[index];
+  const Surface& s = f.surfaces[g.surface];
+  auto [p, d, n, flat, mesh_u, mesh_v, mesh_density, is_mesh] = site_of(f, g, rays, hit, lanes);
+  if (s.texture >= 0 || s.layered) {
+    // seen at a slant the footprint stretches: take the mean of its two widths
+    Float slant = max(abs(dot(n, d)), splat(0.02f));
+    reach = reach / sqrt(slant);
+  }
+  bool own = is_mesh && f.meshes[g.mesh].has_texcoords;
+  Place place = {g, s, p, reach, lanes, own, mesh_u, mesh_v, mesh_density};
+  Float albedo[CHANNELS], tint[CHANNELS];
+  for (int c = 0; c < CHANNELS; c++) albedo[c] = splat(s.albedo[c]), tint[c] = splat(1.0f);
+  if (s.texture >= 0) {
+    const Texture& t = f.textures[s.texture];
+    if (f.taps > 1 && rays.common && g.shape == PLANE && t.faces == 1) {
+      tap_plane<CHANNELS>(f, g, s, rays, d, reach, lanes, albedo);
+    } else {
+      place.read(t, CHANNELS, albedo);
+    }
+    for (int c = 0; c < CHANNELS; c++) tint[c] = albedo[c];
+  }
+  Vec facing_out = to_camera(g.rotation, n);
+  if (f.bumpy) put(out.plain, facing_out);
+  put(out.flat, is_mesh ? to_camera(g.rotation, flat) : facing_out);
+  Layers<CHANNELS> layers = {splat(s.alpha),     splat(1.0f),       splat(s.metallic),
+                             splat(s.alpha_ggx), splat(s.specular), splat(s.exponent)};
+  for (int c = 0; c < CHANNELS; c++) layers.emitted[c] = albedo[c] * s.emission;
+  if (s.layered) read_layers<CHANNELS>(f, s, place, layers);
+  if (s.normal_map >= 0) {
+    Float apart;
+    n = bent_normal(f, hit, lanes, place, n, apart);
+    widen(apart, layers);
+    facing_out = to_camera(g.rotation, n);
+  }
+  put(out.normal, facing_out);
+  Vec origin = out.point;
+  if (is_mesh) {
+    // step off the triangle: far enough for the rounding of hit point and mesh, no further
+    Float step = (travelled + hit.distance) * 2e-5f + f.bounds.radius[index] * 1e-5f;
+    origin = origin + to_camera(g.rotation, flat) * step;
+    float longest = highest(select(here, step, splat(0.0f)));
+    out.step = longest > out.step ? longest : out.step;
+  }
+  put(out.origin, origin);
+  for (int c = 0; c < CHANNELS; c++) {
+    put(out.albedo[c], albedo[c]);
+    put(out.gloss_tint[c], tint[c]);
+    put(out.emitted[c], layers.emitted[c]);
+  }
+  put(out.specular, layers.specular);
+  put(out.exponent, layers.exponent);
+  put(out.reflectance, splat(s.reflectance));
+  put(out.alpha, layers.opacity);
+  if (!f.lobes) return;
+  put(out.occlusion, layers.occlusion);
+  put(out.alpha_ggx, layers.alpha_ggx);
+  put(out.metallic, s.physical ? layers.metallic : splat(0.0f));
+  put(out.physical, s.physical ? here : mask_of(0));
+  for (int c = 0; c < CHANNELS; c++) {
+    Float f0 = splat(s.f0);
+    if (s.physical) f0 = 0.04f + (albedo[c] - 0.04f) * layers.metallic;
+    put(out.f0[c], f0);
+  }
+}
+
+// In: the hits of `lanes`. Out: what is there, of no meaning on other lanes. `travelled`: distance
+// from the camera to the rays' start.
 template <int CHANNELS>
 Patch<CHANNELS> patch_of(const Frame& f, const Rays& rays, const Hit& hit, unsigned lanes,
                          Float travelled) {
-  Patch<CHANNELS> out = {};
+  Patch<CHANNELS> out;
   out.point = rays.origin + rays.direction * hit.distance;
-  out.origin = out.point;
-  out.occlusion = splat(1.0f);
   Float reach = f.orthographic ? splat(f.pixel_angle) : (travelled + hit.distance) * f.pixel_angle;
-  while (lanes) {
-    int index = lane(hit.geom, first_lane(lanes));
-    Mask here = (hit.geom == splat(index)) & mask_of(lanes);
-    lanes &= ~bits(here);
-    const Geom& g = f.geoms[index];
-    const Surface& s = f.surfaces[g.surface];
-    auto [p, d, n, flat, mesh_u, mesh_v, mesh_density, is_mesh] =
-        site_of(f, g, rays, hit, bits(here));
-    // seen at a slant the footprint stretches: take the mean of its two widths
-    Float slant = max(abs(dot(n, d)), splat(0.02f));
-    Float footprint = reach / sqrt(slant);
-    bool own = is_mesh && f.meshes[g.mesh].has_texcoords;
-    Place place = {g, s, p, footprint, own, mesh_u, mesh_v, mesh_density};
-    Float texel[CHANNELS];
-    if (s.texture >= 0) {
-      const Texture& t = f.textures[s.texture];
-      if (f.taps > 1 && rays.common && g.shape == PLANE && t.faces == 1) {
-        tap_plane<CHANNELS>(f, g, s, rays, d, footprint, texel);
-      } else {
-        place.read(t, CHANNELS, texel);
-      }
-    }
-    for (int c = 0; c < CHANNELS; c++) {
-      out.albedo[c] = select(here, s.texture >= 0 ? texel[c] : splat(s.albedo[c]), out.albedo[c]);
-      out.gloss_tint[c] = select(here, s.texture >= 0 ? texel[c] : splat(1.0f), out.gloss_tint[c]);
-    }
-    Vec facing_out = to_camera(g.rotation, n);
-    out.plain = select(here, facing_out, out.plain);
-    out.flat = select(here, is_mesh ? to_camera(g.rotation, flat) : facing_out, out.flat);
-    Layers<CHANNELS> layers = {splat(s.alpha),     splat(1.0f),       splat(s.metallic),
-                               splat(s.alpha_ggx), splat(s.specular), splat(s.exponent)};
-    for (int c = 0; c < CHANNELS; c++) layers.emitted[c] = out.albedo[c] * s.emission;
-    if (s.layered) read_layers<CHANNELS>(f, s, place, layers);
-    if (s.normal_map >= 0) {
-      Float apart;
-      n = bent_normal(f, hit, bits(here), place, n, apart);
-      widen(apart, layers);
-      facing_out = to_camera(g.rotation, n);
-    }
-    out.normal = select(here, facing_out, out.normal);
-    if (is_mesh) {
-      // step off the triangle: far enough for the rounding of hit point and mesh, no further
-      Float step = (travelled + hit.distance) * 2e-5f + f.bounds.radius[index] * 1e-5f;
-      out.origin = select(here, out.point + to_camera(g.rotation, flat) * step, out.origin);
-      float longest = highest(select(here, step, splat(0.0f)));
-      out.step = longest > out.step ? longest : out.step;
-    }
-    for (int c = 0; c < CHANNELS; c++)
-      out.emitted[c] = select(here, layers.emitted[c], out.emitted[c]);
-    out.specular = select(here, layers.specular, out.specular);
-    out.exponent = select(here, layers.exponent, out.exponent);
-    out.reflectance = select(here, splat(s.reflectance), out.reflectance);
-    out.alpha = select(here, layers.opacity, out.alpha);
-    if (s.layered) out.occlusion = select(here, layers.occlusion, out.occlusion);
-    out.alpha_ggx = select(here, layers.alpha_ggx, out.alpha_ggx);
-    if (s.physical) out.metallic = select(here, layers.metallic, out.metallic);
-    if (s.physical) out.physical = out.physical | here;
-    for (int c = 0; c < CHANNELS; c++) {
-      Float f0 = splat(s.f0);
-      if (s.physical) f0 = 0.04f + (out.albedo[c] - 0.04f) * out.metallic;
-      out.f0[c] = select(here, f0, out.f0[c]);
+  int index = lanes ? lane(hit.geom, first_lane(lanes)) : -1;
+  Mask here = (hit.geom == splat(index)) & mask_of(lanes);
+  if (lanes && bits(here) == lanes) {
+    add_geom<CHANNELS, true>(f, rays, hit, travelled, reach, index, here, out);
+  } else {
+    Vec point = out.point;
+    out = Patch<CHANNELS>{};
+    out.point = point;
+    while (lanes) {
+      index = lane(hit.geom, first_lane(lanes));
+      here = (hit.geom == splat(index)) & mask_of(lanes);
+      lanes &= ~bits(here);
+      add_geom<CHANNELS, false>(f, rays, hit, travelled, reach, index, here, out);
     }
   }
   out.normal = facing(out.normal, rays.direction);

@@ -1,50 +1,49 @@
 // Looking up textures: where on the image (as MuJoCo's viewer maps it), and how much of it to
 // average.
 
-// texels at integer positions (x, y) of `face` on per-lane levels, one channel
+// One level of an image in each lane.
 struct Level {
-  Int width, height, offset;
+  Float width, height;
+  Int offset, stride, face;  // of the level, from row to row, from face to face
 };
 
 EVS_INLINE Level level_of(const Texture& t, Int level) {
   auto pick = [&](const int* table) {
     return as_int(gather(reinterpret_cast<const float*>(table), level));
   };
-  return {pick(t.width), pick(t.height), pick(t.level_offset)};
+  Int width = pick(t.width), height = pick(t.height), stride = width + splat(2);
+  return {to_float(width), to_float(height), pick(t.level_offset), stride,
+          stride * (height + splat(2))};
 }
 
-// Bilinear on one level. u, v in image lengths; repeating if one face, clamped to the edge on a
-// cube. Whatever u and v are, a NaN included, what is gathered lies inside the image.
-EVS_INLINE Float bilinear(const Texture& t, const float* texels, Level l, Float u, Float v,
-                          Int face) {
-  Float width = to_float(l.width), height = to_float(l.height), zero = splat(0.0f);
-  if (t.faces == 1) {
-    u = u - floor(u);
-    v = v - floor(v);
-  }
-  // -0.5 ... size - 0.5: one texel to the left of the image at most
-  Float x = max(min(u * width - 0.5f, width - 0.5f), splat(-0.5f));
-  Float y = max(min(v * height - 0.5f, height - 0.5f), splat(-0.5f));
-  Float x0 = floor(x), y0 = floor(y), fx = x - x0, fy = y - y0;
-  Float x1 = x0 + 1.0f, y1 = y0 + 1.0f;
-  if (t.faces == 1) {
-    x0 = select(x0 < 0.0f, width - 1.0f, x0);
-    y0 = select(y0 < 0.0f, height - 1.0f, y0);
-    x1 = select(x1 < width, x1, zero);
-    y1 = select(y1 < height, y1, zero);
-  } else {
-    x0 = max(x0, zero);
-    y0 = max(y0, zero);
-    x1 = min(x1, width - 1.0f);
-    y1 = min(y1, height - 1.0f);
-  }
-  Int base = l.offset + face * l.width * l.height;
-  Int row0 = base + truncate(y0) * l.width, row1 = base + truncate(y1) * l.width;
-  Int left = truncate(x0), right = truncate(x1);
-  Float a = gather(texels, row0 + left), b = gather(texels, row0 + right);
-  Float c = gather(texels, row1 + left), d = gather(texels, row1 + right);
-  Float top = a + (b - a) * fx, bottom = c + (d - c) * fx;
-  return top + (bottom - top) * fy;
+EVS_INLINE Level level_of(const Texture& t, int level) {
+  int width = t.width[level], height = t.height[level];
+  return {splat(static_cast<float>(width)), splat(static_cast<float>(height)),
+          splat(t.level_offset[level]), splat(width + 2), splat((width + 2) * (height + 2))};
+}
+
+// Four texels around a point of a level, and where between them it is.
+struct Spot {
+  Int above, below;  // left one of each pair
+  Float x, y;
+};
+
+// u, v in image lengths, 0 ... 1. Whatever they are, a NaN included, the spot lies in the image and
+// its rim.
+EVS_INLINE Spot spot_at(const Level& l, Float u, Float v, Int face) {
+  Float x = max(min(u * l.width + 0.5f, l.width + 0.5f), splat(0.5f));
+  Float y = max(min(v * l.height + 0.5f, l.height + 0.5f), splat(0.5f));
+  Int column = truncate(x), row = truncate(y);
+  Int above = l.offset + face * l.face + row * l.stride + column;
+  return {above, above + l.stride, x - to_float(column), y - to_float(row)};
+}
+
+EVS_INLINE Float bilinear(const float* texels, const Spot& s) {
+  Float a, b, c, d;
+  gather_pairs(texels, s.above, a, b);
+  gather_pairs(texels, s.below, c, d);
+  Float top = a + (b - a) * s.x, bottom = c + (d - c) * s.x;
+  return top + (bottom - top) * s.y;
 }
 
 // The two levels of an image between which a sample of width `footprint`, in image lengths, lies.
@@ -54,40 +53,48 @@ struct Lod {
   bool blend;  // false: near enough that every lane reads the full image
 };
 
-EVS_INLINE Lod lod_of(const Texture& t, Float footprint) {
+// Only `lanes` are asked for: on the others it may be anything.
+EVS_INLINE Lod lod_of(const Texture& t, Float footprint, unsigned lanes) {
   float widest = static_cast<float>(t.width[0] > t.height[0] ? t.width[0] : t.height[0]);
-  Float texels = max(footprint * widest, splat(1.0f));
-  Float lod = min(log2(texels), splat(static_cast<float>(t.levels - 1)));
-  Float whole = floor(lod), share = lod - whole;
-  bool blend = any(share > 0.0f) || any(whole > 0.0f);
-  Level l0 = {splat(t.width[0]), splat(t.height[0]), splat(t.level_offset[0])}, l1 = l0;
-  if (blend) {
-    l0 = level_of(t, truncate(whole));
-    l1 = level_of(t, truncate(min(whole + 1.0f, splat(static_cast<float>(t.levels - 1)))));
+  // log2, with straight lines from one power of two to the next
+  Int texels = as_int(max(footprint * widest, splat(1.0f)));
+  Int whole = shift_right<23>(texels) - splat(127), last = splat(t.levels - 1);
+  Float share = as_float((texels & splat(0x7fffff)) | splat(0x3f800000)) - 1.0f;
+  whole = select(last < whole, last, whole);
+  int first = lane(whole, first_lane(lanes));
+  // in most packets all lanes have the same
+  if (!(~bits(whole == splat(first)) & lanes)) {
+    int next = first + 1 < t.levels ? first + 1 : first;
+    return {level_of(t, first), level_of(t, next), share, first > 0 || any(share > 0.0f)};
   }
-  return {l0, l1, share, blend};
+  Int next = whole + splat(1);
+  return {level_of(t, whole), level_of(t, select(last < next, last, next)), share, true};
 }
 
-// A channel that the image does not have is its mean.
+// u, v in image lengths, repeating if one face. A channel that the image does not have is its mean.
 EVS_INLINE void read_between(const Texture& t, int channels, const Lod& lod, Float u, Float v,
                              Int face, Float* out) {
+  if (t.faces == 1) {
+    u = u - floor(u);
+    v = v - floor(v);
+  }
+  Spot s0 = spot_at(lod.l0, u, v, face), s1 = s0;
+  if (lod.blend) s1 = spot_at(lod.l1, u, v, face);
   for (int c = 0; c < channels; c++) {
     if (c >= t.channels) {
       out[c] = splat(t.mean);
       continue;
     }
     const float* base = t.texels + static_cast<long>(c) * t.channel_stride;
-    out[c] = bilinear(t, base, lod.l0, u, v, face);
-    if (lod.blend) {
-      out[c] = out[c] + (bilinear(t, base, lod.l1, u, v, face) - out[c]) * lod.share;
-    }
+    out[c] = bilinear(base, s0);
+    if (lod.blend) out[c] = out[c] + (bilinear(base, s1) - out[c]) * lod.share;
   }
 }
 
-// Trilinear: `footprint` is the width of what one sample sees, in image lengths.
+// Trilinear: `footprint` is the width of what one sample sees, in image lengths. On `lanes`.
 inline void sample(const Texture& t, int channels, Float u, Float v, Int face, Float footprint,
-                   Float* out) {
-  read_between(t, channels, lod_of(t, footprint), u, v, face, out);
+                   unsigned lanes, Float* out) {
+  read_between(t, channels, lod_of(t, footprint, lanes), u, v, face, out);
 }
 
 // Cube map: face and position on it of direction d, as OpenGL numbers them (+X -X +Y -Y +Z -Z).

@@ -31,12 +31,12 @@ from evs.emulator.sensor import make_event_model, resolve_sensor
 from evs.msgs import join_events
 from reference.scenes import camera_of, scene_of, shot_of
 
-LIGHT = "2b3b6f9024fe1a16"
+LIGHT = "93ee39115808bd0b"
 EVENTS = {
-    "t": "916fbd850cccd740",
-    "x": "0774370d4cf4caef",
-    "y": "93e6c4d61a3d44b1",
-    "p": "0bd44deb564f6ea6",
+    "t": "f57e5f6ce7431b81",
+    "x": "5794a6ff5a7a46a2",
+    "y": "657881371a62bf79",
+    "p": "769884ba2c553ec2",
 }
 
 WIDTH, HEIGHT, TICKS = 61, 47, 40
