@@ -46,10 +46,11 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
     meshes_.push_back(mesh_view(m));
   }
   int count = static_cast<int>(scene.geom_type.size());
-  for (int pass = 0; pass < 2; pass++) {
+  for (int pass = 0; pass < 3; pass++) {
     for (int g = 0; g < count; g++) {
       bool is_mesh = scene.geom_type[g] == MESH || scene.geom_type[g] == HFIELD;
-      if (is_mesh == (pass == 1)) order_.push_back(g);
+      int its_pass = is_mesh ? 2 : scene.geom_type[g] == PLANE ? 0 : 1;
+      if (its_pass == pass) order_.push_back(g);
     }
   }
   geoms_.resize(count);
@@ -75,6 +76,7 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   set_optics(optics, tracing.samples, sampling_, frame_);
   if (incremental_ && !tracing.path) make_records();
   frame_.geoms = geoms_.data();
+  frame_.geom_count = count;
   frame_.meshes = meshes_.data();
   frame_.surfaces = look_.surfaces.data();
   frame_.textures = look_.textures.data();
@@ -170,6 +172,22 @@ void Caster::place_geoms(const Poses& p) {
   for (int i = 0; i < 9; i++) frame_.sky_rotation[i] = static_cast<float>(cm[i]);
 }
 
+uint32_t Caster::idle_planes(const Light& l) const {
+  uint32_t idle = 0;
+  for (size_t k = 0; k < std::min<size_t>(geoms_.size(), 32); k++) {
+    const Geom& g = geoms_[k];
+    if (g.shape != PLANE) break;
+    V3 w = {-l.direction.x, -l.direction.y, -l.direction.z};
+    if (l.kind != DIRECTIONAL) {
+      w = {l.position.x - g.position.x, l.position.y - g.position.y, l.position.z - g.position.z};
+    }
+    float height = w.x * g.rotation[2] + w.y * g.rotation[5] + w.z * g.rotation[8];
+    // and not by a rounding
+    if (height > 1e-5f * std::hypot(w.x, w.y, w.z)) idle |= 1u << k;
+  }
+  return idle;
+}
+
 void Caster::place_lights(const Poses& p) {
   for (size_t i = 0; i < look_.lights.size(); i++) {
     Light& l = look_.lights[i];
@@ -182,11 +200,13 @@ void Caster::place_lights(const Poses& p) {
     if (look_.headlight[i]) {
       l.position = {0, 0, 0};
       l.direction = {0, 0, -1};
-      continue;
+    } else {
+      const double* d = p.light_dir + 3 * i;
+      l.position =
+          to_float(transposed_times(p.camera_mat, minus(p.light_pos + 3 * i, p.camera_pos)));
+      l.direction = to_float(transposed_times(p.camera_mat, {d[0], d[1], d[2]}));
     }
-    const double* d = p.light_dir + 3 * i;
-    l.position = to_float(transposed_times(p.camera_mat, minus(p.light_pos + 3 * i, p.camera_pos)));
-    l.direction = to_float(transposed_times(p.camera_mat, {d[0], d[1], d[2]}));
+    l.idle = idle_planes(l);
   }
 }
 

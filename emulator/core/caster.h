@@ -89,6 +89,7 @@ class Caster {
   void make_records();
   void set_paths();
   void place_geoms(const Poses& poses);
+  uint32_t idle_planes(const Light& light) const;
   void place_lights(const Poses& poses);
   void place_air();
   void find_moved();
@@ -107,7 +108,7 @@ class Caster {
   std::vector<float> gains_;        // of each light
   std::vector<Light> full_lights_;  // at gain 1
   int haze_plane_ = -1;             // kernel's geom, -1 none
-  std::vector<int> order_;  // kernel's geom -> scene's geom: analytic shapes first, then meshes
+  std::vector<int> order_;  // kernel's geom -> scene's geom: planes first, then shapes, then meshes
   std::vector<Geom> geoms_, previous_geoms_;
   std::vector<Ball> balls_, previous_balls_;  // around each geom
   std::vector<std::vector<float>> shapes_;    // last vertices and normals of each deforming mesh

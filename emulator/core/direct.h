@@ -63,7 +63,7 @@ void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNEL
     Mask dark = mask_of(0);
     if (light.castshadow && f.shadows) {
       dark = occluded(f, patch.origin, in.towards, in.distance, hit.geom,
-                      shadow_hull(light, region), facing);
+                      shadow_hull(light, region), facing, light.idle);
     }
     Mask reached = facing & ~dark;
     if (!any(reached)) continue;
@@ -97,16 +97,21 @@ template <int CHANNELS, bool FOLLOW>
 void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float travelled,
               Trail& trail, Float* out);
 
-// What the mirrors of `mirror` show, times their reflectance, is added to `surface`.
+// What the mirrors of `mirror` show, times their reflectance, is added to `surface`. `region`:
+// where their points are.
 template <int CHANNELS>
-void reflect(const Frame& f, const Rays& rays, const Patch<CHANNELS>& patch, Mask mirror,
-             Float travelled, Trail& trail, Float* surface) {
+void reflect(const Frame& f, const Rays& rays, const Patch<CHANNELS>& patch, const Region& region,
+             Mask mirror, Float travelled, Trail& trail, Float* surface) {
   Vec d = rays.direction;
   Vec bounced = d - patch.normal * (dot(d, patch.normal) * 2.0f);
   Rays mirrored = {patch.origin, normalize(bounced), false};
-  Hull cone = hull_of(mirrored.origin, mirrored.direction, mirror, FAR);
-  if (trail.mirror_spread < 0) trail.mirror_axis = cone.axis;
-  float square = spread(mirrored.direction, trail.mirror_axis, mirror);
+  float square;
+  Hull cone = hull_of(region, mirrored.direction, mirror, FAR, square);
+  if (trail.mirror_spread < 0) {
+    trail.mirror_axis = cone.axis;
+  } else {
+    square = spread(mirrored.direction, trail.mirror_axis, mirror);
+  }
   trail.mirror_spread = square > trail.mirror_spread ? square : trail.mirror_spread;
   Float image[CHANNELS];
   radiance<CHANNELS, false>(f, mirrored, cone, mirror, travelled, trail, image);
@@ -157,7 +162,7 @@ void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, F
     if constexpr (FOLLOW) {
       Mask mirror = lit & (patch.reflectance > 0.0f);
       if (any(mirror)) {
-        reflect<CHANNELS>(f, rays, patch, mirror, travelled + hit.distance, trail, surface);
+        reflect<CHANNELS>(f, rays, patch, region, mirror, travelled + hit.distance, trail, surface);
       }
     }
     if (f.air.fog) fog<CHANNELS>(f, travelled + hit.distance, surface);

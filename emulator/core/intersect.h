@@ -8,6 +8,12 @@ EVS_INLINE Vec local_origin(const Geom& g, const Rays& rays) {
 // Rays so far apart that their hull tells little; each may be asked whether it comes near a geom.
 EVS_INLINE bool scattered(const Hull& hull) { return hull.radius >= FAR || hull.cosine < 0.95f; }
 
+// Geoms k ... k+15 that the hull may touch, one bit each.
+EVS_INLINE unsigned candidates(const Frame& f, int k, const Hull& hull) {
+  if (hull.radius < FAR) return touching(f.bounds, k, hull);
+  return f.geom_count - k < LANES ? (1u << (f.geom_count - k)) - 1 : 0xffffu;
+}
+
 // Can one of `active` touch the ball around geom `index`? With the slack of `touching`.
 EVS_INLINE bool any_near(const Frame& f, int index, const Rays& rays, Mask active) {
   if (f.geoms[index].shape == PLANE) return true;
@@ -24,8 +30,8 @@ inline Hit closest(const Frame& f, const Rays& rays, const Hull& hull, Mask acti
   Hit hit = {select(active, splat(FAR), splat(-1.0f)), splat(-1), splat(0), splat(0.0f),
              splat(0.0f)};
   bool apart = scattered(hull);
-  for (int k = 0; k < f.bounds.count; k += LANES) {
-    for (unsigned near = touching(f.bounds, k, hull); near; near &= near - 1) {
+  for (int k = 0; k < f.geom_count; k += LANES) {
+    for (unsigned near = candidates(f, k, hull); near; near &= near - 1) {
       int index = k + first_lane(near);
       if (apart && !any_near(f, index, rays, active)) continue;
       const Geom& g = f.geoms[index];
@@ -46,24 +52,29 @@ inline Hit closest(const Frame& f, const Rays& rays, const Hull& hull, Mask acti
 }
 
 // Lanes whose ray from `origin` along `direction` meets something before `limit`.
-// `self`: the geom that the ray starts on; a convex shape cannot shade a point of its own.
+// `self`: the geom that the ray starts on; a convex shape cannot shade a point of its own. `idle`:
+// geoms of the first 32 that are known to be out of the way, one bit each.
 inline Mask occluded(const Frame& f, Vec origin, Vec direction, Float limit, Int self,
-                     const Hull& hull, Mask wanted) {
+                     const Hull& hull, Mask wanted, unsigned idle) {
   Mask blocked = mask_of(0);
   Rays rays = {origin, direction, false};
   bool apart = scattered(hull);
-  for (int k = 0; k < f.bounds.count; k += LANES) {
-    for (unsigned near = touching(f.bounds, k, hull); near; near &= near - 1) {
+  for (int k = 0; k < f.geom_count; k += LANES) {
+    unsigned near = candidates(f, k, hull);
+    if (k < 32) near &= ~(idle >> k);
+    for (; near; near &= near - 1) {
       int index = k + first_lane(near);
-      if (apart && !any_near(f, index, rays, wanted & ~blocked)) continue;
       const Geom& g = f.geoms[index];
+      bool is_mesh = g.shape == MESH || g.shape == HFIELD;
+      Mask asked = wanted & ~blocked;
+      if (!is_mesh) asked = asked & ~(self == splat(index));
+      if (!any(asked) || (apart && !any_near(f, index, rays, asked))) continue;
       Vec o = local_origin(g, rays), d = to_local(g.rotation, direction);
-      if (g.shape == MESH || g.shape == HFIELD) {
+      if (is_mesh) {
         blocked = blocked | blocked_by_mesh(f.meshes[g.mesh], mesh_rays(f.meshes[g.mesh], o, d),
-                                            limit, wanted & ~blocked);
+                                            limit, asked);
       } else {
-        Float t = enter_shape(g, o, d);
-        blocked = blocked | (wanted & (t < limit) & ~(self == splat(index)));
+        blocked = blocked | (asked & (enter_shape(g, o, d) < limit));
       }
       if (!any(wanted & ~blocked)) return blocked;
     }

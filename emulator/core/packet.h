@@ -134,12 +134,18 @@ EVS_INLINE float spread(Vec d, V3 axis, Mask active) {
   return highest(select(active, dot(apart, apart), splat(0.0f)));
 }
 
-// The hull of the active lanes' rays: from points p, along directions d, no further than `length`.
-EVS_INLINE Hull hull_of(Vec p, Vec d, Mask active, float length) {
-  Hull hull = ball_of(region_of(p, 0.0f, active));
+// The hull of the active lanes' rays: from points in `starts`, along directions d, no further than
+// `length`. Out: `square`, the largest squared chord between its axis and a ray.
+EVS_INLINE Hull hull_of(const Region& starts, Vec d, Mask active, float length, float& square) {
+  Hull hull = ball_of(starts);
   hull.length = length;
   int first = first_lane(bits(active));
   hull.axis = normalized({lane(d.x, first), lane(d.y, first), lane(d.z, first)});
-  open(hull, spread(d, hull.axis, active));
+  square = spread(d, hull.axis, active);
+  open(hull, square);
   return hull;
+}
+EVS_INLINE Hull hull_of(Vec p, Vec d, Mask active, float length) {
+  float square;
+  return hull_of(region_of(p, 0.0f, active), d, active, length, square);
 }

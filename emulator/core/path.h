@@ -22,7 +22,7 @@ inline Float visibility(const Frame& f, const PathFrame& p, Vec origin, Vec towa
   Hull hull = hull_of(origin, towards, wanted, FAR);
   Float zero = splat(0.0f), one = splat(1.0f);
   if (!p.transparent) {
-    return select(occluded(f, origin, towards, limit, self, hull, wanted) | ~wanted, zero, one);
+    return select(occluded(f, origin, towards, limit, self, hull, wanted, 0) | ~wanted, zero, one);
   }
   Float passing = select(wanted, one, zero), beyond = zero;
   Rays rays = {origin, towards, false};

@@ -109,6 +109,9 @@ struct Light {
   float fade;           // 1 / range^2: physical light ends at its range; 0: nowhere
   float edge;           // 1 / (cosine of the full cone - cos_cutoff), physical spots; 0: exponent
   int texture;          // of an image light
+  // which of the first 32 geoms are planes with the light on their front, one bit each: light from
+  // there never comes through one
+  uint32_t idle;
   // irradiance of an image light over pi, by the normal in the world's frame: the factors of
   // 1, y, z, x, xy, yz, 3z^2 - 1, xz, x^2 - y^2
   float harmonics[MAX_CHANNELS][9];
@@ -144,6 +147,7 @@ struct Ball {
 
 struct Frame {
   const Geom* geoms;
+  int geom_count;
   Bounds bounds;
   const Mesh* meshes;
   const Surface* surfaces;

@@ -4,7 +4,7 @@
 // through it, as in MuJoCo's viewer. The distance is FAR where there is no hit. A NaN is no hit.
 
 EVS_INLINE Float enter_plane(const float* size, Vec o, Vec d) {
-  Float t = -(o.z * safe_inverse(d.z));
+  Float t = o.z / -d.z;  // of no meaning where it is no hit
   Mask hit = (d.z < 0.0f) & (o.z > 0.0f);
   if (size[0] > 0) hit = hit & (abs(o.x + d.x * t) <= size[0]);
   if (size[1] > 0) hit = hit & (abs(o.y + d.y * t) <= size[1]);
