@@ -31,9 +31,9 @@ from evs.emulator.sensor import make_event_model, resolve_sensor
 from evs.msgs import join_events
 from reference.scenes import camera_of, scene_of, shot_of
 
-LIGHT = "93ee39115808bd0b"
+LIGHT = "3f1dc97d9442d9d0"
 EVENTS = {
-    "t": "f57e5f6ce7431b81",
+    "t": "071b22f54eb1e07d",
     "x": "5794a6ff5a7a46a2",
     "y": "657881371a62bf79",
     "p": "769884ba2c553ec2",
