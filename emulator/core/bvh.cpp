@@ -6,7 +6,7 @@
 namespace evs {
 namespace {
 
-constexpr int BINS = 16, LEAF = 4, MAX_DEPTH = 60;
+constexpr int BINS = 16, LEAF = 6, MAX_DEPTH = 60;
 
 // Boxes are larger than their triangles by this share of the radius: what a hit on a rim may be
 // off.

@@ -1,5 +1,5 @@
 // A bounding volume hierarchy over triangles, built once: binned surface area heuristic
-// (Wald 2007), two children a node, at most four triangles a leaf.
+// (Wald 2007), two children a node, at most six triangles a leaf.
 #pragma once
 
 #include <vector>

@@ -39,11 +39,12 @@ EVS_INLINE Mask cross_triangle(const Triangle& t, const MeshRays& r, Float best,
   Vec a = splat(t.a) - r.o, b = splat(t.b) - r.o, c = splat(t.c) - r.o;
   // volumes over the edges: all of one sign where the ray passes inside
   Float wa = dot(r.d, cross(b, c)), wb = dot(r.d, cross(c, a)), wc = dot(r.d, cross(a, b));
+  Mask front = (wa <= 0.0f) & (wb <= 0.0f) & (wc <= 0.0f);
+  if (!both && !any(front)) return front;
   Vec normal = splat(t.normal);
   Float along = dot(r.d, normal);
   distance = dot(a, normal) / along;  // inf or NaN for a degenerate triangle: no comparison holds
-  Mask front = (wa <= 0.0f) & (wb <= 0.0f) & (wc <= 0.0f);
-  Mask ahead = (distance > 0.0f) & (distance < best);
+  Mask ahead = (distance > 0.0f) & (distance <= best);
   if (both) return ahead & (front | ((wa >= 0.0f) & (wb >= 0.0f) & (wc >= 0.0f)));
   // -1e-30: a triangle so small that its volumes vanish is all corner
   Float inverse = 1.0f / min(wa + wb + wc, splat(-1e-30f));
@@ -87,6 +88,8 @@ inline Mask enter_mesh(const Mesh& mesh, const MeshRays& r, Float beyond, Float&
         Mask hit = cross_triangle(mesh.triangles[i], r, nearest, false, distance, a, b);
         hit = hit & (distance + r.skipped > beyond);
         if (!any(hit)) continue;
+        // of two at one distance the first counts, whichever way the tree was walked
+        hit = hit & ((distance < nearest) | (any_hit & (splat(i) < triangle)));
         nearest = select(hit, distance, nearest);
         triangle = select(hit, splat(i), triangle);
         u = select(hit, a, u);
@@ -119,6 +122,7 @@ inline Mask blocked_by_mesh(const Mesh& mesh, const MeshRays& r, Float limit, Ma
       for (int i = ~n.child[c], end = i + n.count[c]; i < end; i++) {
         Float distance, a, b;
         Mask hit = cross_triangle(mesh.triangles[i], r, limit, true, distance, a, b);
+        hit = hit & (distance < limit);
         if (!any(hit)) continue;
         blocked = blocked | hit;
         limit = select(hit, splat(-1.0f), limit);
