@@ -12,7 +12,7 @@ struct Aim {
 EVS_INLINE Int search(const float* table, Int begin, int count, Float x) {
   Int low = splat(0);
   int step = 1;
-  while (step < count) step *= 2;
+  while (2 * step < count) step *= 2;
   for (; step >= 1; step /= 2) {
     Int middle = low + splat(step);
     Mask inside = middle < splat(count);
@@ -38,8 +38,9 @@ EVS_INLINE void on_sky(const Frame& f, Vec d, Float& u, Float& v, Int& face, Flo
 }
 
 // Radiance of the sky in direction d, where a surface scatters with the density `lobe`, per sr, or
-// where one drawn as wide sees it. A wide lobe sees the sky blurred by a sixteenth of its own width
-// and at most by 3.6 degrees (after Krivanek & Colbert 2008): a small bright spot gives less noise.
+// where one drawn as wide sees it. A wide lobe sees the sky blurred by a sixteenth of its own
+// width, and at most by a texel of 32 a face (after Krivanek & Colbert 2008): a small bright spot
+// gives less noise, and what is read lies close together.
 inline void sky_light(const Frame& f, const PathFrame& p, Vec d, Float lobe, unsigned lanes,
                       Float* light) {
   for (int c = 0; c < 3; c++) light[c] = splat(p.dome[c]);
@@ -48,9 +49,10 @@ inline void sky_light(const Frame& f, const PathFrame& p, Vec d, Float lobe, uns
   on_sky(f, d, u, v, face, major);
   Float width = 0.0625f / sqrt(max(lobe, splat(1.0f)));
   if (!f.orthographic) width = max(width, splat(f.pixel_angle));
+  Float footprint = min(width * 0.5f / major, splat(1.0f / 32));
   auto add = [&](int texture, const float* tint) {
     Float texel[3];
-    sample(f.textures[texture], 3, u, v, face, width * 0.5f / major, lanes, texel);
+    sample(f.textures[texture], 3, u, v, face, footprint, lanes, texel);
     for (int c = 0; c < 3; c++) light[c] = light[c] + texel[c] * tint[c];
   };
   constexpr float WHITE[3] = {1, 1, 1};

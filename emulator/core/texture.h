@@ -50,7 +50,7 @@ EVS_INLINE Float bilinear(const float* texels, const Spot& s) {
 struct Lod {
   Level l0, l1;
   Float share;
-  bool blend;  // false: near enough that every lane reads the full image
+  bool blend;  // false: every lane reads one level only
 };
 
 // Only `lanes` are asked for: on the others it may be anything.
@@ -65,7 +65,7 @@ EVS_INLINE Lod lod_of(const Texture& t, Float footprint, unsigned lanes) {
   // in most packets all lanes have the same
   if (!(~bits(whole == splat(first)) & lanes)) {
     int next = first + 1 < t.levels ? first + 1 : first;
-    return {level_of(t, first), level_of(t, next), share, first > 0 || any(share > 0.0f)};
+    return {level_of(t, first), level_of(t, next), share, (bits(share > 0.0f) & lanes) != 0};
   }
   Int next = whole + splat(1);
   return {level_of(t, whole), level_of(t, select(last < next, last, next)), share, true};
