@@ -117,6 +117,9 @@ class FlickerConfig:
     """share of a period of the light that has passed at t = 0"""
 
 
+SPP = {"direct": 4, "path": 16, "raster": 4}
+"""renderer -> samples per pixel where nothing else is said: the fewest whose events serve"""
+
 SEEDS = {"direct": ("fixed",), "path": ("fixed", "fresh"), "raster": ("fixed",)}
 """renderer -> where its samples come from; without noise there is nothing that could be fresh"""
 
@@ -127,8 +130,8 @@ class RenderConfig:
 
     renderer: str = "direct"
     """direct: hard light, no noise | path: light that bounces, soft shadows | raster: OpenGL"""
-    spp: int = 4
-    """samples per pixel: 1 ... 64 (direct, raster), 1 ... 4096 (path)"""
+    spp: int | None = None
+    """samples per pixel: 1 ... 64 (direct, raster; 4 if not given), 1 ... 4096 (path; 16)"""
     antialiasing: str = "fixed"
     """fixed: every pixel takes all samples | adaptive: only pixels at an edge of the light do, the
     others one; `direct` only"""
@@ -155,6 +158,11 @@ class RenderConfig:
     isa: str = "auto"
     """auto | avx512 | avx2 | portable: the instruction set; the result is the same bit for bit"""
     flicker: tuple[FlickerConfig, ...] = ()
+
+    @property
+    def samples(self) -> int:
+        """Samples per pixel: `spp`, or what the renderer takes by itself."""
+        return SPP.get(self.renderer, 1) if self.spp is None else self.spp
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,7 @@ class DirectRenderer:
                 share=self._lens.share,
             ),
             _core.Tracing(
-                samples=config.spp,
+                samples=config.samples,
                 adaptive=config.antialiasing == "adaptive" and self.integrator == "direct",
                 shadows=config.shadows,
                 incremental=config.incremental,

@@ -33,7 +33,7 @@ class RasterRenderer:
     """Light as `direct` has it, by OpenGL: no shadows, no mirrors.
 
     Each renderer has a context of its own, given back by `close`, or when nobody holds it any more.
-    `config.spp` over 1: edges are antialiased by as many samples as OpenGL has, up to spp; the
+    `config.samples` over 1: edges are antialiased by as many samples as OpenGL has, up to that; the
     inside of a surface is shaded once a pixel. `shadows`, `incremental` and `isa` change nothing,
     and neither does the number of threads; the last bits are the driver's own. Transparent geoms
     are blended far to near by their centres. An infinite plane reaches 1000 extents of the scene
@@ -56,7 +56,7 @@ class RasterRenderer:
         self._lamps = Lamps(scene, config)
         self._luminance = np.zeros((camera.height, camera.width), np.float32)
         self._canvas = Canvas(
-            self._library, camera.width, camera.height, config.spp, len(self._lamps)
+            self._library, camera.width, camera.height, config.samples, len(self._lamps)
         )
         self._close = weakref.finalize(self, self._canvas.close)
         constant: Uniforms = {"flat_texture": FLAT, "cube_texture": CUBE}
