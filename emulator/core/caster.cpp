@@ -77,6 +77,8 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   if (incremental_ && !tracing.path) make_records();
   frame_.geoms = geoms_.data();
   frame_.geom_count = count;
+  frame_.plane_count = static_cast<int>(
+      std::count_if(geoms_.begin(), geoms_.end(), [](const Geom& g) { return g.shape == PLANE; }));
   frame_.meshes = meshes_.data();
   frame_.surfaces = look_.surfaces.data();
   frame_.textures = look_.textures.data();
@@ -169,6 +171,8 @@ void Caster::place_geoms(const Poses& p) {
     spheres_.set(static_cast<int>(k), balls_[k]);
   }
   frame_.bounds = spheres_.view();
+  frame_.around = ball_around(balls_.data() + frame_.plane_count,
+                              geoms_.size() - static_cast<size_t>(frame_.plane_count));
   for (int i = 0; i < 9; i++) frame_.sky_rotation[i] = static_cast<float>(cm[i]);
 }
 

@@ -125,6 +125,9 @@ class Caster {
   double traced_fraction_ = 1;
 };
 
+// A ball around balls, empty if there are none. Those that are not finite: around everything.
+Ball ball_around(const Ball* balls, size_t count);
+
 // Instruction sets that this build and this machine have, fastest first; and the kernel of one.
 std::vector<std::string> isa_available();
 const Kernel* kernel_of(const std::string& isa);

@@ -73,6 +73,28 @@ Ball Caster::sphere_of(const Geom& g) const {
   return {c, r * 1.0001f + (std::abs(c.x) + std::abs(c.y) + std::abs(c.z)) * 5e-7f};
 }
 
+Ball ball_around(const Ball* balls, size_t count) {
+  if (count == 0) return {{0, 0, 0}, -1};
+  double center[3] = {0, 0, 0}, radius = 0;
+  for (size_t i = 0; i < count; i++) {
+    center[0] += balls[i].center.x;
+    center[1] += balls[i].center.y;
+    center[2] += balls[i].center.z;
+  }
+  for (double& c : center) c /= static_cast<double>(count);
+  for (size_t i = 0; i < count; i++) {
+    V3 c = balls[i].center;
+    double x = c.x - center[0], y = c.y - center[1], z = c.z - center[2];
+    radius = std::max(radius, std::sqrt(x * x + y * y + z * z) + balls[i].radius);
+  }
+  // a pose that is not finite may have been anywhere
+  bool finite = std::isfinite(center[0] + center[1] + center[2]) && radius < 1e29;
+  if (!finite) center[0] = center[1] = center[2] = 0, radius = 1e29;
+  return {
+      {static_cast<float>(center[0]), static_cast<float>(center[1]), static_cast<float>(center[2])},
+      static_cast<float>(radius * 1.0001)};
+}
+
 // Old and new bounds of every geom that moved, and a ball around them all.
 void Caster::find_moved() {
   std::vector<Ball>& balls = moved_balls_;
@@ -84,27 +106,8 @@ void Caster::find_moved() {
     balls.push_back(balls_[k]);
   }
   moved_.resize(static_cast<int>(balls.size()));
-  double center[3] = {0, 0, 0};
-  for (size_t i = 0; i < balls.size(); i++) {
-    moved_.set(static_cast<int>(i), balls[i]);
-    center[0] += balls[i].center.x;
-    center[1] += balls[i].center.y;
-    center[2] += balls[i].center.z;
-  }
-  around_moved_ = {{0, 0, 0}, -1};
-  if (balls.empty()) return;
-  double n = static_cast<double>(balls.size()), radius = 0;
-  for (double& c : center) c /= n;
-  for (const Ball& b : balls) {
-    double x = b.center.x - center[0], y = b.center.y - center[1], z = b.center.z - center[2];
-    radius = std::max(radius, std::sqrt(x * x + y * y + z * z) + b.radius);
-  }
-  // a pose that is not finite may have been anywhere
-  bool finite = std::isfinite(center[0] + center[1] + center[2]) && radius < 1e29;
-  if (!finite) center[0] = center[1] = center[2] = 0, radius = 1e29;
-  around_moved_ = {
-      {static_cast<float>(center[0]), static_cast<float>(center[1]), static_cast<float>(center[2])},
-      static_cast<float>(radius * 1.0001)};
+  for (size_t i = 0; i < balls.size(); i++) moved_.set(static_cast<int>(i), balls[i]);
+  around_moved_ = ball_around(balls.data(), balls.size());
 }
 
 }  // namespace evs

@@ -8,10 +8,17 @@ EVS_INLINE Vec local_origin(const Geom& g, const Rays& rays) {
 // Rays so far apart that their hull tells little; each may be asked whether it comes near a geom.
 EVS_INLINE bool scattered(const Hull& hull) { return hull.radius >= FAR || hull.cosine < 0.95f; }
 
-// Geoms k ... k+15 that the hull may touch, one bit each.
-EVS_INLINE unsigned candidates(const Frame& f, int k, const Hull& hull) {
-  if (hull.radius < FAR) return touching(f.bounds, k, hull);
-  return f.geom_count - k < LANES ? (1u << (f.geom_count - k)) - 1 : 0xffffu;
+// Geoms that the hull may touch come before this one: most hulls meet planes or nothing.
+EVS_INLINE int end_of(const Frame& f, const Hull& hull) {
+  return f.geom_count <= LANES || may_touch(f.around, hull) ? f.geom_count : f.plane_count;
+}
+
+// Geoms k ... k+15 of those before `end` that the hull may touch, one bit each.
+EVS_INLINE unsigned candidates(const Frame& f, int k, int end, const Hull& hull) {
+  unsigned all = end - k < LANES ? (1u << (end - k)) - 1 : 0xffffu;
+  // where all are few, or the hull is everywhere, there is nothing to save
+  if (end <= 2 || hull.radius >= FAR) return all;
+  return touching(f.bounds, k, hull) & all;
 }
 
 // Can one of `active` touch the ball around geom `index`? With the slack of `touching`.
@@ -30,8 +37,8 @@ inline Hit closest(const Frame& f, const Rays& rays, const Hull& hull, Mask acti
   Hit hit = {select(active, splat(FAR), splat(-1.0f)), splat(-1), splat(0), splat(0.0f),
              splat(0.0f)};
   bool apart = scattered(hull);
-  for (int k = 0; k < f.geom_count; k += LANES) {
-    for (unsigned near = candidates(f, k, hull); near; near &= near - 1) {
+  for (int k = 0, end = end_of(f, hull); k < end; k += LANES) {
+    for (unsigned near = candidates(f, k, end, hull); near; near &= near - 1) {
       int index = k + first_lane(near);
       if (apart && !any_near(f, index, rays, active)) continue;
       const Geom& g = f.geoms[index];
@@ -59,8 +66,8 @@ inline Mask occluded(const Frame& f, Vec origin, Vec direction, Float limit, Int
   Mask blocked = mask_of(0);
   Rays rays = {origin, direction, false};
   bool apart = scattered(hull);
-  for (int k = 0; k < f.geom_count; k += LANES) {
-    unsigned near = candidates(f, k, hull);
+  for (int k = 0, end = end_of(f, hull); k < end; k += LANES) {
+    unsigned near = candidates(f, k, end, hull);
     if (k < 32) near &= ~(idle >> k);
     for (; near; near &= near - 1) {
       int index = k + first_lane(near);

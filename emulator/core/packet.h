@@ -71,11 +71,11 @@ EVS_INLINE bool may_touch(const Ball& ball, const Hull& hull) {
   V3 v = ball.center - hull.center;
   float along = dot(v, hull.axis);
   V3 across = v - scaled(hull.axis, along);
-  float away = __builtin_sqrtf(dot(across, across));
   float reach = ball.radius + hull.radius;
   float slack = (__builtin_fabsf(along) + reach) * 1e-5f;
-  return away * hull.cosine - along * hull.sine <= reach + slack && along >= -reach - slack &&
-         along - reach <= hull.length + slack && ball.radius >= 0;
+  float allowed = along * hull.sine + (reach + slack);
+  return allowed >= 0 && dot(across, across) * (hull.cosine * hull.cosine) <= allowed * allowed &&
+         along >= -reach - slack && along - reach <= hull.length + slack && ball.radius >= 0;
 }
 
 // Open a hull as far as the largest squared chord between its axis and a ray's direction. Chords

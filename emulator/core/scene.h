@@ -147,7 +147,8 @@ struct Ball {
 
 struct Frame {
   const Geom* geoms;
-  int geom_count;
+  int geom_count, plane_count;  // planes come first
+  Ball around;                  // everything but the planes
   Bounds bounds;
   const Mesh* meshes;
   const Surface* surfaces;

@@ -60,10 +60,10 @@ def check_render(config: RenderConfig) -> None:
 
 
 def _check_samples(config: RenderConfig) -> None:
-    most = MAX_SPP[config.renderer]
-    if not 1 <= config.samples <= most:
+    most, spp = MAX_SPP[config.renderer], config.samples
+    if not 1 <= spp <= most:
         raise EvsError(
-            f"render.spp is {config.samples}; with renderer {config.renderer} it must be 1 ... {most}"
+            f"render.spp is {spp}; with renderer {config.renderer} it must be 1 ... {most}"
         )
     seeds = SEEDS[config.renderer]
     if config.seeds not in seeds:

@@ -10,7 +10,7 @@ from evs.emulator.scene import F32, I32, CameraModel, CameraPose, SceneModel, Sc
 
 
 class PathRenderer(DirectRenderer):
-    """Light that bounces: area lights, the sky, soft shadows, gloss; `config.samples` paths a pixel.
+    """Light that bounces: area lights, the sky, soft shadows, gloss; so many samples a pixel.
 
     With fixed seeds a pixel draws the same numbers in every tick, so that still light stays still;
     with fresh ones every tick has its own noise, as in the paper.
