@@ -22,6 +22,17 @@ EVS_INLINE Int search(const float* table, Int begin, int count, Float x) {
   return low;
 }
 
+// The same from where a guide of as many entries says.
+EVS_INLINE Int search_on(const float* table, Int begin, int count, const int32_t* guide, Float x) {
+  Int part = truncate(min(x * static_cast<float>(count), splat(static_cast<float>(count - 1))));
+  Int at = as_int(gather(reinterpret_cast<const float*>(guide), begin + part));
+  for (;;) {
+    Mask on = (gather(table, begin + at) <= x) & (at < splat(count - 1));
+    if (!any(on)) return at;
+    at = select(on, at + splat(1), at);
+  }
+}
+
 // Where in its step x lies, 0 ... 1.
 EVS_INLINE Float within(const float* table, Int begin, Int index, Float x) {
   Mask first = index == splat(0);
@@ -78,10 +89,10 @@ inline Float sky_density(const Frame& f, const PathFrame& p, Vec d) {
 // A direction of the sky; its light is not asked for yet.
 inline Aim aim_at_sky(const Frame& f, const PathFrame& p, Pair place) {
   Int zero = splat(0);
-  Int row = search(p.sky.rows, zero, 6 * p.sky.side, place.y);
+  Int row = search_on(p.sky.rows, zero, 6 * p.sky.side, p.sky.row_guide, place.y);
   Float v = within(p.sky.rows, zero, row, place.y);
   Int begin = row * splat(p.sky.side);
-  Int cell = search(p.sky.cells, begin, p.sky.side, place.x);
+  Int cell = search_on(p.sky.cells, begin, p.sky.side, p.sky.cell_guide, place.x);
   Float u = within(p.sky.cells, begin, cell, place.x);
   // row = face * side + y; the quotient of whole numbers this small is exact after rounding down
   Float side = splat(static_cast<float>(p.sky.side));

@@ -44,6 +44,17 @@ std::vector<float> triangle_shares(const Tree& tree, double& area) {
   return shares;
 }
 
+// For each of `count` equal parts of 0 ... 1 the first entry of a rising table that a number in it
+// may belong to; a little early, as the numbers' products are rounded.
+void add_guide(const float* table, int count, std::vector<int32_t>& guide) {
+  int entry = 0;
+  for (int k = 0; k < count; k++) {
+    float least = static_cast<float>(k) / static_cast<float>(count) * 0.999999f;
+    while (entry + 1 < count && table[entry] <= least) entry++;
+    guide.push_back(entry);
+  }
+}
+
 // Mean luminance of an image chain.
 double luminance_of(const Texture& t) {
   double sum = 0;  // the last level is one texel
@@ -181,7 +192,9 @@ void Emitters::make_sky(const Appearance& look) {
       cells_.push_back(static_cast<float>(part / row));
       density_.push_back(static_cast<float>(weights[r * n + i] / total * n * n * 0.25));
     }
+    add_guide(cells_.data() + r * n, n, cell_guide_);
   }
+  add_guide(rows_.data(), static_cast<int>(rows), row_guide_);
 }
 
 PathFrame Emitters::frame() const {
@@ -192,7 +205,8 @@ PathFrame Emitters::frame() const {
   f.lamp_count = lamps_;
   std::copy(dome_, dome_ + 3, f.dome);
   f.sky_share = side_ == 0 ? 0.0f : emitters_.empty() ? 1.0f : 0.5f;
-  f.sky = {side_, rows_.data(), cells_.data(), density_.data()};
+  f.sky = {side_,           rows_.data(),      cells_.data(),
+           density_.data(), row_guide_.data(), cell_guide_.data()};
   f.emitters = emitters_.data();
   f.emitter_count = static_cast<int>(emitters_.size());
   f.emitter_of_geom = emitter_of_geom_.data();

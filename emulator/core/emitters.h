@@ -36,6 +36,7 @@ class Emitters {
   std::vector<Emitter> emitters_;
   std::vector<int> emitter_of_geom_;
   std::vector<float> rows_, cells_, density_;
+  std::vector<int32_t> row_guide_, cell_guide_;
   int side_ = 0;
   bool transparent_ = false, glowing_ = false, open_ = false;
   int lamps_ = 0;

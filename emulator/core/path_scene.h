@@ -29,6 +29,9 @@ struct SkyTable {
   const float* rows;     // (6 side) cumulative
   const float* cells;    // (6 side, side) cumulative in each row
   const float* density;  // (6 side, side) probability per sr where the cube's face is nearest
+  // where to begin to look in `rows`, and in each row of `cells`, for a number of each of as many
+  // equal parts of 0 ... 1: never behind the place
+  const int32_t *row_guide, *cell_guide;
 };
 
 struct PathFrame {
