@@ -42,28 +42,31 @@ EVS_INLINE Float within(const float* table, Int begin, Int index, Float x) {
   return max(min((x - low) / max(high - low, splat(1e-20f)), splat(0.99999994f)), splat(0.0f));
 }
 
-// Face of the sky's cube, and position on it, of direction d.
-EVS_INLINE void on_sky(const Frame& f, Vec d, Float& u, Float& v, Int& face, Float& major) {
+// A direction as a place on the sky's cube.
+struct SkyPlace {
+  Float u, v, major;  // major: the direction's largest component
+  Int face;
+};
+EVS_INLINE SkyPlace on_sky(const Frame& f, Vec d) {
+  SkyPlace at;
   Vec w = to_camera(f.sky_rotation, d);
-  on_cube({w.x, w.z, -w.y}, u, v, face, major);
+  on_cube({w.x, w.z, -w.y}, at.u, at.v, at.face, at.major);
+  return at;
 }
 
-// Radiance of the sky in direction d, where a surface scatters with the density `lobe`, per sr, or
+// Radiance of the sky at a place, where a surface scatters with the density `lobe`, per sr, or
 // where one drawn as wide sees it. A wide lobe sees the sky blurred by a sixteenth of its own
 // width, and at most by a texel of 32 a face (after Krivanek & Colbert 2008): a small bright spot
 // gives less noise, and what is read lies close together.
-inline void sky_light(const Frame& f, const PathFrame& p, Vec d, Float lobe, unsigned lanes,
-                      Float* light) {
+inline void sky_light(const Frame& f, const PathFrame& p, const SkyPlace& at, Float lobe,
+                      unsigned lanes, Float* light) {
   for (int c = 0; c < 3; c++) light[c] = splat(p.dome[c]);
-  Float u, v, major;
-  Int face;
-  on_sky(f, d, u, v, face, major);
   Float width = 0.0625f / sqrt(max(lobe, splat(1.0f)));
   if (!f.orthographic) width = max(width, splat(f.pixel_angle));
-  Float footprint = min(width * 0.5f / major, splat(1.0f / 32));
+  Float footprint = min(width * 0.5f / at.major, splat(1.0f / 32));
   auto add = [&](int texture, const float* tint) {
     Float texel[3];
-    sample(f.textures[texture], 3, u, v, face, footprint, lanes, texel);
+    sample(f.textures[texture], 3, at.u, at.v, at.face, footprint, lanes, texel);
     for (int c = 0; c < 3; c++) light[c] = light[c] + texel[c] * tint[c];
   };
   constexpr float WHITE[3] = {1, 1, 1};
@@ -73,21 +76,22 @@ inline void sky_light(const Frame& f, const PathFrame& p, Vec d, Float lobe, uns
   }
 }
 
-// The density of aiming at the sky in direction d.
-inline Float sky_density(const Frame& f, const PathFrame& p, Vec d) {
-  if (p.sky.side == 0) return splat(0.0f);
-  Float u, v, major;
-  Int face;
-  on_sky(f, d, u, v, face, major);
-  float last = static_cast<float>(p.sky.side - 1), side = static_cast<float>(p.sky.side);
-  Int x = truncate(max(min(u * side, splat(last)), splat(0.0f)));
-  Int y = truncate(max(min(v * side, splat(last)), splat(0.0f)));
-  Int cell = ((face * splat(p.sky.side)) + y) * splat(p.sky.side) + x;
+// The density of aiming at the sky's cell, per sr at a place in it.
+EVS_INLINE Float density_of_cell(const PathFrame& p, Int cell, Float major) {
   return gather(p.sky.density, cell) / (major * major * major) * p.sky_share;
 }
 
-// A direction of the sky; its light is not asked for yet.
-inline Aim aim_at_sky(const Frame& f, const PathFrame& p, Pair place) {
+// The density of aiming at a place.
+inline Float sky_density(const PathFrame& p, const SkyPlace& at) {
+  if (p.sky.side == 0) return splat(0.0f);
+  float last = static_cast<float>(p.sky.side - 1), side = static_cast<float>(p.sky.side);
+  Int x = truncate(max(min(at.u * side, splat(last)), splat(0.0f)));
+  Int y = truncate(max(min(at.v * side, splat(last)), splat(0.0f)));
+  return density_of_cell(p, (at.face * splat(p.sky.side) + y) * splat(p.sky.side) + x, at.major);
+}
+
+// A direction of the sky, and as a place; its light is not asked for yet.
+inline Aim aim_at_sky(const Frame& f, const PathFrame& p, Pair place, SkyPlace& at) {
   Int zero = splat(0);
   Int row = search_on(p.sky.rows, zero, 6 * p.sky.side, p.sky.row_guide, place.y);
   Float v = within(p.sky.rows, zero, row, place.y);
@@ -106,10 +110,12 @@ inline Aim aim_at_sky(const Frame& f, const PathFrame& p, Pair place) {
   Vec y = {s, select(negative, -one, one), select(negative, -t, t)};
   Vec z = {select(negative, -s, s), -t, select(negative, -one, one)};
   Vec d = select(is_x, x, select(is_y, y, z));
+  Float inverse = 1.0f / sqrt(s * s + t * t + 1.0f);
+  at = {(s + 1.0f) * 0.5f, (t + 1.0f) * 0.5f, inverse, face};
   Aim aim;
-  aim.towards = to_local(f.sky_rotation, normalize({d.x, -d.z, d.y}));
+  aim.towards = to_local(f.sky_rotation, Vec{d.x, -d.z, d.y} * inverse);
   aim.distance = splat(FAR);
-  aim.density = sky_density(f, p, aim.towards);
+  aim.density = density_of_cell(p, begin + cell, inverse);
   for (int c = 0; c < 3; c++) aim.light[c] = splat(0.0f);
   return aim;
 }

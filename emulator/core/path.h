@@ -83,8 +83,9 @@ EVS_INLINE void add_seen(const Float* carried, const Float* light, Float weight,
 // `arrives`: what share gets through.
 inline void add_sky(const Frame& f, const PathFrame& p, Vec d, Mask sure, Float density,
                     const Float* carried, Float arrives, Mask lanes, Float* out) {
-  Float light[3], aimed = sky_density(f, p, d);
-  sky_light(f, p, d, select(sure, splat(FAR), density), bits(lanes), light);
+  SkyPlace at = on_sky(f, d);
+  Float light[3], aimed = sky_density(p, at);
+  sky_light(f, p, at, select(sure, splat(FAR), density), bits(lanes), light);
   Float weight = select(sure, splat(1.0f), density / max(density + aimed, splat(1e-30f)));
   add_seen(carried, light, weight * arrives, lanes, out);
 }
@@ -193,12 +194,13 @@ inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hu
       Mask to_sky = lit & (choice.x < p.sky_share);
       Mask to_emitter = lit & ~to_sky;
       Aim aim = {s.normal, zero, {zero, zero, zero}, zero};
+      SkyPlace aimed;
       if (p.emitter_count > 0 && any(to_emitter)) {
         aim = aim_at_emitter(f, p, patch.origin, choice.y, place, to_emitter,
                              travelled + hit.distance);
       }
       if (any(to_sky)) {
-        Aim sky = aim_at_sky(f, p, place);
+        Aim sky = aim_at_sky(f, p, place, aimed);
         aim.towards = select(to_sky, sky.towards, aim.towards);
         aim.distance = select(to_sky, sky.distance, aim.distance);
         aim.density = select(to_sky, sky.density, aim.density);
@@ -207,7 +209,7 @@ inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hu
       to_sky = to_sky & (v.density > 0.0f);
       if (any(to_sky)) {
         Float light[3];
-        sky_light(f, p, aim.towards, v.density, bits(to_sky), light);
+        sky_light(f, p, aimed, v.density, bits(to_sky), light);
         for (int c = 0; c < 3; c++) aim.light[c] = select(to_sky, light[c], aim.light[c]);
       }
       Mask facing =

@@ -60,7 +60,7 @@ void probe_told(const Frame& f, const PathFrame& p, const float* point, ProbeLan
   Rays rays = {splat(V3{point[0], point[1], point[2]}), w, false};
   Hit hit = closest(f, rays, hull_of(rays.origin, w, all, FAR), all, splat(0.0f));
   Mask met = ~(hit.geom < splat(0));
-  Float told = sky_density(f, p, w);
+  Float told = sky_density(p, on_sky(f, w));
   if (any(met)) {
     Patch<3> patch = patch_of<3>(f, rays, hit, bits(met), splat(0.0f));
     told = select(met, density_of_hit(f, p, rays, hit, patch, bits(met)), told);
@@ -75,9 +75,10 @@ void probe_aim(const Frame& f, const PathFrame& p, const float* point, bool sky,
   Vec from = splat(V3{point[0], point[1], point[2]});
   Mask all = mask_of(0xffff);
   Pair place = {load(numbers + LANES), load(numbers + 2 * LANES)};
-  Aim aim = sky ? aim_at_sky(f, p, place)
+  SkyPlace at;
+  Aim aim = sky ? aim_at_sky(f, p, place, at)
                 : aim_at_emitter(f, p, from, load(numbers), place, all, splat(0.0f));
-  if (sky) sky_light(f, p, aim.towards, splat(FAR), 0xffff, aim.light);
+  if (sky) sky_light(f, p, at, splat(FAR), 0xffff, aim.light);
   probe_store(out, aim.towards, aim.light, aim.density);
   probe_told(f, p, point, out);
 }
