@@ -14,22 +14,13 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from evs.emulator.config import CameraConfig, RenderConfig
+from evs.emulator.config import RenderConfig
 from evs.emulator.light import DirectRenderer, make_renderer
 from evs.emulator.metrics.compare import Comparison
 from evs.msgs import Events
-from reference.film import Film
+from reference.film import VIEWS, Film
 
 WIDTH, HEIGHT, TICKS = 116, 87, 61
-VIEWS = {
-    name: CameraConfig(lookat=(0, 0, height), distance=3, azimuth=90, elevation=-20)
-    for name, height in {
-        "gymnasium/humanoid": 0.9,
-        "dm_control/humanoid": 0.9,
-        "dm_control/cartpole": 1.3,
-        "dm_control/quadruped": 0.4,
-    }.items()
-}
 WAYS = {
     "fixed 1": RenderConfig(spp=1),
     "fixed 4": RenderConfig(spp=4),

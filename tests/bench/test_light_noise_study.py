@@ -17,11 +17,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator.config import CameraConfig, RenderConfig
+from evs.emulator.config import RenderConfig
 from evs.emulator.light import make_renderer
 from evs.emulator.metrics.compare import Comparison
 from evs.emulator.scene import F32
-from reference.film import Film
+from reference.film import VIEWS, Film
 from reference.running_mean import running_mean
 
 WIDTH, HEIGHT, TICKS, SETTLED_US = 56, 42, 61, 20_000
@@ -43,15 +43,6 @@ ROOM = """<mujoco><statistic center="0 0 .7" extent="2"/>
     </worldbody></mujoco>"""
 SCENES = ["room", "gymnasium/humanoid", "dm_control/humanoid", "dm_control/cartpole",
           "dm_control/quadruped"]  # fmt: skip
-VIEWS = {
-    name: CameraConfig(lookat=(0, 0, height), distance=3, azimuth=90, elevation=-20)
-    for name, height in {
-        "gymnasium/humanoid": 0.9,
-        "dm_control/humanoid": 0.9,
-        "dm_control/cartpole": 1.3,
-        "dm_control/quadruped": 0.4,
-    }.items()
-}
 MOTIONS = ["still", "pan", "slide"]
 STRATEGIES = {
     "fresh, random": ("fresh", "random"),

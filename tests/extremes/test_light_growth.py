@@ -38,7 +38,7 @@ STAGE = """
 CLOTH = """<flexcomp name="cloth" type="grid" count="4 4 1" spacing=".2 .2 .2" radius=".01" dim="2"
   pos="-.5 .5 .6" mass="1"><edge equality="true"/></flexcomp>"""
 WAYS = {
-    "direct, adaptive": ("", RenderConfig()),
+    "direct, adaptive": ("", RenderConfig(antialiasing="adaptive")),
     "direct, fixed, traced whole": ("", RenderConfig(antialiasing="fixed", incremental=False)),
     "direct, a cloth": (CLOTH, RenderConfig(spp=1)),
     "direct, flicker": ("", RenderConfig(spp=1, flicker=(FlickerConfig(light="lamp", hz=50.0),))),

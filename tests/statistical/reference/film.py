@@ -19,6 +19,16 @@ from evs.emulator.world import Poser, bind_camera, extract_scene
 from evs.msgs import Events, join_events
 
 TICK_US = 1000
+VIEWS = {
+    name: CameraConfig(lookat=(0, 0, height), distance=3, azimuth=90, elevation=-20)
+    for name, height in {
+        "gymnasium/humanoid": 0.9,
+        "dm_control/humanoid": 0.9,
+        "dm_control/cartpole": 1.3,
+        "dm_control/quadruped": 0.4,
+    }.items()
+}
+"""From near by, each robot whole."""
 
 
 class Film:
