@@ -36,11 +36,11 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def frames_in(path: Path) -> int:
-    """How many whole frames are in it now; 0: it cannot be read yet."""
+    """How many whole frames are in it now; 0: it cannot be read yet, or is still empty."""
     try:
         with np.load(path) as file:
             return len(file["t_us"])
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
         return 0
 
 
