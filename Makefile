@@ -20,7 +20,7 @@ check:
 	@sh .ci/setup.sh dev
 	.venv/bin/ruff format --check .
 	.venv/bin/ruff check .
-	.venv/bin/clang-format --dry-run -Werror emulator/core/*.cpp emulator/core/*.h
+	.venv/bin/clang-format --dry-run -Werror emulator/core/*/*.cpp emulator/core/*/*.h
 	.venv/bin/mypy
 	@sh .ci/sanitize.sh
 	.venv/bin/pytest -m "not bench"
@@ -38,7 +38,7 @@ dev:
 format:
 	@sh .ci/setup.sh dev
 	.venv/bin/ruff format .
-	.venv/bin/clang-format -i emulator/core/*.cpp emulator/core/*.h
+	.venv/bin/clang-format -i emulator/core/*/*.cpp emulator/core/*/*.h
 
 # make stubs     write emulator/_core.pyi from the native core
 stubs:

@@ -1,4 +1,4 @@
-"""The plain DVS pixel, native. Its numerical contract stands in core/pixel.h.
+"""The plain DVS pixel, native. Its numerical contract stands in core/sensor/pixel.h.
 
 The slow oracle that gives the same bytes is emulator/sensor/reference.py.
 """

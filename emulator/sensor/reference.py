@@ -1,6 +1,6 @@
-"""The plain pixel in NumPy, written for reading: the oracle of core/pixel.h, byte for byte.
+"""The plain pixel in NumPy, written for reading: the oracle of core/sensor/pixel.h, byte for byte.
 
-It imports nothing native. Every float32 step of core/vmath.h and core/logmap.h is repeated here.
+It imports nothing native. Every float32 step of core/base/vmath.h and core/sensor/logmap.h is repeated here.
 """
 
 from __future__ import annotations
