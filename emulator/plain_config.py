@@ -27,7 +27,7 @@ def plain_config(config: C, table: str) -> C:
     for field in fields(config):  # type: ignore[arg-type]
         value = getattr(config, field.name)
         try:
-            values[field.name] = _plain(value, hints[field.name], f"{table}.{field.name}")
+            values[field.name] = _item(value, hints[field.name], f"{table}.{field.name}")
         except (TypeError, ValueError):
             wanted = _said(hints[field.name])
             raise EvsError(f"{table}.{field.name} is {value!r}; give {wanted}") from None
@@ -72,7 +72,7 @@ def _plain(value: Any, hint: Any, name: str = "") -> Any:
 
 
 def _item(value: Any, hint: Any, name: str) -> Any:
-    """One of many: a plain value, or a table of its own."""
+    """A plain value, or a table of its own."""
     if not (isinstance(hint, type) and is_dataclass(hint)):
         return _plain(value, hint, name)
     if not isinstance(value, hint):
@@ -98,12 +98,15 @@ def _said(hint: Any) -> str:
         for kind in _kinds(hint)
         if kind is not type(None)
     ]
-    said = [words.get(kind, str(kind)) for kind in kinds]
+    said = [
+        f"a {kind.__name__}" if isinstance(kind, type) and is_dataclass(kind) else str(kind)
+        for kind in (words.get(kind, kind) for kind in kinds)
+    ]
     return " or ".join([*said, *(["None"] if type(None) in _kinds(hint) else [])])
 
 
 def _tuple_said(items: tuple[Any, ...]) -> str:
     if items[1:] == (Ellipsis,):
-        plain = items[0] is float
-        return "finite numbers" if plain else f"a tuple of {items[0].__name__}"
+        plain = {float: "finite numbers", int: "whole numbers"}
+        return plain.get(items[0]) or f"a tuple of {items[0].__name__}"
     return f"{len(items)} finite numbers"
