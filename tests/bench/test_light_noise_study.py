@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -21,26 +20,10 @@ from evs.emulator.config import RenderConfig
 from evs.emulator.light import make_renderer
 from evs.emulator.metrics.compare import Comparison
 from evs.emulator.scene import F32
-from reference.film import VIEWS, Film
-from reference.running_mean import running_mean
+from evs.emulator.sensor.running_mean import running_mean
+from reference.film import VIEWS, Film, model_of
 
 WIDTH, HEIGHT, TICKS, SETTLED_US = 56, 42, 61, 20_000
-ROOM = """<mujoco><statistic center="0 0 .7" extent="2"/>
-    <visual><headlight ambient=".2 .2 .2" diffuse="0 0 0" specular="0 0 0"/></visual><asset>
-    <texture name="tiles" type="2d" builtin="checker" rgb1=".7 .6 .5" rgb2=".3 .35 .4"
-             width="128" height="128"/>
-    <material name="floor" texture="tiles" texrepeat="6 6" reflectance=".1"/>
-    <material name="matt" rgba=".8 .4 .3 1" specular="0"/>
-    <material name="gloss" rgba=".3 .5 .8 1" specular=".8" shininess=".6"/>
-    <material name="lamp" rgba="1 1 .9 1" emission="6"/></asset><worldbody>
-    <light type="point" pos="1.5 -1 2.5" attenuation="0 0 1" diffuse="2 2 2" bulbradius=".25"/>
-    <geom type="plane" size="4 4 .1" material="floor"/>
-    <geom type="sphere" pos="-1 .6 1.6" size=".25" material="lamp"/>
-    <geom type="box" pos=".8 .6 .4" size=".3 .3 .4" euler="0 0 30" material="gloss"/>
-    <body pos="0 0 1.5"><joint axis="0 1 0" ref="0"/><joint axis="1 0 0"/>
-      <geom type="capsule" fromto="0 0 0 .5 0 -.5" size=".05" material="matt"/>
-      <geom type="sphere" pos=".5 0 -.5" size=".18" material="gloss"/></body>
-    </worldbody></mujoco>"""
 SCENES = ["room", "gymnasium/humanoid", "dm_control/humanoid", "dm_control/cartpole",
           "dm_control/quadruped"]  # fmt: skip
 MOTIONS = ["still", "pan", "slide"]
@@ -83,14 +66,7 @@ def score(*of_seeds: Comparison) -> Score:
 
 def film_of(name: str, motion: str, files: dict[str, Path], soft: bool = True) -> Film:
     """In: soft, robots' lamps become bulbs."""
-    if name == "room":
-        model = mujoco.MjModel.from_xml_string(ROOM)
-    else:
-        model = mujoco.MjModel.from_xml_path(str(files[name]))
-        if soft:
-            away = np.linalg.norm(model.light_pos - model.stat.center, axis=1)
-            model.light_bulbradius[:] = 0.1 * away
-    return Film(model, motion, WIDTH, HEIGHT, TICKS, VIEWS.get(name))
+    return Film(model_of(name, files, soft), motion, WIDTH, HEIGHT, TICKS, VIEWS.get(name))
 
 
 def shoot(film: Film, seed: int, **render: object) -> F32:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import statistics
 import time
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -29,6 +30,37 @@ VIEWS = {
     }.items()
 }
 """From near by, each robot whole."""
+
+
+ROOM = """<mujoco><statistic center="0 0 .7" extent="2"/>
+    <visual><headlight ambient=".2 .2 .2" diffuse="0 0 0" specular="0 0 0"/></visual><asset>
+    <texture name="tiles" type="2d" builtin="checker" rgb1=".7 .6 .5" rgb2=".3 .35 .4"
+             width="128" height="128"/>
+    <material name="floor" texture="tiles" texrepeat="6 6" reflectance=".1"/>
+    <material name="matt" rgba=".8 .4 .3 1" specular="0"/>
+    <material name="gloss" rgba=".3 .5 .8 1" specular=".8" shininess=".6"/>
+    <material name="lamp" rgba="1 1 .9 1" emission="6"/></asset><worldbody>
+    <light type="point" pos="1.5 -1 2.5" attenuation="0 0 1" diffuse="2 2 2" bulbradius=".25"/>
+    <geom type="plane" size="4 4 .1" material="floor"/>
+    <geom type="sphere" pos="-1 .6 1.6" size=".25" material="lamp"/>
+    <geom type="box" pos=".8 .6 .4" size=".3 .3 .4" euler="0 0 30" material="gloss"/>
+    <body pos="0 0 1.5"><joint axis="0 1 0" ref="0"/><joint axis="1 0 0"/>
+      <geom type="capsule" fromto="0 0 0 .5 0 -.5" size=".05" material="matt"/>
+      <geom type="sphere" pos=".5 0 -.5" size=".18" material="gloss"/></body>
+    </worldbody></mujoco>"""
+"""Soft light: a glowing ball, a bulb, an even sky and one mirror; a pendulum."""
+
+
+def model_of(name: str, files: dict[str, Path], soft: bool = True) -> mujoco.MjModel:
+    """The room or, by its name in `files`, a robot. In: soft, its lamps become bulbs a tenth of
+    their distance wide."""
+    if name == "room":
+        return mujoco.MjModel.from_xml_string(ROOM)
+    model = mujoco.MjModel.from_xml_path(str(files[name]))
+    if soft:
+        away = np.linalg.norm(model.light_pos - model.stat.center, axis=1)
+        model.light_bulbradius[:] = 0.1 * away
+    return model
 
 
 class Film:
