@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from evs.emulator.bias_config import BiasConfig
+
 
 @dataclass(frozen=True)
 class SceneConfig:
@@ -96,6 +98,7 @@ class SensorConfig:
     """dark current: DN added to every pixel before the log; the floor of contrast"""
     exposure_dn: float | None = None
     """DN per unit of scene luminance; 255 DN is white, nothing is clipped there"""
+    biases: BiasConfig = field(default_factory=BiasConfig)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from evs.emulator.sensor.models import MODELS, make_event_model
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.plain import PlainModel
-from evs.emulator.sensor.presets import preset_names, resolve_sensor
+from evs.emulator.sensor.presets import preset_biases, preset_names, resolve_sensor
 from evs.emulator.sensor.state import PlainState
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "PlainState",
     "SensorParameters",
     "make_event_model",
+    "preset_biases",
     "preset_names",
     "resolve_sensor",
 ]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 from evs.emulator.config import SensorConfig
+from evs.emulator.sensor.biases import Nominal, nominal_biases, with_biases
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.tables import SensorFile, fill
 from evs.msgs import EvsError, unknown
@@ -24,12 +26,38 @@ def resolve_sensor(config: SensorConfig) -> SensorParameters:
     """The sensor of a configuration: its preset, with every key that the configuration gives.
 
     `config.preset` is the name of a preset or the path of a .toml file (it ends in .toml or has a
-    slash in it). Nested tables are merged in the same way, key by key. Raises EvsError: no such
-    preset or file, unknown or missing key, senseless value.
+    slash in it). Nested tables are merged in the same way, key by key. Biases other than the
+    preset's change its parameters, except those that the configuration gives. Raises EvsError: no
+    such preset or file, unknown or missing key, senseless value.
     """
     path = _preset_path(config.preset)
-    file = SensorFile(path, _read(path))
-    return fill(SensorParameters, file, config, name=path.stem)
+    values = _read(path)
+    given = {key: value for key, value in asdict(config.biases).items() if value is not None}
+    fixed = [field.name for field in fields(config) if getattr(config, field.name) is not None]
+    nominal = _nominal(values, path)
+    values = with_biases(values, nominal, given, fixed, path.stem)
+    try:
+        return fill(SensorParameters, SensorFile(path, values), config, name=path.stem)
+    except EvsError as error:
+        if given:  # a value that nobody gave would puzzle
+            raise EvsError(f"{error} (sensor.biases has changed the preset)") from None
+        raise
+
+
+def preset_biases(preset: str) -> Nominal | None:
+    """The biases of a preset, with their nominal values and laws; None: it has none."""
+    path = _preset_path(preset)
+    return _nominal(_read(path), path)
+
+
+def _nominal(values: dict[str, Any], path: Path) -> Nominal | None:
+    """Take the table [biases] out of a sensor file's values."""
+    table = values.pop("biases", None)
+    if table is None:
+        return None
+    if not isinstance(table, dict):
+        raise EvsError(f"sensor file {path}: biases is {table!r}; make it a table [biases]")
+    return nominal_biases(table, str(path))
 
 
 def _preset_path(preset: str) -> Path:
