@@ -123,18 +123,31 @@ def probe_told(caster: Caster, geom_pos: Annotated[NDArray[numpy.float64], dict(
     The density (n) of aiming at what directions (n, 3) from a point meet: for tests.
     """
 
-class PlainSensor:
-    """A sensor of plain pixels: see evs.emulator.sensor.plain."""
+class PixelSettings:
+    """What all pixels have in common."""
 
-    def __init__(self, width: int, height: int, log: str, exposure_dn: float, dark_dn: float, linlog_dn: float, log_eps: float, threads: int, isa: str = 'auto') -> None: ...
-
-    def step(self, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], theta_on: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], theta_off: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], reference: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu')], last_log: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last_luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], t_begin_us: int, tick_us: int) -> tuple:
+    def __init__(self, *, log: str, exposure_dn: float, dark_dn: float, linlog_dn: float, log_eps: float, euler: bool = False, lowpass_low: float = 0.0, lowpass_slope: float = 0.0, follower: float = 0.0, highpass: float = 0.0, parasitic_slope: float = 0.0, refractory_us: int = 0, causes: bool = False, noise_gain: float = 0.0, drift_gain: float = 0.0, least_gain: float = 0.0, noise_weight: float = 0.0, shot_bright: float = 1.0, shot_inverse: bool = False, shot_slope: float = 0.0, shot_offset: float = 0.0, shot_dim_dn: float = 0.0, seed: int = 0) -> None:
         """
-        Out: (the events' bytes (16 n,) uint8, how many pixels had no usable light). reference, last_log and last_luminance are changed in place.
+        Terms at zero are off. lowpass, follower, highpass: 2 pi f in 1 / us, the first at DN 0 and its slope per DN.
+        """
+
+class PixelArray:
+    """Pixels with a fixed pattern: emulator/sensor/plain.py."""
+
+    def __init__(self, settings: PixelSettings, width: int, height: int, *, theta_on: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], theta_off: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], leak: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, parasitic: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, phase: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, hot: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, shot_on: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, shot_off: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, threads: int = 0, isa: str = 'auto') -> None: ...
+
+    def step(self, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], t_begin_us: int, clock_us: int, tick_us: int, ticks: int, *, reference: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu')], last_log: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last_luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], filtered: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, followed: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, blind_until: Annotated[NDArray[numpy.int64], dict(shape=(None, None), order='C', device='cpu')] | None = None, mean: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, drift: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, due_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, since_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, shot_next: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, shot_count: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None) -> tuple:
+        """
+        Out: (the events' bytes (16 n,) uint8, how many pixels had no usable light). The state, that is every keyword, is changed in place. In: ticks, how many came before.
         """
 
 def natural_log(values: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
     """ln of normal positive float32 (n,), the sensor's own."""
+
+def lowpass_steps(z: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> tuple:
+    """
+    (a, b) of one pole over z = 2 pi f dt (n,) float32, the sensor's own: core/sensor.
+    """
 
 def log_map(luminance: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], log: str, exposure_dn: float, dark_dn: float, linlog_dn: float, log_eps: float) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
     """

@@ -94,10 +94,44 @@ class SensorConfig:
     """DN at which linlog turns from linear to logarithmic; over 1, smooth at e"""
     log_eps: float | None = None
     """what "log_eps" adds to the light, of which 1 is white"""
-    dark_dn: float | None = None
-    """dark current: DN added to every pixel before the log; the floor of contrast"""
     exposure_dn: float | None = None
     """DN per unit of scene luminance; 255 DN is white, nothing is clipped there"""
+    white_lux: float | None = None
+    """illuminance of the sensor at 255 DN, lux: what bandwidth and noise go by"""
+    dark_lux: float | None = None
+    """dark current, as the light that would give it, lux; the floor of contrast"""
+    cutoff_hz: float | None = None
+    """bandwidth of the photoreceptor at bright_lux, Hz, in proportion to the light; 0: no limit"""
+    dim_lux: float | None = None
+    """illuminance below which bandwidth stops falling and shot noise stops growing, lux"""
+    bright_lux: float | None = None
+    """illuminance that cutoff_hz, parasitic_leak_hz and shot_noise_bright are for, lux"""
+    filter: str | None = None
+    """exact: low passes stepped exactly, any tick length | euler: as v2e"""
+    follower_hz: float | None = None
+    """bandwidth of the source follower, a second pole, Hz; 0: no limit"""
+    highpass_hz: float | None = None
+    """slower changes give no events, Hz; 0: off"""
+    leak_rate_hz: float | None = None
+    """ON events of a pixel in still light, mean over pixels, Hz"""
+    parasitic_leak_hz: float | None = None
+    """how many more there are at bright_lux, in proportion to the light, Hz"""
+    shot_noise_rate_hz: float | None = None
+    """noise events of both polarities of a pixel in the dark, mean over pixels, Hz"""
+    shot_noise_bright: float | None = None
+    """share of them that is left in bright light"""
+    shot_noise_law: str | None = None
+    """linear: falls with the bandwidth, as v2e | inverse: as dim_lux / (dim_lux + light)"""
+    noise_rate_cov_decades: float | None = None
+    """spread of both rates over pixels, standard deviation of log10"""
+    refractory_period_s: float | None = None
+    """how long a pixel is blind after each event, s"""
+    hot_pixel_fraction: float | None = None
+    """share of pixels whose leak has a rate of its own"""
+    hot_pixel_rate_hz: float | None = None
+    """mean rate of that leak, Hz"""
+    dead_pixel_fraction: float | None = None
+    """share of pixels that never fire"""
     biases: BiasConfig = field(default_factory=BiasConfig)
 
 
@@ -173,7 +207,8 @@ class ModelConfig:
     """[model]: what turns light into events."""
 
     name: str = "plain"
-    """plain"""
+    """plain: the event pixel | adaptive: a running mean of the light in front of it, which takes
+    out the noise of fresh samples"""
 
 
 @dataclass(frozen=True)

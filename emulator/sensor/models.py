@@ -5,14 +5,18 @@ from __future__ import annotations
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.plain import PlainModel
+from evs.emulator.sensor.running_mean import RunningMeanConstants
 from evs.emulator.stages import EventModel
 from evs.msgs import unknown
 
-MODELS = {"plain": PlainModel}
+MODELS = {"plain": None, "adaptive": RunningMeanConstants()}
+"""name -> the running mean in front of the pixel"""
 
 
-def make_event_model(sensor: SensorParameters, model: ModelConfig, threads: int = 0) -> EventModel:
+def make_event_model(
+    sensor: SensorParameters, model: ModelConfig, threads: int = 0, causes: bool = False
+) -> EventModel:
     """The event model that `model.name` names. Threads: 0 is one a core. Raises EvsError."""
     if model.name not in MODELS:
         raise unknown("model", model.name, MODELS)
-    return MODELS[model.name](sensor, threads)
+    return PlainModel(sensor, threads, average=MODELS[model.name], causes=causes)

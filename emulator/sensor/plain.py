@@ -1,52 +1,58 @@
-"""The plain DVS pixel, native. Its numerical contract stands in core/sensor/pixel.h.
+"""The plain DVS pixel, native. Its contract stands in core/sensor: comparator.h and pixel.h.
 
 The slow oracle that gives the same bytes is emulator/sensor/reference.py.
 """
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import numpy as np
 
 from evs.emulator import _core
 from evs.emulator.scene import F32
+from evs.emulator.sensor.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.parameters import SensorParameters
+from evs.emulator.sensor.running_mean import RunningMeanConstants
 from evs.emulator.sensor.state import PlainState, check_tick
-from evs.emulator.sensor.thresholds import Thresholds, draw_thresholds
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 
 
 class PlainModel:
-    """EventModel `plain`: log light against per-pixel thresholds, sub-tick stamps."""
+    """EventModel `plain`: log light against per-pixel thresholds, sub-tick stamps.
 
-    def __init__(self, sensor: SensorParameters, threads: int = 0, isa: str = "auto") -> None:
-        """Threads: 0 is one a core. isa: auto, avx512, avx2, portable, all with the same bytes."""
+    With a running mean in front of it, it is the model `adaptive`.
+    """
+
+    def __init__(
+        self,
+        sensor: SensorParameters,
+        threads: int = 0,
+        isa: str = "auto",
+        *,
+        average: RunningMeanConstants | None = None,
+        causes: bool = False,
+    ) -> None:
+        """Threads: 0 is one a core. isa: auto, avx512, avx2, portable, all with the same bytes.
+
+        causes: byte 13 of each event, zero elsewhere, is the msgs.Cause why it came about.
+        """
         self.sensor = sensor
-        # thresholds are a pure function of the seed; the last ones are kept
-        self._thresholds = lru_cache(maxsize=1)(self._draw)
-        try:
-            self._native = _core.PlainSensor(
-                width=sensor.width,
-                height=sensor.height,
-                log=sensor.log,
-                exposure_dn=sensor.exposure_dn,
-                dark_dn=sensor.dark_dn,
-                linlog_dn=sensor.linlog_dn,
-                log_eps=sensor.log_eps,
-                threads=threads,
-                isa=isa,
-            )
-        except ValueError as reason:
-            raise EvsError(str(reason)) from None
+        self._threads, self._isa, self._average, self._causes = threads, isa, average, causes
+        # the fixed pattern is a pure function of the seed; the last one is kept
+        self._pattern = lru_cache(maxsize=1)(self._draw)
+        self._pixels = lru_cache(maxsize=1)(self._build)
+        if isa != "auto" and isa not in _core.isa_available():
+            raise EvsError(f"this machine cannot run instruction set '{isa}'; use auto")
 
-    def thresholds(self, seed: int) -> Thresholds:
-        """Every pixel's thresholds under this seed."""
-        return self._thresholds(seed % 2**64)
+    def pattern(self, seed: int) -> FixedPattern:
+        """What every pixel has of its own under this seed."""
+        return self._pattern(seed % 2**64)
 
     def init(self, seed: int) -> PlainState:
         """The state before the first tick."""
-        return PlainState.dark(seed, self.sensor.height, self.sensor.width)
+        return PlainState.dark(seed, self.sensor, self._average is not None)
 
     def step(
         self, luminance: F32, state: PlainState, t_begin_us: int, t_end_us: int
@@ -59,24 +65,78 @@ class PlainModel:
         Raises EvsError: wrong shape, tick that does not go forward, more events than memory.
         """
         check_tick(self.sensor, luminance, state, t_begin_us, t_end_us)
-        thresholds = self.thresholds(state.seed)
+        tick_us = t_end_us - t_begin_us
+        if state.due_us is not None and tick_us != state.tick_us:
+            # filters that stand still in short ticks may move in a longer one
+            state.due_us[:] = state.clock_us
+        pixels = self._pixels(state.seed % 2**64)
         try:
-            raw, clamped = self._native.step(
+            raw, clamped = pixels.step(
                 np.ascontiguousarray(luminance, np.float32),
-                thresholds.on,
-                thresholds.off,
-                state.reference,
-                state.last_log,
-                state.last_luminance,
                 t_begin_us,
-                t_end_us - t_begin_us,
+                state.clock_us,
+                tick_us,
+                state.ticks,
+                **state.arrays(),
             )
         except MemoryError:
             raise EvsError(
                 f"the events up to {t_end_us} us do not fit in memory; raise the thresholds"
             ) from None
+        except ValueError as reason:
+            raise EvsError(f"sensor state is of another sensor: {reason}; init it anew") from None
         state.clamped += clamped
+        state.clock_us += tick_us
+        state.tick_us = tick_us
+        state.ticks += 1
         return raw.view(EVENT_DTYPE), state
 
-    def _draw(self, seed: int) -> Thresholds:
-        return draw_thresholds(self.sensor, seed)
+    def _draw(self, seed: int) -> FixedPattern:
+        return draw_pattern(self.sensor, seed)
+
+    def _build(self, seed: int) -> _core.PixelArray:
+        sensor, pattern = self.sensor, self.pattern(seed)
+        average = self._average
+        # of 1 / us, for z = 2 pi f dt
+        turn = 2.0 * math.pi * 1e-6
+        span_lux = sensor.bright_lux + sensor.dim_lux
+        settings = _core.PixelSettings(
+            log=sensor.log,
+            exposure_dn=sensor.exposure_dn,
+            dark_dn=sensor.dark_dn,
+            linlog_dn=sensor.linlog_dn,
+            log_eps=sensor.log_eps,
+            euler=sensor.filter == "euler",
+            lowpass_low=turn * sensor.cutoff_hz * sensor.dim_lux / span_lux,
+            lowpass_slope=turn * sensor.cutoff_hz * sensor.lux_per_dn / span_lux,
+            follower=turn * sensor.follower_hz,
+            highpass=turn * sensor.highpass_hz,
+            parasitic_slope=sensor.lux_per_dn / sensor.bright_lux,
+            refractory_us=sensor.refractory_us,
+            causes=self._causes,
+            noise_gain=average.noise_gain if average else 0.0,
+            drift_gain=average.drift_gain if average else 0.0,
+            least_gain=average.least_gain if average else 0.0,
+            noise_weight=average.noise_weight if average else 0.0,
+            shot_bright=sensor.shot_noise_bright,
+            shot_inverse=sensor.shot_noise_law == "inverse",
+            shot_slope=sensor.lux_per_dn / span_lux,
+            shot_offset=sensor.dim_lux / span_lux,
+            shot_dim_dn=sensor.dim_lux / sensor.lux_per_dn,
+            seed=seed,
+        )
+        return _core.PixelArray(
+            settings,
+            sensor.width,
+            sensor.height,
+            theta_on=pattern.on,
+            theta_off=pattern.off,
+            leak=pattern.leak,
+            parasitic=pattern.parasitic,
+            phase=pattern.phase,
+            hot=pattern.hot,
+            shot_on=pattern.shot_on,
+            shot_off=pattern.shot_off,
+            threads=self._threads,
+            isa=self._isa,
+        )

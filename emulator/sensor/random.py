@@ -23,6 +23,12 @@ class Term(IntEnum):
 
     THRESHOLD_OFF = 0
     THRESHOLD_ON = 1
+    LEAK_RATE = 2
+    LEAK_PHASE = 3
+    SHOT_RATE = 4
+    DEFECT = 5
+    SHOT = 6
+    """in core/sensor/shot.h, of blocks of pixels"""
 
 
 def pixel_normals(seed: int, term: Term, width: int, height: int) -> F64:
@@ -30,17 +36,36 @@ def pixel_normals(seed: int, term: Term, width: int, height: int) -> F64:
 
     A pixel's number does not depend on the size of the sensor. Seeds count modulo 2^64.
     """
-    rows = np.arange(height, dtype=np.uint64)[:, np.newaxis]
-    columns = np.arange(width, dtype=np.uint64)[np.newaxis, :]
-    counter = (rows << np.uint64(32)) | (columns << np.uint64(1))
-    key = _hash(np.array([seed % 2**64], np.uint64), np.array([term + 1], np.uint64))
-    first = _hash(key, counter + np.uint64(1))
-    second = _hash(key, counter + np.uint64(2))
+    first, second = _pixel_bits(seed, term, width, height)
 
     # Box and Muller 1958; the first uniform is in (0, 1], the second in [0, 1)
     log = _log(_uniform(first) + 2.0**-53)
     radius = np.sqrt(-2.0 * np.minimum(log, 0.0))  # rounding may leave a log of 1e-17
     return np.asarray(radius * _cos_turn(_uniform(second)))
+
+
+def pixel_uniforms(seed: int, term: Term, width: int, height: int) -> F64:
+    """One number of [0, 1) per pixel, (height, width) float64, as pixel_normals."""
+    return _uniform(_pixel_bits(seed, term, width, height)[0])
+
+
+def _pixel_bits(seed: int, term: Term, width: int, height: int) -> tuple[U64, U64]:
+    rows = np.arange(height, dtype=np.uint64)[:, np.newaxis]
+    columns = np.arange(width, dtype=np.uint64)[np.newaxis, :]
+    counter = (rows << np.uint64(32)) | (columns << np.uint64(1))
+    key = _hash(np.array([seed % 2**64], np.uint64), np.array([term + 1], np.uint64))
+    return _hash(key, counter + np.uint64(1)), _hash(key, counter + np.uint64(2))
+
+
+def exp10(value: F64) -> F64:
+    """10^value for |value| < 100 by the series of exp; error below 1e-14."""
+    scaled = value * math.log2(10.0)
+    whole = np.round(scaled)
+    rest = (scaled - whole) * _LN2
+    series = np.ones_like(rest)
+    for order in range(16, 0, -1):
+        series = 1.0 + series * rest / order
+    return np.ldexp(series, whole.astype(np.int64))
 
 
 def _uniform(bits: U64) -> F64:

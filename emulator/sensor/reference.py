@@ -1,6 +1,7 @@
 """The plain pixel in NumPy, written for reading: the oracle of core/sensor/pixel.h, byte for byte.
 
-It imports nothing native. Every float32 step of core/base/vmath.h and core/sensor/logmap.h is repeated here.
+It imports nothing native. Every float32 step of core/base/vmath.h and core/sensor/logmap.h is
+repeated here.
 """
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.scene import F32, F64
+from evs.emulator.sensor.fixed_pattern import draw_pattern
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.state import PlainState, check_tick
-from evs.emulator.sensor.thresholds import draw_thresholds
 from evs.msgs import Events, make_events
 
 _BLACK = np.float32(2.0**-64)
@@ -69,7 +70,7 @@ class ReferenceModel:
 
     def init(self, seed: int) -> PlainState:
         """The state before the first tick."""
-        return PlainState.dark(seed, self.sensor.height, self.sensor.width)
+        return PlainState.dark(seed, self.sensor)
 
     def step(
         self, luminance: F32, state: PlainState, t_begin_us: int, t_end_us: int
@@ -83,12 +84,12 @@ class ReferenceModel:
         now: F64 = np.where(usable, mapped, state.last_log).astype(np.float64)
         last: F64 = state.last_log.astype(np.float64)
 
-        # the first light sets the reference, rounded to a multiple of 2^-32
+        # the first light sets the reference, rounded to a multiple of 2^-43
         first = np.isnan(state.reference)
-        state.reference[first] = np.round(now[first] * 2.0**32) / 2.0**32
+        state.reference[first] = np.round(now[first] * 2.0**43) / 2.0**43
 
         # all pixels' k-th crossing at once, as long as one pixel has a k-th crossing
-        theta = draw_thresholds(self.sensor, state.seed)
+        theta = draw_pattern(self.sensor, state.seed)
         tick_us = t_end_us - t_begin_us
         found: list[
             tuple[np.ndarray[Any, Any], ...]
@@ -105,6 +106,9 @@ class ReferenceModel:
                 found.append((offset, pixel, np.full_like(pixel, k), np.full_like(pixel, polarity)))
                 state.reference[reached] = level[reached]
 
+        state.clock_us += tick_us
+        state.tick_us = tick_us
+        state.ticks += 1
         state.last_log = np.where(usable, mapped, state.last_log)
         state.last_luminance = np.where(usable, luminance, state.last_luminance)
         if not found:

@@ -1,9 +1,9 @@
-"""PlainState: what a plain pixel array remembers from tick to tick. A value."""
+"""PlainState: what a pixel array remembers from tick to tick. A value."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,86 +12,164 @@ from evs.emulator.scene import F32, F64
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.msgs import EvsError
 
-MAX_TICK_US = 2**30 - 1
-"""Longest tick, about 18 minutes."""
+MAX_TICK_US = 2**28 - 1
+"""Longest tick, about 4 minutes."""
 
-_LARGEST_LOG = 128.0
-"""The logarithm of no float32 is larger, of either sign."""
+BLOCK = 64
+"""Pixels that the native core steps together: core/sensor/pixel.h."""
 
-_ARRAYS = {"reference": np.float64, "last_log": np.float32, "last_luminance": np.float32}
+_LARGEST_LOG = 256.0
+"""The logarithm of no float32 is larger, of either sign, nor is any reference."""
+
+I64 = np.ndarray[Any, np.dtype[np.int64]]
+
+_FRAMES = {
+    "reference": np.float64,
+    "last_log": np.float32,
+    "last_luminance": np.float32,
+    "filtered": np.float32,
+    "followed": np.float32,
+    "blind_until": np.int64,
+    "mean": np.float32,
+    "noise": np.float32,
+    "drift": np.float32,
+}
+_BLOCKS = ("due_us", "since_us", "shot_next", "shot_count")
+_NUMBERS = ("clamped", "clock_us", "tick_us", "ticks")
+_ALWAYS = ("reference", "last_log", "last_luminance")
 
 
 @dataclass(eq=False)
 class PlainState:
-    """State of (h, w) plain pixels. Thresholds follow from the seed and are not in it."""
+    """State of (h, w) pixels; an array is None where its term is off.
+
+    The fixed pattern follows from the seed and is not in it. The sensor's clock is the sum of the
+    ticks so far.
+    """
 
     seed: int
-    """thresholds are drawn from it"""
+    """the fixed pattern and all noise follow from it"""
     reference: F64
-    """(h, w) log light at the last event, a multiple of 2^-32; NaN before a pixel's first light"""
+    """(h, w) log light at the last event, a multiple of 2^-43; NaN before a pixel's first light
+    and while it is blind"""
     last_log: F32
     """(h, w) log light at the end of the last tick; NaN before a pixel's first light"""
     last_luminance: F32
-    """(h, w) the luminance that gave last_log; -1 before a pixel's first light"""
+    """(h, w) the last luminance that was one; -1 before a pixel's first light"""
     clamped: int = 0
     """pixels times ticks whose light was negative, NaN or Inf and was replaced by the last one"""
+    clock_us: int = 0
+    """sum of all ticks so far, us"""
+    tick_us: int = 0
+    """length of the last one, us"""
+    ticks: int = 0
+    """how many there were"""
+    filtered: F32 | None = None
+    """(h, w) log light after the photoreceptor's low pass"""
+    followed: F32 | None = None
+    """(h, w) after the source follower's"""
+    blind_until: I64 | None = None
+    """(h, w) by the sensor's clock, us, of pixels that are or were blind"""
+    mean: F32 | None = None
+    """(h, w) running mean of the luminance (model adaptive); NaN before a pixel's first light"""
+    noise: F32 | None = None
+    """(h, w) mean square from tick to tick"""
+    drift: F32 | None = None
+    """(h, w) mean of luminance less its running mean"""
+    due_us: I64 | None = None
+    """(blocks of 64 pixels,) by the sensor's clock: nothing happens before if light stands still"""
+    since_us: I64 | None = None
+    """(blocks,) by the sensor's clock: until then the leak is in the reference"""
+    shot_next: I64 | None = None
+    """(blocks,) when the next candidate for shot noise comes, by the sensor's clock, 2^-10 us"""
+    shot_count: I64 | None = None
+    """(blocks,) how many were drawn"""
 
     @classmethod
-    def dark(cls, seed: int, height: int, width: int) -> PlainState:
-        """The state of pixels that have seen no light yet."""
-        return cls(
+    def dark(cls, seed: int, sensor: SensorParameters, average: bool = False) -> PlainState:
+        """The state of pixels that have seen no light yet. In: average, the running mean is on."""
+        shape = (sensor.height, sensor.width)
+        state = cls(
             seed=seed,
-            reference=np.full((height, width), np.nan, np.float64),
-            last_log=np.full((height, width), np.nan, np.float32),
-            last_luminance=np.full((height, width), -1.0, np.float32),
+            reference=np.full(shape, np.nan, np.float64),
+            last_log=np.full(shape, np.nan, np.float32),
+            last_luminance=np.full(shape, -1.0, np.float32),
         )
+
+        def add(on: object, zeros: Any, *names: str) -> None:
+            for name in names if on else ():
+                setattr(state, name, zeros.copy())
+
+        zeros = np.zeros(shape, np.float32)
+        leaks = sensor.leak_rate_hz or sensor.parasitic_leak_hz or sensor.has_hot_pixels
+        filters = sensor.cutoff_hz or sensor.follower_hz or sensor.highpass_hz
+        blocks = np.zeros(-(-zeros.size // BLOCK), np.int64)
+        add(sensor.cutoff_hz, zeros, "filtered")
+        add(sensor.follower_hz, zeros, "followed")
+        add(sensor.refractory_us, np.zeros(shape, np.int64), "blind_until")
+        add(average, zeros * np.float32(np.nan), "mean")
+        add(average, zeros, "noise", "drift")
+        add(leaks or filters or sensor.refractory_us or average, blocks, "due_us", "since_us")
+        add(sensor.shot_noise_rate_hz, blocks, "shot_next", "shot_count")
+        return state
+
+    def arrays(self) -> dict[str, np.ndarray[Any, Any]]:
+        """The arrays that are there, by name: the live ones."""
+        named = {name: getattr(self, name) for name in (*_FRAMES, *_BLOCKS)}
+        return {name: array for name, array in named.items() if array is not None}
 
     def copy(self) -> PlainState:
         """A state of its own: stepping one does not touch the other."""
-        return PlainState(
-            self.seed,
-            self.reference.copy(),
-            self.last_log.copy(),
-            self.last_luminance.copy(),
-            self.clamped,
-        )
+        copies: dict[str, Any] = {name: array.copy() for name, array in self.arrays().items()}
+        return replace(self, **copies)
 
     def save(self) -> dict[str, np.ndarray[Any, Any]]:
         """Named arrays that np.savez writes and `restore` takes back."""
-        counters = {
-            "seed": np.array(self.seed % 2**64, np.uint64),
-            "clamped": np.array(self.clamped, np.int64),
-        }
-        return {name: getattr(self, name).copy() for name in _ARRAYS} | counters
+        numbers = {name: np.array(getattr(self, name), np.int64) for name in _NUMBERS}
+        arrays = {name: array.copy() for name, array in self.arrays().items()}
+        return {**arrays, **numbers, "seed": np.array(self.seed % 2**64, np.uint64)}
 
     @classmethod
     def restore(cls, saved: Mapping[str, np.ndarray[Any, Any]]) -> PlainState:
         """The state that was saved. Raises EvsError where something of it is missing or unfit."""
         try:
-            arrays = {
-                name: np.array(saved[name], dtype, order="C") for name, dtype in _ARRAYS.items()
+            frames: dict[str, Any] = {
+                name: np.array(saved[name], dtype, order="C")
+                for name, dtype in _FRAMES.items()
+                if name in saved or name in _ALWAYS
             }
-            seed, clamped = int(saved["seed"]), int(saved["clamped"])
+            blocks: dict[str, Any] = {
+                name: np.array(saved[name], np.int64) for name in _BLOCKS if name in saved
+            }
+            numbers: dict[str, Any] = {name: int(saved[name]) for name in ("seed", *_NUMBERS)}
         except KeyError as missing:
             raise EvsError(
                 f"saved sensor state lacks {missing}; save it with PlainState.save"
             ) from None
-        if len({array.shape for array in arrays.values()}) != 1 or arrays["reference"].ndim != 2:
+        reference = frames["reference"]
+        if len({array.shape for array in frames.values()}) != 1 or reference.ndim != 2:
             raise EvsError("saved sensor state has arrays of different shapes; save it again")
-        if np.any(np.abs(arrays["reference"]) > _LARGEST_LOG):
+        if any(array.shape != (-(-reference.size // BLOCK),) for array in blocks.values()):
+            raise EvsError("saved sensor state has arrays of different shapes; save it again")
+        if np.any(np.abs(reference) > _LARGEST_LOG):
             raise EvsError(
                 "saved sensor state is damaged: no log light is that large; save it again"
             )
-        return cls(seed=seed, clamped=clamped, **arrays)
+        return cls(**frames, **blocks, **numbers)
 
     def __eq__(self, other: object) -> bool:
         """Same bits everywhere; a NaN equals itself."""
         if not isinstance(other, PlainState):
             return NotImplemented
-        if (self.seed - other.seed) % 2**64 or self.clamped != other.clamped:
+        if (self.seed - other.seed) % 2**64:
             return False
-        pairs = [(getattr(self, name), getattr(other, name)) for name in _ARRAYS]
-        return all(a.shape == b.shape and a.tobytes() == b.tobytes() for a, b in pairs)
+        if any(getattr(self, name) != getattr(other, name) for name in _NUMBERS):
+            return False
+        ours, theirs = self.arrays(), other.arrays()
+        return ours.keys() == theirs.keys() and all(
+            array.shape == theirs[name].shape and array.tobytes() == theirs[name].tobytes()
+            for name, array in ours.items()
+        )
 
     __hash__ = None  # type: ignore[assignment]
 

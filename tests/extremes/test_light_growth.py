@@ -1,6 +1,6 @@
 """The way of the light, pose to events, keeps nothing from tick to tick: no Python object, no page.
 
-The native core's own test (emulator/core/tests/allocation_test.cpp) shows that it allocates nothing.
+That the native core allocates nothing, emulator/core/tests/allocation_test.cpp shows.
 """
 
 from __future__ import annotations

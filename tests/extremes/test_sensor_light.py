@@ -104,7 +104,7 @@ def test_time_is_exact_wherever_it_is(t_us: int) -> None:
         assert np.array_equal(a["p"], b["p"])
 
 
-@pytest.mark.parametrize("tick_us", [1, 2, 7, 999, 2047, 2048, 65_536, 2_000_000, 2**30 - 1])
+@pytest.mark.parametrize("tick_us", [1, 2, 7, 999, 2047, 2048, 65_536, 2_000_000, 2**28 - 1])
 def test_ticks_of_any_length(tick_us: int) -> None:
     generator = np.random.default_rng(1)
     frames = [np.exp(generator.normal(0, 1, (8, 8))).astype(np.float32) for _ in range(5)]
@@ -133,7 +133,7 @@ def test_the_reference_does_not_drift() -> None:
         events, state = model.step(frame, state, k * 1000, (k + 1) * 1000)
         np.add.at(net, (events["p"], events["y"], events["x"]), 1)
     assert net.sum() > 5_000_000
-    theta = model.thresholds(9)
+    theta = model.pattern(9)
     on, off = ((part.astype(np.float64) * units).astype(np.int64) for part in (theta.on, theta.off))
     assert np.array_equal(
         first + net[1] * on - net[0] * off, (state.reference * units).astype(np.int64)

@@ -28,7 +28,7 @@ SENSORS = st.builds(
     log=st.sampled_from(["linlog", "log_eps"]),
     linlog_dn=st.floats(1.01, 100.0),
     log_eps=st.floats(1e-6, 1.0),
-    dark_dn=st.just(0.0) | st.floats(1e-12, 10.0),
+    dark_lux=st.just(0.0) | st.floats(1e-11, 40.0),
     exposure_dn=st.floats(0.01, 1e4),
 )
 SPECIAL = np.array([np.nan, np.inf, -np.inf, -1, -0.0, 0, 1e-42, -1e-42, 1e-19, 3e38], np.float32)
@@ -72,7 +72,7 @@ def test_events_add_up_to_the_light_within_one_threshold(
 ) -> None:
     model = PlainModel(sensor, 1)
     state = model.init(seed)
-    theta = model.thresholds(seed)
+    theta = model.pattern(seed)
     total = np.zeros((sensor.height, sensor.width))
     for k, frame in enumerate(video(sensor, 8, seed, 0.0)):
         events, state = model.step(frame, state, k * 1000, (k + 1) * 1000)

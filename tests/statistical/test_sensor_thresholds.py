@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from evs.emulator.sensor import PlainModel, SensorParameters
+from evs.emulator.sensor.fixed_pattern import FLOOR, draw_pattern
 from evs.emulator.sensor.random import Term, pixel_normals
-from evs.emulator.sensor.thresholds import FLOOR, draw_thresholds
 
 pytestmark = pytest.mark.statistical
 
@@ -63,7 +63,7 @@ def test_polarities_seeds_and_neighbours_are_independent() -> None:
 
 @pytest.mark.parametrize("sigma", [0.01, 0.03])
 def test_thresholds_have_the_configured_mean_and_sigma(sigma: float) -> None:
-    theta = draw_thresholds(sensor(sigma), 11)
+    theta = draw_pattern(sensor(sigma), 11)
     for values, mean in ((theta.on, 0.3), (theta.off, 0.2)):
         values = values.astype(np.float64)
         assert abs(values.mean() - mean) < Z * sigma / math.sqrt(COUNT)
@@ -71,13 +71,13 @@ def test_thresholds_have_the_configured_mean_and_sigma(sigma: float) -> None:
 
 
 def test_without_sigma_all_pixels_are_alike() -> None:
-    theta = draw_thresholds(sensor(0.0), 1)
+    theta = draw_pattern(sensor(0.0), 1)
     assert np.all(theta.on == np.float32(0.3))
     assert np.all(theta.off == np.float32(0.2))
 
 
 def test_no_threshold_lies_under_the_floor() -> None:
-    theta = draw_thresholds(sensor(0.2), 1).off
+    theta = draw_pattern(sensor(0.2), 1).off
     below = np.count_nonzero(theta == np.float32(FLOOR)) / COUNT
     share = 0.5 * math.erfc((0.2 - FLOOR) / 0.2 / math.sqrt(2))
     assert theta.min() == np.float32(FLOOR)
@@ -85,10 +85,10 @@ def test_no_threshold_lies_under_the_floor() -> None:
 
 
 def test_a_pixels_threshold_does_not_depend_on_the_size_of_the_sensor() -> None:
-    small, large = (draw_thresholds(sensor(0.03, *size), 5) for size in ((40, 30), (640, 480)))
+    small, large = (draw_pattern(sensor(0.03, *size), 5) for size in ((40, 30), (640, 480)))
     assert np.array_equal(small.on, large.on[:30, :40])
     assert np.array_equal(small.off, large.off[:30, :40])
-    assert not np.array_equal(small.on, draw_thresholds(sensor(0.03, 40, 30), 6).on)
+    assert not np.array_equal(small.on, draw_pattern(sensor(0.03, 40, 30), 6).on)
 
 
 def test_two_thousand_events_use_most_microseconds_of_a_tick() -> None:

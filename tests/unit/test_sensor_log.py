@@ -62,9 +62,9 @@ def sensor(**given: float | str) -> SensorParameters:
 MAPS = [
     sensor(),
     sensor(linlog_dn=20.0, exposure_dn=1.0),
-    sensor(linlog_dn=1.001, dark_dn=0.3),
+    sensor(linlog_dn=1.001, dark_lux=0.3 * 1000 / 255),
     sensor(log="log_eps"),
-    sensor(log="log_eps", log_eps=1e-6, exposure_dn=1e4, dark_dn=2.0),
+    sensor(log="log_eps", log_eps=1e-6, exposure_dn=1e4, dark_lux=2000 / 255),
 ]
 
 
@@ -110,7 +110,7 @@ def test_maps_have_the_oracles_bits(pixel: SensorParameters) -> None:
 
 def test_what_is_no_light_is_nan_and_what_is_tiny_is_black() -> None:
     luminance = np.array([[np.nan, np.inf, -1.0, -1e-18], [-1e-20, 1e-20, 1e-42, -0.0]], F)
-    mapped = log_light(luminance, sensor(dark_dn=1.0))
+    mapped = log_light(luminance, sensor(dark_lux=1000 / 255))
     assert np.all(np.isnan(mapped[0]))
     assert mapped[1] == pytest.approx(1 / math.e, rel=1e-6)
     assert np.all(mapped[1] == mapped[1, 0])

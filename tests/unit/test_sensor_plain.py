@@ -129,6 +129,6 @@ def test_refusals() -> None:
     with pytest.raises(EvsError, match=r"tick \(5, 5\] us does not go forward"):
         model.step(light, model.init(0), 5, 5)
     with pytest.raises(EvsError, match="use shorter ones"):
-        model.step(light, model.init(0), 0, 2**30)
+        model.step(light, model.init(0), 0, 2**28)
     with pytest.raises(EvsError, match="init it anew"):
-        model.step(light, PlainState.dark(0, 5, 4), 0, 1000)
+        model.step(light, PlainState.dark(0, linear_sensor(4, 5)), 0, 1000)

@@ -47,4 +47,20 @@ EVS_ALWAYS_INLINE float ln(float x) {
   return sum + (rest + (low + tail));
 }
 
+// e^-z for 0 <= z <= 80; error below 2 ulp.
+EVS_ALWAYS_INLINE float exp_minus(float z) {
+  // z = k ln 2 - r, |r| <= ln 2 / 2; k ln 2 in two parts, the first exact
+  const int32_t k = static_cast<int32_t>(z * 0x1.715476p+0f + 0.5f);
+  const float whole = static_cast<float>(k);
+  const float r = (whole * 0x1.62e4p-1f - z) + whole * 0x1.7f7d1cp-20f;
+  float p = 0x1.6c16c2p-10f;  // 1 / 6!, 1 / 5!, ...
+  p = p * r + 0x1.111112p-7f;
+  p = p * r + 0x1.555556p-5f;
+  p = p * r + 0x1.555556p-3f;
+  p = p * r + 0.5f;
+  p = p * r + 1.0f;
+  p = p * r + 1.0f;
+  return p * std::bit_cast<float>((127 - k) << 23);
+}
+
 }  // namespace evs

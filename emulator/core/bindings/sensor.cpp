@@ -1,19 +1,28 @@
-// Python's view of the sensor: PlainSensor, and the log functions that tests compare with NumPy.
+// Python's view of the sensor: PixelArray, and the log functions that tests compare with NumPy.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
-#include "plain.h"
+#include <optional>
+
+#include "pixel_array.h"
 
 namespace nb = nanobind;
 
 namespace evs {
 namespace {
 
-using Line = nb::ndarray<const float, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using FrameIn = nb::ndarray<const float, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-using FrameOut = nb::ndarray<float, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-using DoubleOut = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+template <class T, size_t DIMENSIONS>
+using Array = nb::ndarray<T, nb::ndim<DIMENSIONS>, nb::c_contig, nb::device::cpu>;
+template <class T>
+using FrameIn = Array<const T, 2>;
+template <class T>
+using MaybeIn = std::optional<FrameIn<T>>;
+template <class T>
+using MaybeFrame = std::optional<Array<T, 2>>;
+using MaybeBlocks = std::optional<Array<int64_t, 1>>;
+using Line = Array<const float, 1>;
 using Bytes = nb::ndarray<nb::numpy, uint8_t, nb::ndim<1>>;
 using Floats = nb::ndarray<nb::numpy, float, nb::ndim<1>>;
 
@@ -25,60 +34,166 @@ LogMap make_log_map(const std::string& log, float exposure_dn, float dark_dn, fl
 }
 
 // An array that owns `data`.
-template <class Array, class T>
-Array owned(std::unique_ptr<T[]> data, size_t count) {
+template <class Out, class T>
+Out owned(std::unique_ptr<T[]> data, size_t count) {
   nb::capsule owner(data.get(), [](void* p) noexcept { delete[] static_cast<T*>(p); });
   T* memory = data.release();
-  return Array(memory, {count * sizeof(T) / sizeof(typename Array::Scalar)}, owner);
+  return Out(memory, {count * sizeof(T) / sizeof(typename Out::Scalar)}, owner);
 }
 
-class PlainSensorBinding {
- public:
-  PlainSensorBinding(int width, int height, const std::string& log, float exposure_dn,
-                     float dark_dn, float linlog_dn, float log_eps, int threads,
-                     const std::string& isa)
-      : width_(static_cast<size_t>(width)),
-        height_(static_cast<size_t>(height)),
-        sensor_(make_log_map(log, exposure_dn, dark_dn, linlog_dn, log_eps), width, height, threads,
-                isa) {}
+// What is the same for every pixel, from Python's keywords.
+PixelSettings make_settings(const std::string& log, float exposure_dn, float dark_dn,
+                            float linlog_dn, float log_eps, bool euler, double lowpass_low,
+                            double lowpass_slope, double follower, double highpass,
+                            double parasitic_slope, uint32_t refractory_us, bool causes,
+                            float noise_gain, float drift_gain, float least_gain,
+                            float noise_weight, double shot_bright, bool shot_inverse,
+                            double shot_slope, double shot_offset, double shot_dim_dn,
+                            uint64_t seed) {
+  PixelSettings settings;
+  settings.map = make_log_map(log, exposure_dn, dark_dn, linlog_dn, log_eps);
+  settings.euler = euler;
+  settings.lowpass_low = lowpass_low;
+  settings.lowpass_slope = lowpass_slope;
+  settings.follower = follower;
+  settings.highpass = highpass;
+  settings.parasitic_slope = parasitic_slope;
+  settings.refractory = refractory_us;
+  settings.causes = causes;
+  settings.noise_gain = noise_gain;
+  settings.drift_gain = drift_gain;
+  settings.least_gain = least_gain;
+  settings.noise_weight = noise_weight;
+  settings.average = least_gain > 0.0f;
+  settings.shot.key = hash(seed, kTermShot + 1);
+  settings.shot.bright = shot_bright;
+  settings.shot.inverse = shot_inverse;
+  settings.shot.slope = shot_slope;
+  settings.shot.offset = shot_offset;
+  settings.shot.dim_dn = shot_dim_dn;
+  return settings;
+}
 
-  nb::tuple step(FrameIn luminance, FrameIn theta_on, FrameIn theta_off, DoubleOut reference,
-                 FrameOut last_log, FrameOut last_luminance, int64_t t_begin_us, int64_t tick_us) {
-    auto check = [&](const auto& frame) {
-      if (frame.shape(0) != height_ || frame.shape(1) != width_) {
-        throw std::invalid_argument("every array must be (height, width)");
-      }
-    };
-    check(luminance);
-    check(theta_on);
-    check(theta_off);
-    check(reference);
-    check(last_log);
-    check(last_luminance);
-    if (tick_us <= 0 || tick_us >= (int64_t{1} << 30)) {
-      throw std::invalid_argument("tick_us must be in [1, 2^30)");
+class BoundPixels {
+ public:
+  BoundPixels(const PixelSettings& settings, int width, int height, FrameIn<float> theta_on,
+              FrameIn<float> theta_off, MaybeIn<float> leak, MaybeIn<float> parasitic,
+              MaybeIn<float> phase, MaybeIn<uint8_t> hot, MaybeIn<float> shot_on,
+              MaybeIn<float> shot_off, int threads, const std::string& isa)
+      : settings_(settings),
+        width_(static_cast<size_t>(width)),
+        height_(static_cast<size_t>(height)),
+        keep_(nb::make_tuple(theta_on, theta_off, leak, parasitic, phase, hot, shot_on, shot_off)) {
+    PixelPattern pattern;
+    pattern.theta_on = pixels(theta_on);
+    pattern.theta_off = pixels(theta_off);
+    pattern.leak = pixels(leak);
+    pattern.parasitic = pixels(parasitic);
+    pattern.phase = pixels(phase);
+    pattern.hot = pixels(hot);
+    settings_.shot.on = pixels(shot_on);
+    settings_.shot.off = pixels(shot_off);
+    if (pattern.parasitic != nullptr && pattern.leak == nullptr) {
+      throw std::invalid_argument("a parasitic leak needs the array of leaks");
     }
-    const PixelArrays pixels{luminance.data(), theta_on.data(), theta_off.data(),
-                             reference.data(), last_log.data(), last_luminance.data()};
+    if ((settings_.shot.on == nullptr) != (settings_.shot.off == nullptr)) {
+      throw std::invalid_argument("shot noise has rates of both polarities");
+    }
+    has_leak_ = pattern.leak != nullptr;
+    array_ = std::make_unique<PixelArray>(settings_, pattern, width, height, threads, isa);
+  }
+
+  nb::tuple step(FrameIn<float> luminance, int64_t t_begin_us, int64_t clock_us, int64_t tick_us,
+                 int64_t ticks, Array<double, 2> reference, Array<float, 2> last_log,
+                 Array<float, 2> last_luminance, MaybeFrame<float> filtered,
+                 MaybeFrame<float> followed, MaybeFrame<int64_t> blind_until,
+                 MaybeFrame<float> mean, MaybeFrame<float> noise, MaybeFrame<float> drift,
+                 MaybeBlocks due_us, MaybeBlocks since_us, MaybeBlocks shot_next,
+                 MaybeBlocks shot_count) {
+    PixelArrays arrays;
+    arrays.reference = pixels(reference);
+    arrays.last_log = pixels(last_log);
+    arrays.last_luminance = pixels(last_luminance);
+    arrays.filtered = needed(settings_.lowpass(), pixels(filtered));
+    arrays.followed = needed(settings_.follower > 0.0, pixels(followed));
+    arrays.blind_until = needed(settings_.refractory > 0, pixels(blind_until));
+    arrays.average.mean = needed(settings_.average, pixels(mean));
+    arrays.average.noise = needed(settings_.average, pixels(noise));
+    arrays.average.drift = needed(settings_.average, pixels(drift));
+    const float first = 1.0f / static_cast<float>(ticks + 1);
+    arrays.average.noise_gain = std::max(settings_.noise_gain, first);
+    arrays.average.drift_gain = settings_.drift_gain;
+    arrays.average.noise_weight = settings_.noise_weight;
+    arrays.average.least_gain = std::max(settings_.least_gain, first);
+    const bool lazy = has_leak_ || settings_.lowpass() || settings_.follower > 0.0 ||
+                      settings_.highpass > 0.0 || settings_.refractory > 0 || settings_.average;
+    arrays.due_us = needed(lazy, blocks(due_us));
+    arrays.since_us = needed(lazy, blocks(since_us));
+    const bool shot = settings_.shot.on != nullptr;
+    arrays.shot.next = needed(shot, blocks(shot_next));
+    arrays.shot.count = needed(shot, blocks(shot_count));
+    if (tick_us <= 0 || tick_us >= (int64_t{1} << 28)) {
+      throw std::invalid_argument("tick_us must be in [1, 2^28)");
+    }
+    const Tick tick{pixels(luminance), clock_us, static_cast<uint32_t>(tick_us)};
     EventBuffer buffer;
     size_t clamped = 0;
     {
       nb::gil_scoped_release release;
-      buffer = sensor_.step(pixels, t_begin_us, static_cast<uint32_t>(tick_us), clamped);
+      buffer = array_->step(arrays, tick, t_begin_us, clamped);
     }
     return nb::make_tuple(owned<Bytes>(std::move(buffer.events), buffer.count), clamped);
   }
 
  private:
+  template <class Frame>
+  auto pixels(const Frame& frame) const -> decltype(frame.data()) {
+    if (frame.shape(0) != height_ || frame.shape(1) != width_) {
+      throw std::invalid_argument("every array of pixels must be (height, width)");
+    }
+    return frame.data();
+  }
+  template <class Frame>
+  auto pixels(const std::optional<Frame>& frame) const -> decltype(frame->data()) {
+    return frame ? pixels(*frame) : nullptr;
+  }
+  int64_t* blocks(const MaybeBlocks& line) const {
+    if (!line) return nullptr;
+    if (line->shape(0) != array_->blocks()) {
+      throw std::invalid_argument("every array of blocks must have one number for 64 pixels");
+    }
+    return line->data();
+  }
+  // A term's state: there where the term is on, and only then.
+  template <class T>
+  static T* needed(bool on, T* state) {
+    if (on && state == nullptr) throw std::invalid_argument("the state lacks a term that is on");
+    return on ? state : nullptr;
+  }
+
+  PixelSettings settings_;
   size_t width_;
   size_t height_;
-  PlainSensor sensor_;
+  bool has_leak_ = false;
+  nb::object keep_;  // the pattern's memory
+  std::unique_ptr<PixelArray> array_;
 };
 
 Floats natural_log(Line values) {
   std::unique_ptr<float[]> out(new float[values.shape(0)]);
   for (size_t i = 0; i < values.shape(0); i++) out[i] = ln(values.data()[i]);
   return owned<Floats>(std::move(out), values.shape(0));
+}
+
+nb::tuple lowpass_steps(Line z) {
+  std::unique_ptr<float[]> a(new float[z.shape(0)]), b(new float[z.shape(0)]);
+  for (size_t i = 0; i < z.shape(0); i++) {
+    const LowpassStep step = lowpass_step(z.data()[i]);
+    a[i] = step.a;
+    b[i] = step.b;
+  }
+  return nb::make_tuple(owned<Floats>(std::move(a), z.shape(0)),
+                        owned<Floats>(std::move(b), z.shape(0)));
 }
 
 Floats log_map(Line luminance, const std::string& log, float exposure_dn, float dark_dn,
@@ -98,21 +213,48 @@ Floats log_map(Line luminance, const std::string& log, float exposure_dn, float 
 }  // namespace
 
 void bind_sensor(nb::module_& m) {
-  nb::class_<PlainSensorBinding>(m, "PlainSensor",
-                                 "A sensor of plain pixels: see evs.emulator.sensor.plain.")
-      .def(nb::init<int, int, const std::string&, float, float, float, float, int,
-                    const std::string&>(),
-           nb::arg("width"), nb::arg("height"), nb::arg("log"), nb::arg("exposure_dn"),
-           nb::arg("dark_dn"), nb::arg("linlog_dn"), nb::arg("log_eps"), nb::arg("threads"),
-           nb::arg("isa") = "auto")
-      .def("step", &PlainSensorBinding::step, nb::arg("luminance").noconvert(),
-           nb::arg("theta_on").noconvert(), nb::arg("theta_off").noconvert(),
-           nb::arg("reference").noconvert(), nb::arg("last_log").noconvert(),
-           nb::arg("last_luminance").noconvert(), nb::arg("t_begin_us"), nb::arg("tick_us"),
-           "Out: (the events' bytes (16 n,) uint8, how many pixels had no usable light). "
-           "reference, last_log and last_luminance are changed in place.");
+  nb::class_<PixelSettings>(m, "PixelSettings", "What all pixels have in common.")
+      .def(nb::new_(&make_settings), nb::kw_only(), nb::arg("log"), nb::arg("exposure_dn"),
+           nb::arg("dark_dn"), nb::arg("linlog_dn"), nb::arg("log_eps"), nb::arg("euler") = false,
+           nb::arg("lowpass_low") = 0.0, nb::arg("lowpass_slope") = 0.0, nb::arg("follower") = 0.0,
+           nb::arg("highpass") = 0.0, nb::arg("parasitic_slope") = 0.0,
+           nb::arg("refractory_us") = 0, nb::arg("causes") = false, nb::arg("noise_gain") = 0.0f,
+           nb::arg("drift_gain") = 0.0f, nb::arg("least_gain") = 0.0f,
+           nb::arg("noise_weight") = 0.0f, nb::arg("shot_bright") = 1.0,
+           nb::arg("shot_inverse") = false, nb::arg("shot_slope") = 0.0,
+           nb::arg("shot_offset") = 0.0, nb::arg("shot_dim_dn") = 0.0, nb::arg("seed") = 0,
+           "Terms at zero are off. lowpass, follower, highpass: 2 pi f in 1 / us, the first at "
+           "DN 0 and its slope per DN.");
+  nb::class_<BoundPixels>(m, "PixelArray", "Pixels with a fixed pattern: emulator/sensor/plain.py.")
+      .def(nb::init<const PixelSettings&, int, int, FrameIn<float>, FrameIn<float>, MaybeIn<float>,
+                    MaybeIn<float>, MaybeIn<float>, MaybeIn<uint8_t>, MaybeIn<float>,
+                    MaybeIn<float>, int, const std::string&>(),
+           nb::arg("settings"), nb::arg("width"), nb::arg("height"), nb::kw_only(),
+           nb::arg("theta_on"), nb::arg("theta_off"), nb::arg("leak").none() = nb::none(),
+           nb::arg("parasitic").none() = nb::none(), nb::arg("phase").none() = nb::none(),
+           nb::arg("hot").none() = nb::none(), nb::arg("shot_on").none() = nb::none(),
+           nb::arg("shot_off").none() = nb::none(), nb::arg("threads") = 0, nb::arg("isa") = "auto")
+      .def(
+          "step", &BoundPixels::step, nb::arg("luminance").noconvert(), nb::arg("t_begin_us"),
+          nb::arg("clock_us"), nb::arg("tick_us"), nb::arg("ticks"), nb::kw_only(),
+          nb::arg("reference").noconvert(), nb::arg("last_log").noconvert(),
+          nb::arg("last_luminance").noconvert(),
+          nb::arg("filtered").noconvert().none() = nb::none(),
+          nb::arg("followed").noconvert().none() = nb::none(),
+          nb::arg("blind_until").noconvert().none() = nb::none(),
+          nb::arg("mean").noconvert().none() = nb::none(),
+          nb::arg("noise").noconvert().none() = nb::none(),
+          nb::arg("drift").noconvert().none() = nb::none(),
+          nb::arg("due_us").noconvert().none() = nb::none(),
+          nb::arg("since_us").noconvert().none() = nb::none(),
+          nb::arg("shot_next").noconvert().none() = nb::none(),
+          nb::arg("shot_count").noconvert().none() = nb::none(),
+          "Out: (the events' bytes (16 n,) uint8, how many pixels had no usable light). The state, "
+          "that is every keyword, is changed in place. In: ticks, how many came before.");
   m.def("natural_log", &natural_log, nb::arg("values").noconvert(),
         "ln of normal positive float32 (n,), the sensor's own.");
+  m.def("lowpass_steps", &lowpass_steps, nb::arg("z").noconvert(),
+        "(a, b) of one pole over z = 2 pi f dt (n,) float32, the sensor's own: core/sensor.");
   m.def("log_map", &log_map, nb::arg("luminance").noconvert(), nb::arg("log"),
         nb::arg("exposure_dn"), nb::arg("dark_dn"), nb::arg("linlog_dn"), nb::arg("log_eps"),
         "Log light of linear luminance (n,); NaN where the luminance is negative, NaN or Inf.");

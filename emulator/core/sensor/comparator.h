@@ -1,0 +1,124 @@
+// The comparators of one pixel through one tick: the exact order of crossings, noise and blindness.
+//
+// Contract. Inside a tick the signal s moves linearly and the reference r sinks linearly by `drift`
+// (leak), so that s - r moves linearly. A level is reached when s >= r + theta_on (ON) or
+// s <= r - theta_off (OFF): the closed side is the far one. Without a refractory period every event
+// moves the reference by exactly one threshold, so that no contrast is lost. With one the pixel is
+// blind from its event on, whatever comes, and at the end of the period the reference is the signal
+// of that instant. References are float64 and multiples of 2^-43, and so are float32 thresholds
+// from 2^-8 on and the leak of a microsecond: adding and subtracting them is exact below 2^10, and
+// a day of events drifts by nothing. Only the division in a stamp rounds.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "shot.h"
+#include "vmath.h"
+
+namespace evs {
+
+// Why an event came about. 0 in an event: nobody asked.
+enum class Cause : uint32_t { signal = 1, leak = 2, shot = 3, hot = 4 };
+
+// An event before it is sorted: its pixel, and (stamp - t_begin) * 16 + cause * 2 + polarity.
+struct Crossing {
+  uint32_t pixel;
+  uint32_t when;
+};
+inline constexpr uint32_t kWhenBits = 4;
+
+// Round to a multiple of 2^-43, ties to even; exact for |value| < 2^8.
+EVS_ALWAYS_INLINE double on_grid(double value) { return (value + 0x1.8p9) - 0x1.8p9; }
+
+// Microseconds after the start of a tick at which a line that moves `span` in `tick` us has moved
+// `part`: rounded up, in [1, tick]. A NaN gives 1.
+inline uint32_t crossing_time(double part, double span, double tick) {
+  const double exact = part * tick / span;
+  if (!(exact > 1.0)) return 1;
+  if (exact >= tick) return static_cast<uint32_t>(tick);
+  const uint32_t whole = static_cast<uint32_t>(exact);
+  return whole + (static_cast<double>(whole) < exact);
+}
+
+// One pixel and what the tick brings it.
+struct Comparators {
+  uint32_t pixel = 0;
+  double on = 0.0;  // thresholds
+  double off = 0.0;
+  double reference = 0.0;   // In/out: at the start of the tick; after `run` at its end; NaN: blind
+  double signal = 0.0;      // at the start of the tick
+  double span = 0.0;        // how far the signal goes in the tick
+  double drift = 0.0;       // how far the reference sinks in the tick
+  int64_t begin_us = 0;     // the tick's start by the sensor's clock
+  uint32_t tick = 0;        // us
+  uint32_t refractory = 0;  // us
+  int64_t blind_until = 0;  // In/out, by the sensor's clock; for a NaN reference only
+  Cause drifting = Cause::leak;  // what an event is called that the drift brought about
+  double shot_on = 0.0;          // Hz, in the dark
+  double shot_off = 0.0;         // Hz, in the dark
+  double share = 1.0;            // of those two that is left at this light
+
+  // Crossings of the whole tick in order, among them the candidates for shot noise of this pixel.
+  void run(const ShotCandidate* shots, size_t count, std::vector<Crossing>& out) {
+    const double length = tick;
+    const double v = span + drift;  // of signal against reference
+    double r = reference;           // continued to the start of the tick
+    uint32_t now = 0;
+    auto at = [&](uint32_t offset) { return on_grid(signal + v * (offset / length)); };
+    // the pixel has fired: false where it is blind for the rest of the tick
+    auto rest = [&](uint32_t stamp) {
+      if (refractory == 0) return true;
+      const int64_t until = static_cast<int64_t>(stamp) + refractory;
+      if (until > tick) {
+        blind_until = begin_us + until;
+        reference = __builtin_nan("");
+        return false;
+      }
+      now = static_cast<uint32_t>(until);
+      r = at(now);
+      return true;
+    };
+    if (r != r) {
+      if (blind_until > begin_us + tick) return;
+      now = static_cast<uint32_t>(blind_until - begin_us);
+      r = at(now);
+    }
+    const bool drifts = drift * drift > span * span;
+    const uint32_t cause = static_cast<uint32_t>(drifts ? drifting : Cause::signal);
+    const double end = signal + v;
+    for (size_t k = 0;; k++) {
+      const uint32_t until = k < count ? shots[k].offset : tick;
+      // every level on the way to there
+      for (;;) {
+        const bool up = r + on <= end;
+        if (!up && !(r - off >= end)) break;
+        const double level = up ? r + on : r - off;
+        const uint32_t exact = crossing_time(level - signal, v, length);
+        const uint32_t stamp = exact > now ? exact : now;
+        if (stamp > until) break;
+        out.push_back(crossing(stamp, cause, up));
+        r = level;
+        now = stamp;
+        if (!rest(stamp)) return;
+      }
+      if (k == count) break;
+      // noise, unless the pixel is blind or its rate too low now
+      const double lot = shots[k].lot;
+      if (until < now || lot >= (shot_on + shot_off) * share) continue;
+      out.push_back(crossing(until, static_cast<uint32_t>(Cause::shot), lot < shot_on * share));
+      now = until;
+      r = at(until);
+      if (!rest(until)) return;
+    }
+    reference = r - drift;
+  }
+
+ private:
+  Crossing crossing(uint32_t stamp, uint32_t cause, bool up) const {
+    return {pixel, (stamp << kWhenBits) | (cause << 1) | (up ? 1u : 0u)};
+  }
+};
+
+}  // namespace evs

@@ -1,0 +1,51 @@
+// One pole: y' = w (x - y), stepped exactly for a signal x that is a line inside the tick.
+//
+// With z = w dt the step is y1 = y0 + a (x0 - y0) + b (x1 - x0), where a = 1 - e^-z is how far y
+// comes towards where x was, and b = 1 - a / z how much of the line y follows. Any z >= 0 is
+// stable.
+#pragma once
+
+#include "vmath.h"
+
+namespace evs {
+
+struct LowpassStep {
+  float a;
+  float b;
+};
+
+inline constexpr float kSettled = 80.0f;  // e^-80 is nothing beside 1
+
+// z >= 0, a NaN counts as kSettled. Relative error of both below 2e-6.
+EVS_ALWAYS_INLINE LowpassStep lowpass_step(float z) {
+  z = z < kSettled ? z : kSettled;
+  // close to zero the differences cancel: there by their series
+  float a = -0x1.6c16c2p-10f;  // -1 / 6!, 1 / 5!, ...
+  a = a * z + 0x1.111112p-7f;
+  a = a * z - 0x1.555556p-5f;
+  a = a * z + 0x1.555556p-3f;
+  a = a * z - 0.5f;
+  a = (a * z + 1.0f) * z;
+  float b = -0x1.a01a02p-13f;  // -1 / 7!, 1 / 6!, ...
+  b = b * z + 0x1.6c16c2p-10f;
+  b = b * z - 0x1.111112p-7f;
+  b = b * z + 0x1.555556p-5f;
+  b = b * z - 0x1.555556p-3f;
+  b = (b * z + 0.5f) * z;
+  const float far_a = 1.0f - exp_minus(z);
+  const float far_b = 1.0f - far_a / (z > 0.25f ? z : 0.25f);
+  const bool near = z < 0.25f;
+  return {near ? a : far_a, near ? b : far_b};
+}
+
+EVS_ALWAYS_INLINE float lowpass(LowpassStep step, float y0, float x0, float x1) {
+  return y0 + (step.a * (x0 - y0) + step.b * (x1 - x0));
+}
+
+// v2e's step: the whole tick sees the new light, y1 = y0 + min(1, z) (x1 - y0).
+EVS_ALWAYS_INLINE float lowpass_euler(float z, float y0, float x1) {
+  const float share = z < 1.0f ? z : 1.0f;
+  return y0 + share * (x1 - y0);
+}
+
+}  // namespace evs

@@ -1,0 +1,45 @@
+// Counter-based random numbers: 64 bits follow from (key, counter) and from nothing else.
+// emulator/sensor/random.py says the same in NumPy.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+
+namespace evs {
+
+// What a random number is for: emulator/sensor/random.py has the whole list.
+inline constexpr uint64_t kTermShot = 6;
+
+// 64 mixed bits: a step of the SplitMix64 generator (Steele, Lea, Flood 2014), twice.
+inline uint64_t hash(uint64_t key, uint64_t counter) {
+  uint64_t mixed = key + counter * 0x9E3779B97F4A7C15ull;
+  for (int i = 0; i < 2; i++) {
+    mixed = (mixed ^ (mixed >> 30)) * 0xBF58476D1CE4E5B9ull;
+    mixed = (mixed ^ (mixed >> 27)) * 0x94D049BB133111EBull;
+    mixed = mixed ^ (mixed >> 31);
+  }
+  return mixed;
+}
+
+// 53 of the bits as a number in [0, 1).
+inline double uniform(uint64_t bits) { return static_cast<double>(bits >> 11) * 0x1p-53; }
+
+// Natural logarithm by the series of artanh; error below 1e-15 for values in [2^-53, 1].
+inline double ln_double(double value) {
+  constexpr double kRoot = 0.70710678118654757;  // sqrt(1 / 2) as a double
+  int exponent = 0;
+  const double mantissa = std::frexp(value, &exponent);  // in [1/2, 1); exact
+  const double z = (mantissa - kRoot) / (mantissa + kRoot);
+  const double square = z * z;
+  double series = 0.0;
+  for (int odd = 21; odd > 0; odd -= 2) series = series * square + 1.0 / odd;
+  return 2.0 * z * series + (exponent - 0.5) * 0.6931471805599453;
+}
+
+// An exponential number of mean 1: the time to the next event of a Poisson process of rate 1.
+inline double exponential(uint64_t bits) {
+  const double log = ln_double(uniform(bits) + 0x1p-53);
+  return log < 0.0 ? -log : 0.0;  // rounding may leave a log of 1e-17
+}
+
+}  // namespace evs

@@ -1,0 +1,73 @@
+// The noise-adaptive running mean in front of the pixel (model `adaptive`). Its meaning and its
+// fitted constants stand in emulator/sensor/running_mean.py, whose float32 steps these are.
+#pragma once
+
+#include <cstddef>
+
+#include "logmap.h"
+
+namespace evs {
+
+struct RunningMean {
+  float* mean = nullptr;   // In/out, linear light; null: there is none
+  float* noise = nullptr;  // In/out, mean square from tick to tick
+  float* drift = nullptr;  // In/out, mean of light - mean
+  float noise_gain = 0.0f;
+  float drift_gain = 0.0f;
+  float least_gain = 0.0f;
+  float noise_weight = 0.0f;
+};
+
+inline constexpr float kLargestMean = 0x1p60f;  // more is no light: its square must stay a float
+inline constexpr float kLeastDrift = 0x1p-50f;  // less is 0: its square must stay a normal float
+inline constexpr float kLeastNoise = 0x1p-100f;
+inline constexpr float kTinyLight = 0x1p-100f;  // no 0 / 0 where the light has never changed
+
+// 0 where closer to 0 than `least`; a NaN stays.
+EVS_ALWAYS_INLINE float flush(float value, float least) {
+  const float small = value > -least ? 0.0f : value;
+  return value < least ? small : value;
+}
+
+// Pixels [first, first + count). In: light now, none of it unusable, and in the last tick; whether
+// a pixel has any. Out: the mean; whether the state of a pixel changed.
+EVS_ALWAYS_INLINE bool average(const RunningMean& to, const float* __restrict light,
+                               const float* __restrict last, size_t first, size_t count,
+                               float* __restrict out) {
+  float* __restrict mean = to.mean + first;
+  float* __restrict noise = to.noise + first;
+  float* __restrict drift = to.drift + first;
+  uint32_t changed = 0;
+  for (size_t i = 0; i < count; i++) {
+    const float now = flush(light[i], kBlack);
+    const float apart = now - flush(last[i], kBlack);
+    const float old_noise = noise[i];
+    const float new_noise =
+        flush(old_noise + to.noise_gain * (apart * apart - old_noise), kLeastNoise);
+    const float old_mean = mean[i];
+    const float off = now - old_mean;
+    const float old_drift = drift[i];
+    const float new_drift = flush(old_drift + to.drift_gain * (off - old_drift), kLeastDrift);
+    const float signal = new_drift * new_drift;
+    const float best = signal / (signal + to.noise_weight * new_noise + kTinyLight);
+    const float gain = best > to.least_gain ? best : to.least_gain;
+    const float moved = flush(old_mean + gain * off, kBlack);
+
+    // the first light is the mean, and nothing is known of its noise
+    const bool begins = old_mean != old_mean;
+    const float first_mean = light[i] > -kBlack ? now : old_mean;
+    const float mean_out = begins ? first_mean : moved;
+    const float noise_out = begins ? 0.0f : new_noise;
+    const float drift_out = begins ? 0.0f : new_drift;
+    changed |= std::bit_cast<uint32_t>(mean_out) ^ std::bit_cast<uint32_t>(old_mean);
+    changed |= std::bit_cast<uint32_t>(noise_out) ^ std::bit_cast<uint32_t>(old_noise);
+    changed |= std::bit_cast<uint32_t>(drift_out) ^ std::bit_cast<uint32_t>(old_drift);
+    out[i] = mean_out;
+    mean[i] = mean_out;
+    noise[i] = noise_out;
+    drift[i] = drift_out;
+  }
+  return changed != 0;
+}
+
+}  // namespace evs

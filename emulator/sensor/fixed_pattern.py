@@ -1,0 +1,110 @@
+"""The fixed pattern: what every pixel has of its own, and keeps.
+
+A term that is off has no array here and draws no number; every term has numbers of its own, so
+that switching one on moves no other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from evs.emulator.scene import F32, F64
+from evs.emulator.sensor.parameters import SensorParameters
+from evs.emulator.sensor.random import Term, exp10, pixel_normals, pixel_uniforms
+
+FLOOR = 0.01
+"""No threshold is lower (v2e's floor); over 2^-8, so that the pixel's arithmetic is exact."""
+
+GRID = 2.0**43
+"""References and the leak of a microsecond are multiples of 1 / GRID: core/sensor/comparator.h."""
+
+Mask = np.ndarray[Any, np.dtype[np.uint8]]
+
+
+@dataclass(frozen=True)
+class FixedPattern:
+    """Of (h, w) pixels. It follows from sensor and seed, so it is no state."""
+
+    on: F32
+    """(h, w) ON threshold, log units; infinite: the pixel is dead"""
+    off: F32
+    """(h, w) OFF threshold, log units"""
+    leak: F32 | None = None
+    """(h, w) log units by which the reference sinks in a us, a multiple of 2^-43"""
+    parasitic: F32 | None = None
+    """(h, w) by how much more at bright_lux, log units per us"""
+    phase: F32 | None = None
+    """(h, w) log units by which the first reference lies below the light: as if it had leaked
+    for long"""
+    hot: Mask | None = None
+    """(h, w) 1: the pixel is hot"""
+    shot_on: F32 | None = None
+    """(h, w) rate of ON noise in the dark, Hz"""
+    shot_off: F32 | None = None
+    """(h, w) rate of OFF noise in the dark, Hz"""
+
+
+def draw_pattern(sensor: SensorParameters, seed: int) -> FixedPattern:
+    """theta = max(FLOOR, mean + sigma N); rates times 10^(cov N), scaled so that the mean is 1.
+
+    N is standard normal, one number per pixel and term.
+    """
+    size = (sensor.width, sensor.height)
+
+    def threshold(mean: float, term: Term) -> F64:
+        return np.maximum(FLOOR, mean + sensor.sigma_thres * pixel_normals(seed, term, *size))
+
+    def spread(term: Term) -> F64 | float:
+        cov = sensor.noise_rate_cov_decades
+        if cov == 0.0:
+            return 1.0
+        mean = math.exp((cov * math.log(10.0)) ** 2 / 2.0)  # of a log-normal number
+        return exp10(cov * pixel_normals(seed, term, *size)) / round(mean, 12)
+
+    on = threshold(sensor.pos_thres, Term.THRESHOLD_ON)
+    off = threshold(sensor.neg_thres, Term.THRESHOLD_OFF)
+    values: dict[str, Any] = {}
+    hot = dead = np.zeros((sensor.height, sensor.width), bool)
+    if sensor.hot_pixel_fraction or sensor.dead_pixel_fraction:
+        lot = pixel_uniforms(seed, Term.DEFECT, *size)
+        dead = lot < sensor.dead_pixel_fraction
+        hot = lot >= 1.0 - sensor.hot_pixel_fraction
+    if sensor.shot_noise_rate_hz:
+        # half of it is ON; a pixel with a low threshold has more (v2e)
+        rate = sensor.shot_noise_rate_hz / 2.0 * spread(Term.SHOT_RATE)
+        values["shot_on"] = np.where(dead, 0.0, rate * _ease(sensor, sensor.pos_thres, on))
+        values["shot_off"] = np.where(dead, 0.0, rate * _ease(sensor, sensor.neg_thres, off))
+    if sensor.leak_rate_hz or sensor.parasitic_leak_hz or sensor.has_hot_pixels:
+        one_hz = np.where(dead, 0.0, spread(Term.LEAK_RATE) * on * 1e-6)
+        rate = np.where(hot, sensor.hot_pixel_rate_hz, sensor.leak_rate_hz)
+        values["leak"] = np.round(one_hz * rate * GRID) / GRID
+        if sensor.parasitic_leak_hz:
+            values["parasitic"] = one_hz * sensor.parasitic_leak_hz
+        leaks = (values["leak"] > 0.0) | (sensor.parasitic_leak_hz > 0.0)
+        phase = pixel_uniforms(seed, Term.LEAK_PHASE, *size) * on
+        values["phase"] = np.where(leaks & ~dead, phase, 0.0)
+    arrays = {name: _constant(array, np.float32) for name, array in values.items()}
+    if sensor.has_hot_pixels:
+        arrays["hot"] = _constant(hot, np.uint8)
+    return FixedPattern(
+        on=_constant(np.where(dead, np.inf, on), np.float32),
+        off=_constant(np.where(dead, np.inf, off), np.float32),
+        **arrays,
+    )
+
+
+def _ease(sensor: SensorParameters, nominal: float, theta: F64) -> F64:
+    """How much more noise a pixel has for its lower threshold; its mean over pixels is 1."""
+    ratio = min(sensor.sigma_thres / nominal, 0.3)
+    mean = 1.0 + ratio**2 + 3.0 * ratio**4 + 15.0 * ratio**6  # of 1 / (1 + ratio N), ratio small
+    return nominal / theta / mean
+
+
+def _constant(values: Any, dtype: type) -> Any:
+    array: np.ndarray[Any, Any] = np.ascontiguousarray(values, dtype)
+    array.flags.writeable = False
+    return array
