@@ -110,6 +110,11 @@ class SensorParameters:
     """share of pixels that never fire"""
 
     def __post_init__(self) -> None:
+        self._check_size()
+        self._check_numbers()
+        self._check_words()
+
+    def _check_size(self) -> None:
         for side in ("width", "height"):
             pixels = getattr(self, side)
             if not isinstance(pixels, int) or isinstance(pixels, bool):
@@ -120,6 +125,8 @@ class SensorParameters:
             raise EvsError(
                 f"sensor of {self.width} x {self.height} px; make it at most {MAX_PIXELS} px"
             )
+
+    def _check_numbers(self) -> None:
         for key, (lowest, highest) in _RANGES.items():
             value = getattr(self, key)
             if not isinstance(value, int | float) or isinstance(value, bool):
@@ -133,6 +140,13 @@ class SensorParameters:
         if 0 < self.dark_dn < MIN_DARK_DN:  # its logarithm would be a denormal float32
             least = MIN_DARK_DN * self.lux_per_dn
             raise EvsError(f"sensor.dark_lux is {self.dark_lux:g}; give 0 or over {least:g}")
+        if self.hot_pixel_fraction + self.dead_pixel_fraction > 1.0:
+            raise EvsError(
+                "sensor.hot_pixel_fraction and sensor.dead_pixel_fraction are over 1 together; "
+                "lower one"
+            )
+
+    def _check_words(self) -> None:
         for key, what, known in (
             ("log", "log map", LOG_MAPS),
             ("filter", "filter", FILTERS),
@@ -140,11 +154,6 @@ class SensorParameters:
         ):
             if getattr(self, key) not in known:
                 raise unknown(f"{what} (sensor.{key})", str(getattr(self, key)), known)
-        if self.hot_pixel_fraction + self.dead_pixel_fraction > 1.0:
-            raise EvsError(
-                "sensor.hot_pixel_fraction and sensor.dead_pixel_fraction are over 1 together; "
-                "lower one"
-            )
 
     @property
     def lux_per_dn(self) -> float:
