@@ -19,11 +19,11 @@ from evs.emulator.light import make_renderer
 from evs.emulator.optics import camera_info
 from evs.emulator.plain_config import plain_config, plain_integer
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
-from evs.emulator.sensor import make_event_model, resolve_sensor
+from evs.emulator.sensor import Aps, Imu, make_event_model, resolve_sensor
 from evs.emulator.stages import Meter, NoMeter, Renderer
 from evs.emulator.truth import GroundTruth
-from evs.emulator.world import MUJOCO_VERSION, BoundCamera, MjModel, bind_camera
-from evs.msgs import EventPacket, EvsError, StreamInfo
+from evs.emulator.world import MUJOCO_VERSION, BoundCamera, MjModel, bind_camera, gravity_of
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, ImuSamples, StreamInfo, empty_imu
 
 
 @dataclass(frozen=True)
@@ -94,6 +94,10 @@ class Camera:
     """the model's camera, or what describes it, with its optics"""
     _now: tuple[SceneSnapshot, CameraPose] | None
     _previous: tuple[SceneSnapshot, CameraPose] | None
+    frames: tuple[Frame, ...]
+    """intensity frames whose read-out ended in the last tick; none unless sensor.aps is enabled"""
+    imu_packet: ImuPacket | None
+    """what the IMU said in the last tick; None: nothing, as ever unless sensor.imu is enabled"""
 
     def __init__(
         self,
@@ -119,6 +123,12 @@ class Camera:
         self._stand(world, scene)
         self._model = make_event_model(sensor, plan.model, plan.threads)
         name = free_name(plan.name, self.bound.name, taken)
+        self._aps = (
+            Aps(sensor.aps, *self._size, float(sensor.exposure_dn), name)
+            if sensor.aps.enabled
+            else None
+        )
+        self._imu = Imu(sensor.imu) if sensor.imu.enabled else None
         if config is None:
             scene_config = replace(scene_config or SceneConfig(tick_us=tick_us), camera=plan.camera)
             config = {"scene": asdict(scene_config), **_plain(replace(plan, name=name))}
@@ -132,12 +142,19 @@ class Camera:
             versions=versions(),
             config=config,
             camera_info=camera_info(self.bound.model),
+            frames=sensor.aps.enabled,
+            imu=sensor.imu.enabled,
         )
         self.reset()
 
     def reset(self) -> None:
         """Forget everything seen: as new."""
-        self._state: Any = self._model.init(self._plan.seed)
+        seed = self._plan.seed
+        self._state: Any = self._model.init(seed)
+        self._aps_state = None if self._aps is None else self._aps.init(seed)
+        self._imu_state = None if self._imu is None else self._imu.init(seed)
+        self._imu_seq = 0
+        self.frames, self.imu_packet = (), None
         self._luminance: F32 | None = None
         self._t_us: int | None = None
         self._forget_instants()
@@ -150,6 +167,7 @@ class Camera:
         self._stand(world, scene)
 
     def _stand(self, world: MjModel, scene: SceneModel) -> None:
+        self._world = world
         self.bound, self._renderer = self._plan.stand(world, scene, *self._size)
         self._unlit = is_unlit(scene, self._plan.render)
 
@@ -195,9 +213,25 @@ class Camera:
         events, self._state = self._model.step(
             self._luminance, self._state, begin_us, snapshot.t_us
         )
+        self._see_more(snapshot, pose, begin_us)
         self._t_us = snapshot.t_us
         self._meter.lap("sensor")
         return events
+
+    def _see_more(self, snapshot: SceneSnapshot, pose: CameraPose, begin_us: int) -> None:
+        """Frames and IMU of the tick, where they were asked for."""
+        if self._aps is not None and self._aps_state is not None and self._luminance is not None:
+            self.frames, self._aps_state = self._aps.step(
+                self._luminance, self._aps_state, begin_us, snapshot.t_us
+            )
+        if self._imu is not None and self._imu_state is not None:
+            samples, self._imu_state = self._imu.step(
+                pose, gravity_of(self._world), self._imu_state, snapshot.t_us
+            )
+            self.imu_packet = (
+                ImuPacket(self._imu_seq, samples, self._info.camera) if len(samples) else None
+            )
+            self._imu_seq += len(samples) > 0
 
     def ground_truth(self) -> GroundTruth:
         """Of the last tick's end: depth, normals, ids, ... and the flow during that tick.
@@ -207,6 +241,14 @@ class Camera:
         if self._now is None:
             raise EvsError("the camera has seen nothing yet: step the world first")
         return self._renderer.ground_truth(*self._now, self._previous)
+
+    @property
+    def imu(self) -> ImuSamples:
+        """(n,) what the IMU said in the last tick: t, acceleration, angular_velocity, temperature.
+
+        Axes: x right, y down, z forward. Of the time up to the tick before; empty where it is off.
+        """
+        return empty_imu() if self.imu_packet is None else self.imu_packet.samples
 
     def _forget_instants(self) -> None:
         self._now = self._previous = None

@@ -73,6 +73,60 @@ class CameraConfig:
 
 
 @dataclass(frozen=True)
+class ApsConfig:
+    """[sensor.aps]: intensity frames beside the events, as a DAVIS gives. None: the preset's."""
+
+    enabled: bool | None = None
+    """whether there are frames at all; off unless asked for"""
+    rate_hz: float | None = None
+    """frames per second; frame n begins at n / rate_hz of simulated time"""
+    exposure_us: int | None = None
+    """how long a row collects light, us: what moves is blurred"""
+    shutter: str | None = None
+    """global: all rows at once | rolling: each row row_us after the one above it"""
+    row_us: float | None = None
+    """time to read out a row, us"""
+    gain: float | None = None
+    """at 1, light of 255 DN (white of the event pixels) fills the range; more is clipped"""
+    bits: int | None = None
+    """of a pixel of the frame: 8 or 16; the converter's bits are the upper ones of them"""
+    adc_bits: int | None = None
+    """resolution of the converter"""
+    full_well_e: float | None = None
+    """electrons that white is: shot noise is their square root; 0: no shot noise"""
+    read_noise_dn: float | None = None
+    """standard deviation of the read noise, steps of the converter; 0: none"""
+
+
+@dataclass(frozen=True)
+class ImuConfig:
+    """[sensor.imu]: accelerometer and gyroscope at the camera. None: the preset's. As Kalibr."""
+
+    enabled: bool | None = None
+    """whether there are samples at all; off unless asked for"""
+    rate_hz: float | None = None
+    """samples per second; sample n is of n / rate_hz of simulated time"""
+    accelerometer_bias: tuple[float, float, float] | None = None
+    """constant error of x (right), y (down), z (forward), m/s^2"""
+    accelerometer_noise_density: float | None = None
+    """white noise, m/s^2/sqrt(Hz): a sample's standard deviation is this times sqrt(rate_hz)"""
+    accelerometer_random_walk: float | None = None
+    """how the bias walks, m/s^3/sqrt(Hz): its standard deviation after T s is this times sqrt(T)"""
+    accelerometer_range_g: float | None = None
+    """largest value of an axis, standard gravities; it clips there; 0: no limit"""
+    gyroscope_bias: tuple[float, float, float] | None = None
+    """constant error of x, y, z, rad/s"""
+    gyroscope_noise_density: float | None = None
+    """white noise, rad/s/sqrt(Hz)"""
+    gyroscope_random_walk: float | None = None
+    """how the bias walks, rad/s^2/sqrt(Hz)"""
+    gyroscope_range_dps: float | None = None
+    """largest value of an axis, degrees/s; it clips there; 0: no limit"""
+    temperature_c: float | None = None
+    """what the thermometer says, always, degrees C"""
+
+
+@dataclass(frozen=True)
 class SensorConfig:
     """[sensor]: the event pixel. None: the preset's value. v2e's names and meanings."""
 
@@ -133,6 +187,8 @@ class SensorConfig:
     dead_pixel_fraction: float | None = None
     """share of pixels that never fire"""
     biases: BiasConfig = field(default_factory=BiasConfig)
+    aps: ApsConfig = field(default_factory=ApsConfig)
+    imu: ImuConfig = field(default_factory=ImuConfig)
 
 
 @dataclass(frozen=True)

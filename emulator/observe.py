@@ -9,7 +9,15 @@ from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorC
 from evs.emulator.scene import F32
 from evs.emulator.truth import GroundTruth
 from evs.emulator.world import MjData, MjModel, Poser, extract_scene
-from evs.msgs import EventPacket, Events, EvsError, StreamInfo, empty_events
+from evs.msgs import (
+    EventPacket,
+    Events,
+    EvsError,
+    Frame,
+    ImuSamples,
+    StreamInfo,
+    empty_events,
+)
 
 
 class Sensor:
@@ -90,6 +98,16 @@ class Sensor:
     def packet(self) -> EventPacket | None:
         """The last observe's events as a packet; None before the second."""
         return self._packet
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """Intensity frames whose read-out ended in the last observe; needs sensor.aps.enabled."""
+        return self._camera.frames
+
+    @property
+    def imu(self) -> ImuSamples:
+        """(n,) what the IMU said in the last observe; needs sensor.imu.enabled. See Camera.imu."""
+        return self._camera.imu
 
     @property
     def luminance(self) -> F32:

@@ -11,7 +11,7 @@ from evs.emulator.loop import World
 from evs.emulator.scene import F32
 from evs.emulator.truth import GroundTruth
 from evs.emulator.world import ControlFunction, Scene
-from evs.msgs import EventPacket, StreamInfo
+from evs.msgs import EventPacket, Frame, ImuSamples, StreamInfo
 
 
 class VirtualCamera:
@@ -63,6 +63,16 @@ class VirtualCamera:
     def ground_truth(self) -> GroundTruth:
         """Depth, normals, ids, flow, ... of the last tick, computed at each call."""
         return self.camera.ground_truth()
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """Intensity frames whose read-out ended in the last tick; see Camera.frames."""
+        return self.camera.frames
+
+    @property
+    def imu(self) -> ImuSamples:
+        """(n,) what the IMU said in the last tick; see Camera.imu."""
+        return self.camera.imu
 
     @property
     def info(self) -> StreamInfo:

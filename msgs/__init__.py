@@ -10,30 +10,50 @@ from evs.msgs.event import (
     make_events,
 )
 from evs.msgs.fields import MessageError
+from evs.msgs.frame import Frame, decode_frame, encode_frame
+from evs.msgs.imu import (
+    IMU_DTYPE,
+    ImuPacket,
+    ImuSamples,
+    decode_imu,
+    empty_imu,
+    encode_imu,
+)
 from evs.msgs.packet import ENCODING, EventPacket, decode, encode
 from evs.msgs.status import Status, decode_status, encode_status
 from evs.msgs.stream import StreamInfo
-from evs.msgs.topics import DEFAULT_ADDRESS, EVENTS, STATUS, TOPICS, Topic
+from evs.msgs.topics import DEFAULT_ADDRESS, EVENTS, FRAMES, IMU, STATUS, TOPICS, Topic
 
 __all__ = [
     "DEFAULT_ADDRESS",
     "ENCODING",
     "EVENTS",
     "EVENT_DTYPE",
+    "FRAMES",
+    "IMU",
+    "IMU_DTYPE",
     "STATUS",
     "TOPICS",
     "EventPacket",
     "Events",
     "EvsError",
+    "Frame",
+    "ImuPacket",
+    "ImuSamples",
     "MessageError",
     "Status",
     "StreamInfo",
     "Topic",
     "clean_events",
     "decode",
+    "decode_frame",
+    "decode_imu",
     "decode_status",
     "empty_events",
+    "empty_imu",
     "encode",
+    "encode_frame",
+    "encode_imu",
     "encode_status",
     "join_events",
     "make_events",

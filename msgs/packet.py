@@ -70,10 +70,7 @@ def encode(packet: EventPacket) -> tuple[bytes, memoryview]:
         "height": packet.height,
         "camera": packet.camera,
     }
-    # numpy's own integers are welcome here, but msgpack knows only Python's
-    for key, value in header.items():
-        if isinstance(value, np.generic):
-            header[key] = value.item()
+    header = plain_integers(header)
     _checked(header)
     _check_events(events, header)
     return packb(header), events.view(np.uint8).reshape(-1).data
@@ -141,6 +138,11 @@ _UNSIGNED = np.dtype(
         "itemsize": 16,
     }
 )
+
+
+def plain_integers(header: dict[str, Any]) -> dict[str, Any]:
+    """The header with Python's integers: numpy's own are welcome, but msgpack knows none."""
+    return {k: v.item() if isinstance(v, np.generic) else v for k, v in header.items()}
 
 
 def packb(fields: dict[str, Any]) -> bytes:

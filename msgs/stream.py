@@ -27,3 +27,7 @@ class StreamInfo:
     """The whole configuration of the run, plain values."""
     camera_info: dict[str, Any] = field(default_factory=dict)
     """As in ROS's CameraInfo: width, height, distortion_model, d, k (9), r (9), p (12)."""
+    frames: bool = False
+    """Whether intensity frames come beside the events."""
+    imu: bool = False
+    """Whether IMU samples come beside the events."""

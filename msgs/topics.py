@@ -29,7 +29,9 @@ DEFAULT_ADDRESS = "tcp://127.0.0.1:5560"
 EVENTS = Topic(
     "events", "EventPacket", "one a tick and camera", 1000, "newest, counted by seq and status"
 )
+FRAMES = Topic("frames", "Frame", "as sensor.aps says", 1000, "newest, counted by seq")
+IMU = Topic("imu", "ImuPacket", "as sensor.imu says, one a tick at most", 1000, "newest, by seq")
 STATUS = Topic("status", "Status", "10 Hz of simulated time, and at the end", 1000, "newest")
 
-TOPICS = (EVENTS, STATUS)
+TOPICS = (EVENTS, FRAMES, IMU, STATUS)
 """Every topic of the bus."""

@@ -1,5 +1,9 @@
 """Light into events: sensor parameters and presets, log map, event models."""
 
+from evs.emulator.sensor.aps import Aps, ApsState
+from evs.emulator.sensor.aps_parameters import ApsParameters
+from evs.emulator.sensor.imu import Imu, ImuState
+from evs.emulator.sensor.imu_parameters import ImuParameters
 from evs.emulator.sensor.models import MODELS, make_event_model
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.plain import PlainModel
@@ -8,6 +12,12 @@ from evs.emulator.sensor.state import PlainState
 
 __all__ = [
     "MODELS",
+    "Aps",
+    "ApsParameters",
+    "ApsState",
+    "Imu",
+    "ImuParameters",
+    "ImuState",
     "PlainModel",
     "PlainState",
     "SensorParameters",

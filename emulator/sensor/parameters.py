@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from evs.emulator.scene import MAX_PIXELS
+from evs.emulator.sensor.aps_parameters import ApsParameters
+from evs.emulator.sensor.imu_parameters import ImuParameters
 from evs.msgs import EvsError, unknown
 
 MAX_SIDE_PX = 8192
@@ -108,6 +110,9 @@ class SensorParameters:
     """mean rate of that leak, Hz"""
     dead_pixel_fraction: float = 0.0
     """share of pixels that never fire"""
+
+    aps: ApsParameters = field(default_factory=ApsParameters)
+    imu: ImuParameters = field(default_factory=ImuParameters)
 
     def __post_init__(self) -> None:
         self._check_size()

@@ -29,6 +29,12 @@ class Term(IntEnum):
     DEFECT = 5
     SHOT = 6
     """in core/sensor/shot.h, of blocks of pixels"""
+    APS_SHOT = 32
+    APS_READ = 33
+    ACCELEROMETER_NOISE = 34
+    ACCELEROMETER_WALK = 35
+    GYROSCOPE_NOISE = 36
+    GYROSCOPE_WALK = 37
 
 
 def pixel_normals(seed: int, term: Term, width: int, height: int) -> F64:
@@ -36,12 +42,7 @@ def pixel_normals(seed: int, term: Term, width: int, height: int) -> F64:
 
     A pixel's number does not depend on the size of the sensor. Seeds count modulo 2^64.
     """
-    first, second = _pixel_bits(seed, term, width, height)
-
-    # Box and Muller 1958; the first uniform is in (0, 1], the second in [0, 1)
-    log = _log(_uniform(first) + 2.0**-53)
-    radius = np.sqrt(-2.0 * np.minimum(log, 0.0))  # rounding may leave a log of 1e-17
-    return np.asarray(radius * _cos_turn(_uniform(second)))
+    return _normals(*_pixel_bits(seed, term, width, height))
 
 
 def pixel_uniforms(seed: int, term: Term, width: int, height: int) -> F64:
@@ -49,11 +50,33 @@ def pixel_uniforms(seed: int, term: Term, width: int, height: int) -> F64:
     return _uniform(_pixel_bits(seed, term, width, height)[0])
 
 
+def indexed_normals(seed: int, term: Term, index: npt.ArrayLike, counter: npt.ArrayLike) -> F64:
+    """One standard normal number for each (index, counter), which broadcast; counter < 2^63.
+
+    Index counts frames or samples, counter pixels or axes.
+    """
+    places = np.atleast_1d(np.asarray(index, np.int64)).astype(np.uint64)
+    key = _hash(_key(seed, term), places + np.uint64(1))
+    doubled = np.asarray(counter, np.uint64) << np.uint64(1)
+    return _normals(_hash(key, doubled + np.uint64(1)), _hash(key, doubled + np.uint64(2)))
+
+
+def _normals(first: U64, second: U64) -> F64:
+    """Box and Muller 1958; the first uniform is in (0, 1], the second in [0, 1)."""
+    log = _log(_uniform(first) + 2.0**-53)
+    radius = np.sqrt(-2.0 * np.minimum(log, 0.0))  # rounding may leave a log of 1e-17
+    return np.asarray(radius * _cos_turn(_uniform(second)))
+
+
+def _key(seed: int, term: Term) -> U64:
+    return _hash(np.array([seed % 2**64], np.uint64), np.array([term + 1], np.uint64))
+
+
 def _pixel_bits(seed: int, term: Term, width: int, height: int) -> tuple[U64, U64]:
     rows = np.arange(height, dtype=np.uint64)[:, np.newaxis]
     columns = np.arange(width, dtype=np.uint64)[np.newaxis, :]
     counter = (rows << np.uint64(32)) | (columns << np.uint64(1))
-    key = _hash(np.array([seed % 2**64], np.uint64), np.array([term + 1], np.uint64))
+    key = _key(seed, term)
     return _hash(key, counter + np.uint64(1)), _hash(key, counter + np.uint64(2))
 
 

@@ -14,6 +14,7 @@ from evs.emulator.world.controls import (
     make_control,
 )
 from evs.emulator.world.extraction import extract_scene, visible_geoms
+from evs.emulator.world.kinematics import gravity_of
 from evs.emulator.world.left_out import LeftOutWarning
 from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model
 from evs.emulator.world.physics import Physics
@@ -39,6 +40,7 @@ __all__ = [
     "extract_scene",
     "fill_tick",
     "find_keyframe",
+    "gravity_of",
     "load_model",
     "make_control",
     "visible_geoms",

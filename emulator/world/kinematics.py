@@ -1,8 +1,11 @@
-"""From joint positions to poses, and no further: no forces, no time."""
+"""From joint positions to poses, and no further: no forces, no time; and where down is."""
 
 from __future__ import annotations
 
 import mujoco
+import numpy as np
+
+from evs.emulator.scene import F64
 
 
 def update_poses(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -12,3 +15,10 @@ def update_poses(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     mujoco.mj_camlight(model, data)
     if model.nflex:
         mujoco.mj_flex(model, data)
+
+
+def gravity_of(model: mujoco.MjModel) -> F64:
+    """(3,) the acceleration of free fall, m/s^2, in the world, as the model has it now."""
+    if model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY):
+        return np.zeros(3)
+    return np.array(model.opt.gravity, np.float64)

@@ -90,4 +90,4 @@ def test_every_field_is_needed() -> None:
 def test_topics_are_name_and_camera() -> None:
     assert EVENTS.of("track") == b"events/track"
     assert STATUS.of("左") == "status/左".encode()
-    assert {topic.name for topic in TOPICS} == {"events", "status"}
+    assert {topic.name for topic in TOPICS} == {"events", "frames", "imu", "status"}

@@ -1,0 +1,127 @@
+"""Frame: one intensity image of a camera that has active pixels beside its event pixels (APS).
+
+On the wire: `topic | msgpack header | raw frame`, see README.md beside this file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.msgs.fields import MAX_INT64, MAX_PIXELS, MessageError, integer, name, shown
+from evs.msgs.packet import packb, plain_integers, unpackb
+
+Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+
+FRAME_ENCODINGS: dict[str, np.dtype[Any]] = {"mono8": np.dtype("u1"), "mono16": np.dtype("<u2")}
+"""Name of the raw frame's encoding, as ROS's sensor_msgs/Image has it -> dtype of a pixel."""
+
+_STAMPS = ("begin", "exposure_begin", "exposure_end", "end")
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """An image and when its light came in. Stamps as AEDAT4's frame has them, simulated time.
+
+    With a rolling shutter the exposure is the first row's; each later row's begins later.
+    """
+
+    seq: int
+    """Counts this camera's frames from 0, without gaps."""
+    begin_us: int
+    """Start of the frame, us: the first row begins to collect light."""
+    exposure_begin_us: int
+    """Start of the exposure, us."""
+    exposure_end_us: int
+    """End of the exposure, us."""
+    end_us: int
+    """End of the frame, us: the last row has been read out."""
+    pixels: Pixels
+    """(h, w) uint8 or uint16, in proportion to the light; the largest number is white."""
+    camera: str = "camera"
+    """Name of the camera that saw it."""
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return int(self.pixels.shape[0])
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return int(self.pixels.shape[1])
+
+    def __eq__(self, other: object) -> bool:
+        """Same stamps, same name, same pixels of the same type."""
+        if not isinstance(other, Frame):
+            return NotImplemented
+        mine, others = (
+            (one.seq, *(getattr(one, f"{key}_us") for key in _STAMPS), one.camera)
+            for one in (self, other)
+        )
+        same = self.pixels.dtype == other.pixels.dtype
+        return mine == others and same and bool(np.array_equal(self.pixels, other.pixels))
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def encode_frame(frame: Frame) -> tuple[bytes, memoryview]:
+    """Out: (msgpack header, raw frame: the rows of pixels, top first, little-endian).
+
+    Raises MessageError for a frame that `decode_frame` would refuse.
+    """
+    pixels = np.asarray(frame.pixels)
+    names = [key for key, kind in FRAME_ENCODINGS.items() if kind == pixels.dtype]
+    if pixels.ndim != 2 or not names:
+        raise MessageError(f"frame is {pixels.dtype} of shape {pixels.shape}, not (h, w) uint8/16")
+    header: dict[str, Any] = {
+        "seq": frame.seq,
+        **{key: getattr(frame, f"{key}_us") for key in _STAMPS},
+        "encoding": names[0],
+        "is_bigendian": False,
+        "width": frame.width,
+        "height": frame.height,
+        "camera": frame.camera,
+    }
+    header = plain_integers(header)
+    _checked(header)
+    return packb(header), np.ascontiguousarray(pixels).view(np.uint8).reshape(-1).data
+
+
+def decode_frame(header: bytes, raw: Any) -> Frame:
+    """The frame of a header and any contiguous buffer with its pixels, whose memory it shares.
+
+    Raises MessageError where the bytes do not fit the format.
+    """
+    fields = _checked(unpackb(header))
+    shape, dtype = (fields["height"], fields["width"]), FRAME_ENCODINGS[fields["encoding"]]
+    size = memoryview(raw).nbytes
+    if size != shape[0] * shape[1] * dtype.itemsize:
+        raise MessageError(f"raw frame of {size} bytes is not {shape[1]}x{shape[0]} {dtype}")
+    return Frame(
+        seq=fields["seq"],
+        pixels=np.frombuffer(raw, dtype).reshape(shape),
+        camera=fields["camera"],
+        **{f"{key}_us": fields[key] for key in _STAMPS},
+    )
+
+
+def _checked(fields: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a frame's header, every value of the right type and in its range."""
+    encoding = fields.get("encoding")
+    if not isinstance(encoding, str) or encoding not in FRAME_ENCODINGS:
+        known = " or ".join(FRAME_ENCODINGS)
+        raise MessageError(f"frame encoding {shown(encoding)} is not {known}")
+    if fields.get("is_bigendian") is not False:
+        raise MessageError("frame is not marked little-endian (is_bigendian: false)")
+    integer(fields, "seq", 0, MAX_INT64)
+    stamps = [integer(fields, key, -MAX_INT64, MAX_INT64) for key in _STAMPS]
+    if stamps != sorted(stamps):
+        raise MessageError(f"frame's stamps {stamps} us run backwards")
+    integer(fields, "width", 1, MAX_PIXELS)
+    integer(fields, "height", 1, MAX_PIXELS)
+    name(fields, "camera")
+    return fields
