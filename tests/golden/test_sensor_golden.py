@@ -126,3 +126,68 @@ def test_v2e_counts(video: Any) -> None:
     assert np.abs(net(ours) - thresholds).max() < 1 + 1e-6
     assert np.abs(net(theirs) - thresholds).max() < 1 + 1e-4
     assert np.abs(net(ours) - net(theirs)).max() <= 1
+
+
+# v2e's low pass: a pole at 200 Hz times (DN + 20) / 275, its step y += min(1, 2 pi f dt) (x - y)
+CUTOFF_HZ, POS, NEG = 200.0, 0.25, 0.15
+
+
+def lowpass(filter_: str) -> SensorParameters:
+    """As v2e_counts.npz has it; dim_lux and bright_lux are v2e's 20 and 255 DN by default."""
+    return SensorParameters(
+        "golden", 64, 48, POS, NEG, log="linlog", linlog_dn=20.0, exposure_dn=1.0,
+        cutoff_hz=CUTOFF_HZ, filter=filter_,
+    )  # fmt: skip
+
+
+def euler(video: Any) -> Any:
+    """(300, 48, 64) log light after v2e's step, float64."""
+    dn = video.astype(np.float64)
+    log = np.where(dn >= 20, np.log(np.maximum(dn, 20)), np.log(20) / 20 * dn)
+    share = np.minimum(1, 2 * np.pi * CUTOFF_HZ * 1e-3 * (dn + 20) / 275)
+    filtered = log.copy()
+    for k in range(1, len(log)):
+        filtered[k] = filtered[k - 1] + share[k] * (log[k] - filtered[k - 1])
+    return filtered
+
+
+def told(counts: Counts) -> Any:
+    """(300, 48, 64) log units that the events so far add up to."""
+    return np.cumsum(POS * counts[1] - NEG * counts[0], axis=0)
+
+
+def test_v2e_counts_with_its_low_pass(video: Any) -> None:
+    events = emulate(video, lowpass("euler"))
+    ours = count(*(events[name] for name in "txyp"))
+    golden = load("v2e_counts")
+    theirs = np.stack([golden["lowpass_off"], golden["lowpass_on"]]).astype(np.int64)
+    for polarity in (0, 1):
+        assert ours[polarity].sum() == pytest.approx(theirs[polarity].sum(), rel=0.005)
+    assert ours.sum() > 200_000
+    # the events so far tell the filtered light within one threshold, at every pixel and frame
+    filtered = euler(video)
+    filtered -= filtered[0]
+    for counts, rounding in ((ours, 1e-5), (theirs, 1e-4)):
+        assert np.all(filtered - told(counts) < POS + rounding)
+        assert np.all(told(counts) - filtered < NEG + rounding)
+
+
+def test_the_exact_step_follows_light_that_is_a_line_in_each_tick(video: Any) -> None:
+    """Closed form: with w = 2 pi f of the tick's last light, y' = w (x - y) and x a line."""
+    dn = video.astype(np.float64)
+    log = np.where(dn >= 20, np.log(np.maximum(dn, 20)), np.log(20) / 20 * dn)
+    z = 2 * np.pi * CUTOFF_HZ * 1e-3 * (dn + 20) / 275
+    filtered = log.copy()
+    for k in range(1, len(log)):
+        # a line has the particular solution x - slope / w; what the start is off it decays
+        lag = (log[k] - log[k - 1]) / z[k]
+        start = filtered[k - 1] - (log[k - 1] - lag)
+        filtered[k] = log[k] - lag + start * np.exp(-z[k])
+    filtered -= filtered[0]
+    events = emulate(video, lowpass("exact"))
+    ours = count(*(events[name] for name in "txyp"))
+    assert np.all(filtered - told(ours) < POS + 1e-4)
+    assert np.all(told(ours) - filtered < NEG + 1e-4)
+    # v2e's step has the whole tick see the new light: it is ahead, and has more events
+    euler_events = len(emulate(video, lowpass("euler")))
+    assert 0.01 < 1 - len(events) / euler_events < 0.04

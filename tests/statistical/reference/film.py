@@ -10,11 +10,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from evs.emulator.config import CameraConfig, ModelConfig, SensorConfig
+from evs.emulator.config import CameraConfig
 from evs.emulator.metrics import compare
 from evs.emulator.metrics.compare import Comparison
 from evs.emulator.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
-from evs.emulator.sensor import make_event_model, resolve_sensor
+from evs.emulator.sensor import PlainModel, SensorParameters
 from evs.emulator.stages import Renderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 from evs.msgs import Events, join_events
@@ -121,8 +121,9 @@ class Film:
 
     def events_of(self, light: F32) -> Events:
         """Events of the `plain` pixel. In: light (ticks, height, width)."""
-        sensor = resolve_sensor(SensorConfig("davis346", width=self.width, height=self.height))
-        model = make_event_model(sensor, ModelConfig(), 1)
+        # thresholds and dark current of a DAVIS346; no noise but the light's
+        sensor = SensorParameters("film", self.width, self.height, 0.2, 0.2, 0.03, dark_lux=0.1)
+        model = PlainModel(sensor, 1)
         state, parts = model.init(0), []
         for (snapshot, _), frame in zip(self.taken, light, strict=True):
             found, state = model.step(frame, state, snapshot.t_us - TICK_US, snapshot.t_us)
