@@ -19,7 +19,7 @@ from evs.emulator.light import make_renderer
 from evs.emulator.optics import camera_info
 from evs.emulator.plain_config import plain_config, plain_integer
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
-from evs.emulator.sensor import Aps, Imu, make_event_model, resolve_sensor
+from evs.emulator.sensor import Aps, Imu, completed, make_event_model, resolve_sensor
 from evs.emulator.stages import Meter, NoMeter, Renderer
 from evs.emulator.truth import GroundTruth
 from evs.emulator.world import MUJOCO_VERSION, BoundCamera, MjModel, bind_camera, gravity_of
@@ -132,6 +132,7 @@ class Camera:
         if config is None:
             scene_config = replace(scene_config or SceneConfig(tick_us=tick_us), camera=plan.camera)
             config = {"scene": asdict(scene_config), **_plain(replace(plan, name=name))}
+        config = {**config, "sensor": completed(config["sensor"], sensor)}
         self._info = StreamInfo(
             width=self._size[0],
             height=self._size[1],

@@ -18,6 +18,7 @@ COMMANDS = {
     "demo": "evs.launch.demo",
     "emulate": "evs.launch.emulate",
     "render": "evs.launch.render",
+    "sensors": "evs.launch.sensors",
     "view": "evs.launch.view",
     "echo": "evs.launch.echo",
     "play": "evs.launch.play",

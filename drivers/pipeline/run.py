@@ -290,6 +290,7 @@ def _camera(info: StreamInfo, events: int) -> dict[str, Any]:
     return {
         "name": info.camera,
         "sensor": info.sensor,
+        "parameters": info.config.get("sensor", {}),
         "width": info.width,
         "height": info.height,
         "tick_us": info.tick_us,

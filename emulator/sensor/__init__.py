@@ -7,7 +7,7 @@ from evs.emulator.sensor.imu_parameters import ImuParameters
 from evs.emulator.sensor.models import MODELS, make_event_model
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.plain import PlainModel
-from evs.emulator.sensor.presets import preset_biases, preset_names, resolve_sensor
+from evs.emulator.sensor.presets import completed, preset_biases, preset_names, resolve_sensor
 from evs.emulator.sensor.state import PlainState
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "PlainModel",
     "PlainState",
     "SensorParameters",
+    "completed",
     "make_event_model",
     "preset_biases",
     "preset_names",

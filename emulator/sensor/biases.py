@@ -65,7 +65,7 @@ def with_biases(
     law = nominal.law
     for name, value in given.items():
         _check(law, name, value, f"sensor.biases.{name}", f"sensor {sensor}")
-    biases = {**nominal.values, **given, **_levels(given)}
+    biases = effective(nominal, given)
     if biases == nominal.values:
         return changed
 
@@ -84,8 +84,12 @@ def with_biases(
     return changed
 
 
+def effective(nominal: Nominal, given: Mapping[str, int]) -> dict[str, int]:
+    """Every bias of a sensor, with what is given; bias_sensitivity sets two others."""
+    return {**nominal.values, **given, **_levels(given)}
+
+
 def _levels(given: Mapping[str, int]) -> dict[str, int]:
-    """What bias_sensitivity sets; it is a short name of two others."""
     if "bias_sensitivity" not in given:
         return {}
     names = ("contrastThresholdOn", "contrastThresholdOff")

@@ -30,7 +30,7 @@ def resolve_sensor(config: SensorConfig) -> SensorParameters:
     preset's change its parameters, except those that the configuration gives. Raises EvsError: no
     such preset or file, unknown or missing key, senseless value.
     """
-    path = _preset_path(config.preset)
+    path = preset_path(config.preset)
     values = _read(path)
     given = {key: value for key, value in asdict(config.biases).items() if value is not None}
     fixed = [field.name for field in fields(config) if getattr(config, field.name) is not None]
@@ -46,8 +46,27 @@ def resolve_sensor(config: SensorConfig) -> SensorParameters:
 
 def preset_biases(preset: str) -> Nominal | None:
     """The biases of a preset, with their nominal values and laws; None: it has none."""
-    path = _preset_path(preset)
+    path = preset_path(preset)
     return _nominal(_read(path), path)
+
+
+def completed(config: dict[str, Any], sensor: SensorParameters) -> dict[str, Any]:
+    """A [sensor] table of plain values with every number that the sensor really has.
+
+    In: config, where None stands for the preset's value. A key of the table [biases] stays None
+    where the bias is the preset's; what the biases made of the parameters is told.
+    """
+    return _completed(config, asdict(sensor))
+
+
+def _completed(config: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
+    told = dict(config)
+    for key, value in values.items():
+        if isinstance(value, dict) and isinstance(told.get(key), dict):
+            told[key] = _completed(told[key], value)
+        elif key in told and told[key] is None:
+            told[key] = value
+    return told
 
 
 def _nominal(values: dict[str, Any], path: Path) -> Nominal | None:
@@ -60,7 +79,8 @@ def _nominal(values: dict[str, Any], path: Path) -> Nominal | None:
     return nominal_biases(table, str(path))
 
 
-def _preset_path(preset: str) -> Path:
+def preset_path(preset: str) -> Path:
+    """The file of a preset, by name or path. Raises EvsError where there is none."""
     if preset.endswith(".toml") or "/" in preset:
         path = Path(preset).expanduser()
         if not path.is_file():
