@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from evs.emulator import Camera, UnstableError, VirtualCamera, World
+from evs.emulator.bias_config import BiasConfig
 from evs.emulator.config import CameraConfig, RenderConfig, RunConfig, SceneConfig, SensorConfig
+from evs.emulator.sensor import resolve_sensor
 from evs.msgs import EvsError
 
 SMALL = SensorConfig(preset="davis346", width=64, height=48)
@@ -166,9 +168,24 @@ def test_from_config_is_the_same_world(arm):
     by_hand.add_camera("side", sensor=SMALL)
     (camera,) = world.cameras
     assert camera.name == camera.info.camera == "eye"
-    assert camera.info.config == asdict(config)
+    assert {**camera.info.config, "sensor": asdict(config)["sensor"]} == asdict(config)
     assert stream(world) == stream(by_hand)
     assert len(stream(world)[0]) > 0
+
+
+def test_info_tells_the_sensor_as_it_really_is(arm):
+    sensor = SensorConfig("imx636", 64, 48, biases=BiasConfig(bias_diff_on=40))
+    told = World(arm).add_camera("side", sensor=sensor).info.config["sensor"]
+    resolved = asdict(resolve_sensor(sensor))
+    name = resolved.pop("name")
+    assert told["preset"] == name == "imx636"
+    assert {**told, **resolved} == told
+    assert told["pos_thres"] > 0.223 == told["neg_thres"]
+    assert (told["biases"]["bias_diff_on"], told["biases"]["bias_diff_off"]) == (40, None)
+    # whoever runs this configuration again has the same sensor
+    tables = {key: told[key] for key in ("biases",)}
+    again = SensorConfig(**{**told, **{key: BiasConfig(**tables[key]) for key in tables}})
+    assert resolve_sensor(again) == resolve_sensor(sensor)
 
 
 def test_info_tells_what_made_the_stream(arm):
