@@ -57,9 +57,12 @@ def describe_sensor(config: SensorConfig) -> Description:
     preset = dict(flat(resolve_sensor(SensorConfig(config.preset))))
     told = read_sources(preset_path(config.preset))
     name = now.pop("name")
+    tables = {key.rpartition(".")[0] for key in told.of}
     parameters = tuple(
         Parameter(key, value, preset.get(key), told.of.get(key, "") or DEFAULT)
         for key, value in now.items()
+        # a table that neither file nor configuration tells is something the sensor does not have
+        if not key.rpartition(".")[0] or key.rpartition(".")[0] in tables or value != preset[key]
     )
     biases = tuple(_biases(config, told))
     return Description(str(name), told.about, parameters, biases)

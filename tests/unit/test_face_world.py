@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from evs.drivers.pipeline import settings
 from evs.emulator import Camera, UnstableError, VirtualCamera, World
 from evs.emulator.bias_config import BiasConfig
 from evs.emulator.config import CameraConfig, RenderConfig, RunConfig, SceneConfig, SensorConfig
@@ -183,8 +184,7 @@ def test_info_tells_the_sensor_as_it_really_is(arm):
     assert told["pos_thres"] > 0.223 == told["neg_thres"]
     assert (told["biases"]["bias_diff_on"], told["biases"]["bias_diff_off"]) == (40, None)
     # whoever runs this configuration again has the same sensor
-    tables = {key: told[key] for key in ("biases",)}
-    again = SensorConfig(**{**told, **{key: BiasConfig(**tables[key]) for key in tables}})
+    again = settings.build(SensorConfig, json.loads(json.dumps(told)))
     assert resolve_sensor(again) == resolve_sensor(sensor)
 
 

@@ -36,7 +36,7 @@ def test_every_value_of_a_preset_has_its_source_and_every_guess_its_reason(name:
     path = preset_path(name)
     sources = read_sources(path)
     assert sources.about
-    told = {key: source for key, source in sources.of.items()}
+    told = dict(sources.of)
     nominal = preset_biases(name)
     biases = [] if nominal is None else ["biases.law", *(f"biases.{key}" for key in nominal.values)]
     values = {key for key, _ in flat(resolve_sensor(SensorConfig(name)))}
@@ -80,7 +80,8 @@ def test_the_table_has_every_sensor(capsys: pytest.CaptureFixture[str]) -> None:
 def test_one_sensor_tells_every_parameter(capsys: pytest.CaptureFixture[str]) -> None:
     text = told(capsys, "dvxplorer")
     for key, _ in flat(resolve_sensor(SensorConfig("dvxplorer"))):
-        assert f"\n  {key} " in text or key == "name", key
+        assert f"\n  {key} " in text or key == "name" or key.startswith("aps."), key
+    assert "\n  imu.rate_hz " in text
     assert "data sheet: half of the pixels see a contrast of 13 %; ln 1.13" in text
     assert "biases.contrastThresholdOn     9 " in text
     assert "*" not in text
@@ -102,9 +103,9 @@ def test_json_is_the_same(capsys: pytest.CaptureFixture[str]) -> None:
     one = json.loads(told(capsys, "davis346", "--json"))
     assert one in every
     resolved = dict(flat(resolve_sensor(SensorConfig("davis346"))))
-    assert {key: told["value"] for key, told in one["parameters"].items()} == {
-        key: value for key, value in resolved.items() if key != "name"
-    }
+    values = {key: told["value"] for key, told in one["parameters"].items()}
+    assert json.loads(json.dumps(resolved)) == {"name": "davis346"} | resolved | values
+    assert {"pos_thres", "dark_lux", "aps.rate_hz", "imu.rate_hz"} <= set(values)
     assert one["biases"]["PrBp_fine"]["nominal"] == 58
     assert one["biases"]["PrBp_fine"]["highest"] == 255
 
