@@ -55,9 +55,10 @@ def run(
 ) -> Events:
     """Events of (0, end_us] with ticks of that length; light(0) sets the references."""
     model = PlainModel(sensor, 1)
-    state, parts = model.init(seed), []
-    for t_us in range(0, end_us + 1, tick_us):
+    # a first tick of 1 us: the sensor's own clock begins at the same time whatever tick_us is
+    _, state = model.step(light(0), model.init(seed), -1, 0)
+    parts = []
+    for t_us in range(tick_us, end_us + 1, tick_us):
         events, state = model.step(light(t_us), state, t_us - tick_us, t_us)
-        if t_us > 0:
-            parts.append(events)
+        parts.append(events)
     return join_events(parts)
