@@ -14,6 +14,13 @@
 
 namespace evs {
 
+// a where it holds, else b: always both, so that no branch keeps the compiler from SIMD.
+EVS_ALWAYS_INLINE float choose(bool holds, float a, float b) {
+  const uint32_t mask = 0u - static_cast<uint32_t>(holds);
+  return std::bit_cast<float>((std::bit_cast<uint32_t>(a) & mask) |
+                              (std::bit_cast<uint32_t>(b) & ~mask));
+}
+
 // Natural logarithm of a normal, positive, finite number. Error below 0.86 ulp;
 // ln(1) = 0 exactly, and x <= y gives ln(x) <= ln(y) (every such float was compared with its next).
 // Zero, denormals, infinities and NaN give some number without meaning.

@@ -12,6 +12,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "shot.h"
@@ -34,12 +35,17 @@ EVS_ALWAYS_INLINE double on_grid(double value) { return (value + 0x1.8p9) - 0x1.
 
 // Microseconds after the start of a tick at which a line that moves `span` in `tick` us has moved
 // `part`: rounded up, in [1, tick]. A NaN gives 1.
-inline uint32_t crossing_time(double part, double span, double tick) {
+EVS_ALWAYS_INLINE uint32_t crossing_time(double part, double span, double tick) {
   const double exact = part * tick / span;
-  if (!(exact > 1.0)) return 1;
-  if (exact >= tick) return static_cast<uint32_t>(tick);
-  const uint32_t whole = static_cast<uint32_t>(exact);
-  return whole + (static_cast<double>(whole) < exact);
+  const double late = exact > 1.0 ? exact : 1.0;
+  const double inside = late < tick ? late : tick;
+  const uint32_t whole = static_cast<uint32_t>(static_cast<int32_t>(inside));
+  return whole + (static_cast<double>(static_cast<int32_t>(whole)) < inside ? 1u : 0u);
+}
+
+// Why a level was reached: by what moved the pixel further in this tick.
+EVS_ALWAYS_INLINE Cause cause_of(double span, double drift, Cause drifting) {
+  return drift * drift > span * span ? drifting : Cause::signal;
 }
 
 // One pixel and what the tick brings it.
@@ -48,8 +54,8 @@ struct Comparators {
   double on = 0.0;  // thresholds
   double off = 0.0;
   double reference = 0.0;   // In/out: at the start of the tick; after `run` at its end; NaN: blind
-  double signal = 0.0;      // at the start of the tick
-  double span = 0.0;        // how far the signal goes in the tick
+  double from = 0.0;        // the signal at the start of the tick
+  double to = 0.0;          // the signal at its end
   double drift = 0.0;       // how far the reference sinks in the tick
   int64_t begin_us = 0;     // the tick's start by the sensor's clock
   uint32_t tick = 0;        // us
@@ -60,20 +66,23 @@ struct Comparators {
   double shot_off = 0.0;         // Hz, in the dark
   double share = 1.0;            // of those two that is left at this light
 
-  // Crossings of the whole tick in order, among them the candidates for shot noise of this pixel.
-  void run(const ShotCandidate* shots, size_t count, std::vector<Crossing>& out) {
+  // Crossings of the whole tick in order, among them those candidates for shot noise of its block
+  // that are at `place`, which is this pixel.
+  void run(uint32_t place, const std::vector<ShotCandidate>& shots, std::vector<Crossing>& out) {
     const double length = tick;
-    const double v = span + drift;  // of signal against reference
-    double r = reference;           // continued to the start of the tick
+    const double v = (to - from) + drift;  // of signal against reference
+    const double end = to + drift;
+    const uint32_t cause = static_cast<uint32_t>(cause_of(to - from, drift, drifting));
+    double r = reference;  // continued to the start of the tick
     uint32_t now = 0;
-    auto at = [&](uint32_t offset) { return on_grid(signal + v * (offset / length)); };
+    auto at = [&](uint32_t offset) { return on_grid(from + v * (offset / length)); };
     // the pixel has fired: false where it is blind for the rest of the tick
     auto rest = [&](uint32_t stamp) {
       if (refractory == 0) return true;
       const int64_t until = static_cast<int64_t>(stamp) + refractory;
       if (until > tick) {
         blind_until = begin_us + until;
-        reference = __builtin_nan("");
+        reference = std::numeric_limits<double>::quiet_NaN();
         return false;
       }
       now = static_cast<uint32_t>(until);
@@ -85,17 +94,15 @@ struct Comparators {
       now = static_cast<uint32_t>(blind_until - begin_us);
       r = at(now);
     }
-    const bool drifts = drift * drift > span * span;
-    const uint32_t cause = static_cast<uint32_t>(drifts ? drifting : Cause::signal);
-    const double end = signal + v;
-    for (size_t k = 0;; k++) {
-      const uint32_t until = k < count ? shots[k].offset : tick;
+    for (size_t k = 0; k <= shots.size(); k++) {
+      if (k < shots.size() && shots[k].pixel != place) continue;
+      const uint32_t until = k < shots.size() ? shots[k].offset : tick;
       // every level on the way to there
       for (;;) {
         const bool up = r + on <= end;
         if (!up && !(r - off >= end)) break;
         const double level = up ? r + on : r - off;
-        const uint32_t exact = crossing_time(level - signal, v, length);
+        const uint32_t exact = crossing_time(level - from, v, length);
         const uint32_t stamp = exact > now ? exact : now;
         if (stamp > until) break;
         out.push_back(crossing(stamp, cause, up));
@@ -103,7 +110,7 @@ struct Comparators {
         now = stamp;
         if (!rest(stamp)) return;
       }
-      if (k == count) break;
+      if (k == shots.size()) break;
       // noise, unless the pixel is blind or its rate too low now
       const double lot = shots[k].lot;
       if (until < now || lot >= (shot_on + shot_off) * share) continue;

@@ -35,7 +35,7 @@ EVS_ALWAYS_INLINE LowpassStep lowpass_step(float z) {
   const float far_a = 1.0f - exp_minus(z);
   const float far_b = 1.0f - far_a / (z > 0.25f ? z : 0.25f);
   const bool near = z < 0.25f;
-  return {near ? a : far_a, near ? b : far_b};
+  return {choose(near, a, far_a), choose(near, b, far_b)};
 }
 
 EVS_ALWAYS_INLINE float lowpass(LowpassStep step, float y0, float x0, float x1) {

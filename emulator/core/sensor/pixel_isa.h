@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "pixel.h"
+#include "block.h"
 
 #if defined(__x86_64__) && defined(__GNUC__)
 #define EVS_X86 1

@@ -1,0 +1,202 @@
+// A block of 64 pixels through one tick.
+//
+// A block in which nothing can happen is left out: its light has the same bits as in the last tick,
+// its filters stand still, no pixel's leak or blindness ends in this tick, no noise comes. What it
+// gives is what going through it would give.
+#pragma once
+
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "stages.h"
+
+namespace evs {
+
+// A pixel that has crossed something, has no reference, or may have noise: everything in order.
+inline void compare_fully(const PixelStep& step, size_t pixel, float from, float to, float dn,
+                          double reference, double drift, const std::vector<ShotCandidate>& shots,
+                          std::vector<Crossing>& out) {
+  const PixelPattern& pattern = step.pattern;
+  const PixelArrays& arrays = step.arrays;
+  if (arrays.last_log[pixel] != arrays.last_log[pixel]) {
+    // the first light only sets the reference
+    const double phase = pattern.phase == nullptr ? 0.0 : pattern.phase[pixel];
+    arrays.reference[pixel] = on_grid(to - phase);
+    return;
+  }
+  Comparators comparators;
+  comparators.pixel = static_cast<uint32_t>(pixel);
+  comparators.on = pattern.theta_on[pixel];
+  comparators.off = pattern.theta_off[pixel];
+  comparators.reference = reference;
+  comparators.from = from;
+  comparators.to = to;
+  comparators.drift = drift;
+  comparators.begin_us = step.tick.begin_us;
+  comparators.tick = step.tick.us;
+  comparators.refractory = step.settings.refractory;
+  if (arrays.blind_until != nullptr) comparators.blind_until = arrays.blind_until[pixel];
+  if (pattern.hot != nullptr && pattern.hot[pixel] != 0) comparators.drifting = Cause::hot;
+  if (!shots.empty()) {
+    comparators.shot_on = step.settings.shot.on[pixel];
+    comparators.shot_off = step.settings.shot.off[pixel];
+    comparators.share = step.settings.shot.share(dn);
+  }
+  comparators.run(static_cast<uint32_t>(pixel % kBlock), shots, out);
+  arrays.reference[pixel] = comparators.reference;
+  if (arrays.blind_until != nullptr) arrays.blind_until[pixel] = comparators.blind_until;
+}
+
+// A pixel that has crossed a level, with nothing else to mind: Comparators::run without its cases.
+EVS_ALWAYS_INLINE double compare_simply(uint32_t pixel, double on, double off, double reference,
+                                        double from, double to, double drift, double tick,
+                                        uint32_t cause, std::vector<Crossing>& out) {
+  const double end = to + drift;
+  const double v = (to - from) + drift;
+  const bool up = reference + on <= end;
+  const double theta = up ? on : -off;
+  const double sign = up ? 1.0 : -1.0;
+  const uint32_t tag = (cause << 1) | (up ? 1u : 0u);
+  double level = reference + theta;
+  do {
+    out.push_back({pixel, (crossing_time(level - from, v, tick) << kWhenBits) | tag});
+    reference = level;
+    level += theta;
+  } while ((end - level) * sign >= 0.0);
+  return reference - drift;
+}
+
+// The last us, by the sensor's clock, until which nothing happens in a block whose light and
+// filters stand still.
+inline int64_t quiet_until(const PixelStep& step, size_t first, size_t count, const float* signal,
+                           const float* dn) {
+  constexpr double kFar = 0x1p61;
+  const int64_t end = step.tick.begin_us + step.tick.us;
+  double soonest = kFar;
+  int64_t sees = std::numeric_limits<int64_t>::max();
+  for (size_t i = 0; i < count; i++) {
+    const double r = step.arrays.reference[first + i];
+    if (r != r) {
+      const bool blind = step.arrays.blind_until != nullptr && signal[i] == signal[i];
+      if (blind && step.arrays.blind_until[first + i] < sees) {
+        sees = step.arrays.blind_until[first + i];
+      }
+      continue;
+    }
+    if (step.pattern.leak == nullptr) continue;
+    const double leak = leak_of(step, first + i, dn[i]);
+    const double theta = step.pattern.theta_on[first + i];
+    const double wait = leak > 0.0 ? (r + theta - static_cast<double>(signal[i])) / leak : kFar;
+    soonest = wait < soonest ? wait : soonest;
+  }
+  // rounding of the division is below a us for waits of less than 2^50 us
+  const int64_t leaks = soonest < 0x1p50 ? end + static_cast<int64_t>(soonest) - 2 : kNever;
+  return leaks < sees ? leaks : sees - 1;
+}
+
+// The pixels, as bits, whose signal has reached a level or that have no reference: a NaN is loud.
+// In: the signal at the end of the tick, the reference at its start, and by how much it sinks.
+template <bool DRIFTS>
+EVS_ALWAYS_INLINE uint64_t loud_pixels(const float* __restrict on, const float* __restrict off,
+                                       const float* __restrict to, const double* __restrict drift,
+                                       const double* __restrict reference, size_t count) {
+  alignas(64) uint64_t flags[kBlock];
+  uint64_t any = 0;
+  for (size_t i = 0; i < count; i++) {
+    const double r = reference[i];
+    const double theta_on = on[i];
+    const double theta_off = off[i];
+    double end = to[i];
+    if constexpr (DRIFTS) end += drift[i];
+    const bool quiet = (end < r + theta_on) & (end > r - theta_off);
+    flags[i] = quiet ? 0 : 1;
+    any |= flags[i];
+  }
+  if (any == 0) return 0;
+  uint64_t loud = 0;
+  for (size_t i = 0; i < count; i++) loud |= flags[i] << i;
+  return loud;
+}
+
+// Pixels [first, first + count) of one block. Out: how many of them had no usable light.
+EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t count, Scratch& s,
+                                    std::vector<ShotCandidate>& shots, std::vector<Crossing>& out) {
+  const PixelArrays& arrays = step.arrays;
+  const size_t block = first / kBlock;
+  const int64_t end_us = step.tick.begin_us + step.tick.us;
+  float* last_luminance = arrays.last_luminance + first;
+
+  shots.clear();
+  if (arrays.shot.next != nullptr && arrays.shot.next[block] <= end_us * kShotUnits) {
+    draw_candidates(step.settings.shot, {arrays.shot.next + block, arrays.shot.count + block},
+                    block, count, step.shot_bounds[block], step.tick.begin_us, end_us, shots);
+  }
+  bool moved = light_changed(step.tick.luminance + first, last_luminance, count);
+  const bool due = arrays.due_us != nullptr && arrays.due_us[block] < end_us;
+  if (!moved && !due && shots.empty()) return 0;
+
+  const size_t clamped = step.settings.map.kind == LogKind::linlog
+                             ? to_log_light<LogKind::linlog>(step, first, count, s, moved)
+                             : to_log_light<LogKind::log_eps>(step, first, count, s, moved);
+  const Signal signal = to_signal(step, first, count, s, moved);
+  const bool drifts = step.pattern.leak != nullptr || step.settings.highpass > 0.0;
+  double* reference = arrays.reference + first;
+  const float* theta_on = step.pattern.theta_on + first;
+  const float* theta_off = step.pattern.theta_off + first;
+  uint64_t loud = 0;
+  if (drifts) {
+    to_drift(step, first, count, signal, s, moved);
+    loud = loud_pixels<true>(theta_on, theta_off, signal.to, s.drift, s.reference, count);
+    // the quiet ones only sink; the others are written below
+    for (size_t i = 0; i < count; i++) reference[i] = s.reference[i] - s.drift[i];
+  } else {
+    loud = loud_pixels<false>(theta_on, theta_off, signal.to, nullptr, reference, count);
+  }
+  for (const ShotCandidate& shot : shots) loud |= uint64_t{1} << shot.pixel;
+
+  const bool simple = step.settings.refractory == 0 && shots.empty();
+  const double tick = step.tick.us;
+  for (; loud != 0; loud &= loud - 1) {
+    const size_t i = static_cast<size_t>(std::countr_zero(loud));
+    const double r = drifts ? s.reference[i] : reference[i];
+    const double drift = drifts ? s.drift[i] : 0.0;
+    if (!simple || r != r) {
+      compare_fully(step, first + i, signal.from[i], signal.to[i], s.dn[i], r, drift, shots, out);
+      continue;
+    }
+    const double from = signal.from[i];
+    const double to = signal.to[i];
+    const bool hot = step.pattern.hot != nullptr && step.pattern.hot[first + i] != 0;
+    const Cause cause = cause_of(to - from, drift, hot ? Cause::hot : Cause::leak);
+    reference[i] = compare_simply(static_cast<uint32_t>(first + i), theta_on[i], theta_off[i], r,
+                                  from, to, drift, tick, static_cast<uint32_t>(cause), out);
+  }
+  if (arrays.due_us != nullptr) {
+    arrays.due_us[block] = moved ? end_us : quiet_until(step, first, count, signal.to, s.dn);
+    arrays.since_us[block] = end_us;
+  }
+  float* last_log = arrays.last_log + first;
+  for (size_t i = 0; i < count; i++) last_log[i] = s.log[i];
+  for (size_t i = 0; i < count; i++) last_luminance[i] = s.light[i];
+  return clamped;
+}
+
+// Pixels [first, last) in order, first a multiple of kBlock. Crossings are appended to `out`.
+EVS_ALWAYS_INLINE size_t step_pixels(const PixelStep& step, size_t first, size_t last,
+                                     std::vector<Crossing>& out) {
+  Scratch scratch;
+  std::vector<ShotCandidate> shots;
+  size_t clamped = 0;
+  for (; first < last; first += kBlock) {
+    const size_t count = last - first < kBlock ? last - first : kBlock;
+    // the whole blocks are the same code with a count that the compiler knows
+    clamped += count == kBlock ? step_block(step, first, kBlock, scratch, shots, out)
+                               : step_block(step, first, count, scratch, shots, out);
+  }
+  return clamped;
+}
+
+}  // namespace evs
