@@ -23,7 +23,16 @@ from evs.emulator.sensor import Aps, Imu, completed, make_event_model, resolve_s
 from evs.emulator.stages import Meter, NoMeter, Renderer
 from evs.emulator.truth import GroundTruth
 from evs.emulator.world import MUJOCO_VERSION, BoundCamera, MjModel, bind_camera, gravity_of
-from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, ImuSamples, StreamInfo, empty_imu
+from evs.msgs import (
+    EventPacket,
+    EvsError,
+    Frame,
+    ImuPacket,
+    ImuSamples,
+    StreamInfo,
+    empty_imu,
+    take_labels,
+)
 
 
 @dataclass(frozen=True)
@@ -193,6 +202,8 @@ class Camera:
                 "step the physics first, or call reset() after a reset"
             )
         events = self._see(snapshot, begin_us)
+        labelled = self._plan.model.labels
+        labels = take_labels(events, self.ground_truth().geom_id) if labelled else None
         packet = EventPacket(
             seq=self._seq,
             time_base_us=begin_us,
@@ -201,6 +212,7 @@ class Camera:
             height=self._size[1],
             events=events,
             camera=self._info.camera,
+            labels=labels,
         )
         self._seq += 1
         self.events += len(events)

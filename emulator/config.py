@@ -265,6 +265,9 @@ class ModelConfig:
     name: str = "plain"
     """plain: the event pixel | adaptive: a running mean of the light in front of it, which takes
     out the noise of fresh samples"""
+    labels: bool = False
+    """every event also says its cause (signal, leak, shot noise, hot pixel) and the geom under it:
+    packet.labels, and recordings to .npz"""
 
 
 @dataclass(frozen=True)

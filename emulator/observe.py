@@ -15,6 +15,7 @@ from evs.msgs import (
     EvsError,
     Frame,
     ImuSamples,
+    Labels,
     StreamInfo,
     empty_events,
 )
@@ -108,6 +109,11 @@ class Sensor:
     def imu(self) -> ImuSamples:
         """(n,) what the IMU said in the last observe; needs sensor.imu.enabled. See Camera.imu."""
         return self._camera.imu
+
+    @property
+    def labels(self) -> Labels | None:
+        """(n,) why each of the last observe's events came about; None: model.labels is off."""
+        return None if self._packet is None else self._packet.labels
 
     @property
     def luminance(self) -> F32:

@@ -19,6 +19,7 @@ from evs.msgs.imu import (
     empty_imu,
     encode_imu,
 )
+from evs.msgs.labels import LABEL_DTYPE, Cause, Labels, take_labels
 from evs.msgs.packet import ENCODING, EventPacket, decode, encode
 from evs.msgs.status import Status, decode_status, encode_status
 from evs.msgs.stream import StreamInfo
@@ -32,14 +33,17 @@ __all__ = [
     "FRAMES",
     "IMU",
     "IMU_DTYPE",
+    "LABEL_DTYPE",
     "STATUS",
     "TOPICS",
+    "Cause",
     "EventPacket",
     "Events",
     "EvsError",
     "Frame",
     "ImuPacket",
     "ImuSamples",
+    "Labels",
     "MessageError",
     "Status",
     "StreamInfo",
@@ -58,5 +62,6 @@ __all__ = [
     "join_events",
     "make_events",
     "nearest_first",
+    "take_labels",
     "unknown",
 ]

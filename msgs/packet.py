@@ -14,6 +14,7 @@ import numpy as np
 
 from evs.msgs.event import EVENT_DTYPE, Events, clean_events, empty_events
 from evs.msgs.fields import MAX_INT64, MAX_PIXELS, MessageError, integer, name, shown
+from evs.msgs.labels import Labels
 
 ENCODING = "evs16"
 """Name of the raw frame's encoding: an array of EVENT_DTYPE, little-endian."""
@@ -46,6 +47,9 @@ class EventPacket:
     """(n,) EVENT_DTYPE, sorted by t."""
     camera: str = "camera"
     """Name of the camera that saw them."""
+    labels: Labels | None = None
+    """(n,) why each event came about and what it shows; None: not asked for. It does not travel on
+    the bus."""
 
     def __len__(self) -> int:
         return len(self.events)

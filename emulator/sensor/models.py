@@ -13,10 +13,8 @@ MODELS = {"plain": None, "adaptive": RunningMeanConstants()}
 """name -> the running mean in front of the pixel"""
 
 
-def make_event_model(
-    sensor: SensorParameters, model: ModelConfig, threads: int = 0, causes: bool = False
-) -> EventModel:
+def make_event_model(sensor: SensorParameters, model: ModelConfig, threads: int = 0) -> EventModel:
     """The event model that `model.name` names. Threads: 0 is one a core. Raises EvsError."""
     if model.name not in MODELS:
         raise unknown("model", model.name, MODELS)
-    return PlainModel(sensor, threads, average=MODELS[model.name], causes=causes)
+    return PlainModel(sensor, threads, average=MODELS[model.name], causes=model.labels)

@@ -1,0 +1,49 @@
+"""Labels: what an event camera cannot say of its events, and an emulator can."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+
+LABEL_DTYPE = np.dtype(
+    {"names": ["cause", "geom_id"], "formats": ["u1", "<i4"], "offsets": [0, 4], "itemsize": 8}
+)
+"""cause: a Cause; geom_id: MuJoCo's, of what the pixel's centre showed at the end of the tick, -1
+nothing, skins and flexes as in GroundTruth."""
+
+Labels = np.ndarray[Any, np.dtype[np.void]]
+"""(n,) LABEL_DTYPE, in the order of the events they belong to."""
+
+CAUSE_BYTE = 13
+"""byte of an event that carries its cause between the pixel and the packet, where labels are asked
+for; zero in every packet"""
+
+
+class Cause(IntEnum):
+    """Why an event came about. A number never changes its meaning."""
+
+    UNKNOWN = 0
+    """another event model made it"""
+    SIGNAL = 1
+    """light: it moved the pixel further in that tick than the leak did"""
+    LEAK = 2
+    """the reference sank"""
+    SHOT = 3
+    """shot noise"""
+    HOT = 4
+    """the leak of a hot pixel"""
+
+
+def take_labels(events: np.ndarray[Any, Any], geom_id: np.ndarray[Any, Any]) -> Labels:
+    """Labels of events whose padding carries causes; the padding is zero afterwards.
+
+    In: events (n,) EVENT_DTYPE, contiguous, changed in place; geom_id (h, w).
+    """
+    labels = np.zeros(len(events), LABEL_DTYPE)
+    causes = events.view(np.uint8).reshape(-1, events.dtype.itemsize)[:, CAUSE_BYTE]
+    labels["cause"] = causes
+    causes[:] = 0
+    labels["geom_id"] = geom_id[events["y"], events["x"]]
+    return labels
