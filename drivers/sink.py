@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
 
 from evs.emulator.stages import Meter
-from evs.msgs import EventPacket, StreamInfo
+from evs.msgs import EventPacket, Frame, ImuPacket, StreamInfo
 
 
 class Sink(Protocol):
@@ -30,3 +30,19 @@ class MeteredSink(Protocol):
     """
 
     meter: Meter
+
+
+@runtime_checkable
+class FrameSink(Protocol):
+    """A sink that also takes the intensity frames of cameras whose StreamInfo says `frames`."""
+
+    def write_frame(self, frame: Frame) -> None:
+        """Take one frame, before the packet of the tick in which its read-out ended."""
+
+
+@runtime_checkable
+class ImuSink(Protocol):
+    """A sink that also takes the IMU samples of cameras whose StreamInfo says `imu`."""
+
+    def write_imu(self, packet: ImuPacket) -> None:
+        """Take the samples of one tick, before its events."""

@@ -65,6 +65,7 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
         ("events", f"{found.events:,} ({found.on:,} ON, {found.off:,} OFF){rate}"),
         ("time", f"{found.duration_s:.6f} s, from {found.first_us:,} to {found.last_us:,} us"),
         ("packets", f"{found.packets:,}, data table {'present' if found.table else 'absent'}"),
+        *_beside(found),
         ("seed", str(stream.seed)),
         ("versions", versions or "not told"),
     ]
@@ -76,4 +77,17 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
     if found.torn_at is not None:
         where = f"{found.torn_bytes:,} bytes at offset {found.torn_at:,}"
         lines.append(("torn", f"{where}; {repair} cuts them"))
+    return lines
+
+
+def _beside(found: Summary) -> list[tuple[str, str]]:
+    """Lines on what a recording holds beside events; none for events alone."""
+    lines = []
+    for name, there, count, rate_hz, unit in (
+        ("frames", found.stream.frames, found.frames, found.frame_rate_hz, "intensity frames"),
+        ("imu", found.stream.imu, found.imu_samples, found.imu_rate_hz, "samples"),
+    ):
+        if there or count:
+            rate = "" if rate_hz is None else f", {rate_hz:,.1f} per second"
+            lines.append((name, f"{count:,} {unit}{rate}"))
     return lines

@@ -12,7 +12,9 @@ from evs.msgs.event import (
 from evs.msgs.fields import MessageError
 from evs.msgs.frame import Frame, decode_frame, encode_frame
 from evs.msgs.imu import (
+    DEGREE,
     IMU_DTYPE,
+    STANDARD_GRAVITY,
     ImuPacket,
     ImuSamples,
     decode_imu,
@@ -27,6 +29,7 @@ from evs.msgs.topics import DEFAULT_ADDRESS, EVENTS, FRAMES, IMU, STATUS, TOPICS
 
 __all__ = [
     "DEFAULT_ADDRESS",
+    "DEGREE",
     "ENCODING",
     "EVENTS",
     "EVENT_DTYPE",
@@ -34,6 +37,7 @@ __all__ = [
     "IMU",
     "IMU_DTYPE",
     "LABEL_DTYPE",
+    "STANDARD_GRAVITY",
     "STATUS",
     "TOPICS",
     "Cause",

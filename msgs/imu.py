@@ -7,6 +7,7 @@ On the wire: `topic | msgpack header | raw frame`, see README.md beside this fil
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,6 +25,12 @@ IMU_DTYPE = np.dtype(
     ]
 )
 """t int64 us of simulated time; proper acceleration, m/s^2; angular velocity, rad/s; degrees C."""
+
+STANDARD_GRAVITY = 9.80665
+"""m/s^2: makers give accelerometers in multiples of it, and AEDAT4 holds them so."""
+
+DEGREE = math.pi / 180.0
+"""rad: the unit of AEDAT4's gyroscopes."""
 
 IMU_ENCODING = "evs_imu64"
 """Name of the raw frame's encoding: an array of IMU_DTYPE, little-endian, 64 bytes a sample."""

@@ -2,7 +2,9 @@
 
 from evs.drivers.files.by_suffix import (
     SUFFIXES,
+    LeftOutFramesWarning,
     Summary,
+    messages,
     opened,
     packets,
     read,
@@ -15,8 +17,10 @@ from evs.drivers.files.calibration import calibration_yaml
 
 __all__ = [
     "SUFFIXES",
+    "LeftOutFramesWarning",
     "Summary",
     "calibration_yaml",
+    "messages",
     "opened",
     "packets",
     "read",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +13,23 @@ import numpy as np
 from evs.drivers.files.aedat4 import Aedat4File, Aedat4Recorder, Repair
 from evs.drivers.files.aedat4 import repair as repair_aedat4
 from evs.drivers.files.npz import NpzFile, NpzRecorder
-from evs.drivers.files.recording import Recording, as_packet
+from evs.drivers.files.recording import Beside, Recording, as_packet
 from evs.drivers.sink import Sink
-from evs.msgs import EventPacket, EvsError, StreamInfo, join_events
+from evs.msgs import (
+    IMU_DTYPE,
+    EventPacket,
+    EvsError,
+    Frame,
+    ImuPacket,
+    ImuSamples,
+    StreamInfo,
+    join_events,
+)
+
+
+class LeftOutFramesWarning(UserWarning):
+    """A recording holds frames in colour, which we do not read."""
+
 
 SUFFIXES = (".aedat4", ".npz")
 
@@ -46,6 +61,13 @@ class Summary:
     """byte offset of a torn tail"""
     torn_bytes: int
     damaged_packets: int
+    frames: int
+    """intensity frames"""
+    frame_rate_hz: float | None
+    """mean of them per second; None for fewer than two"""
+    imu_samples: int
+    imu_rate_hz: float | None
+    """mean of them per second; None for fewer than two"""
 
     @property
     def duration_s(self) -> float:
@@ -59,7 +81,7 @@ class Summary:
 
 
 def read(path: AnyPath) -> Recording:
-    """All events of a recording, with `.stream` for the rest.
+    """All events of a recording, with `.stream`, `.frames` and `.imu` for the rest.
 
     A torn tail or damaged packets are left out, with a TornTailWarning or DamagedPacketWarning.
     EvsError: no such file, unknown ending, not a recording.
@@ -67,7 +89,7 @@ def read(path: AnyPath) -> Recording:
     file = opened(path)
     parts = list(file.events())
     file.damage.warn(file.path)
-    return Recording.of(join_events(parts), file.stream)
+    return Recording.of(join_events(parts), file.stream, Beside(lambda: _beside(path)))
 
 
 def packets(path: AnyPath) -> Iterator[EventPacket]:
@@ -81,6 +103,41 @@ def packets(path: AnyPath) -> Iterator[EventPacket]:
     file.damage.warn(file.path)
 
 
+def messages(path: AnyPath) -> Iterator[EventPacket | Frame | ImuPacket]:
+    """Packets, frames and IMU packets one by one, in the order recorded. Warns like read."""
+    file = opened(path)
+    events = imu = 0
+    for message in file.messages():
+        if isinstance(message, Frame):
+            yield message
+        elif message.dtype == IMU_DTYPE:
+            yield ImuPacket(imu, message, file.stream.camera)
+            imu += 1
+        else:
+            yield as_packet(events, message, file.stream)
+            events += 1
+    _warn(file)
+
+
+def _beside(path: AnyPath) -> Iterator[Frame | ImuSamples]:
+    """What lies beside the events; where damage was met, reading those warned of it."""
+    file = opened(path)
+    if file.stream.frames or file.stream.imu:
+        yield from file.beside()
+        _warn_coloured(file)
+
+
+def _warn(file: Aedat4File | NpzFile) -> None:
+    file.damage.warn(file.path)
+    _warn_coloured(file)
+
+
+def _warn_coloured(file: Aedat4File | NpzFile) -> None:
+    if file.coloured_frames:
+        text = f"{file.path}: {file.coloured_frames} frames are not grey and were left out"
+        warnings.warn(text, LeftOutFramesWarning, stacklevel=3)
+
+
 def stream_of(path: AnyPath) -> StreamInfo:
     """What a recording says of its stream: resolution, camera, seed, configuration, ..."""
     return opened(path).stream
@@ -90,12 +147,20 @@ def summary(path: AnyPath) -> Summary:
     """Walk over a whole recording and count. Damage is told, not warned of."""
     file = opened(path)
     count = packets_seen = on = first_us = last_us = 0
-    for events in file.events():
+    frame_stamps: list[int] = []
+    imu_stamps: list[int] = []
+    for message in file.messages():
+        if isinstance(message, Frame):
+            frame_stamps.append(message.exposure_begin_us)
+            continue
+        if message.dtype == IMU_DTYPE:
+            imu_stamps += message["t"].tolist()
+            continue
         if not packets_seen:
-            first_us = int(events["t"][0])
-        last_us = int(events["t"][-1])
-        on += int(np.count_nonzero(events["p"]))
-        count += len(events)
+            first_us = int(message["t"][0])
+        last_us = int(message["t"][-1])
+        on += int(np.count_nonzero(message["p"]))
+        count += len(message)
         packets_seen += 1
     return Summary(
         path=str(file.path),
@@ -113,7 +178,18 @@ def summary(path: AnyPath) -> Summary:
         torn_at=file.damage.torn_at,
         torn_bytes=file.damage.torn_bytes,
         damaged_packets=file.damage.packets,
+        frames=len(frame_stamps),
+        frame_rate_hz=_rate_hz(frame_stamps),
+        imu_samples=len(imu_stamps),
+        imu_rate_hz=_rate_hz(imu_stamps),
     )
+
+
+def _rate_hz(stamps_us: list[int]) -> float | None:
+    """Mean rate of what has these stamps."""
+    if len(stamps_us) < 2 or stamps_us[-1] <= stamps_us[0]:
+        return None
+    return (len(stamps_us) - 1) * 1e6 / (stamps_us[-1] - stamps_us[0])
 
 
 def repair(path: AnyPath) -> Repair:

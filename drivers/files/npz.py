@@ -10,14 +10,28 @@ import os
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
 from evs.drivers.files.damage import Damage, bad_values
+from evs.drivers.files.npz_beside import STAMPS, arrays_of, frames_of, imu_of, in_order
 from evs.drivers.files.recording import MAX_SIDE_PX, existing, one_stream, target_error
-from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
+from evs.msgs import (
+    EventPacket,
+    Events,
+    EvsError,
+    Frame,
+    ImuPacket,
+    ImuSamples,
+    StreamInfo,
+    empty_events,
+    empty_imu,
+    join_events,
+    make_events,
+)
 
 COLUMNS = {"t": np.dtype("<i8"), "x": np.dtype("<i2"), "y": np.dtype("<i2"), "p": np.dtype("i1")}
 """Arrays of a recording, each (n,): t us, x and y px, p 1 ON or 0 OFF."""
@@ -45,6 +59,9 @@ class NpzRecorder:
         self._stream: StreamInfo | None = None
         self._parts: list[Events] = []
         self._file: IO[bytes] | None = None
+        self._frames: list[Frame] = []
+        self._imu: list[ImuSamples] = []
+        self._beside_bytes = 0
         self._packets = 0
         self._events = 0
         self._reserved = 0
@@ -65,22 +82,47 @@ class NpzRecorder:
 
     def write(self, packet: EventPacket) -> None:
         """Keep a copy of one packet's events. EvsError where the disk has no room for more."""
+        self._check_open()
+        if len(packet.events):
+            self._make_room(len(packet.events), 0)
+            self._parts.append(packet.events.copy())
+            self._events += len(packet.events)
+            self._packets += 1
+
+    def write_frame(self, frame: Frame) -> None:
+        """Keep a copy of one intensity frame; all have one size. EvsError as write."""
+        first = self._frames[0].pixels if self._frames else frame.pixels
+        if (frame.pixels.shape, frame.pixels.dtype) != (first.shape, first.dtype):
+            raise EvsError(
+                f"{self._path} holds frames of one size: {first.shape} {first.dtype}, not "
+                f"{frame.pixels.shape} {frame.pixels.dtype}; record to .aedat4"
+            )
+        self._make_room(0, frame.pixels.nbytes + 8 * len(STAMPS))
+        self._frames.append(dataclasses.replace(frame, pixels=frame.pixels.copy()))
+
+    def write_imu(self, packet: ImuPacket) -> None:
+        """Keep a copy of one packet's samples. EvsError as write."""
+        self._make_room(0, packet.samples.nbytes)
+        self._imu.append(packet.samples.copy())
+
+    def _check_open(self) -> None:
         if self._failure:
             raise EvsError(self._failure)
         if self._file is None:
             raise EvsError(f"{self._path} is not open for recording: call open first")
-        if len(packet.events):
-            try:
-                self._reserve(self._events + len(packet.events))
-            except OSError as reason:
-                self._failure = (
-                    f"recording to {self._path} stopped after {self._events} events: "
-                    f"{reason.strerror}; they are kept, free some space and run again"
-                )
-                raise EvsError(self._failure) from None
-            self._parts.append(packet.events.copy())
-            self._events += len(packet.events)
-            self._packets += 1
+
+    def _make_room(self, events: int, beside_bytes: int) -> None:
+        """Room for more, or EvsError; what came before can still be written."""
+        self._check_open()
+        try:
+            self._reserve(self._events + events, self._beside_bytes + beside_bytes)
+        except OSError as reason:
+            self._failure = (
+                f"recording to {self._path} stopped after {self._events} events: "
+                f"{reason.strerror}; they are kept, free some space and run again"
+            )
+            raise EvsError(self._failure) from None
+        self._beside_bytes += beside_bytes
 
     def close(self) -> dict[str, Any]:
         """Write the file and let go of it. EvsError where the disk does not take it."""
@@ -92,6 +134,7 @@ class NpzRecorder:
         try:
             columns = {name: events[name] for name in COLUMNS}
             columns[STREAM] = np.array(said)
+            columns |= arrays_of(self._frames, self._imu)
             np.savez_compressed(self._file, allow_pickle=False, **columns)
             size = self._file.tell()
             self._file.truncate()
@@ -106,15 +149,17 @@ class NpzRecorder:
             "path": str(self._path),
             "packets": self._packets,
             "events": len(events),
+            "frames": len(self._frames),
+            "imu_samples": sum(map(len, self._imu)),
             "bytes": size,
             "error": self._failure,
         }
         return self._report
 
-    def _reserve(self, events: int) -> None:
-        """Make the temporary file large enough for so many events; OSError if the disk is not."""
+    def _reserve(self, events: int, beside_bytes: int = 0) -> None:
+        """Make the temporary file large enough for so much; OSError if the disk is not."""
         # incompressible columns grow by less than a byte an event; the rest is header and stream
-        needed = _RESERVE_BYTES + 14 * events
+        needed = _RESERVE_BYTES + 14 * events + beside_bytes + beside_bytes // 1000
         if needed > self._reserved and self._file is not None:
             grown = needed + _RESERVE_BYTES
             os.posix_fallocate(self._file.fileno(), 0, grown)
@@ -143,6 +188,10 @@ class NpzFile:
     table_packets: int | None = None
     """an NPZ file has no data table"""
     broken_pointer: bool = False
+    frames: list[Frame] = field(default_factory=list)
+    imu: ImuSamples = field(default_factory=empty_imu)
+    """(n,) all of them"""
+    coloured_frames: int = 0
     damage: Damage = field(default_factory=Damage)
     """never any: the archive's checksums hold, or it is not opened"""
 
@@ -154,6 +203,10 @@ class NpzFile:
             with zipfile.ZipFile(found) as archive:
                 t, x, y, p = (_array(archive, name, "iub", 1) for name in COLUMNS)
                 text = _text(archive)
+                names = [name.removesuffix(".npy") for name in archive.namelist()]
+                get = partial(_array, archive)
+                camera = _stream(text, empty_events()).camera
+                frames, imu = frames_of(names, get, camera), imu_of(names, get)
             compressed = archive.getinfo("t.npy").compress_type != zipfile.ZIP_STORED
         except _OtherError as reason:
             raise EvsError(f"{found} is not a recording: {reason}") from None
@@ -171,13 +224,28 @@ class NpzFile:
             wrong = "a value is too large for an event"
         if wrong:
             raise EvsError(f"{found} is not a recording: {wrong}")
-        return cls(found, stream, "deflate" if compressed else "none", events, found.stat().st_size)
+        # an archive of somebody else's says nothing of them
+        stream = dataclasses.replace(
+            stream, frames=stream.frames or bool(frames), imu=stream.imu or bool(len(imu))
+        )
+        compression = "deflate" if compressed else "none"
+        size = found.stat().st_size
+        return cls(found, stream, compression, events, size, frames=frames, imu=imu)
 
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any."""
         if len(self.recorded):
             ticks = -(-self.recorded["t"] // self.stream.tick_us)
             yield from np.split(self.recorded, np.flatnonzero(np.diff(ticks)) + 1)
+
+    def messages(self) -> Iterator[Events | Frame | ImuSamples]:
+        """Events, frames and IMU samples of each tick, in time's order."""
+        yield from in_order(self.events(), self.frames, self.imu, self.stream.tick_us)
+
+    def beside(self) -> Iterator[Frame | ImuSamples]:
+        """Frames and IMU samples alone."""
+        yield from self.frames
+        yield self.imu
 
 
 class _OtherError(Exception):

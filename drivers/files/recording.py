@@ -1,40 +1,88 @@
-"""Recording: events with their stream; and what every recorder and reader begins with."""
+"""Recording: events with all that was recorded with them; what recorders and readers share."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from evs.msgs import EVENT_DTYPE, EventPacket, Events, EvsError, StreamInfo, nearest_first
+from evs.msgs import (
+    EVENT_DTYPE,
+    EventPacket,
+    Events,
+    EvsError,
+    Frame,
+    ImuSamples,
+    StreamInfo,
+    empty_imu,
+    nearest_first,
+)
 
 MAX_SIDE_PX = 1 << 15
 """x and y are int16."""
 
 
+class Beside:
+    """What was recorded beside the events, read when it is first asked for."""
+
+    def __init__(self, load: Callable[[], Iterable[Frame | ImuSamples]]) -> None:
+        self._load = load
+
+    @cached_property
+    def frames(self) -> tuple[Frame, ...]:
+        """In the order recorded."""
+        return self._both[0]
+
+    @cached_property
+    def imu(self) -> ImuSamples:
+        """(n,) IMU_DTYPE."""
+        return self._both[1]
+
+    @cached_property
+    def _both(self) -> tuple[tuple[Frame, ...], ImuSamples]:
+        every = list(self._load())
+        samples = [one for one in every if not isinstance(one, Frame)]
+        frames = tuple(one for one in every if isinstance(one, Frame))
+        return frames, np.concatenate([empty_imu(), *samples])
+
+
 class Recording(np.ndarray[Any, np.dtype[np.void]]):
     """(n,) EVENT_DTYPE, in the order recorded, with the stream they belong to.
 
-    It is an ordinary structured array (`recording["t"]`, slices, masks); `.stream` goes along with
-    slices, masks and copies.
+    It is an ordinary structured array (`recording["t"]`, slices, masks); `.stream`, `.frames` and
+    `.imu` go along with slices, masks and copies.
     """
 
     stream: StreamInfo
+    _beside: Beside
 
     @classmethod
-    def of(cls, events: Events, stream: StreamInfo) -> Recording:
+    def of(cls, events: Events, stream: StreamInfo, beside: Beside | None = None) -> Recording:
         """The events as a Recording, not copied."""
         recording = np.asarray(events, EVENT_DTYPE).view(cls)
         recording.stream = stream
+        recording._beside = beside or Beside(tuple)
         return recording
 
     def __array_finalize__(self, parent: Any) -> None:
-        stream = getattr(parent, "stream", None)
-        if stream is not None:
-            self.stream = stream
+        for name in ("stream", "_beside"):
+            value = getattr(parent, name, None)
+            if value is not None:
+                setattr(self, name, value)
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """All intensity frames of the recording, whatever events were selected; most have none."""
+        return self._beside.frames
+
+    @property
+    def imu(self) -> ImuSamples:
+        """(n,) all IMU samples of the recording: t, acceleration, angular_velocity, temperature."""
+        return self._beside.imu
 
 
 def as_packet(seq: int, events: Events, stream: StreamInfo) -> EventPacket:

@@ -11,8 +11,8 @@ from typing import Any, Protocol
 from evs.drivers.pace import Pacer, StopWatch, monotonic_s
 from evs.drivers.pipeline.report import COMPLETE, STAGES, Report, versions
 from evs.drivers.pipeline.stopping import stop_signals
-from evs.drivers.sink import MeteredSink, Sink
-from evs.msgs import EventPacket, EvsError, StreamInfo
+from evs.drivers.sink import FrameSink, ImuSink, MeteredSink, Sink
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo
 
 MAX_SECONDS = 1e9
 """Longer than 30 years is a mistake, not a run."""
@@ -39,6 +39,14 @@ class RunCamera(Protocol):
     @property
     def is_dark(self) -> bool:
         """Whether nothing was lit in the last tick."""
+
+    @property
+    def frames(self) -> Sequence[Frame]:
+        """Intensity frames of the last tick."""
+
+    @property
+    def imu_packet(self) -> ImuPacket | None:
+        """What its IMU said in the last tick."""
 
 
 class RunWorld(Protocol):
@@ -160,6 +168,8 @@ class _Loop:
         warn: Callable[[str], None] | None,
     ) -> None:
         self.world, self.sinks, self.watch, self.pacer, self.warn = world, sinks, watch, pacer, warn
+        self.frame_sinks = [sink for sink in sinks if isinstance(sink, FrameSink)]
+        self.imu_sinks = [sink for sink in sinks if isinstance(sink, ImuSink)]
         self.ended = COMPLETE
         self.began = False
         self.done = 0
@@ -222,6 +232,7 @@ class _Loop:
         # a packet leaves when the wall clock reaches the end of its tick
         self.pacer.wait_until(self.world.t_us)
         watch.skip()
+        self._write_beside()
         for packet in packets:
             for sink in self.sinks:
                 with _disk_errors():
@@ -235,6 +246,18 @@ class _Loop:
         cameras = self.world.cameras
         self.traced += sum(camera.traced_fraction for camera in cameras) / max(1, len(cameras))
         return packets
+
+    def _write_beside(self) -> None:
+        """Frames and IMU samples of the tick, before its events."""
+        for camera in self.world.cameras:
+            for frame in camera.frames:
+                for frame_sink in self.frame_sinks:
+                    with _disk_errors():
+                        frame_sink.write_frame(frame)
+            if camera.imu_packet is not None:
+                for imu_sink in self.imu_sinks:
+                    with _disk_errors():
+                        imu_sink.write_imu(camera.imu_packet)
 
     def _look_for_dark(self) -> None:
         for camera in self.world.cameras:

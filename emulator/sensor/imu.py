@@ -26,12 +26,7 @@ from evs.emulator.sensor.imu_parameters import ImuParameters
 from evs.emulator.sensor.random import Term, indexed_normals
 from evs.emulator.sensor.rotation import rotation_vector
 from evs.emulator.sensor.schedule import first_from, stamp_us
-from evs.msgs import EvsError, ImuSamples, empty_imu
-
-STANDARD_GRAVITY = 9.80665
-"""m/s^2: makers give accelerometers in multiples of it, files hold them so"""
-
-DEGREE = math.pi / 180.0
+from evs.msgs import DEGREE, STANDARD_GRAVITY, EvsError, ImuSamples, empty_imu
 
 _UNITS = (STANDARD_GRAVITY, DEGREE)
 _TERMS = (

@@ -45,6 +45,56 @@ def dv_packets(path: str, facts: dict[str, Any]) -> Iterator[Any]:
         facts["middle"] = middle
 
 
+def hashed(*columns: Any) -> str:
+    """One hash over arrays' bytes."""
+    summed = hashlib.sha256()
+    for column in columns:
+        summed.update(np.ascontiguousarray(column).tobytes())
+    return summed.hexdigest()
+
+
+def dv_beside(path: str) -> dict[str, Any]:
+    """What dv-processing sees of frames and IMU."""
+    import dv_processing
+
+    file = dv_processing.io.MonoCameraRecording(path)
+    frames, samples = [], []
+    if file.isFrameStreamAvailable():
+        while (frame := file.getNextFrame()) is not None:
+            exposure_us = round(frame.exposure.total_seconds() * 1e6)
+            image = np.array(frame.image)
+            frames.append([frame.timestamp, exposure_us, str(image.dtype), hashed(image)])
+    if file.isImuStreamAvailable():
+        while (batch := file.getNextImuBatch()) is not None:
+            for one in batch:
+                force = (one.accelerometerX, one.accelerometerY, one.accelerometerZ)
+                turn = (one.gyroscopeX, one.gyroscopeY, one.gyroscopeZ)
+                samples.append((one.timestamp, one.temperature, *force, *turn))
+    values = np.array([row[1:] for row in samples], np.float32).reshape(-1, 7)
+    stamps = np.array([row[0] for row in samples], np.int64)
+    size = list(file.getFrameResolution() or ()) if frames else []
+    return {"frames": frames, "size": size, "imu": hashed(stamps, values), "samples": len(stamps)}
+
+
+def aedat_beside(path: str) -> dict[str, Any]:
+    """What aedat sees of them; it gives the stamps of the frame too."""
+    import aedat
+
+    frames, stamps, values = [], [], []
+    names = [f"{kind}_{axis}" for kind in ("accelerometer", "gyroscope") for axis in "xyz"]
+    for packet in aedat.Decoder(path):
+        if "frame" in packet:
+            one = packet["frame"]
+            keys = ("begin_t", "exposure_begin_t", "exposure_end_t", "end_t", "format")
+            frames.append([*(one[key] for key in keys), hashed(one["pixels"])])
+        elif "imus" in packet:
+            stamps.append(packet["imus"]["t"].astype(np.int64))
+            values.append(np.stack([packet["imus"][n] for n in ("temperature", *names)], 1))
+    joined = np.concatenate([np.zeros(0, np.int64), *stamps])
+    every = np.concatenate([np.zeros((0, 7), np.float32), *values])
+    return {"frames": frames, "imu": hashed(joined, every), "samples": len(joined)}
+
+
 def aedat_packets(path: str, facts: dict[str, Any]) -> Iterator[Any]:
     import aedat
 
@@ -52,7 +102,8 @@ def aedat_packets(path: str, facts: dict[str, Any]) -> Iterator[Any]:
     stream = decoder.id_to_stream()[0]
     facts["resolution"] = [stream["width"], stream["height"]]
     for packet in decoder:
-        yield packet["events"]
+        if "events" in packet:
+            yield packet["events"]
 
 
 def faery_packets(path: str, facts: dict[str, Any]) -> Iterator[Any]:
@@ -104,7 +155,8 @@ def write(folder: str) -> None:
                 store.push_back(int(t[k]), int(x[k]), int(y[k]), bool(p[k]))
             writer.writeEvents(store)
             stamp = int(t[part + 4999])
-            writer.writeFrame(dv.Frame(stamp, np.zeros((480, 640), np.uint8)))
+            image = np.full((480, 640), part // 100, np.uint8)
+            writer.writeFrame(dv.Frame(stamp, 777, 0, 0, image, dv.FrameSource.SENSOR))
             writer.writeImu(dv.IMU(stamp, *range(10)))
             kind = dv.TriggerType.EXTERNAL_SIGNAL_RISING_EDGE
             writer.writeTrigger(dv.Trigger(stamp, kind))
@@ -116,6 +168,10 @@ def write(folder: str) -> None:
 if __name__ == "__main__":
     if sys.argv[1] == "write":
         write(sys.argv[2])
+    elif sys.argv[1] in ("dv-beside", "aedat-beside"):
+        beside = dv_beside if sys.argv[1] == "dv-beside" else aedat_beside
+        for given in sys.argv[2:]:
+            print(json.dumps({"path": given, **beside(given)}), flush=True)
     else:
         for given in sys.argv[2:]:
             print(json.dumps(look(sys.argv[1], given)), flush=True)

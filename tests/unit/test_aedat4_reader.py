@@ -191,7 +191,9 @@ def test_the_event_stream_is_found_by_its_declaration(tmp_path: Path) -> None:
     foreign(path, declared((1, "FRME", ""), (4, "EVTS", SIZE)), BODIES)
     recording = read(path)
     assert recording.tobytes() == events_of(0).tobytes()
-    assert recording.stream == StreamInfo(64, 48, camera="DVX", sensor="unknown", tick_us=1)
+    assert recording.stream == StreamInfo(
+        64, 48, camera="DVX", sensor="unknown", tick_us=1, frames=True
+    )
 
 
 @pytest.mark.parametrize("xml", ["<dv/>", declared((1, "FRME", ""), (4, "EVTS", ""))])

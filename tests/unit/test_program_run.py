@@ -16,7 +16,7 @@ from evs.drivers.pace import Pacer, StopWatch
 from evs.drivers.pipeline.report import STAGES, Report
 from evs.drivers.pipeline.run import Progress, run, tick_count
 from evs.emulator.stages import Meter, NoMeter
-from evs.msgs import EventPacket, EvsError, StreamInfo, make_events
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo, make_events
 
 
 class FakeCamera:
@@ -28,6 +28,8 @@ class FakeCamera:
         self.traced_fraction = 0.25
         self.is_dark = dark
         self.clamps = 3
+        self.frames: tuple[Frame, ...] = ()
+        self.imu_packet: ImuPacket | None = None
 
 
 class FakeWorld:

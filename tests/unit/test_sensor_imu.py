@@ -15,9 +15,8 @@ import pytest
 
 from evs.emulator.scene import CameraPose
 from evs.emulator.sensor import Imu, ImuParameters, ImuState
-from evs.emulator.sensor.imu import DEGREE, STANDARD_GRAVITY
 from evs.emulator.sensor.rotation import rotation_vector
-from evs.msgs import EvsError, ImuSamples
+from evs.msgs import DEGREE, STANDARD_GRAVITY, EvsError, ImuSamples
 
 F64 = npt.NDArray[np.float64]
 Motion = Callable[[float], tuple[F64, F64]]

@@ -12,8 +12,8 @@ from evs.drivers.files.aedat4.layout import DamageError
 from evs.drivers.files.recording import MAX_SIDE_PX
 from evs.msgs import StreamInfo
 
-EVENT_STREAM = 0
-"""Our events' stream id; dv uses 1 for frames, 2 for IMU, 3 for triggers."""
+EVENT_STREAM, FRAME_STREAM, IMU_STREAM = 0, 1, 2
+"""Our streams' ids, as dv uses them; 3 is triggers."""
 
 _NOT_XML = re.compile("[^\t\n\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
@@ -31,28 +31,48 @@ class Declared:
 
 
 def to_xml(stream: StreamInfo, compression: str) -> str:
-    """The description of a file with one event stream.
+    """The description of a file with an event stream, and those that come beside it.
 
-    sizeX, sizeY and source are dv's; the other attributes of the info node are ours: camera_info,
-    config, seed, sensor, tick_us, versions (JSON where they are not plain text).
+    sizeX, sizeY and source are dv's; the other attributes of the events' info node are ours:
+    camera_info, config, seed, sensor, tick_us, versions (JSON where they are not plain text).
     """
     root = ET.Element("dv", version="2.0")
     streams = _node(root, "outInfo", "/outInfo/")
-    path = f"/outInfo/{EVENT_STREAM}/"
-    node = _node(streams, str(EVENT_STREAM), path)
-    _attribute(node, "compression", compression.upper())
-    _attribute(node, "originalModuleName", "evs")
-    _attribute(node, "originalOutputName", "events")
-    _attribute(node, "typeDescription", "Array of events (polarity ON/OFF).")
-    _attribute(node, "typeIdentifier", "EVTS")
-    info = _node(node, "info", f"{path}info/")
-    _attribute(info, "sizeX", str(stream.width), "int")
-    _attribute(info, "sizeY", str(stream.height), "int")
-    _attribute(info, "source", stream.camera)
+    info = _stream_node(streams, EVENT_STREAM, "events", "EVTS", stream, compression)
     _attribute(info, "sensor", stream.sensor)
     for key in ("tick_us", "seed", "versions", "config", "camera_info"):
         _attribute(info, key, json.dumps(getattr(stream, key), default=str))
+    if stream.frames:
+        _stream_node(streams, FRAME_STREAM, "frames", "FRME", stream, compression)
+    if stream.imu:
+        _stream_node(streams, IMU_STREAM, "imu", "IMUS", stream, compression)
     return ET.tostring(root, encoding="unicode")
+
+
+_SAID = {
+    "EVTS": "Array of events (polarity ON/OFF).",
+    "FRME": "Intensity frames of active pixels.",
+    "IMUS": "Inertial measurement unit samples.",
+}
+
+
+def _stream_node(
+    streams: ET.Element, number: int, name: str, kind: str, stream: StreamInfo, compression: str
+) -> ET.Element:
+    """The node of one stream; its info node, with what dv asks for."""
+    path = f"/outInfo/{number}/"
+    node = _node(streams, str(number), path)
+    _attribute(node, "compression", compression.upper())
+    _attribute(node, "originalModuleName", "evs")
+    _attribute(node, "originalOutputName", name)
+    _attribute(node, "typeDescription", _SAID[kind])
+    _attribute(node, "typeIdentifier", kind)
+    info = _node(node, "info", f"{path}info/")
+    if kind != "IMUS":
+        _attribute(info, "sizeX", str(stream.width), "int")
+        _attribute(info, "sizeY", str(stream.height), "int")
+    _attribute(info, "source", stream.camera)
+    return info
 
 
 def from_xml(text: str) -> dict[int, Declared]:

@@ -120,9 +120,12 @@ def parse_events(body: bytes) -> Events:
     return np.frombuffer(body, EVENT_DTYPE, count, start)
 
 
-def data_table(stream: int, columns: npt.NDArray[np.int64], padding: bytes = b"") -> bytes:
-    """The uncompressed data table of packets of one stream; columns (n, TABLE_COLUMNS).
+def data_table(
+    stream: npt.ArrayLike, columns: npt.NDArray[np.int64], padding: bytes = b""
+) -> bytes:
+    """The uncompressed data table of packets; columns (n, TABLE_COLUMNS).
 
+    In: stream, id of each packet's, (n,), or one for all.
     `padding`, a multiple of 8 bytes, stands in front of the list and means nothing.
     """
     count = len(columns)
@@ -169,6 +172,13 @@ class Flat:
             raise DamageError(f"offset {position} is outside a buffer of {len(self.body)} bytes")
         value: tuple[Any, ...] = struct.unpack_from(kind, self.body, position)
         return int(value[0])
+
+    def real(self, position: int) -> float:
+        """One little-endian float32."""
+        if position < 0 or position + 4 > len(self.body):
+            raise DamageError(f"offset {position} is outside a buffer of {len(self.body)} bytes")
+        value: tuple[float] = struct.unpack_from("<f", self.body, position)
+        return value[0]
 
     def root(self) -> int:
         """Position of the root table."""

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
+
 from evs.drivers.files.aedat4 import compression as compressions
 from evs.drivers.files.aedat4 import description, layout
+from evs.drivers.files.aedat4.frames import OtherFormatError, parse_frame
+from evs.drivers.files.aedat4.imu import parse_imu
 from evs.drivers.files.aedat4.layout import DamageError
 from evs.drivers.files.damage import Damage, bad_values, normalised
 from evs.drivers.files.recording import existing
-from evs.msgs import Events, EvsError, StreamInfo
+from evs.msgs import IMU_DTYPE, Events, EvsError, Frame, ImuSamples, StreamInfo
 
 MAX_HEADER_BYTES = 1 << 26
 MAX_TRIES = 1000
@@ -22,15 +27,22 @@ MAX_TRIES = 1000
 _TABLE_HEAD_BYTES = 1 << 23
 _CHUNK_BYTES = 1 << 20
 _MIN_BODY_BYTES = 12
+_PLAIN_KINDS = re.compile(b"EVTS|FRME|IMUS|TRIG")
+
+Message = Events | Frame | ImuSamples
+
+_Taker = Callable[[bytes], Message | str | None]
+"""What is in the body of a packet: a message, nothing, or words on why it is damaged."""
 
 
 @dataclass
 class Aedat4File:
     """One AEDAT4 file, ours or another writer's, opened with `Aedat4File.at(path)`.
 
-    Events come from the first event stream that the file declares (or holds, if it declares none);
-    frames, IMU and triggers are skipped. Bytes that do not check out are left out and reported:
-    as damaged packets where a whole packet follows somewhere, else as a torn tail.
+    Events come from the first event stream that the file declares (or holds, if it declares none),
+    frames and IMU from the first of theirs; other streams are skipped. Bytes that do not check out
+    are left out and reported: as damaged packets where a whole packet follows somewhere, else as a
+    torn tail.
     """
 
     path: Path
@@ -49,7 +61,11 @@ class Aedat4File:
     """where the file ends, with its table and without what follows it, bytes"""
     size: int
     damage: Damage = field(default_factory=Damage)
-    """what the last complete walk over `events` found"""
+    """what the last complete walk over the packets found"""
+    whole_packets: int = 0
+    """packets of any stream that the last complete walk found whole"""
+    coloured_frames: int = 0
+    """frames that the last complete walk left out, since they are not grey"""
 
     @classmethod
     def at(cls, path: str | os.PathLike[str]) -> Aedat4File:
@@ -66,8 +82,24 @@ class Aedat4File:
     def events(self) -> Iterator[Events]:
         """The events of each packet, read-only arrays that are never empty; then sets `damage`."""
         with self.path.open("rb") as file:
-            for _, events in self._walk(file, self.event_id):
+            for _, events in self._walk(file, {self.event_id: self._take_events}):
+                assert isinstance(events, np.ndarray)
                 yield events
+
+    def messages(self) -> Iterator[Message]:
+        """Events, frames and IMU samples of each packet, in the file's order; sets `damage`."""
+        with self.path.open("rb") as file:
+            for _, message in self._walk(file, self._takers()):
+                yield message
+
+    def beside(self) -> Iterator[Frame | ImuSamples]:
+        """Frames and IMU samples alone, in the file's order; sets `damage`."""
+        takers = self._takers()
+        del takers[self.event_id]
+        with self.path.open("rb") as file:
+            for _, message in self._walk(file, takers):
+                assert not isinstance(message, np.ndarray) or message.dtype == IMU_DTYPE
+                yield message
 
     @property
     def broken_pointer(self) -> bool:
@@ -123,45 +155,85 @@ class Aedat4File:
         """Take the stream's facts from the description, or else from the packets."""
         info = self.streams[self.event_id].info if self.event_id in self.streams else {}
         self.stream = description.stream_info(info)
-        if self.stream.width and self.stream.height:
-            return
-        width = height = 0
-        for number, events in self._walk(file, None if self.event_id < 0 else self.event_id):
-            self.event_id = number
-            width = max(width, 1 + int(events["x"].max()))
-            height = max(height, 1 + int(events["y"].max()))
-        if not width:
-            raise DamageError("it neither declares nor holds an event stream")
-        self.stream = description.stream_info(info, width, height)
-        self.damage = Damage()
+        if not (self.stream.width and self.stream.height):
+            width = height = 0
+            takers = {} if self.event_id < 0 else {self.event_id: self._take_events}
+            for number, events in self._walk(file, takers, find_events=not takers):
+                assert isinstance(events, np.ndarray)
+                self.event_id = number
+                width = max(width, 1 + int(events["x"].max()))
+                height = max(height, 1 + int(events["y"].max()))
+            if not width:
+                raise DamageError("it neither declares nor holds an event stream")
+            self.stream = description.stream_info(info, width, height)
+            self.damage = Damage()
+        frames, imu = self._first("FRME") is not None, self._first("IMUS") is not None
+        self.stream = replace(self.stream, frames=frames, imu=imu)
 
-    def _walk(self, file: BinaryIO, event_id: int | None) -> Iterator[tuple[int, Events]]:
-        """(stream id, events) of every event packet; event_id None: of the first stream found."""
-        damage = Damage()
+    def _first(self, kind: str) -> int | None:
+        """The id of the first stream of a kind that the file declares."""
+        ids = [number for number, said in self.streams.items() if said.identifier == kind]
+        return min(ids, default=None)
+
+    def _takers(self) -> dict[int, _Taker]:
+        """How the packets of the streams that we read are taken, by stream id."""
+        frames, imu = self._first("FRME"), self._first("IMUS")
+        takers: dict[int, _Taker] = {self.event_id: self._take_events}
+        if frames is not None:
+            seen = iter(range(self.size))
+            self.coloured_frames = 0
+            takers[frames] = lambda body: self._take_frame(body, seen)
+        if imu is not None:
+            takers[imu] = lambda body: parse_imu(self._plain(body))
+        return takers
+
+    def _take_events(self, body: bytes) -> Events | str | None:
+        events = layout.parse_events(self._plain(body))
+        if not len(events):
+            return None
+        return bad_values(events, self.stream) or normalised(events)
+
+    def _take_frame(self, body: bytes, numbers: Iterator[int]) -> Frame | None:
+        plain = self._plain(body)
+        try:
+            return replace(parse_frame(plain, 0, self.stream.camera), seq=next(numbers))
+        except OtherFormatError:
+            self.coloured_frames += 1
+            return None
+
+    def _plain(self, body: bytes) -> bytes:
+        return compressions.decompress(body, self.compression)
+
+    def _walk(
+        self, file: BinaryIO, takers: Mapping[int, _Taker], find_events: bool = False
+    ) -> Iterator[tuple[int, Message]]:
+        """(stream id, message) of every packet that has a taker.
+
+        find_events: the first stream that holds events has one too.
+        """
+        damage, whole = Damage(), 0
         at, broken, tries = self.packets_at, None, 0
         while at < self.packets_end and tries < MAX_TRIES:
             try:
                 number, body = self._packet(file, at)
-                if number != event_id and self._kind(number, body) == b"EVTS" and event_id is None:
-                    event_id = number
-                events = self._events(body) if number == event_id else None
+                if number not in takers and self._kind(number, body) == b"EVTS" and find_events:
+                    takers, find_events = {number: self._take_events}, False
+                message = takers[number](body) if number in takers else None
             except DamageError as reason:
                 broken, tries = broken or (at, str(reason)), tries + 1
                 at = self._next_packet(file, at + 1)
                 continue
             if broken:
                 damage.packet(*broken)
-            broken, tries = None, 0
-            if events is not None and len(events):
-                wrong = bad_values(events, self.stream)
-                if wrong:
-                    damage.packet(at, wrong)
-                else:
-                    yield number, normalised(events)
+            broken, tries, whole = None, 0, whole + 1
+            if isinstance(message, str):
+                damage.packet(at, message)
+            elif message is not None:
+                yield number, message
             at += layout.PACKET_HEADER.size + len(body)
         # what no whole packet follows is torn
         damage.tail(broken[0], self.packets_end) if broken else damage.tail(self.end, self.size)
-        self.damage = damage
+        self.damage, self.whole_packets = damage, whole
 
     def _packet(self, file: BinaryIO, at: int) -> tuple[int, bytes]:
         """Stream id and body of the packet at a byte offset."""
@@ -177,21 +249,20 @@ class Aedat4File:
     def _next_packet(self, file: BinaryIO, start: int) -> int:
         """Offset at or after `start` at which a packet may begin, by what its body begins with."""
         # a plain buffer begins with 8 bytes of offsets and its identifier, a frame with its magic
-        marker, lead = compressions.MAGIC.get(self.compression, b"EVTS"), layout.PACKET_HEADER.size
-        if self.compression == "none":
+        magic, lead = compressions.MAGIC.get(self.compression), layout.PACKET_HEADER.size
+        marker = _PLAIN_KINDS if magic is None else re.compile(re.escape(magic))
+        if magic is None:
             lead += 8
         at = start + lead
         while at < self.packets_end:
             file.seek(at)
             chunk = file.read(min(_CHUNK_BYTES, self.packets_end - at))
-            found = chunk.find(marker)
-            if found >= 0:
-                return at + found - lead
-            at += max(1, len(chunk) - len(marker) + 1)
+            found = marker.search(chunk)
+            if found:
+                return at + found.start() - lead
+            # all markers have four bytes
+            at += max(1, len(chunk) - 3)
         return self.packets_end
-
-    def _events(self, body: bytes) -> Events:
-        return layout.parse_events(compressions.decompress(body, self.compression))
 
     def _kind(self, number: int, body: bytes) -> bytes:
         """The identifier of a packet of another stream, which must be the one it declares."""

@@ -15,9 +15,11 @@ import numpy as np
 
 from evs.drivers.files.aedat4 import compression as compressions
 from evs.drivers.files.aedat4 import description, layout
+from evs.drivers.files.aedat4.frames import frame_body
+from evs.drivers.files.aedat4.imu import imu_body
 from evs.drivers.files.recording import one_stream, target_error
 from evs.emulator.stages import Meter, NoMeter
-from evs.msgs import EventPacket, EvsError, StreamInfo
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo
 
 MAX_PACKET_EVENTS = 1 << 22
 """A tick of more events is written as several packets (64 MiB each, uncompressed)."""
@@ -51,6 +53,8 @@ class Aedat4Recorder:
         self._packets = 0
         self._events = 0
         self._empty = 0
+        self._frames = 0
+        self._imu_samples = 0
         self._table = array("q")
         self._failure = ""
         self._has_table = False
@@ -81,17 +85,43 @@ class Aedat4Recorder:
         self._empty += not len(events)
         for start in range(0, len(events), MAX_PACKET_EVENTS):
             part = events[start : start + MAX_PACKET_EVENTS]
-            body = self._compress(layout.events_body(part))
-            offset = self._position + layout.PACKET_HEADER.size
-            self.meter.lap("pack")
-            header = layout.PACKET_HEADER.pack(description.EVENT_STREAM, len(body))
-            self._append(header + body)
-            self._packets += 1
+            span = int(part["t"][0]), int(part["t"][-1])
+            self._put(description.EVENT_STREAM, layout.events_body(part), len(part), span)
             self._events += len(part)
-            if self._packets <= MAX_TABLE_PACKETS:
-                stamps = part["t"]
-                row = (offset, len(body), len(part), int(stamps[0]), int(stamps[-1]))
-                self._table.extend(row)
+
+    def write_frame(self, frame: Frame) -> None:
+        """Append one intensity frame. EvsError as write; also where the stream has no frames."""
+        self._check_declared("frames", "intensity frames")
+        span = frame.exposure_begin_us, frame.exposure_begin_us
+        self._put(description.FRAME_STREAM, frame_body(frame), 1, span)
+        self._frames += 1
+
+    def write_imu(self, packet: ImuPacket) -> None:
+        """Append the samples of one packet. EvsError as write; also where the stream has no IMU."""
+        self._check_declared("imu", "IMU samples")
+        if len(packet):
+            stamps = packet.samples["t"]
+            span = int(stamps[0]), int(stamps[-1])
+            self._put(description.IMU_STREAM, imu_body(packet.samples), len(packet), span)
+            self._imu_samples += len(packet)
+
+    def _check_declared(self, key: str, what: str) -> None:
+        if self._stream is not None and not getattr(self._stream, key):
+            raise EvsError(
+                f"{self._path} was opened for a camera without {what}: set {key} of its StreamInfo"
+            )
+
+    def _put(self, stream: int, plain: bytes, elements: int, span_us: tuple[int, int]) -> None:
+        """Append one packet of a stream, and its row of the table."""
+        if self._failure:
+            raise EvsError(self._failure)
+        body = self._compress(plain)
+        offset = self._position + layout.PACKET_HEADER.size
+        self.meter.lap("pack")
+        self._append(layout.PACKET_HEADER.pack(stream, len(body)) + body)
+        self._packets += 1
+        if self._packets <= MAX_TABLE_PACKETS:
+            self._table.extend((stream, offset, len(body), elements, *span_us))
 
     def close(self) -> dict[str, Any]:
         """Append the data table and let go of the file. Never raises for a disk that is full."""
@@ -108,15 +138,17 @@ class Aedat4Recorder:
             "packets": self._packets,
             "empty_ticks": self._empty,
             "events": self._events,
+            "frames": self._frames,
+            "imu_samples": self._imu_samples,
             "bytes": self._position,
             "table": self._has_table,
             "error": self._failure,
         }
 
     def _write_table(self) -> None:
-        columns = np.frombuffer(self._table, np.int64).reshape(-1, layout.TABLE_COLUMNS)
+        rows = np.frombuffer(self._table, np.int64).reshape(-1, 1 + layout.TABLE_COLUMNS)
         for padding in _paddings():
-            table = self._compress(layout.data_table(description.EVENT_STREAM, columns, padding))
+            table = self._compress(layout.data_table(rows[:, 0], rows[:, 1:], padding))
             if _looks_torn(table):
                 break
         else:

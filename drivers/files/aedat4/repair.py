@@ -50,7 +50,9 @@ def repair(path: str | os.PathLike[str]) -> Repair:
     read, or not writable.
     """
     file = Aedat4File.at(path)
-    whole = sum(1 for _ in file.events())
+    for _ in file.messages():
+        pass
+    whole = file.whole_packets
     cut_at = file.size if file.damage.torn_at is None else file.damage.torn_at
     if not whole and file.first_packet_fits():
         raise EvsError(

@@ -1,0 +1,105 @@
+"""Frames and IMU samples as plain arrays of an NPZ recording, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable
+from typing import Any
+
+import numpy as np
+
+from evs.msgs import Frame, ImuSamples, empty_imu
+from evs.msgs.frame import FRAME_ENCODINGS
+
+Array = np.ndarray[Any, Any]
+
+PIXELS = "frames"
+"""(m, h, w) uint8 or uint16"""
+
+STAMPS = {
+    "frame_begin_us": "begin_us",
+    "exposure_begin_us": "exposure_begin_us",
+    "exposure_end_us": "exposure_end_us",
+    "frame_end_us": "end_us",
+}
+"""array, (m,) int64 -> field of a Frame"""
+
+IMU_ARRAYS = {
+    "imu_t": ("t", "iu", 1),
+    "imu_acceleration": ("acceleration", "f", 2),
+    "imu_angular_velocity": ("angular_velocity", "f", 2),
+    "imu_temperature": ("temperature", "f", 1),
+}
+"""array, (n,) or (n, 3) in IMU_DTYPE's units -> (its field, kinds of dtype, axes)"""
+
+Get = Callable[[str, str, int], Array]
+"""An array by its name, the kinds of dtype and the number of axes that it may have."""
+
+
+def arrays_of(frames: list[Frame], imu: list[ImuSamples]) -> dict[str, Array]:
+    """The arrays to write, in their order; none for what there is nothing of."""
+    arrays: dict[str, Array] = {}
+    if frames:
+        arrays[PIXELS] = np.stack([frame.pixels for frame in frames])
+        for name, field in STAMPS.items():
+            arrays[name] = np.array([getattr(frame, field) for frame in frames], np.int64)
+    if imu:
+        samples = np.concatenate(imu)
+        for name, (field, _, _) in IMU_ARRAYS.items():
+            arrays[name] = np.ascontiguousarray(samples[field])
+    return arrays
+
+
+def frames_of(names: Collection[str], get: Get, camera: str) -> list[Frame]:
+    """The frames of an archive that has these arrays; none where one is missing.
+
+    Raises ValueError where they do not belong together.
+    """
+    if not {PIXELS, *STAMPS} <= set(names):
+        return []
+    pixels = get(PIXELS, "u", 3)
+    stamps = {field: get(name, "iu", 1) for name, field in STAMPS.items()}
+    if pixels.dtype not in FRAME_ENCODINGS.values():
+        raise ValueError(f"array '{PIXELS}' is {pixels.dtype}, not uint8 or uint16")
+    if any(len(column) != len(pixels) for column in stamps.values()):
+        raise ValueError("frames and their stamps are not of one length")
+    return [
+        Frame(seq, pixels=image, camera=camera, **{k: int(v[seq]) for k, v in stamps.items()})
+        for seq, image in enumerate(pixels)
+    ]
+
+
+def imu_of(names: Collection[str], get: Get) -> ImuSamples:
+    """The IMU samples of an archive that has these arrays; none where one is missing.
+
+    Raises ValueError where they do not belong together.
+    """
+    if not set(IMU_ARRAYS) <= set(names):
+        return empty_imu()
+    arrays = {field: get(name, kinds, axes) for name, (field, kinds, axes) in IMU_ARRAYS.items()}
+    samples = empty_imu(len(arrays["t"]))
+    for field, array in arrays.items():
+        if array.shape != samples[field].shape:
+            raise ValueError(f"the IMU's {field} is of shape {array.shape}")
+        samples[field] = array
+    if (samples["t"][1:] < samples["t"][:-1]).any():
+        raise ValueError("the IMU's time stamps run backwards")
+    return samples
+
+
+def in_order(
+    ticks: Iterable[Array], frames: list[Frame], imu: ImuSamples, tick_us: int
+) -> list[Array | Frame]:
+    """Events of each tick, frames and each tick's IMU samples, as time has them."""
+
+    def end_us(t_us: int) -> int:
+        return -(-t_us // tick_us) * tick_us
+
+    timed: list[tuple[int, int, Array | Frame]] = [
+        (end_us(frame.end_us), 0, frame) for frame in frames
+    ]
+    if len(imu):
+        numbers = -(-imu["t"] // tick_us)
+        parts = np.split(imu, np.flatnonzero(np.diff(numbers)) + 1)
+        timed += [(end_us(int(part["t"][-1])), 1, part) for part in parts]
+    timed += [(end_us(int(events["t"][-1])), 2, events) for events in ticks]
+    return [message for _, _, message in sorted(timed, key=lambda one: one[:2])]
