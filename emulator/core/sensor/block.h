@@ -15,13 +15,16 @@
 
 namespace evs {
 
-// A pixel that has crossed something, has no reference, or may have noise: everything in order.
-inline void compare_fully(const PixelStep& step, size_t pixel, float from, float to, float dn,
-                          double reference, double drift, const std::vector<ShotCandidate>& shots,
-                          std::vector<Crossing>& out) {
+// A pixel that has crossed something, has no reference, or may have noise. Its reference and its
+// blindness are written.
+template <bool NOISY>
+EVS_ALWAYS_INLINE void compare(const PixelStep& step, size_t pixel, float from, float to, float dn,
+                               double reference, double drift,
+                               const std::vector<ShotCandidate>& shots,
+                               std::vector<Crossing>& out) {
   const PixelPattern& pattern = step.pattern;
   const PixelArrays& arrays = step.arrays;
-  if (arrays.last_log[pixel] != arrays.last_log[pixel]) {
+  if (reference != reference && arrays.last_log[pixel] != arrays.last_log[pixel]) {
     // the first light only sets the reference
     const double phase = pattern.phase == nullptr ? 0.0 : pattern.phase[pixel];
     arrays.reference[pixel] = on_grid(to - phase);
@@ -40,33 +43,14 @@ inline void compare_fully(const PixelStep& step, size_t pixel, float from, float
   comparators.refractory = step.settings.refractory;
   if (arrays.blind_until != nullptr) comparators.blind_until = arrays.blind_until[pixel];
   if (pattern.hot != nullptr && pattern.hot[pixel] != 0) comparators.drifting = Cause::hot;
-  if (!shots.empty()) {
+  if (NOISY) {
     comparators.shot_on = step.settings.shot.on[pixel];
     comparators.shot_off = step.settings.shot.off[pixel];
     comparators.share = step.settings.shot.share(dn);
   }
-  comparators.run(static_cast<uint32_t>(pixel % kBlock), shots, out);
+  comparators.run<NOISY>(static_cast<uint32_t>(pixel % kBlock), shots, out);
   arrays.reference[pixel] = comparators.reference;
   if (arrays.blind_until != nullptr) arrays.blind_until[pixel] = comparators.blind_until;
-}
-
-// A pixel that has crossed a level, with nothing else to mind: Comparators::run without its cases.
-EVS_ALWAYS_INLINE double compare_simply(uint32_t pixel, double on, double off, double reference,
-                                        double from, double to, double drift, double tick,
-                                        uint32_t cause, std::vector<Crossing>& out) {
-  const double end = to + drift;
-  const double v = (to - from) + drift;
-  const bool up = reference + on <= end;
-  const double theta = up ? on : -off;
-  const double sign = up ? 1.0 : -1.0;
-  const uint32_t tag = (cause << 1) | (up ? 1u : 0u);
-  double level = reference + theta;
-  do {
-    out.push_back({pixel, (crossing_time(level - from, v, tick) << kWhenBits) | tag});
-    reference = level;
-    level += theta;
-  } while ((end - level) * sign >= 0.0);
-  return reference - drift;
 }
 
 // The last us, by the sensor's clock, until which nothing happens in a block whose light and
@@ -155,24 +139,18 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   } else {
     loud = loud_pixels<false>(theta_on, theta_off, signal.to, nullptr, reference, count);
   }
-  for (const ShotCandidate& shot : shots) loud |= uint64_t{1} << shot.pixel;
+  uint64_t noisy = 0;
+  for (const ShotCandidate& shot : shots) noisy |= uint64_t{1} << shot.pixel;
 
-  const bool simple = step.settings.refractory == 0 && shots.empty();
-  const double tick = step.tick.us;
-  for (; loud != 0; loud &= loud - 1) {
-    const size_t i = static_cast<size_t>(std::countr_zero(loud));
+  for (uint64_t left = loud | noisy; left != 0; left &= left - 1) {
+    const size_t i = static_cast<size_t>(std::countr_zero(left));
     const double r = drifts ? s.reference[i] : reference[i];
     const double drift = drifts ? s.drift[i] : 0.0;
-    if (!simple || r != r) {
-      compare_fully(step, first + i, signal.from[i], signal.to[i], s.dn[i], r, drift, shots, out);
-      continue;
+    if ((noisy >> i & 1) != 0) {
+      compare<true>(step, first + i, signal.from[i], signal.to[i], s.dn[i], r, drift, shots, out);
+    } else {
+      compare<false>(step, first + i, signal.from[i], signal.to[i], s.dn[i], r, drift, shots, out);
     }
-    const double from = signal.from[i];
-    const double to = signal.to[i];
-    const bool hot = step.pattern.hot != nullptr && step.pattern.hot[first + i] != 0;
-    const Cause cause = cause_of(to - from, drift, hot ? Cause::hot : Cause::leak);
-    reference[i] = compare_simply(static_cast<uint32_t>(first + i), theta_on[i], theta_off[i], r,
-                                  from, to, drift, tick, static_cast<uint32_t>(cause), out);
   }
   if (arrays.due_us != nullptr) {
     arrays.due_us[block] = moved ? end_us : quiet_until(step, first, count, signal.to, s.dn);

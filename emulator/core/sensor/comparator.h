@@ -66,9 +66,11 @@ struct Comparators {
   double shot_off = 0.0;         // Hz, in the dark
   double share = 1.0;            // of those two that is left at this light
 
-  // Crossings of the whole tick in order, among them those candidates for shot noise of its block
-  // that are at `place`, which is this pixel.
-  void run(uint32_t place, const std::vector<ShotCandidate>& shots, std::vector<Crossing>& out) {
+  // Crossings of the whole tick in order. NOISY: among them those candidates for shot noise of its
+  // block that are at `place`, which is this pixel.
+  template <bool NOISY>
+  EVS_ALWAYS_INLINE void run(uint32_t place, const std::vector<ShotCandidate>& shots,
+                             std::vector<Crossing>& out) {
     const double length = tick;
     const double v = (to - from) + drift;  // of signal against reference
     const double end = to + drift;
@@ -94,23 +96,25 @@ struct Comparators {
       now = static_cast<uint32_t>(blind_until - begin_us);
       r = at(now);
     }
-    for (size_t k = 0; k <= shots.size(); k++) {
-      if (k < shots.size() && shots[k].pixel != place) continue;
-      const uint32_t until = k < shots.size() ? shots[k].offset : tick;
+    const size_t count = NOISY ? shots.size() : 0;
+    for (size_t k = 0; k <= count; k++) {
+      if (k < count && shots[k].pixel != place) continue;
+      const uint32_t until = k < count ? shots[k].offset : tick;
       // every level on the way to there
       for (;;) {
         const bool up = r + on <= end;
-        if (!up && !(r - off >= end)) break;
-        const double level = up ? r + on : r - off;
+        const double theta = up ? on : -off;
+        const double level = r + theta;
+        if (!up && !(level >= end)) break;
         const uint32_t exact = crossing_time(level - from, v, length);
         const uint32_t stamp = exact > now ? exact : now;
-        if (stamp > until) break;
+        if (NOISY && stamp > until) break;
         out.push_back(crossing(stamp, cause, up));
         r = level;
         now = stamp;
         if (!rest(stamp)) return;
       }
-      if (k == shots.size()) break;
+      if (k == count) break;
       // noise, unless the pixel is blind or its rate too low now
       const double lot = shots[k].lot;
       if (until < now || lot >= (shot_on + shot_off) * share) continue;
