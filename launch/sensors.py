@@ -31,15 +31,14 @@ COLUMNS = {
     "sensor": ("name", "{}"),
     "px": ("size", "{}"),
     "ON, OFF thresholds": ("thresholds", "{}"),
-    "spread": ("sigma_thres", "{:.3g}"),
-    "bandwidth, Hz": ("cutoff_hz", "{:.4g}"),
-    "follower, Hz": ("follower_hz", "{:.4g}"),
-    "leak, Hz": ("leak_rate_hz", "{:.3g}"),
-    "noise in the dark, Hz": ("shot_noise_rate_hz", "{:.3g}"),
-    "refractory, s": ("refractory_period_s", "{:.3g}"),
-    "dark current, lux": ("dark_lux", "{:.3g}"),
+    "spread": ("sigma_thres", "{:g}"),
+    "bandwidth, Hz": ("cutoff_hz", "{:g}"),
+    "follower, Hz": ("follower_hz", "{:g}"),
+    "leak, Hz": ("leak_rate_hz", "{:g}"),
+    "noise in the dark, Hz": ("shot_noise_rate_hz", "{:g}"),
+    "refractory, s": ("refractory_period_s", "{:g}"),
+    "dark current, lux": ("dark_lux", "{:g}"),
     "readout": ("readout.mode", "{}"),
-    "biases": ("biases", "{}"),
 }
 """column of the table of all sensors -> (what it shows, how)"""
 
@@ -100,12 +99,7 @@ def _shown(sensor: Description) -> dict[str, Any]:
         "name": sensor.name,
         "size": f"{values['width']} x {values['height']}",
         "thresholds": f"{on:.3g}" if on == off else f"{on:.3g}, {off:.3g}",
-        "biases": ", ".join(dict.fromkeys(_stem(bias.key) for bias in sensor.biases)),
     }
-
-
-def _stem(name: str) -> str:
-    return name.removesuffix("_coarse").removesuffix("_fine")
 
 
 def _print_one(sensor: Description, as_json: bool) -> None:

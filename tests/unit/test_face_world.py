@@ -74,7 +74,7 @@ def test_packets_follow_each_other_without_a_gap(arm):
 def test_nothing_moves_nothing_happens(arm):
     xml = ARM.replace("<option", "<option gravity='0 0 0'")
     world = World(mujoco.MjModel.from_xml_string(xml))
-    world.add_camera("top", sensor=SMALL)
+    world.add_camera("top", sensor=SensorConfig("ideal", width=64, height=48))
     assert stream(world) == [b""]
 
 

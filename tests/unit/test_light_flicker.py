@@ -149,7 +149,7 @@ def test_a_world_gives_the_light_of_whole_ticks() -> None:
     steady, flickering = (World(mujoco.MjModel.from_xml_string(LAMPS)) for _ in range(2))
     counts = []
     for world, tables in ((steady, ()), (flickering, (pwm,))):
-        world.add_camera(render=RenderConfig(spp=1, flicker=tables))
+        world.add_camera(sensor="ideal", render=RenderConfig(spp=1, flicker=tables))
         counts.append(sum(len(packets[0].events) for packets in world.run(0.03)))
     assert counts[0] == 0
     # the whole image goes on and off

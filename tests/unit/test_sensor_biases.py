@@ -214,11 +214,20 @@ def test_dvxplorers_sensitivity_is_a_short_name_of_two_thresholds(level: int, co
     assert short["pos_thres"] == pytest.approx(0.2 * (9 + code) / 18, rel=1e-14)
 
 
+@pytest.mark.parametrize("name", ["imx636", "genx320"])
+def test_the_presets_high_pass_is_what_its_bias_makes(name: str) -> None:
+    biases = nominal(name)
+    assert biases.law.highpass is not None
+    made = biases.law.highpass(biases.values["bias_hpf"])
+    assert resolve_sensor(SensorConfig(name)).highpass_hz == made
+
+
 def test_a_parameter_that_is_given_wins_over_the_biases() -> None:
     biases = BiasConfig(bias_diff_on=50, bias_diff_off=50)
     both = resolve_sensor(SensorConfig("imx636", biases=biases))
     one = resolve_sensor(SensorConfig("imx636", pos_thres=0.3, biases=biases))
-    assert one == replace(both, pos_thres=0.3)
+    # and the leak, which goes with the threshold, is the preset's then
+    assert one == replace(both, pos_thres=0.3, leak_rate_hz=0.1)
     assert both.pos_thres != resolve_sensor(SensorConfig("imx636")).pos_thres
     # a threshold that no bias moves leaves the leak alone, too
     assert changed("imx636", "pos_thres", bias_diff_on=50) == EVERY

@@ -52,6 +52,44 @@ def test_every_value_of_a_preset_tells_its_source() -> None:
         assert all("#" in line for line in lines), path
 
 
+NOISE = (
+    *("cutoff_hz", "follower_hz", "highpass_hz", "leak_rate_hz", "parasitic_leak_hz"),
+    *("shot_noise_rate_hz", "noise_rate_cov_decades", "refractory_period_s"),
+    *("hot_pixel_fraction", "dead_pixel_fraction", "sigma_thres", "dark_lux"),
+)
+LATENCY_US = {"davis346": 20, "davis240": 12, "dvxplorer": 50, "imx636": 100, "genx320": 150}
+"""of a step of 100 % at 1 klux, as the files tell"""
+
+
+def test_ideal_has_nothing_that_a_chip_has() -> None:
+    ideal = resolve_sensor(SensorConfig("ideal"))
+    assert {key: getattr(ideal, key) for key in NOISE} == dict.fromkeys(NOISE, 0.0)
+
+
+@pytest.mark.parametrize("name", sorted(set(SIZES) - {"ideal"}))
+def test_a_chip_has_noise_speed_and_a_floor(name: str) -> None:
+    chip = resolve_sensor(SensorConfig(name))
+    # leak of about one event in ten seconds, and little noise in light: of ON + OFF at white
+    assert 0.02 < chip.leak_rate_hz < 0.5
+    bright, dim = chip.shot_noise_bright, chip.dim_lux
+    white = chip.shot_noise_rate_hz * (bright + (1 - bright) * dim / (dim + chip.white_lux))
+    assert chip.shot_noise_law == "inverse"
+    assert 0.0 < white < 0.01 * chip.leak_rate_hz < chip.shot_noise_rate_hz
+    # bandwidth follows the photocurrent, of which the dark current is the rest
+    assert chip.dim_lux == chip.dark_lux > 0.0
+    # thresholds spread, and so much that none falls to the floor of 0.01
+    assert 0.0 < chip.sigma_thres < (min(chip.pos_thres, chip.neg_thres) - 0.01) / 2.5
+    assert chip.refractory_period_s < 1e-3
+
+
+@pytest.mark.parametrize("name", LATENCY_US)
+def test_bandwidth_gives_the_latency_that_the_maker_tells(name: str) -> None:
+    chip = resolve_sensor(SensorConfig(name))
+    tau_s = 1 / (2 * math.pi * chip.cutoff_hz)
+    latency_s = tau_s * math.log(math.log(2) / (math.log(2) - chip.pos_thres))
+    assert latency_s == pytest.approx(LATENCY_US[name] * 1e-6, rel=0.01)
+
+
 def test_configuration_overrides_the_preset() -> None:
     sensor = resolve_sensor(SensorConfig(preset="imx636", width=64, pos_thres=0.5, log="log_eps"))
     assert (sensor.width, sensor.height, sensor.pos_thres, sensor.log) == (64, 720, 0.5, "log_eps")
