@@ -89,7 +89,7 @@ def read(path: AnyPath) -> Recording:
     file = opened(path)
     parts = list(file.events())
     file.damage.warn(file.path)
-    return Recording.of(join_events(parts), file.stream, Beside(lambda: _beside(path)))
+    return Recording.of(join_events(parts), file.stream, Beside(lambda: _beside(path), file.labels))
 
 
 def packets(path: AnyPath) -> Iterator[EventPacket]:

@@ -17,7 +17,15 @@ from typing import IO, Any
 import numpy as np
 
 from evs.drivers.files.damage import Damage, bad_values
-from evs.drivers.files.npz_beside import STAMPS, arrays_of, frames_of, imu_of, in_order
+from evs.drivers.files.npz_beside import (
+    STAMPS,
+    arrays_of,
+    frames_of,
+    imu_of,
+    in_order,
+    label_arrays,
+    labels_of,
+)
 from evs.drivers.files.recording import MAX_SIDE_PX, existing, one_stream, target_error
 from evs.msgs import (
     EventPacket,
@@ -26,6 +34,7 @@ from evs.msgs import (
     Frame,
     ImuPacket,
     ImuSamples,
+    Labels,
     StreamInfo,
     empty_events,
     empty_imu,
@@ -61,6 +70,7 @@ class NpzRecorder:
         self._file: IO[bytes] | None = None
         self._frames: list[Frame] = []
         self._imu: list[ImuSamples] = []
+        self._labels: list[Labels] = []
         self._beside_bytes = 0
         self._packets = 0
         self._events = 0
@@ -84,8 +94,11 @@ class NpzRecorder:
         """Keep a copy of one packet's events. EvsError where the disk has no room for more."""
         self._check_open()
         if len(packet.events):
-            self._make_room(len(packet.events), 0)
+            labels = packet.labels
+            self._make_room(len(packet.events), 0 if labels is None else labels.nbytes)
             self._parts.append(packet.events.copy())
+            if labels is not None:
+                self._labels.append(labels.copy())
             self._events += len(packet.events)
             self._packets += 1
 
@@ -134,7 +147,7 @@ class NpzRecorder:
         try:
             columns = {name: events[name] for name in COLUMNS}
             columns[STREAM] = np.array(said)
-            columns |= arrays_of(self._frames, self._imu)
+            columns |= arrays_of(self._frames, self._imu) | label_arrays(self._labels)
             np.savez_compressed(self._file, allow_pickle=False, **columns)
             size = self._file.tell()
             self._file.truncate()
@@ -191,6 +204,8 @@ class NpzFile:
     frames: list[Frame] = field(default_factory=list)
     imu: ImuSamples = field(default_factory=empty_imu)
     """(n,) all of them"""
+    labels: Labels | None = None
+    """(n,) as the events; None: it has none"""
     coloured_frames: int = 0
     damage: Damage = field(default_factory=Damage)
     """never any: the archive's checksums hold, or it is not opened"""
@@ -207,6 +222,7 @@ class NpzFile:
                 get = partial(_array, archive)
                 camera = _stream(text, empty_events()).camera
                 frames, imu = frames_of(names, get, camera), imu_of(names, get)
+                labels = labels_of(names, get, len(t))
             compressed = archive.getinfo("t.npy").compress_type != zipfile.ZIP_STORED
         except _OtherError as reason:
             raise EvsError(f"{found} is not a recording: {reason}") from None
@@ -230,7 +246,7 @@ class NpzFile:
         )
         compression = "deflate" if compressed else "none"
         size = found.stat().st_size
-        return cls(found, stream, compression, events, size, frames=frames, imu=imu)
+        return cls(found, stream, compression, events, size, frames=frames, imu=imu, labels=labels)
 
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any."""

@@ -1,4 +1,4 @@
-"""Frames and IMU samples as plain arrays of an NPZ recording, and back."""
+"""Frames, IMU samples and labels as plain arrays of an NPZ recording, and back."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from evs.msgs import Frame, ImuSamples, empty_imu
+from evs.msgs import LABEL_DTYPE, Frame, ImuSamples, Labels, empty_imu
 from evs.msgs.frame import FRAME_ENCODINGS
 
 Array = np.ndarray[Any, Any]
@@ -31,6 +31,9 @@ IMU_ARRAYS = {
 }
 """array, (n,) or (n, 3) in IMU_DTYPE's units -> (its field, kinds of dtype, axes)"""
 
+LABEL_ARRAYS = {"cause": "u", "geom_id": "i"}
+"""array, (n,) as the events -> kinds of dtype"""
+
 Get = Callable[[str, str, int], Array]
 """An array by its name, the kinds of dtype and the number of axes that it may have."""
 
@@ -47,6 +50,30 @@ def arrays_of(frames: list[Frame], imu: list[ImuSamples]) -> dict[str, Array]:
         for name, (field, _, _) in IMU_ARRAYS.items():
             arrays[name] = np.ascontiguousarray(samples[field])
     return arrays
+
+
+def label_arrays(labels: list[Labels]) -> dict[str, Array]:
+    """The arrays to write; none where no packet had labels."""
+    whole = np.concatenate(labels) if labels else None
+    return {} if whole is None else {name: whole[name] for name in LABEL_ARRAYS}
+
+
+def labels_of(names: Collection[str], get: Get, events: int) -> Labels | None:
+    """The labels of an archive that has them; None where an array is missing or of another length.
+
+    A value that is too large for its field raises ValueError.
+    """
+    if not set(LABEL_ARRAYS) <= set(names):
+        return None
+    columns = {name: get(name, kinds, 1) for name, kinds in LABEL_ARRAYS.items()}
+    if any(len(column) != events for column in columns.values()):
+        return None
+    labels = np.zeros(events, LABEL_DTYPE)
+    for name, column in columns.items():
+        labels[name] = column
+        if not np.array_equal(labels[name], column):
+            raise ValueError(f"array '{name}' has values that are no {name}")
+    return labels
 
 
 def frames_of(names: Collection[str], get: Get, camera: str) -> list[Frame]:

@@ -17,6 +17,7 @@ from evs.msgs import (
     EvsError,
     Frame,
     ImuSamples,
+    Labels,
     StreamInfo,
     empty_imu,
     nearest_first,
@@ -29,8 +30,11 @@ MAX_SIDE_PX = 1 << 15
 class Beside:
     """What was recorded beside the events, read when it is first asked for."""
 
-    def __init__(self, load: Callable[[], Iterable[Frame | ImuSamples]]) -> None:
-        self._load = load
+    def __init__(
+        self, load: Callable[[], Iterable[Frame | ImuSamples]], labels: Labels | None = None
+    ) -> None:
+        """In: load, reads frames and IMU samples; labels of all events, if there are any."""
+        self._load, self.labels = load, labels
 
     @cached_property
     def frames(self) -> tuple[Frame, ...]:
@@ -83,6 +87,11 @@ class Recording(np.ndarray[Any, np.dtype[np.void]]):
     def imu(self) -> ImuSamples:
         """(n,) all IMU samples of the recording: t, acceleration, angular_velocity, temperature."""
         return self._beside.imu
+
+    @property
+    def labels(self) -> Labels | None:
+        """(n,) cause and geom_id of all its events, whatever was selected; None: it has none."""
+        return self._beside.labels
 
 
 def as_packet(seq: int, events: Events, stream: StreamInfo) -> EventPacket:

@@ -139,6 +139,9 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
         raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))
     for place, sink in enumerate(config.sink):
         _check_sink(sink, f"sink.{place}")
+    files = {sink.type for sink in config.sinks() if sink.file}
+    if config.model.labels and files and "npz" not in files:
+        raise EvsError("at model.labels: only .npz recordings hold labels; add --record FILE.npz")
     _check_outputs(config, pipeline)
 
 

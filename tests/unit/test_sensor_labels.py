@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
+from evs.drivers.files import read
+from evs.drivers.files.npz import NpzRecorder
+from evs.drivers.pipeline.config import load
 from evs.emulator import Sensor, World
 from evs.emulator.config import ModelConfig, SensorConfig
 from evs.emulator.scene import F32
 from evs.emulator.sensor import PlainModel, SensorParameters
-from evs.msgs import LABEL_DTYPE, Cause, take_labels
+from evs.msgs import LABEL_DTYPE, Cause, EvsError, take_labels
 
 GREY: F32 = np.full((20, 30), 0.5, np.float32)
 
@@ -111,3 +115,36 @@ def test_in_a_loop_of_the_users_own() -> None:
         events = eye.observe(data)
     assert eye.labels is not None
     assert len(eye.labels) == len(events) > 0
+
+
+def test_a_recording_keeps_them(tmp_path: Path) -> None:
+    world = World(mujoco.MjModel.from_xml_string(SCENE))
+    camera = world.add_camera("eye", sensor="ideal", model=ModelConfig(labels=True))
+    world.data.qvel[:] = 3.0
+    recorder = NpzRecorder(tmp_path / "a.npz")
+    recorder.open([camera.info])
+    parts = []
+    for _ in range(5):
+        (packet,) = world.step()
+        recorder.write(packet)
+        assert packet.labels is not None
+        parts.append(packet.labels)
+    recorder.close()
+    labels = np.concatenate(parts)
+    recording = read(tmp_path / "a.npz")
+    assert recording.labels is not None
+    assert len(recording) == len(labels) > 0
+    for name in labels.dtype.names:
+        np.testing.assert_array_equal(recording.labels[name], labels[name])
+    with np.load(tmp_path / "a.npz") as file:
+        np.testing.assert_array_equal(file["cause"], labels["cause"])
+        np.testing.assert_array_equal(file["geom_id"], labels["geom_id"])
+
+
+def test_a_recording_without_a_place_for_them_is_refused(tmp_path: Path) -> None:
+    scene = tmp_path / "ball.xml"
+    scene.write_text(SCENE)
+    keys = {"scene.file": str(scene), "model.labels": "true", "record": "a.aedat4"}
+    with pytest.raises(EvsError, match=r"at model.labels: only .npz recordings hold labels"):
+        load(overrides=keys.items())
+    assert load(overrides=(keys | {"record": "a.npz"}).items()).model.labels

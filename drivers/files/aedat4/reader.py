@@ -66,6 +66,8 @@ class Aedat4File:
     """packets of any stream that the last complete walk found whole"""
     coloured_frames: int = 0
     """frames that the last complete walk left out, since they are not grey"""
+    labels: None = None
+    """the format has no place for any"""
 
     @classmethod
     def at(cls, path: str | os.PathLike[str]) -> Aedat4File:
