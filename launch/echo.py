@@ -32,6 +32,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--hz", action="store_true", help="packets and events per second instead")
     what.add_argument("--bw", action="store_true", help="bytes per second instead")
     what.add_argument("--quiet", action="store_true", help="only the last line, with the totals")
+    parser.add_argument("--frames", action="store_true", help="show intensity frames too")
+    parser.add_argument("--imu", action="store_true", help="show IMU samples too")
     parser.add_argument("--count", type=int, metavar="N", help="end after N packets")
     parser.add_argument(
         "--timeout", type=float, metavar="S", help="end when no packet came for S seconds"
@@ -47,7 +49,8 @@ def run(args: argparse.Namespace) -> int:
         raise EvsError(f"--count {args.count} is not possible: give 1 or more packets")
     if args.json and not Path(args.json).resolve().parent.is_dir():
         raise EvsError(f"cannot write '{args.json}': its folder does not exist, make it first")
-    with subscribe(args.address, args.camera, timeout_s=args.timeout) as stream:
+    beside = {"frames": args.frames, "imu": args.imu}
+    with subscribe(args.address, args.camera, timeout_s=args.timeout, **beside) as stream:
         with _endings():
             if not args.quiet:
                 print(f"listening to {stream.address} (Ctrl-C ends)", file=sys.stderr)
@@ -75,6 +78,8 @@ def _listen(stream: Subscription, args: argparse.Namespace) -> None:
             silence.take()
             reports.add(len(packet), packet.events.nbytes)
             if not (periodic or args.quiet):
+                for line in _beside_lines(stream):
+                    print(line)
                 print(_line(packet), flush=True)
         if periodic and reports.remaining_s <= 0:
             print((_hz if args.hz else _bw)(reports.take(), stream.lost), flush=True)
@@ -94,6 +99,24 @@ def _line(packet: EventPacket) -> str:
         f"{packet.camera} seq {packet.seq}  t {packet.time_end_us / 1e6:.6f} s  "
         f"n {len(events)} (ON {on}, OFF {len(events) - on})  {' '.join(first)}{more}"
     ).rstrip()
+
+
+def _beside_lines(stream: Subscription) -> Iterator[str]:
+    """A line for each frame and each IMU sample that came with the last packet."""
+    for frame in stream.frames:
+        exposure_us = frame.exposure_end_us - frame.exposure_begin_us
+        yield (
+            f"{frame.camera} frame {frame.seq}  t {frame.exposure_begin_us / 1e6:.6f} s  "
+            f"exposure {exposure_us} us  {frame.width}x{frame.height} {frame.pixels.dtype}  "
+            f"mean {frame.pixels.mean():.1f}"
+        )
+    for packet in stream.imu:
+        for sample in packet.samples:
+            force, turn = (
+                " ".join(f"{axis:.3f}" for axis in sample[key])
+                for key in ("acceleration", "angular_velocity")
+            )
+            yield f"{packet.camera} imu  t {sample['t'] / 1e6:.6f} s  {force} m/s^2  {turn} rad/s"
 
 
 def _hz(rate: Rate, lost: int) -> str:
@@ -116,6 +139,8 @@ def _totals(stream: Subscription) -> str:
     parts = [f"packets {stream.packets}", f"events {stream.events}", f"lost {stream.lost}"]
     if stream.restarts:
         parts.append(f"restarts {stream.restarts}")
+    for (topic, camera), gaps in stream.gaps.items():
+        parts.append(f"{topic}/{camera} {gaps.count}, lost {gaps.lost}")
     if stream.bad_messages:
         parts.append(f"bad messages {stream.bad_messages}")
     return "  ".join(parts)

@@ -7,8 +7,12 @@ import math
 import sys
 import warnings
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-from evs.msgs import DEFAULT_ADDRESS, EventPacket, EvsError
+from evs.msgs import DEFAULT_ADDRESS, EvsError, Frame, ImuPacket
+
+if TYPE_CHECKING:
+    from evs.drivers.bus import Publisher
 
 HELP = "publish a recording on the bus, as the camera did"
 
@@ -56,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             publisher.open([stream])
             print(f"playing {args.file} on {args.address} (Ctrl-C ends)", file=sys.stderr)
-            played = _play(args.file, pacer.wait_until, publisher.write, stopped)
+            played = _play(args.file, pacer.wait_until, publisher, stopped)
         finally:
             report = publisher.close()
     for warning in caught:
@@ -67,20 +71,28 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _play(
-    file: str,
-    wait_until: Callable[[int], None],
-    write: Callable[[EventPacket], None],
-    stopped: list[str],
+    file: str, wait_until: Callable[[int], None], publisher: Publisher, stopped: list[str]
 ) -> str:
-    """Every packet at its time; what was played, in words."""
-    from evs.drivers.files import packets
+    """Every message at its time; what was played, in words."""
+    from evs.drivers.files import messages
 
-    count = events = 0
-    for packet in packets(file):
+    count = events = frames = samples = 0
+    for message in messages(file):
         if stopped:
             break
-        wait_until(packet.time_end_us)
-        write(packet)
-        count += 1
-        events += len(packet)
-    return f"{count:,} packets, {events:,} events"
+        if isinstance(message, Frame):
+            wait_until(message.end_us)
+            publisher.write_frame(message)
+            frames += 1
+        elif isinstance(message, ImuPacket):
+            wait_until(int(message.samples["t"][-1]))
+            publisher.write_imu(message)
+            samples += len(message)
+        else:
+            wait_until(message.time_end_us)
+            publisher.write(message)
+            count += 1
+            events += len(message)
+    beside = f", {frames:,} frames" if frames else ""
+    beside += f", {samples:,} IMU samples" if samples else ""
+    return f"{count:,} packets, {events:,} events{beside}"

@@ -1,8 +1,8 @@
 """The bus: packets to any number of other processes, over ZeroMQ. The only door to zmq."""
 
-from evs.drivers.bus.losses import Tally
+from evs.drivers.bus.losses import Gaps, Tally
 from evs.drivers.bus.publisher import Publisher
 from evs.drivers.bus.rates import Rate, Rates
 from evs.drivers.bus.subscriber import Subscription, subscribe
 
-__all__ = ["Publisher", "Rate", "Rates", "Subscription", "Tally", "subscribe"]
+__all__ = ["Gaps", "Publisher", "Rate", "Rates", "Subscription", "Tally", "subscribe"]

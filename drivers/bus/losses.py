@@ -85,3 +85,25 @@ class Tally:
         self.restarts += 1
         self.next_seq = None
         self.ended = False
+
+
+@dataclass
+class Gaps:
+    """What was missed of one camera's frames or IMU packets, by gaps in seq alone.
+
+    No status repeats their last seq: the loss of the last ones is not seen.
+    """
+
+    count: int = 0
+    """Messages received."""
+    lost: int = 0
+    """Messages that a gap shows."""
+    next_seq: int | None = None
+    """The next message's seq if nothing is lost; None before the first."""
+
+    def on_message(self, seq: int) -> None:
+        """One arrived; a seq that goes back is a new run."""
+        if self.next_seq is not None and seq > self.next_seq:
+            self.lost += seq - self.next_seq
+        self.next_seq = seq + 1
+        self.count += 1

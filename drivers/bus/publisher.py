@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import zmq
@@ -16,12 +16,20 @@ from evs.emulator.stages import Meter, NoMeter
 from evs.msgs import (
     DEFAULT_ADDRESS,
     EVENTS,
+    FRAMES,
+    IMU,
     STATUS,
+    TOPICS,
     EventPacket,
     EvsError,
+    Frame,
+    ImuPacket,
     Status,
     StreamInfo,
+    Topic,
     encode,
+    encode_frame,
+    encode_imu,
     encode_status,
     unknown,
 )
@@ -39,13 +47,11 @@ _REQUEST_BYTES = 4096
 
 @dataclass
 class _Channel:
-    """One camera's two topics and its totals."""
+    """One camera's topics and its totals."""
 
     stream: StreamInfo
-    events_topic: bytes
-    status_topic: bytes
-    events_listeners: int = 0
-    status_listeners: int = 0
+    topics: dict[Topic, bytes]
+    listeners: dict[Topic, int] = field(default_factory=lambda: dict.fromkeys(TOPICS, 0))
     seq: int = -1
     packets: int = 0
     events: int = 0
@@ -87,8 +93,10 @@ class Publisher:
         self._channels: dict[str, _Channel] = {}
         self._address = address
         self._subscribers = 0
+        self._has_beside = False
         self._sent = {"packets_sent": 0, "events_sent": 0, "bytes_sent": 0, "statuses_sent": 0}
         self._unsent = {"packets_unsubscribed": 0, "packets_oversized": 0}
+        self._beside = {"frames_sent": 0, "imu_samples_sent": 0}
 
     @property
     def address(self) -> str:
@@ -105,6 +113,7 @@ class Publisher:
         if self._socket is not None:
             raise EvsError("this publisher is open already: close it first, or make another")
         self._channels = _channels(streams)
+        self._has_beside = any(stream.frames or stream.imu for stream in streams)
         self._context = Context()
         self._socket = self._context.socket(zmq.XPUB)
         try:
@@ -124,25 +133,49 @@ class Publisher:
 
         Raises EvsError for a camera that was not opened and for a packet that breaks its promises.
         """
-        if self._socket is None:
-            raise EvsError("this publisher is not open: call open(streams) first")
-        channel = self._channels.get(packet.camera)
-        if channel is None:
-            raise unknown("camera on the bus", packet.camera, self._channels)
-        self._hear(self._socket)
+        server, channel = self._channel(packet.camera)
         period_before = channel.time_end_us // STATUS_PERIOD_US
         channel.seq, channel.time_end_us = packet.seq, packet.time_end_us
         channel.packets += 1
         channel.events += len(packet.events)
-        if channel.events_listeners == 0:
+        if channel.listeners[EVENTS] == 0:
             self._unsent["packets_unsubscribed"] += 1
         elif packet.events.nbytes > MAX_FRAME_BYTES:
             # every subscriber would cut the connection; now each counts one lost packet
             self._unsent["packets_oversized"] += 1
         else:
-            self._send(self._socket, channel, packet)
+            self._send(server, channel, EVENTS, *encode(packet))
+            self._sent["packets_sent"] += 1
+            self._sent["events_sent"] += len(packet.events)
         if packet.time_end_us // STATUS_PERIOD_US > period_before:
-            self._send_status(self._socket, channel, end=False)
+            self._send_status(server, channel, end=False)
+
+    def write_frame(self, frame: Frame) -> None:
+        """Send one intensity frame to whoever subscribes to frames. Raises EvsError as write.
+
+        One that is too large for the bus is left out; each subscriber counts it as lost.
+        """
+        server, channel = self._channel(frame.camera)
+        if channel.listeners[FRAMES] and frame.pixels.nbytes <= MAX_FRAME_BYTES:
+            self._send(server, channel, FRAMES, *encode_frame(frame))
+            self._beside["frames_sent"] += 1
+
+    def write_imu(self, packet: ImuPacket) -> None:
+        """Send one tick's IMU samples to whoever subscribes to them. Raises EvsError as write."""
+        server, channel = self._channel(packet.camera)
+        if channel.listeners[IMU] and packet.samples.nbytes <= MAX_FRAME_BYTES:
+            self._send(server, channel, IMU, *encode_imu(packet))
+            self._beside["imu_samples_sent"] += len(packet)
+
+    def _channel(self, camera: str) -> tuple[Socket, _Channel]:
+        """The socket, with everything heard, and the channel of a camera."""
+        if self._socket is None:
+            raise EvsError("this publisher is not open: call open(streams) first")
+        channel = self._channels.get(camera)
+        if channel is None:
+            raise unknown("camera on the bus", camera, self._channels)
+        self._hear(self._socket)
+        return self._socket, channel
 
     def close(self) -> dict[str, Any]:
         """Tell the subscribers the totals, then release the port. Safe to call twice."""
@@ -156,6 +189,7 @@ class Publisher:
             "address": self._address,
             **self._sent,
             **self._unsent,
+            **(self._beside if self._has_beside else {}),
         }
 
     def _bind(self, server: Socket) -> None:
@@ -188,30 +222,28 @@ class Publisher:
             change = 1 if request[0] else -1
             prefix, wants_events = request[1:], False
             for channel in self._channels.values():
-                if channel.events_topic.startswith(prefix):
-                    channel.events_listeners = max(0, channel.events_listeners + change)
-                    wants_events = True
-                if channel.status_topic.startswith(prefix):
-                    channel.status_listeners = max(0, channel.status_listeners + change)
+                for topic, name in channel.topics.items():
+                    if name.startswith(prefix):
+                        channel.listeners[topic] = max(0, channel.listeners[topic] + change)
+                        wants_events |= topic == EVENTS
             if wants_events:
                 self._subscribers = max(0, self._subscribers + change)
 
-    def _send(self, server: Socket, channel: _Channel, packet: EventPacket) -> None:
-        header, frame = encode(packet)
+    def _send(
+        self, server: Socket, channel: _Channel, topic: Topic, header: bytes, frame: memoryview
+    ) -> None:
         self.meter.lap("pack")
-        # a full queue drops the packet for that subscriber only; copied, since the sender goes on
-        server.send_multipart([channel.events_topic, header, frame], zmq.NOBLOCK)
-        self._sent["packets_sent"] += 1
-        self._sent["events_sent"] += len(packet.events)
-        self._sent["bytes_sent"] += len(channel.events_topic) + len(header) + frame.nbytes
+        # a full queue drops it for that subscriber only; copied, since the sender goes on
+        server.send_multipart([channel.topics[topic], header, frame], zmq.NOBLOCK)
+        self._sent["bytes_sent"] += len(channel.topics[topic]) + len(header) + frame.nbytes
 
     def _send_status(self, server: Socket, channel: _Channel, *, end: bool) -> None:
-        if channel.status_listeners == 0:
+        if channel.listeners[STATUS] == 0:
             return
         header = encode_status(_status(channel, tuple(self._channels), end=end))
-        server.send_multipart([channel.status_topic, header], zmq.NOBLOCK)
+        server.send_multipart([channel.topics[STATUS], header], zmq.NOBLOCK)
         self._sent["statuses_sent"] += 1
-        self._sent["bytes_sent"] += len(channel.status_topic) + len(header)
+        self._sent["bytes_sent"] += len(channel.topics[STATUS]) + len(header)
 
     def _say_goodbye(self, server: Socket) -> None:
         """Repeat every camera's end status until nobody listens or the time is up.
@@ -220,7 +252,7 @@ class Publisher:
         """
         deadline_s = monotonic_s() + self._linger_s
         self._hear(server)
-        while any(one.events_listeners or one.status_listeners for one in self._channels.values()):
+        while any(any(one.listeners.values()) for one in self._channels.values()):
             for channel in self._channels.values():
                 self._send_status(server, channel, end=True)
             if monotonic_s() >= deadline_s:
@@ -245,9 +277,8 @@ def _channels(streams: Sequence[StreamInfo]) -> dict[str, _Channel]:
         check_name(stream.camera, "camera name")
         if stream.camera in channels:
             raise EvsError(f"two cameras are named '{stream.camera}': give each its own name")
-        channels[stream.camera] = _Channel(
-            stream, EVENTS.of(stream.camera), STATUS.of(stream.camera)
-        )
+        topics = {topic: topic.of(stream.camera) for topic in TOPICS}
+        channels[stream.camera] = _Channel(stream, topics)
     for channel in channels.values():
         # values that do not fit into a status are an error now, not in the middle of the run
         encode_status(_status(channel, tuple(channels), end=False))

@@ -10,17 +10,23 @@ from typing import Any
 import zmq
 
 from evs.drivers.bus.address import connectable, is_ipv6
-from evs.drivers.bus.losses import Tally
+from evs.drivers.bus.losses import Gaps, Tally
 from evs.drivers.bus.sockets import Context, Socket, readable
 from evs.drivers.pace import monotonic_s
 from evs.msgs import (
     EVENTS,
+    FRAMES,
+    IMU,
     STATUS,
     EventPacket,
     EvsError,
+    Frame,
+    ImuPacket,
     MessageError,
     Status,
     decode,
+    decode_frame,
+    decode_imu,
     decode_status,
 )
 from evs.msgs.fields import check_name
@@ -32,6 +38,8 @@ END_GRACE_S = 0.5
 
 _LONGEST_POLL_MS = 1000
 _LATE_SKIPS = 1000
+_MOST_COMING = 10_000
+"""Frames and IMU packets kept between two packets of events; each tick has one of these."""
 
 
 def subscribe(
@@ -40,14 +48,18 @@ def subscribe(
     *,
     queue: int = EVENTS.queue,
     timeout_s: float | None = None,
+    frames: bool = False,
+    imu: bool = False,
 ) -> Subscription:
     """Listen to a publisher at tcp://HOST:PORT, to one camera or (empty) to all of them.
+
+    With `frames` and `imu`, the result's attributes of these names hold what came with a packet.
 
     Iterate the result for EventPackets; iteration ends with the publisher's end status, or when
     nothing came for `timeout_s` (None: waits for ever). `queue` packets wait before losses begin.
     It may be called before the publisher is there. Raises EvsError for a bad address or name.
     """
-    return Subscription(address, camera, queue=queue, timeout_s=timeout_s)
+    return Subscription(address, camera, queue=queue, timeout_s=timeout_s, frames=frames, imu=imu)
 
 
 class Subscription:
@@ -64,6 +76,8 @@ class Subscription:
         *,
         queue: int = EVENTS.queue,
         timeout_s: float | None = None,
+        frames: bool = False,
+        imu: bool = False,
     ) -> None:
         if queue < 1:
             raise EvsError(f"queue is {queue}: give the packets that may wait, 1 or more")
@@ -79,16 +93,24 @@ class Subscription:
         self.bad_messages = 0
         """Messages that were not of our format; they were skipped."""
         self.bytes = 0
-        """Bytes of the raw frames received: 16 an event."""
+        """Bytes of the raw frames received: 16 an event, 64 an IMU sample."""
         self.tallies: dict[str, Tally] = {}
         """The account of each camera heard of."""
+        self.frames: tuple[Frame, ...] = ()
+        """Intensity frames that came between the last packet received and the one before."""
+        self.imu: tuple[ImuPacket, ...] = ()
+        """IMU packets that came between the last packet received and the one before."""
+        self.gaps: dict[tuple[str, str], Gaps] = {}
+        """The account of frames and IMU packets: (topic, camera) -> Gaps."""
+        self._coming: list[Frame | ImuPacket] = []
         self._cameras: tuple[str, ...] = (camera,) if camera else ()
         self._end_heard_s: float | None = None
         self._ended = False
         self._context: Context | None = Context()
-        both = [EVENTS.of(camera), STATUS.of(camera)]
-        self._main = self._connect(self._context, both, queue)
-        self._side = self._connect(self._context, both[1:], STATUS.queue)
+        wanted = [EVENTS, *([FRAMES] if frames else []), *([IMU] if imu else []), STATUS]
+        topics = [topic.of(camera) for topic in wanted]
+        self._main = self._connect(self._context, topics, queue)
+        self._side = self._connect(self._context, topics[-1:], STATUS.queue)
 
     @property
     def packets(self) -> int:
@@ -123,6 +145,7 @@ class Subscription:
             if readable(self._main):
                 packet = self._take(self._main.recv_multipart(zmq.NOBLOCK), aside=False)
                 if packet is not None:
+                    self._hand_out()
                     return packet
             elif readable(self._side):
                 # only now: on the main connection nothing is left to be taken first
@@ -137,7 +160,14 @@ class Subscription:
                 patience -= 1
                 if patience == 0:
                     return None
+        # what came after the last packet
+        self._hand_out()
         return None
+
+    def _hand_out(self) -> None:
+        self.frames = tuple(one for one in self._coming if isinstance(one, Frame))
+        self.imu = tuple(one for one in self._coming if isinstance(one, ImuPacket))
+        self._coming.clear()
 
     def totals(self) -> dict[str, Any]:
         """Every count as plain values."""
@@ -150,9 +180,18 @@ class Subscription:
             "lost": self.lost,
             "restarts": self.restarts,
             "bad_messages": self.bad_messages,
+            **self._beside_totals(),
             "ended": self.ended,
             "status": None if self.status is None else asdict(self.status),
         }
+
+    def _beside_totals(self) -> dict[str, int]:
+        """Counts of frames and IMU packets, where any came."""
+        found: dict[str, int] = {}
+        for (topic, _), gaps in self.gaps.items():
+            for key, count in ((topic, gaps.count), (f"{topic}_lost", gaps.lost)):
+                found[key] = found.get(key, 0) + count
+        return found
 
     def close(self) -> None:
         """Stop listening. The counts stay. Safe to call twice."""
@@ -219,6 +258,9 @@ class Subscription:
                 # as long as packets come, more may come
                 self._end_heard_s = None
                 return packet
+            if kind in (FRAMES.name, IMU.name) and len(parts) == 3:
+                self._take_beside(kind, camera, parts)
+                return None
             if kind == STATUS.name and len(parts) == 2:
                 self._take_status(camera, decode_status(parts[1]), aside=aside)
                 return None
@@ -227,6 +269,18 @@ class Subscription:
             # the side connection only repeats what the main one brings
             self.bad_messages += 0 if aside else 1
             return None
+
+    def _take_beside(self, kind: str, camera: str, parts: list[bytes]) -> None:
+        """Keep a frame or IMU packet until the next packet of events is handed out."""
+        decoder = decode_frame if kind == FRAMES.name else decode_imu
+        message = decoder(parts[1], parts[2])
+        # the account of losses is the events': a camera that is too many has none
+        self._tally(camera, message.camera)
+        self.gaps.setdefault((kind, camera), Gaps()).on_message(message.seq)
+        self.bytes += len(parts[2])
+        self._coming.append(message)
+        if len(self._coming) > _MOST_COMING:
+            del self._coming[0]
 
     def _take_status(self, camera: str, status: Status, *, aside: bool) -> None:
         tally = self._tally(camera, status.camera)
