@@ -16,8 +16,6 @@
 
 namespace evs {
 
-inline constexpr size_t kBlock = 64;
-
 // What every pixel of a sensor has in common.
 struct PixelSettings {
   LogMap map;

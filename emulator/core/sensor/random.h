@@ -2,6 +2,7 @@
 // emulator/sensor/random.py says the same in NumPy.
 #pragma once
 
+#include <bit>
 #include <cmath>
 #include <cstdint>
 
@@ -27,8 +28,10 @@ inline double uniform(uint64_t bits) { return static_cast<double>(bits >> 11) * 
 // Natural logarithm by the series of artanh; error below 1e-15 for values in [2^-53, 1].
 inline double ln_double(double value) {
   constexpr double kRoot = 0.70710678118654757;  // sqrt(1 / 2) as a double
-  int exponent = 0;
-  const double mantissa = std::frexp(value, &exponent);  // in [1/2, 1); exact
+  const uint64_t bits = std::bit_cast<uint64_t>(value);
+  const int exponent = static_cast<int>(bits >> 52) - 1022;
+  // in [1/2, 1)
+  const double mantissa = std::bit_cast<double>((bits & 0xfffffffffffffull) | 0x3fe0000000000000ull);
   const double z = (mantissa - kRoot) / (mantissa + kRoot);
   const double square = z * z;
   double series = 0.0;
