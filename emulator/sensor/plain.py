@@ -1,6 +1,6 @@
 """The plain DVS pixel, native. Its contract stands in core/sensor: comparator.h and pixel.h.
 
-The slow oracle that gives the same bytes is emulator/sensor/reference.py.
+The slow oracle that gives the same bytes is emulator/sensor/reference.
 """
 
 from __future__ import annotations

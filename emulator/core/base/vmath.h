@@ -1,6 +1,6 @@
 // Elementary functions of our own, so that every compiler, machine and vector width gives the same
 // bits. Only + - * / and integer operations; loops over them vectorise. No fma: the build turns
-// contraction off, and NumPy repeats every step (emulator/sensor/reference.py is the oracle).
+// contraction off, and NumPy repeats every step (emulator/sensor/reference is the oracle).
 #pragma once
 
 #include <bit>
@@ -52,6 +52,12 @@ EVS_ALWAYS_INLINE float ln(float x) {
   const float sum = high + f;
   const float rest = f - (sum - high);
   return sum + (rest + (low + tail));
+}
+
+// 0 where closer to 0 than `least`; a NaN stays.
+EVS_ALWAYS_INLINE float flush(float value, float least) {
+  const float small = value > -least ? 0.0f : value;
+  return value < least ? small : value;
 }
 
 // e^-z for 0 <= z <= 80; error below 2 ulp.

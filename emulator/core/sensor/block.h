@@ -121,6 +121,7 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   bool moved = light_changed(step.tick.luminance + first, last_luminance, count);
   const bool due = arrays.due_us != nullptr && arrays.due_us[block] < end_us;
   if (!moved && !due && shots.empty()) return 0;
+  catch_up(step, first, count);
 
   const size_t clamped = step.settings.map.kind == LogKind::linlog
                              ? to_log_light<LogKind::linlog>(step, first, count, s, moved)

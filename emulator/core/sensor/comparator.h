@@ -10,6 +10,7 @@
 // a day of events drifts by nothing. Only the division in a stamp rounds.
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -30,7 +31,8 @@ struct Crossing {
 };
 inline constexpr uint32_t kWhenBits = 4;
 
-// Round to a multiple of 2^-43, ties to even; exact for |value| < 2^8.
+// Round to a multiple of 2^-43, ties to even, for |value| < 2^8; beyond, to a multiple of the last
+// bit of value + 768.
 EVS_ALWAYS_INLINE double on_grid(double value) { return (value + 0x1.8p9) - 0x1.8p9; }
 
 // Microseconds after the start of a tick at which a line that moves `span` in `tick` us has moved
@@ -45,7 +47,7 @@ EVS_ALWAYS_INLINE uint32_t crossing_time(double part, double span, double tick) 
 
 // Why a level was reached: by what moved the pixel further in this tick.
 EVS_ALWAYS_INLINE Cause cause_of(double span, double drift, Cause drifting) {
-  return drift * drift > span * span ? drifting : Cause::signal;
+  return std::abs(drift) > std::abs(span) ? drifting : Cause::signal;
 }
 
 // One pixel and what the tick brings it.

@@ -2,7 +2,8 @@
 //
 // With z = w dt the step is y1 = y0 + a (x0 - y0) + b (x1 - x0), where a = 1 - e^-z is how far y
 // comes towards where x was, and b = 1 - a / z how much of the line y follows. Any z >= 0 is
-// stable.
+// stable. y is 0 where it is closer to 0 than 2^-64: it would fade into denormals in black light,
+// and what they do depends on the thread that flushes them.
 #pragma once
 
 #include "vmath.h"
@@ -14,7 +15,8 @@ struct LowpassStep {
   float b;
 };
 
-inline constexpr float kSettled = 80.0f;  // e^-80 is nothing beside 1
+inline constexpr float kFaded = 0x1p-64f;  // log units
+inline constexpr float kSettled = 80.0f;   // e^-80 is nothing beside 1
 
 // z >= 0, a NaN counts as kSettled. Relative error of both below 2e-6.
 EVS_ALWAYS_INLINE LowpassStep lowpass_step(float z) {
@@ -39,13 +41,13 @@ EVS_ALWAYS_INLINE LowpassStep lowpass_step(float z) {
 }
 
 EVS_ALWAYS_INLINE float lowpass(LowpassStep step, float y0, float x0, float x1) {
-  return y0 + (step.a * (x0 - y0) + step.b * (x1 - x0));
+  return flush(y0 + (step.a * (x0 - y0) + step.b * (x1 - x0)), kFaded);
 }
 
 // v2e's step: the whole tick sees the new light, y1 = y0 + min(1, z) (x1 - y0).
 EVS_ALWAYS_INLINE float lowpass_euler(float z, float y0, float x1) {
   const float share = z < 1.0f ? z : 1.0f;
-  return y0 + share * (x1 - y0);
+  return flush(y0 + share * (x1 - y0), kFaded);
 }
 
 }  // namespace evs

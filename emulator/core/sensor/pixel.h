@@ -8,6 +8,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 
 #include "logmap.h"
 #include "lowpass.h"
@@ -86,18 +87,21 @@ struct PixelStep {
 
 inline PixelStep begin_step(const PixelSettings& settings, const PixelPattern& pattern,
                             const PixelArrays& arrays, const double* shot_bounds, Tick tick) {
-  const double us = tick.us;
-  const float follower_z = static_cast<float>(settings.follower * us);
+  // no denormal: what the workers make of one depends on the machine
+  auto in_a_tick = [&](double rate) {
+    return flush(static_cast<float>(rate * tick.us), std::numeric_limits<float>::min());
+  };
+  const float follower_z = in_a_tick(settings.follower);
   return {settings,
           pattern,
           arrays,
           shot_bounds,
           tick,
-          static_cast<float>(settings.lowpass_low * us),
-          static_cast<float>(settings.lowpass_slope * us),
+          in_a_tick(settings.lowpass_low),
+          in_a_tick(settings.lowpass_slope),
           follower_z,
           lowpass_step(follower_z),
-          lowpass_step(static_cast<float>(settings.highpass * us))};
+          lowpass_step(in_a_tick(settings.highpass))};
 }
 
 }  // namespace evs

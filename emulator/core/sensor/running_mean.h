@@ -23,12 +23,6 @@ inline constexpr float kLeastDrift = 0x1p-50f;  // less is 0: its square must st
 inline constexpr float kLeastNoise = 0x1p-100f;
 inline constexpr float kTinyLight = 0x1p-100f;  // no 0 / 0 where the light has never changed
 
-// 0 where closer to 0 than `least`; a NaN stays.
-EVS_ALWAYS_INLINE float flush(float value, float least) {
-  const float small = value > -least ? 0.0f : value;
-  return value < least ? small : value;
-}
-
 // Pixels [first, first + count). In: light now, none of it unusable, and in the last tick; whether
 // a pixel has any. Out: the mean; whether the state of a pixel changed.
 EVS_ALWAYS_INLINE bool average(const RunningMean& to, const float* __restrict light,

@@ -31,7 +31,7 @@ struct ShotNoise {
 
   // Share of the rate in the dark that is left at this light; at most 1.
   double share(double dn) const {
-    if (inverse) return bright + (1.0 - bright) * (dim_dn / (dim_dn + dn));
+    if (inverse) return bright + (1.0 - bright) * (dn > 0.0 ? dim_dn / (dim_dn + dn) : 1.0);
     return 1.0 - (1.0 - bright) * std::min(1.0, offset + slope * dn);
   }
 };

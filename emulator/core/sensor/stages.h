@@ -141,10 +141,27 @@ EVS_ALWAYS_INLINE Signal to_signal(const PixelStep& step, size_t first, size_t c
 }
 
 // Log units per us by which the reference of a pixel sinks at this light; a multiple of 2^-43.
+// Light brings at most one event a us: a pixel that looks into the sun must not fill the memory.
 EVS_ALWAYS_INLINE double leak_of(const PixelStep& step, size_t pixel, float dn) {
   const double dark = step.pattern.leak[pixel];
   if (step.pattern.parasitic == nullptr) return dark;
-  return dark + on_grid(step.pattern.parasitic[pixel] * (step.settings.parasitic_slope * dn));
+  const double most = step.pattern.theta_on[pixel];
+  const double more = step.pattern.parasitic[pixel] * (step.settings.parasitic_slope * dn);
+  return dark + on_grid(more < most ? more : most);
+}
+
+// What leaked in the ticks in which the block was left out, at the light of then.
+EVS_ALWAYS_INLINE void catch_up(const PixelStep& step, size_t first, size_t count) {
+  if (step.pattern.leak == nullptr) return;
+  const double owed =
+      static_cast<double>(step.tick.begin_us - step.arrays.since_us[first / kBlock]);
+  if (owed == 0.0) return;
+  const float* light =
+      (step.settings.average ? step.arrays.average.mean : step.arrays.last_luminance) + first;
+  double* reference = step.arrays.reference + first;
+  for (size_t i = 0; i < count; i++) {
+    reference[i] -= leak_of(step, first + i, to_dn(step.settings.map, light[i])) * owed;
+  }
 }
 
 // The reference at the start of the tick, and how far it sinks in it, into the scratch.
@@ -158,13 +175,9 @@ EVS_ALWAYS_INLINE void to_drift(const PixelStep& step, size_t first, size_t coun
       s.drift[i] = 0.0;
     }
   } else {
-    // ticks in which the block was left out have not leaked yet
-    const double owed =
-        static_cast<double>(step.tick.begin_us - step.arrays.since_us[first / kBlock]);
     for (size_t i = 0; i < count; i++) {
-      const double leak = leak_of(step, first + i, s.dn[i]);
-      s.reference[i] = reference[i] - leak * owed;
-      s.drift[i] = leak * us;
+      s.reference[i] = reference[i];
+      s.drift[i] = leak_of(step, first + i, s.dn[i]) * us;
     }
   }
   if (step.settings.highpass > 0.0) {
@@ -181,7 +194,8 @@ EVS_ALWAYS_INLINE void to_drift(const PixelStep& step, size_t first, size_t coun
       changed |= std::bit_cast<uint64_t>(drift) ^ std::bit_cast<uint64_t>(old);
       s.drift[i] = drift;
     }
-    moved |= changed != 0;
+    // a reference that leaks does not stand still: it may come within reach of the high pass
+    moved |= changed != 0 || step.pattern.leak != nullptr;
   }
 }
 

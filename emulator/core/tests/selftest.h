@@ -33,4 +33,7 @@ Stage stage_of(const SceneData& s, std::mt19937& random, double scale);
 // The render path allocates nothing after its first tick.
 void ticks_allocate_nothing();
 
+// The event pixel with each of its terms, on light of every kind.
+void pixels_survive_any_light();
+
 }  // namespace evs

@@ -1,0 +1,156 @@
+// The event pixel with each of its terms alone and with all of them, on light of every kind: no
+// term makes a reference infinite, and every instruction set gives the same bytes.
+
+#include <cmath>
+#include <cstring>
+#include <functional>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "pixel_array.h"
+#include "selftest.h"
+
+namespace evs {
+namespace {
+
+constexpr int kWidth = 37, kHeight = 11;
+constexpr size_t kPixels = static_cast<size_t>(kWidth) * kHeight;
+constexpr size_t kBlocks = (kPixels + kBlock - 1) / kBlock;
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+
+// A sensor's settings and the memory of its fixed pattern.
+struct Terms {
+  PixelSettings settings;
+  PixelPattern pattern;
+  std::vector<float> theta, leak, rate;
+  std::vector<uint8_t> hot;
+
+  Terms() : theta(kPixels, 0.2f), leak(kPixels, 0x1p-30f), rate(kPixels, 500.0f), hot(kPixels, 1) {
+    theta[3] = std::numeric_limits<float>::infinity();  // a dead pixel
+    leak[3] = 0.0f;
+    rate[3] = 0.0f;
+    settings.map = LogMap::linlog(255, 0.1f, 2.7182817f);
+    settings.causes = true;
+    pattern.theta_on = pattern.theta_off = theta.data();
+  }
+};
+
+// Every array of a state, whether its term is on or not.
+struct Memory {
+  std::vector<float> last_log, last_light, filtered, followed, mean, noise, drift;
+  std::vector<double> reference;
+  std::vector<int64_t> blind, due, since, next, drawn;
+
+  Memory()
+      : last_log(kPixels, kNan),
+        last_light(kPixels, -1.0f),
+        filtered(kPixels),
+        followed(kPixels),
+        mean(kPixels, kNan),
+        noise(kPixels),
+        drift(kPixels),
+        reference(kPixels, std::numeric_limits<double>::quiet_NaN()),
+        blind(kPixels),
+        due(kBlocks),
+        since(kBlocks),
+        next(kBlocks),
+        drawn(kBlocks) {}
+
+  PixelArrays arrays(const Terms& terms) {
+    PixelArrays out;
+    out.reference = reference.data();
+    out.last_log = last_log.data();
+    out.last_luminance = last_light.data();
+    out.filtered = filtered.data();
+    out.followed = followed.data();
+    if (terms.settings.refractory > 0) out.blind_until = blind.data();
+    out.average = {mean.data(), noise.data(), drift.data(), 0.1f, 0.1f, 0.1f, 1.0f};
+    out.due_us = due.data();
+    out.since_us = since.data();
+    if (terms.settings.shot.on != nullptr) out.shot = {next.data(), drawn.data()};
+    return out;
+  }
+};
+
+// Light that jumps, stands still, and is none; ticks of every length.
+std::vector<Event> run(const Terms& terms, const std::string& isa, int threads, Memory& memory) {
+  PixelArray sensor(terms.settings, terms.pattern, kWidth, kHeight, threads, isa);
+  const float values[] = {0.5f, 0.0f, 1e9f, -1.0f, kNan, 1e-40f, -0.0f, 3e38f, 1e-19f, 0.5f};
+  std::vector<float> light(kPixels, 0.5f);
+  std::vector<Event> found;
+  int64_t t = 0;
+  int round = 0;
+  for (float value : values) {
+    for (size_t i = 0; i < kPixels / 2; i += 3) light[i] = value;
+    for (uint32_t us : {1000u, 1000u, 1u, 50'000u, 1000u}) {
+      if (++round % 11 == 0) us = 700'000;
+      size_t clamped = 0;
+      const PixelArrays arrays = memory.arrays(terms);
+      EventBuffer events = sensor.step(arrays, {light.data(), t, us}, t, clamped);
+      found.insert(found.end(), events.events.get(), events.events.get() + events.count);
+      t += us;
+    }
+  }
+  return found;
+}
+
+void survives(const Terms& terms) {
+  Memory memory;
+  const std::vector<Event> expected = run(terms, "portable", 1, memory);
+  check(!expected.empty(), "light makes events");
+  bool finite = true;
+  for (double r : memory.reference) finite = finite && !std::isinf(r);  // NaN: blind
+  check(finite, "no light makes a reference infinite");
+  bool sorted = true;
+  for (size_t i = 1; i < expected.size(); i++) {
+    sorted = sorted && expected[i].t >= expected[i - 1].t && expected[i].cause != 0;
+  }
+  check(sorted, "events are sorted and carry their cause");
+
+  for (const std::string& isa : isa_available()) {
+    Memory other;
+    const std::vector<Event> events = run(terms, isa, 2, other);
+    check(events.size() == expected.size() &&
+              std::memcmp(events.data(), expected.data(), events.size() * sizeof(Event)) == 0,
+          "every instruction set gives the same events");
+    check(std::memcmp(other.reference.data(), memory.reference.data(), kPixels * 8) == 0,
+          "every instruction set leaves the same references");
+  }
+}
+
+}  // namespace
+
+void pixels_survive_any_light() {
+  const std::vector<std::function<void(Terms&)>> terms = {
+      [](Terms& t) { t.settings.map = LogMap::log_eps(255, 0.0f, 1e-6f); },
+      [](Terms& t) { t.settings.lowpass_low = 1e-5, t.settings.lowpass_slope = 1e-6; },
+      [](Terms& t) { t.settings.follower = 1e-3; },
+      [](Terms& t) { t.settings.follower = 1e-3, t.settings.euler = true; },
+      [](Terms& t) { t.settings.highpass = 1e-6; },
+      [](Terms& t) { t.settings.refractory = 300; },
+      [](Terms& t) { t.settings.refractory = 60'000; },
+      [](Terms& t) { t.pattern.leak = t.leak.data(), t.pattern.hot = t.hot.data(); },
+      [](Terms& t) {
+        t.pattern.leak = t.pattern.parasitic = t.leak.data();
+        t.pattern.phase = t.leak.data();
+        t.settings.parasitic_slope = 1e-7;
+      },
+      [](Terms& t) { t.settings.shot.on = t.settings.shot.off = t.rate.data(); },
+      [](Terms& t) {
+        t.settings.noise_gain = t.settings.drift_gain = t.settings.least_gain = 0.1f;
+        t.settings.average = true;
+      },
+  };
+  Terms all;
+  survives(all);
+  for (const auto& turn_on : terms) {
+    Terms one;
+    turn_on(one);
+    survives(one);
+    turn_on(all);
+    survives(all);
+  }
+}
+
+}  // namespace evs
