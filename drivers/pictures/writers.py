@@ -63,7 +63,8 @@ def write_gif(path: Path, frames: Iterable[U8], playback: Playback) -> None:
             append_images=images,
             duration=durations_ms if len(durations_ms) > 1 else durations_ms[0],
             loop=0,
-            optimize=False,
+            # what stays as it was is left out of a frame: noise all over it costs little
+            optimize=True,
         )
 
 

@@ -252,6 +252,27 @@ def test_gif_keeps_event_colours_exactly(tmp_path: Path) -> None:
             assert error <= 255 / (GREY_LEVELS - 1) / 2 + 1
 
 
+def test_noise_all_over_a_still_picture_costs_little(tmp_path: Path) -> None:
+    random = np.random.default_rng(3)
+    grey = random.integers(0, GREY_LEVELS, (90, 120, 1)) * 255 // (GREY_LEVELS - 1)
+    frames = [np.repeat(grey, 3, 2).astype(np.uint8) for _ in range(40)]
+    for frame in frames:
+        for colour in (ON_RGB, OFF_RGB):
+            frame[random.integers(0, 90, 4), random.integers(0, 120, 4)] = colour
+    sizes = []
+    for count in (1, 40):
+        path = tmp_path / f"{count}.gif"
+        write_gif(path, iter(frames[:count]), Playback(0, count * 10_000))
+        sizes.append(path.stat().st_size)
+    with Image.open(tmp_path / "40.gif") as image:
+        for index in (1, 20, 39):
+            image.seek(index)
+            shown = np.asarray(image.convert("RGB"))
+            assert np.abs(shown.astype(int) - frames[index]).max() <= 3
+    # a frame is the pixels that changed: 16 of 10800, and its palette
+    assert sizes[1] < sizes[0] + 39 * 1000 < 10 * sizes[0]
+
+
 def test_a_single_frame_is_a_gif_too(tmp_path: Path) -> None:
     playback = Playback(0, 1000)
     write_gif(tmp_path / "one.gif", clip_frames(empty_events(), 1, 1, playback), playback)
