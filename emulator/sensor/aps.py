@@ -31,7 +31,9 @@ class Exposure:
     index: int
     """it begins at index / rate_hz"""
     light: F64
-    """(h, w) luminance times time so far, us"""
+    """(h, w) luminance times time so far, us, without the last tick's end"""
+    due: F64
+    """(h, 1) time for which the light at the last tick's end counts already, us"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,7 @@ class ApsState:
         """Named arrays that np.savez writes and `restore` takes back."""
         begun = self.next_index is not None
         light = [exposure.light for exposure in self.open]
+        due = [exposure.due for exposure in self.open]
         return {
             "seed": np.array(self.seed % 2**64, np.uint64),
             "luminance": self.luminance.copy(),
@@ -59,6 +62,7 @@ class ApsState:
             "taken": np.array(self.taken, np.int64),
             "open_index": np.array([exposure.index for exposure in self.open], np.int64),
             "open_light": np.array(light, np.float64).reshape(-1, *self.luminance.shape),
+            "open_due": np.array(due, np.float64).reshape(-1, len(self.luminance), 1),
         }
 
     @classmethod
@@ -66,18 +70,19 @@ class ApsState:
         """The state that was saved. Raises EvsError where something of it is missing or unfit."""
         try:
             light = np.array(saved["open_light"], np.float64)
+            due = np.array(saved["open_due"], np.float64)
             indices = [int(index) for index in saved["open_index"]]
             state = cls(
                 seed=int(saved["seed"]),
                 luminance=np.array(saved["luminance"], np.float32),
                 next_index=next((int(index) for index in saved["next_index"]), None),
                 taken=int(saved["taken"]),
-                open=tuple(map(Exposure, indices, light)),
+                open=tuple(map(Exposure, indices, light, due)),
             )
         except KeyError as missing:
             raise EvsError(f"saved APS state lacks {missing}; save it with ApsState.save") from None
         shape = (len(indices), *state.luminance.shape)
-        if state.luminance.ndim != 2 or light.shape != shape:
+        if state.luminance.ndim != 2 or light.shape != shape or due.shape != (*shape[:2], 1):
             raise EvsError("saved APS state has arrays of different shapes; save it again")
         return state
 
@@ -134,7 +139,9 @@ class Aps:
             raise EvsError(f"tick ({t_begin_us}, {t_end_us}] us does not go forward")
         rate_hz = self.parameters.rate_hz
         sound = (luminance >= 0.0) & (luminance < np.inf)
-        now = np.where(sound, luminance, state.luminance)
+        now = np.array(luminance, np.float32)
+        if not sound.all():
+            now = np.where(sound, now, state.luminance)
         if state.next_index is None:
             return (), replace(state, luminance=now, next_index=first_from(t_end_us, rate_hz))
 
@@ -145,42 +152,42 @@ class Aps:
             if pending:
                 exposure = pending.pop(0)
             else:
-                exposure = Exposure(following, np.zeros(self._shape))
+                exposure = Exposure(following, np.zeros(self._shape), np.zeros((len(now), 1)))
                 following += 1
-            exposure = self._collect(exposure, state.luminance, now, t_begin_us, t_end_us)
+            exposure = self._collect(exposure, state.luminance, t_begin_us, t_end_us)
             begin_us = stamp_us(exposure.index, rate_hz)
             if begin_us + self.parameters.frame_us(self._shape[0]) <= t_end_us:
-                frames.append(self._frame(exposure, state.seed, state.taken + len(frames)))
+                frames.append(self._frame(exposure, now, state.seed, state.taken + len(frames)))
             else:
                 still.append(exposure)
         taken = state.taken + len(frames)
         return tuple(frames), ApsState(state.seed, now, following, taken, tuple(still))
 
-    def _collect(
-        self, exposure: Exposure, before: F32, now: F32, t_begin_us: int, t_end_us: int
-    ) -> Exposure:
-        """The exposure with the light of one tick."""
+    def _collect(self, exposure: Exposure, before: F32, t_begin_us: int, t_end_us: int) -> Exposure:
+        """The exposure after one more tick. In: before, the light at the tick's beginning."""
         begins = stamp_us(exposure.index, self.parameters.rate_hz) + self._offsets
         starts = np.clip(begins, t_begin_us, t_end_us)
         ends = np.clip(begins + self.parameters.exposure_us, t_begin_us, t_end_us)
-        rows = np.flatnonzero(ends > starts)
-        if not len(rows):
-            return exposure
-        part = slice(rows[0], rows[-1] + 1)
         # light linear in the tick: its mean over a part of it is its value in the part's middle
-        spent = (ends - starts)[part].astype(np.float64)
-        middle = ((starts - t_begin_us) + (ends - t_begin_us))[part] / (
-            2.0 * (t_end_us - t_begin_us)
-        )
+        spent = (ends - starts).astype(np.float64)
+        middle = ((starts - t_begin_us) + (ends - t_begin_us)) / (2.0 * (t_end_us - t_begin_us))
         late = spent * middle
-        light = exposure.light.copy()
-        light[part] += (spent - late) * before[part] + late * now[part]
-        return Exposure(exposure.index, light)
+        # both ticks that a light belongs to count at once
+        weight = exposure.due + (spent - late)
+        rows = np.flatnonzero(weight)
+        light = exposure.light
+        if len(rows) == len(weight):
+            light = light + weight * before
+        elif len(rows):
+            part = slice(rows[0], rows[-1] + 1)
+            light = light.copy()
+            light[part] += weight[part] * before[part]
+        return Exposure(exposure.index, light, late)
 
-    def _frame(self, exposure: Exposure, seed: int, seq: int) -> Frame:
-        """The frame of a complete exposure, noise included."""
+    def _frame(self, exposure: Exposure, now: F32, seed: int, seq: int) -> Frame:
+        """The frame of a whole exposure, with noise. In: now, the light at the tick's end."""
         parameters = self.parameters
-        share = exposure.light * self._per_light
+        share = (exposure.light + exposure.due * now) * self._per_light
         if parameters.full_well_e > 0.0:
             electrons = share * parameters.full_well_e
             noise = self._normals(seed, Term.APS_SHOT, exposure.index)

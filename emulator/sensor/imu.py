@@ -20,19 +20,18 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from evs.emulator.scene import F64, CameraPose
 from evs.emulator.sensor.imu_parameters import ImuParameters
 from evs.emulator.sensor.random import Term, indexed_normals
-from evs.emulator.sensor.rotation import rotation_vector
+from evs.emulator.sensor.rotation import dot, rotation_vector
 from evs.emulator.sensor.schedule import first_from, stamp_us
 from evs.msgs import DEGREE, STANDARD_GRAVITY, EvsError, ImuSamples, empty_imu
 
 _UNITS = (STANDARD_GRAVITY, DEGREE)
-_TERMS = (
-    (Term.ACCELEROMETER_NOISE, Term.ACCELEROMETER_WALK),
-    (Term.GYROSCOPE_NOISE, Term.GYROSCOPE_WALK),
-)
+_NOISES = Term.ACCELEROMETER_NOISE, Term.GYROSCOPE_NOISE
+_WALKS = Term.ACCELEROMETER_WALK, Term.GYROSCOPE_WALK
 _SHAPES = {"poses": (13,), "motion": (7,), "walk": (2, 3)}
 
 
@@ -95,8 +94,14 @@ class Imu:
     def __init__(self, parameters: ImuParameters) -> None:
         self.parameters = p = parameters
         self._biases = (np.array(p.accelerometer_bias), np.array(p.gyroscope_bias))
-        self._densities = (p.accelerometer_noise_density, p.gyroscope_noise_density)
-        self._walks = (p.accelerometer_random_walk, p.gyroscope_random_walk)
+        step = 1.0 / math.sqrt(p.rate_hz)
+        deviations = {
+            Term.ACCELEROMETER_NOISE: p.accelerometer_noise_density / step,
+            Term.ACCELEROMETER_WALK: p.accelerometer_random_walk * step,
+            Term.GYROSCOPE_NOISE: p.gyroscope_noise_density / step,
+            Term.GYROSCOPE_WALK: p.gyroscope_random_walk * step,
+        }
+        self._deviations = {term: size for term, size in deviations.items() if size > 0.0}
         self._ranges = (p.accelerometer_range_g, p.gyroscope_range_dps)
 
     def init(self, seed: int) -> ImuState:
@@ -136,33 +141,38 @@ class Imu:
         late = ((samples["t"] - before[0]) / span_us)[:, np.newaxis]
         true = before[1:] + late * (motion[1:] - before[1:]) if known_us > before[0] else motion[1:]
         true = np.broadcast_to(true, (len(index), 6))
+        noise = self._noise(index, state.seed)
         walk = state.walk.copy()
-        samples["acceleration"], walk[0] = self._measured(0, true[:, :3], index, state)
-        samples["angular_velocity"], walk[1] = self._measured(1, true[:, 3:], index, state)
+        for which, key in enumerate(("acceleration", "angular_velocity")):
+            value = true[:, 3 * which : 3 * which + 3] + self._biases[which]
+            if _WALKS[which] in noise:
+                # one after the other, so that it does not matter how many come in a tick
+                walked = np.cumsum(np.vstack([walk[which], noise[_WALKS[which]]]), axis=0)[1:]
+                value, walk[which] = value + walked, walked[-1]
+            if _NOISES[which] in noise:
+                value = value + noise[_NOISES[which]]
+            samples[key] = self._said(value, which)
         samples["temperature"] = np.float32(self.parameters.temperature_c)
         return samples, replace(state, walk=walk)
 
-    def _measured(
-        self, which: int, true: F64, index: np.ndarray[Any, np.dtype[np.int64]], state: ImuState
-    ) -> tuple[F64, F64]:
-        """(n, 3) what sensor `which` says of the (n, 3) true values; and its walk after them."""
-        rate_hz, axes = self.parameters.rate_hz, np.arange(3)
-        noise_term, walk_term = _TERMS[which]
-        value, walk = true + self._biases[which], state.walk[which]
-        if self._walks[which] > 0.0:
-            normals = indexed_normals(state.seed, walk_term, index[:, np.newaxis], axes)
-            steps = normals * (self._walks[which] / math.sqrt(rate_hz))
-            # one after the other, so that it does not matter how many come in a tick
-            walked = np.cumsum(np.vstack([walk, steps]), axis=0)[1:]
-            value, walk = value + walked, walked[-1]
-        if self._densities[which] > 0.0:
-            normals = indexed_normals(state.seed, noise_term, index[:, np.newaxis], axes)
-            value = value + normals * (self._densities[which] * math.sqrt(rate_hz))
-        # the device speaks in float32, in its own unit, and so do files
+    def _noise(self, index: npt.NDArray[np.int64], seed: int) -> dict[Term, F64]:
+        """(n, 3) of each term that is not zero, SI; a walk's is its step."""
+        terms = list(self._deviations)
+        if not terms:
+            return {}
+        places = np.array(terms)[:, np.newaxis, np.newaxis]
+        normals = indexed_normals(seed, places, index[:, np.newaxis], np.arange(3))
+        return {
+            term: numbers * self._deviations[term]
+            for term, numbers in zip(terms, normals, strict=True)
+        }
+
+    def _said(self, value: F64, which: int) -> F64:
+        """What a sensor says of a value: within its range, and float32 in its own unit."""
         said = value / _UNITS[which]
         if self._ranges[which] > 0.0:
             said = np.clip(said, -self._ranges[which], self._ranges[which])
-        return said.astype(np.float32).astype(np.float64) * _UNITS[which], walk
+        return said.astype(np.float32).astype(np.float64) * _UNITS[which]
 
 
 def _motion(
@@ -179,7 +189,7 @@ def _motion(
         for n in (1, 2, 3)
     ]  # fmt: skip
     turn = middle[4:]
-    seen = [sum(turn[3 * row + column] * force[row] for row in range(3)) for column in range(3)]
+    seen = [dot(turn[column::3], force) for column in range(3)]
     before = rotation_vector(first[4:], turn)
     after = rotation_vector(turn, last[4:])
     # the nearer of the two turns weighs more

@@ -50,10 +50,12 @@ def pixel_uniforms(seed: int, term: Term, width: int, height: int) -> F64:
     return _uniform(_pixel_bits(seed, term, width, height)[0])
 
 
-def indexed_normals(seed: int, term: Term, index: npt.ArrayLike, counter: npt.ArrayLike) -> F64:
-    """One standard normal number for each (index, counter), which broadcast; counter < 2^63.
+def indexed_normals(
+    seed: int, term: npt.ArrayLike, index: npt.ArrayLike, counter: npt.ArrayLike
+) -> F64:
+    """One standard normal number for each (term, index, counter), which broadcast.
 
-    Index counts frames or samples, counter pixels or axes.
+    Terms are of Term; index counts frames or samples, counter (< 2^63) pixels or axes.
     """
     places = np.atleast_1d(np.asarray(index, np.int64)).astype(np.uint64)
     key = _hash(_key(seed, term), places + np.uint64(1))
@@ -68,8 +70,9 @@ def _normals(first: U64, second: U64) -> F64:
     return np.asarray(radius * _cos_turn(_uniform(second)))
 
 
-def _key(seed: int, term: Term) -> U64:
-    return _hash(np.array([seed % 2**64], np.uint64), np.array([term + 1], np.uint64))
+def _key(seed: int, term: npt.ArrayLike) -> U64:
+    number = np.atleast_1d(np.asarray(term, np.uint64))
+    return _hash(np.array([seed % 2**64], np.uint64), number + np.uint64(1))
 
 
 def _pixel_bits(seed: int, term: Term, width: int, height: int) -> tuple[U64, U64]:

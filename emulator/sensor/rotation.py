@@ -14,10 +14,7 @@ def rotation_vector(before: Sequence[float], after: Sequence[float]) -> Vector3:
     In: (9,) row-major matrices, frame to world. The shorter way round, at most half a turn.
     """
     # element (i, j) of before^T after
-    relative = [
-        [sum(before[3 * k + i] * after[3 * k + j] for k in range(3)) for j in range(3)]
-        for i in range(3)
-    ]
+    relative = [[dot(before[i::3], after[j::3]) for j in range(3)] for i in range(3)]
     w, x, y, z = _quaternion(relative)
     sine = math.sqrt(x * x + y * y + z * z)
     if sine == 0.0:
@@ -27,10 +24,16 @@ def rotation_vector(before: Sequence[float], after: Sequence[float]) -> Vector3:
     return angle * (x / sine), angle * (y / sine), angle * (z / sine)
 
 
+def dot(a: Sequence[float], b: Sequence[float]) -> float:
+    """Scalar product of two vectors of three, summed in their order."""
+    # Python's sum() rounds in another way since 3.12
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
 def _quaternion(m: Sequence[Sequence[float]]) -> tuple[float, float, float, float]:
     """w >= 0, x, y, z of a rotation matrix; by its largest part (Shepperd 1978)."""
     diagonal = m[0][0], m[1][1], m[2][2]
-    trace = sum(diagonal)
+    trace = m[0][0] + m[1][1] + m[2][2]
     if trace >= max(diagonal):
         w = 0.5 * math.sqrt(max(0.0, 1.0 + trace))
         f = 0.25 / w

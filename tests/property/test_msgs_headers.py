@@ -74,7 +74,8 @@ def test_mutated_statuses(place: int, value: int, cut: int) -> None:
         status = decode_status(bytes(header[: len(header) - cut]))
     except MessageError:
         return
-    assert cut == 0
+    # the last value is a time of three bytes: changed into one of a byte, it is whole with two less
+    assert cut == 0 or (cut == 2 and place == len(header) - 3)
     assert -1 <= status.seq < 2**63
     assert status.camera in status.cameras
 

@@ -156,6 +156,26 @@ def test_the_tick_does_not_matter(shutter: str) -> None:
     assert np.abs(found[1000] - found[10]).max() > 50 * np.abs(found[100] - found[10]).max() / 2
 
 
+@pytest.mark.parametrize("late_us", [86_400_000_000, 3_155_760_000_000_000])
+def test_a_frame_after_a_day_or_a_century_is_that_of_the_beginning(late_us: int) -> None:
+    parameters = replace(LINEAR, exposure_us=7777, shutter="rolling", row_us=30.0)
+
+    found = []
+    for shift_us in (0, late_us):
+        stage, before = Aps(parameters, 60, 3), shift_us - 1
+        state, frames = stage.init(0), []
+        for t_us in range(shift_us, shift_us + 150_001, 1000):
+            seen = edge(400.0, 60)((t_us - shift_us) * 1e-6).astype(np.float32)
+            more, state = stage.step(seen, state, before, t_us)
+            frames += more
+            before = t_us
+        found.append(frames)
+    assert [one.begin_us - late_us for one in found[1]] == [one.begin_us for one in found[0]]
+    assert len(found[0]) == 3
+    for one, other in zip(*found, strict=True):
+        assert (one.pixels == other.pixels).all()
+
+
 def test_ticks_of_any_length_and_several_frames_in_one() -> None:
     parameters = replace(LINEAR, rate_hz=1000.0, exposure_us=500)
 

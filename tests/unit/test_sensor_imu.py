@@ -25,6 +25,13 @@ G = np.array([0.0, 0.0, -9.81])
 UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """A MuJoCo camera that looks along the world's y, its y axis up."""
 IDEAL = ImuParameters(enabled=True)
+NOISY = replace(
+    IDEAL,
+    accelerometer_noise_density=3e-3,
+    accelerometer_random_walk=2e-3,
+    gyroscope_noise_density=2e-4,
+    gyroscope_random_walk=3e-5,
+)
 FLOAT32 = 2.0**-24
 """The device's rounding, relative."""
 
@@ -169,6 +176,25 @@ def test_ticks_of_different_lengths_give_the_same_motion() -> None:
     assert np.abs(samples["angular_velocity"] - turn).max() < share * np.abs(turn).max() + 1e-5
 
 
+def test_a_day_later_it_feels_the_same() -> None:
+    motion, _ = pendulum(0.9, 0.4)
+    late_us = 86_400_000_000
+    imu, found = Imu(replace(NOISY, rate_hz=4000.0)), []
+    for shift_us in (0, late_us):
+        state, parts = imu.init(0), []
+        for t_us in ticks(1000, 200_000):
+            position, turn = motion(t_us * 1e-6)
+            samples, state = imu.step(CameraPose(position, turn.ravel()), G, state, shift_us + t_us)
+            parts.append(samples)
+        found.append(np.concatenate(parts))
+    assert (found[1]["t"] - late_us == found[0]["t"]).all()
+    silent = felt(replace(IDEAL, rate_hz=4000.0), motion, ticks(1000, 200_000))
+    for samples in found:
+        # another day, other noise; the walk begins with the run
+        off = samples["acceleration"] - silent["acceleration"]
+        assert 0 < np.abs(off).max() < 6 * 3e-3 * math.sqrt(4000) + 6 * 2e-3 * math.sqrt(0.2)
+
+
 def test_integrating_the_samples_gives_the_way_back() -> None:
     motion, _ = pendulum(0.9, 0.4)
     samples = felt(IDEAL, motion, ticks(1000, 1_001_000))
@@ -231,15 +257,6 @@ def test_bias_range_and_temperature() -> None:
     # as a file holds them: float32 in g and degrees/s, and back without a change
     said = (samples["acceleration"] / STANDARD_GRAVITY).astype(np.float32)
     assert (said.astype(np.float64) * STANDARD_GRAVITY == samples["acceleration"]).all()
-
-
-NOISY = replace(
-    IDEAL,
-    accelerometer_noise_density=3e-3,
-    accelerometer_random_walk=2e-3,
-    gyroscope_noise_density=2e-4,
-    gyroscope_random_walk=3e-5,
-)
 
 
 def test_one_term_does_not_change_another() -> None:
