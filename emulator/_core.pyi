@@ -123,6 +123,19 @@ def probe_told(caster: Caster, geom_pos: Annotated[NDArray[numpy.float64], dict(
     The density (n) of aiming at what directions (n, 3) from a point meet: for tests.
     """
 
+class Readout:
+    """From pixel to packet: see evs.emulator.sensor.readout."""
+
+    def __init__(self, *, width: int, height: int, latency_us: float, latency_sigma_us: float, order: str, row_ns: int, column_ns: int, jitter_ns: float, scan_us: int, erc_target: int, erc_period_us: int, erc_drop: str, link_rate: int, fifo: int, stamp_sent: bool, fates: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None) -> None:
+        """
+        erc_target: events a period, 0 is off; link_rate: events a second, 0 is unlimited; fates (height, width) uint8: 0 outside the ROI, 1 masked, 255 kept.
+        """
+
+    def step(self, events: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], clock: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')], waiting: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], due_ns: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], t_begin_us: int, t_end_us: int) -> tuple:
+        """
+        Out: (events (16 n,) uint8 that leave in the tick, those that wait (16 m,) uint8, their moments (m,) int64). clock is changed in place.
+        """
+
 class PixelSettings:
     """What all pixels have in common."""
 

@@ -19,7 +19,14 @@ from evs.emulator.light import make_renderer
 from evs.emulator.optics import camera_info
 from evs.emulator.plain_config import plain_config, plain_integer
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
-from evs.emulator.sensor import Aps, Imu, completed, make_event_model, resolve_sensor
+from evs.emulator.sensor import (
+    Aps,
+    Imu,
+    completed,
+    make_event_model,
+    make_readout,
+    resolve_sensor,
+)
 from evs.emulator.stages import Meter, NoMeter, Renderer
 from evs.emulator.truth import GroundTruth
 from evs.emulator.world import MUJOCO_VERSION, BoundCamera, MjModel, bind_camera, gravity_of
@@ -131,6 +138,7 @@ class Camera:
         self._size = (int(sensor.width), int(sensor.height))
         self._stand(world, scene)
         self._model = make_event_model(sensor, plan.model, plan.threads)
+        self._readout = make_readout(sensor)
         name = free_name(plan.name, self.bound.name, taken)
         self._aps = (
             Aps(sensor.aps, *self._size, float(sensor.exposure_dn), name)
@@ -161,6 +169,7 @@ class Camera:
         """Forget everything seen: as new."""
         seed = self._plan.seed
         self._state: Any = self._model.init(seed)
+        self._read = None if self._readout is None else self._readout.init(seed)
         self._aps_state = None if self._aps is None else self._aps.init(seed)
         self._imu_state = None if self._imu is None else self._imu.init(seed)
         self._imu_seq = 0
@@ -226,6 +235,8 @@ class Camera:
         events, self._state = self._model.step(
             self._luminance, self._state, begin_us, snapshot.t_us
         )
+        if self._readout is not None and self._read is not None:
+            events, self._read = self._readout.step(events, self._read, begin_us, snapshot.t_us)
         self._see_more(snapshot, pose, begin_us)
         self._t_us = snapshot.t_us
         self._meter.lap("sensor")
@@ -292,6 +303,16 @@ class Camera:
     def clamps(self) -> int:
         """Pixels times ticks whose light was negative, NaN or infinite and was replaced."""
         return int(getattr(self._state, "clamped", 0))
+
+    @property
+    def events_dropped(self) -> dict[str, int]:
+        """Events that the readout dropped so far, by cause; empty where the readout is ideal."""
+        return self._read.dropped if self._read is not None else {}
+
+    @property
+    def events_waiting(self) -> int:
+        """Events that are still on their way through the readout."""
+        return self._read.count_waiting if self._read is not None else 0
 
     @property
     def traced_fraction(self) -> float:

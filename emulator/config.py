@@ -127,6 +127,41 @@ class ImuConfig:
 
 
 @dataclass(frozen=True)
+class ReadoutConfig:
+    """[sensor.readout]: from pixel to packet. None: the preset's value."""
+
+    order: str | None = None
+    """ideal: every event at its own time | arbiter: rows in turn, as they ask (DAVIS)
+    scan: all rows at fixed times (DVXplorer)"""
+    row_ns: int | None = None
+    """arbiter: time of a row access, ns; its end is the stamp of all events that the row holds"""
+    column_ns: int | None = None
+    """arbiter: time that each event of the row takes after that, ns"""
+    jitter_ns: float | None = None
+    """arbiter: standard deviation of the row access, ns"""
+    scan_us: int | None = None
+    """scan: time between two scans, us; stamps are multiples of it"""
+    erc_rate_mevs: float | None = None
+    """event rate control: most events that pass, Mev/s; 0: off"""
+    erc_period_us: int | None = None
+    """reference period of event rate control, us"""
+    erc_drop: str | None = None
+    """what it drops. time: evenly among all events | row, column: all events of some lines"""
+    bandwidth_mevs: float | None = None
+    """most events that leave by the link, Mev/s; 0: unlimited"""
+    fifo: int | None = None
+    """events that may wait for the link; what comes then is dropped"""
+    stamp: str | None = None
+    """sent: stamps say when events leave by the link | read: when they were read before that"""
+    roi: tuple[int, ...] | None = None
+    """region of interest: x y width height of a rectangle, px; any number of them; none: all"""
+    mask: tuple[int, ...] | None = None
+    """x y of each pixel that is switched off, one after the other"""
+    mask_file: str | None = None
+    """a text file of such pixels, one x y a line"""
+
+
+@dataclass(frozen=True)
 class SensorConfig:
     """[sensor]: the event pixel. None: the preset's value. v2e's names and meanings."""
 
@@ -186,9 +221,14 @@ class SensorConfig:
     """mean rate of that leak, Hz"""
     dead_pixel_fraction: float | None = None
     """share of pixels that never fire"""
+    latency_us: float | None = None
+    """mean time from the crossing of a threshold to the pixel's request to be read, us"""
+    latency_sigma_us: float | None = None
+    """its standard deviation from event to event, us"""
     biases: BiasConfig = field(default_factory=BiasConfig)
     aps: ApsConfig = field(default_factory=ApsConfig)
     imu: ImuConfig = field(default_factory=ImuConfig)
+    readout: ReadoutConfig = field(default_factory=ReadoutConfig)
 
 
 @dataclass(frozen=True)

@@ -242,6 +242,8 @@ def _with_paths(config: PipelineConfig, change: Callable[[str], str]) -> Pipelin
     preset = config.sensor.preset
     is_file = preset.endswith(".toml") or "/" in preset
     sensor = changed(config.sensor, ["preset"] if is_file else [])
+    readout = changed(config.sensor.readout, ["mask_file"])
+    sensor = dataclasses.replace(sensor, readout=readout)
     scene = changed(config.scene, ["file", "control_file"])
     config = changed(config, ["record", "report"])
     return dataclasses.replace(config, sink=sinks, scene=scene, sensor=sensor)

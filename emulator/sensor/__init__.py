@@ -8,6 +8,7 @@ from evs.emulator.sensor.models import MODELS, make_event_model
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.plain import PlainModel
 from evs.emulator.sensor.presets import completed, preset_biases, preset_names, resolve_sensor
+from evs.emulator.sensor.readout import Readout, ReadoutParameters, ReadoutState, make_readout
 from evs.emulator.sensor.state import PlainState
 
 __all__ = [
@@ -20,9 +21,13 @@ __all__ = [
     "ImuState",
     "PlainModel",
     "PlainState",
+    "Readout",
+    "ReadoutParameters",
+    "ReadoutState",
     "SensorParameters",
     "completed",
     "make_event_model",
+    "make_readout",
     "preset_biases",
     "preset_names",
     "resolve_sensor",

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from evs.emulator.scene import MAX_PIXELS
 from evs.emulator.sensor.aps_parameters import ApsParameters
 from evs.emulator.sensor.imu_parameters import ImuParameters
+from evs.emulator.sensor.readout.parameters import ReadoutParameters
 from evs.msgs import EvsError, unknown
 
 MAX_SIDE_PX = 8192
@@ -43,6 +44,8 @@ _RANGES = {
     "hot_pixel_fraction": (0.0, 1.0),
     "hot_pixel_rate_hz": (0.0, 1e4),
     "dead_pixel_fraction": (0.0, 1.0),
+    "latency_us": (0.0, 1e6),
+    "latency_sigma_us": (0.0, 1e6),
 }
 
 
@@ -110,9 +113,14 @@ class SensorParameters:
     """mean rate of that leak, Hz"""
     dead_pixel_fraction: float = 0.0
     """share of pixels that never fire"""
+    latency_us: float = 0.0
+    """mean time from the crossing of a threshold to the pixel's request to be read, us"""
+    latency_sigma_us: float = 0.0
+    """its standard deviation from event to event, us; no latency is below 0"""
 
     aps: ApsParameters = field(default_factory=ApsParameters)
     imu: ImuParameters = field(default_factory=ImuParameters)
+    readout: ReadoutParameters = field(default_factory=ReadoutParameters)
 
     def __post_init__(self) -> None:
         self._check_size()

@@ -29,6 +29,10 @@ class Term(IntEnum):
     DEFECT = 5
     SHOT = 6
     """in core/sensor/shot.h, of blocks of pixels"""
+    LATENCY = 64
+    """in core/sensor/readout.h, of an event: pixel, time and polarity"""
+    ARBITER = 65
+    """in core/sensor/readout_arbiter.h, of a row access"""
     APS_SHOT = 32
     APS_READ = 33
     ACCELEROMETER_NOISE = 34

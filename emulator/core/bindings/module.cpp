@@ -5,6 +5,7 @@
 namespace evs {
 void bind_caster(nanobind::module_& m);
 void bind_probe(nanobind::module_& m);
+void bind_readout(nanobind::module_& m);
 void bind_sensor(nanobind::module_& m);
 void bind_settings(nanobind::module_& m);
 }  // namespace evs
@@ -14,5 +15,6 @@ NB_MODULE(_core, m) {
   evs::bind_settings(m);
   evs::bind_caster(m);
   evs::bind_probe(m);
+  evs::bind_readout(m);
   evs::bind_sensor(m);
 }

@@ -1,0 +1,136 @@
+// Python's view of the readout: see evs.emulator.sensor.readout.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+
+#include <cstring>
+#include <memory>
+#include <optional>
+
+#include "readout.h"
+
+namespace nb = nanobind;
+
+namespace evs {
+namespace {
+
+using BytesIn = nb::ndarray<const uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using FatesIn = nb::ndarray<const uint8_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using MomentsIn = nb::ndarray<const int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using ClockArray = nb::ndarray<int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Bytes = nb::ndarray<nb::numpy, uint8_t, nb::ndim<1>>;
+using Moments = nb::ndarray<nb::numpy, int64_t, nb::ndim<1>>;
+
+void require(bool holds, const char* what) {
+  if (!holds) throw std::invalid_argument(what);
+}
+
+// An array that owns a copy-free vector.
+template <class Array, class T>
+Array owned(std::vector<T>&& values) {
+  auto kept = std::make_unique<std::vector<T>>(std::move(values));
+  nb::capsule owner(kept.get(), [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
+  std::vector<T>* memory = kept.release();
+  const size_t count = memory->size() * sizeof(T) / sizeof(typename Array::Scalar);
+  return Array(memory->data(), {count}, owner);
+}
+
+class ReadoutBinding {
+ public:
+  explicit ReadoutBinding(ReadoutSettings settings) : readout_(std::move(settings)) {}
+
+  nb::tuple step(BytesIn events, ClockArray clock, BytesIn waiting, MomentsIn due_ns,
+                 int64_t t_begin_us, int64_t t_end_us) {
+    require(events.shape(0) % sizeof(Event) == 0, "events are 16 bytes each");
+    require(clock.shape(0) == ClockSize, "the clock has another length");
+    require(waiting.shape(0) == due_ns.shape(0) * sizeof(Event), "each event waits for a moment");
+    // the state stays whole if anything is refused below
+    ReadoutClock numbers;
+    std::memcpy(numbers, clock.data(), sizeof(numbers));
+    std::vector<Request> requests(due_ns.shape(0));
+    for (size_t i = 0; i < requests.size(); i++) {
+      requests[i].ns = due_ns.data()[i];
+      std::memcpy(&requests[i].event, waiting.data() + i * sizeof(Event), sizeof(Event));
+    }
+    std::vector<Event> out, left;
+    std::vector<int64_t> moments;
+    {
+      nb::gil_scoped_release release;
+      readout_.step(reinterpret_cast<const Event*>(events.data()), events.shape(0) / sizeof(Event),
+                    numbers, requests, t_begin_us, t_end_us, out);
+      left.reserve(requests.size());
+      moments.reserve(requests.size());
+      for (const Request& request : requests) {
+        left.push_back(request.event);
+        moments.push_back(request.ns);
+      }
+    }
+    std::memcpy(clock.data(), numbers, sizeof(numbers));
+    return nb::make_tuple(owned<Bytes>(std::move(out)), owned<Bytes>(std::move(left)),
+                          owned<Moments>(std::move(moments)));
+  }
+
+ private:
+  Readout readout_;
+};
+
+ReadoutBinding* make_readout(int width, int height, double latency_us, double latency_sigma_us,
+                             const std::string& order, int64_t row_ns, int64_t column_ns,
+                             double jitter_ns, int64_t scan_us, int64_t erc_target,
+                             int64_t erc_period_us, const std::string& erc_drop, int64_t link_rate,
+                             int64_t fifo, bool stamp_sent, std::optional<FatesIn> fates) {
+  require(width > 0 && height > 0, "a sensor has pixels");
+  require(scan_us > 0 && erc_period_us > 0, "periods are over 0");
+  ReadoutSettings settings;
+  settings.width = width;
+  settings.height = height;
+  settings.latency_us = latency_us;
+  settings.latency_sigma_us = latency_sigma_us;
+  require(order == "ideal" || order == "arbiter" || order == "scan",
+          "the order is ideal, arbiter or scan");
+  settings.order = order == "arbiter" ? ReadoutOrder::arbiter
+                   : order == "scan"  ? ReadoutOrder::scan
+                                      : ReadoutOrder::ideal;
+  settings.arbiter = ArbiterTimes{row_ns, column_ns, jitter_ns};
+  settings.scan_ns = scan_us * 1000;
+  require(erc_drop == "time" || erc_drop == "row" || erc_drop == "column",
+          "the rate control drops in time, by row or by column");
+  settings.rate = RateControl{erc_target, erc_period_us,
+                              erc_drop == "row"      ? ErcDrop::row
+                              : erc_drop == "column" ? ErcDrop::column
+                                                     : ErcDrop::time};
+  settings.link = Link{link_rate, fifo, stamp_sent};
+  if (fates) {
+    require(fates->shape(0) == static_cast<size_t>(height) &&
+                fates->shape(1) == static_cast<size_t>(width),
+            "the pixels' fates are (height, width)");
+    settings.pixels.assign(fates->data(), fates->data() + fates->size());
+    for (uint8_t fate : settings.pixels) {
+      require(fate == DropRoi || fate == DropMask || fate == kKept,
+              "a pixel's fate is 0, 1 or 255");
+    }
+  }
+  return new ReadoutBinding(std::move(settings));
+}
+
+}  // namespace
+
+void bind_readout(nb::module_& m) {
+  nb::class_<ReadoutBinding>(m, "Readout", "From pixel to packet: see evs.emulator.sensor.readout.")
+      .def(nb::new_(&make_readout), nb::kw_only(), nb::arg("width"), nb::arg("height"),
+           nb::arg("latency_us"), nb::arg("latency_sigma_us"), nb::arg("order"), nb::arg("row_ns"),
+           nb::arg("column_ns"), nb::arg("jitter_ns"), nb::arg("scan_us"), nb::arg("erc_target"),
+           nb::arg("erc_period_us"), nb::arg("erc_drop"), nb::arg("link_rate"), nb::arg("fifo"),
+           nb::arg("stamp_sent"), nb::arg("fates").none() = nb::none(),
+           "erc_target: events a period, 0 is off; link_rate: events a second, 0 is unlimited; "
+           "fates (height, width) uint8: 0 outside the ROI, 1 masked, 255 kept.")
+      .def(
+          "step", &ReadoutBinding::step, nb::arg("events").noconvert(),
+          nb::arg("clock").noconvert(), nb::arg("waiting").noconvert(),
+          nb::arg("due_ns").noconvert(), nb::arg("t_begin_us"), nb::arg("t_end_us"),
+          "Out: (events (16 n,) uint8 that leave in the tick, those that wait (16 m,) uint8, their "
+          "moments (m,) int64). clock is changed in place.");
+}
+
+}  // namespace evs
