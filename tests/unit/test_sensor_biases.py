@@ -13,7 +13,7 @@ import pytest
 
 from evs.emulator.bias_config import BiasConfig
 from evs.emulator.config import SensorConfig
-from evs.emulator.sensor import preset_biases, preset_names, resolve_sensor
+from evs.emulator.sensor import PlainModel, preset_biases, preset_names, resolve_sensor
 from evs.emulator.sensor.bias_laws import COARSE_PA, LAWS
 from evs.emulator.sensor.biases import Nominal, with_biases
 from evs.emulator.sensor.presets import _PRESETS
@@ -295,3 +295,42 @@ def test_an_own_file_may_have_a_law_and_nominal_values_of_its_own(tmp_path: Path
     ):
         own.write_text(pixels + text)
         assert said in refusal(str(own))
+
+
+def counts(preset: str, **given: int) -> tuple[int, int]:
+    """ON and OFF events of 12 x 10 pixels while light doubles and halves for 0.4 s."""
+    config = SensorConfig(preset, width=12, height=10, biases=BiasConfig(**given))
+    model = PlainModel(resolve_sensor(config), 1)
+    state = model.init(1)
+    on = off = 0
+    for tick in range(400):
+        light = np.full((10, 12), 0.5 * 2.0 ** math.sin(tick * math.pi / 50), np.float32)
+        events, state = model.step(light, state, 1000 * tick - 1000, 1000 * tick)
+        on += int(np.count_nonzero(events["p"] == 1))
+        off += int(np.count_nonzero(events["p"] == 0))
+    return on, off
+
+
+@pytest.mark.parametrize(
+    ("preset", "less", "more"),
+    [
+        ("davis346", {"ONBn_coarse": 6}, {"ONBn_coarse": 4}),
+        ("dvs128", {"diffOn": 2_000_000}, {"diffOn": 40_000}),
+        ("imx636", {"bias_diff_on": 140}, {"bias_diff_on": -85}),
+        ("genx320", {"bias_diff_on": 60}, {"bias_diff_on": 24}),
+        ("dvxplorer", {"contrastThresholdOn": 17}, {"contrastThresholdOn": 0}),
+    ],
+)
+def test_events_answer_to_the_biases(
+    preset: str, less: dict[str, int], more: dict[str, int]
+) -> None:
+    (on, off), fewer, further = counts(preset), counts(preset, **less), counts(preset, **more)
+    assert fewer[0] < on < further[0]
+    # a reference that ON events move less often gives OFF events less often too
+    assert fewer[1] <= off
+
+
+def test_slow_biases_blur_the_light_away() -> None:
+    fast = sum(counts("imx636", bias_fo=55))
+    assert sum(counts("davis346", PrSFBp_coarse=0, PrSFBp_fine=1)) < sum(counts("davis346")) / 10
+    assert sum(counts("imx636", bias_hpf=120)) < fast / 2
