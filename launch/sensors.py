@@ -6,13 +6,14 @@ import argparse
 import dataclasses
 import json
 import textwrap
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from evs.drivers.pipeline import settings
 from evs.emulator.config import RunConfig, SensorConfig
-from evs.emulator.sensor import preset_names
-from evs.emulator.sensor.described import Bias, Description, Parameter, describe_sensor
 from evs.msgs import EvsError
+
+if TYPE_CHECKING:
+    from evs.emulator.sensor.described import Bias, Description, Parameter
 
 HELP = "the sensors that there are, or every parameter of one and where it comes from"
 
@@ -58,6 +59,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print every sensor, or one."""
+    # here, so that --help is quick
+    from evs.emulator.sensor import preset_names
+    from evs.emulator.sensor.described import describe_sensor
+
     names = [word for word in args.words if "=" not in word]
     if len(names) > 1:
         raise EvsError(f"two sensors, '{names[0]}' and '{names[1]}'; give one, then key=value")
