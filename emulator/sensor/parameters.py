@@ -16,6 +16,8 @@ LOG_MAPS = ("linlog", "log_eps")
 FILTERS = ("exact", "euler")
 SHOT_NOISE_LAWS = ("linear", "inverse")
 MIN_DARK_DN = 1e-12
+MIN_RATE_HZ = 1e-9
+"""Once in 30 years; lower ones would be denormal float32 in short ticks."""
 WHITE_DN = 255.0
 """DN of scene white; nothing is clipped there."""
 
@@ -150,6 +152,8 @@ class SensorParameters:
                 )
             if not lowest <= value <= highest:  # also where it is NaN
                 raise EvsError(f"sensor.{key} is {value:g}; give {lowest:g} ... {highest:g}")
+            if key.endswith("_hz") and 0 < value < MIN_RATE_HZ:
+                raise EvsError(f"sensor.{key} is {value:g}; give 0 or over {MIN_RATE_HZ:g}")
         if 0 < self.dark_dn < MIN_DARK_DN:  # its logarithm would be a denormal float32
             least = MIN_DARK_DN * self.lux_per_dn
             raise EvsError(f"sensor.dark_lux is {self.dark_lux:g}; give 0 or over {least:g}")

@@ -15,6 +15,9 @@ from evs.msgs import EvsError
 MAX_TICK_US = 2**28 - 1
 """Longest tick, about 4 minutes."""
 
+MAX_CLOCK_US = 2**52 - 1
+"""How long a sensor may live, 142 years: the clock of shot noise counts 2^-10 us in int64."""
+
 BLOCK = 64
 """Pixels that the native core steps together: core/sensor/pixel.h."""
 
@@ -191,3 +194,5 @@ def check_tick(
         raise EvsError(
             f"tick of {t_end_us - t_begin_us} us is over {MAX_TICK_US} us; use shorter ones"
         )
+    if not 0 <= state.clock_us <= MAX_CLOCK_US - (t_end_us - t_begin_us):
+        raise EvsError(f"sensor clock is at {state.clock_us} us, past its end; init it anew")

@@ -10,27 +10,66 @@ from hypothesis import strategies as st
 
 from evs.emulator import _core
 from evs.emulator.scene import F32
-from evs.emulator.sensor import PlainModel, SensorParameters
+from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
 from evs.emulator.sensor.logmap import log_light
-from evs.emulator.sensor.reference import ReferenceModel
+from evs.emulator.sensor.reference import ReferenceModel, caught_up
+from evs.emulator.sensor.running_mean import RunningMeanConstants
 
 KNEE = 8.61316967010498
 """Here linlog's linear part is L_log = DN / 4 exactly."""
 
-SENSORS = st.builds(
-    SensorParameters,
-    name=st.just("any"),
-    width=st.integers(1, 90),
-    height=st.integers(1, 12),
-    pos_thres=st.floats(0.01, 1.0),
-    neg_thres=st.floats(0.01, 1.0),
-    sigma_thres=st.floats(0.0, 0.3),
-    log=st.sampled_from(["linlog", "log_eps"]),
-    linlog_dn=st.floats(1.01, 100.0),
-    log_eps=st.floats(1e-6, 1.0),
-    dark_lux=st.just(0.0) | st.floats(1e-11, 40.0),
-    exposure_dn=st.floats(0.01, 1e4),
+THRESHOLDS = {
+    "name": st.just("any"),
+    "width": st.integers(1, 90),
+    "height": st.integers(1, 12),
+    "pos_thres": st.floats(0.01, 1.0),
+    "neg_thres": st.floats(0.01, 1.0),
+    "sigma_thres": st.floats(0.0, 0.3),
+    "log": st.sampled_from(["linlog", "log_eps"]),
+    "linlog_dn": st.floats(1.01, 100.0),
+    "log_eps": st.floats(1e-6, 1.0),
+    "exposure_dn": st.floats(0.01, 1e4),
+}
+
+
+def rate(highest_hz: float) -> st.SearchStrategy[float]:
+    """Off, or any order of magnitude down to once in 30 years."""
+    return st.just(0.0) | st.floats(-9.0, np.log10(highest_hz)).map(lambda x: float(10.0**x))
+
+
+THRESHOLDS_ONLY = st.builds(
+    SensorParameters, **THRESHOLDS, dark_lux=st.just(0.0) | st.floats(1e-11, 40.0)
 )
+WHOLE_PIXELS = st.builds(
+    SensorParameters,
+    **THRESHOLDS | {"width": st.integers(1, 45), "height": st.integers(1, 5)},
+    white_lux=st.floats(1.0, 1e5),
+    dark_lux=st.just(0.0) | st.floats(1e-6, 1e3),
+    cutoff_hz=rate(1e7),
+    dim_lux=st.just(0.0) | st.floats(0.0, 1e4),
+    bright_lux=st.floats(1.0, 1e6),
+    filter=st.sampled_from(["exact", "euler"]),
+    follower_hz=rate(1e7),
+    highpass_hz=rate(1e6),
+    leak_rate_hz=rate(1e4),
+    parasitic_leak_hz=rate(1e4),
+    shot_noise_rate_hz=rate(1e4),
+    shot_noise_bright=st.floats(0.0, 1.0),
+    shot_noise_law=st.sampled_from(["linear", "inverse"]),
+    noise_rate_cov_decades=st.just(0.0) | st.floats(0.0, 0.5),
+    refractory_period_s=st.just(0.0) | st.floats(1e-6, 0.02),
+    hot_pixel_fraction=st.just(0.0) | st.floats(0.0, 0.5),
+    hot_pixel_rate_hz=rate(1e4),
+    dead_pixel_fraction=st.just(0.0) | st.floats(0.0, 0.5),
+)
+MEANS = st.none() | st.builds(
+    RunningMeanConstants,
+    noise_gain=st.floats(1e-3, 1.0),
+    drift_gain=st.floats(1e-3, 1.0),
+    least_gain=st.floats(1e-3, 1.0),
+    noise_weight=st.floats(1e-3, 64.0),
+)
+TICKS_US = st.lists(st.integers(1, 3000), min_size=1, max_size=3)
 SPECIAL = np.array([np.nan, np.inf, -np.inf, -1, -0.0, 0, 1e-42, -1e-42, 1e-19, 3e38], np.float32)
 
 
@@ -50,23 +89,64 @@ def video(sensor: SensorParameters, ticks: int, seed: int, spoilt: float) -> lis
     return frames
 
 
-@settings(max_examples=60, deadline=None)
-@given(sensor=SENSORS, seed=st.integers(0, 2**32), tick_us=st.integers(1, 3000))
-def test_native_gives_the_oracles_bytes(sensor: SensorParameters, seed: int, tick_us: int) -> None:
-    oracle = ReferenceModel(sensor)
-    expected = oracle.init(seed)
-    models = [PlainModel(sensor, 1, isa) for isa in _core.isa_available()]
-    states = [model.init(seed) for model in models]
-    for k, frame in enumerate(video(sensor, 5, seed, 0.05)):
-        events, expected = oracle.step(frame, expected, k * tick_us, (k + 1) * tick_us)
+def stretches(sensor: SensorParameters, seed: int) -> list[F32]:
+    """Light that mostly stands still for some ticks, so that blocks fall asleep and wake up."""
+    generator = np.random.default_rng(seed)
+    frames = []
+    for frame in video(sensor, 3, seed, 0.02):
+        frames += [frame] * int(generator.integers(1, 8))
+    return frames
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    sensor=WHOLE_PIXELS,
+    mean=MEANS,
+    seed=st.integers(0, 2**64 - 1),
+    t_us=st.integers(-(2**62), 2**62),
+    clock_us=st.just(0) | st.integers(0, 2**51),
+    ticks_us=TICKS_US,
+    gap_us=st.integers(0, 10**9),
+)
+def test_native_gives_the_oracles_bytes(
+    sensor: SensorParameters,
+    mean: RunningMeanConstants | None,
+    seed: int,
+    t_us: int,
+    clock_us: int,
+    ticks_us: list[int],
+    gap_us: int,
+) -> None:
+    """All terms, all instruction sets, some threads; events, their causes and the state."""
+    oracle = ReferenceModel(sensor, average=mean, causes=True)
+    models = [
+        PlainModel(sensor, threads, isa, average=mean, causes=True)
+        for threads, isa in enumerate(_core.isa_available(), 1)
+    ]
+    expected = at_clock(oracle.init(seed), clock_us)
+    states = [at_clock(model.init(seed), clock_us) for model in models]
+    for k, frame in enumerate(stretches(sensor, seed % 2**32)):
+        tick_us = ticks_us[k // 4 % len(ticks_us)]
+        events, expected = oracle.step(frame, expected, t_us, t_us + tick_us)
         for i, model in enumerate(models):
-            ours, states[i] = model.step(frame, states[i], k * tick_us, (k + 1) * tick_us)
+            ours, states[i] = model.step(frame, states[i], t_us, t_us + tick_us)
             assert ours.tobytes() == events.tobytes()
-            assert states[i] == expected
+            assert caught_up(sensor, states[i]) == expected
+        assert all(state == states[0] for state in states)
+        t_us += tick_us + (gap_us if k % 5 == 0 else 0)  # light may be missing for a while
+
+
+def at_clock(state: PlainState, clock_us: int) -> PlainState:
+    """A new sensor whose clock does not begin at 0."""
+    state.clock_us = clock_us
+    for blocks, unit in ((state.due_us, 1), (state.since_us, 1), (state.shot_next, 1024)):
+        if blocks is not None:
+            blocks[:] = clock_us * unit
+    return state
 
 
 @settings(max_examples=60, deadline=None)
-@given(sensor=SENSORS, seed=st.integers(0, 2**32))
+@given(sensor=THRESHOLDS_ONLY, seed=st.integers(0, 2**32))
 def test_events_add_up_to_the_light_within_one_threshold(
     sensor: SensorParameters, seed: int
 ) -> None:

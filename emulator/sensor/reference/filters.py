@@ -15,6 +15,8 @@ from evs.emulator.sensor.reference.light import LN2_HIGH, LN2_LOW
 
 SETTLED = np.float32(80.0)
 """z from which on nothing of the old value is left"""
+FOR_EVER = np.float32(2.0**100)
+"""the largest z"""
 FADED = np.float32(2.0**-64)
 """a filter closer to 0 is 0, log units"""
 NEAR = np.float32(0.25)
@@ -46,15 +48,16 @@ def bandwidth(sensor: SensorParameters, dn: F32, tick_us: int) -> F32:
 def shares(z: F32) -> tuple[F32, F32]:
     """(a, b) of a tick: how far y comes towards where x was, how much of x's line it follows.
 
-    a = 1 - e^-z and b = 1 - a / z, float32 as z.
+    a = 1 - e^-z and b = 1 - a / z, float32 as z; a NaN counts as infinite.
     """
+    most = np.where(z < FOR_EVER, z, FOR_EVER)
     z = np.where(z < SETTLED, z, SETTLED)
     # e^-z - 1 = -z + z^2 / 2 - ..., divided by -z once for a and twice for b
     with np.errstate(under="ignore"):
         near_a = _horner(z, [(-1.0) ** n / math.factorial(n + 1) for n in range(5, -1, -1)]) * z
         near_b = _horner(z, [(-1.0) ** n / math.factorial(n + 2) for n in range(5, -1, -1)]) * z
     far_a = np.float32(1) - exp_minus(z)
-    far_b = np.float32(1) - far_a / np.maximum(z, NEAR)
+    far_b = np.float32(1) - far_a / np.maximum(most, NEAR)
     return np.where(z < NEAR, near_a, far_a), np.where(z < NEAR, near_b, far_b)
 
 
