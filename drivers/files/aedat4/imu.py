@@ -44,6 +44,9 @@ def parse_imu(body: bytes) -> ImuSamples:
     if elements_at is None:
         return empty_imu()
     start, count = flat.vector(elements_at, 4)
+    # a sample takes its place in the list, its stamp, and a link to the layout of its fields
+    if 16 * count > len(body):
+        raise DamageError(f"{count} IMU samples do not fit a buffer of {len(body)} bytes")
     samples = empty_imu(count)
     for row in range(count):
         at = start + 4 * row
