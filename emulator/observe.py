@@ -116,6 +116,11 @@ class Sensor:
         return None if self._packet is None else self._packet.labels
 
     @property
+    def events_dropped(self) -> dict[str, int]:
+        """Events that the readout dropped since the last reset, by cause (empty: it is ideal)."""
+        return self._camera.events_dropped
+
+    @property
     def luminance(self) -> F32:
         """(h, w) float32 linear luminance of the last observe, a copy."""
         return self._camera.luminance

@@ -39,7 +39,7 @@ COLUMNS = {
     "noise in the dark, Hz": ("shot_noise_rate_hz", "{:g}"),
     "refractory, s": ("refractory_period_s", "{:g}"),
     "dark current, lux": ("dark_lux", "{:g}"),
-    "readout": ("readout.mode", "{}"),
+    "readout": ("readout.order", "{}"),
 }
 """column of the table of all sensors -> (what it shows, how)"""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
@@ -126,7 +127,7 @@ def facts(report: Report) -> list[tuple[str, str]]:
         ("wall clock", f"{report.wall_seconds:.3g} s"),
         ("real-time factor", f"{report.real_time_factor:.3g}"),
         ("events", f"{report.events:,} ({_si(rate)} events per simulated second)"),
-        ("events dropped", f"{report.events_dropped:,}"),
+        ("events dropped", _dropped(report)),
         ("packets", f"{report.packets:,}"),
         ("physics", report.substeps),
         ("pixels traced", f"{100 * report.traced_fraction:.3g} %"),
@@ -137,6 +138,18 @@ def facts(report: Report) -> list[tuple[str, str]]:
         told = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in known.items())
         lines.append((str(said.get("type", "sink")), told))
     return lines
+
+
+def _dropped(report: Report) -> str:
+    """How many events were lost, and why: the readouts' causes, the most frequent first."""
+    causes = Counter[str]()
+    for camera in report.cameras:
+        causes.update(camera.get("events_dropped", {}))
+    queues = report.events_dropped - causes.total()
+    if queues > 0:
+        causes["a sink's queue"] = queues
+    told = ", ".join(f"{cause} {count:,}" for cause, count in causes.most_common() if count)
+    return f"{report.events_dropped:,}" + (f" ({told})" if told else "")
 
 
 def _facts(report: Report) -> Table:

@@ -42,6 +42,8 @@ class Report:
     """events that left the sensors"""
     events_dropped: int = 0
     """events that a readout or a sink's full queue lost"""
+    events_waiting: int = 0
+    """events that were still on their way through a readout at the end"""
     stage_ms: dict[str, StageTime] = field(default_factory=dict)
     """STAGES -> ms per tick, all cameras together; waiting for the pace belongs to none"""
     traced_fraction: float = 0.0

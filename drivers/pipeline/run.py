@@ -37,6 +37,14 @@ class RunCamera(Protocol):
         """How often a value had to be clamped or replaced so far."""
 
     @property
+    def events_dropped(self) -> Mapping[str, int]:
+        """Events that its readout dropped so far, by cause; empty where it drops none."""
+
+    @property
+    def events_waiting(self) -> int:
+        """Events that are still on their way through its readout."""
+
+    @property
     def is_dark(self) -> bool:
         """Whether nothing was lit in the last tick."""
 
@@ -287,6 +295,7 @@ class _Loop:
 
     def report(self, infos: Sequence[StreamInfo], config: Mapping[str, Any]) -> Report:
         known = {k: v for info in infos for k, v in info.versions.items()}
+        cameras = self.world.cameras
         return Report(
             ended=self.ended,
             real_time_factor=self.sim_seconds / self.wall_seconds if self.wall_seconds else 0.0,
@@ -295,13 +304,15 @@ class _Loop:
             wall_seconds=self.wall_seconds,
             packets=self.packets,
             events=sum(self.events.values()),
-            events_dropped=sum(int(said.get("events_dropped", 0)) for said in self.said),
+            events_dropped=sum(int(said.get("events_dropped", 0)) for said in self.said)
+            + sum(sum(camera.events_dropped.values()) for camera in cameras),
+            events_waiting=sum(camera.events_waiting for camera in cameras),
             stage_ms=self.watch.stage_ms(STAGES),
             traced_fraction=self.traced / self.done if self.done else 0.0,
-            clamps=sum(camera.clamps for camera in self.world.cameras),
+            clamps=sum(camera.clamps for camera in cameras),
             seed=infos[0].seed if infos else 0,
             substeps=str(self.world.substeps),
-            cameras=[_camera(info, self.events.get(info.camera, 0)) for info in infos],
+            cameras=[_camera(camera, self.events) for camera in cameras],
             sinks=self.said,
             warnings=self.warnings,
             versions={**versions(), **known},
@@ -309,7 +320,8 @@ class _Loop:
         )
 
 
-def _camera(info: StreamInfo, events: int) -> dict[str, Any]:
+def _camera(camera: RunCamera, events: Mapping[str, int]) -> dict[str, Any]:
+    info = camera.info
     return {
         "name": info.camera,
         "sensor": info.sensor,
@@ -317,7 +329,9 @@ def _camera(info: StreamInfo, events: int) -> dict[str, Any]:
         "width": info.width,
         "height": info.height,
         "tick_us": info.tick_us,
-        "events": events,
+        "events": events.get(info.camera, 0),
+        "events_dropped": dict(camera.events_dropped),
+        "events_waiting": camera.events_waiting,
         "camera_info": info.camera_info,
     }
 

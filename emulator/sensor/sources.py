@@ -19,7 +19,7 @@ class Sources:
     about: str
     """the comment at its head"""
     of: dict[str, str]
-    """key, dotted for one inside a table (`readout.mode`) -> where its value comes from; "" where
+    """key, dotted for one inside a table (`readout.order`) -> where its value comes from; "" where
     the file does not tell"""
 
 

@@ -28,6 +28,8 @@ class FakeCamera:
         self.traced_fraction = 0.25
         self.is_dark = dark
         self.clamps = 3
+        self.events_dropped: dict[str, int] = {}
+        self.events_waiting = 0
         self.frames: tuple[Frame, ...] = ()
         self.imu_packet: ImuPacket | None = None
 
@@ -144,6 +146,21 @@ def test_a_whole_run() -> None:
     assert moved[-1].events == 84
     assert seen[0] == (1, 1000, 2)
     assert seen[-1] == (21, 21000, 2)
+
+
+def test_what_a_readout_drops_is_in_the_report() -> None:
+    world, sink = FakeWorld("ab"), FakeSink("file", [])
+    world.cameras[0].events_dropped = {"roi": 0, "fifo": 40}
+    world.cameras[0].events_waiting = 3
+    world.cameras[1].events_dropped = {"roi": 2, "fifo": 5}
+    report = run(world, [sink], 0.005)
+    # one more is the sink's own
+    assert (report.events_dropped, report.events_waiting) == (48, 3)
+    assert [camera["events_dropped"] for camera in report.cameras] == [
+        {"roi": 0, "fifo": 40},
+        {"roi": 2, "fifo": 5},
+    ]
+    assert [camera["events_waiting"] for camera in report.cameras] == [3, 0]
 
 
 def test_the_report_has_the_fields_of_the_design_and_is_json() -> None:

@@ -7,6 +7,7 @@ import pty
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,19 @@ def test_the_summary_in_a_pipe_is_plain_lines(capsys: pytest.CaptureFixture[str]
     assert "zmq               packets sent 1999, address tcp://[::1]:5" in lines
     assert lines[-1] == "  evs view [a].aedat4"
     assert "\x1b" not in told
+
+
+def test_drops_are_told_with_their_causes_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    terminal.summary(REPORT)
+    assert "events dropped    0" in capsys.readouterr().out.splitlines()
+    cameras = [
+        {"events_dropped": {"roi": 7, "erc": 0, "fifo": 1000}},
+        {"events_dropped": {"roi": 5}},
+    ]
+    terminal.summary(replace(REPORT, events_dropped=1022, cameras=cameras))
+    assert "events dropped    1,022 (fifo 1,000, roi 12, a sink's queue 10)" in (
+        capsys.readouterr().out.splitlines()
+    )
 
 
 def test_quiet_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,506 @@
+"""The readout by hand: each part of it on events whose fate is plain to see."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evs.emulator.config import ReadoutConfig, SensorConfig
+from evs.emulator.sensor import (
+    Readout,
+    ReadoutParameters,
+    ReadoutState,
+    SensorParameters,
+    make_readout,
+    resolve_sensor,
+)
+from evs.msgs import Events, EvsError, clean_events, empty_events, make_events
+
+Rows = list[tuple[int, int, int, int]]
+
+
+def sensor_of(
+    latency_us: float = 0.0, latency_sigma_us: float = 0.0, **readout
+) -> SensorParameters:
+    return SensorParameters(
+        "test",
+        64,
+        48,
+        0.2,
+        0.2,
+        latency_us=latency_us,
+        latency_sigma_us=latency_sigma_us,
+        readout=ReadoutParameters(**readout),
+    )
+
+
+def run(
+    sensor: SensorParameters, rows: Rows, *ends_us: int, seed: int = 0
+) -> tuple[list[Rows], ReadoutState]:
+    """(t, x, y, p) that come out of each tick; ticks begin at 0."""
+    readout, begin_us, found = Readout(sensor), 0, []
+    state = readout.init(seed)
+    for end_us in ends_us:
+        inside = [row for row in rows if begin_us < row[0] <= end_us]
+        events = make_events(*zip(*inside, strict=True)) if inside else empty_events()
+        out, state = readout.step(events, state, begin_us, end_us)
+        found.append(out.tolist())
+        begin_us = end_us
+    return found, state
+
+
+def test_an_ideal_readout_is_not_there() -> None:
+    assert make_readout(sensor_of()) is None
+    assert make_readout(sensor_of(row_ns=5, scan_us=7, fifo=3, erc_drop="row")) is None
+    assert resolve_sensor(SensorConfig("ideal")).readout.is_ideal
+    for part in (
+        {"order": "scan"},
+        {"order": "arbiter"},
+        {"erc_rate_mevs": 1.0},
+        {"bandwidth_mevs": 1.0},
+        {"roi": (0, 0, 1, 1)},
+        {"mask": (0, 0)},
+        {"mask_file": "x"},
+        {"latency_us": 1.0},
+        {"latency_sigma_us": 1.0},
+    ):
+        if "mask_file" not in part:
+            assert isinstance(make_readout(sensor_of(**part)), Readout)
+        else:
+            assert not sensor_of(**part).readout.is_ideal
+
+
+def test_region_and_mask() -> None:
+    rows = [(1, x, y, 1) for y in range(48) for x in range(64)]
+    sensor = sensor_of(roi=(10, 5, 4, 3, 60, 40, 4, 8), mask=(11, 6, 0, 0, 63, 47))
+    (out,), state = run(sensor, rows, 1000)
+    inside = {(x, y) for x in range(10, 14) for y in range(5, 8)}
+    inside |= {(x, y) for x in range(60, 64) for y in range(40, 48)}
+    assert {row[1:3] for row in out} == inside - {(11, 6), (63, 47)}
+    # a masked pixel outside the region is outside the region
+    assert state.dropped == {
+        "roi": 64 * 48 - 44, "mask": 2, "busy": 0, "scan": 0, "erc": 0, "fifo": 0,
+    }  # fmt: skip
+
+
+def test_a_mask_from_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "hot.txt"
+    path.write_text("# hot pixels\n3 4\n\n5,6   # another\n")
+    rows = [(1, 3, 4, 1), (1, 5, 6, 0), (1, 6, 5, 0)]
+    (out,), state = run(sensor_of(mask_file=str(path)), rows, 10)
+    assert out == [(1, 6, 5, 0)]
+    assert state.dropped["mask"] == 2
+    for text, said in (
+        ("3 4 5\n", "line 1: give x y of a pixel"),
+        ("1 1\n-1 2\n", "line 2: give x y of a pixel"),
+        ("1 1\n64 0\n", "line 2: pixel 64 0 is not on the 64 x 48 sensor"),
+    ):
+        path.write_text(text)
+        with pytest.raises(EvsError, match=said):
+            Readout(sensor_of(mask_file=str(path)))
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(EvsError, match="is not text"):
+        Readout(sensor_of(mask_file=str(path)))
+    with pytest.raises(EvsError, match="no mask file"):
+        Readout(sensor_of(mask_file=str(tmp_path / "none.txt")))
+    with pytest.raises(EvsError, match="cannot read mask file"):
+        Readout(sensor_of(mask_file=str(tmp_path)))
+
+
+def test_a_region_or_a_pixel_off_the_sensor_is_refused() -> None:
+    for roi in ((0, 0, 65, 1), (60, 0, 5, 1), (0, 47, 1, 2), (-1, 0, 2, 2), (0, 0, 0, 1)):
+        with pytest.raises(EvsError, match=r"roi .* does not lie on the 64 x 48 sensor"):
+            Readout(sensor_of(roi=roi))
+    with pytest.raises(EvsError, match="pixel 0 48 is not on the 64 x 48 sensor"):
+        Readout(sensor_of(mask=(0, 48)))
+
+
+def test_latency_moves_events_into_the_tick_they_belong_to() -> None:
+    rows = [(990, 1, 1, 1), (1000, 2, 2, 0), (1001, 3, 3, 1)]
+    found, state = run(sensor_of(latency_us=10.5), rows, 1000, 1010, 1011, 1012)
+    # 1000.5, 1010.5 and 1011.5 us, rounded up
+    assert found == [[], [(1001, 1, 1, 1)], [(1011, 2, 2, 0)], [(1012, 3, 3, 1)]]
+    assert state.count_waiting == 0
+
+
+@pytest.mark.statistical
+def test_latency_has_its_mean_and_spread_and_follows_seed_pixel_time_polarity() -> None:
+    count = 40_000
+    t = np.sort(np.random.default_rng(1).integers(1, 10**6, count))
+    x, y = np.arange(count) % 64, np.arange(count) // 64 % 48
+
+    def late(seed: int, p: int, shift: int = 0) -> np.ndarray:
+        readout = Readout(sensor_of(latency_us=200.0, latency_sigma_us=20.0))
+        events = make_events(t, (x + shift) % 64, y, np.full(count, p))
+        out, state = readout.step(events, readout.init(seed), 0, 1_001_000)
+        assert state.count_waiting == 0
+        # every event once: by pixel and order, which overtaking within a pixel does not change
+        order = np.lexsort((out["t"], (out["x"] - shift) % 64, out["y"]))
+        began = np.lexsort((t, x, y))
+        late_us = np.zeros(count)
+        late_us[began] = out["t"][order] - t[began]
+        return late_us
+
+    one = late(1, 1)
+    # rounding up adds half a us; a few of 40,000 exchange places, which leaves the mean
+    assert abs(one.mean() - 200.5) < 5 * 20.0 / math.sqrt(count)
+    assert abs(one.std() / 20.0 - 1.0) < 5 / math.sqrt(2 * count) + 0.005
+    assert np.array_equal(one, late(1 + 2**64, 1))
+    for other in (late(2, 1), late(1, 0), late(1, 1, shift=1)):
+        assert abs(np.corrcoef(one, other)[0, 1]) < 5 / math.sqrt(count)
+
+
+def test_no_latency_is_below_zero() -> None:
+    rows = [(t, t % 64, t % 48, 1) for t in range(1, 1001)]
+    found, state = run(sensor_of(latency_us=1.0, latency_sigma_us=50.0), rows, 1000, 2000)
+    out = found[0] + found[1]
+    assert len(out) == 1000
+    assert state.count_waiting == 0
+    began = {(row[1], row[2]): row[0] for row in rows if row[0] <= 64}
+    late = [row[0] - began[row[1:3]] for row in out if row[0] < 60 and row[1:3] in began]
+    assert min(late) == 0
+
+
+def test_the_arbiter_serves_row_after_row() -> None:
+    rows = [(1, 9, 5, 1), (1, 3, 5, 0), (1, 7, 2, 1), (2, 8, 5, 1), (4, 0, 0, 1)]
+    sensor = sensor_of(order="arbiter", row_ns=1500, column_ns=1000)
+    # row 2: 1.0 us, latched at 2.5 and sent by 3.5; row 5 latched at 5.0 with what came meanwhile
+    # and sent by 8.0; row 0 latched at 9.5
+    (out,), _ = run(sensor, rows, 1000)
+    assert out == [(3, 7, 2, 1), (5, 3, 5, 0), (5, 8, 5, 1), (5, 9, 5, 1), (10, 0, 0, 1)]
+    # the same in ticks of a us
+    found, state = run(sensor, rows, *range(1, 12))
+    assert [row for rows in found for row in rows] == out
+    assert state.count_waiting == 0
+
+
+def test_a_pixel_that_waits_for_the_arbiter_is_blind() -> None:
+    rows = [(1, 3, 3, 1), (2, 3, 3, 0), (3, 3, 3, 0), (5, 3, 3, 1)]
+    (out,), state = run(sensor_of(order="arbiter", row_ns=2000), rows, 100)
+    # latched at 3.0 us; that of 5 us asks anew
+    assert out == [(3, 3, 3, 1), (7, 3, 3, 1)]
+    assert state.dropped["busy"] == 2
+
+
+def test_the_arbiter_starves_no_row() -> None:
+    # two rows ask without end, the third only once
+    rows = sorted((t, x, y, 1) for t in range(1, 400) for x in range(4) for y in (10, 11))
+    rows.append((400, 0, 40, 1))
+    (out,), _ = run(sensor_of(order="arbiter", row_ns=400, column_ns=300), sorted(rows), 500)
+    last = next(row for row in out if row[2] == 40)
+    assert last[0] <= 400 + 2 * 2 + 2  # two accesses of 4 columns, 1.6 us each, and its own
+
+
+def test_jitter_of_the_arbiter_has_its_spread_and_follows_the_seed() -> None:
+    rows = [(20 * k, k % 64, k % 48, 1) for k in range(1, 2001)]
+    sensor = sensor_of(order="arbiter", row_ns=9500, jitter_ns=1000.0)
+    stamps = [np.array([row[0] for row in run(sensor, rows, 41_000, seed=s)[0][0]]) for s in (0, 1)]
+    late = stamps[0] - np.array([row[0] for row in rows])
+    # the mean of 9.5 us rounded up is 10 us; sigma of a rounded normal is sqrt(1 + 1 / 12) us
+    sigma = math.sqrt(1 + 1 / 12)
+    assert abs(late.mean() - 10.0) < 5 * sigma / math.sqrt(len(late))
+    assert abs(late.std() / sigma - 1) < 5 / math.sqrt(2 * len(late))
+    assert (stamps[0] != stamps[1]).any()
+
+
+def test_the_scan_gives_one_event_a_pixel_at_its_multiples() -> None:
+    rows = [(199, 5, 5, 1), (199, 6, 2, 0), (200, 5, 5, 0), (201, 5, 5, 0), (950, 1, 1, 1)]
+    found, state = run(sensor_of(order="scan", scan_us=200), rows, 300, 1000)
+    # (5, 5)'s first event counts; row 2 comes before row 5
+    assert found == [[(200, 6, 2, 0), (200, 5, 5, 1)], [(400, 5, 5, 0), (1000, 1, 1, 1)]]
+    assert state.dropped["scan"] == 1
+
+
+def test_scan_stamps_of_a_storm_are_multiples_also_before_time_zero() -> None:
+    generator = np.random.default_rng(3)
+    t = np.sort(generator.integers(-4999, 5001, 50_000))
+    events = make_events(
+        t, generator.integers(0, 64, 50_000), generator.integers(0, 48, 50_000), t % 2
+    )
+    readout = Readout(sensor_of(order="scan", scan_us=130))
+    out, state = readout.step(events, readout.init(0), -5000, 5000)
+    assert (out["t"] % 130 == 0).all()
+    places = np.stack([out["t"], out["y"], out["x"]])
+    # in order, and each pixel once a scan
+    assert (np.diff(np.ravel_multi_index(places + [[5000], [0], [0]], (10_001, 48, 64))) > 0).all()
+    assert len(out) + state.dropped["scan"] + state.count_waiting == 50_000
+
+
+@pytest.mark.parametrize("drop", ["time", "row", "column"])
+def test_rate_control_lets_no_more_than_its_target_through(drop: str) -> None:
+    generator = np.random.default_rng(5)
+    sensor = sensor_of(erc_rate_mevs=1.5, erc_period_us=100, erc_drop=drop)
+    t = np.sort(generator.integers(1, 20_001, 100_000))  # 5 Mev/s
+    events = make_events(t, generator.integers(0, 64, len(t)), generator.integers(0, 48, len(t)), 1)
+    readout = Readout(sensor)
+    out, state = readout.step(events, readout.init(0), 0, 20_000)
+    periods = np.bincount((out["t"] - 1) // 100, minlength=200)
+    assert periods.max() <= 150
+    # and little less: whole lines are 1 of 32, and what comes varies by sqrt(500)
+    assert periods[1:].mean() > {"time": 140, "row": 125, "column": 125}[drop]
+    assert len(out) + state.dropped["erc"] == len(t)
+    if drop == "time":
+        # evenly over the period: the last tenth of it is not empty
+        assert ((out["t"][out["t"] > 100] - 1) % 100 >= 90).mean() > 0.05
+    else:
+        lines = np.unique((out["y"] if drop == "row" else out["x"])[out["t"] > 100])
+        assert len(lines) < {"row": 48, "column": 64}[drop]
+
+
+def test_rate_control_leaves_a_quiet_stream_alone() -> None:
+    rows = [(t, t % 64, t % 48, 1) for t in range(1, 2001)]  # 1 Mev/s
+    (out,), state = run(sensor_of(erc_rate_mevs=1.0, erc_period_us=200), rows, 2000)
+    assert out == rows
+    assert sum(state.dropped.values()) == 0
+
+
+def test_the_link_delays_and_its_fifo_is_bounded() -> None:
+    rows = [(10, x, y, 1) for y in range(2) for x in range(50)]
+    sensor = sensor_of(bandwidth_mevs=0.5, fifo=20)
+    # one leaves at once, twenty wait 2 us more each
+    found, state = run(sensor, rows, 30, 1000)
+    assert [row[0] for row in found[0]] == list(range(10, 31, 2))
+    assert [row[0] for row in found[1]] == list(range(32, 51, 2))
+    assert state.dropped["fifo"] == 79
+    assert state.count_waiting == 0
+
+
+def test_a_link_may_stamp_before_it_waits() -> None:
+    rows = [(10, x, 0, 1) for x in range(50)] + [(30, 0, 1, 0)]
+    sensor = sensor_of(bandwidth_mevs=0.5, fifo=20, stamp="read")
+    (out,), state = run(sensor, rows, 1000)
+    # at 30 us ten have left after the first, so there is a place again
+    assert [row[0] for row in out] == [10] * 21 + [30]
+    assert state.dropped["fifo"] == 29
+
+
+def test_no_window_of_the_link_has_more_than_its_rate() -> None:
+    generator = np.random.default_rng(7)
+    t = np.sort(generator.integers(1, 50_001, 60_000))
+    events = make_events(t, t % 64, t % 48, 1)
+    readout = Readout(sensor_of(bandwidth_mevs=0.37, fifo=3000))
+    state, parts, longest = readout.init(0), [], 0
+    for k in range(60):
+        inside = events[(t > 1000 * k) & (t <= 1000 * (k + 1))]
+        out, state = readout.step(inside, state, 1000 * k, 1000 * (k + 1))
+        longest = max(longest, state.count_waiting)
+        parts.append(out["t"])
+    out = np.concatenate(parts)
+    assert longest == 3000
+    assert state.dropped["fifo"] > 0
+    for window in (1, 10, 1000):
+        ends = np.searchsorted(out, out + window)
+        assert (ends - np.arange(len(out))).max() <= math.ceil(0.37 * window) + 1
+
+
+def test_causes_travel_with_their_events() -> None:
+    events = make_events([1, 1, 2, 3], [1, 1, 2, 3], [9, 9, 9, 3], [1, 0, 0, 1])
+    events.view(np.uint8).reshape(-1, 16)[:, 13] = [1, 2, 3, 4]
+    sensor = sensor_of(
+        latency_us=5.0, order="arbiter", row_ns=700, column_ns=100, bandwidth_mevs=0.01
+    )
+    readout = Readout(sensor)
+    out, state = readout.step(events, readout.init(0), 0, 5)
+    assert len(out) == 0
+    out, state = readout.step(empty_events(), ReadoutState.restore(state.save()), 5, 1000)
+    causes = out.view(np.uint8).reshape(-1, 16)[:, 13]
+    assert sorted(zip(out["x"].tolist(), causes.tolist(), strict=True)) == [(1, 1), (2, 3), (3, 4)]
+    assert state.dropped["busy"] == 1
+    assert not clean_events(out).view(np.uint8).reshape(-1, 16)[:, 13:].any()
+
+
+def test_events_in_another_layout() -> None:
+    events = make_events(range(1, 9), range(8), range(8), [1] * 8)
+    readout = Readout(sensor_of(order="scan"))
+    out, _ = readout.step(events[::2], readout.init(0), 0, 200)
+    assert out["x"].tolist() == [0, 2, 4, 6]
+    packed = np.zeros(8, [("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("p", "i1")])
+    for name in ("t", "x", "y", "p"):
+        packed[name] = events[name]
+    out, _ = readout.step(packed, readout.init(0), 0, 200)
+    assert len(out) == 8
+
+
+def test_a_state_is_a_value() -> None:
+    sensor = sensor_of(order="arbiter", row_ns=1000, latency_us=3.0, bandwidth_mevs=0.1)
+    readout = Readout(sensor)
+    events = make_events(range(1, 41), range(40), range(40), [1] * 40)
+    _, state = readout.step(events, readout.init(-1), 0, 40)
+    kept = state.copy()
+    assert kept == state == ReadoutState.restore(state.save())
+    assert kept.count_waiting > 10
+    readout.step(empty_events(), state, 40, 60)
+    assert kept != state
+    assert kept != "state"
+    assert readout.init(-1) == readout.init(2**64 - 1) != readout.init(0)
+
+
+def test_damaged_states_are_refused() -> None:
+    readout = Readout(sensor_of(order="arbiter", row_ns=1000))
+    events = make_events([1, 2], [3, 4], [5, 6], [1, 0])
+    _, state = readout.step(events, readout.init(0), 0, 2)
+    saved = state.save()
+    with pytest.raises(EvsError, match="lacks 'due_ns'"):
+        ReadoutState.restore({k: v for k, v in saved.items() if k != "due_ns"})
+    for name, value in (
+        ("clock", saved["clock"][:-1]),
+        ("due_ns", saved["due_ns"][:-1]),
+        ("waiting", saved["waiting"][:-1]),
+        ("clock", saved["clock"] + 1),
+    ):
+        with pytest.raises(EvsError, match="is damaged"):
+            ReadoutState.restore(saved | {name: value})
+    # fits, but not this sensor
+    saved["waiting"].view(np.int16)[5] = 400
+    with pytest.raises(EvsError, match="not on the sensor"):
+        readout.step(empty_events(), ReadoutState.restore(saved), 2, 4)
+
+
+def test_bad_steps_are_refused_and_change_nothing() -> None:
+    readout = Readout(sensor_of(bandwidth_mevs=0.01))
+    state = readout.init(0)
+    good = make_events([5, 6], [1, 2], [3, 4], [1, 0])
+
+    def refused(events: Events, begin_us: int, end_us: int, said: str) -> None:
+        before = state.copy()
+        with pytest.raises(EvsError, match=said):
+            readout.step(events, state, begin_us, end_us)
+        assert state == before
+
+    refused(good, 10, 10, "does not go forward")
+    refused(good, 5, 10, "not sorted or before the tick")
+    refused(good, 0, 5, "after the tick")
+    refused(good[::-1], 0, 10, "not sorted")
+    refused(make_events([5], [64], [0], [1]), 0, 10, "not on the sensor")
+    refused(make_events([5], [0], [-1], [1]), 0, 10, "not on the sensor")
+    refused(empty_events(), 0, 2**52 + 1, "beyond")
+    refused(empty_events(), -(2**60), 0, "beyond")
+    _, state = readout.step(good, state, 0, 10)
+    refused(empty_events(), 11, 20, "does not follow the last, which ended at 10 us")
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"order": "rolling"}, r"no order of readout \(sensor.readout.order\) 'rolling'; there is"),
+        ({"erc_drop": "rows"}, "there is: row"),
+        ({"stamp": "red"}, "there is: read"),
+        ({"row_ns": -1}, "sensor.readout.row_ns is -1; give 0 ... 1000000000"),
+        ({"column_ns": 1.5}, "sensor.readout.column_ns is 1.5; give a whole number"),
+        ({"fifo": 0}, "sensor.readout.fifo is 0; give 1"),
+        ({"fifo": True}, "sensor.readout.fifo is True"),
+        ({"scan_us": 0}, "sensor.readout.scan_us is 0"),
+        ({"jitter_ns": math.nan}, "sensor.readout.jitter_ns is nan"),
+        ({"jitter_ns": "1"}, "sensor.readout.jitter_ns is '1'; give a number"),
+        ({"bandwidth_mevs": -1.0}, "sensor.readout.bandwidth_mevs is -1"),
+        ({"bandwidth_mevs": math.inf}, "sensor.readout.bandwidth_mevs is inf"),
+        ({"bandwidth_mevs": 1e-9}, "give 0 .unlimited. or 1e-06"),
+        ({"erc_rate_mevs": 0.001}, "not one event each 200 us"),
+        ({"erc_period_us": 0}, "sensor.readout.erc_period_us is 0"),
+        ({"roi": (1, 2, 3)}, "sensor.readout.roi has 3 numbers; give x y width height"),
+        ({"mask": (1,)}, "sensor.readout.mask has 1 numbers; give x y, and again"),
+        ({"mask": (1, 2.0)}, "sensor.readout.mask is .1, 2.0.; give whole numbers"),
+        ({"roi": 4}, "sensor.readout.roi is 4; give whole numbers"),
+        ({"mask_file": 4}, "sensor.readout.mask_file is 4; give a file"),
+    ],
+)
+def test_senseless_values(keys: dict[str, object], said: str) -> None:
+    with pytest.raises(EvsError, match=said) as error:
+        ReadoutParameters(**keys)  # type: ignore[arg-type]
+    assert "\n" not in str(error.value)
+
+
+def test_senseless_latencies() -> None:
+    for keys in ({"latency_us": -1.0}, {"latency_sigma_us": math.nan}, {"latency_us": 1e7}):
+        with pytest.raises(EvsError, match=r"sensor\.latency_"):
+            sensor_of(**keys)
+
+
+def test_a_readout_from_a_sensor_file_and_the_configuration(tmp_path: Path) -> None:
+    (tmp_path / "hot.txt").write_text("1 2\n")
+    path = tmp_path / "chip.toml"
+    path.write_text(
+        "width = 20\nheight = 10\npos_thres = 0.3\nneg_thres = 0.4\nlatency_us = 20\n"
+        '[readout]\norder = "arbiter"\nrow_ns = 500\nroi = [1, 2, 3, 4]\nmask_file = "hot.txt"\n'
+    )
+    config = SensorConfig(str(path), readout=ReadoutConfig(row_ns=600, bandwidth_mevs=12.0))
+    sensor = resolve_sensor(config)
+    assert sensor.latency_us == 20
+    assert sensor.readout == ReadoutParameters(
+        order="arbiter",
+        row_ns=600,
+        bandwidth_mevs=12.0,
+        roi=(1, 2, 3, 4),
+        mask_file=str(tmp_path / "hot.txt"),
+    )
+    path.write_text(path.read_text().replace("order", "ordre"))
+    with pytest.raises(
+        EvsError, match=r"no key of sensor file .* 'readout.ordre'; there is: readout"
+    ):
+        resolve_sensor(config)
+
+
+def test_targets_are_whole_in_decimal() -> None:
+    assert ReadoutParameters(erc_rate_mevs=0.29, erc_period_us=100).erc_target == 29
+    assert ReadoutParameters(erc_rate_mevs=20.0).erc_target == 4000
+    assert ReadoutParameters(bandwidth_mevs=0.1).link_rate == 100_000
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"roi": (0, 0, 60, 40)},
+        {"order": "arbiter", "row_ns": 2, "column_ns": 1},
+        {"order": "scan"},
+        {"erc_rate_mevs": 100.0},
+        {"bandwidth_mevs": 165.0, "latency_us": 10.0, "latency_sigma_us": 5.0},
+    ],
+    ids=lambda keys: "-".join(keys),
+)
+def test_a_million_events_in_a_tick_take_no_seconds(keys: dict[str, object]) -> None:
+    count = 1_000_000
+    t = np.arange(count) // 1000 + 1
+    events = make_events(t, np.arange(count) % 64, np.arange(count) // 64 % 48, 1)
+    readout = Readout(sensor_of(**keys))
+    state = readout.init(0)
+    start_s = time.process_time()
+    out, state = readout.step(events, state, 0, 1000)
+    assert time.process_time() - start_s < 1.0
+    assert len(out) + state.count_waiting + sum(state.dropped.values()) == count
+
+
+def test_it_works_at_the_edges_of_time_and_of_its_settings() -> None:
+    sensor = sensor_of(
+        latency_us=1e6,
+        latency_sigma_us=1e6,
+        order="arbiter",
+        row_ns=10**9,
+        column_ns=10**9,
+        jitter_ns=1e9,
+        bandwidth_mevs=1e-6,
+        fifo=2**31,
+        erc_rate_mevs=8000.0,
+        erc_period_us=10**6,
+    )
+    for begin_us in (-(2**52), 2**52 - 3000):
+        readout = Readout(sensor)
+        t = begin_us + np.arange(1, 2001)
+        state = readout.init(0)
+        out, state = readout.step(
+            make_events(t, t % 64, t % 48, 1), state, begin_us, begin_us + 2500
+        )
+        went = len(out)
+        if begin_us < 0:
+            # the arbiter takes seconds an event, the link one second
+            for k in range(40):
+                base_us = begin_us + 2500 + k * 10**6
+                out, state = readout.step(empty_events(), state, base_us, base_us + 10**6)
+                assert ((out["t"] > base_us) & (out["t"] <= base_us + 10**6)).all()
+                assert len(out) <= 1
+                went += len(out)
+            assert went > 2
+        assert went + state.count_waiting + sum(state.dropped.values()) == 2000
