@@ -23,6 +23,9 @@ from evs.emulator.sensor.random import Term, indexed_normals
 from evs.emulator.sensor.schedule import first_from, stamp_us
 from evs.msgs import EvsError, Frame
 
+MAX_FRAMES = 1000
+"""Most frames that may begin in one tick: they all lie in memory."""
+
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
@@ -129,7 +132,8 @@ class Aps:
 
         In: luminance (h, w) float32, linear, as at t_end_us. The first tick only says what the
         light is; the first frame begins at or after its end. Light that is negative, NaN or Inf
-        leaves the pixel at its last value.
+        leaves the pixel at its last value. Raises EvsError: wrong shape, a tick that does not go
+        forward or has too many frames.
         """
         if np.shape(luminance) != self._shape:
             raise EvsError(
@@ -145,6 +149,12 @@ class Aps:
         if state.next_index is None:
             return (), replace(state, luminance=now, next_index=first_from(t_end_us, rate_hz))
 
+        coming = first_from(t_end_us, rate_hz) - state.next_index
+        if coming > MAX_FRAMES:
+            raise EvsError(
+                f"{coming} frames in the tick ({t_begin_us}, {t_end_us}] us, over {MAX_FRAMES}: "
+                "use shorter ticks, or a lower sensor.aps.rate_hz"
+            )
         frames: list[Frame] = []
         still: list[Exposure] = []
         pending, following = list(state.open), state.next_index

@@ -29,6 +29,9 @@ from evs.emulator.sensor.rotation import dot, rotation_vector
 from evs.emulator.sensor.schedule import first_from, stamp_us
 from evs.msgs import DEGREE, STANDARD_GRAVITY, EvsError, ImuSamples, empty_imu
 
+MAX_SAMPLES = 1_000_000
+"""Most samples in one tick: they all lie in memory."""
+
 _UNITS = (STANDARD_GRAVITY, DEGREE)
 _NOISES = Term.ACCELEROMETER_NOISE, Term.GYROSCOPE_NOISE
 _WALKS = Term.ACCELEROMETER_WALK, Term.GYROSCOPE_WALK
@@ -114,7 +117,7 @@ class Imu:
         """The samples due after the motion known before, up to the instant before this one.
 
         In: pose at t_us; gravity (3,) m/s^2, in the world. The first two instants give none.
-        Raises EvsError where time does not go forward.
+        Raises EvsError where time does not go forward, or by too much at once.
         """
         instant = np.array([float(t_us), *pose.pos, *pose.mat])
         if len(state.poses) and t_us <= state.poses[-1, 0]:
@@ -131,6 +134,11 @@ class Imu:
             state = replace(state, motion=motion[np.newaxis], next_index=first)
         before = state.motion[0]
         after_last = first_from(known_us + 1, rate_hz)
+        if after_last - state.next_index > MAX_SAMPLES:
+            raise EvsError(
+                f"{after_last - state.next_index} IMU samples in one tick, over {MAX_SAMPLES}: "
+                "use shorter ticks, or a lower sensor.imu.rate_hz"
+            )
         index = np.arange(state.next_index, after_last)
         state = replace(state, motion=motion[np.newaxis], next_index=after_last)
         samples = empty_imu(len(index))

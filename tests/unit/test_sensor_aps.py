@@ -359,5 +359,8 @@ def test_bad_light_and_ticks_are_refused() -> None:
         stage.step(np.zeros((4, 3), np.float32), stage.init(0), 0, 1)
     with pytest.raises(EvsError, match="does not go forward"):
         stage.step(np.zeros((3, 4), np.float32), stage.init(0), 5, 5)
+    _, state = stage.step(np.zeros((3, 4), np.float32), stage.init(0), -1, 0)
+    with pytest.raises(EvsError, match=r"2001 frames in the tick .* use shorter ticks"):
+        stage.step(np.zeros((3, 4), np.float32), state, 0, 100_000_001)
     with pytest.raises(EvsError, match="lacks 'taken'"):
         ApsState.restore({k: v for k, v in stage.init(0).save().items() if k != "taken"})

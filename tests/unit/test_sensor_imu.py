@@ -334,6 +334,9 @@ def test_time_that_stands_still_and_damaged_states_are_refused() -> None:
     _, state = imu.step(CameraPose(np.zeros(3), UPRIGHT.ravel()), G, imu.init(0), 1000)
     with pytest.raises(EvsError, match="time went from 1000 us to 1000 us"):
         imu.step(CameraPose(np.zeros(3), UPRIGHT.ravel()), G, state, 1000)
+    far = Imu(replace(IDEAL, rate_hz=1e5))
+    with pytest.raises(EvsError, match="9999900 IMU samples in one tick"):
+        felt(far.parameters, lambda _: (np.zeros(3), UPRIGHT), [0, 1000, 100_000_000, 100_001_000])
     with pytest.raises(EvsError, match="lacks 'walk'"):
         ImuState.restore({k: v for k, v in state.save().items() if k != "walk"})
     with pytest.raises(EvsError, match="other shapes"):
