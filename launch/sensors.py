@@ -39,7 +39,7 @@ COLUMNS = {
     "noise in the dark, Hz": ("shot_noise_rate_hz", "{:g}"),
     "refractory, s": ("refractory_period_s", "{:g}"),
     "dark current, lux": ("dark_lux", "{:g}"),
-    "readout": ("readout.order", "{}"),
+    "readout": ("readout", "{}"),
 }
 """column of the table of all sensors -> (what it shows, how)"""
 
@@ -103,8 +103,16 @@ def _shown(sensor: Description) -> dict[str, Any]:
     return values | {
         "name": sensor.name,
         "size": f"{values['width']} x {values['height']}",
+        "readout": _readout(values),
         "thresholds": f"{on:.3g}" if on == off else f"{on:.3g}, {off:.3g}",
     }
+
+
+def _readout(values: dict[str, Any]) -> str:
+    """How events leave, and at most how many."""
+    order = str(values.get("readout.order", ""))
+    most = values.get("readout.bandwidth_mevs")
+    return f"{order}, {most:g} Mev/s" if most else order
 
 
 def _print_one(sensor: Description, as_json: bool) -> None:
