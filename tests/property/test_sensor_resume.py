@@ -72,7 +72,7 @@ def advance(
     return b"".join(parts), state, t_us
 
 
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(
     sensor=SENSORS,
     model=st.sampled_from(["plain", "adaptive"]),

@@ -56,7 +56,7 @@ def wander(sensor: SensorParameters, frames: int, seed: int) -> list[F32]:
     return found
 
 
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(sensor=SENSORS, seed=st.integers(0, 2**32), clock_us=CLOCKS, ticks_us=TICKS_US)
 def test_events_tell_log_light_within_one_threshold_at_every_instant(
     sensor: SensorParameters, seed: int, clock_us: int, ticks_us: list[int]
