@@ -20,11 +20,13 @@ from evs.drivers.files.damage import TornTailWarning
 
 ORACLES = Path(__file__).parents[1] / "unit" / "aedat4_oracles.py"
 PACKETS = 40
+FRAMES = range(1, PACKETS, 9)
+"""Before which packets a frame is written; IMU samples are before each."""
 
 RECORD = f"""
 import numpy as np
 from evs.drivers.files.aedat4 import Aedat4Recorder
-from evs.msgs import EventPacket, StreamInfo, make_events
+from evs.msgs import EventPacket, Frame, ImuPacket, StreamInfo, empty_imu, make_events
 
 def packet(seq):
     random = np.random.default_rng(seq)
@@ -33,11 +35,26 @@ def packet(seq):
     x, y = random.integers(0, 346, count), random.integers(0, 260, count)
     return EventPacket(seq, 1000 * seq, 1000 * seq + 1000, 346, 260, make_events(t, x, y, t % 2))
 
+def frame(seq):
+    image = np.random.default_rng(seq).integers(0, 256, (26, 34)).astype(np.uint8)
+    begin = 1000 * seq - 900
+    return Frame(seq // 9, begin, begin, begin + 500, begin + 800, image, "eye")
+
+def imu(seq):
+    samples = empty_imu(1)
+    samples["t"] = 1000 * seq
+    return ImuPacket(seq, samples, "eye")
+
 def record(path, compression, tell=lambda count: None):
     sink = Aedat4Recorder(path, compression)
-    sink.open([StreamInfo(346, 260, camera="eye")])
+    sink.open([StreamInfo(346, 260, camera="eye", frames=True, imu=True)])
     tell(0)
     for seq in range({PACKETS}):
+        if seq % 9 == 1:
+            sink.write_frame(frame(seq))
+            tell(seq)
+        sink.write_imu(imu(seq))
+        tell(seq)
         sink.write(packet(seq))
         tell(seq + 1)
     sink.close()
@@ -160,13 +177,18 @@ def test_a_kill_at_any_byte_leaves_every_whole_packet(
     exec(RECORD, scope)  # noqa: S102 - as above
     scope["record"](tmp_path / "whole.aedat4", compression)
     size = (tmp_path / "whole.aedat4").stat().st_size
-    offsets: list[int] = []
+    offsets: list[tuple[int, int]] = []
     path = tmp_path / "open.aedat4"
-    scope["record"](path, compression, lambda _: offsets.append(path.stat().st_size))
-    # the header's end, then every packet's; not the table's
-    ends = offsets[:-1]
+    scope["record"](path, compression, lambda n: offsets.append((n, path.stat().st_size)))
+    # the header's end, then that of every packet of any stream; not the table's
+    ends = [size for _, size in offsets[:-1]]
+    events_ends = [min(end for n, end in offsets if n == count) for count in range(1, PACKETS + 1)]
+    # a tick's samples come before its events, after a frame if there is one
+    imu_ends = [max(end for n, end in offsets if n == count) for count in range(PACKETS)]
+    frame_ends = [min(e for n, e in offsets if n == q and e > events_ends[q - 1]) for q in FRAMES]
     # in the first and last packets, at their very ends, in the table
     limits = {ends[0] + 1, ends[0] + 8, ends[1] - 1, ends[1], ends[1] + 1, ends[-2] + 9}
+    limits |= {frame_ends[0] - 1, frame_ends[0], frame_ends[-1] - 7, imu_ends[-1] - 1, imu_ends[-1]}
     limits |= {ends[-1] - 1, ends[-1], *range(ends[-1] + 1, size, 1 + (size - ends[-1]) // 7)}
     done = subprocess.run(
         [sys.executable, "-c", RECORD + AT_BYTE, tmp_path, compression, *map(str, sorted(limits))],
@@ -183,8 +205,16 @@ def test_a_kill_at_any_byte_leaves_every_whole_packet(
     for path, reader, count in everybody(paths, digests):
         limit = int(path.stem)
         assert path.stat().st_size == limit
-        assert count == sum(end <= limit for end in ends[1:]), (limit, reader)
+        assert count == sum(end <= limit for end in events_ends), (limit, reader)
     for path in paths:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", TornTailWarning)
+            recording = read(path)
+        limit = int(path.stem)
+        assert len(recording.imu) == sum(end <= limit for end in imu_ends)
+        assert recording.frames == tuple(
+            scope["frame"](seq) for seq, end in zip(FRAMES, frame_ends, strict=True) if end <= limit
+        )
         before = summary(path).events
         assert repair(path).cut_bytes == int(path.stem) - max(
             end for end in ends if end <= int(path.stem)
