@@ -36,4 +36,7 @@ void ticks_allocate_nothing();
 // The event pixel with each of its terms, on light of every kind.
 void pixels_survive_any_light();
 
+// Events on their way from pixel to packet, whatever the settings.
+void readouts_lose_nothing_uncounted();
+
 }  // namespace evs
