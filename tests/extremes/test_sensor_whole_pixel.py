@@ -1,4 +1,4 @@
-"""Every term of the pixel at the ends of its range: native is the oracle, and holds what it must."""
+"""Every term of the pixel at the ends of its range: native gives the oracle's bytes."""
 
 from __future__ import annotations
 
@@ -113,6 +113,12 @@ def test_a_block_that_slept_has_leaked_at_the_light_it_slept_in() -> None:
 def test_any_high_pass_beside_a_leak(highpass_hz: float, tick_us: int) -> None:
     sensor = replace(SENSOR, highpass_hz=highpass_hz, leak_rate_hz=1000.0)
     both(sensor, steps(0.1, 0.2, each=40), tick_us)
+
+
+def test_a_leaking_reference_comes_within_reach_of_a_high_pass() -> None:
+    """From .07 log units on, less than half a threshold, the reference follows by 2^-43 a us."""
+    sensor = replace(SENSOR, width=1, height=1, highpass_hz=1.35e-7, leak_rate_hz=1e4)
+    both(sensor, [np.full((1, 1), 0.1, np.float32)] * 250, 1)
 
 
 @pytest.mark.parametrize("average", [None, RunningMeanConstants()], ids=["plain", "adaptive"])
