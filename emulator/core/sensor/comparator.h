@@ -1,13 +1,23 @@
 // The comparators of one pixel through one tick: the exact order of crossings, noise and blindness.
 //
 // Contract. Inside a tick the signal s moves linearly and the reference r sinks linearly by `drift`
-// (leak), so that s - r moves linearly. A level is reached when s >= r + theta_on (ON) or
-// s <= r - theta_off (OFF): the closed side is the far one. Without a refractory period every event
-// moves the reference by exactly one threshold, so that no contrast is lost. With one the pixel is
-// blind from its event on, whatever comes, and at the end of the period the reference is the signal
-// of that instant. References are float64 and multiples of 2^-43, and so are float32 thresholds
-// from 2^-8 on and the leak of a microsecond: adding and subtracting them is exact below 2^10, and
-// a day of events drifts by nothing. Only the division in a stamp rounds.
+// (leak, less what the high pass lifts it), so that s - r moves linearly. A level is reached when
+// s >= r + theta_on (ON) or s <= r - theta_off (OFF): the closed side is the far one. Without a
+// refractory period every event of a level moves the reference by exactly one threshold, so that no
+// contrast is lost. With one the pixel is blind from its event on, whatever comes, and in the
+// microsecond in which the period ends the reference becomes the signal. Noise always makes the
+// reference the signal of its microsecond.
+//
+// In one microsecond the order is: blindness ends, levels, noise. Noise is lost while the pixel is
+// blind, not any more in the microsecond in which that ends. No stamp is before the one before it.
+//
+// References are float64 and multiples of 2^-43, and so are float32 thresholds from 2^-8 on and the
+// leak of a microsecond: adding and subtracting them is exact below 2^10, and a day of events
+// drifts by nothing. In a tick they are told as they would be at its start, r + drift t / tick:
+// there levels stand still, and the signal moves by v = (to - from) + drift. The signal of an
+// instant is on_grid(from + v (t / tick)); a level is reached if it is within to + drift, so that
+// what a tick leaves is never over a level at the start of the next. Only the division in a stamp
+// rounds.
 #pragma once
 
 #include <cmath>
@@ -45,7 +55,7 @@ EVS_ALWAYS_INLINE uint32_t crossing_time(double part, double span, double tick) 
   return whole + (static_cast<double>(static_cast<int32_t>(whole)) < inside ? 1u : 0u);
 }
 
-// Why a level was reached: by what moved the pixel further in this tick.
+// Why a level was reached: by what moved the pixel further in this tick, the signal if both did.
 EVS_ALWAYS_INLINE Cause cause_of(double span, double drift, Cause drifting) {
   return std::abs(drift) > std::abs(span) ? drifting : Cause::signal;
 }

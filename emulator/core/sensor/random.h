@@ -31,7 +31,8 @@ inline double ln_double(double value) {
   const uint64_t bits = std::bit_cast<uint64_t>(value);
   const int exponent = static_cast<int>(bits >> 52) - 1022;
   // in [1/2, 1)
-  const double mantissa = std::bit_cast<double>((bits & 0xfffffffffffffull) | 0x3fe0000000000000ull);
+  const double mantissa =
+      std::bit_cast<double>((bits & 0xfffffffffffffull) | 0x3fe0000000000000ull);
   const double z = (mantissa - kRoot) / (mantissa + kRoot);
   const double square = z * z;
   double series = 0.0;

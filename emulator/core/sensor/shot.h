@@ -64,6 +64,8 @@ inline double shot_bound(const ShotNoise& shot, size_t first, size_t count) {
 }
 
 // Candidates of a block in (begin_us, end_us] of the sensor's clock, in order; the clock goes on.
+// Candidate n (1, 2, ...) has the numbers 4 n + 2, its pixel, and 4 n + 3, its lot; 4 n + 1 is the
+// gap after it, in whole 2^-10 us, rounded up, and 1 the one before the first. Stamps round up.
 inline void draw_candidates(const ShotNoise& shot, ShotClock clock, size_t block, size_t pixels,
                             double bound, int64_t begin_us, int64_t end_us,
                             std::vector<ShotCandidate>& out) {
