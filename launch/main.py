@@ -23,6 +23,7 @@ COMMANDS = {
     "echo": "evs.launch.echo",
     "play": "evs.launch.play",
     "info": "evs.launch.info",
+    "characterise": "evs.launch.characterise",
     "doctor": "evs.launch.doctor",
 }
 """Command -> module. Each has HELP (one line), configure(parser), run(args) -> exit code."""
@@ -107,7 +108,7 @@ def _parser(name: str, module: ModuleType) -> Parser:
 def _help() -> str:
     lines = [ABOUT, "", "Usage: evs COMMAND [arguments]", "", "Commands:"]
     for name, where in COMMANDS.items():
-        lines.append(f"  {name:10s}{importlib.import_module(where).HELP}")
+        lines.append(f"  {name:14s}{importlib.import_module(where).HELP}")
     return "\n".join([*lines, "", EXAMPLES])
 
 

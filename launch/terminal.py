@@ -118,6 +118,32 @@ def summary(report: Report, quiet: bool = False, next_commands: Sequence[str] = 
             console.print(f"  {escape(command)}", soft_wrap=True)
 
 
+def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Rows under headings, on stdout; all columns but the first and the last stand to the right."""
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        # columns that a script can cut, as wide as they must be
+        widths = [max(len(row[k]) for row in (headings, *rows)) for k in range(len(headings))]
+        print(title)
+        for row in (headings, *rows):
+            cells = [row[0].ljust(widths[0])]
+            cells += [
+                cell.rjust(width) for cell, width in zip(row[1:-1], widths[1:-1], strict=True)
+            ]
+            print("  ".join([*cells, row[-1]]).rstrip())
+        return
+    shown = Table(box=ROUNDED, border_style="dim", header_style="bold", title=escape(title))
+    for k, heading in enumerate(headings):
+        number = 0 < k < len(headings) - 1
+        shown.add_column(heading, justify="right" if number else "left", no_wrap=not number)
+    for k, row in enumerate(rows):
+        # a line before each new name
+        if k and row[0]:
+            shown.add_section()
+        shown.add_row(*(escape(cell) for cell in row))
+    console.print(shown)
+
+
 def facts(report: Report) -> list[tuple[str, str]]:
     """(name, value) of everything in the summary but the stages."""
     rate = report.events / report.sim_seconds if report.sim_seconds else 0.0

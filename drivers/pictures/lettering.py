@@ -34,10 +34,10 @@ class Line:
 
 def text_line(text: str, size_px: int) -> Line:
     """`text` in ink on paper, just as wide as it is. size_px is the font's height."""
-    font = _font(size_px)
-    width, height = max(1, round(font.getlength(text) + 0.5)), line_height(size_px)
+    letters = font(size_px)
+    width, height = max(1, round(letters.getlength(text) + 0.5)), line_height(size_px)
     image = Image.new("L", (width, height), PAPER)
-    ImageDraw.Draw(image).text((0, height // 2), text, INK, font=font, anchor="lm")
+    ImageDraw.Draw(image).text((0, height // 2), text, INK, font=letters, anchor="lm")
     return Line(np.repeat(np.asarray(image)[:, :, np.newaxis], 3, axis=2))
 
 
@@ -82,5 +82,6 @@ def _blank(height: int, width: int) -> U8:
 
 
 @cache
-def _font(size_px: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+def font(size_px: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    """Pillow's own, of this height. It has Latin letters, no Greek."""
     return ImageFont.load_default(size_px)

@@ -36,11 +36,14 @@ def suffix_of(path: Path) -> str:
     return suffix
 
 
-def write_png(path: Path, picture: U8) -> None:
-    """One picture (h, w, 3) or (h, w) as PNG."""
+def write_png(path: Path, picture: U8, few_colours: bool = False) -> None:
+    """One picture (h, w, 3) or (h, w) as PNG. In: few_colours, 256 do: charts become small."""
     check_size(picture)
+    image = Image.fromarray(picture)
+    if few_colours:
+        image = image.quantize(256, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
     with Writing(path):
-        Image.fromarray(picture).save(path, "PNG", optimize=True)
+        image.save(path, "PNG", optimize=True)
 
 
 def write_gif(path: Path, frames: Iterable[U8], playback: Playback) -> None:

@@ -87,14 +87,19 @@ def versions() -> dict[str, str]:
 
 def write_report(report: Report, path: str | Path) -> None:
     """Write the report; what stood there before stays whole until the new one is complete."""
+    write_whole(report.to_json(), path)
+
+
+def write_whole(text: str, path: str | Path) -> None:
+    """Write a report's text; what stood there before stays whole until it is complete."""
     target = Path(path)
     part = target.with_name(target.name + ".part")
     try:
         # devices and pipes (/dev/stdout) cannot be replaced, only written
         if target.exists() and not target.is_file():
-            target.write_text(report.to_json(), encoding="utf-8")
+            target.write_text(text, encoding="utf-8")
             return
-        part.write_text(report.to_json(), encoding="utf-8")
+        part.write_text(text, encoding="utf-8")
         part.replace(target)
     except OSError as reason:
         with contextlib.suppress(OSError):
