@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import evs
 from evs.emulator.bias_config import BiasConfig
 from evs.emulator.config import SensorConfig
 from evs.emulator.sensor import PlainModel, preset_biases, preset_names, resolve_sensor
@@ -295,6 +296,12 @@ def test_an_own_file_may_have_a_law_and_nominal_values_of_its_own(tmp_path: Path
     ):
         own.write_text(pixels + text)
         assert said in refusal(str(own))
+
+
+def test_the_python_face_has_them() -> None:
+    assert evs.BiasConfig is BiasConfig
+    sensor = evs.SensorConfig("imx636", 8, 6, biases=evs.BiasConfig(bias_diff_on=40))
+    assert resolve_sensor(sensor).pos_thres > resolve_sensor(SensorConfig("imx636")).pos_thres
 
 
 def counts(preset: str, **given: int) -> tuple[int, int]:
