@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
+import evs
 from evs.emulator import Sensor, VirtualCamera, World
 from evs.emulator.config import ModelConfig, ReadoutConfig, SensorConfig
 from evs.emulator.sensor import Readout, resolve_sensor
@@ -72,6 +73,12 @@ def test_a_camera_hands_its_pixels_events_to_the_readout() -> None:
     came, went = (sum(map(len, stream)) for stream in (plain, packets))
     assert went > 500
     assert came == went + sum(dropped.values()) + camera.camera.events_waiting
+
+
+def test_the_python_face_has_its_configuration() -> None:
+    assert evs.ReadoutConfig is ReadoutConfig
+    limited = evs.SensorConfig("imx636", readout=evs.ReadoutConfig(erc_rate_mevs=10.0))
+    assert resolve_sensor(limited).readout.erc_target == 2000
 
 
 def test_a_reset_camera_begins_anew() -> None:
