@@ -1,7 +1,8 @@
 """A day of simulated time at 1 kHz, 86.4 million ticks of 8 x 8 pixels: nothing drifts or wraps.
 
-It takes half an hour, so `make bench` leaves it out; the figures of emulator/sensor/README.md are
-from `.venv/bin/pytest -m bench -s tests/bench/test_sensor_day.py`.
+It takes half an hour of a core of its own, so `make bench` leaves it out:
+`.venv/bin/pytest -m bench -s tests/bench/test_sensor_day.py`. What can be known sooner is in
+tests/extremes/test_sensor_late_hours.py.
 """
 
 from __future__ import annotations
