@@ -193,7 +193,8 @@ def background_results(sensor: SensorParameters, found: Sequence[Background]) ->
         promised = shot_rate_hz(sensor, at.lux)
         results.append(Result("shot noise rate", "Hz", *at.shot, promised, at.lux))
     for at in found:
-        note = "lost in shot noise" if math.isnan(at.leak[0]) else ""
+        note = "the high pass takes part of it" if sensor.highpass_hz else ""
+        note = "lost in shot noise" if math.isnan(at.leak[0]) else note
         promised = leak_rate_hz(sensor, at.lux)
         results.append(Result("leak rate", "Hz", *at.leak, promised, at.lux, note))
     last = min(found, key=lambda at: at.on[0] + at.off[0])

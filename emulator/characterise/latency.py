@@ -105,7 +105,8 @@ def latency_results(sensor: SensorParameters, found: Sequence[Latency]) -> list[
     means, jitters = [], []
     for at in found:
         mean, jitter = latency_s(sensor, at.lux)
-        note = "" if at.share >= HALF else "too dark for half of the pixels"
+        note = "the high pass delays it" if sensor.highpass_hz else ""
+        note = note if at.share >= HALF else "too dark for half of the pixels"
         note = "buried in noise" if math.isnan(at.share) else note
         means.append(Result("latency", "s", *at.mean_s, mean, at.lux, note))
         jitters.append(Result("jitter", "s", *at.jitter_s, jitter, at.lux, note))
