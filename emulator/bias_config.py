@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class BiasConfig:
     """[sensor.biases]: the chip's own knobs. None: the preset's value; a sensor has its own only.
 
-    Each scales a parameter of the preset by the chip's law (emulator/sensor/bias_laws.py).
+    Each scales a parameter of the preset by the chip's law (emulator/sensor/presets/bias_laws.py).
     """
 
     bias_diff_on: int | None = None

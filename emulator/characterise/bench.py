@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor import SensorParameters, make_event_model
-from evs.emulator.sensor.state import MAX_TICK_US
+from evs.emulator.sensor.pixel.state import MAX_TICK_US
 from evs.emulator.stages import EventModel
 from evs.msgs import Events, join_events
 

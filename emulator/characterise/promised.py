@@ -12,7 +12,7 @@ import numpy as np
 
 from evs.emulator.characterise.fit import normal_cdf
 from evs.emulator.sensor import SensorParameters
-from evs.emulator.sensor.logmap import log_light
+from evs.emulator.sensor.pixel.logmap import log_light
 
 DOUBLED = 2.0
 """Light after the step over that before it, for latency."""

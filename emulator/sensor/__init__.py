@@ -1,15 +1,20 @@
 """Light into events: sensor parameters and presets, log map, event models."""
 
-from evs.emulator.sensor.aps import Aps, ApsState
-from evs.emulator.sensor.aps_parameters import ApsParameters
-from evs.emulator.sensor.imu import Imu, ImuState
-from evs.emulator.sensor.imu_parameters import ImuParameters
+from evs.emulator.sensor.beside.aps import Aps, ApsState
+from evs.emulator.sensor.beside.aps_parameters import ApsParameters
+from evs.emulator.sensor.beside.imu import Imu, ImuState
+from evs.emulator.sensor.beside.imu_parameters import ImuParameters
 from evs.emulator.sensor.models import MODELS, make_event_model
 from evs.emulator.sensor.parameters import SensorParameters
-from evs.emulator.sensor.plain import PlainModel
-from evs.emulator.sensor.presets import completed, preset_biases, preset_names, resolve_sensor
+from evs.emulator.sensor.pixel.plain import PlainModel
+from evs.emulator.sensor.pixel.state import PlainState
+from evs.emulator.sensor.presets.resolve import (
+    completed,
+    preset_biases,
+    preset_names,
+    resolve_sensor,
+)
 from evs.emulator.sensor.readout import Readout, ReadoutParameters, ReadoutState, make_readout
-from evs.emulator.sensor.state import PlainState
 
 __all__ = [
     "MODELS",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor.parameters import SensorParameters
-from evs.emulator.sensor.plain import PlainModel
-from evs.emulator.sensor.running_mean import RunningMeanConstants
+from evs.emulator.sensor.pixel.plain import PlainModel
+from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants
 from evs.emulator.stages import EventModel
 from evs.msgs import unknown
 

@@ -20,7 +20,7 @@ from evs.emulator.config import RenderConfig
 from evs.emulator.light import make_renderer
 from evs.emulator.metrics.compare import Comparison
 from evs.emulator.scene import F32
-from evs.emulator.sensor.running_mean import running_mean
+from evs.emulator.sensor.pixel.running_mean import running_mean
 from reference.film import VIEWS, Film, model_of
 
 WIDTH, HEIGHT, TICKS, SETTLED_US = 56, 42, 61, 20_000

@@ -28,7 +28,7 @@ from evs.emulator.config import RenderConfig
 from evs.emulator.light import make_renderer
 from evs.emulator.metrics.compare import Comparison
 from evs.emulator.scene import F32
-from evs.emulator.sensor.running_mean import RunningMeanConstants, running_mean
+from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants, running_mean
 from evs.msgs import Events
 from reference.film import VIEWS, Film, model_of
 

@@ -12,7 +12,7 @@ from evs.emulator import _core
 from evs.emulator.config import ModelConfig
 from evs.emulator.scene import F32
 from evs.emulator.sensor import PlainModel, SensorParameters, make_event_model
-from evs.emulator.sensor.running_mean import RunningMeanConstants, dark, step
+from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants, dark, step
 
 SENSOR = SensorParameters("any", 37, 5, 0.1, 0.12, 0.03)
 CONSTANTS = st.just(RunningMeanConstants()) | st.builds(

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from evs.emulator.config import ModelConfig
 from evs.emulator.scene import F32
 from evs.emulator.sensor import PlainState, SensorParameters, make_event_model
-from evs.emulator.sensor.state import MAX_TICK_US
+from evs.emulator.sensor.pixel.state import MAX_TICK_US
 from evs.emulator.stages import EventModel
 
 DAY_US = 86_400_000_000

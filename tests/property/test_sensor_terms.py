@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from evs.emulator.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
-from evs.emulator.sensor.fixed_pattern import FixedPattern, draw_pattern
+from evs.emulator.sensor.pixel.fixed_pattern import FixedPattern, draw_pattern
 from evs.msgs import Events
 
 IDEAL = SensorParameters("ideal", 33, 6, 0.2, 0.25)

@@ -9,7 +9,7 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.scene import F32
-from evs.emulator.sensor.reference.filters import FADED, exp_minus, follow, shares
+from evs.emulator.sensor.pixel.reference.filters import FADED, exp_minus, follow, shares
 
 F = np.float32
 EVERY_Z = np.concatenate(

@@ -11,9 +11,9 @@ import pytest
 from evs.emulator.bias_config import BiasConfig
 from evs.emulator.config import SensorConfig
 from evs.emulator.sensor import preset_biases, preset_names, resolve_sensor
-from evs.emulator.sensor.described import DEFAULT, describe_sensor, flat
-from evs.emulator.sensor.presets import preset_path
-from evs.emulator.sensor.sources import read_sources
+from evs.emulator.sensor.presets.described import DEFAULT, describe_sensor, flat
+from evs.emulator.sensor.presets.resolve import preset_path
+from evs.emulator.sensor.presets.sources import read_sources
 from evs.launch.main import main
 
 

@@ -1,5 +1,5 @@
 // The noise-adaptive running mean in front of the pixel (model `adaptive`). Its meaning and its
-// fitted constants stand in emulator/sensor/running_mean.py, whose float32 steps these are.
+// fitted constants stand in emulator/sensor/pixel/running_mean.py, whose float32 steps these are.
 #pragma once
 
 #include <cstddef>

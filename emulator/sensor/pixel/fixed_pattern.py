@@ -99,9 +99,16 @@ def draw_pattern(sensor: SensorParameters, seed: int) -> FixedPattern:
 
 def _ease(sensor: SensorParameters, nominal: float, theta: F64) -> F64:
     """How much more noise a pixel has for its lower threshold; its mean over pixels is 1."""
-    ratio = min(sensor.sigma_thres / nominal, 0.3)
-    mean = 1.0 + ratio**2 + 3.0 * ratio**4 + 15.0 * ratio**6  # of 1 / (1 + ratio N), ratio small
-    return nominal / theta / mean
+    return nominal / theta / _mean_ease(nominal, sensor.sigma_thres)
+
+
+def _mean_ease(nominal: float, sigma: float) -> float:
+    """Mean of nominal / max(FLOOR, nominal + sigma N) over standard normal N."""
+    points = [k / 64.0 for k in range(-8 * 64, 8 * 64 + 1)]
+    weights = [math.exp(-0.5 * n * n) for n in points]
+    eases = [nominal / max(FLOOR, nominal + sigma * n) for n in points]
+    mean = math.fsum(w * e for w, e in zip(weights, eases, strict=True)) / math.fsum(weights)
+    return round(mean, 9)  # the same on every machine, whose exp may differ in the last bit
 
 
 def _constant(values: Any, dtype: type) -> Any:

@@ -23,10 +23,10 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.scene import F64, CameraPose
-from evs.emulator.sensor.imu_parameters import ImuParameters
+from evs.emulator.sensor.beside.imu_parameters import ImuParameters
+from evs.emulator.sensor.beside.rotation import dot, rotation_vector
+from evs.emulator.sensor.beside.schedule import first_from, stamp_us
 from evs.emulator.sensor.random import Term, indexed_normals
-from evs.emulator.sensor.rotation import dot, rotation_vector
-from evs.emulator.sensor.schedule import first_from, stamp_us
 from evs.msgs import DEGREE, STANDARD_GRAVITY, EvsError, ImuSamples, empty_imu
 
 MAX_SAMPLES = 1_000_000

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from evs.emulator.config import SensorConfig
-from evs.emulator.sensor.biases import Nominal, nominal_biases, with_biases
 from evs.emulator.sensor.parameters import SensorParameters
-from evs.emulator.sensor.tables import SensorFile, fill
+from evs.emulator.sensor.presets.biases import Nominal, nominal_biases, with_biases
+from evs.emulator.sensor.presets.tables import SensorFile, fill
 from evs.msgs import EvsError, unknown
 
 # config/ lies beside emulator/, in the wheel as in the checkout; links are not followed
-_PRESETS = Path(__file__).absolute().parents[2] / "config" / "sensors"
+_PRESETS = Path(__file__).absolute().parents[3] / "config" / "sensors"
 
 
 def preset_names() -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from evs.emulator.scene import F32
 from evs.emulator.sensor.parameters import SensorParameters
-from evs.emulator.sensor.reference.light import LN2_HIGH, LN2_LOW
+from evs.emulator.sensor.pixel.reference.light import LN2_HIGH, LN2_LOW
 
 SETTLED = np.float32(80.0)
 """z from which on nothing of the old value is left"""

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
-from evs.emulator.sensor.reference.noise import Candidate, on_grid
+from evs.emulator.sensor.pixel.reference.noise import Candidate, on_grid
 
 
 class Cause(IntEnum):

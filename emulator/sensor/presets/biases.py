@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from typing import Any
 
-from evs.emulator.sensor.bias_laws import EXACT, LAWS, LEVELS, Law
+from evs.emulator.sensor.presets.bias_laws import EXACT, LAWS, LEVELS, Law
 from evs.msgs import EvsError, unknown
 
 LEAKS = ("leak_rate_hz", "parasitic_leak_hz")

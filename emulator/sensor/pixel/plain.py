@@ -1,6 +1,6 @@
 """The plain DVS pixel, native. Its contract stands in core/sensor: comparator.h and pixel.h.
 
-The slow oracle that gives the same bytes is emulator/sensor/reference.
+The slow oracle that gives the same bytes is emulator/sensor/pixel/reference.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ import numpy as np
 
 from evs.emulator import _core
 from evs.emulator.scene import F32
-from evs.emulator.sensor.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.parameters import SensorParameters
-from evs.emulator.sensor.running_mean import RunningMeanConstants
-from evs.emulator.sensor.state import PlainState, check_tick
+from evs.emulator.sensor.pixel.fixed_pattern import FixedPattern, draw_pattern
+from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants
+from evs.emulator.sensor.pixel.state import PlainState, check_tick
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 
 

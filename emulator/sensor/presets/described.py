@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass, fields, is_dataclass
 from typing import Any
 
 from evs.emulator.config import SensorConfig
-from evs.emulator.sensor.biases import effective
 from evs.emulator.sensor.parameters import SensorParameters
-from evs.emulator.sensor.presets import preset_biases, preset_path, resolve_sensor
-from evs.emulator.sensor.sources import Sources, read_sources
+from evs.emulator.sensor.presets.biases import effective
+from evs.emulator.sensor.presets.resolve import preset_biases, preset_path, resolve_sensor
+from evs.emulator.sensor.presets.sources import Sources, read_sources
 
 DEFAULT = "default of evs: the file does not tell it"
 

@@ -4,7 +4,7 @@ It gives the native pixel's events and state byte for byte, and imports nothing 
 written from the contracts in the headers, it leaves no pixel out, and it is slow.
 """
 
-from evs.emulator.sensor.reference.light import log_light, natural_log
-from evs.emulator.sensor.reference.model import ReferenceModel, caught_up
+from evs.emulator.sensor.pixel.reference.light import log_light, natural_log
+from evs.emulator.sensor.pixel.reference.model import ReferenceModel, caught_up
 
 __all__ = ["ReferenceModel", "caught_up", "log_light", "natural_log"]

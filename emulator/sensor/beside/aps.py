@@ -17,10 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.scene import F32, F64
-from evs.emulator.sensor.aps_parameters import ApsParameters
+from evs.emulator.sensor.beside.aps_parameters import ApsParameters
+from evs.emulator.sensor.beside.schedule import first_from, stamp_us
 from evs.emulator.sensor.parameters import WHITE_DN
 from evs.emulator.sensor.random import Term, indexed_normals
-from evs.emulator.sensor.schedule import first_from, stamp_us
 from evs.msgs import EvsError, Frame
 
 MAX_FRAMES = 1000

@@ -1,0 +1,1 @@
+"""What a DAVIS gives beside its events: intensity frames and an IMU."""

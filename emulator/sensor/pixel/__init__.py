@@ -1,0 +1,1 @@
+"""The pixel: its state, its fixed pattern, its native form and its oracle."""

@@ -1,0 +1,1 @@
+"""Sensor files: what a real chip is told by, and its biases."""
