@@ -21,6 +21,12 @@ EVS_ALWAYS_INLINE float choose(bool holds, float a, float b) {
                               (std::bit_cast<uint32_t>(b) & ~mask));
 }
 
+EVS_ALWAYS_INLINE double choose(bool holds, double a, double b) {
+  const uint64_t mask = uint64_t{0} - static_cast<uint64_t>(holds);
+  return std::bit_cast<double>((std::bit_cast<uint64_t>(a) & mask) |
+                               (std::bit_cast<uint64_t>(b) & ~mask));
+}
+
 // Natural logarithm of a normal, positive, finite number. Error below 0.86 ulp;
 // ln(1) = 0 exactly, and x <= y gives ln(x) <= ln(y) (every such float was compared with its next).
 // Zero, denormals, infinities and NaN give some number without meaning.

@@ -18,10 +18,8 @@ namespace evs {
 // A pixel that has crossed something, has no reference, or may have noise. Its reference and its
 // blindness are written.
 template <bool NOISY>
-EVS_ALWAYS_INLINE void compare(const PixelStep& step, size_t pixel, float from, float to, float dn,
-                               double reference, double drift,
-                               const std::vector<ShotCandidate>& shots,
-                               std::vector<Crossing>& out) {
+void compare(const PixelStep& step, size_t pixel, float from, float to, float dn, double reference,
+             double drift, const std::vector<ShotCandidate>& shots, std::vector<Crossing>& out) {
   const PixelPattern& pattern = step.pattern;
   const PixelArrays& arrays = step.arrays;
   if (reference != reference && arrays.last_log[pixel] != arrays.last_log[pixel]) {
@@ -41,7 +39,9 @@ EVS_ALWAYS_INLINE void compare(const PixelStep& step, size_t pixel, float from, 
   comparators.begin_us = step.tick.begin_us;
   comparators.tick = step.tick.us;
   comparators.refractory = step.settings.refractory;
-  if (arrays.blind_until != nullptr) comparators.blind_until = arrays.blind_until[pixel];
+  // the time matters to the blind alone, and is seldom near
+  const bool was_blind = arrays.blind_until != nullptr && reference != reference;
+  if (was_blind) comparators.blind_until = arrays.blind_until[pixel];
   if (pattern.hot != nullptr && pattern.hot[pixel] != 0) comparators.drifting = Cause::hot;
   if (NOISY) {
     comparators.shot_on = step.settings.shot.on[pixel];
@@ -50,7 +50,51 @@ EVS_ALWAYS_INLINE void compare(const PixelStep& step, size_t pixel, float from, 
   }
   comparators.run<NOISY>(static_cast<uint32_t>(pixel % kBlock), shots, out);
   arrays.reference[pixel] = comparators.reference;
-  if (arrays.blind_until != nullptr) arrays.blind_until[pixel] = comparators.blind_until;
+  const bool is_blind = comparators.reference != comparators.reference;
+  if (is_blind) arrays.blind_until[pixel] = comparators.blind_until;
+}
+
+// A pixel that has crossed something, sees, and has no noise: what `Comparators::run` does then,
+// without its cases. Most events come this way. BLINDS: there is a refractory period.
+template <bool BLINDS>
+EVS_ALWAYS_INLINE void compare_simply(const PixelStep& step, size_t pixel, float signal_from,
+                                      float signal_to, double reference, double drift,
+                                      std::vector<Crossing>& out) {
+  const double on = step.pattern.theta_on[pixel];
+  const double off = step.pattern.theta_off[pixel];
+  const double tick = step.tick.us;
+  const double from = signal_from;
+  const double span = signal_to - from;
+  const double v = span + drift;
+  const double end = signal_to + drift;
+  uint32_t tag = 0;
+  if (step.settings.causes) {
+    const bool hot = step.pattern.hot != nullptr && step.pattern.hot[pixel] != 0;
+    tag = static_cast<uint32_t>(cause_of(span, drift, hot ? Cause::hot : Cause::leak)) << 1;
+  }
+  double r = reference;
+  uint32_t now = 0;
+  bool up = r + on <= end;
+  do {
+    const double level = r + choose(up, on, -off);
+    const uint32_t exact = crossing_time(level - from, v, tick);
+    const uint32_t stamp = exact > now ? exact : now;
+    out.push_back({static_cast<uint32_t>(pixel), (stamp << kWhenBits) | tag | (up ? 1u : 0u)});
+    r = level;
+    now = stamp;
+    if constexpr (BLINDS) {
+      const uint64_t until = static_cast<uint64_t>(stamp) + step.settings.refractory;
+      if (until > step.tick.us) {
+        step.arrays.blind_until[pixel] = step.tick.begin_us + static_cast<int64_t>(until);
+        r = std::numeric_limits<double>::quiet_NaN();
+        break;
+      }
+      now = static_cast<uint32_t>(until);
+      r = on_grid(from + v * (now / tick));
+    }
+    up = r + on <= end;
+  } while (up | (r - off >= end));
+  step.arrays.reference[pixel] = r - drift;
 }
 
 // The last us, by the sensor's clock, until which nothing happens in a block whose light and
@@ -143,14 +187,19 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   uint64_t noisy = 0;
   for (const ShotCandidate& shot : shots) noisy |= uint64_t{1} << shot.pixel;
 
+  const bool blinds = step.settings.refractory > 0;
   for (uint64_t left = loud | noisy; left != 0; left &= left - 1) {
     const size_t i = static_cast<size_t>(std::countr_zero(left));
     const double r = drifts ? s.reference[i] : reference[i];
     const double drift = drifts ? s.drift[i] : 0.0;
     if ((noisy >> i & 1) != 0) {
       compare<true>(step, first + i, signal.from[i], signal.to[i], s.dn[i], r, drift, shots, out);
-    } else {
+    } else if (r != r) {
       compare<false>(step, first + i, signal.from[i], signal.to[i], s.dn[i], r, drift, shots, out);
+    } else if (blinds) {
+      compare_simply<true>(step, first + i, signal.from[i], signal.to[i], r, drift, out);
+    } else {
+      compare_simply<false>(step, first + i, signal.from[i], signal.to[i], r, drift, out);
     }
   }
   if (arrays.due_us != nullptr) {
