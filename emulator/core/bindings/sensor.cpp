@@ -225,7 +225,8 @@ void bind_sensor(nb::module_& m) {
            nb::arg("shot_offset") = 0.0, nb::arg("shot_dim_dn") = 0.0, nb::arg("seed") = 0,
            "Terms at zero are off. lowpass, follower, highpass: 2 pi f in 1 / us, the first at "
            "DN 0 and its slope per DN.");
-  nb::class_<BoundPixels>(m, "PixelArray", "Pixels with a fixed pattern: emulator/sensor/pixel/plain.py.")
+  nb::class_<BoundPixels>(m, "PixelArray",
+                          "Pixels with a fixed pattern: emulator/sensor/pixel/plain.py.")
       .def(nb::init<const PixelSettings&, int, int, FrameIn<float>, FrameIn<float>, MaybeIn<float>,
                     MaybeIn<float>, MaybeIn<float>, MaybeIn<uint8_t>, MaybeIn<float>,
                     MaybeIn<float>, int, const std::string&>(),
