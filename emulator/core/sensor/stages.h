@@ -107,7 +107,6 @@ EVS_ALWAYS_INLINE Signal to_signal(const PixelStep& step, size_t first, size_t c
   Signal signal{last_log, s.log};
   if (step.settings.lowpass()) {
     float* state = step.arrays.filtered + first;
-    float* to = step.settings.follower > 0.0 ? s.middle : s.to;
     const float low = step.lowpass_low;
     const float slope = step.lowpass_slope;
     const float* __restrict dn = s.dn;
@@ -117,9 +116,10 @@ EVS_ALWAYS_INLINE Signal to_signal(const PixelStep& step, size_t first, size_t c
     auto as_v2e = [=](size_t i, float y0, float, float x1) {
       return lowpass_euler(low + slope * dn[i], y0, x1);
     };
-    moved |= euler ? filter(as_v2e, last_log, s.log, last_log, s.log, state, count, s.from, to)
-                   : filter(exact, last_log, s.log, last_log, s.log, state, count, s.from, to);
-    signal = {s.from, to};
+    moved |= euler
+                 ? filter(as_v2e, last_log, s.log, last_log, s.log, state, count, s.from, s.middle)
+                 : filter(exact, last_log, s.log, last_log, s.log, state, count, s.from, s.middle);
+    signal = {s.from, s.middle};
   }
   if (step.settings.follower > 0.0) {
     float* state = step.arrays.followed + first;
