@@ -149,6 +149,15 @@ EVS_ALWAYS_INLINE uint64_t loud_pixels(const float* __restrict on, const float* 
   return loud;
 }
 
+// Whether the rate of a candidate's pixel is high enough at this light.
+EVS_ALWAYS_INLINE bool has_noise(const PixelStep& step, size_t first, const ShotCandidate& shot,
+                                 float dn) {
+  const ShotNoise& noise = step.settings.shot;
+  const double on = noise.on[first + shot.pixel];
+  const double off = noise.off[first + shot.pixel];
+  return shot.lot < (on + off) * noise.share(dn);
+}
+
 // Pixels [first, first + count) of one block. Out: how many of them had no usable light.
 EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t count, Scratch& s,
                                     std::vector<ShotCandidate>& shots, std::vector<Crossing>& out) {
@@ -164,7 +173,14 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   }
   bool moved = light_changed(step.tick.luminance + first, last_luminance, count);
   const bool due = arrays.due_us != nullptr && arrays.due_us[block] < end_us;
-  if (!moved && !due && shots.empty()) return 0;
+  if (!moved && !due) {
+    // in a block that stands still, candidates without a chance wake nobody
+    const float* light = step.settings.average ? arrays.average.mean + first : last_luminance;
+    std::erase_if(shots, [&](const ShotCandidate& shot) {
+      return !has_noise(step, first, shot, to_dn(step.settings.map, light[shot.pixel]));
+    });
+    if (shots.empty()) return 0;
+  }
   catch_up(step, first, count);
 
   const size_t clamped = step.settings.map.kind == LogKind::linlog
@@ -185,7 +201,9 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
     loud = loud_pixels<false>(theta_on, theta_off, signal.to, nullptr, reference, count);
   }
   uint64_t noisy = 0;
-  for (const ShotCandidate& shot : shots) noisy |= uint64_t{1} << shot.pixel;
+  for (const ShotCandidate& shot : shots) {
+    if (has_noise(step, first, shot, s.dn[shot.pixel])) noisy |= uint64_t{1} << shot.pixel;
+  }
 
   const bool blinds = step.settings.refractory > 0;
   for (uint64_t left = loud | noisy; left != 0; left &= left - 1) {

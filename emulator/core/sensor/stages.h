@@ -55,6 +55,7 @@ EVS_ALWAYS_INLINE size_t to_log_light(const PixelStep& step, size_t first, size_
     const float dn = to_dn(map, new_light);
     const bool usable = is_light(new_light, dn) & (new_light <= largest);
     s.light[i] = choose(usable, new_light, old_light);
+    s.dn[i] = dn;
     clamped += usable ? 0u : 1u;
   }
   const float* light = s.light;
@@ -62,7 +63,9 @@ EVS_ALWAYS_INLINE size_t to_log_light(const PixelStep& step, size_t first, size_
     moved |= average(step.arrays.average, s.light, last, first, count, s.mean);
     light = s.mean;
   }
-  for (size_t i = 0; i < count; i++) s.dn[i] = to_dn(map, light[i]);
+  if (clamped != 0 || step.settings.average) {
+    for (size_t i = 0; i < count; i++) s.dn[i] = to_dn(map, light[i]);
+  }
   for (size_t i = 0; i < count; i++) s.part[i] = log_part<kind>(map, s.dn[i]);
   for (size_t i = 0; i < count; i++) {
     const float new_log = with_log_part<kind>(map, s.dn[i], s.part[i]);

@@ -27,8 +27,15 @@ void* counted(std::size_t size, std::size_t alignment) {
 
 }  // namespace
 
-// operator new[] and what takes no exceptions end in these two
+// operator new[] ends in these; a sanitiser would bring its own of the one that takes no exceptions
 void* operator new(std::size_t size) { return counted(size, 0); }
+void* operator new(std::size_t size, const std::nothrow_t&) noexcept {
+  try {
+    return counted(size, 0);
+  } catch (const std::bad_alloc&) {
+    return nullptr;
+  }
+}
 void* operator new(std::size_t size, std::align_val_t alignment) {
   return counted(size, static_cast<std::size_t>(alignment));
 }
