@@ -7,18 +7,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
 
 from evs.emulator.sensor.pixel.reference.noise import Candidate, on_grid
-
-
-class Cause(IntEnum):
-    """Why an event came about, as in its byte 13."""
-
-    SIGNAL = 1
-    LEAK = 2
-    SHOT = 3
-    HOT = 4
+from evs.msgs import Cause
 
 
 @dataclass(frozen=True)
