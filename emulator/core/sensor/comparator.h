@@ -49,8 +49,8 @@ EVS_ALWAYS_INLINE double on_grid(double value) { return (value + 0x1.8p9) - 0x1.
 // `part`: rounded up, in [1, tick]. A NaN gives 1.
 EVS_ALWAYS_INLINE uint32_t crossing_time(double part, double span, double tick) {
   const double exact = part * tick / span;
-  const double late = choose(exact > 1.0, exact, 1.0);
-  const double inside = choose(late < tick, late, tick);
+  const double late = exact > 1.0 ? exact : 1.0;
+  const double inside = late < tick ? late : tick;
   const uint32_t whole = static_cast<uint32_t>(static_cast<int32_t>(inside));
   return whole + (static_cast<double>(static_cast<int32_t>(whole)) < inside ? 1u : 0u);
 }
