@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from evs.emulator.scene import MAX_PIXELS
 from evs.emulator.sensor.beside.aps_parameters import ApsParameters
 from evs.emulator.sensor.beside.imu_parameters import ImuParameters
+from evs.emulator.sensor.ranges import check_ranges
 from evs.emulator.sensor.readout.parameters import ReadoutParameters
 from evs.msgs import EvsError, unknown
 
@@ -142,18 +143,16 @@ class SensorParameters:
             )
 
     def _check_numbers(self) -> None:
-        for key, (lowest, highest) in _RANGES.items():
-            value = getattr(self, key)
-            if not isinstance(value, int | float) or isinstance(value, bool):
-                raise EvsError(f"sensor.{key} is {value!r}; give a number")
-            if key == "linlog_dn" and value <= 1.0:
-                raise EvsError(
-                    f"sensor.linlog_dn is {value:g}; linlog is monotone only above 1 (smooth at e)"
-                )
-            if not lowest <= value <= highest:  # also where it is NaN
-                raise EvsError(f"sensor.{key} is {value:g}; give {lowest:g} ... {highest:g}")
-            if key.endswith("_hz") and 0 < value < MIN_RATE_HZ:
-                raise EvsError(f"sensor.{key} is {value:g}; give 0 or over {MIN_RATE_HZ:g}")
+        knee = self.linlog_dn
+        if isinstance(knee, int | float) and not isinstance(knee, bool) and knee <= 1.0:
+            raise EvsError(
+                f"sensor.linlog_dn is {knee:g}; linlog is monotone only above 1 (smooth at e)"
+            )
+        check_ranges("sensor", self, _RANGES)
+        for key in _RANGES:
+            if key.endswith("_hz") and 0 < getattr(self, key) < MIN_RATE_HZ:
+                given = getattr(self, key)
+                raise EvsError(f"sensor.{key} is {given:g}; give 0 or over {MIN_RATE_HZ:g}")
         if 0 < self.dark_dn < MIN_DARK_DN:  # its logarithm would be a denormal float32
             least = MIN_DARK_DN * self.lux_per_dn
             raise EvsError(f"sensor.dark_lux is {self.dark_lux:g}; give 0 or over {least:g}")

@@ -337,7 +337,6 @@ def test_a_full_disk_is_told(tmp_path: Path) -> None:
 
 
 def test_colour_frames_of_others_are_left_out_with_a_word(tmp_path: Path) -> None:
-    pytest.importorskip("dv_processing")
     path = tmp_path / "colour.aedat4"
     code = (
         "import dv_processing as dv, numpy as np, sys\n"

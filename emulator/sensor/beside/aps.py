@@ -21,6 +21,7 @@ from evs.emulator.sensor.beside.aps_parameters import ApsParameters
 from evs.emulator.sensor.beside.schedule import first_from, stamp_us
 from evs.emulator.sensor.parameters import WHITE_DN
 from evs.emulator.sensor.random import Term, indexed_normals
+from evs.emulator.sensor.saved import same_bytes
 from evs.msgs import EvsError, Frame
 
 MAX_FRAMES = 1000
@@ -93,11 +94,7 @@ class ApsState:
         """Same bits everywhere."""
         if not isinstance(other, ApsState):
             return NotImplemented
-        mine, others = self.save(), other.save()
-        return all(
-            mine[key].shape == others[key].shape and mine[key].tobytes() == others[key].tobytes()
-            for key in mine
-        )
+        return same_bytes(self.save(), other.save())
 
     __hash__ = None  # type: ignore[assignment]
 

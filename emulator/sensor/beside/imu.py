@@ -27,6 +27,7 @@ from evs.emulator.sensor.beside.imu_parameters import ImuParameters
 from evs.emulator.sensor.beside.rotation import dot, rotation_vector
 from evs.emulator.sensor.beside.schedule import first_from, stamp_us
 from evs.emulator.sensor.random import Term, indexed_normals
+from evs.emulator.sensor.saved import same_bytes
 from evs.msgs import DEGREE, STANDARD_GRAVITY, EvsError, ImuSamples, empty_imu
 
 MAX_SAMPLES = 1_000_000
@@ -82,11 +83,7 @@ class ImuState:
         """Same bits everywhere."""
         if not isinstance(other, ImuState):
             return NotImplemented
-        mine, others = self.save(), other.save()
-        return all(
-            mine[key].shape == others[key].shape and mine[key].tobytes() == others[key].tobytes()
-            for key in mine
-        )
+        return same_bytes(self.save(), other.save())
 
     __hash__ = None  # type: ignore[assignment]
 

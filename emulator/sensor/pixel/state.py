@@ -10,6 +10,7 @@ import numpy as np
 
 from evs.emulator.scene import F32, F64
 from evs.emulator.sensor.parameters import SensorParameters
+from evs.emulator.sensor.saved import same_bytes
 from evs.msgs import EvsError
 
 MAX_TICK_US = 2**28 - 1
@@ -168,11 +169,7 @@ class PlainState:
             return False
         if any(getattr(self, name) != getattr(other, name) for name in _NUMBERS):
             return False
-        ours, theirs = self.arrays(), other.arrays()
-        return ours.keys() == theirs.keys() and all(
-            array.shape == theirs[name].shape and array.tobytes() == theirs[name].tobytes()
-            for name, array in ours.items()
-        )
+        return same_bytes(self.arrays(), other.arrays())
 
     __hash__ = None  # type: ignore[assignment]
 

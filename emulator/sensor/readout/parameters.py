@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+from evs.emulator.sensor.ranges import check_ranges, check_whole
 from evs.msgs import EvsError, unknown
 
 ORDERS = ("ideal", "arbiter", "scan")
@@ -89,19 +90,11 @@ class ReadoutParameters:
 
     def _check_numbers(self) -> None:
         for key, (least, most) in _WHOLE.items():
+            check_whole("sensor.readout", self, key)
             value = getattr(self, key)
-            if not _is_whole(value):
-                raise EvsError(f"sensor.readout.{key} is {value!r}; give a whole number")
             if not least <= value <= most:
                 raise EvsError(f"sensor.readout.{key} is {value}; give {least} ... {most}")
-        for key, (lowest, highest) in _REAL.items():
-            value = getattr(self, key)
-            if not isinstance(value, int | float) or isinstance(value, bool):
-                raise EvsError(f"sensor.readout.{key} is {value!r}; give a number")
-            if not lowest <= value <= highest:  # also where it is NaN
-                raise EvsError(
-                    f"sensor.readout.{key} is {value:g}; give {lowest:g} ... {highest:g}"
-                )
+        check_ranges("sensor.readout", self, _REAL)
         if 0 < self.bandwidth_mevs < 1e-6:
             raise EvsError(
                 f"sensor.readout.bandwidth_mevs is {self.bandwidth_mevs:g}; "
