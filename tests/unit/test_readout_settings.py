@@ -14,26 +14,11 @@ from evs.emulator.sensor import (
     Readout,
     ReadoutParameters,
     ReadoutState,
-    SensorParameters,
     make_readout,
     resolve_sensor,
 )
 from evs.msgs import Events, EvsError, empty_events, make_events
-
-
-def sensor_of(
-    latency_us: float = 0.0, latency_sigma_us: float = 0.0, **readout
-) -> SensorParameters:
-    return SensorParameters(
-        "test",
-        64,
-        48,
-        0.2,
-        0.2,
-        latency_us=latency_us,
-        latency_sigma_us=latency_sigma_us,
-        readout=ReadoutParameters(**readout),
-    )
+from reference.readout import sensor_of
 
 
 def test_an_ideal_readout_is_not_there() -> None:

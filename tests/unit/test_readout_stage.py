@@ -9,28 +9,13 @@ import pytest
 
 from evs.emulator.sensor import (
     Readout,
-    ReadoutParameters,
     ReadoutState,
     SensorParameters,
 )
 from evs.msgs import clean_events, empty_events, make_events
+from reference.readout import sensor_of
 
 Rows = list[tuple[int, int, int, int]]
-
-
-def sensor_of(
-    latency_us: float = 0.0, latency_sigma_us: float = 0.0, **readout
-) -> SensorParameters:
-    return SensorParameters(
-        "test",
-        64,
-        48,
-        0.2,
-        0.2,
-        latency_us=latency_us,
-        latency_sigma_us=latency_sigma_us,
-        readout=ReadoutParameters(**readout),
-    )
 
 
 def run(

@@ -10,10 +10,11 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
-from evs.emulator.sensor import SensorParameters
+from evs.emulator.sensor import ReadoutParameters, SensorParameters
 from evs.emulator.sensor.random import _cos_turn, _hash, _log, _uniform
 from evs.msgs import Events
 
@@ -37,6 +38,22 @@ class Told:
     """(stamp us, event) in the order in which they came out"""
     dropped: Counter[str] = field(default_factory=Counter)
     waiting: int = 0
+
+
+def sensor_of(
+    latency_us: float = 0.0, latency_sigma_us: float = 0.0, **readout: Any
+) -> SensorParameters:
+    """Noise-free pixels, 64 x 48, behind a readout of these keys."""
+    return SensorParameters(
+        "test",
+        64,
+        48,
+        0.2,
+        0.2,
+        latency_us=latency_us,
+        latency_sigma_us=latency_sigma_us,
+        readout=ReadoutParameters(**readout),
+    )
 
 
 def tell(sensor: SensorParameters, seed: int, events: Iterable[Event], end_us: int) -> Told:
