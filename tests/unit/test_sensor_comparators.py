@@ -117,7 +117,7 @@ def test_nobody_fires_while_blind_and_noise_may_come_in_the_us_it_ends(refractor
 
 def test_a_level_comes_before_noise_of_the_same_us() -> None:
     """Unless blind, a pixel may have both; the noise then has the last word on its reference."""
-    events, causes = run(crowd(shot_noise_rate_hz=1e5, leak_rate_hz=1e4), 100)
+    events, causes = run(crowd(shot_noise_rate_hz=1e5, leak_rate_hz=1e4), 400)
     pixel = events["y"] * 32 + events["x"]
     both = (np.diff(pixel) == 0) & (np.diff(events["t"]) == 0) & (np.diff(causes.astype(int)) != 0)
     assert np.count_nonzero(both) > 10

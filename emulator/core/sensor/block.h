@@ -206,6 +206,13 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   }
 
   const bool blinds = step.settings.refractory > 0;
+  if (blinds) {
+    // when the blind see again is seldom near: all of them are fetched at once
+    for (uint64_t left = loud; left != 0; left &= left - 1) {
+      const size_t i = static_cast<size_t>(std::countr_zero(left));
+      __builtin_prefetch(arrays.blind_until + first + i);
+    }
+  }
   for (uint64_t left = loud | noisy; left != 0; left &= left - 1) {
     const size_t i = static_cast<size_t>(std::countr_zero(left));
     const double r = drifts ? s.reference[i] : reference[i];

@@ -18,28 +18,17 @@ struct LowpassStep {
 inline constexpr float kFaded = 0x1p-64f;  // log units
 inline constexpr float kSettled = 80.0f;   // e^-80 is nothing beside 1
 inline constexpr float kForEver = 0x1p100f;
+inline constexpr float kNear = 0x1.8p-5f;
 
 // z >= 0, also infinite, and a NaN counts as that. Relative error of a below 1e-6, of b below 4e-6.
 EVS_ALWAYS_INLINE LowpassStep lowpass_step(float any_z) {
   const float z = any_z < kSettled ? any_z : kSettled;
-  // close to zero the differences cancel: there by their series
-  float a = -0x1.6c16c2p-10f;  // -1 / 6!, 1 / 5!, ...
-  a = a * z + 0x1.111112p-7f;
-  a = a * z - 0x1.555556p-5f;
-  a = a * z + 0x1.555556p-3f;
-  a = a * z - 0.5f;
-  a = (a * z + 1.0f) * z;
-  float b = -0x1.a01a02p-13f;  // -1 / 7!, 1 / 6!, ...
-  b = b * z + 0x1.6c16c2p-10f;
-  b = b * z - 0x1.111112p-7f;
-  b = b * z + 0x1.555556p-5f;
-  b = b * z - 0x1.555556p-3f;
-  b = (b * z + 0.5f) * z;
-  const float far_a = 1.0f - exp_minus(z);
+  const float a = one_minus_exp(z);
+  // close to zero the difference cancels: there b by its series
+  const float near_b = (0.5f - (0x1.555556p-3f - 0x1.555556p-5f * z) * z) * z;
   const float most = any_z < kForEver ? any_z : kForEver;
-  const float far_b = 1.0f - far_a / (most > 0.25f ? most : 0.25f);
-  const bool near = z < 0.25f;
-  return {choose(near, a, far_a), choose(near, b, far_b)};
+  const float far_b = 1.0f - a / (most > kNear ? most : kNear);
+  return {a, choose(z < kNear, near_b, far_b)};
 }
 
 EVS_ALWAYS_INLINE float lowpass(LowpassStep step, float y0, float x0, float x1) {

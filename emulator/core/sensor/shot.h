@@ -64,8 +64,9 @@ inline double shot_bound(const ShotNoise& shot, size_t first, size_t count) {
 }
 
 // Candidates of a block in (begin_us, end_us] of the sensor's clock, in order; the clock goes on.
-// Candidate n (1, 2, ...) has the numbers 4 n + 2, its pixel, and 4 n + 3, its lot; 4 n + 1 is the
-// gap after it, in whole 2^-10 us, rounded up, and 1 the one before the first. Stamps round up.
+// Candidate n (1, 2, ...) has the number 2 n + 2: its high half is the pixel, the low one the lot.
+// Number 2 n + 1 is the gap after it, in whole 2^-10 us, rounded up, and 1 the one before the
+// first. Stamps round up.
 inline void draw_candidates(const ShotNoise& shot, ShotClock clock, size_t block, size_t pixels,
                             double bound, int64_t begin_us, int64_t end_us,
                             std::vector<ShotCandidate>& out) {
@@ -73,12 +74,13 @@ inline void draw_candidates(const ShotNoise& shot, ShotClock clock, size_t block
   const double mean_gap =
       1e6 * static_cast<double>(kShotUnits) / (bound * static_cast<double>(pixels));
   while (*clock.next <= end_us * kShotUnits) {
-    const uint64_t number = static_cast<uint64_t>(*clock.count) * 4;
+    const uint64_t number = static_cast<uint64_t>(*clock.count) * 2;
     if (number > 0) {  // the first is where the clock starts, no candidate
       const int64_t stamp = (*clock.next + kShotUnits - 1) / kShotUnits;
-      const uint64_t place = (hash(key, number + 2) >> 32) * pixels >> 32;
-      out.push_back({static_cast<uint32_t>(place), static_cast<uint32_t>(stamp - begin_us),
-                     uniform(hash(key, number + 3)) * bound});
+      const uint64_t bits = hash(key, number + 2);
+      const uint64_t place = (bits >> 32) * pixels >> 32;
+      const double lot = static_cast<double>(static_cast<uint32_t>(bits)) * 0x1p-32 * bound;
+      out.push_back({static_cast<uint32_t>(place), static_cast<uint32_t>(stamp - begin_us), lot});
       // its rates are wanted soon, and are seldom near
       __builtin_prefetch(shot.on + block * kBlock + place);
       __builtin_prefetch(shot.off + block * kBlock + place);

@@ -19,8 +19,8 @@ FOR_EVER = np.float32(2.0**100)
 """the largest z"""
 FADED = np.float32(2.0**-64)
 """a filter closer to 0 is 0, log units"""
-NEAR = np.float32(0.25)
-"""z below which the two shares come from their series"""
+NEAR = np.float32(0.046875)
+"""z below which b comes from its series"""
 
 
 def share_of_tick(hz: float, tick_us: int) -> np.float32:
@@ -52,22 +52,24 @@ def shares(z: F32) -> tuple[F32, F32]:
     """
     most = np.where(z < FOR_EVER, z, FOR_EVER)
     z = np.where(z < SETTLED, z, SETTLED)
-    # e^-z - 1 = -z + z^2 / 2 - ..., divided by -z once for a and twice for b
+    a = one_minus_exp(z)
     with np.errstate(under="ignore"):
-        near_a = _horner(z, [(-1.0) ** n / math.factorial(n + 1) for n in range(5, -1, -1)]) * z
-        near_b = _horner(z, [(-1.0) ** n / math.factorial(n + 2) for n in range(5, -1, -1)]) * z
-    far_a = np.float32(1) - exp_minus(z)
-    far_b = np.float32(1) - far_a / np.maximum(most, NEAR)
-    return np.where(z < NEAR, near_a, far_a), np.where(z < NEAR, near_b, far_b)
+        # (e^-z - 1 + z) / z = z / 2 - z^2 / 6 + ...
+        near = (np.float32(0.5) - (np.float32(1 / 6) - np.float32(1 / 24) * z) * z) * z
+    far = np.float32(1) - a / np.maximum(most, NEAR)
+    return a, np.where(z < NEAR, near, far)
 
 
-def exp_minus(z: F32) -> F32:
-    """e^-z for 0 <= z <= 80: z = k ln 2 - r, and e^r by its series."""
+def one_minus_exp(z: F32) -> F32:
+    """1 - e^-z for 0 <= z <= 80: z = k ln 2 - r, e^r - 1 by its series, e^-z = 2^-k e^r."""
     k = (z * np.float32(math.log2(math.e)) + np.float32(0.5)).astype(np.int32)
     whole = k.astype(np.float32)
     r = (whole * LN2_HIGH - z) + whole * LN2_LOW
-    series = _horner(r, [1.0 / math.factorial(n) for n in range(6, -1, -1)])
-    return series * np.ldexp(np.float32(1), -k)
+    scale = np.ldexp(np.float32(1), -k)
+    with np.errstate(under="ignore"):
+        series = _horner(r, [1.0 / math.factorial(n) for n in range(6, 0, -1)])
+        out: F32 = (np.float32(1) - scale) - scale * (series * r)
+    return out
 
 
 def follow(z: F32, y: F32, x0: F32, x1: F32, law: str) -> F32:

@@ -55,10 +55,12 @@ def candidates(
     while following <= end_us * UNITS:
         # number 0 is no candidate: it is where the clock starts
         if count > 0:
-            pixel = (_hash(key, 4 * count + 2) >> 32) * pixels >> 32
+            bits = _hash(key, 2 * count + 2)
+            pixel = (bits >> 32) * pixels >> 32
+            lot_hz = bits % 2**32 * 2.0**-32 * most_hz
             offset_us = -(-following // UNITS) - begin_us
-            found.append(Candidate(pixel, offset_us, _uniform(_hash(key, 4 * count + 3)) * most_hz))
-        gap = _exponential(_hash(key, 4 * count + 1)) * mean_gap
+            found.append(Candidate(pixel, offset_us, lot_hz))
+        gap = _exponential(_hash(key, 2 * count + 1)) * mean_gap
         following = following + math.ceil(gap) if gap < 2.0**61 else NEVER
         count += 1
     return found, (following, count)
