@@ -65,7 +65,7 @@ def one_minus_exp(z: F32) -> F32:
     k = (z * np.float32(math.log2(math.e)) + np.float32(0.5)).astype(np.int32)
     whole = k.astype(np.float32)
     r = (whole * LN2_HIGH - z) + whole * LN2_LOW
-    scale = np.ldexp(np.float32(1), -k)
+    scale = np.ldexp(np.float32(1), -k).astype(np.float32)
     with np.errstate(under="ignore"):
         series = _horner(r, [1.0 / math.factorial(n) for n in range(6, 0, -1)])
         out: F32 = (np.float32(1) - scale) - scale * (series * r)

@@ -1,0 +1,36 @@
+"""Random networks whose currents are of the size that trained ones have."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evs.emulator.network import Block, Convolution, NetworkWeights
+
+
+def random_network(
+    seed: int,
+    channels: int = 8,
+    blocks: int = 3,
+    *,
+    biased: bool = False,
+    look_ahead: int = 0,
+    tau_s: float = 0.5,
+) -> NetworkWeights:
+    """He's initialisation; look_ahead is that of every convolution, 3 is the paper's centred net."""
+    rng = np.random.default_rng(seed)
+
+    def draw(out: int, inputs: int) -> Convolution:
+        weight = rng.normal(0.0, np.sqrt(2.0 / (7 * inputs)), (out, inputs, 7)).astype(np.float32)
+        bias = rng.normal(0.0, 0.05, out).astype(np.float32) if biased else None
+        return Convolution(weight, bias, look_ahead)
+
+    return NetworkWeights(
+        name=f"random{seed}",
+        encoder=draw(channels, 1),
+        blocks=tuple(
+            Block(draw(channels, channels), draw(channels, channels)) for _ in range(blocks)
+        ),
+        last=rng.normal(0.0, 2.0 / np.sqrt(channels), channels).astype(np.float32),
+        last_bias=0.01 if biased else 0.0,
+        tau_s=tau_s,
+    )
