@@ -16,7 +16,7 @@ def random_network(
     look_ahead: int = 0,
     tau_s: float = 0.5,
 ) -> NetworkWeights:
-    """He's initialisation; look_ahead is that of every convolution, 3 is the paper's centred net."""
+    """He's initialisation; look_ahead of every convolution, 3 is the paper's centred net."""
     rng = np.random.default_rng(seed)
 
     def draw(out: int, inputs: int) -> Convolution:
