@@ -11,13 +11,13 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from evs.drivers.checkup.check import BAD, NOTE, OK, Check
+from evs.emulator.memory import memory_gb
 
 MIN_PYTHON = (3, 11)
 ENOUGH_MEMORY_GB = 2.0
 ENOUGH_DISK_GB = 1.0
 
 CPU_FILE = Path("/proc/cpuinfo")
-MEMORY_FILE = Path("/proc/meminfo")
 
 
 def check_python() -> Check:
@@ -69,18 +69,6 @@ def cpu_name() -> str:
             if key.strip() == "model name":
                 return value.strip()
     return platform.processor() or platform.machine()
-
-
-def memory_gb() -> tuple[float, float]:
-    """(total, free for programs), GB. Without /proc the free part is taken for the whole."""
-    found: dict[str, float] = {}
-    if MEMORY_FILE.is_file():
-        for line in MEMORY_FILE.read_text().splitlines():
-            key, _, value = line.partition(":")
-            if value.split()[1:] == ["kB"]:
-                found[key] = int(value.split()[0]) * 1024 / 1e9
-    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
-    return found.get("MemTotal", total), found.get("MemAvailable", total)
 
 
 def _folder(folder: Path) -> Check:

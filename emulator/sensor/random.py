@@ -29,6 +29,8 @@ class Term(IntEnum):
     DEFECT = 5
     SHOT = 6
     """in core/sensor/shot.h, of blocks of pixels"""
+    INTERNAL_STATE = 7
+    """of a network: V(0)"""
     LATENCY = 64
     """in core/sensor/readout.h, of an event: pixel, time and polarity"""
     ARBITER = 65

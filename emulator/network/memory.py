@@ -1,0 +1,28 @@
+"""Whether a network's state fits into this machine."""
+
+from __future__ import annotations
+
+from evs.emulator.memory import memory_gb
+from evs.emulator.network.weights import TAPS, NetworkWeights
+from evs.msgs import EvsError
+
+COMMON_BYTES = 20
+"""of a pixel: last luminance, last log, v (float32 each), last (int64)"""
+
+
+def dense_bytes(weights: NetworkWeights, width: int, height: int) -> int:
+    """State in which every pixel has its FIFOs: 7 float32 for each channel that is read."""
+    read = sum(int(convolution.weight.shape[1]) for convolution in weights.convolutions)
+    return (COMMON_BYTES + 4 * TAPS * read) * width * height
+
+
+def check_dense(weights: NetworkWeights, width: int, height: int) -> None:
+    """Raise EvsError where a dense state is more than the memory that is free."""
+    needed_gb = dense_bytes(weights, width, height) / 1e9
+    _, free_gb = memory_gb()
+    if needed_gb > free_gb:
+        raise EvsError(
+            f"a dense {width}x{height} state of {weights.channels} channels is {needed_gb:.3g} GB; "
+            f"{free_gb:.3g} GB are free: use a smaller sensor, a network of fewer channels, or "
+            "runtime native with a network without biases, which keeps only what moves"
+        )

@@ -1,0 +1,62 @@
+"""The network in plain NumPy: slow, easy to read, the oracle of the other runtimes.
+
+Sums are elementwise float32, tap by tap and channel by channel, never by BLAS: the same bytes on
+every machine and for every cut of the stream.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evs.emulator.network.dense import DenseRuntime
+from evs.emulator.network.weights import TAPS, Convolution
+from evs.emulator.scene import F32
+
+
+class ReferenceRuntime(DenseRuntime):
+    """Runtime `reference`."""
+
+    name = "reference"
+
+    def convolve(self, x: F32, fifos: list[F32]) -> tuple[F32, list[F32]]:
+        """DenseRuntime.convolve."""
+        weights, ticks = self.weights, len(x)
+        queues = iter(fifos)
+        kept: list[F32] = []
+
+        def read(value: F32) -> F32:
+            """(channels, 6 + ticks, pixels): the ticks before, then these."""
+            line = np.concatenate([next(queues), value], axis=1)
+            kept.append(line[:, ticks:].copy())
+            return line
+
+        h = relu(convolution(weights.encoder, read(x[np.newaxis])))
+        for block in weights.blocks:
+            line = read(h)
+            middle = relu(convolution(block.first, line))
+            change = convolution(block.second, read(middle))
+            # the sum is late by what the block looks ahead, and so is the h in it
+            start = TAPS - 1 - block.look_ahead
+            h = relu(line[:, start : start + ticks] + change)
+        current = np.zeros_like(x)
+        for weight, channel in zip(weights.last, h, strict=True):
+            current += weight * channel
+        return current + np.float32(weights.last_bias), kept
+
+
+def convolution(c: Convolution, line: F32) -> F32:
+    """Valid: (channels in, 6 + ticks, pixels) to (channels out, ticks, pixels)."""
+    outputs, inputs, _ = c.weight.shape
+    ticks = line.shape[1] - (TAPS - 1)
+    total = np.zeros((outputs, ticks, line.shape[2]), np.float32)
+    for j in range(TAPS):
+        for i in range(inputs):
+            total += c.weight[:, i, j, np.newaxis, np.newaxis] * line[i, j : j + ticks]
+    if c.bias is not None:
+        total += c.bias[:, np.newaxis, np.newaxis]
+    return total
+
+
+def relu(value: F32) -> F32:
+    """max(value, 0); never -0."""
+    return np.where(value > 0, value, np.float32(0))
