@@ -1,0 +1,1 @@
+"""Training the network: data from our own light, and what is learnt from it."""

@@ -1,0 +1,146 @@
+"""What a folder of training data was made with: DataSettings, in DIR/data.json."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from evs.msgs import EvsError
+
+SETTINGS_FILE = "data.json"
+
+RECIPE = 1
+"""Number of the recipe of scenes, light and pixels; data of another one cannot be continued."""
+
+WIDTH, HEIGHT = 346, 260
+"""px of the images that pixels are drawn from"""
+MOST = {"pixels": 8192, "ticks": 1_000_000, "truth_spp": 4096}
+LEAST = {"pixels": 1, "ticks": 2, "truth_spp": 1}
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way to trace a scene's light."""
+
+    spp: int
+    """samples a pixel, 1 ... 4096"""
+    seeds: str
+    """fixed | fresh, as render.seeds"""
+
+
+VARIANTS = tuple(Variant(spp, seeds) for seeds in ("fixed", "fresh") for spp in (1, 4, 16, 64))
+
+
+@dataclass(frozen=True)
+class DataSettings:
+    """All that a scene's shard follows from, but its number. Raises EvsError for nonsense."""
+
+    seed: int = 1
+    """all that is random follows from it"""
+    pixels: int = 2048
+    """P, how many of a scene's image are traced"""
+    truth_spp: int = 512
+    """samples a pixel of converged light"""
+    ticks: int = 448
+    """K, ticks of a scene; the first only sets the log light"""
+    variants: tuple[Variant, ...] = VARIANTS
+    """of the noisy light, in the order of the shards"""
+    tick_us: int = 1000
+    """length of a tick, us"""
+    recipe: int = RECIPE
+
+    def __post_init__(self) -> None:
+        for key, most in MOST.items():
+            value = getattr(self, key)
+            if not LEAST[key] <= value <= most:
+                raise EvsError(
+                    f"training data: {key} is {value}; it must be {LEAST[key]} ... {most}"
+                )
+        if not 0 <= self.seed < 2**63:
+            raise EvsError(f"training data: seed is {self.seed}; it must be 0 ... 2^63 - 1")
+        if not self.variants:
+            raise EvsError("training data: there is no variant of the light; give at least one")
+        for variant in self.variants:
+            if not 1 <= variant.spp <= 4096 or variant.seeds not in ("fixed", "fresh"):
+                raise EvsError(
+                    f"training data: {variant.spp} spp with {variant.seeds} seeds; spp is "
+                    "1 ... 4096, seeds are fixed or fresh"
+                )
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON takes it."""
+        told = dataclasses.asdict(self)
+        told["variants"] = [dataclasses.asdict(variant) for variant in self.variants]
+        return told
+
+    @classmethod
+    def of(cls, told: Any, where: str) -> DataSettings:
+        """What `plain` told. Raises EvsError, which names `where` it was read."""
+        try:
+            values = dict(told)
+            values["variants"] = variants_of(values["variants"])
+            kinds = {field.name for field in dataclasses.fields(cls)} - {"variants"}
+            if set(values) != kinds | {"variants"}:
+                raise ValueError
+            if any(type(values[name]) is not int for name in kinds):
+                raise ValueError
+        except (KeyError, TypeError, ValueError):
+            raise EvsError(
+                f"{where} does not hold settings of training data; take an empty folder"
+            ) from None
+        return cls(**values)
+
+
+def variants_of(told: Any) -> tuple[Variant, ...]:
+    """Variants from a JSON list. Raises ValueError or TypeError."""
+    found = tuple(Variant(**entry) for entry in told)
+    if any(type(v.spp) is not int or type(v.seeds) is not str for v in found):
+        raise ValueError("spp is a whole number, seeds a word")
+    return found
+
+
+def read_settings(folder: Path) -> DataSettings:
+    """Those of a folder of training data. Raises EvsError where it is none."""
+    path = folder / SETTINGS_FILE
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError):
+        raise EvsError(
+            f"no training data in '{folder}': make some with evs train data {folder}"
+        ) from None
+    except (OSError, ValueError) as reason:
+        raise EvsError(f"cannot read {path}: {reason}") from None
+    return DataSettings.of(told, str(path))
+
+
+def claim_folder(folder: Path, settings: DataSettings) -> None:
+    """Make the folder one of these settings; one of others is refused, as is a folder in use.
+
+    Raises EvsError in one line.
+    """
+    path = folder / SETTINGS_FILE
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not path.exists():
+            if any(folder.glob("*.npz")):
+                raise EvsError(f"'{folder}' has .npz files and no {SETTINGS_FILE}; take another")
+            part = path.with_name(f".{path.name}.{os.getpid()}")
+            part.write_text(json.dumps(settings.plain(), indent=2) + "\n", encoding="utf-8")
+            part.replace(path)
+            return
+    except OSError as reason:
+        raise EvsError(f"cannot write {path}: {reason.strerror}; take another folder") from None
+    found = read_settings(folder)
+    if found != settings:
+        asked, there = settings.plain(), found.plain()
+        differ = [
+            f"{key} {there[key]}, not {asked[key]}" for key in asked if asked[key] != there[key]
+        ]
+        raise EvsError(
+            f"'{folder}' holds training data of other settings ({'; '.join(differ)}); "
+            "give those, or another folder"
+        )
