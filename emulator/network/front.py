@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from evs.emulator.network.state import NetworkState
-from evs.emulator.network.weights import NetworkWeights
+from evs.emulator.network.weights import MAX_STEP, NetworkWeights
 from evs.emulator.scene import F32
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.pixel.reference.light import log_light
 
-MAX_STEP = np.float32(20)
-"""|X| is clamped to it: from black to a sun, in log units"""
+_MOST = np.float32(MAX_STEP)
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Front:
         log = np.where(usable, log, last)
         # NaN - NaN and log - NaN: no light before this one
         change = np.where(np.isnan(last), np.float32(0), log - last)
-        x: F32 = np.clip(change, -MAX_STEP, MAX_STEP)
+        x: F32 = np.clip(change, -_MOST, _MOST)
         state.clamped += int(np.count_nonzero(~usable))
         state.x_clamped += int(np.count_nonzero(x != change))
         np.copyto(state.last_luminance, frame, where=usable)

@@ -17,7 +17,7 @@ from evs.msgs import Events, EvsError, unknown
 INITIAL_STATES = ("random", "zero")
 MAX_CHUNK = 32
 """ticks that a runtime is given at once; longer chunks are cut, with the same bytes"""
-MAX_THRESHOLD = 32.0
+THRESHOLDS = (1 / 64, 32.0)
 """of a pixel in units of the network's: membranes end at 64"""
 MAX_TIME_US = 2**52
 
@@ -53,14 +53,15 @@ class EvsNetModel:
             raise EvsError("model evsnet cannot label its events; use model plain or adaptive")
         self.sensor, self.weights = sensor, weights
         self._initial = initial
+        least, most = (limit * weights.threshold for limit in THRESHOLDS)
+        for key in ("pos_thres", "neg_thres"):
+            if not least <= getattr(sensor, key) <= most:
+                raise EvsError(
+                    f"sensor.{key} is {getattr(sensor, key):g}; network '{weights.name}' was "
+                    f"trained for {weights.threshold:g}: give {least:.3g} ... {most:.3g}"
+                )
         self._on = np.float32(sensor.pos_thres / weights.threshold)
         self._off = np.float32(sensor.neg_thres / weights.threshold)
-        for key, level in (("pos_thres", self._on), ("neg_thres", self._off)):
-            if not 0.0 < level <= MAX_THRESHOLD:
-                raise EvsError(
-                    f"sensor.{key} is {getattr(sensor, key):g}; network '{weights.name}' "
-                    f"({weights.threshold:g}) takes up to {MAX_THRESHOLD * weights.threshold:g}"
-                )
         decay_tables(weights.tau_s, weights.tick_us)  # refuses what has none
         if runtime != "native" or not sparse or not weights.is_still:
             check_dense(weights, sensor.width, sensor.height)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.network.decay import I64
-from evs.emulator.network.weights import NetworkWeights
+from evs.emulator.network.weights import MAX_CURRENT, NetworkWeights
 from evs.emulator.scene import F32
 from evs.emulator.sensor.saved import Arrays, same_bytes
 from evs.msgs import EvsError
@@ -18,6 +18,9 @@ from evs.msgs import EvsError
 MAX_TICKS = 2**52
 """How many ticks a sensor may live: 142 years of 1 ms are 2^42"""
 MAX_V = 64.0
+MAX_LOG = 128.0
+"""L_log of no float32 is larger"""
+_LARGEST = float(np.finfo(np.float32).max)
 
 _FRAMES = {
     "last_luminance": np.float32,
@@ -105,8 +108,14 @@ class NetworkState:
         """
         others = {*_NUMBERS, *_WORDS, "seed"}
         try:
-            frames = {name: np.array(saved[name], kind) for name, kind in _FRAMES.items()}
-            own = {n: np.array(saved[n]) for n in saved if n not in others and n not in frames}
+            frames = {
+                name: np.array(saved[name], kind, order="C") for name, kind in _FRAMES.items()
+            }
+            own = {
+                n: np.array(saved[n], order="C")
+                for n in saved
+                if n not in others and n not in frames
+            }
             numbers: dict[str, Any] = {name: int(saved[name]) for name in ("seed", *_NUMBERS)}
             words: dict[str, Any] = {name: str(saved[name]) for name in _WORDS}
         except KeyError as missing:
@@ -122,12 +131,15 @@ class NetworkState:
     def _check_values(self) -> None:
         if len({self.arrays[name].shape for name in _FRAMES}) != 1 or self.v.ndim != 2:
             raise EvsError("saved network state has arrays of different shapes; save it again")
-        floats = {n: a for n, a in self.arrays.items() if a.dtype.kind == "f" and n != "last_log"}
-        wrong = [name for name, array in floats.items() if not np.all(np.isfinite(array))]
-        if np.any(np.abs(self.v) > MAX_V):
-            wrong.append("v")
-        if np.any(np.isinf(self.last_log)):
-            wrong.append("last_log")
+        # what the network reads is bounded, as its weights are; a NaN is over every bound
+        most = {"v": MAX_V, "last_luminance": _LARGEST, "last_log": MAX_LOG}
+        dark = {"last_log": np.isnan(self.last_log)}
+        wrong = [
+            name
+            for name, array in self.arrays.items()
+            if array.dtype.kind == "f"
+            and not np.all((np.abs(array) <= most.get(name, MAX_CURRENT)) | dark.get(name, False))
+        ]
         if not 0 <= self.ticks <= MAX_TICKS:
             wrong.append("ticks")
         elif np.any(self.last < 0) or np.any(self.last > self.ticks):

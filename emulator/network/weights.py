@@ -18,13 +18,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evs.emulator.scene import F32
+from evs.emulator.scene import F32, F64
 from evs.msgs import EvsError
 
 TAPS = 7
 """k, ticks that one convolution reads"""
 MAX_CHANNELS = 64
 MAX_BLOCKS = 8
+MAX_STEP = 20.0
+"""|X| is clamped to it: from black to a sun, in log units"""
+MAX_CURRENT = 1e30
+"""No sum in the network may come near the end of float32: so no NaN or Inf can come about."""
+MAX_TICK_US = 2**28 - 1
+MAX_LINLOG_DN = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,14 +103,21 @@ class NetworkWeights:
             ("last_bias", abs(self.last_bias) + 1.0),
             ("tau_s", self.tau_s),
             ("threshold", self.threshold),
-            ("tick_us", self.tick_us),
+            ("tick_us", self.tick_us / MAX_TICK_US),
         ):
-            if not 0.0 < value < float("inf"):
+            if not 0.0 < value < float("inf") or (key == "tick_us" and value > 1.0):
                 raise EvsError(f"network '{self.name}': {key} is {getattr(self, key)}")
-        if not self.linlog_dn > 1.0:
+        if not 1.0 < self.linlog_dn <= MAX_LINLOG_DN:
             raise EvsError(
                 f"network '{self.name}': linlog_dn is {self.linlog_dn}; the log map rises only "
-                "where it is over 1"
+                f"where it is over 1, and {MAX_LINLOG_DN:g} is the most"
+            )
+        if not 1 <= self.spp[0] <= self.spp[1]:
+            raise EvsError(f"network '{self.name}': spp is {self.spp}; give fewest and most")
+        if not self._largest_sum() <= MAX_CURRENT:
+            raise EvsError(
+                f"network '{self.name}': its weights are so large that a current may be over "
+                f"{MAX_CURRENT:g}; train it again"
             )
 
     def _check(self, where: str, convolution: Convolution, shape: tuple[int, ...]) -> None:
@@ -125,6 +138,26 @@ class NetworkWeights:
             )
         if not np.all(np.isfinite(array)):
             raise EvsError(f"network '{self.name}': {where} holds a NaN or Inf; train it again")
+
+    def _largest_sum(self) -> float:
+        """No sum in the network is larger, nor any part of one, for any X."""
+        most = 0.0
+
+        def grown(convolution: Convolution, value: F64) -> F64:
+            nonlocal most
+            out: F64 = np.abs(convolution.weight.astype(np.float64)).sum(axis=2) @ value
+            if convolution.bias is not None:
+                out += np.abs(convolution.bias)
+            most = float(np.maximum(most, out.max()))
+            return out
+
+        with np.errstate(over="ignore", invalid="ignore"):  # Inf and NaN are too large
+            held = grown(self.encoder, np.full(1, MAX_STEP))
+            for block in self.blocks:
+                held = held + grown(block.second, grown(block.first, held))
+            last = np.abs(self.last.astype(np.float64)) @ held + abs(self.last_bias)
+        # the terms are not negative: each sum here is at least as large as any before
+        return float(np.max([most, held.max(), last]))
 
     @property
     def channels(self) -> int:
