@@ -181,7 +181,7 @@ def identity(weights: NetworkWeights) -> str:
     """Name and digest of a network, by which a state knows its own."""
     digest = hashlib.sha256()
     numbers = (weights.tau_s, weights.threshold, weights.linlog_dn, weights.tick_us)
-    digest.update(repr((*numbers, float(weights.last_bias))).encode())
+    digest.update(repr((*numbers, float(np.float32(weights.last_bias)))).encode())
     for convolution in weights.convolutions:
         digest.update(repr((convolution.weight.shape, convolution.look_ahead)).encode())
         digest.update(convolution.weight.astype("<f4").tobytes())
