@@ -17,14 +17,13 @@ from evs.emulator.config import (
 )
 from evs.emulator.light import make_renderer
 from evs.emulator.optics import camera_info
+from evs.emulator.pixels import DoneTick, Pixels
 from evs.emulator.plain_config import plain_config, plain_integer
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.sensor import (
     Aps,
     Imu,
     completed,
-    make_event_model,
-    make_readout,
     resolve_sensor,
 )
 from evs.emulator.stages import Meter, NoMeter, Renderer
@@ -103,7 +102,8 @@ def plan_camera(
 class Camera:
     """Renders what it sees of each snapshot and turns the change of light into events.
 
-    `start` sets the reference, then every `observe` gives the packet of the time since the last.
+    `start` sets the reference, then every `observe` gives the packet of the time since the last;
+    with model.chunk over 1 none while the chunk fills, then those of all its ticks.
     """
 
     bound: BoundCamera
@@ -137,8 +137,7 @@ class Camera:
         sensor = resolve_sensor(plan.sensor)
         self._size = (int(sensor.width), int(sensor.height))
         self._stand(world, scene)
-        self._model = make_event_model(sensor, plan.model, plan.threads)
-        self._readout = make_readout(sensor)
+        self._pixels = Pixels(sensor, plan.model, plan.seed, plan.threads)
         name = free_name(plan.name, self.bound.name, taken)
         self._aps = (
             Aps(sensor.aps, *self._size, float(sensor.exposure_dn), name)
@@ -157,19 +156,19 @@ class Camera:
             sensor=str(sensor.name),
             tick_us=tick_us,
             seed=plan.seed,
-            versions=versions(),
+            versions={**versions(), **self._pixels.versions},
             config=config,
             camera_info=camera_info(self.bound.model),
             frames=sensor.aps.enabled,
             imu=sensor.imu.enabled,
+            latency_us=self._pixels.latency_us,
         )
         self.reset()
 
     def reset(self) -> None:
         """Forget everything seen: as new."""
         seed = self._plan.seed
-        self._state: Any = self._model.init(seed)
-        self._read = None if self._readout is None else self._readout.init(seed)
+        self._pixels.reset()
         self._aps_state = None if self._aps is None else self._aps.init(seed)
         self._imu_state = None if self._imu is None else self._imu.init(seed)
         self._imu_seq = 0
@@ -200,8 +199,11 @@ class Camera:
         # the first tick has no events, so it may begin anywhere before its end
         self._see(snapshot, snapshot.t_us - 1)
 
-    def observe(self, snapshot: SceneSnapshot) -> EventPacket:
-        """The events between the last snapshot and this one. EvsError where time stood still."""
+    def observe(self, snapshot: SceneSnapshot) -> tuple[EventPacket, ...]:
+        """The events between the last snapshot and this one. EvsError where time stood still.
+
+        One packet; with model.chunk over 1 none, or those of all ticks of the chunk.
+        """
         begin_us = self._t_us
         if begin_us is None:
             raise EvsError("the camera has no reference yet: call start with the first snapshot")
@@ -210,37 +212,41 @@ class Camera:
                 f"time went from {begin_us} us to {snapshot.t_us} us, so there is nothing between: "
                 "step the physics first, or call reset() after a reset"
             )
-        events = self._see(snapshot, begin_us)
+        return self._packets(self._see(snapshot, begin_us))
+
+    def finish(self) -> tuple[EventPacket, ...]:
+        """The packets of ticks that wait for the rest of their chunk, without it."""
+        return self._packets(self._pixels.finish())
+
+    def _packets(self, ticks: list[DoneTick]) -> tuple[EventPacket, ...]:
+        return tuple(self._packet(tick) for tick in ticks)
+
+    def _packet(self, tick: DoneTick) -> EventPacket:
         labelled = self._plan.model.labels
-        labels = take_labels(events, self.ground_truth().geom_id) if labelled else None
         packet = EventPacket(
             seq=self._seq,
-            time_base_us=begin_us,
-            time_end_us=snapshot.t_us,
+            time_base_us=tick.begin_us,
+            time_end_us=tick.end_us,
             width=self._size[0],
             height=self._size[1],
-            events=events,
+            events=tick.events,
             camera=self._info.camera,
-            labels=labels,
+            labels=take_labels(tick.events, self.ground_truth().geom_id) if labelled else None,
         )
         self._seq += 1
-        self.events += len(events)
+        self.events += len(tick.events)
         return packet
 
-    def _see(self, snapshot: SceneSnapshot, begin_us: int) -> Any:
+    def _see(self, snapshot: SceneSnapshot, begin_us: int) -> list[DoneTick]:
         pose = snapshot.cameras[self._place]
         self._previous, self._now = self._now, (snapshot, pose)
         self._luminance = self._renderer.render(snapshot, pose)
         self._meter.lap("render")
-        events, self._state = self._model.step(
-            self._luminance, self._state, begin_us, snapshot.t_us
-        )
-        if self._readout is not None and self._read is not None:
-            events, self._read = self._readout.step(events, self._read, begin_us, snapshot.t_us)
+        ticks = self._pixels.see(self._luminance, begin_us, snapshot.t_us)
         self._see_more(snapshot, pose, begin_us)
         self._t_us = snapshot.t_us
         self._meter.lap("sensor")
-        return events
+        return ticks
 
     def _see_more(self, snapshot: SceneSnapshot, pose: CameraPose, begin_us: int) -> None:
         """Frames and IMU of the tick, where they were asked for."""
@@ -283,6 +289,11 @@ class Camera:
         return self._info
 
     @property
+    def chunk(self) -> int:
+        """Ticks whose packets leave together."""
+        return self._plan.model.chunk
+
+    @property
     def name(self) -> str:
         """Its name on the bus and in recordings."""
         return self._info.camera
@@ -302,17 +313,17 @@ class Camera:
     @property
     def clamps(self) -> int:
         """Pixels times ticks whose light was negative, NaN or infinite and was replaced."""
-        return int(getattr(self._state, "clamped", 0))
+        return self._pixels.clamps
 
     @property
     def events_dropped(self) -> dict[str, int]:
         """Events that the readout dropped so far, by cause; empty where the readout is ideal."""
-        return self._read.dropped if self._read is not None else {}
+        return self._pixels.events_dropped
 
     @property
     def events_waiting(self) -> int:
         """Events that are still on their way through the readout."""
-        return self._read.count_waiting if self._read is not None else 0
+        return self._pixels.events_waiting
 
     @property
     def traced_fraction(self) -> float:

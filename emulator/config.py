@@ -304,7 +304,19 @@ class ModelConfig:
 
     name: str = "plain"
     """plain: the event pixel | adaptive: a running mean of the light in front of it, which takes
-    out the noise of fresh samples"""
+    out the noise of fresh samples | evsnet: the paper's network"""
+    network: str = "evsnet_c8"
+    """evsnet: a file of config/networks, or the path of an .onnx file of one's own"""
+    runtime: str = "native"
+    """evsnet: native: our own kernel, which steps only what moves | onnxruntime: any provider, any
+    graph | reference: plain NumPy, slow"""
+    provider: str = "cpu"
+    """evsnet on onnxruntime: cpu | cuda | tensorrt | openvino | coreml, as it was built for"""
+    chunk: int = 1
+    """evsnet: ticks that are taken at once: 1 for closed loops, 8 live, 16 to 32 for recordings;
+    the same events, but the packets of a chunk leave together at its end"""
+    initial_state: str = "random"
+    """evsnet: membrane of each pixel at the start: random, as in the paper | zero"""
     labels: bool = False
     """every event also says its cause (signal, leak, shot noise, hot pixel) and the geom under it:
     packet.labels, and recordings to .npz"""

@@ -188,6 +188,7 @@ class World:
     def step(self, ctrl: npt.ArrayLike | None = None) -> tuple[EventPacket, ...]:
         """Advance one tick; one packet a camera.
 
+        With model.chunk over 1 a camera has none while its chunk fills, then one of each tick.
         In: ctrl (nu,) holds for this tick and the following ones, instead of the control source.
         Raises UnstableError where the physics breaks down; the packets until then stay true.
         """
@@ -202,14 +203,24 @@ class World:
         for view in self._views:
             view.move(snapshot)
         self._meter.lap("world")
-        return tuple(camera.observe(snapshot) for camera in self._cameras)
+        return tuple(packet for camera in self._cameras for packet in camera.observe(snapshot))
+
+    def finish(self) -> tuple[EventPacket, ...]:
+        """The packets of ticks that wait for the rest of their chunk (model.chunk), without it."""
+        return tuple(packet for camera in self._cameras for packet in camera.finish())
 
     def run(self, duration_s: float) -> Iterator[tuple[EventPacket, ...]]:
-        """Step through the whole ticks nearest to `duration_s`, at least one."""
+        """Step through the whole ticks nearest to `duration_s`, at least one; then `finish`."""
         if not (duration_s > 0.0 and math.isfinite(duration_s)):
             raise EvsError(f"duration_s is {duration_s}: it must be over 0 s, for example 1.0")
         ticks = max(1, round(duration_s * 1e6 / self.substeps.tick_us))
-        return (self.step() for _ in range(ticks))
+        return self._run(ticks)
+
+    def _run(self, ticks: int) -> Iterator[tuple[EventPacket, ...]]:
+        for _ in range(ticks):
+            yield self.step()
+        if rest := self.finish():
+            yield rest
 
     def _start_cameras(self) -> None:
         """Cameras that have seen nothing yet take the light before this tick as their reference."""

@@ -52,6 +52,11 @@ class Sensor:
             )
         self._model = model
         plan = plan_camera(camera, sensor, render, model_config, name, seed, threads)
+        if plan.model.chunk > 1:
+            raise EvsError(
+                f"model.chunk is {plan.model.chunk}, but a Sensor gives its events at once: "
+                "leave it 1"
+            )
         tick_us = max(1, round(model.opt.timestep * 1e6))
         self._camera = Camera(model, extract_scene(model), plan, tick_us=tick_us)
         self._tick_us = tick_us
@@ -79,7 +84,7 @@ class Sensor:
         if not self._camera.started:
             self._camera.start(snapshot)
             return empty_events()
-        self._packet = self._camera.observe(snapshot)
+        (self._packet,) = self._camera.observe(snapshot)
         return self._packet.events
 
     def reset(self) -> None:

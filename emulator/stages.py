@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from evs.emulator.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.truth import GroundTruth
@@ -57,7 +57,18 @@ class RendererFactory(Protocol):
 
 
 class EventModel(Protocol):
-    """Light into events. The state is a value: it can be saved, restored and compared."""
+    """Light into events. The state is a value: it can be saved, restored and compared.
+
+    A state counts in `clamps` how often light or a value of its own was impossible and replaced.
+    """
+
+    @property
+    def latency_us(self) -> int:
+        """By how much its events come later than their light; their stamps carry it."""
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """What shapes its events beside code, by name: a network's weights."""
 
     def init(self, seed: int) -> Any:
         """The state before the first tick."""
@@ -69,3 +80,13 @@ class EventModel(Protocol):
 
         In: luminance (h, w) float32, linear, as of Renderer.render. The state given is consumed.
         """
+
+
+@runtime_checkable
+class ChunkedModel(EventModel, Protocol):
+    """An event model that can take several ticks at once, with the same events."""
+
+    def step_chunk(
+        self, luminance: F32, state: Any, t_begin_us: int, tick_us: int
+    ) -> tuple[list[Events], Any]:
+        """The events of T ticks of the same length, tick by tick. In: luminance (T, h, w)."""

@@ -11,7 +11,7 @@ from evs.emulator.loop import World
 from evs.emulator.scene import F32
 from evs.emulator.truth import GroundTruth
 from evs.emulator.world import ControlFunction, Scene
-from evs.msgs import EventPacket, Frame, ImuSamples, StreamInfo
+from evs.msgs import EventPacket, EvsError, Frame, ImuSamples, StreamInfo
 
 
 class VirtualCamera:
@@ -43,17 +43,25 @@ class VirtualCamera:
         )
 
     def step(self, ctrl: npt.ArrayLike | None = None) -> EventPacket:
-        """Advance one tick; its packet. `ctrl` (nu,) holds until another is given."""
+        """Advance one tick; its packet. `ctrl` (nu,) holds until another is given.
+
+        Raises EvsError with model.chunk over 1: then iterate, or take `run`.
+        """
+        if self.camera.chunk > 1:
+            raise EvsError(
+                f"model.chunk is {self.camera.chunk}, so a tick has no packet of its own: iterate, "
+                "call run, or leave it 1"
+            )
         (packet,) = self.world.step(ctrl)
         return packet
 
     def run(self, duration_s: float) -> Iterator[EventPacket]:
         """The packets of `duration_s` simulated seconds."""
-        return (packet for (packet,) in self.world.run(duration_s))
+        return (packet for packets in self.world.run(duration_s) for packet in packets)
 
     def __iter__(self) -> Iterator[EventPacket]:
         while True:
-            yield self.step()
+            yield from self.world.step()
 
     @property
     def luminance(self) -> F32:

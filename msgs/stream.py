@@ -31,3 +31,5 @@ class StreamInfo:
     """Whether intensity frames come beside the events."""
     imu: bool = False
     """Whether IMU samples come beside the events."""
+    latency_us: int = 0
+    """By how much events come later than their light, us; their stamps carry it."""

@@ -245,8 +245,11 @@ def _with_paths(config: PipelineConfig, change: Callable[[str], str]) -> Pipelin
     readout = changed(config.sensor.readout, ["mask_file"])
     sensor = dataclasses.replace(sensor, readout=readout)
     scene = changed(config.scene, ["file", "control_file"])
+    network = config.model.network
+    is_file = network.endswith(".onnx") or "/" in network
+    model = changed(config.model, ["network"] if is_file else [])
     config = changed(config, ["record", "report"])
-    return dataclasses.replace(config, sink=sinks, scene=scene, sensor=sensor)
+    return dataclasses.replace(config, sink=sinks, scene=scene, sensor=sensor, model=model)
 
 
 def _beside(pipeline: Path, text: str) -> str:

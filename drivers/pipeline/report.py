@@ -54,8 +54,8 @@ class Report:
     substeps: str = ""
     """how the model's time step was fitted to the tick"""
     cameras: list[dict[str, Any]] = field(default_factory=list)
-    """for each camera: name, sensor, parameters (of the sensor, resolved), width, height, events,
-    camera_info"""
+    """for each camera: name, sensor, parameters (of the sensor, resolved), width, height, tick_us,
+    latency_us (of the event model; the stamps carry it), events, ..., camera_info"""
     sinks: list[dict[str, Any]] = field(default_factory=list)
     """what each sink said when it was closed"""
     warnings: list[str] = field(default_factory=list)

@@ -79,6 +79,9 @@ class RunWorld(Protocol):
     def step(self) -> tuple[EventPacket, ...]:
         """Advance one tick; its packets."""
 
+    def finish(self) -> tuple[EventPacket, ...]:
+        """The packets of ticks that were to leave together with later ones."""
+
 
 @dataclass(frozen=True)
 class Progress:
@@ -224,6 +227,9 @@ class _Loop:
                     sofar = sum(self.events.values())
                     where = (self.done, ticks, self.sim_seconds, sofar, self.wall_seconds)
                     progress(Progress(*where))
+        if rest := self._finish():
+            for observer in observers:
+                observer(self.done, self.world, rest)
         if stopped and self.done < ticks:
             self.ended = f"{stopped[0]} at {self.sim_seconds:.6g} s"
         if self.pacer.worst_late_s > LATE_S:
@@ -241,19 +247,27 @@ class _Loop:
         self.pacer.wait_until(self.world.t_us)
         watch.skip()
         self._write_beside()
+        self._write(packets)
+        watch.lap("sink")
+        watch.end_tick()
+        self.done += 1
+        cameras = self.world.cameras
+        self.traced += sum(camera.traced_fraction for camera in cameras) / max(1, len(cameras))
+        return packets
+
+    def _finish(self) -> tuple[EventPacket, ...]:
+        """The packets that would have left with later ones."""
+        packets = self.world.finish()
+        self._write(packets)
+        return packets
+
+    def _write(self, packets: tuple[EventPacket, ...]) -> None:
         for packet in packets:
             for sink in self.sinks:
                 with _disk_errors():
                     sink.write(packet)
-        watch.lap("sink")
-        watch.end_tick()
-        self.done += 1
-        self.packets += len(packets)
-        for packet in packets:
             self.events[packet.camera] = self.events.get(packet.camera, 0) + len(packet)
-        cameras = self.world.cameras
-        self.traced += sum(camera.traced_fraction for camera in cameras) / max(1, len(cameras))
-        return packets
+        self.packets += len(packets)
 
     def _write_beside(self) -> None:
         """Frames and IMU samples of the tick, before its events."""
@@ -282,8 +296,16 @@ class _Loop:
             self.warn(line)
 
     def close(self) -> BaseException | None:
-        """Close every sink that was opened, the last first; the first error, if any."""
+        """Close every sink that was opened, the last first; the first error, if any.
+
+        What the cameras still hold back is written before, however the run ended.
+        """
         first: BaseException | None = None
+        try:
+            if self.began:
+                self._finish()
+        except BaseException as error:  # as below
+            first = error
         for sink in reversed(self.opened):
             try:
                 with _disk_errors():
@@ -329,6 +351,7 @@ def _camera(camera: RunCamera, events: Mapping[str, int]) -> dict[str, Any]:
         "width": info.width,
         "height": info.height,
         "tick_us": info.tick_us,
+        "latency_us": info.latency_us,
         "events": events.get(info.camera, 0),
         "events_dropped": dict(camera.events_dropped),
         "events_waiting": camera.events_waiting,

@@ -81,6 +81,11 @@ class EvsNetModel:
         """By how much events are late, and stamped so: the light that the network looks ahead."""
         return self.weights.latency_ticks * self.weights.tick_us
 
+    @property
+    def versions(self) -> dict[str, str]:
+        """The network: its name and a digest of its numbers."""
+        return {"network": self._network}
+
     def init(self, seed: int) -> NetworkState:
         """The state before the first tick."""
         return NetworkState.dark(
@@ -90,8 +95,13 @@ class EvsNetModel:
     def step(
         self, luminance: F32, state: NetworkState, t_begin_us: int, t_end_us: int
     ) -> tuple[Events, NetworkState]:
-        """EventModel.step; the tick must be as long as those the network was trained on."""
+        """EventModel.step; the tick must be as long as those the network was trained on.
+
+        Only the first may have any length: before it, light stood still for ever.
+        """
         frame = np.asarray(luminance)
+        if isinstance(state, NetworkState) and not state.ticks:
+            t_begin_us = t_end_us - self.weights.tick_us
         (events,), state = self.step_chunk(
             frame[np.newaxis], state, t_begin_us, t_end_us - t_begin_us
         )

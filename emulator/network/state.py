@@ -70,6 +70,11 @@ class NetworkState:
         return cls(seed, runtime, network, {**arrays, **own})
 
     @property
+    def clamps(self) -> int:
+        """Everything that was clamped or replaced."""
+        return self.clamped + self.x_clamped + self.v_clamped
+
+    @property
     def last_luminance(self) -> F32:
         """(h, w) the last luminance that was one; -1 before a pixel's first light."""
         return self.arrays["last_luminance"]

@@ -9,12 +9,27 @@ from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants
 from evs.emulator.stages import EventModel
 from evs.msgs import unknown
 
-MODELS = {"plain": None, "adaptive": RunningMeanConstants()}
+_AVERAGES = {"plain": None, "adaptive": RunningMeanConstants()}
 """name -> the running mean in front of the pixel"""
+
+MODELS = (*_AVERAGES, "evsnet")
 
 
 def make_event_model(sensor: SensorParameters, model: ModelConfig, threads: int = 0) -> EventModel:
     """The event model that `model.name` names. Threads: 0 is one a core. Raises EvsError."""
     if model.name not in MODELS:
         raise unknown("model", model.name, MODELS)
-    return PlainModel(sensor, threads, average=MODELS[model.name], causes=model.labels)
+    if model.name == "evsnet":
+        # who wants no network needs none
+        from evs.emulator.network.model import EvsNetModel
+        from evs.emulator.network.stored import load_network
+
+        return EvsNetModel(
+            sensor,
+            load_network(model.network),
+            runtime=model.runtime,
+            provider=model.provider,
+            threads=threads,
+            initial=model.initial_state,
+        )
+    return PlainModel(sensor, threads, average=_AVERAGES[model.name], causes=model.labels)

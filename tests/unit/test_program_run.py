@@ -64,6 +64,9 @@ class FakeWorld:
             for camera in self.cameras
         )  # fmt: skip
 
+    def finish(self) -> tuple[EventPacket, ...]:
+        return ()
+
 
 class FakeSink:
     """Notes what it is told in a shared diary; raises the errors it is given."""

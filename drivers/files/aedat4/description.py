@@ -34,7 +34,8 @@ def to_xml(stream: StreamInfo, compression: str) -> str:
     """The description of a file with an event stream, and those that come beside it.
 
     sizeX, sizeY and source are dv's; the other attributes of the events' info node are ours:
-    camera_info, config, seed, sensor, tick_us, versions (JSON where they are not plain text).
+    camera_info, config, latency_us, seed, sensor, tick_us, versions (JSON where they are not plain
+    text).
     """
     root = ET.Element("dv", version="2.0")
     streams = _node(root, "outInfo", "/outInfo/")
@@ -42,6 +43,8 @@ def to_xml(stream: StreamInfo, compression: str) -> str:
     _attribute(info, "sensor", stream.sensor)
     for key in ("tick_us", "seed", "versions", "config", "camera_info"):
         _attribute(info, key, json.dumps(getattr(stream, key), default=str))
+    if stream.latency_us:
+        _attribute(info, "latency_us", json.dumps(stream.latency_us))
     if stream.frames:
         _stream_node(streams, FRAME_STREAM, "frames", "FRME", stream, compression)
     if stream.imu:
@@ -116,6 +119,7 @@ def stream_info(info: dict[str, str], width: int = 0, height: int = 0) -> Stream
         versions=_json(info, "versions", {}),
         config=_json(info, "config", {}),
         camera_info=_json(info, "camera_info", {}),
+        latency_us=_json(info, "latency_us", 0),
     )
 
 

@@ -46,6 +46,16 @@ class PlainModel:
         if isa != "auto" and isa not in _core.isa_available():
             raise EvsError(f"this machine cannot run instruction set '{isa}'; use auto")
 
+    @property
+    def latency_us(self) -> int:
+        """None."""
+        return 0
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Code alone shapes its events."""
+        return {}
+
     def pattern(self, seed: int) -> FixedPattern:
         """What every pixel has of its own under this seed."""
         return self._pattern(seed % 2**64)

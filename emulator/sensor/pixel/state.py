@@ -117,6 +117,11 @@ class PlainState:
         add(sensor.shot_noise_rate_hz, blocks, "shot_next", "shot_count")
         return state
 
+    @property
+    def clamps(self) -> int:
+        """Everything that was replaced: light alone."""
+        return self.clamped
+
     def arrays(self) -> dict[str, np.ndarray[Any, Any]]:
         """The arrays that are there, by name: the live ones."""
         named = {name: getattr(self, name) for name in (*_FRAMES, *_BLOCKS)}

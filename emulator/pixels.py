@@ -1,0 +1,119 @@
+"""Pixels: light of ticks into events of ticks, through event model and readout.
+
+An event model may take several ticks at once (model.chunk): their light waits until the chunk is
+full, then the events of all its ticks come out, tick by tick, the same as with chunks of one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from evs.emulator.config import ModelConfig
+from evs.emulator.scene import F32
+from evs.emulator.sensor import SensorParameters, make_event_model, make_readout
+from evs.emulator.stages import ChunkedModel
+from evs.msgs import Events, EvsError
+
+MAX_CHUNK = 256
+"""Ticks; longer chunks bring no speed any more."""
+
+
+@dataclass(frozen=True)
+class DoneTick:
+    """The events of one tick."""
+
+    begin_us: int
+    end_us: int
+    events: Events
+
+
+class Pixels:
+    """The pixels of one camera with their state."""
+
+    def __init__(
+        self, sensor: SensorParameters, model: ModelConfig, seed: int, threads: int = 0
+    ) -> None:
+        """In: seed, their fixed pattern and noise follow from it. Raises EvsError."""
+        self._model = make_event_model(sensor, model, threads)
+        self._readout = make_readout(sensor)
+        self._seed = seed
+        check_chunk(model)
+        self._chunk = model.chunk
+        self.reset()
+
+    def reset(self) -> None:
+        """As new: in the dark, before the first light."""
+        self._state: Any = self._model.init(self._seed)
+        self._read = None if self._readout is None else self._readout.init(self._seed)
+        self._waiting: list[tuple[F32, int, int]] = []
+        self._lit = False
+
+    def see(self, luminance: F32, begin_us: int, end_us: int) -> list[DoneTick]:
+        """The light at the end of a tick; ticks whose events are known now, in order.
+
+        The first light is the reference: its tick has no events and is done at once.
+        """
+        if not self._lit or self._chunk == 1:
+            events, self._state = self._model.step(luminance, self._state, begin_us, end_us)
+            self._lit = True
+            return [self._read_out(events, begin_us, end_us)]
+        # the renderer uses its array again
+        self._waiting.append((np.array(luminance, np.float32), begin_us, end_us))
+        return self.finish() if len(self._waiting) == self._chunk else []
+
+    def finish(self) -> list[DoneTick]:
+        """The ticks that wait for the rest of their chunk, without it."""
+        if not self._waiting or not isinstance(self._model, ChunkedModel):
+            return []
+        light = np.stack([luminance for luminance, _, _ in self._waiting])
+        ticks = [(begin_us, end_us) for _, begin_us, end_us in self._waiting]
+        self._waiting = []
+        begin_us, end_us = ticks[0]
+        chunk, self._state = self._model.step_chunk(light, self._state, begin_us, end_us - begin_us)
+        return [self._read_out(events, *tick) for events, tick in zip(chunk, ticks, strict=True)]
+
+    def _read_out(self, events: Events, begin_us: int, end_us: int) -> DoneTick:
+        if self._readout is not None and self._read is not None:
+            events, self._read = self._readout.step(events, self._read, begin_us, end_us)
+        return DoneTick(begin_us, end_us, events)
+
+    @property
+    def latency_us(self) -> int:
+        """By how much events come later than their light; their stamps carry it."""
+        return self._model.latency_us
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """What shapes the events beside code: the network."""
+        return self._model.versions
+
+    @property
+    def clamps(self) -> int:
+        """Pixels times ticks in which a value was impossible and was replaced."""
+        return int(self._state.clamps)
+
+    @property
+    def events_dropped(self) -> dict[str, int]:
+        """Events that the readout dropped so far, by cause; empty where the readout is ideal."""
+        return self._read.dropped if self._read is not None else {}
+
+    @property
+    def events_waiting(self) -> int:
+        """Events that are still on their way through the readout."""
+        return self._read.count_waiting if self._read is not None else 0
+
+
+def check_chunk(model: ModelConfig) -> None:
+    """EvsError where model.chunk is not possible."""
+    if not 1 <= model.chunk <= MAX_CHUNK:
+        raise EvsError(f"model.chunk is {model.chunk}; it must be 1 ... {MAX_CHUNK} ticks")
+    if model.chunk > 1 and model.name != "evsnet":
+        raise EvsError(
+            f"model.chunk is {model.chunk}, but model '{model.name}' goes tick by tick: leave "
+            "model.chunk out, or take model.name=evsnet"
+        )
+    if model.labels and model.name == "evsnet":
+        raise EvsError("model.labels: a network knows no causes; take model.name=plain")
