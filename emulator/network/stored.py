@@ -19,6 +19,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +46,10 @@ def network_path(network: str) -> Path:
     In: a name, or a path (it ends in .onnx or has a slash in it). Raises EvsError: there is none.
     """
     if network.endswith(".onnx") or "/" in network:
-        path = Path(network).expanduser()
-        if not path.is_file():
+        path = Path(network)
+        with suppress(RuntimeError):  # ~nobody
+            path = path.expanduser()
+        if not _is_file(path):
             shipped = ", ".join(network_names())
             raise EvsError(f"no network file {path}; give a .onnx file or one of: {shipped}")
         return path
@@ -67,9 +70,9 @@ def read_network(path: Path) -> NetworkWeights:
     Raises EvsError, one line: no file, damaged, weights that are missing or of another shape or
     not finite; no sidecar, a key that is missing, unknown or without sense.
     """
-    sidecar = _sidecar(path.with_suffix(".toml"))
-    if not path.is_file():
+    if not _is_file(path):
         raise EvsError(f"no network file {path}")
+    sidecar = _sidecar(path.with_suffix(".toml"))
     try:
         size = path.stat().st_size
         if size > MAX_BYTES:
@@ -80,6 +83,13 @@ def read_network(path: Path) -> NetworkWeights:
     except ValueError as reason:
         raise EvsError(f"network file {path}: {reason}") from None
     return _Assembly(path, tensors, sidecar["look_ahead"]).network(sidecar)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name that is too long, a folder that is not ours
+        return False
 
 
 class _Assembly:

@@ -199,11 +199,14 @@ class NetworkWeights:
 
 
 def _constant(convolution: Convolution, value: F32) -> F32:
-    """What a convolution makes of an input that does not change."""
-    out: F32 = np.einsum("oij,i->o", convolution.weight, value).astype(np.float32)
+    """What a convolution makes of an input that does not change, summed as the reference does."""
+    outputs, inputs, _ = convolution.weight.shape
+    out = np.zeros(outputs, np.float32)
+    for j in range(TAPS):
+        for i in range(inputs):
+            out += convolution.weight[:, i, j] * value[i]
     return out if convolution.bias is None else out + convolution.bias
 
 
 def _relu(value: F32) -> F32:
-    out: F32 = np.maximum(value, np.float32(0))
-    return out
+    return np.where(value > 0, value, np.float32(0))

@@ -19,6 +19,7 @@ _DIMS, _DATA_TYPE, _FLOAT_DATA, _NAME, _RAW_DATA, _EXTERNAL, _LOCATION = 1, 2, 4
 _FLOAT = 1
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _MAX_DIMS = 8
+_MAX_SIZE = 2**31
 
 
 def initialisers(model: bytes) -> dict[str, F32]:
@@ -63,7 +64,7 @@ def _tensor(message: memoryview) -> tuple[str, F32 | None]:
     count = 1
     for size in dims:
         count *= size  # sizes are not negative: they were read as unsigned
-    if len(dims) > _MAX_DIMS or len(data) != 4 * count:
+    if len(dims) > _MAX_DIMS or max(dims, default=1) > _MAX_SIZE or len(data) != 4 * count:
         raise ValueError("an initialiser's data is not of its shape")
     values: F32 = np.frombuffer(data, "<f4").astype(np.float32)
     return name, values.reshape(dims)

@@ -34,3 +34,29 @@ def random_network(
         last_bias=0.01 if biased else 0.0,
         tau_s=tau_s,
     )
+
+
+def through_network(
+    gain: float = 1.0,
+    blocks: int = 3,
+    *,
+    look_ahead: int = 0,
+    threshold: float = 0.2,
+    tau_s: float = 0.5,
+) -> NetworkWeights:
+    """The current is gain * X of the tick it belongs to: X and -X pass through as two channels."""
+
+    def tap(weight: list[list[float]]) -> Convolution:
+        filters = np.zeros((2, len(weight[0]), 7), np.float32)
+        filters[:, :, 6 - look_ahead] = weight
+        return Convolution(filters, None, look_ahead)
+
+    silent = [[0.0, 0.0], [0.0, 0.0]]
+    return NetworkWeights(
+        name="through",
+        encoder=tap([[1.0], [-1.0]]),
+        blocks=tuple(Block(tap(silent), tap(silent)) for _ in range(blocks)),
+        last=np.array([gain, -gain], np.float32),
+        tau_s=tau_s,
+        threshold=threshold,
+    )
