@@ -26,8 +26,8 @@ DOORS = {
     "rich": ("launch/terminal.py",),
     "pyrender": ("emulator/light/raster/",),
     "OpenGL": ("emulator/light/raster/",),
-    # reserved: the network and the environment face each get theirs
-    "onnxruntime": (),
+    "onnxruntime": ("emulator/network/portable.py",),
+    # reserved: the environment face gets its own
     "gymnasium": (),
 }
 """Import name -> the only places that may import it. What is not listed may not be imported."""

@@ -124,7 +124,7 @@ def test_inputs_and_outputs_are_as_the_page_says() -> None:
 
 def test_the_sidecar_reads_back_as_what_was_said(tmp_path: Path) -> None:
     weights = dataclasses.replace(
-        random_network(2, 4, look_ahead=1), name='a "b" \\ \x7f é', tau_s=0.1 + 0.2, spp=(4, 16)
+        random_network(2, 4, look_ahead=1), name='a "b" \\ é', tau_s=0.1 + 0.2, spp=(4, 16)
     )
     training = {
         "seed": np.int64(7),

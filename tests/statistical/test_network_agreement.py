@@ -1,0 +1,111 @@
+"""The runtimes of a network agree with the reference, and each is reproducible to the byte."""
+
+from __future__ import annotations
+
+import dataclasses
+from io import BytesIO
+
+import numpy as np
+import pytest
+
+from evs.emulator.network import NetworkWeights
+from evs.emulator.network.model import EvsNetModel
+from evs.emulator.network.state import NetworkState
+from evs.emulator.sensor import SensorParameters
+from reference.agreement import Run, compare, run
+from reference.flickering import HEIGHT, WIDTH, mixed_light
+from reference.networks import random_network
+
+RUNTIMES = ("onnxruntime",)
+"""those beside the reference"""
+EVERY = ("reference", *RUNTIMES)
+SENSOR = SensorParameters("test", WIDTH, HEIGHT, 0.2, 0.25, dark_lux=0.1)
+TICKS = 240
+
+NETWORKS = {
+    "causal, 8": random_network(11, 8),
+    "causal, 4": random_network(12, 4),
+    "centred, 8, biased": random_network(13, 8, biased=True, look_ahead=3),
+    "centred, 4": random_network(14, 4, look_ahead=3),
+    "ahead by 7, 5, 2 blocks, biased": random_network(15, 5, 2, biased=True, look_ahead=1),
+    "16, 1 block": random_network(16, 16, 1),
+}
+
+
+@pytest.fixture(params=NETWORKS.values(), ids=NETWORKS.keys())
+def weights(request: pytest.FixtureRequest) -> NetworkWeights:
+    return request.param
+
+
+def same(one: Run, other: Run) -> bool:
+    """Same bytes of currents, events and state."""
+    joined = [[events.tobytes() for events in run.events] for run in (one, other)]
+    return (
+        one.currents.tobytes() == other.currents.tobytes()
+        and joined[0] == joined[1]
+        and one.state == other.state
+    )
+
+
+@pytest.mark.parametrize("runtime", RUNTIMES)
+def test_a_runtime_agrees_with_the_reference(weights: NetworkWeights, runtime: str) -> None:
+    light = mixed_light(TICKS)
+    reference = EvsNetModel(SENSOR, weights, runtime="reference")
+    one = run(reference, light)
+    found = compare(reference, one, run(EvsNetModel(SENSOR, weights, runtime=runtime), light))
+    assert found.events > 5_000
+    assert found.current_error < 1e-5
+    assert found.untied == 0
+    assert found.unpaired < 1e-4 * found.events
+    assert found.stamp_error_us <= 1
+
+
+@pytest.mark.parametrize("runtime", EVERY)
+def test_any_cut_gives_the_same_bytes(weights: NetworkWeights, runtime: str) -> None:
+    light = mixed_light(70)
+    model = EvsNetModel(SENSOR, weights, runtime=runtime)
+    whole = run(model, light, cut=32)
+    assert sum(map(len, whole.events)) > 1_000
+    for cut in (1, 5, 8, 16, 31):
+        assert same(run(model, light, cut=cut), whole), cut
+
+
+@pytest.mark.parametrize("runtime", RUNTIMES)
+def test_any_number_of_threads_gives_the_same_bytes(weights: NetworkWeights, runtime: str) -> None:
+    light = mixed_light(70)
+    one = run(EvsNetModel(SENSOR, weights, runtime=runtime, threads=1), light)
+    for threads in (0, 2, 3):
+        other = EvsNetModel(SENSOR, weights, runtime=runtime, threads=threads)
+        assert same(run(other, light), one), threads
+
+
+@pytest.mark.parametrize("runtime", EVERY)
+def test_a_pixel_is_the_same_wherever_it_stands(weights: NetworkWeights, runtime: str) -> None:
+    light = mixed_light(40)
+    whole = run(EvsNetModel(SENSOR, weights, runtime=runtime), light).currents
+    # one row, a few pixels, one: other blocks, lanes and fillings
+    for rows, columns in (((7, 8), (0, 40)), ((20, 23), (30, 33)), ((30, 31), (39, 40))):
+        part = (slice(None), slice(*rows), slice(*columns))
+        height, width = light[part].shape[1:]
+        sensor = dataclasses.replace(SENSOR, width=width, height=height)
+        found = run(EvsNetModel(sensor, weights, runtime=runtime), light[part]).currents
+        assert found.tobytes() == whole[part].tobytes()
+
+
+@pytest.mark.parametrize("runtime", EVERY)
+def test_a_stream_goes_on_from_where_it_was_saved(weights: NetworkWeights, runtime: str) -> None:
+    light = mixed_light(60)
+    model = EvsNetModel(SENSOR, weights, runtime=runtime)
+    whole, _ = model.step_chunk(light, model.init(3), 0, 1000)
+    first, state = model.step_chunk(light[:23], model.init(3), 0, 1000)
+    with BytesIO() as file:
+        np.savez(file, **state.save())
+        file.seek(0)
+        with np.load(file) as saved:
+            restored = NetworkState.restore(saved)
+    assert restored == state
+    # the first goes on too: what one state steps does not show in the other
+    model.step_chunk(light[23:] * np.float32(2), state, 23_000, 1000)
+    again = EvsNetModel(SENSOR, weights, runtime=runtime)
+    second, _ = again.step_chunk(light[23:], restored, 23_000, 1000)
+    assert b"".join(e.tobytes() for e in first + second) == b"".join(e.tobytes() for e in whole)
