@@ -32,7 +32,15 @@ NETWORKS = {
 }
 
 
-@pytest.fixture(params=NETWORKS.values(), ids=NETWORKS.keys())
+SLOW = ("centred, 4", "ahead by 7, 5, 2 blocks, biased", "16, 1 block")
+
+
+@pytest.fixture(
+    params=[
+        pytest.param(network, id=name, marks=[pytest.mark.slow] if name in SLOW else [])
+        for name, network in NETWORKS.items()
+    ]
+)
 def weights(request: pytest.FixtureRequest) -> NetworkWeights:
     return request.param
 
