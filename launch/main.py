@@ -24,6 +24,7 @@ COMMANDS = {
     "play": "evs.launch.play",
     "info": "evs.launch.info",
     "characterise": "evs.launch.characterise",
+    "evaluate": "evs.launch.evaluate",
     "doctor": "evs.launch.doctor",
 }
 """Command -> module. Each has HELP (one line), configure(parser), run(args) -> exit code."""

@@ -17,6 +17,8 @@ class Scale:
     log: bool = False
     unit: str = ""
     """stands behind each number, with a prefix (k, m, u ...)"""
+    shown: tuple[float, ...] = ()
+    """the numbers beside the line; none: round ones"""
 
     def place(self, value: float) -> float:
         """0 at `low`, 1 at `high`; beyond them outside 0 ... 1; NaN for what has no place."""
@@ -29,6 +31,7 @@ class Scale:
     def ticks(self, most: int = 7) -> list[tuple[float, str]]:
         """Round numbers inside, with their words."""
         values = self._decades(most) if self.log else self._round(most)
+        values = list(self.shown) or values
         return [(value, self.words(value)) for value in values]
 
     def words(self, value: float) -> str:
@@ -63,7 +66,7 @@ class Scale:
 
     def minor(self) -> list[float]:
         """Of a logarithmic axis: 2 ... 9 times each decade inside."""
-        if not self.log:
+        if not self.log or self.shown:
             return []
         first, last = math.floor(math.log10(self.low)), math.ceil(math.log10(self.high))
         if last - first > 8:

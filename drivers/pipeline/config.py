@@ -110,7 +110,7 @@ def load(
         config = settings.build(PipelineConfig, tables or {})
     for key, text in overrides:
         config = settings.override(config, key, text)
-    config = _with_paths(config, _in_package)
+    config = _with_paths(config, in_package)
     check(config, path)
     return config
 
@@ -262,7 +262,7 @@ def _package_of(text: str) -> re.Match[str] | None:
     return re.fullmatch(r"([A-Za-z_]\w+):([^/\\:].*)", text)
 
 
-def _in_package(text: str) -> str:
+def in_package(text: str) -> str:
     """`package:path` as a path: a file that an installed Python package ships; `~` is the home."""
     found = _package_of(text)
     if found is None or Path(text).exists():

@@ -1,0 +1,146 @@
+"""The event models that are judged, by name, and what they make of the light of a row of pixels."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from evs.drivers.evaluation.take import TICK_US
+from evs.drivers.pace import monotonic_s
+from evs.emulator.config import ModelConfig, SensorConfig
+from evs.emulator.network.model import EvsNetModel
+from evs.emulator.network.stored import load_network, network_names, read_network
+from evs.emulator.network.weights import NetworkWeights
+from evs.emulator.scene import F32
+from evs.emulator.sensor import MODELS, SensorParameters, make_event_model, resolve_sensor
+from evs.emulator.stages import EventModel
+from evs.msgs import Events, EvsError, join_events, unknown
+
+SENSOR = SensorConfig(preset="ideal", pos_thres=0.2, neg_thres=0.2)
+"""Of every model and of the reference: no noise but the light's."""
+
+NETWORKS = ("paper", "evsnet_c8", "evsnet_c4")
+"""The paper's own network, then ours."""
+DEFAULT = ("plain", "adaptive", *NETWORKS)
+CHUNK = 16
+"""ticks that a network is given at once"""
+
+Make = Callable[[SensorParameters], EventModel]
+
+
+@runtime_checkable
+class Chunked(Protocol):
+    """An event model that takes several ticks at once and may be late."""
+
+    @property
+    def latency_us(self) -> int:
+        """By how much its events are late."""
+
+    def step_chunk(
+        self, luminance: F32, state: Any, t_begin_us: int, tick_us: int
+    ) -> tuple[list[Events], Any]:
+        """One array of events a tick. In: luminance (ticks, h, w)."""
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One model."""
+
+    name: str
+    make: Make
+    latency_ticks: int = 0
+    """light that it looks ahead; it is taken off its stamps"""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a model made of the light of n pixels."""
+
+    events: Events
+    """(m,) x is the number of the pixel, y 0; without the model's latency"""
+    ms_per_tick: float
+    """of the model alone, by the wall clock: mean over all ticks"""
+
+
+def sensor_of(pixels: int) -> SensorParameters:
+    """The sensor: all pixels side by side in one row."""
+    return dataclasses.replace(resolve_sensor(SENSOR), width=pixels, height=1)
+
+
+def contenders(
+    names: Sequence[str], own: Path | None, threads: int, runtime: str
+) -> tuple[list[Contender], list[str]]:
+    """The models of a list, and a line for each network that does not come with this evs.
+
+    In: own, a user's network, which is judged besides. threads, runtime: as of EvsNetModel.
+    Raises EvsError: unknown name, a name twice, a network that cannot be read.
+    """
+    known = list(dict.fromkeys([*DEFAULT, *MODELS, *network_names()]))
+    found: list[Contender] = []
+    missing: list[str] = []
+    for name in names:
+        if name not in known:
+            raise unknown("model", name, known)
+        if name in MODELS:
+            found.append(Contender(name, _pixel(name, threads)))
+        elif name in network_names():
+            found.append(network(load_network(name), threads, runtime, name))
+        else:
+            missing.append(f"no network '{name}' in config/networks: it is left out")
+    if own is not None:
+        found.append(network(read_network(own), threads, runtime, own.stem))
+    twice = [one.name for k, one in enumerate(found) if one.name in [c.name for c in found[:k]]]
+    if twice:
+        raise EvsError(f"two models are called '{twice[0]}'; leave one out, or rename its file")
+    return found, missing
+
+
+def network(weights: NetworkWeights, threads: int, runtime: str, name: str = "") -> Contender:
+    """A trained network. Its membranes begin at zero, as the reference's pixels do."""
+
+    def make(sensor: SensorParameters) -> EventModel:
+        return EvsNetModel(sensor, weights, runtime=runtime, threads=threads, initial="zero")
+
+    return Contender(name or weights.name, make, weights.latency_ticks)
+
+
+def _pixel(name: str, threads: int) -> Make:
+    return lambda sensor: make_event_model(sensor, ModelConfig(name=name), threads)
+
+
+def run(contender: Contender, light: F32) -> Outcome:
+    """Events of every pixel.
+
+    In: light (ticks, n) of the instants 0, 1 ... ms. Tick k is (k - 1, k] ms; the first only sets
+    the reference. A model that looks ahead needs as many ticks more.
+    """
+    ticks, pixels = light.shape
+    model = contender.make(sensor_of(pixels))
+    state = model.init(0)
+    frames = np.ascontiguousarray(light[:, np.newaxis, :])
+    parts: list[Events] = []
+    begin_s = monotonic_s()
+    if isinstance(model, Chunked):
+        for k in range(0, ticks, CHUNK):
+            chunk, state = model.step_chunk(
+                frames[k : k + CHUNK], state, TICK_US * (k - 1), TICK_US
+            )
+            parts += chunk
+    else:
+        for k in range(ticks):
+            some, state = model.step(frames[k], state, TICK_US * (k - 1), TICK_US * k)
+            parts.append(some)
+    seconds = monotonic_s() - begin_s
+    events = join_events(parts)
+    events["t"] -= TICK_US * contender.latency_ticks
+    return Outcome(events, 1e3 * seconds / ticks)
+
+
+def true_events(light: F32, threads: int = 0) -> Events:
+    """What the noise-free pixel says: the reference. In: light (ticks, n), converged."""
+    return run(Contender("plain", _pixel("plain", threads)), light).events
