@@ -148,6 +148,7 @@ class _Assembly:
         sizes = zip(tensor.shape, shape, strict=False)
         if tensor.ndim != len(shape) or any(b not in (a, None) for a, b in sizes):
             wanted = ", ".join("C" if size is None else str(size) for size in shape)
+            wanted += "," if len(shape) == 1 else ""
             raise EvsError(
                 f"network file {self.path}: {name} is {tensor.shape}; it must be ({wanted})"
             )
