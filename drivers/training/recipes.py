@@ -1,0 +1,94 @@
+"""Recipes: what a network is trained from, and how."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+from evs.drivers.training.initial import INITIAL
+from evs.drivers.training.losses import Terms
+from evs.drivers.training.network import Architecture, spread_look_ahead
+from evs.drivers.training.settings import VARIANTS, Variant
+from evs.msgs import EvsError, unknown
+
+GROUP = 32
+"""pixels that see one variant of the light; a batch is whole groups"""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A network and its training. Raises EvsError for nonsense."""
+
+    name: str
+    architecture: Architecture = Architecture()
+    initial: str = "identity"
+    """identity: starts as `plain`; uniform: from scratch"""
+    tau_s: float = 0.5
+    """where tau starts, s"""
+    variants: tuple[Variant, ...] = VARIANTS
+    """of the light it sees"""
+    shares: tuple[float, ...] = ()
+    """how often it sees each, any sum; empty: all the same"""
+    terms: Terms = Terms()
+    noisy_truth: bool = False
+    """truth: pixels with a real sensor's noise, in place of ideal ones"""
+    skip_ticks: int = 16
+    """the first ticks, in which no window of the network is full, are not compared"""
+    batch: int = 256
+    """pixels, a multiple of GROUP"""
+    steps: int = 20_000
+    learning_rate: float = 3e-3
+    """after the warm-up; from there it falls as a cosine to a hundredth"""
+    warm_up: float = 0.02
+    """share of the steps"""
+    weight_decay: float = 1e-4
+    clip: float = 1.0
+    """most norm of a gradient"""
+
+    def __post_init__(self) -> None:
+        """Check what a command line may have changed."""
+        if self.batch < GROUP or self.batch % GROUP:
+            raise EvsError(f"batch is {self.batch} pixels; give a multiple of {GROUP}")
+        if self.steps < 1:
+            raise EvsError(f"steps is {self.steps}; give 1 or more")
+        if self.initial not in INITIAL:
+            raise unknown("start of a network", self.initial, INITIAL)
+        shares = self.shares or (1.0,) * len(self.variants)
+        if len(shares) != len(self.variants) or min(shares) < 0 or not sum(shares) > 0:
+            raise EvsError(f"recipe '{self.name}' has {len(self.variants)} variants of the light "
+                           f"and the shares {shares}")  # fmt: skip
+
+    @property
+    def spp(self) -> tuple[int, int]:
+        """Fewest and most samples a pixel."""
+        counts = [variant.spp for variant in self.variants]
+        return min(counts), max(counts)
+
+    def with_look_ahead(self, ticks: int) -> Recipe:
+        """The same for a network that sees so many ticks of the future."""
+        look_ahead = spread_look_ahead(ticks, self.architecture.blocks)
+        architecture = dataclasses.replace(self.architecture, look_ahead=look_ahead)
+        return dataclasses.replace(self, architecture=architecture)
+
+
+OURS = Terms(count=0.1, calibration=0.02, edge=1.0, silence=0.2)
+
+RECIPES = {
+    # centred, biased, from scratch, its loss alone, its light; C is not told in the paper
+    "paper": Recipe(
+        "paper",
+        Architecture(channels=8, look_ahead=(3,) * 7, biased=True),
+        initial="uniform",
+        variants=(Variant(64, "fresh"),),
+    ),
+    "evsnet_c8": Recipe("evsnet_c8", Architecture(channels=8), terms=OURS),
+    "evsnet_c4": Recipe("evsnet_c4", Architecture(channels=4), terms=OURS),
+}
+"""By name. Any of them can be changed on the command line."""
+
+
+def recipe_named(name: str) -> Recipe:
+    """Raises EvsError for one that is not there."""
+    if name not in RECIPES:
+        raise unknown("recipe", name, RECIPES)
+    return RECIPES[name]

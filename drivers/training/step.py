@@ -1,0 +1,136 @@
+"""One step of training: the gradient of a batch, clipped, and AdamW."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import optax
+from jax import Array, lax
+
+from evs.drivers.training.examples import Batch
+from evs.drivers.training.losses import objective
+from evs.drivers.training.network import Parameters, stream
+from evs.drivers.training.recipes import Recipe
+from evs.emulator.scene import F32
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a step leaves behind."""
+
+    parameters: Parameters
+    optimiser: Any
+    """state of optax"""
+    loss: Array
+    """mean over the batch's pixels"""
+    predicted: Array
+    """(G, 2) ON and OFF events of each group"""
+    true: Array
+    """(G, 2)"""
+
+
+class Stepper:
+    """The step of a recipe, compiled at its first call."""
+
+    def __init__(self, recipe: Recipe) -> None:
+        self._recipe = recipe
+        self._optimiser = optax.chain(
+            optax.clip_by_global_norm(recipe.clip),
+            optax.scale_by_adam(),
+            optax.add_decayed_weights(recipe.weight_decay, mask=_decays),
+        )
+        # small groups one after another stay in a CPU's cache; a GPU wants all at once
+        groups = _one_by_one if jax.default_backend() == "cpu" else _together
+        self._step = jax.jit(self._build(groups))
+
+    def start(self, parameters: Parameters) -> Any:
+        """The optimiser's state before the first step."""
+        return self._optimiser.init(parameters)
+
+    def __call__(
+        self, parameters: Parameters, optimiser: Any, batch: Batch, price: F32, rate: float
+    ) -> Outcome:
+        """In: price (G, 2) of an event of each group (Calibration); rate, the learning rate."""
+        data = (batch.x, batch.start, batch.counts, price)
+        return Outcome(*self._step(parameters, optimiser, data, jnp.float32(rate)))
+
+    def _build(self, groups: _Groups) -> Callable[..., tuple[Any, ...]]:
+        gradient = jax.value_and_grad(self._loss, has_aux=True)
+
+        def step(parameters: Parameters, state: Any, data: _Data, rate: Array) -> tuple[Any, ...]:
+            pixels = data[1].size
+            loss, summed, (predicted, true) = groups(gradient, parameters, data)
+            mean = jax.tree.map(lambda part: part / pixels, summed)
+            updates, state = self._optimiser.update(mean, state, parameters)
+            moved = jax.tree.map(lambda p, u: p - rate * u, parameters, updates)
+            return moved, state, loss / pixels, predicted, true
+
+        return step
+
+    def _loss(
+        self, parameters: Parameters, x: Array, start: Array, counts: Array, price: Array
+    ) -> tuple[Array, tuple[Array, Array]]:
+        """Sum over pixels; then (2, P) events, predicted and true."""
+        recipe = self._recipe
+        late, skip = recipe.architecture.latency_ticks, recipe.skip_ticks
+        spikes = stream(parameters, x, start, recipe.architecture)
+        on, off = (part[skip + late :] for part in spikes)
+        counted = counts[:, skip : counts.shape[1] - late].astype(jnp.float32)
+        true = counted[0], counted[1]
+        loss = objective(true, (on, off), recipe.terms, price)
+        return jnp.sum(loss), (jnp.stack([on.sum(0), off.sum(0)]), counted.sum(1))
+
+
+_Data = tuple[Array, Array, Array, Array]
+_Groups = Callable[[Callable[..., Any], Parameters, Any], tuple[Any, Any, Any]]
+
+
+def _one_by_one(
+    gradient: Callable[..., Any], parameters: Parameters, data: _Data
+) -> tuple[Array, Parameters, tuple[Array, Array]]:
+    def group(held: tuple[Array, Parameters], part: _Data) -> tuple[Any, Any]:
+        x, start, counts, price = part
+        prices = jnp.broadcast_to(price[:, jnp.newaxis], (2, x.shape[0]))
+        (loss, (predicted, true)), slope = gradient(parameters, x, start, counts, prices)
+        return jax.tree.map(jnp.add, held, (loss, slope)), (predicted.sum(1), true.sum(1))
+
+    zero = (jnp.zeros(()), jax.tree.map(jnp.zeros_like, parameters))
+    (loss, slope), events = lax.scan(group, zero, data)
+    return loss, slope, events
+
+
+def _together(
+    gradient: Callable[..., Any], parameters: Parameters, data: _Data
+) -> tuple[Array, Parameters, tuple[Array, Array]]:
+    x, start, counts, price = data
+    groups, each, ticks = x.shape
+    merged = jnp.transpose(counts, (1, 2, 0, 3)).reshape(2, ticks, -1)
+    prices = jnp.repeat(price.T, each, 1)
+    (loss, events), slope = gradient(parameters, x.reshape(-1, ticks), start.reshape(-1), merged,
+                                     prices)  # fmt: skip
+    predicted, true = (part.reshape(2, groups, each).sum(2).T for part in events)
+    return loss, slope, (predicted, true)
+
+
+def _decays(parameters: Parameters) -> Parameters:
+    """Which parameters shrink: filters, not biases and not tau."""
+    return jax.tree_util.tree_map_with_path(
+        lambda path, _: not any(
+            getattr(key, "key", "") in ("bias", "last_bias", "log_tau") for key in path
+        ),
+        parameters,
+    )
+
+
+def learning_rate(recipe: Recipe, progress: float) -> float:
+    """Of a training of which a share of `progress` is done: a warm-up, then a cosine."""
+    if progress < recipe.warm_up:
+        return recipe.learning_rate * (progress + 1e-3) / (recipe.warm_up + 1e-3)
+    done = min(1.0, (progress - recipe.warm_up) / (1.0 - recipe.warm_up))
+    low = 0.01
+    return recipe.learning_rate * (low + (1.0 - low) * 0.5 * (1.0 + math.cos(math.pi * done)))
