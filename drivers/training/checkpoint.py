@@ -1,4 +1,4 @@
-"""Where a training stands, as a value and as an .npz file: it goes on from there to the same end."""
+"""Where a training stands: a value, and an .npz file from which it goes on to the same end."""
 
 from __future__ import annotations
 

@@ -25,7 +25,8 @@ TICKS = 8
 def _places() -> F32:
     """(14, 8, 7): 1 where tap j leads from tick s of a row to its tick t, s = t + j."""
     s, t, j = np.ogrid[: TICKS + TAPS - 1, :TICKS, :TAPS]
-    return (s == t + j).astype(np.float32)
+    places: F32 = (s == t + j).astype(np.float32)
+    return places
 
 
 @jax.custom_vjp

@@ -110,8 +110,10 @@ class Examples:
         self.training = [path for number, path in named if number % HELD_OUT]
         self.held_out = [path for number, path in named if number % HELD_OUT == 0]
         if not self.training or not self.held_out:
-            raise EvsError(f"'{folder}' holds {len(named)} scenes; two are needed, one of them with "
-                           f"a number that {HELD_OUT} divides")  # fmt: skip
+            raise EvsError(
+                f"'{folder}' holds {len(named)} scenes; two are needed, one of them with a "
+                f"number that {HELD_OUT} divides"
+            )
         size = self.settings.pixels * self.settings.ticks
         self._most = max(1, memory_bytes // (size * (4 * len(recipe.variants) + 2)))
         self._loaded: dict[Path, Prepared] = {}
@@ -161,9 +163,7 @@ class Examples:
         return [self._loaded[path] for path in chosen]
 
 
-def sample_held_out(
-    examples: Examples, variants: tuple[Variant, ...], pixels: int
-) -> Prepared:
+def sample_held_out(examples: Examples, variants: tuple[Variant, ...], pixels: int) -> Prepared:
     """Pixels of the held-out scenes, spread evenly over them, seeded; still ones too."""
     recipe = dataclasses.replace(examples.recipe, variants=variants, shares=())
     each = -(-pixels // len(examples.held_out))
@@ -174,6 +174,7 @@ def sample_held_out(
         chosen = np.sort(rng.permutation(len(scene.start))[:each])
         parts.append((scene.x[:, chosen], scene.start[chosen], scene.counts[chosen]))
     x, start, counts = (
-        np.concatenate(part, axis) for part, axis in zip(zip(*parts, strict=True), (1, 0, 0), strict=True)
+        np.concatenate(part, axis)
+        for part, axis in zip(zip(*parts, strict=True), (1, 0, 0), strict=True)
     )
     return Prepared(x, start, counts, ())

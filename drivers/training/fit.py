@@ -50,6 +50,10 @@ class Fitted:
     seed: int
 
 
+def _tell_nobody(_: object) -> None:
+    """Whoever calls `fit` does not want to know."""
+
+
 def fit(
     folder: Path,
     recipe: Recipe,
@@ -59,8 +63,8 @@ def fit(
     minutes: float | None = None,
     name: str | None = None,
     validate_every: int = 500,
-    tell: Callable[[str], None] = lambda line: None,
-    improved: Callable[[Fitted], None] = lambda fitted: None,
+    tell: Callable[[str], None] = _tell_nobody,
+    improved: Callable[[Fitted], None] = _tell_nobody,
 ) -> Fitted:
     """Train until recipe.steps are done or the time is over, whichever comes first.
 
@@ -175,6 +179,6 @@ def _opening(examples: Examples, recipe: Recipe, at: Checkpoint) -> str:
     device = jax.devices()[0]
     begun = f"going on from step {at.step}" if at.step else "from the start"
     return (
-        f"{recipe.name}: {len(examples.training)} scenes to train on, {len(examples.held_out)} held "
-        f"out, {begun}, on {device.platform}"
+        f"{recipe.name}: {len(examples.training)} scenes to train on, "
+        f"{len(examples.held_out)} held out, {begun}, on {device.platform}"
     )

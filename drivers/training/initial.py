@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -70,7 +71,7 @@ def uniform(architecture: Architecture, seed: int, tau_s: float) -> Parameters:
 def _parameters(
     architecture: Architecture,
     encoder: F32,
-    blocks: list[tuple[F32, ...]],
+    blocks: Sequence[tuple[F32, ...]],
     last: F32,
     tau_s: float,
 ) -> Parameters:

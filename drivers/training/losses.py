@@ -64,7 +64,8 @@ def objective(
 ) -> Array:
     """(P,): the paper's loss and the terms asked for.
 
-    In: price (2, P), what an ON and an OFF event of a pixel costs (negative: is worth); calibration.
+    In: price (2, P), what an ON and an OFF event of a pixel costs (negative: is worth), from
+    calibration.py.
     """
     loss = total(true, spikes, terms.count)
     if terms.relative_count:
@@ -95,9 +96,7 @@ def unexplained(true: tuple[Array, Array], spikes: tuple[Array, Array], ticks: i
     window = (2 * ticks + 1, 1)
     found = jnp.zeros(true[0].shape[1])
     for e, s in zip(true, spikes, strict=True):
-        near = lax.reduce_window(
-            e, -jnp.inf, lax.max, window, (1, 1), ((ticks, ticks), (0, 0))
-        )
+        near = lax.reduce_window(e, -jnp.inf, lax.max, window, (1, 1), ((ticks, ticks), (0, 0)))
         found += jnp.sum(jnp.where(near > 0, 0, s), 0)
     return found
 

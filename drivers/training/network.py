@@ -73,7 +73,7 @@ def spread_look_ahead(ticks: int, blocks: int = 3) -> tuple[int, ...]:
 def fires(over: Array) -> Array:
     """1 where over >= 0, else 0 (the fire step of equation 2); its derivative is made up.
 
-    sigma(u) = atan(pi/2 ALPHA u) / pi + 1/2, so that sigma'(u) = ALPHA / (2 (1 + (pi/2 ALPHA u)^2)).
+    sigma(u) = atan(pi/2 ALPHA u) / pi + 1/2; sigma'(u) = ALPHA / (2 (1 + (pi/2 ALPHA u)^2)).
     """
     return (over >= 0).astype(over.dtype)
 
@@ -124,12 +124,12 @@ def currents(parameters: Parameters, x: Array, architecture: Architecture) -> Ar
         added = _layer(block["second"], middle)
         first = 2 * (TAPS - 1) - late
         held = jax.nn.relu(held[:, first : first + added.shape[1]] + added)
-    current = held @ parameters["last"]
+    current: Array = held @ parameters["last"]
     return current + parameters["last_bias"] if architecture.biased else current
 
 
 def _layer(layer: Parameters, ticks: Array) -> Array:
-    out = convolve(ticks, layer["weight"])
+    out: Array = convolve(ticks, layer["weight"])
     return out + layer["bias"] if "bias" in layer else out
 
 
@@ -156,9 +156,7 @@ def to_weights(
         name=name,
         encoder=convolution(parameters["encoder"], 0),
         blocks=tuple(
-            Block(
-                convolution(block["first"], 1 + 2 * i), convolution(block["second"], 2 + 2 * i)
-            )
+            Block(convolution(block["first"], 1 + 2 * i), convolution(block["second"], 2 + 2 * i))
             for i, block in enumerate(parameters["blocks"])
         ),
         last=_array(parameters["last"]),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from evs.drivers.training.initial import INITIAL
 from evs.drivers.training.losses import Terms
@@ -20,7 +20,7 @@ class Recipe:
     """A network and its training. Raises EvsError for nonsense."""
 
     name: str
-    architecture: Architecture = Architecture()
+    architecture: Architecture = field(default_factory=Architecture)
     initial: str = "identity"
     """identity: starts as `plain`; uniform: from scratch"""
     tau_s: float = 0.5
@@ -29,7 +29,7 @@ class Recipe:
     """of the light it sees"""
     shares: tuple[float, ...] = ()
     """how often it sees each, any sum; empty: all the same"""
-    terms: Terms = Terms()
+    terms: Terms = field(default_factory=Terms)
     noisy_truth: bool = False
     """truth: pixels with a real sensor's noise, in place of ideal ones"""
     skip_ticks: int = 16

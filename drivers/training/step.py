@@ -119,12 +119,13 @@ def _together(
 
 def _decays(parameters: Parameters) -> Parameters:
     """Which parameters shrink: filters, not biases and not tau."""
-    return jax.tree_util.tree_map_with_path(
-        lambda path, _: not any(
-            getattr(key, "key", "") in ("bias", "last_bias", "log_tau") for key in path
+    kept: Parameters = jax.tree_util.tree_map_with_path(
+        lambda path, _: (
+            not any(getattr(key, "key", "") in ("bias", "last_bias", "log_tau") for key in path)
         ),
         parameters,
     )
+    return kept
 
 
 def learning_rate(recipe: Recipe, progress: float) -> float:

@@ -72,9 +72,7 @@ def plain_events(x: F32, start: F32) -> U8:
     return found
 
 
-def compared(
-    events: U8, true: U8, skip_ticks: int, latency_ticks: int, tick_us: int
-) -> Scores:
+def compared(events: U8, true: U8, skip_ticks: int, latency_ticks: int, tick_us: int) -> Scores:
     """Scores of (P, 2, K) events, latency_ticks late, against true ones; the first are skipped."""
     late = events[:, :, skip_ticks + latency_ticks :].astype(np.int64)
     there = true[:, :, skip_ticks : true.shape[2] - latency_ticks].astype(np.int64)
@@ -111,14 +109,10 @@ def overall(scores: list[Scores]) -> float:
 class Validation:
     """Held-out pixels, and what `plain` and silence score on them."""
 
-    def __init__(
-        self, held_out: Prepared, architecture: Architecture, skip_ticks: int
-    ) -> None:
+    def __init__(self, held_out: Prepared, architecture: Architecture, skip_ticks: int) -> None:
         self._data, self._architecture, self._skip = held_out, architecture, skip_ticks
         nothing = np.zeros_like(held_out.counts)
-        self.plain = [
-            self._compare(plain_events(x, held_out.start), 0) for x in held_out.x
-        ]
+        self.plain = [self._compare(plain_events(x, held_out.start), 0) for x in held_out.x]
         self.silence = self._compare(nothing, 0)
 
     def scores(self, parameters: Parameters) -> list[Scores]:
@@ -147,5 +141,3 @@ def _near(events: np.ndarray) -> np.ndarray:
 
 def _ratio(count: float, of: float) -> float:
     return float(count) / float(of) if of else math.nan
-
-

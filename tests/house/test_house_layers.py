@@ -26,11 +26,16 @@ DOORS = {
     "rich": ("launch/terminal.py",),
     "pyrender": ("emulator/light/raster/",),
     "OpenGL": ("emulator/light/raster/",),
+    "jax": ("drivers/training/",),
+    "optax": ("drivers/training/",),
     "onnxruntime": ("emulator/network/portable.py",),
     # reserved: the environment face gets its own
     "gymnasium": (),
 }
 """Import name -> the only places that may import it. What is not listed may not be imported."""
+
+EXTRAS = ("raster", "gym", "video", "train")
+"""Whose libraries the package imports; those of the others are for tests and tools."""
 
 OUTSIDE = {
     *("asyncio", "ftplib", "http", "mmap", "multiprocessing", "select", "selectors", "shelve"),
@@ -169,7 +174,7 @@ def test_the_core_reads_no_clock(checkout: Path, files: list[str]) -> None:
 def test_every_library_behind_a_door_is_a_declared_requirement(checkout: Path) -> None:
     project = tomllib.loads((checkout / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
-    declared = project["dependencies"] + extras["raster"] + extras["gym"] + extras["video"]
+    declared = project["dependencies"] + [r for name in EXTRAS for r in extras[name]]
     names = {re.split(r"[^\w-]", requirement)[0].replace("-", "_") for requirement in declared}
     # pyrender brings its own OpenGL
     names.add("PyOpenGL")
