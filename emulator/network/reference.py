@@ -9,8 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from evs.emulator.network.dense import DenseRuntime
-from evs.emulator.network.weights import TAPS, Convolution
+from evs.emulator.network.weights import TAPS, Convolution, NetworkWeights
 from evs.emulator.scene import F32
+
+BLOCK = 4096
+"""pixels computed together: what 32 ticks of them need stays small"""
 
 
 class ReferenceRuntime(DenseRuntime):
@@ -19,29 +22,41 @@ class ReferenceRuntime(DenseRuntime):
     name = "reference"
 
     def convolve(self, x: F32, fifos: list[F32]) -> tuple[F32, list[F32]]:
-        """DenseRuntime.convolve."""
-        weights, ticks = self.weights, len(x)
-        queues = iter(fifos)
-        kept: list[F32] = []
+        """DenseRuntime.convolve; the FIFOs are changed in place."""
+        current = np.empty_like(x)
+        for first in range(0, x.shape[1], BLOCK):
+            part = slice(first, first + BLOCK)
+            current[:, part] = currents(self.weights, x[:, part], [f[:, :, part] for f in fifos])
+        return current, fifos
 
-        def read(value: F32) -> F32:
-            """(channels, 6 + ticks, pixels): the ticks before, then these."""
-            line = np.concatenate([next(queues), value], axis=1)
-            kept.append(line[:, ticks:].copy())
-            return line
 
-        h = relu(convolution(weights.encoder, read(x[np.newaxis])))
-        for block in weights.blocks:
-            line = read(h)
-            middle = relu(convolution(block.first, line))
-            change = convolution(block.second, read(middle))
-            # the sum is late by what the block looks ahead, and so is the h in it
-            start = TAPS - 1 - block.look_ahead
-            h = relu(line[:, start : start + ticks] + change)
-        current = np.zeros_like(x)
-        for weight, channel in zip(weights.last, h, strict=True):
-            current += weight * channel
-        return current + np.float32(weights.last_bias), kept
+def currents(weights: NetworkWeights, x: F32, fifos: list[F32]) -> F32:
+    """Currents (ticks, pixels) of X (ticks, pixels).
+
+    In/out: fifos, of each convolution what it read in the last 6 ticks, (channels, 6, pixels).
+    """
+    ticks = len(x)
+    queues = iter(fifos)
+
+    def read(value: F32) -> F32:
+        """(channels, 6 + ticks, pixels): the ticks before, then these."""
+        queue = next(queues)
+        line = np.concatenate([queue, value], axis=1)
+        queue[:] = line[:, ticks:]
+        return line
+
+    h = relu(convolution(weights.encoder, read(x[np.newaxis])))
+    for block in weights.blocks:
+        line = read(h)
+        middle = relu(convolution(block.first, line))
+        change = convolution(block.second, read(middle))
+        # the sum is late by what the block looks ahead, and so is the h in it
+        start = TAPS - 1 - block.look_ahead
+        h = relu(line[:, start : start + ticks] + change)
+    out = np.zeros_like(x)
+    for weight, channel in zip(weights.last, h, strict=True):
+        out += weight * channel
+    return out + np.float32(weights.last_bias)
 
 
 def convolution(c: Convolution, line: F32) -> F32:

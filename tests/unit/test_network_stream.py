@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evs.emulator.network import Convolution, NetworkWeights
+from evs.emulator.network import Convolution, NetworkWeights, reference
 from evs.emulator.network.model import EvsNetModel
 from evs.emulator.network.reference import ReferenceRuntime
 from evs.emulator.scene import F32, F64
@@ -138,3 +138,18 @@ def test_a_state_of_the_runtime_is_what_the_network_reads() -> None:
         fifo = state.arrays[f"fifo{i}"]
         assert fifo.shape == (len(rest), 6, 15)
         assert np.array_equal(fifo, np.broadcast_to(rest[:, None, None], fifo.shape))
+
+
+def test_blocks_of_any_size_are_the_same_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(block: int) -> tuple[F32, bytes]:
+        monkeypatch.setattr(reference, "BLOCK", block)
+        film, currents = light(40), np.empty((40, 3, 5), np.float32)
+        state = EvsNetModel(SENSOR, NETWORKS["paper"], runtime="reference").init(0)
+        ReferenceRuntime(SENSOR, NETWORKS["paper"]).step(film, state, 0, currents)
+        return currents, b"".join(array.tobytes() for array in state.arrays.values())
+
+    whole, state = run(4096)
+    for block in (1, 4, 15):
+        currents, after = run(block)
+        assert currents.tobytes() == whole.tobytes()
+        assert after == state
