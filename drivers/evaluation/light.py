@@ -17,7 +17,6 @@ from evs.emulator.light.direct import DirectRenderer
 from evs.emulator.light.path import PathRenderer
 from evs.emulator.scene import F32
 
-BOUNCES = 2
 SEED = 3
 """of the light that is judged; the halves of the reference have 1 and 2"""
 HALF_SEEDS = (1, 2)
@@ -38,14 +37,16 @@ class LightSpec:
     seed: int = SEED
     """what the noise follows from"""
 
-    def config(self) -> RenderConfig:
-        """The same for a renderer."""
-        return RenderConfig(renderer=self.renderer, spp=self.spp, seeds=self.seeds, bounces=BOUNCES)
-
 
 def renderer_of(take: Take, spec: LightSpec, threads: int) -> DirectRenderer:
     """What traces the take as told. Raises EvsError for what no renderer does."""
-    config = spec.config()
+    config = RenderConfig(
+        renderer=spec.renderer,
+        spp=spec.spp,
+        seeds=spec.seeds,
+        bounces=take.bounces,
+        flicker=take.flicker,
+    )
     check_render(config)
     if spec.renderer == "path":
         return PathRenderer(take.scene, take.camera, config, threads, seed=spec.seed)
@@ -63,7 +64,7 @@ def light_key(take: Take, fingerprint: str, spec: LightSpec, ticks: int) -> str:
     step = max(1, len(take.pixels) // _PROBED_PX)
     some = take.pixels[::step]
     probe = [renderer.trace(*take.shots[k], some) for k in (0, ticks - 1)]
-    return digest((fingerprint, asdict(spec), BOUNCES, ticks, versions(), probe))
+    return digest((fingerprint, asdict(spec), ticks, versions(), probe))
 
 
 def light_of(

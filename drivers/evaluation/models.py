@@ -17,16 +17,17 @@ from evs.emulator.network.model import EvsNetModel
 from evs.emulator.network.stored import load_network, network_names, read_network
 from evs.emulator.network.weights import NetworkWeights
 from evs.emulator.scene import F32
-from evs.emulator.sensor import MODELS, SensorParameters, make_event_model, resolve_sensor
+from evs.emulator.sensor import SensorParameters, make_event_model, resolve_sensor
 from evs.emulator.stages import EventModel
 from evs.msgs import Events, EvsError, join_events, unknown
 
 SENSOR = SensorConfig(preset="ideal", pos_thres=0.2, neg_thres=0.2)
 """Of every model and of the reference: no noise but the light's."""
 
+PIXELS = ("plain", "adaptive")
 NETWORKS = ("paper", "evsnet_c8", "evsnet_c4")
 """The paper's own network, then ours."""
-DEFAULT = ("plain", "adaptive", *NETWORKS)
+DEFAULT = (*PIXELS, *NETWORKS)
 CHUNK = 16
 """ticks that a network is given at once"""
 
@@ -80,13 +81,13 @@ def contenders(
     In: own, a user's network, which is judged besides. threads, runtime: as of EvsNetModel.
     Raises EvsError: unknown name, a name twice, a network that cannot be read.
     """
-    known = list(dict.fromkeys([*DEFAULT, *MODELS, *network_names()]))
+    known = list(dict.fromkeys([*DEFAULT, *network_names()]))
     found: list[Contender] = []
     missing: list[str] = []
     for name in names:
         if name not in known:
             raise unknown("model", name, known)
-        if name in MODELS:
+        if name in PIXELS:
             found.append(Contender(name, _pixel(name, threads)))
         elif name in network_names():
             found.append(network(load_network(name), threads, runtime, name))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.drivers.pipeline.config import in_package
-from evs.emulator.config import CameraConfig
+from evs.emulator.config import CameraConfig, FlickerConfig
 from evs.emulator.world import MjModel, load_model
 from evs.msgs import EvsError
 
@@ -52,6 +52,14 @@ class Stage:
     """or through which of the model's cameras"""
     soft: bool = False
     """whether a lamp has a size, so that shadows are soft"""
+    keyframe: str = ""
+    """of the model, to start from"""
+    warm_ticks: int = 100
+    """ms that the scene has moved before the first picture"""
+    stands: bool = False
+    """the camera stays where it is at first, however the scene would move it"""
+    bounces: int = 2
+    flicker: tuple[FlickerConfig, ...] = ()
 
 
 def stage_of(name: str) -> Stage:

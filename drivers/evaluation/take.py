@@ -9,10 +9,18 @@ import numpy as np
 
 from evs.drivers.evaluation.digest import digest
 from evs.drivers.evaluation.scenes import Stage
-from evs.emulator.config import RenderConfig
+from evs.emulator.config import FlickerConfig, RenderConfig
 from evs.emulator.light.direct import DirectRenderer
 from evs.emulator.scene import F64, I32, CameraModel, CameraPose, SceneModel, SceneSnapshot
-from evs.emulator.world import Physics, Poser, bind_camera, extract_scene, load_model, make_control
+from evs.emulator.world import (
+    Physics,
+    Poser,
+    bind_camera,
+    extract_scene,
+    find_keyframe,
+    load_model,
+    make_control,
+)
 from evs.msgs import EvsError, unknown
 
 TICK_US = 1000
@@ -20,8 +28,6 @@ SIZE = (346, 260)
 """width, height of the sensor, px: a DAVIS346's"""
 PATCH_PX = 32
 """side of the patch"""
-WARM_TICKS = 100
-"""ms that the controls have moved the scene before the first picture"""
 CONTROL_SCALE = 0.6
 """share of the control range that is used"""
 MAX_SAMPLED = 7168
@@ -58,6 +64,8 @@ class Take:
     sampled: int
     patch_px: int
     """side of the patch"""
+    bounces: int
+    flicker: tuple[FlickerConfig, ...]
 
     @property
     def name(self) -> str:
@@ -66,7 +74,8 @@ class Take:
 
     def fingerprint(self, ticks: int) -> str:
         """Hash of everything that shapes the light of its first ticks, but how it is traced."""
-        return digest((self.scene, self.camera, self.shots[:ticks], self.pixels))
+        light = self.scene, self.bounces, self.flicker
+        return digest((light, self.camera, self.shots[:ticks], self.pixels))
 
 
 def film(
@@ -92,18 +101,19 @@ def film(
     if not 1 <= sampled <= min(width * height, MAX_SAMPLED):
         raise EvsError(f"{sampled} pixels are asked for; give 1 ... {MAX_SAMPLED}")
     model = load_model(stage.model)
-    physics = Physics(model, TICK_US)
+    start = find_keyframe(model, stage.keyframe) if stage.keyframe else -1
+    physics = Physics(model, TICK_US, start)
     control = make_control(model, "random", seed=seed, scale=CONTROL_SCALE)
     bound = bind_camera(model, stage.camera, width, height, stage.view)
     poser = Poser(model, [bound])
     moved = _motion(motion, bound.model)
     shots: list[Shot] = []
-    for tick in range(WARM_TICKS + ticks):
-        if tick >= WARM_TICKS:
-            k = tick - WARM_TICKS
-            # a scene's own exposure time matters to flickering light only
-            snapshot = poser.snapshot(physics.data, TICK_US * k)
-            shots.append((snapshot, moved(snapshot.cameras[0], k)))
+    for tick in range(stage.warm_ticks + ticks):
+        k = tick - stage.warm_ticks
+        if k >= 0:
+            snapshot = poser.snapshot(physics.data, TICK_US * k, TICK_US)
+            rest = shots[0][1] if stage.stands and shots else snapshot.cameras[0]
+            shots.append((snapshot, moved(rest, k)))
         values = control(physics.t_us, physics.data)
         if values is not None:
             physics.data.ctrl[:] = values
@@ -122,6 +132,8 @@ def film(
         np.concatenate([spread, patch]),
         sampled,
         patch_px,
+        stage.bounces,
+        stage.flicker,
     )
 
 
