@@ -13,9 +13,9 @@ import numpy as np
 from evs.drivers.evaluation.take import TICK_US
 from evs.drivers.pace import monotonic_s
 from evs.emulator.config import ModelConfig, SensorConfig
+from evs.emulator.network.foreign import GraphNetwork, Network
 from evs.emulator.network.model import EvsNetModel
 from evs.emulator.network.stored import load_network, network_names, read_network
-from evs.emulator.network.weights import NetworkWeights
 from evs.emulator.scene import F32
 from evs.emulator.sensor import SensorParameters, make_event_model, resolve_sensor
 from evs.emulator.stages import EventModel
@@ -101,8 +101,10 @@ def contenders(
     return found, missing
 
 
-def network(weights: NetworkWeights, threads: int, runtime: str, name: str = "") -> Contender:
+def network(weights: Network, threads: int, runtime: str, name: str = "") -> Contender:
     """A trained network. Its membranes begin at zero, as the reference's pixels do."""
+    if isinstance(weights, GraphNetwork):
+        runtime = "onnxruntime"  # no other runs it
 
     def make(sensor: SensorParameters) -> EventModel:
         return EvsNetModel(sensor, weights, runtime=runtime, threads=threads, initial="zero")

@@ -9,22 +9,26 @@ import numpy as np
 
 from evs.emulator.network.bilif import BiLIF
 from evs.emulator.network.decay import decay_tables
+from evs.emulator.network.foreign import Network, held_at_rest
 from evs.emulator.network.front import Front
 from evs.emulator.network.state import NetworkState, check_arrays
-from evs.emulator.network.weights import TAPS, NetworkWeights
 from evs.emulator.scene import F32
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.msgs import Events
 
 
 class DenseRuntime(ABC):
-    """Keeps the last 6 inputs of each convolution: fifo0, fifo1, ... (channels in, 6, h w)."""
+    """Keeps the last 6 inputs of each convolution: fifo0, fifo1, ... (channels in, 6, h w).
+
+    A GraphNetwork may hold more or fewer ticks.
+    """
 
     name: str
 
-    def __init__(self, sensor: SensorParameters, weights: NetworkWeights) -> None:
+    def __init__(self, sensor: SensorParameters, weights: Network) -> None:
         """Raises EvsError where the network's numbers make no sense on this sensor."""
-        self.weights = weights
+        self.held = held_at_rest(weights)
+        self._tick_us = weights.tick_us
         self.height, self.width = sensor.height, sensor.width
         self._front = Front.of(sensor, weights)
         self._bilif = BiLIF(
@@ -45,14 +49,14 @@ class DenseRuntime(ABC):
         """FIFOs full of what each convolution reads while light stands still."""
         pixels = self.height * self.width
         return {
-            f"fifo{i}": np.broadcast_to(rest[:, None, None], (len(rest), TAPS - 1, pixels)).copy()
-            for i, rest in enumerate(self.weights.rest())
+            f"fifo{i}": np.repeat(held[:, :, np.newaxis], pixels, axis=2)
+            for i, held in enumerate(self.held)
         }
 
     def check(self, state: NetworkState) -> None:
         """Raise EvsError unless the FIFOs in the state are of this network and sensor."""
         pixels = self.height * self.width
-        shapes = [(len(rest), TAPS - 1, pixels) for rest in self.weights.rest()]
+        shapes = [(*held.shape, pixels) for held in self.held]
         check_arrays(state, {f"fifo{i}": (np.float32, shape) for i, shape in enumerate(shapes)})
 
     def step(
@@ -60,7 +64,7 @@ class DenseRuntime(ABC):
     ) -> list[Events]:
         """Runtime.step."""
         x = self._front.step(luminance, state)
-        names = [f"fifo{i}" for i in range(len(self.weights.convolutions))]
+        names = [f"fifo{i}" for i in range(len(self.held))]
         current, fifos = self.convolve(
             x.reshape(len(x), -1), [state.arrays[name] for name in names]
         )
@@ -70,9 +74,9 @@ class DenseRuntime(ABC):
             currents[:] = current
         events = []
         for k, tick in enumerate(current):
-            begin = begin_us + k * self.weights.tick_us
+            begin = begin_us + k * self._tick_us
             found, clamped = self._bilif.step(
-                tick, state.v, state.last, state.ticks, begin, self.weights.tick_us
+                tick, state.v, state.last, state.ticks, begin, self._tick_us
             )
             events.append(found)
             state.ticks += 1

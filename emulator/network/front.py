@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from evs.emulator.network.foreign import Network
 from evs.emulator.network.state import NetworkState
-from evs.emulator.network.weights import MAX_STEP, NetworkWeights
+from evs.emulator.network.weights import MAX_STEP
 from evs.emulator.scene import F32
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.pixel.reference.light import log_light
@@ -22,7 +23,7 @@ class Front:
     sensor: SensorParameters
 
     @classmethod
-    def of(cls, sensor: SensorParameters, weights: NetworkWeights) -> Front:
+    def of(cls, sensor: SensorParameters, weights: Network) -> Front:
         """The front of one network on one sensor."""
         return cls(replace(sensor, log="linlog", linlog_dn=weights.linlog_dn))
 

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from evs.emulator.memory import memory_gb
-from evs.emulator.network.weights import TAPS, NetworkWeights
+from evs.emulator.network.foreign import GraphNetwork, Network
+from evs.emulator.network.weights import TAPS
 from evs.msgs import EvsError
 
 COMMON_BYTES = 20
 """of a pixel: last luminance, last log, v (float32 each), last (int64)"""
 
 
-def dense_bytes(weights: NetworkWeights, width: int, height: int) -> int:
+def dense_bytes(weights: Network, width: int, height: int) -> int:
     """State in which every pixel has its FIFOs: 7 float32 for each channel that is read."""
-    read = sum(int(convolution.weight.shape[1]) for convolution in weights.convolutions)
-    return (COMMON_BYTES + 4 * TAPS * read) * width * height
+    if isinstance(weights, GraphNetwork):
+        floats = sum(int(state.size) for state in weights.states)
+    else:
+        floats = TAPS * sum(int(c.weight.shape[1]) for c in weights.convolutions)
+    return (COMMON_BYTES + 4 * floats) * width * height
 
 
-def check_dense(weights: NetworkWeights, width: int, height: int) -> None:
+def check_dense(weights: Network, width: int, height: int) -> None:
     """Raise EvsError where a dense state is more than the memory that is free."""
     needed_gb = dense_bytes(weights, width, height) / 1e9
     _, free_gb = memory_gb()

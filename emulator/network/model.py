@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from evs.emulator.network.decay import decay_tables
+from evs.emulator.network.foreign import Network
 from evs.emulator.network.memory import check_dense
 from evs.emulator.network.runtime import make_runtime
 from evs.emulator.network.state import MAX_TICKS, NetworkState, identity
-from evs.emulator.network.weights import NetworkWeights
 from evs.emulator.scene import F32
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.random import Term, pixel_uniforms
@@ -32,7 +32,7 @@ class EvsNetModel:
     def __init__(
         self,
         sensor: SensorParameters,
-        weights: NetworkWeights,
+        weights: Network,
         *,
         runtime: str = "native",
         provider: str = "cpu",

@@ -5,75 +5,29 @@ pixels at rest), so that its working set stays in the cache and every sum is mad
 onnxruntime chooses kernels by an image's width, and at one width T = 1 and T = 32 give the same
 bits (a test). What the session reads and writes lies in buffers that are bound once for each T.
 
-Denormals are not flushed by onnxruntime's own option `session.set_denormal_as_zero`: it leaves the
-mode on in the thread that made the first session, for good. What could lead to them is taken out of
-X instead; the network has no feedback that could decay into them.
+What could lead to denormals is taken out of X: ours has no feedback that could decay into them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from evs.emulator.network.dense import DenseRuntime
-from evs.emulator.network.graph import HELD, streaming_graph
+from evs.emulator.network.foreign import GraphNetwork, Network
+from evs.emulator.network.graph import streaming_graph
+from evs.emulator.network.session import one_line, open_session, state_shapes
 from evs.emulator.network.state import NetworkState, check_arrays
-from evs.emulator.network.weights import NetworkWeights
 from evs.emulator.scene import F32
 from evs.emulator.sensor.parameters import SensorParameters
-from evs.msgs import EvsError, unknown
+from evs.msgs import EvsError
 
 BLOCK = 256
 """P, pixels of one run"""
 LEAST_X = np.float32(2.0**-60)
 """a smaller |X| is taken as 0"""
-
-PROVIDERS: dict[str, tuple[str, dict[str, str]]] = {
-    "cpu": ("CPUExecutionProvider", {}),
-    # TF32 has 10 bits of fraction: currents would be 1e-3 off
-    "cuda": ("CUDAExecutionProvider", {"use_tf32": "0"}),
-    "tensorrt": ("TensorrtExecutionProvider", {}),
-    "openvino": ("OpenVINOExecutionProvider", {}),
-    "coreml": ("CoreMLExecutionProvider", {}),
-}
-"""our name of an execution provider -> (onnxruntime's, options)"""
-
-
-def providers() -> list[str]:
-    """Names of the execution providers that the onnxruntime on this machine has."""
-    have = set(import_module("onnxruntime").get_available_providers())
-    return [name for name, (theirs, _) in PROVIDERS.items() if theirs in have]
-
-
-def open_session(graph: bytes, provider: str = "cpu", threads: int = 0) -> Any:
-    """An onnxruntime.InferenceSession. Raises EvsError: no such provider, no sound graph.
-
-    In: threads, 0 is one a core; any number gives the same bytes.
-    """
-    ort = import_module("onnxruntime")
-    available = providers()
-    if provider not in available:
-        raise unknown("execution provider", provider, available)
-    options = ort.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
-    options.use_deterministic_compute = True
-    options.log_severity_level = 3  # errors
-    # a thread that waits sleeps: the tracer needs the core
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    try:
-        session = ort.InferenceSession(graph, options, providers=[PROVIDERS[provider]])
-    except Exception as reason:  # onnxruntime's exceptions have no class in common
-        raise EvsError(f"onnxruntime cannot load the network: {_one_line(reason)}") from None
-    if session.get_providers()[0] != PROVIDERS[provider][0]:
-        raise EvsError(
-            f"execution provider '{provider}' does not start on this machine: install what "
-            "onnxruntime's page of it asks for, or use cpu"
-        )
-    return session
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,21 +41,22 @@ class _Bound:
 
 
 class PortableRuntime(DenseRuntime):
-    """Runtime `onnxruntime`. Keeps its FIFOs in blocks: fifo0, ... (blocks, Cin, 6, BLOCK)."""
+    """Runtime `onnxruntime`. Keeps its FIFOs in blocks: fifo0, ... (blocks, channels, 6, BLOCK)."""
 
     name = "onnxruntime"
 
     def __init__(
         self,
         sensor: SensorParameters,
-        weights: NetworkWeights,
+        weights: Network,
         provider: str = "cpu",
         threads: int = 0,
     ) -> None:
         """In: provider, a name of PROVIDERS; threads, 0 is one a core. Raises EvsError."""
         super().__init__(sensor, weights)
-        self._session = open_session(streaming_graph(weights), provider, threads)
-        shapes = [(1, len(rest), HELD, BLOCK) for rest in weights.rest()]
+        graph = weights.graph if isinstance(weights, GraphNetwork) else streaming_graph(weights)
+        self._session = open_session(graph, provider, threads)
+        shapes = [(1, *shape, BLOCK) for shape in state_shapes(self._session)]
         self._before = [np.zeros(shape, np.float32) for shape in shapes]
         self._after = [np.zeros(shape, np.float32) for shape in shapes]
         self._bound: dict[int, _Bound] = {}
@@ -115,9 +70,9 @@ class PortableRuntime(DenseRuntime):
         """FIFOs full of what each convolution reads while light stands still."""
         return {
             f"fifo{i}": np.broadcast_to(
-                rest[:, np.newaxis, np.newaxis], (self.blocks, len(rest), HELD, BLOCK)
+                held[..., np.newaxis], (self.blocks, *held.shape, BLOCK)
             ).copy()
-            for i, rest in enumerate(self.weights.rest())
+            for i, held in enumerate(self.held)
         }
 
     def check(self, state: NetworkState) -> None:
@@ -137,11 +92,17 @@ class PortableRuntime(DenseRuntime):
             bound.x[0, 0, :, count:] = 0
             for buffer, fifo in zip(self._before, fifos, strict=True):
                 buffer[0] = fifo[block]
-            self._session.run_with_iobinding(bound.binding)
+            self._run(bound)
             for buffer, fifo in zip(self._after, fifos, strict=True):
                 fifo[block] = buffer[0]
             current[:, first : first + count] = bound.current[0, 0, :, :count]
         return current, fifos
+
+    def _run(self, bound: _Bound) -> None:
+        try:
+            self._session.run_with_iobinding(bound.binding)
+        except Exception as reason:  # onnxruntime's exceptions have no class in common
+            raise EvsError(f"onnxruntime cannot run the network: {one_line(reason)}") from None
 
     def _bind(self, ticks: int) -> _Bound:
         """Buffers for chunks of so many ticks. The FIFOs' are common to all."""
@@ -155,7 +116,3 @@ class PortableRuntime(DenseRuntime):
                 bind(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
         self._bound[ticks] = _Bound(x, current, binding)
         return self._bound[ticks]
-
-
-def _one_line(reason: Exception) -> str:
-    return " ".join(str(reason).split())

@@ -11,6 +11,7 @@ import numpy as np
 from evs.emulator.network.dense import DenseRuntime
 from evs.emulator.network.weights import TAPS, Convolution, NetworkWeights
 from evs.emulator.scene import F32
+from evs.emulator.sensor.parameters import SensorParameters
 
 BLOCK = 4096
 """pixels computed together: what 32 ticks of them need stays small"""
@@ -20,6 +21,11 @@ class ReferenceRuntime(DenseRuntime):
     """Runtime `reference`."""
 
     name = "reference"
+
+    def __init__(self, sensor: SensorParameters, weights: NetworkWeights) -> None:
+        """Raises EvsError where the network's numbers make no sense on this sensor."""
+        super().__init__(sensor, weights)
+        self.weights = weights
 
     def convolve(self, x: F32, fifos: list[F32]) -> tuple[F32, list[F32]]:
         """DenseRuntime.convolve; the FIFOs are changed in place."""

@@ -7,8 +7,8 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
+from evs.emulator.network.foreign import GraphNetwork, Network
 from evs.emulator.network.state import NetworkState
-from evs.emulator.network.weights import NetworkWeights
 from evs.emulator.scene import F32
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.msgs import Events, EvsError, unknown
@@ -50,7 +50,7 @@ class Runtime(Protocol):
 def make_runtime(
     name: str,
     sensor: SensorParameters,
-    weights: NetworkWeights,
+    weights: Network,
     *,
     provider: str = "cpu",
     threads: int = 0,
@@ -66,6 +66,11 @@ def make_runtime(
         raise unknown("runtime", name, RUNTIMES)
     if name != "onnxruntime" and provider != "cpu":
         raise EvsError(f"provider '{provider}' is for runtime onnxruntime; runtime {name} has none")
+    if name != "onnxruntime" and isinstance(weights, GraphNetwork):
+        raise EvsError(
+            f"network '{weights.name}' is of another design than ours; only runtime onnxruntime "
+            f"runs it: give model.runtime=onnxruntime, not {name}"
+        )
     if name == "native":
         native = import_module("evs.emulator.network.native")
         return cast(Runtime, native.NativeRuntime(sensor, weights, threads, isa, sparse))

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.network.decay import I64
-from evs.emulator.network.weights import MAX_CURRENT, NetworkWeights
+from evs.emulator.network.foreign import GraphNetwork, Network
+from evs.emulator.network.weights import MAX_CURRENT
 from evs.emulator.scene import F32
 from evs.emulator.sensor.saved import Arrays, same_bytes
 from evs.msgs import EvsError
@@ -182,10 +183,13 @@ def check_arrays(
             )
 
 
-def identity(weights: NetworkWeights) -> str:
+def identity(weights: Network) -> str:
     """Name and digest of a network, by which a state knows its own."""
     digest = hashlib.sha256()
     numbers = (weights.tau_s, weights.threshold, weights.linlog_dn, weights.tick_us)
+    if isinstance(weights, GraphNetwork):
+        digest.update(repr((*numbers, weights.look_ahead)).encode() + weights.graph)
+        return f"{weights.name} {digest.hexdigest()[:16]}"
     digest.update(repr((*numbers, float(np.float32(weights.last_bias)))).encode())
     for convolution in weights.convolutions:
         digest.update(repr((convolution.weight.shape, convolution.look_ahead)).encode())

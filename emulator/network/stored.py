@@ -23,11 +23,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from evs.emulator.network.foreign import Network
 from evs.emulator.network.weights import TAPS, Block, Convolution, NetworkWeights
 from evs.emulator.network.wire import initialisers
 from evs.emulator.scene import F32
 from evs.msgs import EvsError, nearest_first, unknown
 
+_OURS = {"encoder.weight", "last.weight"}
+"""a graph with neither is of another design: a GraphNetwork, for runtime onnxruntime alone"""
 MAX_BYTES = 64 * 2**20
 """the largest network has 8 MB"""
 
@@ -59,12 +62,12 @@ def network_path(network: str) -> Path:
     return _NETWORKS / f"{network}.onnx"
 
 
-def load_network(network: str) -> NetworkWeights:
+def load_network(network: str) -> Network:
     """The network of that name or path, as of `network_path`. Raises EvsError."""
     return read_network(network_path(network))
 
 
-def read_network(path: Path) -> NetworkWeights:
+def read_network(path: Path) -> Network:
     """The network of a .onnx file and the sidecar beside it.
 
     Raises EvsError, one line: no file, damaged, weights that are missing or of another shape or
@@ -77,11 +80,20 @@ def read_network(path: Path) -> NetworkWeights:
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise EvsError(f"network file {path} has {size} bytes; {MAX_BYTES} is the most")
-        tensors = initialisers(path.read_bytes())
+        graph = path.read_bytes()
+        tensors = initialisers(graph)
     except OSError as reason:
         raise EvsError(f"cannot read network file {path}: {reason.strerror}") from None
     except ValueError as reason:
         raise EvsError(f"network file {path}: {reason}") from None
+    if _OURS.isdisjoint(tensors):
+        # only onnxruntime can tell what it is
+        from evs.emulator.network.probe import graph_network
+
+        try:
+            return graph_network(graph, sidecar)
+        except EvsError as error:
+            raise EvsError(f"network file {path}: {error}") from None
     return _Assembly(path, tensors, sidecar["look_ahead"]).network(sidecar)
 
 

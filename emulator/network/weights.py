@@ -14,6 +14,7 @@ answer to light that has stood still for ever, zero everywhere where there is no
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,21 +100,9 @@ class NetworkWeights:
                     f"{TAPS - 1} is the most"
                 )
         self._check_array("last", self.last, (channels,))
-        for key, value in (
-            ("last_bias", abs(self.last_bias) + 1.0),
-            ("tau_s", self.tau_s),
-            ("threshold", self.threshold),
-            ("tick_us", self.tick_us / MAX_TICK_US),
-        ):
-            if not 0.0 < value < float("inf") or (key == "tick_us" and value > 1.0):
-                raise EvsError(f"network '{self.name}': {key} is {getattr(self, key)}")
-        if not 1.0 < self.linlog_dn <= MAX_LINLOG_DN:
-            raise EvsError(
-                f"network '{self.name}': linlog_dn is {self.linlog_dn}; the log map rises only "
-                f"where it is over 1, and {MAX_LINLOG_DN:g} is the most"
-            )
-        if not 1 <= self.spp[0] <= self.spp[1]:
-            raise EvsError(f"network '{self.name}': spp is {self.spp}; give fewest and most")
+        if not abs(self.last_bias) < float("inf"):
+            raise EvsError(f"network '{self.name}': last_bias is {self.last_bias}")
+        check_numbers(self.name, self.tau_s, self.threshold, self.linlog_dn, self.tick_us, self.spp)
         if not self._largest_sum() <= MAX_CURRENT:
             raise EvsError(
                 f"network '{self.name}': its weights are so large that a current may be over "
@@ -196,6 +185,28 @@ class NetworkWeights:
             found.append(middle)
             held = _relu(held + _constant(block.second, middle))
         return tuple(found)
+
+
+def check_numbers(
+    name: str,
+    tau_s: float,
+    threshold: float,
+    linlog_dn: float,
+    tick_us: int,
+    spp: tuple[int, int],
+) -> None:
+    """Raise EvsError where a number that stands beside the filters makes no sense."""
+    for key, value in (("tau_s", tau_s), ("threshold", threshold), ("tick_us", tick_us)):
+        most = MAX_TICK_US if key == "tick_us" else sys.float_info.max
+        if not 0.0 < value <= most:
+            raise EvsError(f"network '{name}': {key} is {value}")
+    if not 1.0 < linlog_dn <= MAX_LINLOG_DN:
+        raise EvsError(
+            f"network '{name}': linlog_dn is {linlog_dn}; the log map rises only "
+            f"where it is over 1, and {MAX_LINLOG_DN:g} is the most"
+        )
+    if not 1 <= spp[0] <= spp[1]:
+        raise EvsError(f"network '{name}': spp is {spp}; give fewest and most")
 
 
 def _constant(convolution: Convolution, value: F32) -> F32:

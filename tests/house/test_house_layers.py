@@ -28,7 +28,7 @@ DOORS = {
     "OpenGL": ("emulator/light/raster/",),
     "jax": ("drivers/training/",),
     "optax": ("drivers/training/",),
-    "onnxruntime": ("emulator/network/portable.py",),
+    "onnxruntime": ("emulator/network/session.py",),
     # reserved: the environment face gets its own
     "gymnasium": (),
 }

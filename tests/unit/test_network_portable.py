@@ -11,7 +11,8 @@ import pytest
 
 from evs.emulator.network.graph import streaming_graph
 from evs.emulator.network.model import EvsNetModel
-from evs.emulator.network.portable import BLOCK, PROVIDERS, PortableRuntime, open_session
+from evs.emulator.network.portable import BLOCK, PortableRuntime
+from evs.emulator.network.session import PROVIDERS, open_session
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
 from reference.agreement import run
@@ -75,9 +76,10 @@ def test_a_damaged_graph_is_one_clear_line(graph: bytes | None) -> None:
 
 def test_onnxruntime_is_imported_with_the_first_session_only() -> None:
     program = (
-        "import sys, evs, evs.emulator.network.model, evs.emulator.network.portable as p\n"
+        "import sys, evs, evs.emulator.network.model, evs.emulator.network.portable\n"
+        "from evs.emulator.network import session\n"
         "assert 'onnxruntime' not in sys.modules\n"
-        "p.providers()\n"
+        "session.providers()\n"
         "assert 'onnxruntime' in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
