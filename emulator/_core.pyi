@@ -1,6 +1,6 @@
-"""The native core: ray caster and event pixel."""
+"""The native core: ray caster, event pixel and event network."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated
 
 import numpy
@@ -99,6 +99,29 @@ class Caster:
 
     @property
     def channels(self) -> int: ...
+
+class NetworkArray:
+    """A network on an array of pixels: emulator/network/native.py."""
+
+    def __init__(self, width: int, height: int, *, weights: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], biases: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], delays: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], last: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], last_bias: float, v_on: float, v_off: float, decay_low: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], decay_high: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], exposure_dn: float, dark_dn: float, linlog_dn: float, tick_us: int, dense: bool = False, threads: int = 0, isa: str = 'auto') -> None:
+        """
+        In: weights, of all convolutions one after another, each (out, in, 7); biases (convolutions, channels); delays (blocks,) ticks by which each block's sum is late.
+        """
+
+    def step(self, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None), order='C', device='cpu', writable=False)], tick: int, begin_us: int, *, last_luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last_log: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], v: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last: Annotated[NDArray[numpy.int64], dict(shape=(None, None), order='C', device='cpu')], fifo: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], tile_row: Annotated[NDArray[numpy.int32], dict(shape=(None, None), order='C', device='cpu')], tile_moved: Annotated[NDArray[numpy.int64], dict(shape=(None, None), order='C', device='cpu')], tile_loud: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')], grow: Callable, currents: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None), order='C', device='cpu')] | None = None) -> tuple:
+        """
+        Out: (a list of each tick's event bytes (16 n,) uint8; pixels whose light was replaced, whose X and whose V were clamped). In: tick, number of the first. Every array but luminance is changed in place. grow(rows) must copy fifo to one of more rows, the new ones zero, and give it.
+        """
+
+    @property
+    def row_floats(self) -> int:
+        """
+        float32 that a tile remembers: [feature][6][16]; tick n is in slot n mod 6.
+        """
+
+    @property
+    def tiles(self) -> tuple:
+        """(down, across), tiles of 4 x 4 pixels."""
 
 def probe_points(sampler: str, index: int, dimension: int, pixels: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], out: Annotated[NDArray[numpy.float32], dict(shape=(None, 2), order='C', device='cpu')], seed: int = 0, digits: int = 6) -> None:
     """

@@ -14,7 +14,7 @@ std::vector<std::string> isa_available() {
       __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")) {
     names.push_back("avx512");
   }
-  if (__builtin_cpu_supports("avx2")) names.push_back("avx2");
+  if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) names.push_back("avx2");
 #endif
   names.push_back("portable");
   return names;

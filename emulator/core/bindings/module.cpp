@@ -4,6 +4,7 @@
 
 namespace evs {
 void bind_caster(nanobind::module_& m);
+void bind_network(nanobind::module_& m);
 void bind_probe(nanobind::module_& m);
 void bind_readout(nanobind::module_& m);
 void bind_sensor(nanobind::module_& m);
@@ -11,9 +12,10 @@ void bind_settings(nanobind::module_& m);
 }  // namespace evs
 
 NB_MODULE(_core, m) {
-  m.doc() = "The native core: ray caster and event pixel.";
+  m.doc() = "The native core: ray caster, event pixel and event network.";
   evs::bind_settings(m);
   evs::bind_caster(m);
+  evs::bind_network(m);
   evs::bind_probe(m);
   evs::bind_readout(m);
   evs::bind_sensor(m);

@@ -1,0 +1,145 @@
+"""Runtime `native`: the whole stream in one pass of C++, core/network, only where something moves.
+
+Pixels go in tiles of 4 x 4. A tile is computed while something of an X that was not 0 is left in
+its FIFOs, or while one of its membranes is at a threshold; of the others only the light is looked
+at. Networks with a bias, and sparse = False: every tile is computed in every tick. Either way the
+events and membranes are the same bytes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from evs.emulator import _core
+from evs.emulator.network.decay import decay_tables
+from evs.emulator.network.state import NetworkState, check_arrays
+from evs.emulator.network.weights import TAPS, NetworkWeights
+from evs.emulator.scene import F32
+from evs.emulator.sensor.parameters import SensorParameters
+from evs.msgs import EVENT_DTYPE, Events, EvsError
+
+LANES = 16
+"""pixels of a tile"""
+NEVER = -(2**60)
+"""number of the last tick in which a tile moved that never did"""
+
+
+class NativeRuntime:
+    """The runtime `native`. Its own arrays in a state, of (h', w') tiles, are these.
+
+    fifo (rows, F) float32, what tiles remember: [input of a convolution][slot][16 pixels], tick n
+    in slot n mod 6; tile_row (h', w') int32, each tile's row of it, -1: none; tile_moved int64,
+    number of the last tick in which some X was not 0; tile_loud uint8, 1: some V is at a threshold.
+    """
+
+    name = "native"
+
+    def __init__(
+        self,
+        sensor: SensorParameters,
+        weights: NetworkWeights,
+        threads: int = 0,
+        isa: str = "auto",
+        sparse: bool = True,
+    ) -> None:
+        """In: threads, 0 is one a core; isa, auto, avx512, avx2 or portable; all the same bytes."""
+        if isa != "auto" and isa not in _core.isa_available():
+            raise EvsError(f"this machine cannot run instruction set '{isa}'; use auto")
+        self.weights = weights
+        self._shape = (sensor.height, sensor.width)
+        self._dense = not (sparse and weights.is_still)
+        decay = decay_tables(weights.tau_s, weights.tick_us)
+        zeros = np.zeros(weights.channels, np.float32)
+        biases = [zeros if c.bias is None else c.bias for c in weights.convolutions]
+        self._array = _core.NetworkArray(
+            sensor.width,
+            sensor.height,
+            weights=np.concatenate([c.weight.ravel() for c in weights.convolutions]),
+            biases=np.stack(biases),
+            delays=np.array([block.look_ahead for block in weights.blocks], np.int32),
+            last=np.ascontiguousarray(weights.last),
+            last_bias=weights.last_bias,
+            v_on=sensor.pos_thres / weights.threshold,
+            v_off=sensor.neg_thres / weights.threshold,
+            decay_low=decay.low,
+            decay_high=decay.high,
+            exposure_dn=sensor.exposure_dn,
+            dark_dn=sensor.dark_dn,
+            linlog_dn=weights.linlog_dn,
+            tick_us=weights.tick_us,
+            dense=self._dense,
+            threads=threads,
+            isa=isa,
+        )
+        self._tiles: tuple[int, int] = self._array.tiles
+
+    def own_arrays(self) -> dict[str, np.ndarray[Any, Any]]:
+        """Runtime.own_arrays. FIFOs of all tiles, or of none yet."""
+        tiles = self._tiles[0] * self._tiles[1]
+        fifo = np.zeros((tiles if self._dense else 0, self._array.row_floats), np.float32)
+        row = np.full(self._tiles, -1, np.int32)
+        if self._dense:
+            row = np.arange(tiles, dtype=np.int32).reshape(self._tiles)
+            rest = np.concatenate(self.weights.rest())
+            if np.any(rest):
+                fifo[:] = np.repeat(rest, (TAPS - 1) * LANES)
+        return {
+            "fifo": fifo,
+            "tile_row": row,
+            "tile_moved": np.full(self._tiles, NEVER, np.int64),
+            "tile_loud": np.zeros(self._tiles, np.uint8),
+        }
+
+    def check(self, state: NetworkState) -> None:
+        """Runtime.check."""
+        fifo = state.arrays.get("fifo")
+        rows = len(fifo) if fifo is not None and fifo.ndim else 0
+        check_arrays(
+            state,
+            {
+                "fifo": (np.float32, (rows, self._array.row_floats)),
+                "tile_row": (np.int32, self._tiles),
+                "tile_moved": (np.int64, self._tiles),
+                "tile_loud": (np.uint8, self._tiles),
+            },
+        )
+
+    def step(
+        self, luminance: F32, state: NetworkState, begin_us: int, currents: F32 | None = None
+    ) -> list[Events]:
+        """Runtime.step. Raises EvsError where the memory does not suffice or the state is damaged.
+
+        Rows of FIFO memory that a chunk needs more are added to the state.
+        """
+
+        def grow(rows: int) -> F32:
+            larger = np.zeros((self._capacity(rows), self._array.row_floats), np.float32)
+            larger[: len(state.arrays["fifo"])] = state.arrays["fifo"]
+            state.arrays["fifo"] = larger
+            return larger
+
+        arrays = {name: np.require(a, None, ["C", "W"]) for name, a in state.arrays.items()}
+        state.arrays.update(arrays)
+        try:
+            raw, clamped, x_clamped, v_clamped = self._array.step(
+                luminance, state.ticks, begin_us, grow=grow, currents=currents, **arrays
+            )
+        except MemoryError:
+            raise EvsError(
+                f"what moves up to {begin_us} us does not fit in memory; use a smaller sensor"
+            ) from None
+        except ValueError as reason:
+            raise EvsError(f"network state cannot be stepped: {reason}; init it anew") from None
+        state.ticks += len(luminance)
+        state.clamped += clamped
+        state.x_clamped += x_clamped
+        state.v_clamped += v_clamped
+        return [events.view(EVENT_DTYPE) for events in raw]
+
+    def _capacity(self, rows: int) -> int:
+        """Rows of memory for so many that are needed: in steps, however the chunks are cut."""
+        tiles = self._tiles[0] * self._tiles[1]
+        step = max(64, -(-tiles // 16))
+        return min(tiles, -(-rows // step) * step)
