@@ -112,24 +112,24 @@ class NetworkState:
 
         Whether it fits a model, the model says when it steps.
         """
-        others = {*_NUMBERS, *_WORDS, "seed"}
-        try:
-            frames = {
-                name: np.array(saved[name], kind, order="C") for name, kind in _FRAMES.items()
-            }
-            own = {
-                n: np.array(saved[n], order="C")
-                for n in saved
-                if n not in others and n not in frames
-            }
-            numbers: dict[str, Any] = {name: int(saved[name]) for name in ("seed", *_NUMBERS)}
-            words: dict[str, Any] = {name: str(saved[name]) for name in _WORDS}
-        except KeyError as missing:
-            raise EvsError(
-                f"saved network state lacks {missing}; save it with NetworkState.save"
-            ) from None
-        except (TypeError, ValueError):
-            raise EvsError("saved network state is damaged; save it again") from None
+        kinds = {"seed": "u", **dict.fromkeys(_NUMBERS, "i"), **dict.fromkeys(_WORDS, "U")}
+        for name in (*_FRAMES, *kinds):
+            if name not in saved:
+                raise EvsError(
+                    f"saved network state lacks '{name}'; save it with NetworkState.save"
+                )
+            array = np.asarray(saved[name])
+            sound = (
+                np.can_cast(array.dtype, _FRAMES[name], "equiv")
+                if name in _FRAMES
+                else array.dtype.kind == kinds[name] and array.ndim == 0
+            )
+            if not sound:
+                raise EvsError(f"saved network state is damaged: {name} cannot be; save it again")
+        frames = {name: np.array(saved[name], kind, order="C") for name, kind in _FRAMES.items()}
+        own = {n: np.array(saved[n], order="C") for n in saved if n not in {*kinds, *frames}}
+        numbers: dict[str, Any] = {name: int(saved[name]) for name in ("seed", *_NUMBERS)}
+        words: dict[str, Any] = {name: str(saved[name]) for name in _WORDS}
         state = cls(**numbers, **words, arrays={**frames, **own})
         state._check_values()
         return state
@@ -137,14 +137,12 @@ class NetworkState:
     def _check_values(self) -> None:
         if len({self.arrays[name].shape for name in _FRAMES}) != 1 or self.v.ndim != 2:
             raise EvsError("saved network state has arrays of different shapes; save it again")
-        # what the network reads is bounded, as its weights are; a NaN is over every bound
+        # what the network reads is bounded, as its weights are
         most = {"v": MAX_V, "last_luminance": _LARGEST, "last_log": MAX_LOG}
-        dark = {"last_log": np.isnan(self.last_log)}
         wrong = [
             name
             for name, array in self.arrays.items()
-            if array.dtype.kind == "f"
-            and not np.all((np.abs(array) <= most.get(name, MAX_CURRENT)) | dark.get(name, False))
+            if array.dtype.kind == "f" and not _size(name, array) <= most.get(name, MAX_CURRENT)
         ]
         if not 0 <= self.ticks <= MAX_TICKS:
             wrong.append("ticks")
@@ -164,6 +162,12 @@ class NetworkState:
         return same_bytes(self.arrays, other.arrays)
 
     __hash__ = None  # type: ignore[assignment]
+
+
+def _size(name: str, array: np.ndarray[Any, Any]) -> float:
+    """Of its largest value; NaN where one is, but for the log of pixels without light."""
+    largest = np.fmax if name == "last_log" else np.maximum
+    return float(largest.reduce(np.abs(array), axis=None, initial=0))
 
 
 def check_arrays(
