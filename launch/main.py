@@ -25,9 +25,11 @@ COMMANDS = {
     "info": "evs.launch.info",
     "characterise": "evs.launch.characterise",
     "evaluate": "evs.launch.evaluate",
+    "train": "evs.launch.train",
     "doctor": "evs.launch.doctor",
 }
-"""Command -> module. Each has HELP (one line), configure(parser), run(args) -> exit code."""
+"""Command -> module. Each has HELP (one line), configure(parser), run(args) -> exit code.
+SUBCOMMANDS = True: its first word is a command of its own."""
 
 ABOUT = """evs: an event camera for MuJoCo scenes.
 
@@ -90,7 +92,10 @@ def _dispatch(words: list[str]) -> int:
         kind = "option" if name.startswith("-") else "command"
         raise EvsError(f"{unknown(kind, name, COMMANDS)} (try: evs --help)")
     module = importlib.import_module(COMMANDS[name])
-    parsed = _parser(name, module).parse_intermixed_args(words[1:])
+    parser = _parser(name, module)
+    # argparse cannot mix options with the arguments of commands that have commands of their own
+    mixed = not getattr(module, "SUBCOMMANDS", False)
+    parsed = (parser.parse_intermixed_args if mixed else parser.parse_args)(words[1:])
     code = module.run(parsed)
     return 0 if code is None else int(code)
 
