@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.network.model import MAX_TIME_US, EvsNetModel
+from evs.emulator.network.runtime import RUNTIMES
 from evs.emulator.network.state import MAX_TICKS, NetworkState
 from evs.emulator.scene import F32
 from evs.emulator.sensor import SensorParameters
@@ -24,16 +25,16 @@ def film(ticks: int, seed: int = 0) -> F32:
 
 
 @pytest.mark.parametrize("late", LATE)
-@pytest.mark.parametrize("runtime", ["reference", "onnxruntime"])
-def test_the_same_events_at_any_hour(late: int, runtime: str) -> None:
-    model = EvsNetModel(SENSOR, random_network(1), runtime=runtime)
-    _, early = model.step_chunk(film(20), model.init(0), 0, 1000)
-    old = early.copy()
+@pytest.mark.parametrize("biased", [False, True])
+@pytest.mark.parametrize("runtime", RUNTIMES)
+def test_the_same_events_at_any_hour(late: int, biased: bool, runtime: str) -> None:
+    model = EvsNetModel(SENSOR, random_network(1, biased=biased), runtime=runtime, threads=1)
+    early, old = model.init(0), model.init(0)
     old.ticks += late
     old.last[:] += late
-    first, early = model.step_chunk(film(60, 1), early, 20_000, 1000)
     shift_us = min(late * 1000, MAX_TIME_US - 10**6)
-    second, old = model.step_chunk(film(60, 1), old, 20_000 + shift_us, 1000)
+    first, early = model.step_chunk(film(80), early, 0, 1000)
+    second, old = model.step_chunk(film(80), old, shift_us, 1000)
     assert sum(map(len, first)) > 300
     for ours, theirs in zip(first, second, strict=True):
         theirs["t"] -= shift_us

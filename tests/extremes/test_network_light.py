@@ -7,6 +7,7 @@ import pytest
 
 from evs.emulator.network import NetworkWeights
 from evs.emulator.network.model import MAX_CHUNK, EvsNetModel
+from evs.emulator.network.runtime import RUNTIMES
 from evs.emulator.network.state import NetworkState
 from evs.emulator.network.stored import load_network, network_names
 from evs.emulator.scene import F32
@@ -28,11 +29,23 @@ def shipped() -> dict[str, NetworkWeights]:
     return {name: weights for name, weights in found.items() if weights.is_still}
 
 
-def run(weights: NetworkWeights, film: F32, seed: int = 1) -> tuple[list[int], NetworkState]:
+@pytest.fixture(params=RUNTIMES)
+def runtime(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+def run(weights: NetworkWeights, runtime: str, film: F32) -> tuple[list[int], NetworkState]:
     """How many events each tick has."""
-    model = EvsNetModel(SENSOR, weights, runtime="reference")
-    events, state = model.step_chunk(film, model.init(seed), 0, 1000)
+    model = EvsNetModel(SENSOR, weights, runtime=runtime, threads=1)
+    events, state = model.step_chunk(film, model.init(1), 0, 1000)
     return [len(tick) for tick in events], state
+
+
+def at_rest(state: NetworkState) -> bool:
+    """Whether all that the network has in mind is 0."""
+    fifos = [array for name, array in state.arrays.items() if name.startswith("fifo")]
+    assert fifos
+    return not any(map(np.any, fifos))
 
 
 def held(light: float, ticks: int) -> F32:
@@ -46,10 +59,10 @@ def same_but_ticks(a: NetworkState, b: NetworkState) -> bool:
 
 
 @pytest.mark.parametrize("light", [0.0, 1e-30, 1e-3, 0.5, 1.0, 1e9])
-def test_still_light_is_silent_for_ever(light: float) -> None:
+def test_still_light_is_silent_for_ever(light: float, runtime: str) -> None:
     """A tick of it changes no bit of the state, so neither does any number of them."""
     for weights in (*STILL.values(), *shipped().values()):
-        model = EvsNetModel(SENSOR, weights, runtime="reference")
+        model = EvsNetModel(SENSOR, weights, runtime=runtime, threads=1)
         state = model.init(2)
         for k in range(2):
             events, state = model.step(held(light, 1)[0], state, k * 1000, (k + 1) * 1000)
@@ -62,32 +75,34 @@ def test_still_light_is_silent_for_ever(light: float) -> None:
 
 @pytest.mark.slow
 def test_still_light_is_silent_for_100_000_ticks() -> None:
+    cases = [(STILL["C = 4"], "reference")]
+    cases += [(weights, "native") for weights in (*STILL.values(), *shipped().values())]
     few = SensorParameters("few", 3, 1, 0.2, 0.2)
-    model = EvsNetModel(few, STILL["C = 4"], runtime="reference")
-    state = model.init(2)
     light = np.array([0.0, 0.3, 1e4], np.float32).reshape(1, 1, 3)
     film = np.broadcast_to(light, (MAX_CHUNK, 1, 3))
-    for first in range(0, 100_000, MAX_CHUNK):
-        chunks, state = model.step_chunk(film, state, first * 1000, 1000)
-        assert not any(map(len, chunks))
+    for weights, runtime in cases:
+        model = EvsNetModel(few, weights, runtime=runtime, threads=1)
+        state = model.init(2)
+        for first in range(0, 100_000, MAX_CHUNK):
+            chunks, state = model.step_chunk(film, state, first * 1000, 1000)
+            assert not any(map(len, chunks))
 
 
 @pytest.mark.parametrize("name", STILL)
-def test_after_a_change_it_falls_silent_again(name: str) -> None:
+def test_after_a_change_it_falls_silent_again(name: str, runtime: str) -> None:
     """Once W ticks of still light and the trail are over, nothing is left but the membrane."""
     film = np.concatenate([held(0.1, 5), held(30.0, 200), held(0.2, 200)])
-    counts, state = run(STILL[name], film)
+    counts, state = run(STILL[name], runtime, film)
     assert sum(counts) > 0
     assert not any(counts[150:205] + counts[-50:])
-    # what the network reads is at rest, bit for bit
-    for i, rest in enumerate(STILL[name].rest()):
-        assert not np.any(rest)
-        assert not np.any(state.arrays[f"fifo{i}"])
+    assert at_rest(state)
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), float("-inf"), -1.0, 3e38])
 @pytest.mark.parametrize("name", STILL)
-def test_light_that_is_none_is_as_if_it_had_stood_still(name: str, bad: float) -> None:
+def test_light_that_is_none_is_as_if_it_had_stood_still(
+    name: str, bad: float, runtime: str
+) -> None:
     rng = np.random.default_rng(4)
     film = np.exp(np.cumsum(rng.normal(0, 0.2, (120, 2, 4)), axis=0) - 1).astype(np.float32)
     lost = film.copy()
@@ -95,7 +110,7 @@ def test_light_that_is_none_is_as_if_it_had_stood_still(name: str, bad: float) -
     for first, last, y, x in ((20, 45, 0, 1), (60, 61, 1, 3), (30, 90, 1, 0), (118, 120, 0, 0)):
         lost[first:last, y, x] = bad
         still[first:last, y, x] = still[first - 1, y, x]
-    model = EvsNetModel(SENSOR, STILL[name], runtime="reference")
+    model = EvsNetModel(SENSOR, STILL[name], runtime=runtime, threads=1)
     found, state = model.step_chunk(lost, model.init(1), 0, 1000)
     expected, other = model.step_chunk(still, model.init(1), 0, 1000)
     assert [tick.tobytes() for tick in found] == [tick.tobytes() for tick in expected]
@@ -107,12 +122,12 @@ def test_light_that_is_none_is_as_if_it_had_stood_still(name: str, bad: float) -
 
 @pytest.mark.parametrize("bad", STRANGE)
 @pytest.mark.parametrize("ticks", [1, 10])
-def test_whatever_passes_the_pixel_works_afterwards(bad: float, ticks: int) -> None:
+def test_whatever_passes_the_pixel_works_afterwards(bad: float, ticks: int, runtime: str) -> None:
     """Strange light in one column: after it, and its trail, each pixel answers as its neighbour."""
     film = np.concatenate([held(0.5, 20), held(0.5, ticks), held(0.5, 150), held(0.75, 60)])
     film[20 : 20 + ticks, :, 1] = bad
     weights = through_network(5.0, tau_s=0.5)
-    model = EvsNetModel(SENSOR, weights, runtime="reference", initial="zero")
+    model = EvsNetModel(SENSOR, weights, runtime=runtime, threads=1, initial="zero")
     events, state = model.step_chunk(film, model.init(0), 0, 1000)
     for name, array in state.arrays.items():
         assert np.all(np.isfinite(array)), name
@@ -126,17 +141,18 @@ def test_whatever_passes_the_pixel_works_afterwards(bad: float, ticks: int) -> N
 
 @pytest.mark.parametrize("name", STILL)
 @pytest.mark.parametrize("bad", STRANGE)
-def test_no_strange_light_kills_a_network(name: str, bad: float) -> None:
+def test_no_strange_light_kills_a_network(name: str, bad: float, runtime: str) -> None:
     film = np.concatenate([held(0.5, 5), held(bad, 3), held(0.5, 3), held(bad, 1), held(0.5, 200)])
-    counts, state = run(STILL[name], film)
+    counts, state = run(STILL[name], runtime, film)
     assert not any(counts[-50:])
     assert np.all(np.abs(state.v) <= 64)
-    for i in range(len(STILL[name].convolutions)):
-        assert not np.any(state.arrays[f"fifo{i}"])
+    assert at_rest(state)
 
 
-def test_no_light_at_all() -> None:
+def test_no_light_at_all(runtime: str) -> None:
     """A pixel that has never seen light is silent; its first light sets the reference."""
-    counts, state = run(STILL["C = 8"], np.concatenate([held(float("nan"), 40), held(5.0, 40)]))
+    counts, state = run(
+        STILL["C = 8"], runtime, np.concatenate([held(float("nan"), 40), held(5.0, 40)])
+    )
     assert not any(counts)
     assert state.clamped == 40 * 8

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import io
+from functools import cache
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.emulator.network import NetworkWeights
 from evs.emulator.network.model import EvsNetModel
+from evs.emulator.network.runtime import RUNTIMES
 from evs.emulator.network.state import NetworkState
 from evs.emulator.scene import F32
 from evs.emulator.sensor import SensorParameters
@@ -41,12 +42,13 @@ def film(seed: int, ticks: int = TICKS) -> F32:
     return frames
 
 
-def model(weights: NetworkWeights) -> EvsNetModel:
-    return EvsNetModel(SENSOR, weights, runtime="reference")
+@cache
+def model(name: str, runtime: str) -> EvsNetModel:
+    return EvsNetModel(SENSOR, NETWORKS[name], runtime=runtime, threads=1)
 
 
-def by_ticks(weights: NetworkWeights, light: F32, seed: int) -> tuple[list[bytes], NetworkState]:
-    one, state, parts = model(weights), model(weights).init(seed), []
+def by_ticks(one: EvsNetModel, light: F32, seed: int) -> tuple[list[bytes], NetworkState]:
+    state, parts = one.init(seed), []
     for k, frame in enumerate(light):
         events, state = one.step(frame, state, k * 1000, (k + 1) * 1000)
         parts.append(events.tobytes())
@@ -54,9 +56,9 @@ def by_ticks(weights: NetworkWeights, light: F32, seed: int) -> tuple[list[bytes
 
 
 def by_chunks(
-    weights: NetworkWeights, light: F32, seed: int, cuts: list[int], through_files: bool
+    one: EvsNetModel, light: F32, seed: int, cuts: list[int], through_files: bool
 ) -> tuple[list[bytes], NetworkState]:
-    state, parts = model(weights).init(seed), []
+    state, parts = one.init(seed), []
     for first, last in zip([0, *cuts], [*cuts, len(light)], strict=True):
         if through_files:
             file = io.BytesIO()
@@ -64,7 +66,7 @@ def by_chunks(
             file.seek(0)
             with np.load(file) as saved:
                 state = NetworkState.restore(saved)
-        events, state = model(weights).step_chunk(light[first:last], state, first * 1000, 1000)
+        events, state = one.step_chunk(light[first:last], state, first * 1000, 1000)
         assert len(events) == last - first
         parts += [tick.tobytes() for tick in events]
     return parts, state
@@ -72,26 +74,28 @@ def by_chunks(
 
 @pytest.mark.parametrize("name", NETWORKS)
 @pytest.mark.parametrize("chunk", [8, 16, 32, TICKS])
-def test_chunks_of_the_usual_lengths(name: str, chunk: int) -> None:
-    weights, light = NETWORKS[name], film(11)
-    parts, state = by_ticks(weights, light, 3)
+@pytest.mark.parametrize("runtime", RUNTIMES)
+def test_chunks_of_the_usual_lengths(name: str, chunk: int, runtime: str) -> None:
+    one, light = model(name, runtime), film(11)
+    parts, state = by_ticks(one, light, 3)
     assert sum(map(len, parts)) > 16 * 300
     cuts = list(range(chunk, TICKS, chunk))
-    assert by_chunks(weights, light, 3, cuts, False) == (parts, state)
+    assert by_chunks(one, light, 3, cuts, False) == (parts, state)
 
 
-@settings(max_examples=25)
+@settings(max_examples=60)
 @given(
     name=st.sampled_from(sorted(NETWORKS)),
+    runtime=st.sampled_from(RUNTIMES),
     seed=st.integers(0, 2**64 - 1),
     ticks=st.integers(1, 50),
     through_files=st.booleans(),
     data=st.data(),
 )
 def test_any_cut(
-    name: str, seed: int, ticks: int, through_files: bool, data: st.DataObject
+    name: str, runtime: str, seed: int, ticks: int, through_files: bool, data: st.DataObject
 ) -> None:
-    weights, light = NETWORKS[name], film(seed % 2**32, ticks)
+    one, light = model(name, runtime), film(seed % 2**32, ticks)
     cuts = sorted(data.draw(st.sets(st.integers(1, ticks), max_size=6)) - {ticks})
-    whole = by_ticks(weights, light, seed)
-    assert by_chunks(weights, light, seed, cuts, through_files) == whole
+    whole = by_ticks(one, light, seed)
+    assert by_chunks(one, light, seed, cuts, through_files) == whole

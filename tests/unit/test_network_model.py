@@ -242,6 +242,14 @@ def test_a_dense_state_that_does_not_fit(monkeypatch: pytest.MonkeyPatch) -> Non
     model(large, eight)
 
 
+def test_what_could_move_at_most_is_no_reason_to_refuse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Native and without biases, only what moves has FIFOs."""
+    monkeypatch.setattr("evs.emulator.network.memory.memory_gb", lambda: (1.0, 0.01))
+    large = replace(SENSOR, width=1024, height=1024)
+    state = EvsNetModel(large, random_network(1)).init(0)
+    assert sum(array.nbytes for array in state.arrays.values()) < 30 * 1024**2
+
+
 def test_memory_is_what_the_machine_says() -> None:
     total_gb, free_gb = memory.memory_gb()
     assert 0 < free_gb <= total_gb
