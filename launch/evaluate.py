@@ -14,7 +14,7 @@ HELP = "measure event models: error, false events, recall, timing, cost, against
 
 EXAMPLES = """\
 examples:
-  evs evaluate --quick                           one robot, a first impression
+  evs evaluate --quick                           two scenes, a first impression
   evs evaluate --json all.json --markdown all.md --picture all.png      the whole table
   evs evaluate mine.onnx --scenes gymnasium/ant --spp 4,16              your own network besides
 
@@ -48,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     for name, line in NUMBERS.items():
         add(f"--{name}", type=int, metavar="N", help=line, dest=name.replace("-", "_"))
     add("--runtime", metavar="NAME", help="of networks: native, onnxruntime, reference")
-    add("--quick", action="store_true", help="one scene, few pixels: under two minutes")
+    add("--quick", action="store_true", help="two scenes, few pixels: under two minutes")
     add("--cache", metavar="DIR", help="where traced light is kept (the user's cache folder)")
     add("--json", metavar="FILE", help="everything that was measured")
     add("--markdown", metavar="FILE.md", help="the table; without it, it goes to stdout")

@@ -83,9 +83,11 @@ QUICK = Settings(
     scenes=scenes.QUICK,
     spp=(4, 16),
     pixels=512,
+    patch_px=16,
     ticks=200,
     reference_spp=256,
 )
+"""A first impression."""
 
 Moved = Callable[[int, str], None]
 """(samples a pixel and tick done so far, what is being done)"""

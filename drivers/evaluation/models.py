@@ -102,14 +102,24 @@ def contenders(
 
 
 def network(weights: Network, threads: int, runtime: str, name: str = "") -> Contender:
-    """A trained network. Its membranes begin at zero, as the reference's pixels do."""
-    if isinstance(weights, GraphNetwork):
-        runtime = "onnxruntime"  # no other runs it
+    """A trained network. Its membranes begin at zero, as the reference's pixels do.
+
+    A graph of another design goes to onnxruntime, whatever the runtime. Raises EvsError where it
+    is for other ticks, or no sensor can have it.
+    """
+    name = name or weights.name
+    if weights.tick_us != TICK_US:
+        raise EvsError(
+            f"network '{name}' is for ticks of {weights.tick_us} us; here they have {TICK_US} us"
+        )
+    chosen = "onnxruntime" if isinstance(weights, GraphNetwork) else runtime
 
     def make(sensor: SensorParameters) -> EventModel:
-        return EvsNetModel(sensor, weights, runtime=runtime, threads=threads, initial="zero")
+        return EvsNetModel(sensor, weights, runtime=chosen, threads=threads, initial="zero")
 
-    return Contender(name or weights.name, make, weights.latency_ticks)
+    # what is wrong with it is told before anything is traced
+    make(sensor_of(1))
+    return Contender(name, make, weights.latency_ticks)
 
 
 def _pixel(name: str, threads: int) -> Make:

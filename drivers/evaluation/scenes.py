@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from evs.drivers.evaluation.procedural import procedural_stage
+from evs.drivers.evaluation.stage import Stage
 from evs.drivers.pipeline.config import in_package
-from evs.emulator.config import CameraConfig, FlickerConfig
+from evs.emulator.config import CameraConfig
 from evs.emulator.world import MjModel, load_model
 from evs.msgs import EvsError
 
@@ -36,39 +37,20 @@ VIEWS = {
 DEFAULT = (
     *("gymnasium/ant", "gymnasium/half_cheetah", "gymnasium/humanoid"),
     *("dm_control/cartpole", "dm_control/humanoid", "dm_control/quadruped"),
+    *("procedural/0", "procedural/1", "procedural/2", "procedural/3", "procedural/4"),
 )
-QUICK = ("gymnasium/humanoid",)
-
-
-@dataclass(frozen=True)
-class Stage:
-    """A world to film."""
-
-    name: str
-    model: MjModel
-    view: CameraConfig
-    """from where it is seen"""
-    camera: str = ""
-    """or through which of the model's cameras"""
-    soft: bool = False
-    """whether a lamp has a size, so that shadows are soft"""
-    keyframe: str = ""
-    """of the model, to start from"""
-    warm_ticks: int = 100
-    """ms that the scene has moved before the first picture"""
-    stands: bool = False
-    """the camera stays where it is at first, however the scene would move it"""
-    bounces: int = 2
-    flicker: tuple[FlickerConfig, ...] = ()
+QUICK = ("gymnasium/humanoid", "procedural/0")
 
 
 def stage_of(name: str) -> Stage:
-    """The scene called `name`: gymnasium/ROBOT, dm_control/ROBOT, a file or package:path.
+    """The scene: gymnasium/ROBOT, dm_control/ROBOT, procedural/NUMBER, FILE, package:path.
 
     The lamps of a robot get a size, so that its shadows are soft. Raises EvsError: no such scene,
     or the package that holds it is not installed.
     """
     package, _, robot = name.partition("/")
+    if package == "procedural":
+        return procedural_stage(name, robot)
     if package in FOLDERS and not name.endswith(".xml"):
         return _robot(name, package, robot)
     model = load_model(in_package(name))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.drivers.evaluation.digest import digest
-from evs.drivers.evaluation.scenes import Stage
+from evs.drivers.evaluation.stage import Stage
 from evs.emulator.config import FlickerConfig, RenderConfig
 from evs.emulator.light.direct import DirectRenderer
 from evs.emulator.scene import F64, I32, CameraModel, CameraPose, SceneModel, SceneSnapshot

@@ -14,7 +14,15 @@ from evs.drivers.training.settings import HEIGHT, WIDTH, Variant
 from evs.emulator.config import RenderConfig
 from evs.emulator.light import PathRenderer
 from evs.emulator.scene import F32, I32, CameraModel, SceneModel, SceneSnapshot
-from evs.emulator.world import Physics, Poser, bind_camera, extract_scene, find_keyframe, load_model
+from evs.emulator.world import (
+    MjModel,
+    Physics,
+    Poser,
+    bind_camera,
+    extract_scene,
+    find_keyframe,
+    load_model,
+)
 
 Moved = Callable[[int], None]
 """Told how many samples of how many pixels were traced since the last call."""
@@ -58,14 +66,19 @@ class Stage:
         return found
 
 
-def set_up(scene: TrainingScene, ticks: int, tick_us: int, threads: int) -> Stage:
-    """Let a scene run for all its ticks. Raises EvsError where its physics breaks down."""
+def load_scene(scene: TrainingScene) -> MjModel:
+    """Its model."""
     with tempfile.TemporaryDirectory(prefix="evs-training-") as folder:
         for name, content in scene.files.items():
             Path(folder, name).write_bytes(content)
         path = Path(folder, "scene.xml")
         path.write_text(scene.text, encoding="utf-8")
-        model = load_model(path)
+        return load_model(path)
+
+
+def set_up(scene: TrainingScene, ticks: int, tick_us: int, threads: int) -> Stage:
+    """Let a scene run for all its ticks. Raises EvsError where its physics breaks down."""
+    model = load_scene(scene)
     physics = Physics(model, tick_us, find_keyframe(model, START))
     bound = bind_camera(model, CAMERA, WIDTH, HEIGHT)
     poser = Poser(model, [bound])

@@ -10,6 +10,7 @@ import pytest
 
 from evs.drivers.evaluation.digest import digest
 from evs.drivers.evaluation.light import LightSpec, light_key
+from evs.drivers.evaluation.procedural import FIRST_SEED
 from evs.drivers.evaluation.scenes import stage_of
 from evs.drivers.evaluation.take import (
     Take,
@@ -18,6 +19,7 @@ from evs.drivers.evaluation.take import (
     patch_pixels,
     spread_pixels,
 )
+from evs.drivers.training.settings import DataSettings
 from evs.emulator.config import CameraConfig
 from evs.emulator.scene import CameraPose
 from evs.msgs import EvsError
@@ -148,6 +150,24 @@ def test_digests() -> None:
     assert digest({"a": 1, "b": 2}) == digest({"b": 2, "a": 1})
     with pytest.raises(EvsError, match="object cannot be hashed"):
         digest(object())
+
+
+def test_procedural_scenes_are_of_seeds_that_training_refuses() -> None:
+    with pytest.raises(EvsError, match="seed is"):
+        DataSettings(seed=FIRST_SEED)
+    DataSettings(seed=FIRST_SEED - 1)
+    one, same, other = (
+        film(stage_of(name), "still", TICKS, size=SIZE, sampled=40, patch_px=16)
+        for name in ("procedural/0", "procedural/0", "procedural/1")
+    )
+    marks = [take.fingerprint(TICKS) for take in (one, same, other)]
+    assert marks[0] == marks[1] != marks[2]
+    # something moves from the first picture on, and the camera does not
+    assert not np.array_equal(one.shots[0][0].geom_pos, one.shots[-1][0].geom_pos) or (
+        not np.array_equal(one.shots[0][0].geom_mat, one.shots[-1][0].geom_mat)
+    )
+    for _, pose in other.shots:
+        assert np.array_equal(pose.mat, other.shots[0][1].mat)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,51 @@
+"""Procedural scenes for evaluation: the recipe of training, of a seed that training never has."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evs.drivers.evaluation.stage import Stage
+from evs.drivers.training.pilot import look
+from evs.drivers.training.scenes import CAMERA, START, make_scene
+from evs.drivers.training.stage import load_scene, set_up
+from evs.emulator.config import CameraConfig
+from evs.msgs import EvsError
+
+FIRST_SEED = 2**63
+"""Training takes seeds below it; those from it on are for evaluation."""
+MOST = 1000
+ATTEMPTS = 20
+_LOOK_TICKS = 128
+_LOOK_SEED = 0
+
+
+def procedural_stage(name: str, number: str) -> Stage:
+    """Scene procedural/NUMBER. Raises EvsError: no number, or none of its attempts is of use.
+
+    Its camera stands where the recipe's first is; the evaluation moves it.
+    """
+    if not (number.isdecimal() and int(number) < MOST):
+        raise EvsError(f"scene '{name}': give procedural/0 ... procedural/{MOST - 1}")
+    for attempt in range(ATTEMPTS):
+        scene = make_scene(FIRST_SEED, int(number), attempt)
+        try:
+            pilot = look(set_up(scene, _LOOK_TICKS, 1000, 1), _LOOK_SEED)
+        except EvsError:
+            # it flies apart; the next one may not
+            continue
+        if not pilot.is_useful or pilot.is_still:
+            continue
+        model = load_scene(scene)
+        return Stage(
+            name,
+            model,
+            CameraConfig(),
+            camera=CAMERA,
+            soft=bool(np.any(model.light_bulbradius > 0.0)),
+            keyframe=START,
+            warm_ticks=0,
+            stands=True,
+            bounces=scene.bounces,
+            flicker=scene.flicker,
+        )
+    raise EvsError(f"scene '{name}': none of {ATTEMPTS} attempts is of any use; take another")
