@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from evs.drivers.training.settings import DataSettings
 from evs.msgs import EvsError
 
 HELP = "train the network: `data` makes scenes and their light"
@@ -17,6 +18,7 @@ examples:
   evs train data out/data                                  200 scenes of 2048 pixels, seed 1
   evs train data out/small --scenes 20 --pixels 256 --truth-spp 128
   evs train data out/data --scenes 100 --from 100          the second half, on another machine
+  evs train data out/data --describe                       light, events and speeds of what is there
 
 `evs train COMMAND --help` says everything about a command."""
 
@@ -36,33 +38,38 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.usage = "evs train COMMAND [arguments]"
     parser.epilog = EXAMPLES
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    _configure_data(
-        commands.add_parser(
-            "data",
-            help="make training data",
-            description="make training data: scenes, their light, and the events they should give",
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-            epilog=DATA_EXAMPLES,
-            allow_abbrev=False,
-        )
+    data = commands.add_parser(
+        "data",
+        help="make training data",
+        description="make training data: scenes, their light, and the events they should give",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog=DATA_EXAMPLES,
+        allow_abbrev=False,
     )
+    data.set_defaults(act=_data)
+    _configure_data(data)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run one of the commands; the exit code."""
-    return _data(args)
+    return int(args.act(args))
 
 
 def _configure_data(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
+    add, usual = parser.add_argument, DataSettings()
     add("folder", metavar="DIR", help="where the shards go; made if it is not there")
     add("--scenes", type=int, default=200, metavar="N", help="how many (200)")
     add("--from", type=int, default=0, metavar="N", dest="first", help="number of the first (0)")
-    add("--pixels", type=int, default=2048, metavar="N", help="of each scene (2048)")
-    add("--ticks", type=int, default=448, metavar="N", help="ms of each scene (448)")
-    add("--truth-spp", type=int, default=512, metavar="N", help="samples of converged light (512)")
-    add("--seed", type=int, default=1, metavar="N", help="all that is random follows from it (1)")
+    for key, told in (
+        ("pixels", "of each scene"),
+        ("ticks", "ms of each scene"),
+        ("truth-spp", "samples a pixel of converged light"),
+        ("seed", "all that is random follows from it"),
+    ):
+        default = getattr(usual, key.replace("-", "_"))
+        add(f"--{key}", type=int, default=default, metavar="N", help=f"{told} ({default})")
     add("--threads", type=int, default=0, metavar="N", help="worker threads; 0: one a core")
+    add("--describe", action="store_true", help="make nothing; say what DIR holds")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
 
 
@@ -70,10 +77,16 @@ def _data(args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.drivers.pipeline.stopping import stop_signals
     from evs.drivers.training.make import make_data, work_of
-    from evs.drivers.training.settings import DataSettings
     from evs.launch import terminal
     from evs.launch.emulate import STOPPED
 
+    if args.describe:
+        from evs.drivers.training.describe import describe
+        from evs.drivers.training.shards import Shards
+
+        for name, value in describe(Shards(args.folder)):
+            print(f"{name:30s}{value}")
+        return 0
     if not 0 <= args.threads <= 1024:
         raise EvsError(f"--threads is {args.threads}; give 0 for one a core, or 1 ... 1024")
     settings = DataSettings(

@@ -60,7 +60,7 @@ def make_shard(
             continue
         pilot = look(stage, seed(0))
         if not pilot.is_useful or (pilot.is_still and not may_be_still):
-            why = "nothing to see, or nothing moves"
+            why = "too dark, too bright, too fast, or nothing moves"
             continue
         rng = np.random.Generator(np.random.PCG64(seed(1)))
         pixels = choose_pixels(pilot, settings.pixels, rng)

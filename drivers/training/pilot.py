@@ -25,6 +25,8 @@ WHITE_DN = 255.0
 
 DARKEST_DN, BRIGHTEST_DN = 0.5, 3000.0
 """A scene is of no use where 99 % of it are darker, or half of it brighter."""
+FASTEST_PX_S = 20_000.0
+"""nor where half of what is seen is faster: the camera touches something"""
 STILL = 0.01
 """A scene is nearly still where a smaller share of its pixels changes."""
 
@@ -49,7 +51,9 @@ class Pilot:
     def is_useful(self) -> bool:
         """Whether it is neither black nor blown out."""
         dark, bright = np.percentile(self.light_dn, 99), np.percentile(self.light_dn, 50)
-        return bool(dark >= DARKEST_DN and bright <= BRIGHTEST_DN)
+        seen = self.speed[np.isfinite(self.speed)]
+        fast = seen.size and float(np.median(seen)) > FASTEST_PX_S
+        return bool(dark >= DARKEST_DN and bright <= BRIGHTEST_DN and not fast)
 
 
 def look(stage: Stage, seed: int) -> Pilot:

@@ -20,6 +20,7 @@ from evs.drivers.training.settings import DataSettings, Variant
 from evs.drivers.training.shards import ARRAYS, Shard, Shards, read_shard
 from evs.launch.main import main
 from evs.msgs import EvsError
+from reference.shards import synthetic_data
 
 TINY = DataSettings(
     seed=4, pixels=8, truth_spp=8, ticks=14, variants=(Variant(1, "fixed"), Variant(1, "fresh"))
@@ -32,9 +33,9 @@ def same(first: Shard, second: Shard) -> bool:
     )
 
 
-def pilot_of(score: np.ndarray, dn: float = 50.0) -> Pilot:
+def pilot_of(score: np.ndarray, dn: float = 50.0, px_s: float = 0.0) -> Pilot:
     light = np.full((3, *score.shape), dn, np.float32)
-    return Pilot(score, light, np.zeros_like(light))
+    return Pilot(score, light, np.full_like(light, px_s))
 
 
 def test_a_shard_follows_from_its_number_on_any_number_of_threads() -> None:
@@ -115,9 +116,10 @@ def test_where_too_little_moves_pixels_lie_anywhere(moving: int) -> None:
 def test_scenes_of_no_use_are_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     number = 1
     score = np.full((130, 173), 2.0)
-    seen = iter([pilot_of(score, 0.1), pilot_of(score, 1e5), pilot_of(score)])
+    bad = [pilot_of(score, 0.1), pilot_of(score, 1e5), pilot_of(score, 50.0, 1e5)]
+    seen = iter([*bad, pilot_of(score)])
     monkeypatch.setattr(make, "look", lambda *_: next(seen))
-    assert make_shard(TINY, number).meta["scene"]["attempt"] == 2
+    assert make_shard(TINY, number).meta["scene"]["attempt"] == 3
     monkeypatch.setattr(make, "look", lambda *_: pilot_of(score, 0.1))
     with pytest.raises(EvsError, match=r"scene 1: none of 20 .*take another seed"):
         make_shard(TINY, number)
@@ -199,6 +201,18 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert [(v.spp, v.seeds) for v in shard.variants][::4] == [(1, "fixed"), (1, "fresh")]
     assert main(["train", "data", folder, "--seed", "2", *ARGUMENTS]) == 2
     assert "other settings (seed 1, not 2)" in capsys.readouterr().err
+
+
+def test_a_folder_is_described(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = synthetic_data(tmp_path / "made", shards=2, pixels=9, ticks=40)
+    assert main(["train", "data", str(folder), "--describe"]) == 0
+    told = dict(line.split("  ", 1) for line in capsys.readouterr().out.splitlines())
+    counts = np.concatenate([shard.counts.sum((0, 1)) for shard in Shards(folder)])
+    assert told["scenes"].split(":")[0].strip() == "2"
+    assert told["pixels"].strip() == f"{len(counts)}, each 40 ticks"
+    assert told["pixels with events"].strip() == f"{100 * np.mean(counts > 0):.3g} %"
+    assert told["events of a pixel"].strip().startswith(f"mean {counts.mean():.4g};")
+    assert main(["train", "data", str(tmp_path / "none"), "--describe"]) == 2
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,13 @@ def test_the_scenes_have_what_an_event_camera_meets(scenes: list[TrainingScene])
     assert np.quantile(speeds, 0.15) < 10 < 300 < np.quantile(speeds, 0.85)
 
 
+def test_no_spring_is_too_stiff_for_the_ticks(scenes: list[TrainingScene]) -> None:
+    # a swing of w rad/s flies apart at w dt = 2; 0.3 of it is followed well
+    springs = [float(k) for s in scenes for k in re.findall(r'stiffness="([^"]*)"', s.text)]
+    assert len(springs) > 20
+    assert 0 < min(springs) < max(springs) <= (0.3 / 1e-3) ** 2
+
+
 def test_albedo_goes_over_three_decades() -> None:
     draft = Draft(np.random.default_rng(1))
     drawn = np.array([albedo(draft) for _ in range(4000)])

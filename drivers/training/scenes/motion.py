@@ -17,6 +17,8 @@ from evs.emulator.scene import F64
 INERTIA = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
 FASTEST_TURN = 800.0
 """rad/s: less than half a turn in 4 ms"""
+FASTEST_SWING = 300.0
+"""rad/s, 48 Hz: steps of 1 ms follow it"""
 HEIGHT_PX = 260
 
 
@@ -144,8 +146,13 @@ def _sliding(draft: Draft, axis: F64, velocity: float, span: float) -> str:
     draft.velocity.append(velocity if draft.chance(0.5) else -velocity)
     spring = ""
     if velocity * DURATION_S > span:
-        spring = f'stiffness="{num((velocity / span) ** 2)}"'
+        spring = _spring(velocity, span)
     return f'<joint type="slide" axis="{num(*axis)}" {spring}/>'
+
+
+def _spring(velocity: float, span: float) -> str:
+    """What turns back a joint of this velocity where it has gone `span`, or as soon as it can."""
+    return f'stiffness="{num(min(velocity / span, FASTEST_SWING) ** 2)}"'
 
 
 def _turning(
@@ -156,6 +163,6 @@ def _turning(
     draft.velocity.append(turn if draft.chance(0.5) else -turn)
     spring = ""
     if span is not None and turn * DURATION_S > span:
-        spring = f'stiffness="{num((turn / span) ** 2)}"'
+        spring = _spring(turn, span)
     where = "" if pos is None else f'pos="{num(*pos)}"'
     return f'<joint type="hinge" axis="{num(*axis)}" {where} {spring}/>'
