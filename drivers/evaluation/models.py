@@ -28,6 +28,8 @@ PIXELS = ("plain", "adaptive")
 NETWORKS = ("paper", "evsnet_c8", "evsnet_c4")
 """The paper's own network, then ours."""
 DEFAULT = (*PIXELS, *NETWORKS)
+SIDE = 4
+"""px of a tile: what the native network computes at once"""
 CHUNK = 16
 """ticks that a network is given at once"""
 
@@ -69,8 +71,30 @@ class Outcome:
 
 
 def sensor_of(pixels: int) -> SensorParameters:
-    """The sensor: all pixels side by side in one row."""
-    return dataclasses.replace(resolve_sensor(SENSOR), width=pixels, height=1)
+    """The sensor of so many pixels: tiles of 4 x 4, side by side, the last one filled up."""
+    tiles = -(-pixels // SIDE**2)
+    return dataclasses.replace(resolve_sensor(SENSOR), width=SIDE * tiles, height=SIDE)
+
+
+def frames_of(light: F32) -> F32:
+    """(ticks, 4, width) pictures of that sensor, black where the last tile is filled up.
+
+    In: light (ticks, n). Pixel 16 i + 4 j + k stands in row j, column k of tile i.
+    """
+    ticks, pixels = light.shape
+    sensor = sensor_of(pixels)
+    whole = np.zeros((ticks, sensor.width * SIDE), np.float32)
+    whole[:, :pixels] = light
+    tiles = whole.reshape(ticks, -1, SIDE, SIDE).transpose(0, 2, 1, 3)
+    return np.ascontiguousarray(tiles).reshape(ticks, SIDE, sensor.width)
+
+
+def numbered(events: Events) -> Events:
+    """The same events, x the number of the pixel and y 0."""
+    found = events.copy()
+    tile, column = np.divmod(events["x"].astype(np.int64), SIDE)
+    found["x"], found["y"] = SIDE**2 * tile + SIDE * events["y"] + column, 0
+    return found
 
 
 def contenders(
@@ -135,7 +159,7 @@ def run(contender: Contender, light: F32) -> Outcome:
     ticks, pixels = light.shape
     model = contender.make(sensor_of(pixels))
     state = model.init(0)
-    frames = np.ascontiguousarray(light[:, np.newaxis, :])
+    frames = frames_of(light)
     parts: list[Events] = []
     begin_s = monotonic_s()
     if isinstance(model, Chunked):
@@ -149,7 +173,7 @@ def run(contender: Contender, light: F32) -> Outcome:
             some, state = model.step(frames[k], state, TICK_US * (k - 1), TICK_US * k)
             parts.append(some)
     seconds = monotonic_s() - begin_s
-    events = join_events(parts)
+    events = numbered(join_events(parts))
     events["t"] -= TICK_US * contender.latency_ticks
     return Outcome(events, 1e3 * seconds / ticks)
 

@@ -30,8 +30,8 @@ PATCH_PX = 32
 """side of the patch"""
 CONTROL_SCALE = 0.6
 """share of the control range that is used"""
-MAX_SAMPLED = 7168
-"""pixels of a take besides the patch: all stand side by side in one row of a sensor"""
+MAX_SAMPLED = 16384
+"""pixels of a take besides the patch: the number of one is an event's x"""
 
 PAN_PX_S = 170.0
 SLIDE_M_S = 0.5

@@ -211,7 +211,7 @@ def test_light_is_that_of_whole_pictures(scene: Path, tmp_path: Path) -> None:
         (["--spp", "0"], "0 samples a pixel are asked for"),
         (["--reference-spp", "5"], "the reference of 5 spp has no two halves"),
         (["--ticks", "2"], "2 ticks are asked for; give 3"),
-        (["--pixels", "9000"], "9000 pixels are asked for"),
+        (["--pixels", "20000"], "20000 pixels are asked for"),
         (["--picture", "x.gif"], "--picture is 'x.gif': end it in .png"),
         (["--json", "nowhere/x.json"], "there is no folder 'nowhere'"),
         (["mine.onnx"], "mine.onnx"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -92,12 +93,27 @@ def test_a_model_sees_each_pixel_alone_and_its_latency_is_taken_off() -> None:
     assert (contender.name, contender.latency_ticks) == ("mine", 21)
     out = models.run(contender, light)
     assert out.ms_per_tick > 0
-    model = EvsNetModel(models.sensor_of(3), weights, runtime="reference", initial="zero")
+    sensor = replace(models.sensor_of(3), width=3, height=1)
+    model = EvsNetModel(sensor, weights, runtime="reference", initial="zero")
     raw, _ = model.step_chunk(light[:, np.newaxis], model.init(0), -1000, 1000)
     wanted = join_events(raw)
     assert len(wanted) > 0
     wanted["t"] -= 21_000
     assert out.events.tobytes() == wanted.tobytes()
+
+
+def test_pixels_keep_their_numbers() -> None:
+    """Whatever tile a pixel stands in: pixel n goes up in tick n + 1, all others stand still."""
+    count = 37
+    steps = np.zeros((count + 2, count), np.int64)
+    for pixel in range(count):
+        steps[pixel + 1 :, pixel] = 1
+    sensor = models.sensor_of(count)
+    assert (sensor.width, sensor.height) == (12, 4)
+    found = models.true_events(light_of_steps(steps))
+    assert found["x"].tolist() == list(range(count))
+    assert ((found["t"] + 999) // 1000).tolist() == list(range(1, count + 1))
+    assert not found["y"].any()
 
 
 def test_pixels_that_stand_still() -> None:
