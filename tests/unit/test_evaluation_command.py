@@ -15,6 +15,7 @@ from evs.drivers.evaluation import evaluate as whole
 from evs.drivers.evaluation import models, scenes, table
 from evs.drivers.evaluation.cache import DamagedCacheWarning, LightCache
 from evs.drivers.evaluation.light import LightSpec
+from evs.drivers.training.export import export
 from evs.launch.main import main
 from evs.msgs import EvsError
 from reference.judged import written
@@ -285,3 +286,24 @@ def test_every_scene_of_the_table_can_be_filmed(
     found = judge(replace(settings, scenes=(name,)), LightCache(tmp_path))
     assert found.takes[0].soft or name.startswith("procedural/")
     assert found.takes[0].reference_patch_events > 0
+
+
+def test_a_users_own_network_is_judged_besides(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, _ = export(random_network(4, 2), tmp_path / "mine.onnx")
+    words = ["evaluate", str(path), "--scenes", str(scene), "--models", "plain", "--cameras", "pan"]
+    out = tmp_path / "t.json"
+    assert main([*words, *TINY, "--cache", str(tmp_path / "cache"), "--json", str(out)]) == 0
+    assert capsys.readouterr().out.count("| mine |") == 5
+    told = json.loads(out.read_text())
+    assert told["settings"]["network"] == str(path)
+    assert {row["model"] for row in told["rows"]} == {"reference", "nothing", "plain", "mine"}
+
+
+def test_a_network_of_other_ticks_is_told_before_anything_is_traced() -> None:
+    weights = replace(random_network(4, 2), tick_us=500)
+    with pytest.raises(EvsError, match="is for ticks of 500 us; here they have 1000 us"):
+        models.network(weights, 1, "reference", "mine")
+    with pytest.raises(EvsError, match="no runtime 'nativ'"):
+        models.network(random_network(4, 2), 1, "nativ", "mine")
