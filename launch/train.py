@@ -37,7 +37,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the commands and their arguments."""
     parser.usage = "evs train COMMAND [arguments]"
     parser.epilog = EXAMPLES
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    commands = parser.add_subparsers(
+        prog="evs train", dest="command", metavar="COMMAND", required=True
+    )
     data = commands.add_parser(
         "data",
         help="make training data",
