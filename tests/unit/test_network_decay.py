@@ -84,6 +84,9 @@ def test_the_end_of_the_table_is_zero() -> None:
     assert after(15.0, 1000, 64.0, 15_000 * 69) > 0
     for ticks in (end, end + 1, 2**52):
         assert after(15.0, 1000, 64.0, ticks) == 0
+    # where the last entry is just over the least that comes in
+    assert after(15.126, 1000, 64.0, end - 1) > 0
+    assert after(15.126, 1000, 64.0, end) == 0
 
 
 def test_nothing_below_2_to_the_minus_100_comes_in() -> None:

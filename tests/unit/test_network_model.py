@@ -280,6 +280,9 @@ def test_weights_that_could_overflow_on_the_way() -> None:
     small = replace(block.second, weight=block.second.weight * np.float32(1e-30))
     with pytest.raises(EvsError, match="a current may be over"):
         replace(WEIGHTS, blocks=(Block(large, small), *WEIGHTS.blocks[1:]))
+    # also past blocks that add nothing: 20 in two channels, times 1e29
+    with pytest.raises(EvsError, match="a current may be over"):
+        through_network(1e29)
     huge = replace(block.first, weight=np.full_like(block.first.weight, 3e38))
     with pytest.raises(EvsError, match="a current may be over"):
         replace(WEIGHTS, blocks=(Block(huge, huge),) * 8)
