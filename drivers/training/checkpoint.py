@@ -62,6 +62,7 @@ class Checkpoint:
                     predicted=held.predicted,
                     true=held.true,
                     integral=held.integral,
+                    loss=held.loss,
                     told=np.array(json.dumps(told)),
                 )
             part.replace(path)
@@ -82,7 +83,7 @@ class Checkpoint:
             with np.load(path, allow_pickle=False) as archive:
                 told = json.loads(str(archive["told"][()]))
                 leaves = [archive[f"leaf{i}"] for i in range(len(mine))]
-                held = [archive[name] for name in ("predicted", "true", "integral")]
+                held = [archive[name] for name in ("predicted", "true", "integral", "loss")]
         except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as reason:
             raise EvsError(f"cannot read the checkpoint {path}: {reason}; delete it") from None
         if told["of"] != self.of:

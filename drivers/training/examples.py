@@ -25,6 +25,8 @@ HELD_OUT = 8
 """every so many-th scene is for validation"""
 MEMORY_BYTES = 4 * 2**30
 """of prepared shards; more of them take turns"""
+MOST_EVENTS = 100
+"""Pixels with more true events are left out: BiLIF gives one a tick and cannot follow them."""
 ROUND_STEPS = 500
 """steps between turns"""
 
@@ -42,7 +44,8 @@ class Prepared:
     counts: U8
     """(P, 2, K) true ON and OFF events"""
     live: tuple[I32, ...]
-    """of each variant: the pixels whose X is not zero for ever, or all for a biased network"""
+    """of each variant: the pixels that are drawn: few enough events; unless the network is biased,
+    X not zero for ever"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +76,10 @@ def prepare(shard: Shard, recipe: Recipe, linlog_dn: float) -> Prepared:
     light = [shard.variant(one.spp, one.seeds).T for one in recipe.variants]
     x = differences(np.ascontiguousarray(np.stack(light)), linlog_dn)
     counts = shard.noisy_counts if recipe.noisy_truth else shard.counts
-    if recipe.architecture.biased:
-        live = (np.arange(x.shape[1], dtype=np.int32),) * len(x)
-    else:
-        # still light gives no event, no loss and no gradient: there is nothing to learn from it
-        live = tuple(np.flatnonzero(one.any(1)).astype(np.int32) for one in x)
+    slow = counts.sum((0, 1), dtype=np.int64) <= MOST_EVENTS
+    # without biases still light gives no event, no gradient: there is nothing to learn from it
+    still = np.zeros(x.shape[:2], np.bool_) if recipe.architecture.biased else ~x.any(2)
+    live = tuple(np.flatnonzero(slow & ~one).astype(np.int32) for one in still)
     return Prepared(x, shard.phase.copy(), np.ascontiguousarray(counts.transpose(2, 0, 1)), live)
 
 
@@ -164,14 +166,15 @@ class Examples:
 
 
 def sample_held_out(examples: Examples, variants: tuple[Variant, ...], pixels: int) -> Prepared:
-    """Pixels of the held-out scenes, spread evenly over them, seeded; still ones too."""
+    """Pixels of the held-out scenes, spread over them, seeded; still ones too, fast ones not."""
     recipe = dataclasses.replace(examples.recipe, variants=variants, shares=())
     each = -(-pixels // len(examples.held_out))
     parts = []
     for place, path in enumerate(examples.held_out):
         scene = prepare(read_shard(path), recipe, examples.linlog_dn)
         rng = np.random.default_rng([examples.settings.seed, 3, place])
-        chosen = np.sort(rng.permutation(len(scene.start))[:each])
+        slow = np.flatnonzero(scene.counts.sum((1, 2), dtype=np.int64) <= MOST_EVENTS)
+        chosen = np.sort(rng.permutation(slow)[:each])
         parts.append((scene.x[:, chosen], scene.start[chosen], scene.counts[chosen]))
     x, start, counts = (
         np.concatenate(part, axis)

@@ -135,13 +135,18 @@ def _advance(at: Checkpoint, stepper: Stepper, examples: Examples, rate: float) 
     """One step; the loss before it."""
     batch = examples.batch(at.step)
     price = at.calibration.prices()[batch.variant]
-    outcome = stepper(at.parameters, at.optimiser, batch, price, rate)
-    loss = float(outcome.loss)
+    weight = at.calibration.weights()[batch.variant]
+    if not examples.recipe.balanced:
+        weight = np.ones_like(weight)
+    outcome = stepper(at.parameters, at.optimiser, batch, price, weight, rate)
+    losses = np.asarray(outcome.loss, np.float64)
+    loss = float(losses.mean())
     if not math.isfinite(loss):
         raise EvsError(f"the loss is {loss} after {at.step} steps; lower the learning rate")
     at.parameters, at.optimiser = outcome.parameters, outcome.optimiser
     at.calibration.update(
         batch.variant,
+        losses,
         np.asarray(outcome.predicted, np.float64),
         np.asarray(outcome.true, np.float64),
         examples.recipe.terms.calibration,

@@ -52,8 +52,8 @@ class Terms:
     calibration: float = 0.0
     """how fast the price of an event follows the count ratio of its variant (calibration.py)"""
     edge: float = 0.0
-    """a pixel with n true events weighs 1 + edge / n, so that low contrast and stillness are not
-    drowned by the few pixels with hundreds of events"""
+    """a pixel with n true events weighs edge / (edge + n): low contrast and stillness are not
+    drowned by the few pixels with many events"""
     silence: float = 0.0
     """price of an event where the truth has none of its polarity within silence_ticks"""
     silence_ticks: int = 32
@@ -70,13 +70,11 @@ def objective(
     loss = total(true, spikes, terms.count)
     if terms.relative_count:
         loss += terms.relative_count * relative_count(true, spikes)
-    if terms.edge:
-        loss *= edge_weight(true, terms.edge)
     if terms.silence:
         loss += terms.silence * unexplained(true, spikes, terms.silence_ticks)
     if terms.calibration:
         loss += price[0] * jnp.sum(spikes[0], 0) + price[1] * jnp.sum(spikes[1], 0)
-    return loss
+    return loss * edge_weight(true, terms.edge)
 
 
 def relative_count(true: tuple[Array, Array], spikes: tuple[Array, Array]) -> Array:
@@ -86,9 +84,9 @@ def relative_count(true: tuple[Array, Array], spikes: tuple[Array, Array]) -> Ar
 
 
 def edge_weight(true: tuple[Array, Array], edge: float) -> Array:
-    """1 + edge / n for a pixel with n true events, 1 + edge where it has none."""
+    """Edge / (edge + n) for a pixel with n true events; 1 for all where edge is 0."""
     events = jnp.sum(true[0], 0) + jnp.sum(true[1], 0)
-    return 1 + edge / jnp.maximum(events, 1)
+    return edge / (edge + events) if edge else jnp.ones_like(events)
 
 
 def unexplained(true: tuple[Array, Array], spikes: tuple[Array, Array], ticks: int) -> Array:

@@ -30,6 +30,8 @@ class Recipe:
     shares: tuple[float, ...] = ()
     """how often it sees each, any sum; empty: all the same"""
     terms: Terms = field(default_factory=Terms)
+    balanced: bool = False
+    """each variant's loss counts relative to what it is (calibration.py)"""
     noisy_truth: bool = False
     """truth: pixels with a real sensor's noise, in place of ideal ones"""
     skip_ticks: int = 16
@@ -71,7 +73,7 @@ class Recipe:
         return dataclasses.replace(self, architecture=architecture)
 
 
-OURS = Terms(count=0.1, calibration=0.02, edge=1.0, silence=0.2)
+OURS = Terms(count=0.1, calibration=0.02, edge=16.0, silence=0.2)
 
 RECIPES = {
     # centred, biased, from scratch, its loss alone, its light; C is not told in the paper
@@ -81,8 +83,8 @@ RECIPES = {
         initial="uniform",
         variants=(Variant(64, "fresh"),),
     ),
-    "evsnet_c8": Recipe("evsnet_c8", Architecture(channels=8), terms=OURS),
-    "evsnet_c4": Recipe("evsnet_c4", Architecture(channels=4), terms=OURS),
+    "evsnet_c8": Recipe("evsnet_c8", Architecture(channels=8), terms=OURS, balanced=True),
+    "evsnet_c4": Recipe("evsnet_c4", Architecture(channels=4), terms=OURS, balanced=True),
 }
 """By name. Any of them can be changed on the command line."""
 

@@ -13,7 +13,7 @@ import optax
 from jax import Array, lax
 
 from evs.drivers.training.examples import Batch
-from evs.drivers.training.losses import objective
+from evs.drivers.training.losses import edge_weight, objective
 from evs.drivers.training.network import Parameters, stream
 from evs.drivers.training.recipes import Recipe
 from evs.emulator.scene import F32
@@ -27,9 +27,9 @@ class Outcome:
     optimiser: Any
     """state of optax"""
     loss: Array
-    """mean over the batch's pixels"""
+    """(G,) mean over each group's pixels, not weighted"""
     predicted: Array
-    """(G, 2) ON and OFF events of each group"""
+    """(G, 2) ON and OFF events of each group, weighted as its pixels are"""
     true: Array
     """(G, 2)"""
 
@@ -43,6 +43,7 @@ class Stepper:
             optax.clip_by_global_norm(recipe.clip),
             optax.scale_by_adam(),
             optax.add_decayed_weights(recipe.weight_decay, mask=_decays),
+            optax.masked(optax.scale(SLOW), _is_tau),
         )
         # small groups one after another stay in a CPU's cache; a GPU wants all at once
         groups = _one_by_one if jax.default_backend() == "cpu" else _together
@@ -53,10 +54,16 @@ class Stepper:
         return self._optimiser.init(parameters)
 
     def __call__(
-        self, parameters: Parameters, optimiser: Any, batch: Batch, price: F32, rate: float
+        self,
+        parameters: Parameters,
+        optimiser: Any,
+        batch: Batch,
+        price: F32,
+        weight: F32,
+        rate: float,
     ) -> Outcome:
-        """In: price (G, 2) of an event of each group (Calibration); rate, the learning rate."""
-        data = (batch.x, batch.start, batch.counts, price)
+        """In: price (G, 2) of an event and weight (G,) of each group; rate, the learning rate."""
+        data = (batch.x, batch.start, batch.counts, price, weight)
         return Outcome(*self._step(parameters, optimiser, data, jnp.float32(rate)))
 
     def _build(self, groups: _Groups) -> Callable[..., tuple[Any, ...]]:
@@ -64,18 +71,27 @@ class Stepper:
 
         def step(parameters: Parameters, state: Any, data: _Data, rate: Array) -> tuple[Any, ...]:
             pixels = data[1].size
-            loss, summed, (predicted, true) = groups(gradient, parameters, data)
+            summed, found = groups(gradient, parameters, data)
             mean = jax.tree.map(lambda part: part / pixels, summed)
             updates, state = self._optimiser.update(mean, state, parameters)
             moved = jax.tree.map(lambda p, u: p - rate * u, parameters, updates)
-            return moved, state, loss / pixels, predicted, true
+            return moved, state, *found
 
         return step
 
     def _loss(
-        self, parameters: Parameters, x: Array, start: Array, counts: Array, price: Array
-    ) -> tuple[Array, tuple[Array, Array]]:
-        """Sum over pixels; then (2, P) events, predicted and true."""
+        self,
+        parameters: Parameters,
+        x: Array,
+        start: Array,
+        counts: Array,
+        price: Array,
+        weight: Array,
+    ) -> tuple[Array, _Found]:
+        """Weighted sum over pixels; then of each pixel its loss and (2, P) events.
+
+        In: price (2, P), weight (P,).
+        """
         recipe = self._recipe
         late, skip = recipe.architecture.latency_ticks, recipe.skip_ticks
         spikes = stream(parameters, x, start, recipe.architecture)
@@ -83,38 +99,65 @@ class Stepper:
         counted = counts[:, skip : counts.shape[1] - late].astype(jnp.float32)
         true = counted[0], counted[1]
         loss = objective(true, (on, off), recipe.terms, price)
-        return jnp.sum(loss), (jnp.stack([on.sum(0), off.sum(0)]), counted.sum(1))
+        share = edge_weight(true, recipe.terms.edge)
+        events = jnp.stack([on.sum(0), off.sum(0)]) * share
+        return jnp.sum(weight * loss), (loss, events, counted.sum(1) * share)
 
 
-_Data = tuple[Array, Array, Array, Array]
-_Groups = Callable[[Callable[..., Any], Parameters, Any], tuple[Any, Any, Any]]
+SLOW = 0.1
+"""tau's learning rate, relative: at first forgetting is the quickest way to be rid of noise, and
+with a short tau slow changes are lost for good"""
+
+_Data = tuple[Array, Array, Array, Array, Array]
+_Found = tuple[Array, Array, Array]
+_Groups = Callable[[Callable[..., Any], Parameters, Any], tuple[Parameters, _Found]]
 
 
 def _one_by_one(
     gradient: Callable[..., Any], parameters: Parameters, data: _Data
-) -> tuple[Array, Parameters, tuple[Array, Array]]:
-    def group(held: tuple[Array, Parameters], part: _Data) -> tuple[Any, Any]:
-        x, start, counts, price = part
-        prices = jnp.broadcast_to(price[:, jnp.newaxis], (2, x.shape[0]))
-        (loss, (predicted, true)), slope = gradient(parameters, x, start, counts, prices)
-        return jax.tree.map(jnp.add, held, (loss, slope)), (predicted.sum(1), true.sum(1))
+) -> tuple[Parameters, _Found]:
+    """The gradient's sum over groups; of each group its mean loss and its events."""
 
-    zero = (jnp.zeros(()), jax.tree.map(jnp.zeros_like, parameters))
-    (loss, slope), events = lax.scan(group, zero, data)
-    return loss, slope, events
+    def group(summed: Parameters, part: _Data) -> tuple[Parameters, _Found]:
+        x, start, counts, price, weight = part
+        each = x.shape[0]
+        prices = jnp.broadcast_to(price[:, jnp.newaxis], (2, each))
+        (_, found), slope = gradient(
+            parameters, x, start, counts, prices, jnp.broadcast_to(weight, (each,))
+        )
+        loss, predicted, true = found
+        return jax.tree.map(jnp.add, summed, slope), (loss.mean(), predicted.sum(1), true.sum(1))
+
+    zero = jax.tree.map(jnp.zeros_like, parameters)
+    summed: tuple[Parameters, _Found] = lax.scan(group, zero, data)
+    return summed
 
 
 def _together(
     gradient: Callable[..., Any], parameters: Parameters, data: _Data
-) -> tuple[Array, Parameters, tuple[Array, Array]]:
-    x, start, counts, price = data
+) -> tuple[Parameters, _Found]:
+    """The same, all groups at once."""
+    x, start, counts, price, weight = data
     groups, each, ticks = x.shape
     merged = jnp.transpose(counts, (1, 2, 0, 3)).reshape(2, ticks, -1)
-    prices = jnp.repeat(price.T, each, 1)
-    (loss, events), slope = gradient(parameters, x.reshape(-1, ticks), start.reshape(-1), merged,
-                                     prices)  # fmt: skip
-    predicted, true = (part.reshape(2, groups, each).sum(2).T for part in events)
-    return loss, slope, (predicted, true)
+    (_, found), slope = gradient(
+        parameters,
+        x.reshape(-1, ticks),
+        start.reshape(-1),
+        merged,
+        jnp.repeat(price.T, each, 1),
+        jnp.repeat(weight, each),
+    )
+    predicted, true = (part.reshape(2, groups, each).sum(2).T for part in found[1:])
+    return slope, (found[0].reshape(groups, each).mean(1), predicted, true)
+
+
+def _is_tau(parameters: Parameters) -> Parameters:
+    """Which parameter is tau."""
+    return {
+        key: jax.tree.map(lambda _, key=key: key == "log_tau", part)
+        for key, part in parameters.items()
+    }
 
 
 def _decays(parameters: Parameters) -> Parameters:

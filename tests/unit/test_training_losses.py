@@ -116,8 +116,9 @@ def test_terms_by_hand() -> None:
     spikes = column(1, 1, 0, 0, 1, 0, 0, 0), column(0, 0, 1, 0, 0, 0, 0, 0)
     # ON: 3 for 2; OFF: 1 for 0
     assert float(losses.relative_count(true, spikes)[0]) == pytest.approx(1 / 3 + 1)
-    assert float(losses.edge_weight(true, 1.0)[0]) == 1.5
-    assert float(losses.edge_weight((nothing, nothing), 1.0)[0]) == 2.0
+    assert float(losses.edge_weight(true, 6.0)[0]) == 0.75
+    assert float(losses.edge_weight((nothing, nothing), 6.0)[0]) == 1.0
+    assert float(losses.edge_weight(true, 0.0)[0]) == 1.0
     # within 1 tick of a true ON: ticks 1 and 2; the ON in tick 5 and the OFF are not explained
     assert float(losses.unexplained(true, spikes, 1)[0]) == 2.0
     assert float(losses.unexplained(true, spikes, 3)[0]) == 1.0
@@ -131,7 +132,7 @@ def test_the_objective_adds_what_is_asked_for() -> None:
     paper = losses.total(true, spikes, 0.2)
     assert losses.objective(true, spikes, Terms(count=0.2), price) == paper
     terms = Terms(0.2, relative_count=0.5, calibration=1.0, edge=2.0, silence=0.1, silence_ticks=1)
-    expected = (paper + 0.5 * (1 / 3 + 1)) * 2.0 + 0.1 * 2 + 3 * 0.25 - 0.125
+    expected = (paper + 0.5 * (1 / 3 + 1) + 0.1 * 2 + 3 * 0.25 - 0.125) * 0.5
     assert float(losses.objective(true, spikes, terms, price)[0]) == pytest.approx(
         float(expected[0]), rel=1e-6
     )

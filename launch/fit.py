@@ -1,0 +1,107 @@
+"""`evs train fit`: a network from training data, by a recipe."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+
+from evs.msgs import EvsError
+
+RECIPES = ("paper", "evsnet_c8", "evsnet_c4")
+
+DESCRIPTION = "train a network: by the paper's losses, in JAX, on a GPU where there is one"
+
+EXAMPLES = """\
+examples:
+  evs train fit out/data --recipe evsnet_c8 -o config/networks
+  evs train fit out/data --recipe paper --minutes 60 -o out/networks
+  evs train fit out/data --recipe evsnet_c8 --look-ahead 4 --name evsnet_c8_4ms -o out/networks
+
+recipes:
+  evsnet_c8   8 channels, causal, no biases, all variants of the light, calibrated counts
+  evsnet_c4   the same with 4 channels
+  paper       8 channels, centred (21 ms late), biases, 64 fresh samples, the paper's loss alone
+
+Each time the held-out scenes are seen better than ever, NAME.onnx, NAME.toml (its sidecar),
+NAME.training.json (the report) and NAME.training.png (curves) are written anew, so that the best
+can be taken at any time. A training that was ended goes on where its checkpoint is; with --steps
+alone its end is the same as without the interruption."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = EXAMPLES
+    add = parser.add_argument
+    add("folder", metavar="DIR", help="training data, of evs train data")
+    add("--recipe", default="evsnet_c8", metavar="NAME", help=f"{', '.join(RECIPES)} (evsnet_c8)")
+    add("-o", dest="out", required=True, metavar="FOLDER", help="where the network goes")
+    add("--name", metavar="NAME", help="of the network (the recipe's)")
+    add("--steps", type=int, metavar="N", help="of training (the recipe's)")
+    add("--minutes", type=float, metavar="M", help="end after so long; the rate falls in time")
+    add("--batch", type=int, metavar="N", help="pixels a step (the recipe's)")
+    add("--seed", type=int, default=1, metavar="N", help="of weights and order (1)")
+    add("--seeds", type=int, default=1, metavar="N", help="train so many, keep the best (1)")
+    add("--look-ahead", type=int, metavar="N", help="ticks of the future that it reads, 0 ... 21")
+    add("--noisy-truth", action="store_true", help="learn a real sensor's noise too")
+    add("--checkpoint", metavar="FILE.npz", help="where it goes on (DIR/NAME-SEED.checkpoint.npz)")
+    add("--quiet", action="store_true", help="print nothing but warnings and errors")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train; the exit code."""
+    folder, out = Path(args.folder), Path(args.out)
+    if args.seed < 0 or args.seeds < 1:
+        raise EvsError("--seed is 0 or more, --seeds 1 or more")
+    if args.checkpoint and args.seeds > 1:
+        raise EvsError("--checkpoint is of one training; leave it out, or --seeds")
+    # here, so that --help needs no jax
+    from evs.drivers.training.extra import need_jax
+
+    need_jax()
+    from evs.drivers.training.fit import Fitted, fit
+    from evs.drivers.training.recipes import recipe_named
+    from evs.drivers.training.report import write_network
+
+    recipe = recipe_named(args.recipe)
+    if args.look_ahead is not None:
+        recipe = recipe.with_look_ahead(args.look_ahead)
+    changes = {key: getattr(args, key) for key in ("steps", "batch") if getattr(args, key)}
+    recipe = dataclasses.replace(recipe, **changes, noisy_truth=args.noisy_truth)
+    name = args.name or recipe.name
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as reason:
+        raise EvsError(f"cannot make the folder '{out}': {reason.strerror}") from None
+
+    best = float("inf")
+
+    def improved(fitted: Fitted) -> None:
+        nonlocal best
+        if fitted.score < best:
+            best = fitted.score
+            files = write_network(fitted, out)
+            tell(f"wrote {files[0]}")
+
+    def tell(line: str) -> None:
+        if not args.quiet:
+            print(line, flush=True)
+
+    for seed in range(args.seed, args.seed + args.seeds):
+        default = folder / f"{name}-{seed}.checkpoint.npz"
+        minutes = None if args.minutes is None else args.minutes / args.seeds
+        fitted = fit(
+            folder,
+            recipe,
+            Path(args.checkpoint or default),
+            seed=seed,
+            minutes=minutes,
+            name=name,
+            tell=tell,
+            improved=improved,
+        )
+        # also after a training that had nothing left to do
+        if fitted.score <= best:
+            best = fitted.score
+            write_network(fitted, out)
+    return 0

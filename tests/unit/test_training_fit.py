@@ -1,0 +1,186 @@
+"""Training: the loss falls, the network that comes out is the one that was trained, runs resume."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from evs.drivers.training import report
+from evs.drivers.training.fit import Fitted, fit
+from evs.drivers.training.losses import Terms
+from evs.drivers.training.network import Architecture
+from evs.drivers.training.recipes import Recipe
+from evs.drivers.training.settings import Variant
+from evs.drivers.training.shards import Shards
+from evs.drivers.training.step import learning_rate
+from evs.drivers.training.validation import (
+    Scores,
+    compared,
+    overall,
+    plain_events,
+    predict,
+)
+from evs.emulator.metrics import Window, count_ratio, mean_emd
+from evs.msgs import EVENT_DTYPE, Events, EvsError
+from reference.shards import synthetic_data
+
+VARIANTS = (Variant(4, "fixed"), Variant(4, "fresh"))
+TERMS = Terms(count=0.1, calibration=0.02, edge=16.0, silence=0.2)
+SMALL = Recipe(
+    "small", Architecture(4), variants=VARIANTS, terms=TERMS, balanced=True, batch=64, steps=8
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return synthetic_data(tmp_path_factory.mktemp("data") / "d", 3, 48, 100)
+
+
+def events_of(counts: np.ndarray) -> Events:
+    """EVENT_DTYPE of (P, 2, K) ON and OFF counts; pixel p is column p."""
+    pixel, polarity, tick = np.nonzero(counts)
+    times = counts[pixel, polarity, tick]
+    found = np.zeros(int(times.sum()), EVENT_DTYPE)
+    found["t"] = np.repeat(1000 * (tick + 1), times)
+    found["x"] = np.repeat(pixel, times)
+    found["p"] = np.repeat(1 - polarity, times)
+    return found
+
+
+def test_scores_are_those_of_the_metrics() -> None:
+    rng = np.random.default_rng(1)
+    true = rng.poisson(0.03, (12, 2, 50)).astype(np.uint8)
+    true[:3] = 0
+    mine = (rng.random((12, 2, 50)) < 0.04).astype(np.uint8)
+    found = compared(mine, true, 10, 0, 1000)
+    window = Window(12, 1, 10_000, 50_000)
+    late, there = window.cut(events_of(mine)), window.cut(events_of(true))
+    assert found.emd == pytest.approx(mean_emd(late, there, window), rel=1e-9)
+    ratio = count_ratio(late, there)
+    assert (found.on, found.off) == (pytest.approx(ratio.on), pytest.approx(ratio.off))
+    still = true[:, :, 10:].sum((1, 2)) == 0
+    assert found.spurious_hz == pytest.approx(mine[still, :, 10:].sum() / (still.sum() * 0.04))
+
+
+def test_scores_of_a_network_that_is_late_are_of_the_same_light() -> None:
+    rng = np.random.default_rng(2)
+    true = rng.poisson(0.03, (12, 2, 50)).astype(np.uint8)
+    late = np.zeros_like(true)
+    late[:, :, 5:] = true[:, :, :-5]
+    found = compared(late, true, 10, 5, 1000)
+    assert found.emd == 0.0
+    assert found.on == found.off == found.recall == 1.0
+    assert compared(late, true, 10, 0, 1000).emd > 0.1
+
+
+def test_the_overall_score_is_a_geometric_mean_times_the_count_error() -> None:
+    one = Scores(emd=0.5, on=1.0, off=1.0, spurious_hz=0.0, recall=1.0)
+    two = Scores(emd=2.0, on=0.8, off=1.5, spurious_hz=0.0, recall=1.0)
+    assert overall([one, one]) == pytest.approx(0.5)
+    assert overall([one, two]) == pytest.approx(1.0 * (1 + 0.25))
+    nothing = dataclasses.replace(one, on=float("nan"), off=float("nan"))
+    assert overall([nothing]) == pytest.approx(0.5)
+
+
+def test_plain_events_are_crossings_of_thresholds() -> None:
+    x = np.zeros((2, 6), np.float32)
+    x[0, 2], x[0, 4] = 0.5, -0.7
+    found = plain_events(x, np.array([0.6, 0.0], np.float32))
+    # .6 + 2.5 thresholds: 3, .1 is left; less 3.5: -3, -.4 is left
+    assert found[0, 0].tolist() == [0, 0, 3, 0, 0, 0]
+    assert found[0, 1].tolist() == [0, 0, 0, 0, 3, 0]
+    assert not found[1].any()
+
+
+def test_the_learning_rate_warms_up_and_falls() -> None:
+    rates = [learning_rate(SMALL, progress) for progress in np.linspace(0, 1, 101)]
+    top = int(np.argmax(rates))
+    assert rates[top] == pytest.approx(SMALL.learning_rate, rel=1e-3)
+    assert 1 <= top <= 3
+    assert rates[0] < 0.1 * SMALL.learning_rate
+    assert rates[-1] == pytest.approx(0.01 * SMALL.learning_rate)
+    assert all(a >= b for a, b in zip(rates[top:], rates[top + 1 :], strict=False))
+
+
+def test_an_interrupted_training_ends_as_one_that_was_not(folder: Path, tmp_path: Path) -> None:
+    whole = fit(folder, SMALL, tmp_path / "a.npz", validate_every=4)
+    half = dataclasses.replace(SMALL, steps=4)
+    told: list[str] = []
+    # the rate follows the share that is done, so the first half must know of the whole
+    stopped = False
+
+    class Stop(Exception):
+        pass
+
+    def stop(line: str) -> None:
+        nonlocal stopped
+        if line.startswith("step 4, score"):
+            stopped = True
+        elif stopped:
+            raise Stop
+
+    def again(fitted: Fitted) -> None:
+        if fitted.checkpoint.step == 4:
+            raise Stop
+
+    with pytest.raises(Stop):
+        fit(folder, dataclasses.replace(SMALL, steps=8), tmp_path / "b.npz", validate_every=4,
+            tell=stop, improved=again)  # fmt: skip
+    resumed = fit(folder, SMALL, tmp_path / "b.npz", validate_every=4, tell=told.append)
+    assert "going on from step 4" in told[0]
+    assert resumed.checkpoint.step == whole.checkpoint.step == 8
+    for mine, theirs in zip(
+        jax.tree.leaves(resumed.checkpoint.parameters),
+        jax.tree.leaves(whole.checkpoint.parameters),
+        strict=True,
+    ):
+        assert np.array_equal(mine, theirs)
+    assert resumed.checkpoint.curves == whole.checkpoint.curves
+    assert resumed.score == whole.score
+    with pytest.raises(EvsError, match="another seed"):
+        fit(folder, half, tmp_path / "b.npz", seed=2)
+    (tmp_path / "c.npz").write_bytes(b"no archive")
+    with pytest.raises(EvsError, match="delete it"):
+        fit(folder, half, tmp_path / "c.npz")
+
+
+def test_the_time_limit_ends_a_training(folder: Path, tmp_path: Path) -> None:
+    many = dataclasses.replace(SMALL, steps=1_000_000)
+    fitted = fit(folder, many, tmp_path / "a.npz", minutes=0.02, validate_every=1000)
+    assert 0 < fitted.checkpoint.step < 10_000
+    assert fitted.checkpoint.curves["step"][-1] == fitted.checkpoint.step
+    with pytest.raises(EvsError, match="minutes is 0"):
+        fit(folder, many, tmp_path / "b.npz", minutes=0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("look_ahead", [0, 4])
+def test_a_small_training(tmp_path: Path, look_ahead: int) -> None:
+    """60 steps on noise: the loss falls to under half, and the runtimes run what came out."""
+    from evs.emulator.network.stored import read_network
+
+    folder = synthetic_data(tmp_path / "data", 5, 64, 200)
+    recipe = dataclasses.replace(SMALL, steps=60, learning_rate=1e-2).with_look_ahead(look_ahead)
+    fitted = fit(folder, recipe, tmp_path / "c.npz", validate_every=30)
+    curves = fitted.checkpoint.curves
+    assert curves["score"][-1] < 0.5 * curves["score"][0]
+    assert fitted.score == min(curves["score"])
+
+    out = tmp_path / "networks"
+    out.mkdir()
+    files = report.write_network(fitted, out)
+    names = ("small.onnx", "small.toml", "small.training.json", "small.training.png")
+    assert sorted(path.name for path in files) == sorted(names)
+    told = json.loads((out / "small.training.json").read_text())
+    assert told["steps"] == 60
+    assert [one["seeds"] for one in told["held_out"]] == ["fixed", "fresh"]
+    stored = read_network(out / "small.onnx")
+    assert stored.tau_s == fitted.weights.tau_s
+    assert stored.latency_ticks == look_ahead
+
+    agree_with_the_reference(folder, fitted, stored)
