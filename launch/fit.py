@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from evs.msgs import EvsError
+
+if TYPE_CHECKING:
+    from evs.drivers.training.recipes import Recipe
 
 RECIPES = ("paper", "evsnet_c8", "evsnet_c4")
 
@@ -48,26 +53,31 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
 
 
-def run(args: argparse.Namespace) -> int:
-    """Train; the exit code."""
-    folder, out = Path(args.folder), Path(args.out)
+def _check(args: argparse.Namespace) -> None:
+    """Raises EvsError for what needs no library to be refused."""
     if args.seed < 0 or args.seeds < 1:
         raise EvsError("--seed is 0 or more, --seeds 1 or more")
     if args.checkpoint and args.seeds > 1:
         raise EvsError("--checkpoint is of one training; leave it out, or --seeds")
+    for key in ("steps", "batch"):
+        if getattr(args, key) is not None and getattr(args, key) < 1:
+            raise EvsError(f"--{key} is {getattr(args, key)}; give 1 or more")
+    if args.name is not None and not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", args.name):
+        raise EvsError(f"--name is '{args.name}'; give letters, digits, '_', '-' and '.'")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train; the exit code."""
+    folder, out = Path(args.folder), Path(args.out)
+    _check(args)
     # here, so that --help needs no jax
     from evs.drivers.training.extra import need_jax
 
     need_jax()
     from evs.drivers.training.fit import Fitted, fit
-    from evs.drivers.training.recipes import recipe_named
     from evs.drivers.training.report import write_network
 
-    recipe = recipe_named(args.recipe)
-    if args.look_ahead is not None:
-        recipe = recipe.with_look_ahead(args.look_ahead)
-    changes = {key: getattr(args, key) for key in ("steps", "batch") if getattr(args, key)}
-    recipe = dataclasses.replace(recipe, **changes, noisy_truth=args.noisy_truth)
+    recipe = _recipe(args)
     name = args.name or recipe.name
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -105,3 +115,14 @@ def run(args: argparse.Namespace) -> int:
             best = fitted.score
             write_network(fitted, out)
     return 0
+
+
+def _recipe(args: argparse.Namespace) -> Recipe:
+    """The one named, changed as the options say."""
+    from evs.drivers.training.recipes import recipe_named
+
+    recipe = recipe_named(args.recipe)
+    if args.look_ahead is not None:
+        recipe = recipe.with_look_ahead(args.look_ahead)
+    changes = {key: getattr(args, key) for key in ("steps", "batch") if getattr(args, key)}
+    return dataclasses.replace(recipe, **changes, noisy_truth=args.noisy_truth)

@@ -6,9 +6,10 @@ import argparse
 from pathlib import Path
 
 from evs.drivers.training.settings import DataSettings
+from evs.launch import fit
 from evs.msgs import EvsError
 
-HELP = "train the network: `data` makes scenes and their light"
+HELP = "train the network: `data` makes scenes and their light, `fit` learns from them"
 
 SUBCOMMANDS = True
 """The first word says what is done; options follow it."""
@@ -19,6 +20,7 @@ examples:
   evs train data out/small --scenes 20 --pixels 256 --truth-spp 128
   evs train data out/data --scenes 100 --from 100          the second half, on another machine
   evs train data out/data --describe                       light, events and speeds of what is there
+  evs train fit out/data --recipe evsnet_c8 -o out/networks
 
 `evs train COMMAND --help` says everything about a command."""
 
@@ -50,6 +52,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     data.set_defaults(act=_data)
     _configure_data(data)
+    learn = commands.add_parser(
+        "fit",
+        help=fit.DESCRIPTION,
+        description=fit.DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    learn.set_defaults(act=fit.run)
+    fit.configure(learn)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -78,7 +78,8 @@ def prepare(shard: Shard, recipe: Recipe, linlog_dn: float) -> Prepared:
     counts = shard.noisy_counts if recipe.noisy_truth else shard.counts
     slow = counts.sum((0, 1), dtype=np.int64) <= MOST_EVENTS
     # without biases still light gives no event, no gradient: there is nothing to learn from it
-    still = np.zeros(x.shape[:2], np.bool_) if recipe.architecture.biased else ~x.any(2)
+    biased = recipe.architecture.biased
+    still = np.zeros(x.shape[:2], np.bool_) if biased else np.logical_not(x.any(axis=2))
     live = tuple(np.flatnonzero(slow & ~one).astype(np.int32) for one in still)
     return Prepared(x, shard.phase.copy(), np.ascontiguousarray(counts.transpose(2, 0, 1)), live)
 

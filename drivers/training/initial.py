@@ -14,7 +14,7 @@ from evs.emulator.scene import F32
 
 THRESHOLD = 0.2
 """log units: contrast threshold of the pixels that give the truth"""
-SMALL = 0.1
+SMALL = 0.03
 """of the filters beside the identity, as a share of He's"""
 
 

@@ -23,7 +23,7 @@ class Recipe:
     architecture: Architecture = field(default_factory=Architecture)
     initial: str = "identity"
     """identity: starts as `plain`; uniform: from scratch"""
-    tau_s: float = 0.5
+    tau_s: float = 1.0
     """where tau starts, s"""
     variants: tuple[Variant, ...] = VARIANTS
     """of the light it sees"""
@@ -38,7 +38,7 @@ class Recipe:
     """the first ticks, in which no window of the network is full, are not compared"""
     batch: int = 256
     """pixels, a multiple of GROUP"""
-    steps: int = 20_000
+    steps: int = 40_000
     learning_rate: float = 3e-3
     """after the warm-up; from there it falls as a cosine to a hundredth"""
     warm_up: float = 0.02
