@@ -26,7 +26,9 @@ HELD_OUT = 8
 MEMORY_BYTES = 4 * 2**30
 """of prepared shards; more of them take turns"""
 MOST_EVENTS = 100
-"""Pixels with more true events are left out: BiLIF gives one a tick and cannot follow them."""
+MOST_BESIDE = 20
+"""Pixels with more true events, or with more events in ticks that have another before it, are left
+out: BiLIF gives one a tick and cannot follow them."""
 ROUND_STEPS = 500
 """steps between turns"""
 
@@ -76,12 +78,20 @@ def prepare(shard: Shard, recipe: Recipe, linlog_dn: float) -> Prepared:
     light = [shard.variant(one.spp, one.seeds).T for one in recipe.variants]
     x = differences(np.ascontiguousarray(np.stack(light)), linlog_dn)
     counts = shard.noisy_counts if recipe.noisy_truth else shard.counts
-    slow = counts.sum((0, 1), dtype=np.int64) <= MOST_EVENTS
+    slow = followable(counts)
     # without biases still light gives no event, no gradient: there is nothing to learn from it
     biased = recipe.architecture.biased
     still = np.zeros(x.shape[:2], np.bool_) if biased else np.logical_not(x.any(axis=2))
     live = tuple(np.flatnonzero(slow & ~one).astype(np.int32) for one in still)
     return Prepared(x, shard.phase.copy(), np.ascontiguousarray(counts.transpose(2, 0, 1)), live)
+
+
+def followable(counts: U8) -> npt.NDArray[np.bool_]:
+    """(P,): which pixels of (2, K, P) true events a network with one event a tick can follow."""
+    ticks = counts.sum(0, dtype=np.int64)
+    beside = np.maximum(ticks - 1, 0).sum(0)
+    found: npt.NDArray[np.bool_] = (ticks.sum(0) <= MOST_EVENTS) & (beside <= MOST_BESIDE)
+    return found
 
 
 class Examples:
@@ -174,7 +184,7 @@ def sample_held_out(examples: Examples, variants: tuple[Variant, ...], pixels: i
     for place, path in enumerate(examples.held_out):
         scene = prepare(read_shard(path), recipe, examples.linlog_dn)
         rng = np.random.default_rng([examples.settings.seed, 3, place])
-        slow = np.flatnonzero(scene.counts.sum((1, 2), dtype=np.int64) <= MOST_EVENTS)
+        slow = np.flatnonzero(followable(scene.counts.transpose(1, 2, 0)))
         chosen = np.sort(rng.permutation(slow)[:each])
         parts.append((scene.x[:, chosen], scene.start[chosen], scene.counts[chosen]))
     x, start, counts = (
