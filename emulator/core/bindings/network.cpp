@@ -174,9 +174,10 @@ void bind_network(nb::module_& m) {
       .def(nb::init<int, int, Line, Array<const float, 2>, Array<const int32_t, 1>, Line, float,
                     float, float, Line, Line, float, float, float, int64_t, bool, int,
                     const std::string&>(),
-           nb::arg("width"), nb::arg("height"), nb::kw_only(), nb::arg("weights"),
-           nb::arg("biases"), nb::arg("delays"), nb::arg("last"), nb::arg("last_bias"),
-           nb::arg("v_on"), nb::arg("v_off"), nb::arg("decay_low"), nb::arg("decay_high"),
+           nb::arg("width"), nb::arg("height"), nb::kw_only(), nb::arg("weights").noconvert(),
+           nb::arg("biases").noconvert(), nb::arg("delays").noconvert(),
+           nb::arg("last").noconvert(), nb::arg("last_bias"), nb::arg("v_on"), nb::arg("v_off"),
+           nb::arg("decay_low").noconvert(), nb::arg("decay_high").noconvert(),
            nb::arg("exposure_dn"), nb::arg("dark_dn"), nb::arg("linlog_dn"), nb::arg("tick_us"),
            nb::arg("dense") = false, nb::arg("threads") = 0, nb::arg("isa") = "auto",
            "In: weights, of all convolutions one after another, each (out, in, 7); biases "

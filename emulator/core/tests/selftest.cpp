@@ -203,6 +203,7 @@ int main() {
   }
   evs::ticks_allocate_nothing();
   evs::pixels_survive_any_light();
+  evs::networks_survive_any_light();
   evs::readouts_lose_nothing_uncounted();
   std::printf("%d failures\n", evs::failures);
   return evs::failures;
