@@ -6,31 +6,45 @@
 //
 // Included by kernel.inc inside a namespace of its own.
 
+// One register of lanes: with more of them in one variable, compilers keep sums in memory.
 #if EVS_WIDTH == 512
-EVS_INLINE Float fma(Float a, Float b, Float c) { return {_mm512_fmadd_ps(a.v, b.v, c.v)}; }
-#elif EVS_WIDTH == 256
-EVS_INLINE Float fma(Float a, Float b, Float c) {
-  for (int i = 0; i < PARTS; i++) c.v[i] = _mm256_fmadd_ps(a.v[i], b.v[i], c.v[i]);
-  return c;
+using Wide = __m512;
+EVS_INLINE Wide wide(float a) { return _mm512_set1_ps(a); }
+EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) { return _mm512_fmadd_ps(a, b, c); }
+// from 0 to the largest float: never -0, NaN or Inf
+EVS_INLINE Wide wide_relu(Wide a) {
+  return _mm512_min_ps(_mm512_max_ps(a, wide(0.0f)), wide(kLargest));
 }
+// outputs times ticks that are summed side by side; with less ticks left, outputs alone
+constexpr int OUTPUTS = 4, TICKS = 4, OUTPUTS_ALONE = 8;
+#else
+using Wide = FloatPart;
+constexpr int OUTPUTS = 4, TICKS = 2, OUTPUTS_ALONE = 8;
+EVS_INLINE Wide wide(float a) { return a - Wide{}; }
+#if EVS_WIDTH == 256
+EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) { return _mm256_fmadd_ps(a, b, c); }
 #else
 // slow where the compiler knows no such instruction: a call for each lane
-EVS_INLINE Float fma(Float a, Float b, Float c) {
-  for (int i = 0; i < PARTS; i++) {
-    for (int j = 0; j < PART; j++) {
-      c.v[i][j] = __builtin_fmaf(a.v[i][j], b.v[i][j], c.v[i][j]);
-    }
-  }
+EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) {
+#pragma GCC unroll 4
+  for (int i = 0; i < PART; i++) c[i] = __builtin_fmaf(a[i], b[i], c[i]);
   return c;
+}
+#endif
+EVS_INLINE Wide wide_relu(Wide a) {
+  a = a > wide(0.0f) ? a : wide(0.0f);
+  return a < wide(kLargest) ? a : wide(kLargest);
 }
 #endif
 
-// Outputs times ticks that are summed side by side; with less ticks left, outputs alone.
-#if EVS_WIDTH == 512
-constexpr int OUTPUTS = 4, TICKS = 4, OUTPUTS_ALONE = 8;
-#else
-constexpr int OUTPUTS = 2, TICKS = 2, OUTPUTS_ALONE = 4;
-#endif
+constexpr int WIDE = EVS_WIDTH / 32;  // lanes of it
+
+EVS_INLINE Wide wide_load(const float* p) {
+  Wide a;
+  __builtin_memcpy(&a, p, sizeof a);
+  return a;
+}
+EVS_INLINE void wide_store(float* p, Wide a) { __builtin_memcpy(p, &a, sizeof a); }
 
 constexpr int SLOT = kLanes;
 constexpr int FEATURE = kSlots * kLanes;
@@ -46,53 +60,60 @@ struct Convolving {
   int ticks;
 };
 
-// N outputs from `o` on, T ticks from `t` on. INPUTS: how many, 0 where only the network knows.
+// N outputs from `o` on, T ticks from `t` on, a register of lanes. INPUTS: how many, 0 where only
+// the network knows.
 template <int INPUTS, int N, int T>
-EVS_INLINE void patch(const Convolving& c, int o, int t) {
+EVS_INLINE void patch(const Convolving& c, int o, int t, int lane) {
   const int inputs = INPUTS > 0 ? INPUTS : c.inputs;
   const int line = inputs * kTaps;
   const float* weights = c.weights + o * line;
-  const float* in = c.in + t * SLOT;
-  Float sum[N][T];
+  const float* in = c.in + t * SLOT + lane;
+  Wide sum[N][T];
 #pragma GCC unroll 8
   for (int n = 0; n < N; n++) {
 #pragma GCC unroll 8
-    for (int k = 0; k < T; k++) sum[n][k] = splat(c.biases[o + n]);
+    for (int k = 0; k < T; k++) sum[n][k] = wide(c.biases[o + n]);
   }
   for (int i = 0; i < inputs; i++) {
 #pragma GCC unroll 8
     for (int j = 0; j < kTaps; j++) {
-      Float x[T];
+      Wide x[T];
 #pragma GCC unroll 8
-      for (int k = 0; k < T; k++) x[k] = load(in + (j + k) * SLOT);
+      for (int k = 0; k < T; k++) x[k] = wide_load(in + (j + k) * SLOT);
 #pragma GCC unroll 8
       for (int n = 0; n < N; n++) {
-        const Float weight = splat(weights[n * line + j]);
+        const Wide weight = wide(weights[n * line + j]);
 #pragma GCC unroll 8
-        for (int k = 0; k < T; k++) sum[n][k] = fma(weight, x[k], sum[n][k]);
+        for (int k = 0; k < T; k++) sum[n][k] = wide_fma(weight, x[k], sum[n][k]);
       }
     }
     weights += kTaps;
     in += FEATURE;
   }
-  const Float zero = splat(0.0f), largest = splat(kLargest);
 #pragma GCC unroll 8
   for (int n = 0; n < N; n++) {
-    float* out = c.out + (o + n) * FEATURE + (kOld + t) * SLOT;
+    float* out = c.out + (o + n) * FEATURE + (kOld + t) * SLOT + lane;
 #pragma GCC unroll 8
     for (int k = 0; k < T; k++) {
-      Float value = sum[n][k];
-      if (c.held != nullptr) value = load(c.held + (o + n) * FEATURE + (t + k) * SLOT) + value;
-      store(out + k * SLOT, min(max(value, zero), largest));  // never -0, NaN or Inf
+      Wide value = sum[n][k];
+      if (c.held != nullptr) {
+        value = wide_load(c.held + (o + n) * FEATURE + (t + k) * SLOT + lane) + value;
+      }
+      wide_store(out + k * SLOT, wide_relu(value));
     }
   }
+}
+
+template <int INPUTS, int N, int T>
+EVS_INLINE void all_lanes(const Convolving& c, int o, int t) {
+  for (int lane = 0; lane < LANES; lane += WIDE) patch<INPUTS, N, T>(c, o, t, lane);
 }
 
 template <int INPUTS, int N>
 EVS_INLINE void stripe(const Convolving& c, int o) {
   int t = 0;
-  for (; t + TICKS <= c.ticks; t += TICKS) patch<INPUTS, N, TICKS>(c, o, t);
-  for (; t < c.ticks; t++) patch<INPUTS, N, 1>(c, o, t);
+  for (; t + TICKS <= c.ticks; t += TICKS) all_lanes<INPUTS, N, TICKS>(c, o, t);
+  for (; t < c.ticks; t++) all_lanes<INPUTS, N, 1>(c, o, t);
 }
 
 template <int INPUTS>
@@ -100,7 +121,7 @@ template <int INPUTS>
   int o = 0;
   if (c.ticks < TICKS) {
     for (; o + OUTPUTS_ALONE <= c.outputs; o += OUTPUTS_ALONE) {
-      for (int t = 0; t < c.ticks; t++) patch<INPUTS, OUTPUTS_ALONE, 1>(c, o, t);
+      for (int t = 0; t < c.ticks; t++) all_lanes<INPUTS, OUTPUTS_ALONE, 1>(c, o, t);
     }
   }
   for (; o + OUTPUTS <= c.outputs; o += OUTPUTS) stripe<INPUTS, OUTPUTS>(c, o);

@@ -82,12 +82,13 @@ EVS_INLINE void stretch(TileJob& job, int from, int ticks) {
   }
 
   const float* top = inputs_of(net.convolutions()) + kOld * SLOT;
-  for (int t = 0; t < ticks; t++) {
-    Float sum = splat(net.last_bias);
+  float* current = job.current + from * LANES;
+  for (int at = 0; at < ticks * LANES; at += WIDE) {
+    Wide sum = wide(net.last_bias);
     for (int c = 0; c < channels; c++) {
-      sum = fma(splat(net.last[c]), load(top + c * FEATURE + t * SLOT), sum);
+      sum = wide_fma(wide(net.last[c]), wide_load(top + c * FEATURE + at), sum);
     }
-    store(job.current + (from + t) * LANES, sum);
+    wide_store(current + at, sum);
   }
 }
 
