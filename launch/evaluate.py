@@ -79,11 +79,12 @@ def run(args: argparse.Namespace) -> int:
     )
     for line in missing:
         terminal.warn(line)
+    checked = None if settings.network is None else _checked(settings.network)
     cache = LightCache(user_cache() if args.cache is None else Path(args.cache).expanduser())
     total = evaluate.work(settings, evaluate.look_ahead(judged))
     with terminal.bar("tracing", total, args.quiet) as moved:
         found = evaluate.evaluate(settings, cache, judged, moved, _command(args))
-    found = replace(found, left_out=missing)
+    found = replace(found, left_out=missing, check=checked)
     told = table.markdown(found)
     if numbers is not None:
         write_whole(found.to_json(), numbers)
@@ -94,6 +95,19 @@ def run(args: argparse.Namespace) -> int:
     if picture is not None:
         write_png(picture, evaluation_page(found), few_colours=True)
     return 0
+
+
+def _checked(network: Path) -> Any:
+    """What was found out about a user's network; each thing that is bad is a warning."""
+    from evs.drivers.checkup.check import BAD
+    from evs.drivers.evaluation.check import check_model
+    from evs.launch import terminal
+
+    checked = check_model(network)
+    for finding in checked.findings:
+        if finding.verdict == BAD:
+            terminal.warn(f"{network}: {finding.what}: {finding.found}")
+    return checked
 
 
 def _settings(args: argparse.Namespace, settings: Any) -> Any:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from evs.drivers.evaluation.check import Check
 from evs.drivers.evaluation.pool import Cell, Row, Value, rows_of
 from evs.drivers.evaluation.verdict import Claim, verdict, winners
 
@@ -72,6 +73,8 @@ class Evaluation:
     cells: list[Cell] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
     """a line for each model that is not there"""
+    check: Check | None = None
+    """of a user's own network"""
 
     @property
     def rows(self) -> list[Row]:
@@ -91,6 +94,7 @@ class Evaluation:
                 "settings": self.settings,
                 "versions": self.versions,
                 "left_out": self.left_out,
+                "check": None if self.check is None else asdict(self.check),
                 "takes": [asdict(take) for take in self.takes],
                 "rows": [_row(row) for row in self.rows],
                 "verdict": [asdict(claim) for claim in self.verdict],
@@ -130,6 +134,7 @@ def markdown(found: Evaluation) -> str:
         f"{len(scenes)} scenes: {', '.join(scenes)}. Mean of all scenes ± standard deviation over "
         "them; a dash: not defined.",
         "",
+        *([] if found.check is None else [found.check.markdown()]),
         *table(found.rows),
         "",
         "| claim | | figures |",

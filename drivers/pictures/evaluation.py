@@ -98,7 +98,10 @@ def _emd(rows: Sequence[Row], camera: str, seeds: str, colours: dict[str, RGB]) 
     series = _series(rows, camera, seeds, "emd", colours, spread=False)
     marks = [
         (row.values["emd"].mean, words)
-        for name, words in ((NOTHING, "no event at all"), (REFERENCE, "half the reference"))
+        for name, words in (
+            (NOTHING, "no event at all"),
+            (REFERENCE, "the halves of the reference"),
+        )
         for row in rows
         if (row.camera, row.model) == (camera, name) and row.values["emd"].mean > 0.0
     ]

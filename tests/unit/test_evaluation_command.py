@@ -61,8 +61,9 @@ def test_command_json_and_picture(
     said = capsys.readouterr()
     assert (said.out, said.err) == ("", "")
     told = json.loads(out[0].read_text())
-    assert set(told) == {"command", "settings", "versions", "left_out", "takes", "rows", "verdict",
-                         "winners", "cells"}  # fmt: skip
+    assert set(told) == {"command", "settings", "versions", "left_out", "check", "takes", "rows",
+                         "verdict", "winners", "cells"}  # fmt: skip
+    assert told["check"] is None
     # two cameras; half the reference, nothing; two models on 1, 2 spp fixed, fresh, and direct
     assert len(told["cells"]) == len(told["rows"]) == 2 * (2 + 2 * 5)
     assert {take["camera"] for take in told["takes"]} == {"still", "pan"}
@@ -295,8 +296,13 @@ def test_a_users_own_network_is_judged_besides(
     words = ["evaluate", str(path), "--scenes", str(scene), "--models", "plain", "--cameras", "pan"]
     out = tmp_path / "t.json"
     assert main([*words, *TINY, "--cache", str(tmp_path / "cache"), "--json", str(out)]) == 0
-    assert capsys.readouterr().out.count("| mine |") == 5
+    said = capsys.readouterr()
+    assert said.out.count("| mine |") == 5
+    # it was checked first
+    assert said.out.index("| random4 | found | |") < said.out.index("| camera | light | model |")
+    assert "| X = 0 | the current is exactly 0" in said.out
     told = json.loads(out.read_text())
+    assert told["check"]["name"] == "random4"
     assert told["settings"]["network"] == str(path)
     assert {row["model"] for row in told["rows"]} == {"reference", "nothing", "plain", "mine"}
 
@@ -307,3 +313,25 @@ def test_a_network_of_other_ticks_is_told_before_anything_is_traced() -> None:
         models.network(weights, 1, "reference", "mine")
     with pytest.raises(EvsError, match="no runtime 'nativ'"):
         models.network(random_network(4, 2), 1, "nativ", "mine")
+
+
+def test_a_network_that_is_not_sound_is_told_and_judged_all_the_same(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    weights = random_network(4, 2)
+    path, sidecar = export(replace(weights, last=np.zeros_like(weights.last)), tmp_path / "d.onnx")
+    words = ["evaluate", str(path), "--scenes", str(scene), "--models", "plain", *TINY]
+    assert main([*words, "--cameras", "pan", "--cache", str(tmp_path / "cache")]) == 0
+    said = capsys.readouterr()
+    lines = said.err.splitlines()
+    assert f"evs: warning: {path}: latency: no answer to a step of +-0.5" in lines
+    assert all(line.startswith(f"evs: warning: {path}: ") for line in lines)
+    assert said.out.count("| d |") == 5
+
+    # one that cannot be read is not
+    sidecar.write_text(sidecar.read_text().replace("threshold = 0.2", "threshold = -0.2"))
+    assert main([*words, "--cache", str(tmp_path / "other")]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    assert "threshold is -0.2" in said.err
