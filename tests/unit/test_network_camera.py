@@ -53,7 +53,7 @@ def world(folder: Path, **model: object) -> World:
     return made
 
 
-@pytest.mark.parametrize("runtime", ["reference"])
+@pytest.mark.parametrize("runtime", ["native", "onnxruntime", "reference"])
 @pytest.mark.parametrize("chunk", [3, 8])
 def test_packets_do_not_depend_on_the_chunk(folder: Path, runtime: str, chunk: int) -> None:
     """One packet a tick either way; those of a chunk leave together, the last by themselves."""
