@@ -10,7 +10,7 @@ from typing import Any
 
 from evs.drivers.evaluation.check import Check
 from evs.drivers.evaluation.pool import Cell, Row, Value, rows_of
-from evs.drivers.evaluation.verdict import Claim, verdict, winners
+from evs.drivers.evaluation.verdict import NOTHING, REFERENCE, Claim, verdict, winners
 
 
 @dataclass(frozen=True)
@@ -135,6 +135,10 @@ def markdown(found: Evaluation) -> str:
         "them; a dash: not defined.",
         "",
         *([] if found.check is None else [found.check.markdown()]),
+        "EMD, recall / precision, static false events in Hz, of each model:",
+        "",
+        *overview(found.rows),
+        "",
         *table(found.rows),
         "",
         "| claim | | figures |",
@@ -150,6 +154,29 @@ def markdown(found: Evaluation) -> str:
 
 
 MET = {True: "met", False: "missed", None: "-"}
+
+
+def overview(rows: Sequence[Row]) -> list[str]:
+    """Lines of Markdown: a line for each camera and kind of light, a column for each model."""
+    judged = [row for row in rows if row.model not in (NOTHING, REFERENCE)]
+    models = list(dict.fromkeys(row.model for row in judged))
+    lines = ["| " + " | ".join(["camera", "light", *models]) + " |"]
+    lines.append("|" + "---|" * (2 + len(models)))
+    cases = dict.fromkeys((row.camera, light_words(row)) for row in judged)
+    for camera, words in cases:
+        here = {r.model: r.values for r in judged if (r.camera, light_words(r)) == (camera, words)}
+        cells = [_in_short(here[model]) if model in here else "-" for model in models]
+        lines.append("| " + " | ".join([camera, words, *cells]) + " |")
+    return lines
+
+
+def _in_short(values: dict[str, Value]) -> str:
+    emd, recall, precision, static = (
+        values[name].mean for name in ("emd", "recall", "precision", "static_hz")
+    )
+    shares = " / ".join(f"{v:.2f}" if math.isfinite(v) else "-" for v in (recall, precision))
+    still = f"{static:.2g}" if math.isfinite(static) else "-"
+    return f"{emd:.3f}, {shares}, {still}"
 
 
 def table(rows: Sequence[Row]) -> list[str]:

@@ -13,7 +13,7 @@ from evs.drivers.evaluation.evaluate import stands_still
 from evs.drivers.evaluation.measure import Measures, measure
 from evs.drivers.evaluation.pool import VALUES, pool, rows_of
 from evs.drivers.evaluation.scenes import stage_of
-from evs.drivers.evaluation.table import finite, markdown, table
+from evs.drivers.evaluation.table import finite, markdown, overview, table
 from evs.drivers.evaluation.take import Take, film
 from evs.emulator.network.model import EvsNetModel
 from evs.msgs import Events, join_events, make_events
@@ -161,6 +161,21 @@ def test_rows_and_their_words() -> None:
     assert lines[2].startswith("| still | 4 spp fresh | plain | 1.500 ± 0.707 | 1.00 ± 0.00 |")
     assert lines[3].startswith("| still | 16 spp fresh | plain | 0.500 | 1.00 |")
     assert lines[4].startswith("| still | none | nothing | 0.100 | 0.00 | 0.00 | 0 | 0 | 0.00 | - ")
+
+
+def test_the_overview() -> None:
+    cells = [
+        cell("nothing", 0, "fixed", light="none", on=0, off=0, pairs=0),
+        cell("plain", emd=1.0, pairs=150, static_events=1234),
+        cell("adaptive", emd=0.5, pairs=150, on=50, static_px=0),
+        cell("plain", 4, "fixed", light="direct", on=0, off=0, pairs=0),
+    ]
+    assert overview(rows_of(cells)) == [
+        "| camera | light | plain | adaptive |",
+        "|---|---|---|---|",
+        "| still | 4 spp fresh | 1.000, 0.75 / 0.75, 2.5 | 0.500, 0.75 / 1.00, - |",
+        "| still | direct | 0.100, 0.00 / -, 0 | - |",
+    ]
 
 
 def test_json_has_no_nan() -> None:
