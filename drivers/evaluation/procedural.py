@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from evs.drivers.evaluation.stage import Stage
@@ -15,6 +17,7 @@ FIRST_SEED = 2**63
 """Training takes seeds below it; those from it on are for evaluation."""
 MOST = 1000
 ATTEMPTS = 20
+TICK_US = 1000
 _LOOK_TICKS = 128
 _LOOK_SEED = 0
 
@@ -22,17 +25,21 @@ _LOOK_SEED = 0
 def procedural_stage(name: str, number: str) -> Stage:
     """Scene procedural/NUMBER. Raises EvsError: no number, or none of its attempts is of use.
 
-    Its camera stands where the recipe's first is; the evaluation moves it.
+    Its camera stands where the recipe's first is; the evaluation moves it. So that a scene is of
+    use, something else has to move too.
     """
     if not (number.isdecimal() and int(number) < MOST):
         raise EvsError(f"scene '{name}': give procedural/0 ... procedural/{MOST - 1}")
     for attempt in range(ATTEMPTS):
         scene = make_scene(FIRST_SEED, int(number), attempt)
         try:
-            pilot = look(set_up(scene, _LOOK_TICKS, 1000, 1), _LOOK_SEED)
+            moving = set_up(scene, _LOOK_TICKS, TICK_US, 1)
         except EvsError:
             # it flies apart; the next one may not
             continue
+        first = moving.snapshots[0].cameras
+        held = tuple(replace(snapshot, cameras=first) for snapshot in moving.snapshots)
+        pilot = look(replace(moving, snapshots=held), _LOOK_SEED)
         if not pilot.is_useful or pilot.is_still:
             continue
         model = load_scene(scene)
