@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from evs.drivers.evaluation.stage import Stage
+from evs.drivers.evaluation.take import TICK_US
 from evs.drivers.training.pilot import look
 from evs.drivers.training.scenes import CAMERA, START, make_scene
 from evs.drivers.training.stage import load_scene, set_up
@@ -17,7 +18,6 @@ FIRST_SEED = 2**63
 """Training takes seeds below it; those from it on are for evaluation."""
 MOST = 1000
 ATTEMPTS = 20
-TICK_US = 1000
 _LOOK_TICKS = 128
 _LOOK_SEED = 0
 
