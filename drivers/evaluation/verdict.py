@@ -103,6 +103,10 @@ def _factor(cells: Sequence[Cell], name: str) -> float:
     return _ratio(value(cells, name, model="plain"), value(cells, name, model=CAUSAL))
 
 
+def _times(factor: float) -> str:
+    return "without any" if math.isnan(factor) else f"{factor:.1f}x"
+
+
 def _emd(cells: Sequence[Cell], spp: int, factor: float) -> Claim:
     claim = f"{CAUSAL}, fresh {spp} spp: EMD at least {factor:g}x below plain"
     here = _fresh(cells, spp)
@@ -130,7 +134,7 @@ def _static(cells: Sequence[Cell], spp: int) -> Claim:
     figures = (
         f"{found:.1f}x: plain {value(here, 'static_hz', model='plain'):.3g}, "
         f"{CAUSAL} {value(here, 'static_hz', model=CAUSAL):.3g} per px and s"
-        + _by_camera(here, lambda part: f"{_factor(part, 'static_hz'):.1f}x")
+        + _by_camera(here, lambda part: _times(_factor(part, "static_hz")))
     )
     return Claim(claim, found >= STATIC_FACTOR - _EDGE, figures)
 

@@ -56,6 +56,16 @@ def test_static_false_events(plain: int, ours: int, met: bool | None) -> None:
     assert claim(cells, "static", "fresh 16 spp").met is met
 
 
+def test_a_camera_before_which_nothing_is_false() -> None:
+    cells = [
+        cell(model, static_events=events, camera=camera)
+        for model, events in (("plain", 60), (C8, 1))
+        for camera, events in (("still", events), ("pan", 0))
+    ]
+    figures = claim(cells, "static", "fresh 4 spp").figures
+    assert figures.endswith("per px and s (still 60.0x, pan without any)")
+
+
 @pytest.mark.parametrize(
     ("ours", "met"),
     [({"emd": 0.9, "pairs": 151}, True), ({"emd": 1.0, "pairs": 151}, False),
