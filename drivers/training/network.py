@@ -99,8 +99,9 @@ def bilif(current: Array, start: Array, decay: Array) -> tuple[Array, Array]:
         on, off = fires(charged - 1), fires(-charged - 1)
         return charged - on + off, (on, off)
 
+    # V(0) stands at the first tick: there nothing has decayed yet
     # unrolled, it is slower: the whole tick is one loop over pixels already
-    spikes: tuple[Array, Array] = lax.scan(tick, start, current)[1]
+    spikes: tuple[Array, Array] = lax.scan(tick, start / decay, current)[1]
     return spikes
 
 

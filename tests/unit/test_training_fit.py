@@ -159,12 +159,14 @@ def test_the_time_limit_ends_a_training(folder: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("look_ahead", [0, 4])
 def test_a_small_training(tmp_path: Path, look_ahead: int) -> None:
-    """60 steps on noise: the loss falls to under half, and the runtimes run what came out."""
+    """60 steps on noise: its EMD falls to under a fifth, and the runtimes run what came out."""
     folder = synthetic_data(tmp_path / "data", 5, 64, 200)
     recipe = dataclasses.replace(SMALL, steps=60, learning_rate=1e-2).with_look_ahead(look_ahead)
     fitted = fit(folder, recipe, tmp_path / "c.npz", validate_every=30)
     curves = fitted.checkpoint.curves
-    assert curves["score"][-1] < 0.5 * curves["score"][0]
+    first, last = (curves["scores"][place][1]["emd"] for place in (0, -1))
+    assert last < 0.2 * first
+    assert curves["score"][-1] < 0.6 * curves["score"][0]
     assert fitted.score == min(curves["score"])
 
     out = tmp_path / "networks"
@@ -179,16 +181,20 @@ def test_a_small_training(tmp_path: Path, look_ahead: int) -> None:
     assert stored.tau_s == fitted.weights.tau_s
     assert stored.latency_ticks == look_ahead
 
-    agree_with_the_reference(folder, fitted, stored)
+    events = [agree_with_the_reference(folder, fitted, stored, v) for v in VARIANTS]
+    assert sum(events) > 50
 
 
-def agree_with_the_reference(folder: Path, fitted: Fitted, stored: NetworkWeights) -> None:
+def agree_with_the_reference(
+    folder: Path, fitted: Fitted, stored: NetworkWeights, variant: Variant
+) -> int:
     """Events of runtime `reference` are those of JAX, but where V' is a threshold but for rounding.
 
     Rounding: each tick's float32 sums of 56 products and V' are right to some 1e-6.
+    Returns how many events there are.
     """
     shard = Shards(folder)[0]
-    light = shard.variant(4, "fresh")
+    light = shard.variant(variant.spp, variant.seeds)
     ticks, pixels = light.shape
     sensor = dataclasses.replace(resolve_sensor(IDEAL), width=pixels, height=1)
     model = EvsNetModel(sensor, stored, runtime="reference")
@@ -202,16 +208,16 @@ def agree_with_the_reference(folder: Path, fitted: Fitted, stored: NetworkWeight
     x = differences(np.ascontiguousarray(light.T), stored.linlog_dn)
     parameters, architecture = fitted.checkpoint.best, fitted.recipe.architecture
     mine = predict(parameters, architecture, x, start)
-    assert mine.sum() > 100
     current = np.asarray(currents(parameters, jnp.asarray(x), architecture), np.float64)
     decay = np.exp(-1e-3 / stored.tau_s)
     wrong = np.flatnonzero((mine != found).any((1, 2)))
     assert len(wrong) < 0.1 * pixels
     for pixel in wrong:
         first = int(np.flatnonzero((mine[pixel] != found[pixel]).any(0))[0])
-        v, rounding = float(start[pixel]), 0.0
+        v, rounding = float(start[pixel]) / decay, 0.0
         for tick in range(first + 1):
             charged = decay * v + current[pixel, tick]
             rounding += 1e-6 * (1 + abs(current[pixel, tick]))
             v = charged - int(mine[pixel, 0, tick]) + int(mine[pixel, 1, tick])
         assert abs(abs(charged) - 1) < rounding
+    return int(mine.sum())
