@@ -21,26 +21,25 @@ SMALL = 0.03
 def identity(architecture: Architecture, seed: int, tau_s: float) -> Parameters:
     """A network whose current is about X / threshold: it starts as the `plain` pixel.
 
-    Channels 0 and 1 carry ReLU(X) and ReLU(-X) past all blocks, the others and all residual sums
+    One channel carries ReLU(X) and one ReLU(-X) past all blocks, the others and all residual sums
     start small and random. C is 2 or more.
     """
     rng = np.random.default_rng(seed)
-    channels, look_ahead = architecture.channels, architecture.look_ahead
+    channels = architecture.channels
+    # an odd network learns half of its channels; channel 0 brings its mirror
+    learnt, carriers = (channels // 2, 1) if architecture.odd else (channels, 2)
+    signs = np.array([1.0, -1.0], np.float32)[:carriers]
 
-    def he(out: int, inputs: int, share: float) -> F32:
+    def he(inputs: int, share: float) -> F32:
         scale = share * math.sqrt(2.0 / (TAPS * inputs))
-        return rng.normal(0.0, scale, (out, inputs, TAPS)).astype(np.float32)
+        return rng.normal(0.0, scale, (learnt, inputs, TAPS)).astype(np.float32)
 
-    encoder = he(channels, 1, 1.0)
-    encoder[:2] = 0.0
-    encoder[0, 0, TAPS - 1 - look_ahead[0]] = 1.0
-    encoder[1, 0, TAPS - 1 - look_ahead[0]] = -1.0
-    blocks = [
-        (he(channels, channels, 1.0), he(channels, channels, SMALL))
-        for _ in range(architecture.blocks)
-    ]
-    last = rng.normal(0.0, SMALL / THRESHOLD, channels).astype(np.float32)
-    last[:2] = 1.0 / THRESHOLD, -1.0 / THRESHOLD
+    encoder = he(1, 1.0)
+    encoder[:carriers] = 0.0
+    encoder[:carriers, 0, TAPS - 1 - architecture.look_ahead[0]] = signs
+    blocks = [(he(channels, 1.0), he(channels, SMALL)) for _ in range(architecture.blocks)]
+    last = rng.normal(0.0, SMALL / THRESHOLD, learnt).astype(np.float32)
+    last[:carriers] = signs / THRESHOLD
     return _parameters(architecture, encoder, blocks, last, tau_s)
 
 

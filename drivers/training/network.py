@@ -44,6 +44,14 @@ class Architecture:
     """ticks of the future that each convolution reads: the encoder, then two a block"""
     biased: bool = False
     tick_us: int = 1000
+    odd: bool = False
+    """light turned upside down gives ON for OFF and nothing else: channels are mirrored pairs, and
+    only one of each pair is learnt (`mirrored`). Not with biases; C is even"""
+
+    def __post_init__(self) -> None:
+        """Check what does not go together."""
+        if self.odd and (self.biased or self.channels % 2):
+            raise EvsError("an odd network has an even number of channels and no biases")
 
     @property
     def blocks(self) -> int:
@@ -117,6 +125,8 @@ def currents(parameters: Parameters, x: Array, architecture: Architecture) -> Ar
     Before the first tick light stood still. With look-ahead, the current of stream tick k is that
     of light k - latency_ticks.
     """
+    if architecture.odd:
+        parameters = mirrored(parameters)
     padded = jnp.pad(x, ((0, 0), (architecture.receptive_field - 1, 0)))[..., jnp.newaxis]
     held = jax.nn.relu(_layer(parameters["encoder"], padded))
     for i, block in enumerate(parameters["blocks"]):
@@ -127,6 +137,29 @@ def currents(parameters: Parameters, x: Array, architecture: Architecture) -> Ar
         held = jax.nn.relu(held[:, first : first + added.shape[1]] + added)
     current: Array = held @ parameters["last"]
     return current + parameters["last_bias"] if architecture.biased else current
+
+
+def mirrored(parameters: Parameters) -> Parameters:
+    """All filters of an odd network, of the half that is learnt.
+
+    Channel c + C/2 sees -X as channel c sees X: filters between them are [[A, B], [B, A]], those of
+    the encoder [e, -e] and of the last [l, -l]. The current of -X is then minus that of X.
+    """
+
+    def swap(layer: Parameters) -> Parameters:
+        weight = layer["weight"]
+        own, other = jnp.split(weight, 2, 1)
+        return {"weight": jnp.concatenate([weight, jnp.concatenate([other, own], 1)])}
+
+    def turned(half: Array) -> Array:
+        return jnp.concatenate([half, -half])
+
+    return {
+        "encoder": {"weight": turned(parameters["encoder"]["weight"])},
+        "blocks": [{key: swap(block[key]) for key in block} for block in parameters["blocks"]],
+        "last": turned(parameters["last"]),
+        "log_tau": parameters["log_tau"],
+    }
 
 
 def _layer(layer: Parameters, ticks: Array) -> Array:
@@ -146,6 +179,8 @@ def to_weights(
     parameters: Parameters, architecture: Architecture, name: str, spp: tuple[int, int] = (1, 64)
 ) -> NetworkWeights:
     """What the runtimes take. Raises EvsError where training went to NaN."""
+    if architecture.odd:
+        parameters = mirrored(parameters)
     look_ahead = architecture.look_ahead
 
     def convolution(layer: Parameters, place: int) -> Convolution:

@@ -83,8 +83,8 @@ RECIPES = {
         initial="uniform",
         variants=(Variant(64, "fresh"),),
     ),
-    "evsnet_c8": Recipe("evsnet_c8", Architecture(channels=8), terms=OURS, balanced=True),
-    "evsnet_c4": Recipe("evsnet_c4", Architecture(channels=4), terms=OURS, balanced=True),
+    "evsnet_c8": Recipe("evsnet_c8", Architecture(channels=8, odd=True), terms=OURS, balanced=True),
+    "evsnet_c4": Recipe("evsnet_c4", Architecture(channels=4, odd=True), terms=OURS, balanced=True),
 }
 """By name. Any of them can be changed on the command line."""
 

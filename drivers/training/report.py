@@ -22,7 +22,7 @@ from evs.drivers.training.fit import Fitted
 from evs.drivers.training.settings import Variant
 
 PACKAGES = ("evs", "jax", "jaxlib", "numpy", "optax")
-CHART_PX = (560, 400)
+CHART_PX = (680, 400)
 
 FRESH_RGB: tuple[RGB, ...] = ((250, 200, 130), (240, 150, 60), (205, 95, 20), (130, 50, 5))
 FIXED_RGB: tuple[RGB, ...] = ((160, 205, 240), (95, 160, 215), (35, 105, 175), (10, 55, 110))

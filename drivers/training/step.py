@@ -104,7 +104,7 @@ class Stepper:
         return jnp.sum(weight * loss), (loss, events, counted.sum(1) * share)
 
 
-SLOW = 0.1
+SLOW = 0.03
 """tau's learning rate, relative: at first forgetting is the quickest way to be rid of noise, and
 with a short tau slow changes are lost for good"""
 

@@ -181,7 +181,7 @@ def test_the_recipes() -> None:
     assert (*extras, paper.terms.silence) == (0.0,) * 4
     for name, channels in (("evsnet_c8", 8), ("evsnet_c4", 4)):
         ours = recipe_named(name)
-        assert ours.architecture == Architecture(channels)
+        assert ours.architecture == Architecture(channels, odd=True)
         assert ours.spp == (1, 64)
     with pytest.raises(EvsError, match="no recipe 'evsnet_c9'; there is: evsnet_c4"):
         recipe_named("evsnet_c9")

@@ -162,9 +162,9 @@ def test_what_comes_later_changes_nothing() -> None:
     assert not np.array_equal(both[0][:, 60:], both[1][:, 60:])
 
 
-@pytest.mark.parametrize("look_ahead", [0, 1, 3])
-def test_the_identity_starts_near_the_plain_pixel(look_ahead: int) -> None:
-    architecture = Architecture(8, (look_ahead,) * 7)
+@pytest.mark.parametrize(("look_ahead", "odd"), [(0, False), (1, False), (3, True)])
+def test_the_identity_starts_near_the_plain_pixel(look_ahead: int, odd: bool) -> None:
+    architecture = Architecture(8, (look_ahead,) * 7, odd=odd)
     parameters = initial.identity(architecture, 1, 0.5)
     # a pixel that is still but for one step of 5 thresholds
     x = np.zeros((1, 120), np.float32)
@@ -215,3 +215,26 @@ def test_tau_is_clamped() -> None:
     architecture = dataclasses.replace(Architecture(4))
     parameters = initial.identity(architecture, 1, 1e6)
     assert network.to_weights(parameters, architecture, "long").tau_s == network.TAU_S[1]
+
+
+def test_an_odd_network_is_odd_and_exported_whole() -> None:
+    architecture = Architecture(8, (1,) * 7, odd=True)
+    parameters = initial.identity(architecture, 3, 0.5)
+    rng = np.random.default_rng(4)
+    # away from the identity
+    parameters = jax.tree.map(
+        lambda part: part + rng.normal(0, 0.1, part.shape).astype(np.float32), parameters
+    )
+    x = jnp.asarray(rng.normal(0, 0.3, (4, 80)), jnp.float32)
+    found = currents(parameters, x, architecture)
+    assert float(jnp.abs(found).max()) > 0.5
+    assert float(jnp.abs(found + currents(parameters, -x, architecture)).max()) < 1e-5
+    weights = network.to_weights(parameters, architecture, "odd")
+    assert weights.channels == 8
+    whole, same = network.from_weights(weights)
+    assert not same.odd
+    assert float(jnp.abs(found - currents(whole, x, same)).max()) < 1e-6
+    with pytest.raises(EvsError, match="even number of channels"):
+        Architecture(7, odd=True)
+    with pytest.raises(EvsError, match="no biases"):
+        Architecture(8, biased=True, odd=True)
