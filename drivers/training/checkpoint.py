@@ -36,6 +36,8 @@ class Checkpoint:
     best_step: int = 0
     curves: dict[str, list[Any]] = field(default_factory=dict)
     """name -> a value for each validation"""
+    held_out: list[int] = field(default_factory=list)
+    """numbers of the scenes that the scores are of"""
     of: dict[str, Any] = field(default_factory=dict)
     """recipe and seed: what it can be continued with"""
 
@@ -49,6 +51,7 @@ class Checkpoint:
             "best_score": self.best_score,
             "best_step": self.best_step,
             "curves": self.curves,
+            "held_out": self.held_out,
             "of": self.of,
         }
         arrays = {f"leaf{i}": np.asarray(leaf) for i, leaf in enumerate(leaves)}

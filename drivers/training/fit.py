@@ -69,7 +69,8 @@ def fit(
     """Train until recipe.steps are done or the time is over, whichever comes first.
 
     A checkpoint that is there is continued: with the same data the end is the same as without the
-    interruption, unless the time limit set it. `improved` gets each new best network.
+    interruption, unless the time limit set it. With more scenes it goes on with all of them.
+    `improved` gets each new best network.
     Raises EvsError: no data, a checkpoint of something else, a loss that is NaN.
     """
     if minutes is not None and not minutes > 0:
@@ -79,6 +80,11 @@ def fit(
     validation = Validation(held_out, recipe.architecture, recipe.skip_ticks)
     stepper = Stepper(recipe)
     at = _begin(recipe, seed, stepper, checkpoint)
+    numbers = [int(path.stem) for path in examples.held_out]
+    if at.step and at.held_out != numbers:
+        # scenes were added: what was best is so on them
+        at.best_score = overall(validation.scores(at.best))
+    at.held_out = numbers
     limit_s = math.inf if minutes is None else 60.0 * minutes
     tell(_opening(examples, recipe, at))
     begun_s = monotonic_s() - at.elapsed_s

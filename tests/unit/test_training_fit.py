@@ -147,6 +147,21 @@ def test_an_interrupted_training_ends_as_one_that_was_not(folder: Path, tmp_path
 
 
 @pytest.mark.slow
+def test_scenes_may_be_added_between_two_parts_of_a_training(tmp_path: Path) -> None:
+    folder = synthetic_data(tmp_path / "d", 3, 48, 100)
+    short = dataclasses.replace(SMALL, steps=2)
+    first = fit(folder, short, tmp_path / "a.npz", validate_every=2)
+    synthetic_data(folder, 9, 48, 100)
+    told: list[str] = []
+    second = fit(folder, SMALL, tmp_path / "a.npz", validate_every=100, tell=told.append)
+    assert "7 scenes to train on, 2 held out, going on from step 2" in told[0]
+    assert (first.checkpoint.held_out, second.checkpoint.held_out) == ([0], [0, 8])
+    # the best so far was scored anew before anything was compared with it
+    assert second.score == min(second.score, overall(second.scores))
+    assert second.score == pytest.approx(overall(second.scores))
+
+
+@pytest.mark.slow
 def test_the_time_limit_ends_a_training(folder: Path, tmp_path: Path) -> None:
     many = dataclasses.replace(SMALL, steps=1_000_000)
     fitted = fit(folder, many, tmp_path / "a.npz", minutes=0.02, validate_every=1000)
