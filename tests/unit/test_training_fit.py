@@ -11,15 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from evs.drivers.training import report
-from evs.drivers.training.examples import differences
-from evs.drivers.training.fit import Fitted, fit
+from evs.drivers.training import initial, report
+from evs.drivers.training.examples import Examples, differences
+from evs.drivers.training.fit import LINLOG_DN, Fitted, fit
 from evs.drivers.training.losses import Terms
 from evs.drivers.training.network import Architecture, currents
 from evs.drivers.training.recipes import Recipe
 from evs.drivers.training.settings import Variant
 from evs.drivers.training.shards import Shards
-from evs.drivers.training.step import learning_rate
+from evs.drivers.training.step import Stepper, learning_rate
 from evs.drivers.training.truth import IDEAL
 from evs.drivers.training.validation import (
     Scores,
@@ -112,6 +112,32 @@ def test_the_learning_rate_warms_up_and_falls() -> None:
     assert rates[0] < 0.1 * SMALL.learning_rate
     assert rates[-1] == pytest.approx(0.01 * SMALL.learning_rate)
     assert all(a >= b for a, b in zip(rates[top:], rates[top + 1 :], strict=False))
+
+
+def test_groups_one_by_one_and_all_at_once_are_the_same_step(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a CPU does and what a GPU does."""
+    examples = Examples(folder, SMALL, 1, LINLOG_DN)
+    batch = examples.batch(0)
+    price = np.array([[0.1, -0.05], [0.2, 0.0]], np.float32)
+    weight = np.array([0.5, 1.5], np.float32)
+    found = []
+    for backend in ("cpu", "gpu"):
+        monkeypatch.setattr(jax, "default_backend", lambda backend=backend: backend)
+        stepper = Stepper(SMALL)
+        start = initial.identity(SMALL.architecture, 1, 0.5)
+        found.append(stepper(start, stepper.start(start), batch, price, weight, 1e-3))
+    one, all_at_once = found
+    for name in ("loss", "predicted", "true"):
+        mine, theirs = (np.asarray(getattr(part, name)) for part in found)
+        assert mine.shape == theirs.shape
+        assert np.allclose(mine, theirs, rtol=1e-4)
+    # Adam's first moment is a tenth of the clipped gradient
+    for mine, theirs in zip(
+        jax.tree.leaves(one.optimiser), jax.tree.leaves(all_at_once.optimiser), strict=True
+    ):
+        assert np.allclose(mine, theirs, rtol=1e-3, atol=1e-5)
 
 
 @pytest.mark.slow
