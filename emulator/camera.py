@@ -195,9 +195,25 @@ class Camera:
         return self._t_us is not None
 
     def start(self, snapshot: SceneSnapshot) -> None:
-        """The light of `snapshot` is the reference that later light is compared with."""
+        """The light of `snapshot` is the reference that later light is compared with.
+
+        With fresh noise a network sees this light for the ticks of its window before: it has to
+        know the noise, else the first ticks are full of it.
+        """
+        ticks = self._pixels.warm_up_ticks if self._plan.render.seeds == "fresh" else 0
+        if ticks:
+            self._warm_up(snapshot, ticks)
         # the first tick has no events, so it may begin anywhere before its end
-        self._see(snapshot, snapshot.t_us - 1)
+        self._see(snapshot, snapshot.t_us - (self._info.tick_us if ticks else 1))
+        self._pixels.finish()
+
+    def _warm_up(self, snapshot: SceneSnapshot, ticks: int) -> None:
+        tick_us = self._info.tick_us
+        for back in range(ticks, 0, -1):
+            t_us = snapshot.t_us - back * tick_us
+            earlier = replace(snapshot, t_us=t_us)
+            luminance = self._renderer.render(earlier, snapshot.cameras[self._place])
+            self._pixels.see(luminance, t_us - tick_us, t_us)
 
     def observe(self, snapshot: SceneSnapshot) -> tuple[EventPacket, ...]:
         """The events between the last snapshot and this one. EvsError where time stood still.

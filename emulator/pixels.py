@@ -86,6 +86,11 @@ class Pixels:
         return self._model.latency_us
 
     @property
+    def warm_up_ticks(self) -> int:
+        """How long they want to have seen the first light before, where that is noisy."""
+        return self._model.warm_up_ticks
+
+    @property
     def versions(self) -> dict[str, str]:
         """What shapes the events beside code: the network."""
         return self._model.versions

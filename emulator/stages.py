@@ -67,6 +67,10 @@ class EventModel(Protocol):
         """By how much its events come later than their light; their stamps carry it."""
 
     @property
+    def warm_up_ticks(self) -> int:
+        """How long it wants to have seen the first light before, where that is noisy."""
+
+    @property
     def versions(self) -> dict[str, str]:
         """What shapes its events beside code, by name: a network's weights."""
 

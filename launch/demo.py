@@ -30,8 +30,13 @@ ROBOTS = "gymnasium"
 MAX_SECONDS = 20.0
 """The light of every frame is kept in memory for the pictures, and the GIF grows with it."""
 
-FAST = (("render.spp", "1"), ("duration_s", "0.5"))
-"""what --fast sets: coarser edges, a shorter run"""
+FAST = (
+    ("render.renderer", "direct"),
+    ("render.seeds", "fixed"),
+    ("model.name", "plain"),
+    ("model.chunk", "1"),
+)
+"""what --fast sets: hard light without noise, and the event pixel itself in place of the network"""
 
 WINDOW_US = 4000
 """the pictures show events of this long: thin edges"""
@@ -52,7 +57,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("words", nargs="*", metavar="key=value", help="any key of the pipeline")
     parser.add_argument("--out", metavar="FOLDER", default="out/demo", help="default: %(default)s")
     parser.add_argument("--duration", metavar="S", help="simulated seconds; short for duration_s=")
-    parser.add_argument("--fast", action="store_true", help="half a second, one sample a pixel")
+    parser.add_argument(
+        "--fast", action="store_true", help="direct light, plain pixels: no paths, no network"
+    )
 
 
 def run(args: argparse.Namespace) -> int:

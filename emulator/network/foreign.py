@@ -52,6 +52,11 @@ class GraphNetwork:
         return max((int(state.shape[0]) for state in self.states), default=1)
 
     @property
+    def receptive_field(self) -> int:
+        """Ticks of X that one current depends on."""
+        return 1 + sum(int(state.shape[1]) for state in self.states)
+
+    @property
     def latency_ticks(self) -> int:
         """By how many ticks the current comes late."""
         return sum(self.look_ahead)

@@ -82,6 +82,11 @@ class EvsNetModel:
         return self.weights.latency_ticks * self.weights.tick_us
 
     @property
+    def warm_up_ticks(self) -> int:
+        """Its window: fresh noise has to fill it before events can be told from it."""
+        return self.weights.receptive_field - 1
+
+    @property
     def versions(self) -> dict[str, str]:
         """The network: its name and a digest of its numbers."""
         return {"network": self._network}

@@ -140,13 +140,13 @@ def test_interrupted_it_leaves_a_whole_recording(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_whole_demo_and_every_command_it_names(tmp_path: Path) -> None:
     process = evs("demo", cwd=tmp_path)
-    out, err = process.communicate(timeout=300)
+    out, err = process.communicate(timeout=600)
     assert (process.returncode, err) == (0, "")
     report = json.loads((tmp_path / "out" / "demo" / "report.json").read_text())
-    assert report["ticks"] == 2000
-    assert report["subscriber"]["packets"] == 2000
+    assert report["ticks"] == 1000
+    assert report["subscriber"]["packets"] == 1000
     with Image.open(tmp_path / "out" / "demo" / "events.gif") as film:
-        assert film.n_frames == 200
+        assert film.n_frames == 100
     assert (tmp_path / "out" / "demo" / "events.gif").stat().st_size < 8_000_000
     commands = [line.strip() for line in out.split("next:")[1].splitlines() if line.strip()]
     assert len(commands) == 4
@@ -159,7 +159,7 @@ def test_the_whole_demo_and_every_command_it_names(tmp_path: Path) -> None:
             cwd=tmp_path,
             capture_output=True,
             text=True,
-            timeout=120,
+            timeout=600,
         )
         assert done.returncode == 0, (command, done.stderr)
         assert "evs: " not in done.stderr, command

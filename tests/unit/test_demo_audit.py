@@ -167,10 +167,18 @@ def test_a_folder_that_cannot_be_made_is_one_line(
 def test_fast_gives_way_to_what_is_said() -> None:
     given = argparse.Namespace(words=["render.spp=9"], duration=None, fast=True)
     config = demo._config(given, Path("events.aedat4"))
-    assert (config.render.spp, config.duration_s) == (9, 0.5)
-    given = argparse.Namespace(words=[], duration="1", fast=True)
+    assert (config.render.spp, config.render.renderer, config.model.name) == (9, "direct", "plain")
+    given = argparse.Namespace(words=["model.name=adaptive"], duration="2", fast=True)
     config = demo._config(given, Path("events.aedat4"))
-    assert (config.render.spp, config.duration_s) == (1, 1.0)
+    assert (config.model.name, config.render.renderer) == ("adaptive", "direct")
+    assert config.duration_s == 2.0
+
+
+def test_the_demo_is_the_papers_pipeline() -> None:
+    given = argparse.Namespace(words=[], duration=None, fast=False)
+    config = demo._config(given, Path("events.aedat4"))
+    assert (config.render.renderer, config.render.samples) == ("path", 4)
+    assert (config.model.name, config.model.network) == ("evsnet", "evsnet_c8")
 
 
 def test_next_commands_quote_what_a_shell_would_split() -> None:

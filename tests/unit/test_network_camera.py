@@ -139,3 +139,21 @@ def test_another_tick_is_refused(folder: Path) -> None:
     )
     with pytest.raises(EvsError, match="2000 us"):
         made.step()
+
+
+@pytest.mark.parametrize("chunk", [1, 8])
+def test_fresh_noise_does_not_burst_at_the_start(folder: Path, chunk: int) -> None:
+    """A still scene under soft light: the first ticks are like the later ones, tick by tick."""
+    soft = folder / "soft.xml"
+    soft.write_text(SWING.replace('pos="0 0 3"', 'pos="0 0 3" bulbradius=".8"'))
+    made = World(soft)
+    made.add_camera(
+        sensor=SMALL,
+        render=RenderConfig(renderer="path", spp=2, seeds="fresh"),
+        model=ModelConfig(name="evsnet", chunk=chunk),
+    )
+    made.model.opt.gravity[:] = 0
+    packets = [packet for packets in made.run(0.16) for packet in packets]
+    assert [packet.seq for packet in packets] == list(range(160))
+    early, late = (sum(len(p) for p in part) for part in (packets[:40], packets[120:]))
+    assert 10 < early < 2.5 * late

@@ -52,6 +52,11 @@ class PlainModel:
         return 0
 
     @property
+    def warm_up_ticks(self) -> int:
+        """None: the first light is the reference, whatever its noise."""
+        return 0
+
+    @property
     def versions(self) -> dict[str, str]:
         """Code alone shapes its events."""
         return {}
