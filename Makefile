@@ -5,7 +5,7 @@
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
 
-# make demo      a humanoid seen by an event camera for 2 s: stream, recording, pictures in out/demo
+# make demo      a humanoid seen by an event camera for 1 s: stream, recording, pictures in out/demo
 demo:
 	@sh .ci/setup.sh
 	.venv/bin/evs demo

@@ -21,13 +21,19 @@ CORE = (
 )
 """Distributions that evs cannot do without; pyproject.toml's `dependencies` (a test compares)."""
 
-EXTRAS = {"raster": ("pyrender",), "gym": ("gymnasium",), "video": ("imageio-ffmpeg",)}
+EXTRAS = {
+    "raster": ("pyrender",),
+    "gym": ("gymnasium",),
+    "video": ("imageio-ffmpeg",),
+    "train": ("jax", "optax"),
+}
 """extra -> its distributions; pyproject.toml's `optional-dependencies` for users."""
 
 USES = {
     "raster": "the raster renderer",
     "gym": "evs demo",
     "video": ".mp4 films",
+    "train": "evs train fit",
 }
 """extra -> what it is for"""
 
