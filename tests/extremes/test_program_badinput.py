@@ -87,7 +87,7 @@ BAD = [
     ([*GOOD, "--duration", "-1"], ["at duration_s", "more than 0 s"]),
     ([*GOOD, "--duration", "nan"], ["at duration_s: expected a finite number, got nan"]),
     ([*GOOD, "--renderer", "pith"], ["no renderer 'pith'; there is: path, direct, raster"]),
-    ([*GOOD, "--model", "evsnet"], ["no model 'evsnet'; there is: plain"]),
+    ([*GOOD, "--model", "evsnut"], ["no model 'evsnut'; there is: evsnet, plain, adaptive"]),
     ([*GOOD, "--pace", "lockstep"], ["at pace: no pace 'lockstep'; there is: "]),
     ([*GOOD, "--seeds", "fresh"], ["at render.seeds: no seeds 'fresh'; there is: fixed"]),
     ([*GOOD, "--spp", "0"], ["render.spp is 0"]),
