@@ -120,5 +120,3 @@ def check_chunk(model: ModelConfig) -> None:
             f"model.chunk is {model.chunk}, but model '{model.name}' goes tick by tick: leave "
             "model.chunk out, or take model.name=evsnet"
         )
-    if model.labels and model.name == "evsnet":
-        raise EvsError("model.labels: a network knows no causes; take model.name=plain")

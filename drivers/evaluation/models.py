@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from evs.emulator.network.model import EvsNetModel
 from evs.emulator.network.stored import load_network, network_names, read_network
 from evs.emulator.scene import F32
 from evs.emulator.sensor import SensorParameters, make_event_model, resolve_sensor
-from evs.emulator.stages import EventModel
+from evs.emulator.stages import ChunkedModel, EventModel
 from evs.msgs import Events, EvsError, join_events, unknown
 
 SENSOR = SensorConfig(preset="ideal", pos_thres=0.2, neg_thres=0.2)
@@ -34,20 +33,6 @@ CHUNK = 16
 """ticks that a network is given at once"""
 
 Make = Callable[[SensorParameters], EventModel]
-
-
-@runtime_checkable
-class Chunked(Protocol):
-    """An event model that takes several ticks at once and may be late."""
-
-    @property
-    def latency_us(self) -> int:
-        """By how much its events are late."""
-
-    def step_chunk(
-        self, luminance: F32, state: Any, t_begin_us: int, tick_us: int
-    ) -> tuple[list[Events], Any]:
-        """One array of events a tick. In: luminance (ticks, h, w)."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +147,7 @@ def run(contender: Contender, light: F32) -> Outcome:
     frames = frames_of(light)
     parts: list[Events] = []
     begin_s = monotonic_s()
-    if isinstance(model, Chunked):
+    if isinstance(model, ChunkedModel):
         for k in range(0, ticks, CHUNK):
             chunk, state = model.step_chunk(
                 frames[k : k + CHUNK], state, TICK_US * (k - 1), TICK_US

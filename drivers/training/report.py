@@ -132,12 +132,8 @@ def _loss(fitted: Fitted) -> Chart:
 
 
 def _emd(fitted: Fitted) -> Chart:
-    steps, x = _steps(fitted)
-    series, every = [], []
-    for place, variant in enumerate(fitted.recipe.variants):
-        values = _curve(fitted, "emd", place)
-        every += values
-        series.append(_line(steps, values, _colour(fitted, variant), _words(variant)))
+    _, x = _steps(fitted)
+    series, every = _of_variants(fitted, "emd")
     y = Scale(*decades_around([*every, fitted.silence.emd]), log=True)
     return Chart("EMD of held-out pixels, events", x, y, "steps", _with_labels(series),
                  marks=[(fitted.silence.emd, "no events at all")])  # fmt: skip
@@ -155,15 +151,22 @@ def _counts(fitted: Fitted) -> Chart:
 
 
 def _spurious(fitted: Fitted) -> Chart:
-    steps, x = _steps(fitted)
-    series, every = [], []
-    for place, variant in enumerate(fitted.recipe.variants):
-        values = _curve(fitted, "spurious_hz", place)
-        every += values
-        series.append(_line(steps, values, _colour(fitted, variant), _words(variant)))
+    _, x = _steps(fitted)
+    series, every = _of_variants(fitted, "spurious_hz")
     low, high = decades_around([value for value in every if value >= 1e-3])
     return Chart("Events of still pixels, Hz", x, Scale(low, high, log=True), "steps",
                  _with_labels(series))  # fmt: skip
+
+
+def _of_variants(fitted: Fitted, key: str) -> tuple[list[Series], list[float]]:
+    """A curve of each variant of the light, and all their values."""
+    steps, _ = _steps(fitted)
+    series, every = [], []
+    for place, variant in enumerate(fitted.recipe.variants):
+        values = _curve(fitted, key, place)
+        every += values
+        series.append(_line(steps, values, _colour(fitted, variant), _words(variant)))
+    return series, every
 
 
 def _line(x: list[float], y: list[float], colour: RGB, label: str) -> Series:

@@ -31,5 +31,6 @@ def make_event_model(sensor: SensorParameters, model: ModelConfig, threads: int 
             provider=model.provider,
             threads=threads,
             initial=model.initial_state,
+            labels=model.labels,
         )
     return PlainModel(sensor, threads, average=_AVERAGES[model.name], causes=model.labels)

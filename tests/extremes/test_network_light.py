@@ -9,24 +9,11 @@ from evs.emulator.network import NetworkWeights
 from evs.emulator.network.model import MAX_CHUNK, EvsNetModel
 from evs.emulator.network.runtime import RUNTIMES
 from evs.emulator.network.state import NetworkState
-from evs.emulator.network.stored import load_network, network_names
 from evs.emulator.scene import F32
 from evs.emulator.sensor import SensorParameters
-from reference.networks import random_network, through_network
+from reference.networks import STILL, STRANGE, shipped, through_network
 
 SENSOR = SensorParameters("test", 4, 2, 0.2, 0.2)
-STILL = {
-    "C = 8": random_network(1),
-    "C = 4": random_network(2, 4),
-    "centred": random_network(3, look_ahead=3),
-}
-STRANGE = [float("nan"), float("inf"), float("-inf"), -1.0, 1e9, 3e38, 1e-40, -0.0, 0.0]
-
-
-def shipped() -> dict[str, NetworkWeights]:
-    """Networks that come with evs and are silent by construction."""
-    found = {name: load_network(name) for name in network_names()}
-    return {name: weights for name, weights in found.items() if weights.is_still}
 
 
 @pytest.fixture(params=RUNTIMES)

@@ -5,26 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evs.emulator.network import NetworkWeights
 from evs.emulator.network.model import EvsNetModel
-from evs.emulator.network.stored import load_network, network_names
 from evs.emulator.scene import F32
 from evs.emulator.sensor import SensorParameters
-from reference.networks import random_network, through_network
+from reference.networks import STILL, STRANGE, shipped, through_network
 
 SENSOR = SensorParameters("test", 13, 6, 0.2, 0.2)
-STILL = {
-    "C = 8": random_network(1),
-    "C = 4": random_network(2, 4),
-    "centred": random_network(3, look_ahead=3),
-}
-STRANGE = [float("nan"), float("inf"), float("-inf"), -1.0, 1e9, 3e38, 1e-40, -0.0, 0.0]
-
-
-def still_networks() -> dict[str, NetworkWeights]:
-    """Ours for tests, and those that come with evs."""
-    found = {name: load_network(name) for name in network_names()}
-    return STILL | {name: weights for name, weights in found.items() if weights.is_still}
 
 
 def held(light: float, ticks: int) -> F32:
@@ -34,7 +20,7 @@ def held(light: float, ticks: int) -> F32:
 @pytest.mark.parametrize("sparse", [True, False])
 @pytest.mark.parametrize("light", [0.0, 1e-30, 1e-3, 0.5, 1.0, 1e9])
 def test_still_light_is_silent_and_changes_nothing(light: float, sparse: bool) -> None:
-    for weights in still_networks().values():
+    for weights in (STILL | shipped()).values():
         model = EvsNetModel(SENSOR, weights, sparse=sparse)
         events, state = model.step_chunk(held(light, 50), model.init(2), 0, 1000)
         before = state.copy()

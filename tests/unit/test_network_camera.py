@@ -111,7 +111,7 @@ def test_who_gives_events_at_once_takes_no_chunks(folder: Path) -> None:
         ({"chunk": 0}, "1 ... 256"),
         ({"chunk": 257}, "1 ... 256"),
         ({"chunk": 8, "name": "plain"}, "goes tick by tick"),
-        ({"labels": True}, "knows no causes"),
+        ({"labels": True}, "evsnet cannot label its events; use model plain or adaptive"),
         ({"runtime": "natve"}, "native"),
         ({"network": "nowhere"}, "nowhere"),
         ({"initial_state": "one"}, "zero"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from evs.emulator.network import Block, Convolution, NetworkWeights
+from evs.emulator.network.stored import load_network, network_names
 
 
 def random_network(
@@ -60,3 +61,23 @@ def through_network(
         tau_s=tau_s,
         threshold=threshold,
     )
+
+
+STILL = {
+    "C = 8": random_network(1),
+    "C = 4": random_network(2, 4),
+    "centred": random_network(3, look_ahead=3),
+}
+"""silent by construction where light stands still"""
+STRANGE = [float("nan"), float("inf"), float("-inf"), -1.0, 1e9, 3e38, 1e-40, -0.0, 0.0]
+"""light that no scene should have"""
+
+
+def shipped() -> dict[str, NetworkWeights]:
+    """Networks that come with evs and are silent by construction."""
+    found = {name: load_network(name) for name in network_names()}
+    return {
+        name: network
+        for name, network in found.items()
+        if isinstance(network, NetworkWeights) and network.is_still
+    }
