@@ -22,7 +22,7 @@ OPTIONS = {
     "model": ("model.name", "NAME", "event model"),
     "duration": ("duration_s", "S", "simulated seconds"),
     "pace": ("pace", "PACE", "free or realtime"),
-    "record": ("record", "FILE", "record to a file ending in .aedat4 or .npz"),
+    "record": ("record", "FILE", "record to a file; its ending says the format"),
     "report": ("report", "FILE", "write the run report (JSON)"),
     "publish": ("publish", "ADDRESS", "publish on ZeroMQ, as in tcp://127.0.0.1:5560"),
     "threads": ("threads", "N", "worker threads; 0: one a core"),

@@ -17,7 +17,9 @@ HELP = "say what a recording holds and whether it is whole; --repair cuts a torn
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The command line of `evs info`."""
-    parser.add_argument("file", metavar="FILE", help="a recording: .aedat4 or .npz")
+    from evs.drivers.files import endings
+
+    parser.add_argument("file", metavar="FILE", help=f"a recording: {endings()}")
     parser.add_argument(
         "--repair", action="store_true", help="first cut a torn tail, in place; no packet is lost"
     )
@@ -55,20 +57,27 @@ def run(args: argparse.Namespace) -> int:
 
 def _lines(found: Summary) -> list[tuple[str, str]]:
     """(name, value) of each line."""
+    from evs.drivers.files.formats import by_name
+
     stream = found.stream
     rate = "" if found.rate_hz is None else f", {found.rate_hz:,.0f} per second"
+    table = f", data table {'present' if found.table else 'absent'}"
     versions = ", ".join(f"{name} {number}" for name, number in stream.versions.items())
     lines = [
         ("file", f"{found.path}, {found.size:,} bytes, compression {found.compression}"),
+        ("format", by_name(found.format).title),
         ("resolution", f"{stream.width} x {stream.height} px"),
         ("camera", f"{stream.camera} (sensor {stream.sensor}, tick {stream.tick_us} us)"),
         ("events", f"{found.events:,} ({found.on:,} ON, {found.off:,} OFF){rate}"),
         ("time", f"{found.duration_s:.6f} s, from {found.first_us:,} to {found.last_us:,} us"),
-        ("packets", f"{found.packets:,}, data table {'present' if found.table else 'absent'}"),
+        ("packets", f"{found.packets:,}{table if found.format == 'aedat4' else ''}"),
         *_beside(found),
         ("seed", str(stream.seed)),
         ("versions", versions or "not told"),
     ]
+    if found.left_out:
+        told = ", ".join(f"{count:,} {what}" for what, count in found.left_out.items())
+        lines.append(("left out", told))
     if found.damaged_packets:
         lines.append(("damaged", f"{found.damaged_packets:,} packets between whole ones"))
     repair = command("info", "--repair", str(found.path))

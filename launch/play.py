@@ -19,7 +19,9 @@ HELP = "publish a recording on the bus, as the camera did"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The command line of `evs play`."""
-    parser.add_argument("file", metavar="FILE", help="a recording: .aedat4 or .npz")
+    from evs.drivers.files import endings
+
+    parser.add_argument("file", metavar="FILE", help=f"a recording: {endings()}")
     parser.add_argument(
         "--address",
         default=DEFAULT_ADDRESS,

@@ -30,10 +30,12 @@ MAX_SCALE = 64
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
+    from evs.drivers.files import endings
+
     parser.epilog = EPILOG
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     add = parser.add_argument
-    add("file", metavar="FILE", help="a recording: .aedat4 or .npz")
+    add("file", metavar="FILE", help=f"a recording: {endings()}")
     add("-o", "--out", metavar="PICTURE", help=".png, .gif or .mp4 (default: FILE.png)")
     add("--window", metavar="MS", type=float, help="events of this long (default: of one frame)")
     add("--fps", metavar="N", type=float, help="frames per second of the film")

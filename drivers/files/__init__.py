@@ -1,9 +1,9 @@
 """Recordings: write them, read them, whatever their format."""
 
-from evs.drivers.files.by_suffix import (
-    SUFFIXES,
-    LeftOutFramesWarning,
-    Summary,
+from evs.drivers.files.calibration import calibration_yaml
+from evs.drivers.files.formats import FORMATS, SUFFIXES, Format, Holds, endings
+from evs.drivers.files.reading import (
+    LeftOutWarning,
     messages,
     opened,
     packets,
@@ -11,15 +11,20 @@ from evs.drivers.files.by_suffix import (
     recorder_for,
     repair,
     stream_of,
-    summary,
 )
-from evs.drivers.files.calibration import calibration_yaml
+from evs.drivers.files.repaired import Repair
+from evs.drivers.files.summary import Summary, summary
 
 __all__ = [
+    "FORMATS",
     "SUFFIXES",
-    "LeftOutFramesWarning",
+    "Format",
+    "Holds",
+    "LeftOutWarning",
+    "Repair",
     "Summary",
     "calibration_yaml",
+    "endings",
     "messages",
     "opened",
     "packets",

@@ -26,7 +26,8 @@ from evs.drivers.files.npz_beside import (
     label_arrays,
     labels_of,
 )
-from evs.drivers.files.recording import MAX_SIDE_PX, existing, one_stream, target_error
+from evs.drivers.files.recorded import by_tick, said_stream
+from evs.drivers.files.recording import existing, one_stream, target_error
 from evs.msgs import (
     EventPacket,
     Events,
@@ -206,7 +207,8 @@ class NpzFile:
     """(n,) all of them"""
     labels: Labels | None = None
     """(n,) as the events; None: it has none"""
-    coloured_frames: int = 0
+    left_out: dict[str, int] = field(default_factory=dict)
+    """never anything"""
     damage: Damage = field(default_factory=Damage)
     """never any: the archive's checksums hold, or it is not opened"""
 
@@ -250,9 +252,7 @@ class NpzFile:
 
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any."""
-        if len(self.recorded):
-            ticks = -(-self.recorded["t"] // self.stream.tick_us)
-            yield from np.split(self.recorded, np.flatnonzero(np.diff(ticks)) + 1)
+        yield from by_tick(self.recorded, self.stream.tick_us)
 
     def messages(self) -> Iterator[Events | Frame | ImuSamples]:
         """Events, frames and IMU samples of each tick, in time's order."""
@@ -305,13 +305,4 @@ def _stream(text: str, events: Events) -> StreamInfo:
     except (ValueError, RecursionError):
         said = {}
     width, height = (1 + max(0, int(events[axis].max(initial=0))) for axis in "xy")
-    plain = StreamInfo(width, height, sensor="unknown")
-    known = {
-        item.name: said[item.name]
-        for item in dataclasses.fields(StreamInfo)
-        if isinstance(said, dict) and type(said.get(item.name)) is type(getattr(plain, item.name))
-    }
-    stream = dataclasses.replace(plain, **known)
-    sides = stream.width, stream.height
-    possible = all(0 < side <= MAX_SIDE_PX for side in sides) and stream.tick_us > 0
-    return stream if possible else plain
+    return said_stream(said, StreamInfo(width, height, sensor="unknown"))

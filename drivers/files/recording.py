@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from evs.drivers.files.formats import ANYTHING, SUFFIXES, Holds
 from evs.msgs import (
     EVENT_DTYPE,
     EventPacket,
@@ -22,9 +23,6 @@ from evs.msgs import (
     empty_imu,
     nearest_first,
 )
-
-MAX_SIDE_PX = 1 << 15
-"""x and y are int16."""
 
 
 class Beside:
@@ -111,8 +109,13 @@ def as_packet(seq: int, events: Events, stream: StreamInfo) -> EventPacket:
     )
 
 
-def one_stream(path: Path, streams: Sequence[StreamInfo]) -> StreamInfo:
-    """The only stream of a recorder; EvsError for another number of them, or an absurd size."""
+def one_stream(
+    path: Path, streams: Sequence[StreamInfo], holds: Holds = ANYTHING, title: str = ""
+) -> StreamInfo:
+    """The only stream of a recorder; EvsError for another number of them, or too large a size.
+
+    In: title, how people call the format that holds no more than this.
+    """
     if len(streams) != 1:
         names = ", ".join(stream.camera for stream in streams) or "none"
         raise EvsError(
@@ -120,12 +123,26 @@ def one_stream(path: Path, streams: Sequence[StreamInfo]) -> StreamInfo:
             "give each camera a file of its own"
         )
     (stream,) = streams
-    if not (0 < stream.width <= MAX_SIDE_PX and 0 < stream.height <= MAX_SIDE_PX):
+    if 0 < stream.width <= holds.width and 0 < stream.height <= holds.height:
+        return stream
+    if title:
+        fix = f"{title} holds at most {holds.width} x {holds.height} px, .aedat4 any size"
+    else:
+        fix = f"each side must be 1 ... {holds.width}"
+    raise EvsError(f"cannot record {stream.width} x {stream.height} px to {path}; {fix}")
+
+
+def check_stamps(path: Path, events: Events, holds: Holds, title: str) -> None:
+    """EvsError unless these events, (n,) sorted, are of times that the format holds."""
+    if not len(events):
+        return
+    first, last = int(events["t"][0]), int(events["t"][-1])
+    if first < holds.first_us or last > holds.last_us:
+        bad = first if first < holds.first_us else last
         raise EvsError(
-            f"cannot record {stream.width} x {stream.height} px to {path}; "
-            f"each side must be 1 ... {MAX_SIDE_PX}"
+            f"cannot record an event at {bad} us to {path}; {title} holds {holds.first_us} ... "
+            f"{holds.last_us} us, .aedat4 any time"
         )
-    return stream
 
 
 def target_error(path: Path, reason: OSError) -> EvsError:
@@ -153,7 +170,7 @@ def existing(path: str | os.PathLike[str]) -> Path:
         raise EvsError(f"{found} is a folder; give a file in it")
     if not found.parent.is_dir():
         raise EvsError(f"no file {found}: there is no folder {found.parent}")
-    known = {file.name for file in found.parent.iterdir() if file.suffix in {".aedat4", ".npz"}}
+    known = {file.name for file in found.parent.iterdir() if file.suffix in SUFFIXES}
     shown = ", ".join(nearest_first(found.name, known)[:5])
     there = f"the folder has: {shown}" if shown else "the folder has no recordings"
     raise EvsError(f"no file {found}; {there}")

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from evs.drivers.files import formats
 from evs.drivers.pipeline import settings
 from evs.drivers.sink import Sink
 from evs.emulator.config import SEEDS, RunConfig
@@ -22,9 +23,6 @@ T = TypeVar("T")
 
 PACES = {"free": 0.0, "realtime": 1.0}
 """pace -> simulated seconds per wall second; 0: as fast as it goes"""
-
-RECORDERS = {".aedat4": "aedat4", ".npz": "npz"}
-"""suffix of a recording -> sink type"""
 
 PIPELINES = Path(__file__).parents[2] / "config" / "pipelines"
 """the pipelines that come with evs; each is found by its bare name too"""
@@ -37,7 +35,7 @@ class SinkConfig:
     """[[sink]]: one place that packets leave to. Any number of them."""
 
     type: str = ""
-    """zmq | aedat4 | npz"""
+    """zmq, or a recording's format: aedat4 | npz | ... (evs convert --help lists them)"""
     address: str | None = None
     """zmq: where to bind, as in tcp://127.0.0.1:5560"""
     wait_for: int | None = None
@@ -47,15 +45,14 @@ class SinkConfig:
     queue: int | None = None
     """zmq: packets held for a slow subscriber before it loses some"""
     file: str | None = None
-    """aedat4, npz: the recording"""
+    """of a recording"""
     compression: str | None = None
     """aedat4: lz4 | zstd | none"""
 
 
 SINK_KEYS = {
     "zmq": ("address", "wait_for", "wait_s", "queue"),
-    "aedat4": ("file", "compression"),
-    "npz": ("file",),
+    **{each.name: ("file", *each.keys) for each in formats.FORMATS},
 }
 """sink type -> the keys it has; the first is required"""
 
@@ -68,7 +65,7 @@ class PipelineConfig(RunConfig):
     pace: str = "free"
     """free: as fast as it goes | realtime: no faster than the wall clock"""
     record: str = ""
-    """one more recording: a file ending in .aedat4 or .npz"""
+    """one more recording, as in run.aedat4; the ending says the format"""
     publish: str = ""
     """one more zmq sink: the address it binds, as in tcp://127.0.0.1:5560"""
     report: str = ""
@@ -86,7 +83,7 @@ class PipelineConfig(RunConfig):
         """
         every = list(self.sink)
         if self.record:
-            every.append(SinkConfig(type=_recorder_of(self.record), file=self.record))
+            every.append(SinkConfig(type=formats.to_write(self.record).name, file=self.record))
         if self.publish:
             every.append(SinkConfig(type="zmq", address=self.publish))
         return tuple(sorted(every, key=lambda sink: sink.file is not None))
@@ -139,8 +136,8 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
         raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))
     for place, sink in enumerate(config.sink):
         _check_sink(sink, f"sink.{place}")
-    files = {sink.type for sink in config.sinks() if sink.file}
-    if config.model.labels and files and "npz" not in files:
+    held = [formats.by_name(sink.type).holds for sink in config.sinks() if sink.file]
+    if config.model.labels and held and not any(holds.labels for holds in held):
         raise EvsError("at model.labels: only .npz recordings hold labels; add --record FILE.npz")
     _check_outputs(config, pipeline)
 
@@ -153,13 +150,7 @@ def make_sink(config: SinkConfig) -> Sink:
         from evs.drivers.bus import Publisher
 
         return Publisher(options.pop("address"), **options)
-    if config.type == "aedat4":
-        from evs.drivers.files.aedat4 import Aedat4Recorder
-
-        return Aedat4Recorder(options.pop("file"), **options)
-    from evs.drivers.files.npz import NpzRecorder
-
-    return NpzRecorder(options.pop("file"))
+    return formats.by_name(config.type).record(Path(options.pop("file")), **options)
 
 
 def find_pipeline(word: str) -> Path:
@@ -190,8 +181,10 @@ def _check_sink(sink: SinkConfig, path: str) -> None:
             raise EvsError(f"at {path}.{field.name}: a {sink.type} sink has only: {has}")
     if not getattr(sink, own[0]):
         raise EvsError(f"at {path}.{own[0]}: missing; a {sink.type} sink needs it")
-    if sink.file and _recorder_of(sink.file) != sink.type:
-        raise EvsError(f"at {path}.file: '{sink.file}' does not end in .{sink.type}")
+    if sink.file:
+        known = formats.by_name(sink.type).suffixes
+        if Path(sink.file).suffix.lower() not in known:
+            raise EvsError(f"at {path}.file: '{sink.file}' does not end in {' or '.join(known)}")
 
 
 def _check_outputs(config: PipelineConfig, pipeline: Path | None) -> None:
@@ -221,13 +214,6 @@ def _place(file: str | Path) -> Path:
         return Path(file).resolve()
     except (OSError, RuntimeError, ValueError):
         return Path(file).absolute()
-
-
-def _recorder_of(file: str) -> str:
-    suffix = Path(file).suffix.lower()
-    if suffix not in RECORDERS:
-        raise EvsError(f"cannot record to '{file}': end it in one of {', '.join(RECORDERS)}")
-    return RECORDERS[suffix]
 
 
 def _with_paths(config: PipelineConfig, change: Callable[[str], str]) -> PipelineConfig:

@@ -349,7 +349,7 @@ def test_colour_frames_of_others_are_left_out_with_a_word(tmp_path: Path) -> Non
     )
     subprocess.run([sys.executable, "-c", code, path], check=True, timeout=60)
     recording = files.read(path)
-    with pytest.warns(files.LeftOutFramesWarning, match="1 frames are not grey"):
+    with pytest.warns(files.LeftOutWarning, match="1 frames that are not grey"):
         frames = recording.frames
     assert [frame.begin_us for frame in frames] == [3000]
 

@@ -42,9 +42,9 @@ def recording(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 def test_the_ending_chooses_the_recorder(tmp_path: Path) -> None:
     assert isinstance(files.recorder_for(tmp_path / "a.aedat4", "zstd"), Aedat4Recorder)
     assert isinstance(files.recorder_for(str(tmp_path / "A.NPZ")), NpzRecorder)
-    for name in ("a.bag", "a", "aedat4"):
+    for name in ("a.bagpipe", "a", "aedat4"):
         for use in (files.recorder_for, files.read, files.summary, files.repair, files.stream_of):
-            with pytest.raises(EvsError, match=r"names end in \.aedat4 or \.npz"):
+            with pytest.raises(EvsError, match=r"names end in \.aedat4"):
                 use(tmp_path / name)
 
 
@@ -104,7 +104,7 @@ def test_info_of_nothing_is_one_line_and_exit_code_2(
 ) -> None:
     (tmp_path / "bad.aedat4").write_bytes(b"nothing")
     (tmp_path / "bad.npz").write_bytes(b"nothing")
-    for name in ("no.aedat4", "bad.aedat4", "bad.npz", "a.bag"):
+    for name in ("no.aedat4", "bad.aedat4", "bad.npz", "a.bagpipe"):
         for command in ("info", "play"):
             assert main([command, str(tmp_path / name)]) == 2
             caught = capsys.readouterr()

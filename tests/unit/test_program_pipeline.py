@@ -117,8 +117,8 @@ def test_the_emulators_part_says_nothing_of_outputs() -> None:
     [
         ([("pace", "lockstep")], "at pace: no pace 'lockstep'; there is: "),
         ([("render.seeds", "fresh")], "at render.seeds: no seeds 'fresh'; there is: fixed"),
-        ([("record", "a.bag")], "cannot record to 'a.bag': end it in one of .aedat4, .npz"),
-        ([("record", "a")], "cannot record to 'a': end it in one of .aedat4, .npz"),
+        ([("record", "a.bagpipe")], "no recording format '.bagpipe' (of a.bagpipe); names end"),
+        ([("record", "a")], "no recording format '' (of a); names end in .aedat4"),
         ([("sink.0.type", "ros")], "at sink.0.type: no sink type 'ros'; there is: "),
         ([("sink.0.file", "a.npz")], "at sink.0.type: no sink type ''; there is: "),
         ([("sink.0.type", "zmq")], "at sink.0.address: missing; a zmq sink needs it"),

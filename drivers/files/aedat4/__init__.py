@@ -2,6 +2,6 @@
 
 from evs.drivers.files.aedat4.reader import Aedat4File
 from evs.drivers.files.aedat4.recorder import Aedat4Recorder
-from evs.drivers.files.aedat4.repair import Repair, repair
+from evs.drivers.files.aedat4.repair import repair
 
-__all__ = ["Aedat4File", "Aedat4Recorder", "Repair", "repair"]
+__all__ = ["Aedat4File", "Aedat4Recorder", "repair"]

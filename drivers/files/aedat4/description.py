@@ -9,7 +9,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from evs.drivers.files.aedat4.layout import DamageError
-from evs.drivers.files.recording import MAX_SIDE_PX
+from evs.drivers.files.formats import MAX_SIDE_PX
 from evs.msgs import StreamInfo
 
 EVENT_STREAM, FRAME_STREAM, IMU_STREAM = 0, 1, 2

@@ -24,6 +24,8 @@ MAX_HEADER_BYTES = 1 << 26
 MAX_TRIES = 1000
 """After damage, so many places that look like a packet are tried before the rest is given up."""
 
+COLOURED = "frames that are not grey"
+
 _TABLE_HEAD_BYTES = 1 << 23
 _CHUNK_BYTES = 1 << 20
 _MIN_BODY_BYTES = 12
@@ -64,8 +66,8 @@ class Aedat4File:
     """what the last complete walk over the packets found"""
     whole_packets: int = 0
     """packets of any stream that the last complete walk found whole"""
-    coloured_frames: int = 0
-    """frames that the last complete walk left out, since they are not grey"""
+    left_out: dict[str, int] = field(default_factory=dict)
+    """frames that the last walk left out, since they are not grey"""
     labels: None = None
     """the format has no place for any"""
 
@@ -183,7 +185,7 @@ class Aedat4File:
         takers: dict[int, _Taker] = {self.event_id: self._take_events}
         if frames is not None:
             seen = iter(range(self.size))
-            self.coloured_frames = 0
+            self.left_out = {}
             takers[frames] = lambda body: self._take_frame(body, seen)
         if imu is not None:
             takers[imu] = lambda body: parse_imu(self._plain(body))
@@ -200,7 +202,7 @@ class Aedat4File:
         try:
             return replace(parse_frame(plain, 0, self.stream.camera), seq=next(numbers))
         except OtherFormatError:
-            self.coloured_frames += 1
+            self.left_out[COLOURED] = self.left_out.get(COLOURED, 0) + 1
             return None
 
     def _plain(self, body: bytes) -> bytes:

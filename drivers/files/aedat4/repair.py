@@ -4,43 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from dataclasses import dataclass
-from pathlib import Path
 from typing import BinaryIO
 
 from evs.drivers.files.aedat4 import layout
 from evs.drivers.files.aedat4.reader import Aedat4File
 from evs.drivers.files.recording import target_error
+from evs.drivers.files.repaired import Repair
 from evs.msgs import EvsError
-
-
-@dataclass(frozen=True)
-class Repair:
-    """What repair did to a file."""
-
-    path: Path
-    cut_bytes: int
-    """bytes cut from the end; 0: there was no torn tail"""
-    cut_at: int
-    """size of the file now, bytes"""
-    pointer_reset: bool
-    """the header pointed to a data table that is not there"""
-
-    @property
-    def needed(self) -> bool:
-        """Whether anything was changed."""
-        return bool(self.cut_bytes) or self.pointer_reset
-
-    def __str__(self) -> str:
-        """One line for people."""
-        if not self.needed:
-            return f"{self.path} needs no repair"
-        done = []
-        if self.cut_bytes:
-            done.append(f"cut {self.cut_bytes} bytes at offset {self.cut_at}")
-        if self.pointer_reset:
-            done.append("took out the pointer to a data table that is not there")
-        return f"{self.path}: {' and '.join(done)}; every whole packet is kept"
 
 
 def repair(path: str | os.PathLike[str]) -> Repair:

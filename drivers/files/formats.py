@@ -1,0 +1,179 @@
+"""The table of formats: one entry says everything about a kind of recording.
+
+A new format is an entry here, with a reader (recorded.RecordedFile) and a recorder (a Sink); then
+`evs.read`, `evs info`, `view`, `play`, `convert`, `--record` and `[[sink]]` know it. Readers and
+recorders are imported when they are first asked for, since some need an extra.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from evs.msgs import EvsError, unknown
+
+if TYPE_CHECKING:
+    from evs.drivers.files.recorded import RecordedFile
+    from evs.drivers.files.repaired import Repair
+    from evs.drivers.sink import Sink
+
+AnyPath = str | os.PathLike[str]
+
+MAX_SIDE_PX = 1 << 15
+"""x and y are int16."""
+
+HEAD_BYTES = 64
+"""Of a file, for Format.begins."""
+
+
+@dataclass(frozen=True)
+class Holds:
+    """What fits into a format; recorders refuse the rest, `evs convert` before it writes."""
+
+    width: int = MAX_SIDE_PX
+    """widest sensor, px"""
+    height: int = MAX_SIDE_PX
+    """highest sensor, px"""
+    first_us: int = -(1 << 62)
+    """lowest time stamp"""
+    last_us: int = 1 << 62
+    """highest time stamp"""
+    frames: bool = False
+    """intensity frames beside the events"""
+    imu: bool = False
+    """IMU samples beside them"""
+    labels: bool = False
+    """cause and geom of each event"""
+
+
+ANYTHING = Holds()
+"""Events of any time on a sensor of any size."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """One kind of recording."""
+
+    name: str
+    """also the type of its sink, and what `evs convert --format` takes"""
+    suffixes: tuple[str, ...]
+    """its files' endings in lower case, the usual one first; formats may share one"""
+    title: str
+    """NAME: one line for people"""
+    open: Callable[[Path], RecordedFile]
+    """the reader; EvsError where the file is none of it"""
+    record: Callable[..., Sink]
+    """the recorder, not yet open: record(path, **options)"""
+    holds: Holds = ANYTHING
+    keys: tuple[str, ...] = ()
+    """options of record: keys of its sink beside `file`"""
+    begins: Callable[[bytes], bool] | None = None
+    """whether a file with these first bytes is one of it; needed where an ending is shared"""
+    repair: Callable[[Path], Repair] | None = None
+    """cuts a torn tail in place; None: repaired.cut does it, by what the reader says"""
+    extra: str = ""
+    """the extra of evs that it needs, `pip install 'evs[EXTRA]'`; empty: none"""
+
+
+def _open_aedat4(path: Path) -> RecordedFile:
+    from evs.drivers.files.aedat4 import Aedat4File
+
+    return Aedat4File.at(path)
+
+
+def _record_aedat4(path: Path, **options: str) -> Sink:
+    from evs.drivers.files.aedat4 import Aedat4Recorder
+
+    return Aedat4Recorder(path, **options)
+
+
+def _repair_aedat4(path: Path) -> Repair:
+    from evs.drivers.files.aedat4 import repair
+
+    return repair(path)
+
+
+def _open_npz(path: Path) -> RecordedFile:
+    from evs.drivers.files.npz import NpzFile
+
+    return NpzFile.at(path)
+
+
+def _record_npz(path: Path) -> Sink:
+    from evs.drivers.files.npz import NpzRecorder
+
+    return NpzRecorder(path)
+
+
+FORMATS: tuple[Format, ...] = (
+    Format(
+        name="aedat4",
+        suffixes=(".aedat4",),
+        title="AEDAT4: DV's own; survives a kill at any moment",
+        open=_open_aedat4,
+        record=_record_aedat4,
+        holds=Holds(frames=True, imu=True),
+        keys=("compression",),
+        begins=lambda head: head.startswith(b"#!AER-DAT4"),
+        repair=_repair_aedat4,
+    ),
+    Format(
+        name="npz",
+        suffixes=(".npz",),
+        title="NPZ: arrays t, x, y, p that numpy.load reads",
+        open=_open_npz,
+        record=_record_npz,
+        holds=Holds(frames=True, imu=True, labels=True),
+    ),
+)
+"""Every format. Where an ending is shared, the first that has it is what is written."""
+
+SUFFIXES = tuple(dict.fromkeys(suffix for one in FORMATS for suffix in one.suffixes))
+"""Every ending, each once."""
+
+
+def by_name(name: str) -> Format:
+    """The format of this name; EvsError tells the nearest."""
+    for one in FORMATS:
+        if one.name == name:
+            return one
+    raise unknown("recording format", name, [one.name for one in FORMATS])
+
+
+def to_write(path: AnyPath, name: str | None = None) -> Format:
+    """The format that a new file gets: by name, or else by its ending."""
+    return _sharing(path)[0] if name is None else by_name(name)
+
+
+def to_read(path: AnyPath) -> Format:
+    """The format of a file: by its ending, and by its first bytes where that is shared."""
+    sharing = _sharing(path)
+    if len(sharing) > 1:
+        try:
+            with Path(path).open("rb") as file:
+                head = file.read(HEAD_BYTES)
+        except OSError:
+            # its reader tells what is wrong with the path
+            return sharing[0]
+        for one in sharing:
+            if one.begins is not None and one.begins(head):
+                return one
+    return sharing[0]
+
+
+def _sharing(path: AnyPath) -> list[Format]:
+    suffix = Path(path).suffix.lower()
+    sharing = [one for one in FORMATS if suffix in one.suffixes]
+    if not sharing:
+        known = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
+        raise EvsError(f"no recording format '{suffix}' (of {Path(path)}); names end in {known}")
+    return sharing
+
+
+def endings(formats: Iterable[Format] = FORMATS) -> str:
+    """The endings of files in words, for help texts."""
+    every = list(dict.fromkeys(one.suffixes[0] for one in formats))
+    return f"{', '.join(every[:-1])} or {every[-1]}"

@@ -1,0 +1,120 @@
+"""Recordings of any format: read, stream, repair, record."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from evs.drivers.files.formats import AnyPath, to_read, to_write
+from evs.drivers.files.recorded import RecordedFile
+from evs.drivers.files.recording import Beside, Recording, as_packet
+from evs.drivers.files.repaired import Repair, cut
+from evs.drivers.sink import Sink
+from evs.msgs import (
+    IMU_DTYPE,
+    EventPacket,
+    EvsError,
+    Frame,
+    ImuPacket,
+    ImuSamples,
+    StreamInfo,
+    join_events,
+)
+
+
+class LeftOutWarning(UserWarning):
+    """A recording holds sound data that we do not read, such as frames in colour."""
+
+
+def read(path: AnyPath) -> Recording:
+    """All events of a recording, with `.stream`, `.frames` and `.imu` for the rest.
+
+    A torn tail or damaged packets are left out, with a TornTailWarning or DamagedPacketWarning.
+    EvsError: no such file, unknown ending, not a recording.
+    """
+    file = opened(path)
+    parts = list(file.events())
+    file.damage.warn(file.path)
+    return Recording.of(join_events(parts), file.stream, Beside(lambda: _beside(path), file.labels))
+
+
+def packets(path: AnyPath) -> Iterator[EventPacket]:
+    """The recording's packets one by one, numbered from 0; their events are read-only.
+
+    Ticks without events were not recorded and do not come back. Warns like read, at the end.
+    """
+    file = opened(path)
+    for seq, events in enumerate(file.events()):
+        yield as_packet(seq, events, file.stream)
+    file.damage.warn(file.path)
+
+
+def messages(path: AnyPath) -> Iterator[EventPacket | Frame | ImuPacket]:
+    """Packets, frames and IMU packets one by one, in the order recorded. Warns like read."""
+    file = opened(path)
+    events = imu = 0
+    for message in file.messages():
+        if isinstance(message, Frame):
+            yield message
+        elif message.dtype == IMU_DTYPE:
+            yield ImuPacket(imu, message, file.stream.camera)
+            imu += 1
+        else:
+            yield as_packet(events, message, file.stream)
+            events += 1
+    _warn(file)
+
+
+def _beside(path: AnyPath) -> Iterator[Frame | ImuSamples]:
+    """What lies beside the events; where damage was met, reading those warned of it."""
+    file = opened(path)
+    if file.stream.frames or file.stream.imu:
+        yield from file.beside()
+        _warn_left_out(file)
+
+
+def _warn(file: RecordedFile) -> None:
+    file.damage.warn(file.path)
+    _warn_left_out(file)
+
+
+def _warn_left_out(file: RecordedFile) -> None:
+    for what, count in file.left_out.items():
+        text = f"{file.path}: {count} {what} were left out"
+        warnings.warn(text, LeftOutWarning, stacklevel=3)
+
+
+def stream_of(path: AnyPath) -> StreamInfo:
+    """What a recording says of its stream: resolution, camera, seed, configuration, ..."""
+    return opened(path).stream
+
+
+def repair(path: AnyPath) -> Repair:
+    """Cut a torn tail in place; all that is whole stays. An .npz file is whole or not readable."""
+    kind = to_read(path)
+    return cut(kind.open(Path(path))) if kind.repair is None else kind.repair(Path(path))
+
+
+def recorder_for(
+    path: AnyPath, compression: str | None = None, *, kind: str | None = None, **options: Any
+) -> Sink:
+    """The recorder for a file name, not yet open; `kind` names one where the ending does not.
+
+    In: compression, lz4, none or zstd for the formats that have it; options, others of the format.
+    EvsError: an option that it has not.
+    """
+    chosen = to_write(path, kind)
+    if compression is not None and "compression" in chosen.keys:
+        options["compression"] = compression
+    for key in options:
+        if key not in chosen.keys:
+            has = ", ".join(chosen.keys) or "none"
+            raise EvsError(f"{chosen.title.partition(',')[0]} has no option {key}; it has: {has}")
+    return chosen.record(Path(path), **options)
+
+
+def opened(path: AnyPath) -> RecordedFile:
+    """The recording at a path, its header read."""
+    return to_read(path).open(Path(path))

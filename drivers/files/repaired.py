@@ -1,0 +1,56 @@
+"""Repair of a recording: a torn tail is cut, in place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from evs.drivers.files.recording import target_error
+
+if TYPE_CHECKING:
+    from evs.drivers.files.recorded import RecordedFile
+
+
+@dataclass(frozen=True)
+class Repair:
+    """What repair did to a file."""
+
+    path: Path
+    cut_bytes: int
+    """bytes cut from the end; 0: there was no torn tail"""
+    cut_at: int
+    """size of the file now, bytes"""
+    pointer_reset: bool
+    """the header pointed to a data table that is not there"""
+
+    @property
+    def needed(self) -> bool:
+        """Whether anything was changed."""
+        return bool(self.cut_bytes) or self.pointer_reset
+
+    def __str__(self) -> str:
+        """One line for people."""
+        if not self.needed:
+            return f"{self.path} needs no repair"
+        done = []
+        if self.cut_bytes:
+            done.append(f"cut {self.cut_bytes} bytes at offset {self.cut_at}")
+        if self.pointer_reset:
+            done.append("took out the pointer to a data table that is not there")
+        return f"{self.path}: {' and '.join(done)}; every whole packet is kept"
+
+
+def cut(file: RecordedFile) -> Repair:
+    """Cut what a walk over a recording found to be a torn tail. EvsError: not writable."""
+    for _ in file.messages():
+        pass
+    at = file.size if file.damage.torn_at is None else file.damage.torn_at
+    report = Repair(file.path, file.size - at, at, False)
+    if report.needed:
+        try:
+            with file.path.open("r+b") as target:
+                target.truncate(at)
+        except OSError as reason:
+            raise target_error(file.path, reason) from None
+    return report

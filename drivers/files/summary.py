@@ -1,0 +1,111 @@
+"""What `evs info` says of a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from evs.drivers.files.formats import AnyPath, to_read
+from evs.msgs import IMU_DTYPE, Frame, StreamInfo
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What `evs info` says of a recording."""
+
+    path: str
+    format: str
+    """name in the table of formats"""
+    size: int
+    """bytes"""
+    compression: str
+    stream: StreamInfo
+    packets: int
+    """whole packets that hold events"""
+    events: int
+    on: int
+    off: int
+    first_us: int
+    """time stamp of the first event; 0 without events"""
+    last_us: int
+    table: bool
+    """a whole data table lets dv-processing seek without a first pass"""
+    broken_pointer: bool
+    """the header points to a data table that is not there: dv-processing refuses the file"""
+    torn_at: int | None
+    """byte offset of a torn tail"""
+    torn_bytes: int
+    damaged_packets: int
+    left_out: dict[str, int]
+    """sound data that we do not read: what it is -> how many"""
+    frames: int
+    """intensity frames"""
+    frame_rate_hz: float | None
+    """mean of them per second; None for fewer than two"""
+    imu_samples: int
+    imu_rate_hz: float | None
+    """mean of them per second; None for fewer than two"""
+
+    @property
+    def duration_s(self) -> float:
+        """From the first event to the last, s."""
+        return (self.last_us - self.first_us) * 1e-6
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Mean events per second; None for a recording without duration."""
+        return self.events / self.duration_s if self.duration_s else None
+
+
+def summary(path: AnyPath) -> Summary:
+    """Walk over a whole recording and count. Damage is told, not warned of."""
+    kind = to_read(path)
+    file = kind.open(Path(path))
+    count = packets_seen = on = first_us = last_us = 0
+    frame_stamps: list[int] = []
+    imu_stamps: list[int] = []
+    for message in file.messages():
+        if isinstance(message, Frame):
+            frame_stamps.append(message.exposure_begin_us)
+            continue
+        if message.dtype == IMU_DTYPE:
+            imu_stamps += message["t"].tolist()
+            continue
+        if not packets_seen:
+            first_us = int(message["t"][0])
+        last_us = int(message["t"][-1])
+        on += int(np.count_nonzero(message["p"]))
+        count += len(message)
+        packets_seen += 1
+    return Summary(
+        path=str(file.path),
+        format=kind.name,
+        size=file.size,
+        compression=file.compression,
+        stream=file.stream,
+        packets=packets_seen,
+        events=count,
+        on=on,
+        off=count - on,
+        first_us=first_us,
+        last_us=last_us,
+        table=file.table_packets is not None,
+        broken_pointer=file.broken_pointer,
+        torn_at=file.damage.torn_at,
+        torn_bytes=file.damage.torn_bytes,
+        damaged_packets=file.damage.packets,
+        left_out=dict(file.left_out),
+        frames=len(frame_stamps),
+        frame_rate_hz=_rate_hz(frame_stamps),
+        imu_samples=len(imu_stamps),
+        imu_rate_hz=_rate_hz(imu_stamps),
+    )
+
+
+def _rate_hz(stamps_us: list[int]) -> float | None:
+    """Mean rate of what has these stamps."""
+    if len(stamps_us) < 2 or stamps_us[-1] <= stamps_us[0]:
+        return None
+    return (len(stamps_us) - 1) * 1e6 / (stamps_us[-1] - stamps_us[0])
