@@ -1,0 +1,41 @@
+"""Event encodings of cameras and of ROS, in NumPy: arrays in, bytes out, and back."""
+
+from evs.msgs.encodings.evt2 import Evt2State, decode_evt2, encode_evt2
+from evs.msgs.encodings.evt3 import Evt3State, decode_evt3, encode_evt3
+from evs.msgs.encodings.fixed import (
+    Payload,
+    decode_libcaer,
+    decode_mono,
+    encode_libcaer,
+    encode_mono,
+)
+from evs.msgs.encodings.limits import (
+    LONGEST_US,
+    MAX_SIDE_EVT_PX,
+    TIME_ORIGIN_US,
+    EncodingLimits,
+    check_fits,
+)
+from evs.msgs.encodings.table import PAYLOADS, PayloadReader, PayloadWriter
+
+__all__ = [
+    "LONGEST_US",
+    "MAX_SIDE_EVT_PX",
+    "PAYLOADS",
+    "TIME_ORIGIN_US",
+    "EncodingLimits",
+    "Evt2State",
+    "Evt3State",
+    "Payload",
+    "PayloadReader",
+    "PayloadWriter",
+    "check_fits",
+    "decode_evt2",
+    "decode_evt3",
+    "decode_libcaer",
+    "decode_mono",
+    "encode_evt2",
+    "encode_evt3",
+    "encode_libcaer",
+    "encode_mono",
+]

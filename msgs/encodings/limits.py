@@ -1,0 +1,55 @@
+"""What an encoding can hold: how far out a pixel and how late a stamp."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from evs.msgs.event import Events
+from evs.msgs.fields import MessageError
+
+TIME_ORIGIN_US = 1_000_000
+"""Stamp in an EVT2 or EVT3 stream of ours at simulated time zero: there are decoders that take the
+stamp 0 for "no time yet" and lose the events that have it."""
+
+LONGEST_US = 1 << 44
+"""Stamps of EVT2 and EVT3 streams lie below it (203 days): every wrap of their counters has to be
+told to the decoder, and more of them than that are a mistake."""
+
+MAX_SIDE_EVT_PX = 1 << 11
+"""EVT2 and EVT3 have 11 bits for x and for y."""
+
+
+@dataclass(frozen=True)
+class EncodingLimits:
+    """What an encoding has bits for."""
+
+    name: str
+    width: int
+    """x has to be smaller, px"""
+    height: int
+    """y has to be smaller, px"""
+    end_us: int
+    """stamps have to be smaller, us; they are never negative"""
+
+
+def check_fits(events: Events, limits: EncodingLimits, shift_us: int = 0) -> None:
+    """MessageError unless the events, (n,), are sorted and fit the encoding, `shift_us` later."""
+    if not len(events):
+        return
+    stamps = events["t"]
+    if (stamps[1:] < stamps[:-1]).any():
+        raise MessageError(f"events are not sorted by t, which {limits.name} asks for: sort them")
+    first, last = int(stamps[0]) + shift_us, int(stamps[-1]) + shift_us
+    if first < 0:
+        raise MessageError(f"{limits.name} has no negative time, events begin at {first} us")
+    if last >= limits.end_us:
+        raise MessageError(f"{limits.name} ends at {limits.end_us} us, events at {last} us")
+    for axis, side in (("x", limits.width), ("y", limits.height)):
+        # read as unsigned, a negative coordinate is too large as well
+        if int(events[axis].view(np.uint16).max()) >= side:
+            low, high = int(events[axis].min()), int(events[axis].max())
+            raise MessageError(
+                f"{limits.name} holds {axis} of 0 ... {side - 1} px, events have {low} ... {high}"
+            )

@@ -1,0 +1,75 @@
+"""The encodings of event_camera_msgs/EventPacket by name, and what runs from packet to packet."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from evs.msgs.encodings.evt3 import EVT3, Evt3State, decode_evt3, encode_evt3
+from evs.msgs.encodings.fixed import (
+    LIBCAER,
+    MONO,
+    Payload,
+    decode_libcaer,
+    decode_mono,
+    encode_libcaer,
+    encode_mono,
+)
+from evs.msgs.encodings.limits import TIME_ORIGIN_US, EncodingLimits
+from evs.msgs.errors import unknown
+from evs.msgs.event import Events
+
+PAYLOADS: dict[str, EncodingLimits] = {"evt3": EVT3, "libcaer": LIBCAER, "mono": MONO}
+"""name of an encoding -> what it can hold"""
+
+
+class PayloadWriter:
+    """Makes the payloads of one camera's packets, one after the other."""
+
+    def __init__(self, encoding: str, *, time_origin_us: int = TIME_ORIGIN_US) -> None:
+        """In: evt3, libcaer or mono; time_origin_us is evt3's. EvsError for another encoding."""
+        if encoding not in PAYLOADS:
+            raise unknown("encoding", encoding, PAYLOADS)
+        self.encoding, self.time_origin_us = encoding, time_origin_us
+        self._after_us = -time_origin_us
+
+    def payload(self, events: Events) -> Payload:
+        """The payload of the next packet. In: events (n,), sorted, none before the last packet's.
+
+        MessageError: what the encoding does not hold. An evt3 payload's time base, which the
+        format leaves open, is the time of its first event without `time_origin_us`.
+        """
+        if self.encoding == "mono":
+            return encode_mono(events)
+        if self.encoding == "libcaer":
+            return encode_libcaer(events)
+        data = encode_evt3(events, time_origin_us=self.time_origin_us, after_us=self._after_us)
+        if not len(events):
+            return Payload(max(0, self._after_us) * 1000, data)
+        self._after_us = int(events["t"][-1])
+        return Payload(int(events["t"][0]) * 1000, data)
+
+
+class PayloadReader:
+    """Takes the payloads of one camera's packets, one after the other."""
+
+    def __init__(self, encoding: str, *, time_origin_us: int = TIME_ORIGIN_US) -> None:
+        """In: evt3, libcaer or mono; time_origin_us is evt3's. EvsError for another encoding."""
+        if encoding not in PAYLOADS:
+            raise unknown("encoding", encoding, PAYLOADS)
+        self.encoding, self.time_origin_us = encoding, time_origin_us
+        self._state = Evt3State()
+
+    @property
+    def skipped(self) -> int:
+        """Events so far that came before their time was told."""
+        return self._state.skipped
+
+    def events(self, data: Any, time_base_ns: int) -> Events:
+        """The events of the next packet, (n,), as unsorted as they were. Never raises."""
+        if self.encoding == "mono":
+            return decode_mono(data, time_base_ns)
+        if self.encoding == "libcaer":
+            return decode_libcaer(data, time_base_ns)
+        origin = self.time_origin_us
+        events, self._state = decode_evt3(data, self._state, time_origin_us=origin)
+        return events
