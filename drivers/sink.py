@@ -6,7 +6,14 @@ from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
 
 from evs.emulator.stages import Meter
-from evs.msgs import EventPacket, Frame, ImuPacket, StreamInfo
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo, TriggerPacket
+
+
+class SinkStoppedError(EvsError):
+    """A sink can take nothing more, as on a full disk. What it took is safe.
+
+    A run goes on without it as long as another sink is left, and warns of it once.
+    """
 
 
 class Sink(Protocol):
@@ -46,3 +53,11 @@ class ImuSink(Protocol):
 
     def write_imu(self, packet: ImuPacket) -> None:
         """Take the samples of one tick, before its events."""
+
+
+@runtime_checkable
+class TriggerSink(Protocol):
+    """A sink that also takes the triggers of cameras whose StreamInfo says `triggers`."""
+
+    def write_triggers(self, packet: TriggerPacket) -> None:
+        """Take the triggers of one tick, after its frames and before its events."""

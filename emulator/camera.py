@@ -161,6 +161,7 @@ class Camera:
             camera_info=camera_info(self.bound.model),
             frames=sensor.aps.enabled,
             imu=sensor.imu.enabled,
+            triggers=sensor.aps.enabled,
             latency_us=self._pixels.latency_us,
         )
         self.reset()

@@ -89,7 +89,9 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
         )
     addresses = [table.address for table in tables if table.address]
     terminal.summary(report, args.quiet, next_commands(args, recordings, addresses))
-    return STOPPED.get(report.ended.split()[0], 0)
+    # a recording that stopped has been warned of, but it is not what was asked for
+    stopped = any(said.get("error") for said in report.sinks)
+    return STOPPED.get(report.ended.split()[0], 2 if stopped else 0)
 
 
 def next_commands(

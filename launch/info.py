@@ -99,4 +99,6 @@ def _beside(found: Summary) -> list[tuple[str, str]]:
         if there or count:
             rate = "" if rate_hz is None else f", {rate_hz:,.1f} per second"
             lines.append((name, f"{count:,} {unit}{rate}"))
+    if found.stream.triggers or found.triggers:
+        lines.append(("triggers", f"{found.triggers:,}"))
     return lines

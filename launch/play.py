@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from evs.msgs import DEFAULT_ADDRESS, EvsError, Frame, ImuPacket
+from evs.msgs import DEFAULT_ADDRESS, EvsError, Frame, ImuPacket, TriggerPacket
 
 if TYPE_CHECKING:
     from evs.drivers.bus import Publisher
@@ -90,7 +90,8 @@ def _play(
             wait_until(int(message.samples["t"][-1]))
             publisher.write_imu(message)
             samples += len(message)
-        else:
+        elif not isinstance(message, TriggerPacket):
+            # the bus has no topic for triggers
             wait_until(message.time_end_us)
             publisher.write(message)
             count += 1

@@ -26,6 +26,15 @@ from evs.msgs.packet import ENCODING, EventPacket, decode, encode
 from evs.msgs.status import Status, decode_status, encode_status
 from evs.msgs.stream import StreamInfo
 from evs.msgs.topics import DEFAULT_ADDRESS, EVENTS, FRAMES, IMU, STATUS, TOPICS, Topic
+from evs.msgs.trigger import (
+    TRIGGER_DTYPE,
+    Trigger,
+    TriggerPacket,
+    Triggers,
+    empty_triggers,
+    frame_triggers,
+    make_triggers,
+)
 
 __all__ = [
     "DEFAULT_ADDRESS",
@@ -40,6 +49,7 @@ __all__ = [
     "STANDARD_GRAVITY",
     "STATUS",
     "TOPICS",
+    "TRIGGER_DTYPE",
     "Cause",
     "EventPacket",
     "Events",
@@ -52,6 +62,9 @@ __all__ = [
     "Status",
     "StreamInfo",
     "Topic",
+    "Trigger",
+    "TriggerPacket",
+    "Triggers",
     "clean_events",
     "decode",
     "decode_frame",
@@ -59,12 +72,15 @@ __all__ = [
     "decode_status",
     "empty_events",
     "empty_imu",
+    "empty_triggers",
     "encode",
     "encode_frame",
     "encode_imu",
     "encode_status",
+    "frame_triggers",
     "join_events",
     "make_events",
+    "make_triggers",
     "nearest_first",
     "take_labels",
     "unknown",

@@ -31,5 +31,7 @@ class StreamInfo:
     """Whether intensity frames come beside the events."""
     imu: bool = False
     """Whether IMU samples come beside the events."""
+    triggers: bool = False
+    """Whether triggers come beside the events."""
     latency_us: int = 0
     """By how much events come later than their light, us; their stamps carry it."""

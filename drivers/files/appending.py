@@ -12,6 +12,7 @@ from typing import Any
 
 from evs.drivers.files.formats import AnyPath, Format, by_name
 from evs.drivers.files.recording import check_stamps, one_stream, target_error
+from evs.drivers.sink import SinkStoppedError
 from evs.emulator.stages import Meter, NoMeter
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo
 
@@ -57,9 +58,9 @@ class AppendingRecorder(ABC):
         self._start(self._path)
 
     def write(self, packet: EventPacket) -> None:
-        """Append one packet. EvsError where the disk does not take it; what came before stays."""
+        """Append one packet. SinkStoppedError where the disk does not take it; the rest stays."""
         if self._failure:
-            raise EvsError(self._failure)
+            raise SinkStoppedError(self._failure)
         if len(packet.events):
             check_stamps(self._path, packet.events, self._format.holds, self._called)
             self._put(packet.events)
@@ -124,5 +125,5 @@ class AppendingRecorder(ABC):
                 f"recording to {self._path} stopped after {self._events} events: "
                 f"{reason.strerror}; what was recorded is readable, free some space and run again"
             )
-            raise EvsError(self._failure) from None
+            raise SinkStoppedError(self._failure) from None
         self._position += len(data)

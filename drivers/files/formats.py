@@ -11,7 +11,7 @@ import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from evs.msgs import EvsError, unknown
 
@@ -45,6 +45,8 @@ class Holds:
     """intensity frames beside the events"""
     imu: bool = False
     """IMU samples beside them"""
+    triggers: bool = False
+    """triggers beside them"""
     labels: bool = False
     """cause and geom of each event"""
 
@@ -84,7 +86,7 @@ def _open_aedat4(path: Path) -> RecordedFile:
     return Aedat4File.at(path)
 
 
-def _record_aedat4(path: Path, **options: str) -> Sink:
+def _record_aedat4(path: Path, **options: Any) -> Sink:
     from evs.drivers.files.aedat4 import Aedat4Recorder
 
     return Aedat4Recorder(path, **options)
@@ -115,8 +117,8 @@ FORMATS: tuple[Format, ...] = (
         title="AEDAT4: DV's own; survives a kill at any moment",
         open=_open_aedat4,
         record=_record_aedat4,
-        holds=Holds(frames=True, imu=True),
-        keys=("compression",),
+        holds=Holds(frames=True, imu=True, triggers=True),
+        keys=("compression", "rotate_mb", "rotate_s"),
         begins=lambda head: head.startswith(b"#!AER-DAT4"),
         repair=_repair_aedat4,
     ),
@@ -126,7 +128,7 @@ FORMATS: tuple[Format, ...] = (
         title="NPZ: arrays t, x, y, p that numpy.load reads",
         open=_open_npz,
         record=_record_npz,
-        holds=Holds(frames=True, imu=True, labels=True),
+        holds=Holds(frames=True, imu=True, triggers=True, labels=True),
     ),
 )
 """Every format. Where an ending is shared, the first that has it is what is written."""

@@ -25,9 +25,11 @@ from evs.drivers.files.npz_beside import (
     in_order,
     label_arrays,
     labels_of,
+    triggers_of,
 )
 from evs.drivers.files.recorded import by_tick, said_stream
 from evs.drivers.files.recording import existing, one_stream, target_error
+from evs.drivers.sink import SinkStoppedError
 from evs.msgs import (
     EventPacket,
     Events,
@@ -37,8 +39,11 @@ from evs.msgs import (
     ImuSamples,
     Labels,
     StreamInfo,
+    TriggerPacket,
+    Triggers,
     empty_events,
     empty_imu,
+    empty_triggers,
     join_events,
     make_events,
 )
@@ -71,6 +76,7 @@ class NpzRecorder:
         self._file: IO[bytes] | None = None
         self._frames: list[Frame] = []
         self._imu: list[ImuSamples] = []
+        self._triggers: list[Triggers] = []
         self._labels: list[Labels] = []
         self._beside_bytes = 0
         self._packets = 0
@@ -92,7 +98,7 @@ class NpzRecorder:
             raise target_error(self._path, reason) from None
 
     def write(self, packet: EventPacket) -> None:
-        """Keep a copy of one packet's events. EvsError where the disk has no room for more."""
+        """Keep a copy of one packet's events. SinkStoppedError: the disk has no room for more."""
         self._check_open()
         if len(packet.events):
             labels = packet.labels
@@ -104,7 +110,7 @@ class NpzRecorder:
             self._packets += 1
 
     def write_frame(self, frame: Frame) -> None:
-        """Keep a copy of one intensity frame; all have one size. EvsError as write."""
+        """Keep a copy of one intensity frame; all have one size, or EvsError. Else as write."""
         first = self._frames[0].pixels if self._frames else frame.pixels
         if (frame.pixels.shape, frame.pixels.dtype) != (first.shape, first.dtype):
             raise EvsError(
@@ -115,13 +121,18 @@ class NpzRecorder:
         self._frames.append(dataclasses.replace(frame, pixels=frame.pixels.copy()))
 
     def write_imu(self, packet: ImuPacket) -> None:
-        """Keep a copy of one packet's samples. EvsError as write."""
+        """Keep a copy of one packet's samples. SinkStoppedError as write."""
         self._make_room(0, packet.samples.nbytes)
         self._imu.append(packet.samples.copy())
 
+    def write_triggers(self, packet: TriggerPacket) -> None:
+        """Keep a copy of one packet's triggers. SinkStoppedError as write."""
+        self._make_room(0, packet.triggers.nbytes)
+        self._triggers.append(packet.triggers.copy())
+
     def _check_open(self) -> None:
         if self._failure:
-            raise EvsError(self._failure)
+            raise SinkStoppedError(self._failure)
         if self._file is None:
             raise EvsError(f"{self._path} is not open for recording: call open first")
 
@@ -135,7 +146,7 @@ class NpzRecorder:
                 f"recording to {self._path} stopped after {self._events} events: "
                 f"{reason.strerror}; they are kept, free some space and run again"
             )
-            raise EvsError(self._failure) from None
+            raise SinkStoppedError(self._failure) from None
         self._beside_bytes += beside_bytes
 
     def close(self) -> dict[str, Any]:
@@ -148,7 +159,8 @@ class NpzRecorder:
         try:
             columns = {name: events[name] for name in COLUMNS}
             columns[STREAM] = np.array(said)
-            columns |= arrays_of(self._frames, self._imu) | label_arrays(self._labels)
+            columns |= arrays_of(self._frames, self._imu, self._triggers)
+            columns |= label_arrays(self._labels)
             np.savez_compressed(self._file, allow_pickle=False, **columns)
             size = self._file.tell()
             self._file.truncate()
@@ -165,6 +177,7 @@ class NpzRecorder:
             "events": len(events),
             "frames": len(self._frames),
             "imu_samples": sum(map(len, self._imu)),
+            "triggers": sum(map(len, self._triggers)),
             "bytes": size,
             "error": self._failure,
         }
@@ -205,6 +218,8 @@ class NpzFile:
     frames: list[Frame] = field(default_factory=list)
     imu: ImuSamples = field(default_factory=empty_imu)
     """(n,) all of them"""
+    triggers: Triggers = field(default_factory=empty_triggers)
+    """(n,) all of them"""
     labels: Labels | None = None
     """(n,) as the events; None: it has none"""
     left_out: dict[str, int] = field(default_factory=dict)
@@ -224,6 +239,7 @@ class NpzFile:
                 get = partial(_array, archive)
                 camera = _stream(text, empty_events()).camera
                 frames, imu = frames_of(names, get, camera), imu_of(names, get)
+                triggers = triggers_of(names, get)
                 labels = labels_of(names, get, len(t))
             compressed = archive.getinfo("t.npy").compress_type != zipfile.ZIP_STORED
         except _OtherError as reason:
@@ -244,24 +260,37 @@ class NpzFile:
             raise EvsError(f"{found} is not a recording: {wrong}")
         # an archive of somebody else's says nothing of them
         stream = dataclasses.replace(
-            stream, frames=stream.frames or bool(frames), imu=stream.imu or bool(len(imu))
+            stream,
+            frames=stream.frames or bool(frames),
+            imu=stream.imu or bool(len(imu)),
+            triggers=stream.triggers or bool(len(triggers)),
         )
-        compression = "deflate" if compressed else "none"
-        size = found.stat().st_size
-        return cls(found, stream, compression, events, size, frames=frames, imu=imu, labels=labels)
+        return cls(
+            found,
+            stream,
+            "deflate" if compressed else "none",
+            events,
+            found.stat().st_size,
+            frames=frames,
+            imu=imu,
+            triggers=triggers,
+            labels=labels,
+        )
 
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any."""
         yield from by_tick(self.recorded, self.stream.tick_us)
 
-    def messages(self) -> Iterator[Events | Frame | ImuSamples]:
-        """Events, frames and IMU samples of each tick, in time's order."""
-        yield from in_order(self.events(), self.frames, self.imu, self.stream.tick_us)
+    def messages(self) -> Iterator[Events | Frame | ImuSamples | Triggers]:
+        """Events, frames, IMU samples and triggers of each tick, in time's order."""
+        tick_us = self.stream.tick_us
+        yield from in_order(self.events(), self.frames, self.imu, self.triggers, tick_us)
 
-    def beside(self) -> Iterator[Frame | ImuSamples]:
-        """Frames and IMU samples alone."""
+    def beside(self) -> Iterator[Frame | ImuSamples | Triggers]:
+        """Frames, IMU samples and triggers alone."""
         yield from self.frames
         yield self.imu
+        yield self.triggers
 
 
 class _OtherError(Exception):

@@ -1,4 +1,4 @@
-"""Frames, IMU samples and labels as plain arrays of an NPZ recording, and back."""
+"""Frames, IMU samples, triggers and labels as plain arrays of an NPZ recording, and back."""
 
 from __future__ import annotations
 
@@ -7,7 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from evs.msgs import LABEL_DTYPE, Frame, ImuSamples, Labels, empty_imu
+from evs.msgs import (
+    LABEL_DTYPE,
+    TRIGGER_DTYPE,
+    Frame,
+    ImuSamples,
+    Labels,
+    Triggers,
+    empty_imu,
+    empty_triggers,
+)
 from evs.msgs.frame import FRAME_ENCODINGS
 
 Array = np.ndarray[Any, Any]
@@ -31,6 +40,9 @@ IMU_ARRAYS = {
 }
 """array, (n,) or (n, 3) in IMU_DTYPE's units -> (its field, kinds of dtype, axes)"""
 
+TRIGGER_ARRAYS = {"trigger_t": ("t", "iu"), "trigger_kind": ("kind", "iu")}
+"""array, (n,) in TRIGGER_DTYPE's units -> (its field, kinds of dtype)"""
+
 LABEL_ARRAYS = {"cause": "u", "geom_id": "i"}
 """array, (n,) as the events -> kinds of dtype"""
 
@@ -38,7 +50,9 @@ Get = Callable[[str, str, int], Array]
 """An array by its name, the kinds of dtype and the number of axes that it may have."""
 
 
-def arrays_of(frames: list[Frame], imu: list[ImuSamples]) -> dict[str, Array]:
+def arrays_of(
+    frames: list[Frame], imu: list[ImuSamples], triggers: list[Triggers]
+) -> dict[str, Array]:
     """The arrays to write, in their order; none for what there is nothing of."""
     arrays: dict[str, Array] = {}
     if frames:
@@ -49,6 +63,12 @@ def arrays_of(frames: list[Frame], imu: list[ImuSamples]) -> dict[str, Array]:
         samples = np.concatenate(imu)
         for name, (field, _, _) in IMU_ARRAYS.items():
             arrays[name] = np.ascontiguousarray(samples[field])
+    if triggers:
+        marks = np.concatenate(triggers)
+        # those of one frame may end after the next one's begin
+        marks = marks[np.argsort(marks["t"], kind="stable")]
+        for name, (field, _) in TRIGGER_ARRAYS.items():
+            arrays[name] = np.ascontiguousarray(marks[field])
     return arrays
 
 
@@ -113,10 +133,34 @@ def imu_of(names: Collection[str], get: Get) -> ImuSamples:
     return samples
 
 
+def triggers_of(names: Collection[str], get: Get) -> Triggers:
+    """The triggers of an archive that has these arrays; none where one is missing.
+
+    Raises ValueError where they do not belong together.
+    """
+    if not set(TRIGGER_ARRAYS) <= set(names):
+        return empty_triggers()
+    arrays = {field: get(name, kinds, 1) for name, (field, kinds) in TRIGGER_ARRAYS.items()}
+    marks = np.zeros(len(arrays["t"]), TRIGGER_DTYPE)
+    for field, array in arrays.items():
+        if array.shape != marks.shape:
+            raise ValueError("triggers and their kinds are not of one length")
+        marks[field] = array
+        if not np.array_equal(marks[field], array):
+            raise ValueError(f"the triggers' {field} has values that do not fit")
+    if (marks["t"][1:] < marks["t"][:-1]).any():
+        raise ValueError("the triggers' time stamps run backwards")
+    return marks
+
+
 def in_order(
-    ticks: Iterable[Array], frames: list[Frame], imu: ImuSamples, tick_us: int
+    ticks: Iterable[Array],
+    frames: list[Frame],
+    imu: ImuSamples,
+    triggers: Triggers,
+    tick_us: int,
 ) -> list[Array | Frame]:
-    """Events of each tick, frames and each tick's IMU samples, as time has them."""
+    """Events of each tick, frames and each tick's IMU samples and triggers, as time has them."""
 
     def end_us(t_us: int) -> int:
         return -(-t_us // tick_us) * tick_us
@@ -124,9 +168,10 @@ def in_order(
     timed: list[tuple[int, int, Array | Frame]] = [
         (end_us(frame.end_us), 0, frame) for frame in frames
     ]
-    if len(imu):
-        numbers = -(-imu["t"] // tick_us)
-        parts = np.split(imu, np.flatnonzero(np.diff(numbers)) + 1)
-        timed += [(end_us(int(part["t"][-1])), 1, part) for part in parts]
-    timed += [(end_us(int(events["t"][-1])), 2, events) for events in ticks]
+    for rank, beside in ((1, triggers), (2, imu)):
+        if len(beside):
+            numbers = -(-beside["t"] // tick_us)
+            parts = np.split(beside, np.flatnonzero(np.diff(numbers)) + 1)
+            timed += [(end_us(int(part["t"][-1])), rank, part) for part in parts]
+    timed += [(end_us(int(events["t"][-1])), 3, events) for events in ticks]
     return [message for _, _, message in sorted(timed, key=lambda one: one[:2])]

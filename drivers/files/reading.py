@@ -14,12 +14,15 @@ from evs.drivers.files.repaired import Repair, cut
 from evs.drivers.sink import Sink
 from evs.msgs import (
     IMU_DTYPE,
+    TRIGGER_DTYPE,
     EventPacket,
     EvsError,
     Frame,
     ImuPacket,
     ImuSamples,
     StreamInfo,
+    TriggerPacket,
+    Triggers,
     join_events,
 )
 
@@ -29,7 +32,7 @@ class LeftOutWarning(UserWarning):
 
 
 def read(path: AnyPath) -> Recording:
-    """All events of a recording, with `.stream`, `.frames` and `.imu` for the rest.
+    """All events of a recording, with `.stream`, `.frames`, `.imu`, `.triggers` for the rest.
 
     A torn tail or damaged packets are left out, with a TornTailWarning or DamagedPacketWarning.
     EvsError: no such file, unknown ending, not a recording.
@@ -51,26 +54,29 @@ def packets(path: AnyPath) -> Iterator[EventPacket]:
     file.damage.warn(file.path)
 
 
-def messages(path: AnyPath) -> Iterator[EventPacket | Frame | ImuPacket]:
-    """Packets, frames and IMU packets one by one, in the order recorded. Warns like read."""
+def messages(path: AnyPath) -> Iterator[EventPacket | Frame | ImuPacket | TriggerPacket]:
+    """Everything recorded, message by message, in the order recorded. Warns like read."""
     file = opened(path)
-    events = imu = 0
+    events = imu = triggers = 0
     for message in file.messages():
         if isinstance(message, Frame):
             yield message
         elif message.dtype == IMU_DTYPE:
             yield ImuPacket(imu, message, file.stream.camera)
             imu += 1
+        elif message.dtype == TRIGGER_DTYPE:
+            yield TriggerPacket(triggers, message, file.stream.camera)
+            triggers += 1
         else:
             yield as_packet(events, message, file.stream)
             events += 1
     _warn(file)
 
 
-def _beside(path: AnyPath) -> Iterator[Frame | ImuSamples]:
+def _beside(path: AnyPath) -> Iterator[Frame | ImuSamples | Triggers]:
     """What lies beside the events; where damage was met, reading those warned of it."""
     file = opened(path)
-    if file.stream.frames or file.stream.imu:
+    if file.stream.frames or file.stream.imu or file.stream.triggers:
         yield from file.beside()
         _warn_left_out(file)
 

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from evs.drivers.files.damage import Damage
-from evs.msgs import Events, Frame, ImuSamples, Labels, StreamInfo
+from evs.msgs import Events, Frame, ImuSamples, Labels, StreamInfo, Triggers
 
 
 class RecordedFile(Protocol):
@@ -60,11 +60,11 @@ class RecordedFile(Protocol):
     def events(self) -> Iterator[Events]:
         """Its events in parts, each sorted and not empty: one a tick, or as they were packed."""
 
-    def messages(self) -> Iterator[Events | Frame | ImuSamples]:
-        """Events, frames and IMU samples in the order recorded."""
+    def messages(self) -> Iterator[Events | Frame | ImuSamples | Triggers]:
+        """Events, frames, IMU samples and triggers in the order recorded."""
 
-    def beside(self) -> Iterator[Frame | ImuSamples]:
-        """Frames and IMU samples alone."""
+    def beside(self) -> Iterator[Frame | ImuSamples | Triggers]:
+        """Frames, IMU samples and triggers alone."""
 
 
 @dataclass
@@ -85,11 +85,11 @@ class EventsFile(ABC):
     def events(self) -> Iterator[Events]:
         """Its events in parts, each sorted and not empty; the end sets `damage` and `left_out`."""
 
-    def messages(self) -> Iterator[Events | Frame | ImuSamples]:
+    def messages(self) -> Iterator[Events | Frame | ImuSamples | Triggers]:
         """The events, since there is nothing else."""
         yield from self.events()
 
-    def beside(self) -> Iterator[Frame | ImuSamples]:
+    def beside(self) -> Iterator[Frame | ImuSamples | Triggers]:
         """Nothing."""
         yield from ()
 

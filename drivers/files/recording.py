@@ -13,6 +13,8 @@ import numpy as np
 from evs.drivers.files.formats import ANYTHING, SUFFIXES, Holds
 from evs.msgs import (
     EVENT_DTYPE,
+    IMU_DTYPE,
+    TRIGGER_DTYPE,
     EventPacket,
     Events,
     EvsError,
@@ -20,7 +22,9 @@ from evs.msgs import (
     ImuSamples,
     Labels,
     StreamInfo,
+    Triggers,
     empty_imu,
+    empty_triggers,
     nearest_first,
 )
 
@@ -29,34 +33,41 @@ class Beside:
     """What was recorded beside the events, read when it is first asked for."""
 
     def __init__(
-        self, load: Callable[[], Iterable[Frame | ImuSamples]], labels: Labels | None = None
+        self,
+        load: Callable[[], Iterable[Frame | ImuSamples | Triggers]],
+        labels: Labels | None = None,
     ) -> None:
-        """In: load, reads frames and IMU samples; labels of all events, if there are any."""
+        """In: load, reads frames, IMU samples, triggers; labels of all events, if there are any."""
         self._load, self.labels = load, labels
 
     @cached_property
     def frames(self) -> tuple[Frame, ...]:
         """In the order recorded."""
-        return self._both[0]
+        return tuple(one for one in self._all if isinstance(one, Frame))
 
     @cached_property
     def imu(self) -> ImuSamples:
         """(n,) IMU_DTYPE."""
-        return self._both[1]
+        return np.concatenate([empty_imu(), *self._of(IMU_DTYPE)])
 
     @cached_property
-    def _both(self) -> tuple[tuple[Frame, ...], ImuSamples]:
-        every = list(self._load())
-        samples = [one for one in every if not isinstance(one, Frame)]
-        frames = tuple(one for one in every if isinstance(one, Frame))
-        return frames, np.concatenate([empty_imu(), *samples])
+    def triggers(self) -> Triggers:
+        """(n,) TRIGGER_DTYPE."""
+        return np.concatenate([empty_triggers(), *self._of(TRIGGER_DTYPE)])
+
+    def _of(self, dtype: np.dtype[Any]) -> list[ImuSamples | Triggers]:
+        return [one for one in self._all if not isinstance(one, Frame) and one.dtype == dtype]
+
+    @cached_property
+    def _all(self) -> list[Frame | ImuSamples | Triggers]:
+        return list(self._load())
 
 
 class Recording(np.ndarray[Any, np.dtype[np.void]]):
     """(n,) EVENT_DTYPE, in the order recorded, with the stream they belong to.
 
-    It is an ordinary structured array (`recording["t"]`, slices, masks); `.stream`, `.frames` and
-    `.imu` go along with slices, masks and copies.
+    It is an ordinary structured array (`recording["t"]`, slices, masks); `.stream`, `.frames`,
+    `.imu` and `.triggers` go along with slices, masks and copies.
     """
 
     stream: StreamInfo
@@ -85,6 +96,11 @@ class Recording(np.ndarray[Any, np.dtype[np.void]]):
     def imu(self) -> ImuSamples:
         """(n,) all IMU samples of the recording: t, acceleration, angular_velocity, temperature."""
         return self._beside.imu
+
+    @property
+    def triggers(self) -> Triggers:
+        """(n,) all triggers of the recording: t, kind (a Trigger)."""
+        return self._beside.triggers
 
     @property
     def labels(self) -> Labels | None:

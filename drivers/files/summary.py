@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from evs.drivers.files.formats import AnyPath, to_read
-from evs.msgs import IMU_DTYPE, Frame, StreamInfo
+from evs.msgs import IMU_DTYPE, TRIGGER_DTYPE, Frame, StreamInfo
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,7 @@ class Summary:
     imu_samples: int
     imu_rate_hz: float | None
     """mean of them per second; None for fewer than two"""
+    triggers: int
 
     @property
     def duration_s(self) -> float:
@@ -63,7 +64,7 @@ def summary(path: AnyPath) -> Summary:
     """Walk over a whole recording and count. Damage is told, not warned of."""
     kind = to_read(path)
     file = kind.open(Path(path))
-    count = packets_seen = on = first_us = last_us = 0
+    count = packets_seen = on = first_us = last_us = triggers = 0
     frame_stamps: list[int] = []
     imu_stamps: list[int] = []
     for message in file.messages():
@@ -72,6 +73,9 @@ def summary(path: AnyPath) -> Summary:
             continue
         if message.dtype == IMU_DTYPE:
             imu_stamps += message["t"].tolist()
+            continue
+        if message.dtype == TRIGGER_DTYPE:
+            triggers += len(message)
             continue
         if not packets_seen:
             first_us = int(message["t"][0])
@@ -101,6 +105,7 @@ def summary(path: AnyPath) -> Summary:
         frame_rate_hz=_rate_hz(frame_stamps),
         imu_samples=len(imu_stamps),
         imu_rate_hz=_rate_hz(imu_stamps),
+        triggers=triggers,
     )
 
 

@@ -48,6 +48,10 @@ class SinkConfig:
     """of a recording"""
     compression: str | None = None
     """aedat4: lz4 | zstd | none"""
+    rotate_mb: float | None = None
+    """aedat4: go on in another file (run-001.aedat4, ...) before one grows over this, MB"""
+    rotate_s: float | None = None
+    """aedat4: go on in another file after this much simulated time, s"""
 
 
 SINK_KEYS = {

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from evs.drivers.pace import Pacer, StopWatch, monotonic_s
+from evs.drivers.pipeline.outlets import Outlets
 from evs.drivers.pipeline.report import COMPLETE, STAGES, Report, versions
 from evs.drivers.pipeline.stopping import stop_signals
-from evs.drivers.sink import FrameSink, ImuSink, MeteredSink, Sink
+from evs.drivers.sink import Sink
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo
 
 MAX_SECONDS = 1e9
@@ -178,9 +178,8 @@ class _Loop:
         pacer: Pacer,
         warn: Callable[[str], None] | None,
     ) -> None:
-        self.world, self.sinks, self.watch, self.pacer, self.warn = world, sinks, watch, pacer, warn
-        self.frame_sinks = [sink for sink in sinks if isinstance(sink, FrameSink)]
-        self.imu_sinks = [sink for sink in sinks if isinstance(sink, ImuSink)]
+        self.world, self.watch, self.pacer, self.warn = world, watch, pacer, warn
+        self.outlets = Outlets(sinks, watch, self._warn)
         self.ended = COMPLETE
         self.began = False
         self.done = 0
@@ -189,8 +188,6 @@ class _Loop:
         self.traced = 0.0
         self.begin_us = world.t_us
         self.wall_seconds = 0.0
-        self.opened: list[Sink] = []
-        self.said: list[dict[str, Any]] = []
         self.warnings = list(world.left_out)
 
     @property
@@ -198,13 +195,7 @@ class _Loop:
         return (self.world.t_us - self.begin_us) / 1e6
 
     def open(self, infos: Sequence[StreamInfo]) -> None:
-        for sink in self.sinks:
-            # a sink that failed to open may hold something already: it is closed too
-            self.opened.append(sink)
-            if isinstance(sink, MeteredSink):
-                sink.meter = self.watch
-            with _disk_errors():
-                sink.open(infos)
+        self.outlets.open(infos)
         self.began = True
 
     def ticks(
@@ -246,7 +237,7 @@ class _Loop:
         # a packet leaves when the wall clock reaches the end of its tick
         self.pacer.wait_until(self.world.t_us)
         watch.skip()
-        self._write_beside()
+        self.outlets.write_beside(self.world.cameras)
         self._write(packets)
         watch.lap("sink")
         watch.end_tick()
@@ -262,24 +253,10 @@ class _Loop:
         return packets
 
     def _write(self, packets: tuple[EventPacket, ...]) -> None:
+        self.outlets.write(packets)
         for packet in packets:
-            for sink in self.sinks:
-                with _disk_errors():
-                    sink.write(packet)
             self.events[packet.camera] = self.events.get(packet.camera, 0) + len(packet)
         self.packets += len(packets)
-
-    def _write_beside(self) -> None:
-        """Frames and IMU samples of the tick, before its events."""
-        for camera in self.world.cameras:
-            for frame in camera.frames:
-                for frame_sink in self.frame_sinks:
-                    with _disk_errors():
-                        frame_sink.write_frame(frame)
-            if camera.imu_packet is not None:
-                for imu_sink in self.imu_sinks:
-                    with _disk_errors():
-                        imu_sink.write_imu(camera.imu_packet)
 
     def _look_for_dark(self) -> None:
         for camera in self.world.cameras:
@@ -304,16 +281,10 @@ class _Loop:
         try:
             if self.began:
                 self._finish()
-        except BaseException as error:  # as below
+        except BaseException as error:  # whatever it is, the sinks must be closed
             first = error
-        for sink in reversed(self.opened):
-            try:
-                with _disk_errors():
-                    self.said.insert(0, sink.close())
-            except BaseException as error:  # whatever one sink does, the others must be closed
-                self.said.insert(0, {"error": str(error) or type(error).__name__})
-                first = first or error
-        return first
+        closing = self.outlets.close()
+        return first or closing
 
     def report(self, infos: Sequence[StreamInfo], config: Mapping[str, Any]) -> Report:
         known = {k: v for info in infos for k, v in info.versions.items()}
@@ -326,7 +297,7 @@ class _Loop:
             wall_seconds=self.wall_seconds,
             packets=self.packets,
             events=sum(self.events.values()),
-            events_dropped=sum(int(said.get("events_dropped", 0)) for said in self.said)
+            events_dropped=sum(int(said.get("events_dropped", 0)) for said in self.outlets.said)
             + sum(sum(camera.events_dropped.values()) for camera in cameras),
             events_waiting=sum(camera.events_waiting for camera in cameras),
             stage_ms=self.watch.stage_ms(STAGES),
@@ -335,7 +306,7 @@ class _Loop:
             seed=infos[0].seed if infos else 0,
             substeps=str(self.world.substeps),
             cameras=[_camera(camera, self.events) for camera in cameras],
-            sinks=self.said,
+            sinks=self.outlets.said,
             warnings=self.warnings,
             versions={**versions(), **known},
             config=dict(config),
@@ -357,13 +328,3 @@ def _camera(camera: RunCamera, events: Mapping[str, int]) -> dict[str, Any]:
         "events_waiting": camera.events_waiting,
         "camera_info": info.camera_info,
     }
-
-
-@contextmanager
-def _disk_errors() -> Iterator[None]:
-    """An operating system's error of a sink, as the one line that users see."""
-    try:
-        yield
-    except OSError as reason:
-        where = f"'{reason.filename}': " if reason.filename else ""
-        raise EvsError(f"cannot write: {where}{reason.strerror or reason}") from reason

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -12,8 +13,8 @@ from evs.drivers.files.aedat4.layout import DamageError
 from evs.drivers.files.formats import MAX_SIDE_PX
 from evs.msgs import StreamInfo
 
-EVENT_STREAM, FRAME_STREAM, IMU_STREAM = 0, 1, 2
-"""Our streams' ids, as dv uses them; 3 is triggers."""
+EVENT_STREAM, FRAME_STREAM, IMU_STREAM, TRIGGER_STREAM = 0, 1, 2, 3
+"""Our streams' ids, as dv uses them."""
 
 _NOT_XML = re.compile("[^\t\n\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
@@ -30,48 +31,75 @@ class Declared:
     """Attributes of its info node."""
 
 
-def to_xml(stream: StreamInfo, compression: str) -> str:
+@dataclass(frozen=True)
+class Kind:
+    """One kind of stream, as dv knows it."""
+
+    name: str
+    identifier: str
+    """four letters that its packets begin with"""
+    about: str
+
+
+KINDS = {
+    EVENT_STREAM: Kind("events", "EVTS", "Array of events (polarity ON/OFF)."),
+    FRAME_STREAM: Kind("frames", "FRME", "Intensity frames of active pixels."),
+    IMU_STREAM: Kind("imu", "IMUS", "Inertial measurement unit samples."),
+    TRIGGER_STREAM: Kind("triggers", "TRIG", "External triggers and special events."),
+}
+"""stream id -> what it carries"""
+
+
+def held_by(stream: StreamInfo) -> tuple[int, ...]:
+    """The ids of the streams that a camera gives: events, and what comes beside them."""
+    beside = (
+        (FRAME_STREAM, stream.frames),
+        (IMU_STREAM, stream.imu),
+        (TRIGGER_STREAM, stream.triggers),
+    )
+    return (EVENT_STREAM, *(number for number, there in beside if there))
+
+
+def to_xml(
+    stream: StreamInfo, compression: str, numbers: Collection[int] = (), part: int | None = None
+) -> str:
     """The description of a file with an event stream, and those that come beside it.
 
     sizeX, sizeY and source are dv's; the other attributes of the events' info node are ours:
-    camera_info, config, latency_us, seed, sensor, tick_us, versions (JSON where they are not plain
-    text).
+    camera_info, config, latency_us, part, seed, sensor, tick_us, versions (JSON where they are not
+    plain text).
+    In: numbers, only these streams; part, which file of a recording in several ones this is.
     """
     root = ET.Element("dv", version="2.0")
     streams = _node(root, "outInfo", "/outInfo/")
-    info = _stream_node(streams, EVENT_STREAM, "events", "EVTS", stream, compression)
-    _attribute(info, "sensor", stream.sensor)
-    for key in ("tick_us", "seed", "versions", "config", "camera_info"):
-        _attribute(info, key, json.dumps(getattr(stream, key), default=str))
-    if stream.latency_us:
-        _attribute(info, "latency_us", json.dumps(stream.latency_us))
-    if stream.frames:
-        _stream_node(streams, FRAME_STREAM, "frames", "FRME", stream, compression)
-    if stream.imu:
-        _stream_node(streams, IMU_STREAM, "imu", "IMUS", stream, compression)
+    for number in numbers or held_by(stream):
+        info = _stream_node(streams, number, stream, compression)
+        if number != EVENT_STREAM:
+            continue
+        _attribute(info, "sensor", stream.sensor)
+        for key in ("tick_us", "seed", "versions", "config", "camera_info"):
+            _attribute(info, key, json.dumps(getattr(stream, key), default=str))
+        if stream.latency_us:
+            _attribute(info, "latency_us", json.dumps(stream.latency_us))
+        if part is not None:
+            _attribute(info, "part", json.dumps(part))
     return ET.tostring(root, encoding="unicode")
 
 
-_SAID = {
-    "EVTS": "Array of events (polarity ON/OFF).",
-    "FRME": "Intensity frames of active pixels.",
-    "IMUS": "Inertial measurement unit samples.",
-}
-
-
 def _stream_node(
-    streams: ET.Element, number: int, name: str, kind: str, stream: StreamInfo, compression: str
+    streams: ET.Element, number: int, stream: StreamInfo, compression: str
 ) -> ET.Element:
     """The node of one stream; its info node, with what dv asks for."""
+    kind = KINDS[number]
     path = f"/outInfo/{number}/"
     node = _node(streams, str(number), path)
     _attribute(node, "compression", compression.upper())
     _attribute(node, "originalModuleName", "evs")
-    _attribute(node, "originalOutputName", name)
-    _attribute(node, "typeDescription", _SAID[kind])
-    _attribute(node, "typeIdentifier", kind)
+    _attribute(node, "originalOutputName", kind.name)
+    _attribute(node, "typeDescription", kind.about)
+    _attribute(node, "typeIdentifier", kind.identifier)
     info = _node(node, "info", f"{path}info/")
-    if kind != "IMUS":
+    if number in (EVENT_STREAM, FRAME_STREAM):
         _attribute(info, "sizeX", str(stream.width), "int")
         _attribute(info, "sizeY", str(stream.height), "int")
     _attribute(info, "source", stream.camera)

@@ -16,9 +16,10 @@ from evs.drivers.files.aedat4 import description, layout
 from evs.drivers.files.aedat4.frames import OtherFormatError, parse_frame
 from evs.drivers.files.aedat4.imu import parse_imu
 from evs.drivers.files.aedat4.layout import DamageError
+from evs.drivers.files.aedat4.triggers import parse_triggers
 from evs.drivers.files.damage import Damage, bad_values, normalised
 from evs.drivers.files.recording import existing
-from evs.msgs import IMU_DTYPE, Events, EvsError, Frame, ImuSamples, StreamInfo
+from evs.msgs import EVENT_DTYPE, Events, EvsError, Frame, ImuSamples, StreamInfo, Triggers
 
 MAX_HEADER_BYTES = 1 << 26
 MAX_TRIES = 1000
@@ -31,7 +32,7 @@ _CHUNK_BYTES = 1 << 20
 _MIN_BODY_BYTES = 12
 _PLAIN_KINDS = re.compile(b"EVTS|FRME|IMUS|TRIG")
 
-Message = Events | Frame | ImuSamples
+Message = Events | Frame | ImuSamples | Triggers
 
 _Taker = Callable[[bytes], Message | str | None]
 """What is in the body of a packet: a message, nothing, or words on why it is damaged."""
@@ -42,9 +43,9 @@ class Aedat4File:
     """One AEDAT4 file, ours or another writer's, opened with `Aedat4File.at(path)`.
 
     Events come from the first event stream that the file declares (or holds, if it declares none),
-    frames and IMU from the first of theirs; other streams are skipped. Bytes that do not check out
-    are left out and reported: as damaged packets where a whole packet follows somewhere, else as a
-    torn tail.
+    frames, IMU and triggers from the first of theirs; other streams are skipped. Bytes that do not
+    check out are left out and reported: as damaged packets where a whole packet follows somewhere,
+    else as a torn tail.
     """
 
     path: Path
@@ -91,18 +92,18 @@ class Aedat4File:
                 yield events
 
     def messages(self) -> Iterator[Message]:
-        """Events, frames and IMU samples of each packet, in the file's order; sets `damage`."""
+        """What is in each packet of our four streams, in the file's order; sets `damage`."""
         with self.path.open("rb") as file:
             for _, message in self._walk(file, self._takers()):
                 yield message
 
-    def beside(self) -> Iterator[Frame | ImuSamples]:
-        """Frames and IMU samples alone, in the file's order; sets `damage`."""
+    def beside(self) -> Iterator[Frame | ImuSamples | Triggers]:
+        """Frames, IMU samples and triggers alone, in the file's order; sets `damage`."""
         takers = self._takers()
         del takers[self.event_id]
         with self.path.open("rb") as file:
             for _, message in self._walk(file, takers):
-                assert not isinstance(message, np.ndarray) or message.dtype == IMU_DTYPE
+                assert not isinstance(message, np.ndarray) or message.dtype != EVENT_DTYPE
                 yield message
 
     @property
@@ -171,8 +172,9 @@ class Aedat4File:
                 raise DamageError("it neither declares nor holds an event stream")
             self.stream = description.stream_info(info, width, height)
             self.damage = Damage()
-        frames, imu = self._first("FRME") is not None, self._first("IMUS") is not None
-        self.stream = replace(self.stream, frames=frames, imu=imu)
+        kinds = {"frames": "FRME", "imu": "IMUS", "triggers": "TRIG"}
+        there = {key: self._first(kind) is not None for key, kind in kinds.items()}
+        self.stream = replace(self.stream, **there)
 
     def _first(self, kind: str) -> int | None:
         """The id of the first stream of a kind that the file declares."""
@@ -181,7 +183,7 @@ class Aedat4File:
 
     def _takers(self) -> dict[int, _Taker]:
         """How the packets of the streams that we read are taken, by stream id."""
-        frames, imu = self._first("FRME"), self._first("IMUS")
+        frames, imu, triggers = (self._first(kind) for kind in ("FRME", "IMUS", "TRIG"))
         takers: dict[int, _Taker] = {self.event_id: self._take_events}
         if frames is not None:
             seen = iter(range(self.size))
@@ -189,6 +191,8 @@ class Aedat4File:
             takers[frames] = lambda body: self._take_frame(body, seen)
         if imu is not None:
             takers[imu] = lambda body: parse_imu(self._plain(body))
+        if triggers is not None:
+            takers[triggers] = lambda body: parse_triggers(self._plain(body))
         return takers
 
     def _take_events(self, body: bytes) -> Events | str | None:

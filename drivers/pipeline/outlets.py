@@ -1,0 +1,130 @@
+"""The sinks of a run: opened, written to and closed together. One that stops is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Protocol, TypeVar
+
+from evs.drivers.sink import (
+    FrameSink,
+    ImuSink,
+    MeteredSink,
+    Sink,
+    SinkStoppedError,
+    TriggerSink,
+)
+from evs.emulator.stages import Meter
+from evs.msgs import (
+    EventPacket,
+    EvsError,
+    Frame,
+    ImuPacket,
+    StreamInfo,
+    TriggerPacket,
+    frame_triggers,
+)
+
+M = TypeVar("M")
+
+
+class Beside(Protocol):
+    """What the outlets want to know of a camera."""
+
+    @property
+    def info(self) -> StreamInfo:
+        """What is constant of its stream."""
+
+    @property
+    def frames(self) -> Sequence[Frame]:
+        """Intensity frames of the last tick."""
+
+    @property
+    def imu_packet(self) -> ImuPacket | None:
+        """What its IMU said in the last tick."""
+
+
+class Outlets:
+    """All sinks of one run. Raises EvsError where one cannot take what it is given.
+
+    A sink that says SinkStoppedError (its disk is full) gets nothing more, `warn` hears of it, and
+    the others go on; the error is raised where no other is left.
+    """
+
+    def __init__(self, sinks: Sequence[Sink], meter: Meter, warn: Callable[[str], None]) -> None:
+        """In: meter is given to the sinks that lap it, before they open."""
+        self._sinks, self._meter, self._warn = list(sinks), meter, warn
+        self._opened: list[Sink] = []
+        self._trigger_seq: dict[str, int] = {}
+        self.said: list[dict[str, Any]] = []
+        """What each sink said when it was closed."""
+
+    def open(self, infos: Sequence[StreamInfo]) -> None:
+        """Open every sink, in their order."""
+        for sink in self._sinks:
+            # a sink that failed to open may hold something already: it is closed too
+            self._opened.append(sink)
+            if isinstance(sink, MeteredSink):
+                sink.meter = self._meter
+            with _disk_errors():
+                sink.open(infos)
+
+    def write(self, packets: Sequence[EventPacket]) -> None:
+        """Hand packets to every sink."""
+        for packet in packets:
+            for sink in tuple(self._sinks):
+                self._give(sink, sink.write, packet)
+
+    def write_beside(self, cameras: Sequence[Beside]) -> None:
+        """Frames, triggers and IMU samples of the last tick, to the sinks that take them."""
+        for camera in cameras:
+            for frame in camera.frames:
+                self._write_frame(frame, camera.info)
+            if camera.imu_packet is not None:
+                for sink in tuple(self._sinks):
+                    if isinstance(sink, ImuSink):
+                        self._give(sink, sink.write_imu, camera.imu_packet)
+
+    def _write_frame(self, frame: Frame, info: StreamInfo) -> None:
+        seq = self._trigger_seq.get(info.camera, 0)
+        marks = TriggerPacket(seq, frame_triggers(frame), info.camera)
+        self._trigger_seq[info.camera] = seq + 1
+        for sink in tuple(self._sinks):
+            if isinstance(sink, FrameSink):
+                self._give(sink, sink.write_frame, frame)
+            if isinstance(sink, TriggerSink) and info.triggers:
+                self._give(sink, sink.write_triggers, marks)
+
+    def _give(self, sink: Sink, take: Callable[[M], None], message: M) -> None:
+        if sink not in self._sinks:
+            return
+        try:
+            with _disk_errors():
+                take(message)
+        except SinkStoppedError as error:
+            self._sinks.remove(sink)
+            if not self._sinks:
+                raise
+            self._warn(str(error))
+
+    def close(self) -> BaseException | None:
+        """Close every sink that was opened, the last first; the first error, if any."""
+        first: BaseException | None = None
+        for sink in reversed(self._opened):
+            try:
+                with _disk_errors():
+                    self.said.insert(0, sink.close())
+            except BaseException as error:  # whatever one sink does, the others must be closed
+                self.said.insert(0, {"error": str(error) or type(error).__name__})
+                first = first or error
+        return first
+
+
+@contextmanager
+def _disk_errors() -> Iterator[None]:
+    """An operating system's error of a sink, as the one line that users see."""
+    try:
+        yield
+    except OSError as reason:
+        where = f"'{reason.filename}': " if reason.filename else ""
+        raise EvsError(f"cannot write: {where}{reason.strerror or reason}") from reason

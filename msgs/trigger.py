@@ -1,0 +1,79 @@
+"""TriggerPacket: instants that a camera marks: edges at its connector, phases of its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+
+from evs.msgs.frame import Frame
+
+TRIGGER_DTYPE = np.dtype([("t", "<i8"), ("kind", "i1")])
+"""t int64 us of simulated time; kind a Trigger."""
+
+Triggers = np.ndarray[Any, np.dtype[np.void]]
+"""(n,) TRIGGER_DTYPE, sorted by t."""
+
+
+class Trigger(IntEnum):
+    """What happened. Names and numbers are those of AEDAT4 (dv-processing's TriggerType)."""
+
+    TIMESTAMP_RESET = 0
+    EXTERNAL_SIGNAL_RISING_EDGE = 1
+    EXTERNAL_SIGNAL_FALLING_EDGE = 2
+    EXTERNAL_SIGNAL_PULSE = 3
+    EXTERNAL_GENERATOR_RISING_EDGE = 4
+    EXTERNAL_GENERATOR_FALLING_EDGE = 5
+    APS_FRAME_START = 6
+    APS_FRAME_END = 7
+    APS_EXPOSURE_START = 8
+    APS_EXPOSURE_END = 9
+
+
+@dataclass(frozen=True, eq=False)
+class TriggerPacket:
+    """The triggers of one tick (or more) of one camera."""
+
+    seq: int
+    """Counts this camera's trigger packets from 0, without gaps."""
+    triggers: Triggers = field(default_factory=lambda: empty_triggers())
+    """(n,) TRIGGER_DTYPE, sorted by t."""
+    camera: str = "camera"
+    """Name of the camera that marked them."""
+
+    def __len__(self) -> int:
+        return len(self.triggers)
+
+    def __eq__(self, other: object) -> bool:
+        """Same name and number, same bytes."""
+        if not isinstance(other, TriggerPacket):
+            return NotImplemented
+        same = self.triggers.tobytes() == other.triggers.tobytes()
+        return (self.seq, self.camera) == (other.seq, other.camera) and same
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def empty_triggers(count: int = 0) -> Triggers:
+    """`count` zeroed triggers."""
+    return np.zeros(count, TRIGGER_DTYPE)
+
+
+def make_triggers(marks: Iterable[tuple[int, int]]) -> Triggers:
+    """Triggers from (t us, kind), sorted by t; those of one instant stay in their order."""
+    return np.array(sorted(marks, key=lambda mark: mark[0]), TRIGGER_DTYPE)
+
+
+def frame_triggers(frame: Frame) -> Triggers:
+    """(4,) the instants of one frame, as a DAVIS marks them: its begin and end, its exposure's."""
+    return make_triggers(
+        (
+            (frame.begin_us, Trigger.APS_FRAME_START),
+            (frame.exposure_begin_us, Trigger.APS_EXPOSURE_START),
+            (frame.exposure_end_us, Trigger.APS_EXPOSURE_END),
+            (frame.end_us, Trigger.APS_FRAME_END),
+        )
+    )
