@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
-from evs.emulator.config import (
-    CameraConfig,
-    ModelConfig,
-    RenderConfig,
-    RunConfig,
-    SceneConfig,
-    SensorConfig,
-)
-from evs.emulator.light import make_renderer
+from evs.emulator.camera_plan import CameraPlan, free_name, plain_plan
+from evs.emulator.config import RenderConfig, SceneConfig
 from evs.emulator.optics import camera_info
 from evs.emulator.pixels import DoneTick, Pixels
-from evs.emulator.plain_config import plain_config, plain_integer
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.sensor import (
     Aps,
@@ -26,9 +18,10 @@ from evs.emulator.sensor import (
     completed,
     resolve_sensor,
 )
-from evs.emulator.stages import Meter, NoMeter, Renderer
+from evs.emulator.stages import Meter, NoMeter
 from evs.emulator.truth import GroundTruth
-from evs.emulator.world import MUJOCO_VERSION, BoundCamera, MjModel, bind_camera, gravity_of
+from evs.emulator.versions import versions
+from evs.emulator.world import BoundCamera, MjModel, gravity_of
 from evs.msgs import (
     EventPacket,
     EvsError,
@@ -39,64 +32,6 @@ from evs.msgs import (
     empty_imu,
     take_labels,
 )
-
-
-@dataclass(frozen=True)
-class CameraPlan:
-    """Everything that makes a camera besides the world it stands in."""
-
-    camera: str = ""
-    """name of a camera of the model"""
-    optics: CameraConfig = field(default_factory=CameraConfig)
-    sensor: SensorConfig = field(default_factory=SensorConfig)
-    render: RenderConfig = field(default_factory=RenderConfig)
-    model: ModelConfig = field(default_factory=ModelConfig)
-    name: str | None = None
-    """its name on the bus and in recordings; None: after the model's camera or the body"""
-    seed: int = 0
-    threads: int = 0
-
-    def stand(
-        self, world: MjModel, scene: SceneModel, width: int, height: int, rgb: bool = False
-    ) -> tuple[BoundCamera, Renderer]:
-        """The camera in its place in a world, and the renderer of what it sees of the scene.
-
-        In: rgb, colour is wanted too.
-        """
-        bound = bind_camera(world, self.camera, width, height, self.optics)
-        renderer = make_renderer(scene, bound.model, self.render, self.threads, rgb, self.seed)
-        return bound, renderer
-
-
-def plan_camera(
-    camera: str | CameraConfig,
-    sensor: str | SensorConfig,
-    render: RenderConfig | None,
-    model: ModelConfig | None,
-    name: str | None,
-    seed: int,
-    threads: int,
-) -> CameraPlan:
-    """A plan from what the Python face takes: names or configurations."""
-    for what, value, kind in (("camera", camera, CameraConfig), ("sensor", sensor, SensorConfig)):
-        if not isinstance(value, str | kind):
-            raise EvsError(f"{what}= takes a name or a {kind.__name__}, not {value!r}")
-    if not isinstance(render, RenderConfig | None):
-        raise EvsError(f"render= takes a RenderConfig, not {render!r}")
-    if not isinstance(model, ModelConfig | None):
-        raise EvsError(f"model= takes a ModelConfig, not {model!r}")
-    optics = CameraConfig() if isinstance(camera, str) else camera
-    pixel = SensorConfig(preset=sensor) if isinstance(sensor, str) else sensor
-    return CameraPlan(
-        camera=camera if isinstance(camera, str) else "",
-        optics=plain_config(optics, "camera"),
-        sensor=plain_config(pixel, "sensor"),
-        render=plain_config(render or RenderConfig(), "render"),
-        model=plain_config(model or ModelConfig(), "model"),
-        name=name,
-        seed=plain_integer(seed, "seed"),
-        threads=plain_integer(threads, "threads"),
-    )
 
 
 class Camera:
@@ -137,7 +72,9 @@ class Camera:
         sensor = resolve_sensor(plan.sensor)
         self._size = (int(sensor.width), int(sensor.height))
         self._stand(world, scene)
-        self._pixels = Pixels(sensor, plan.model, plan.seed, plan.threads)
+        self._pixels = Pixels(
+            sensor, plan.model, plan.seed, plan.threads, plan.render.noisy_samples
+        )
         name = free_name(plan.name, self.bound.name, taken)
         self._aps = (
             Aps(sensor.aps, *self._size, float(sensor.exposure_dn), name)
@@ -147,7 +84,7 @@ class Camera:
         self._imu = Imu(sensor.imu) if sensor.imu.enabled else None
         if config is None:
             scene_config = replace(scene_config or SceneConfig(tick_us=tick_us), camera=plan.camera)
-            config = {"scene": asdict(scene_config), **_plain(replace(plan, name=name))}
+            config = {"scene": asdict(scene_config), **plain_plan(replace(plan, name=name))}
         config = {**config, "sensor": completed(config["sensor"], sensor)}
         self._info = StreamInfo(
             width=self._size[0],
@@ -348,20 +285,6 @@ class Camera:
         return float(self._renderer.traced_fraction)
 
 
-def plan_of(config: RunConfig) -> CameraPlan:
-    """The one camera of a pipeline."""
-    return CameraPlan(
-        camera=config.scene.camera,
-        optics=config.camera,
-        sensor=config.sensor,
-        render=config.render,
-        model=config.model,
-        name=config.name,
-        seed=config.seed,
-        threads=config.threads,
-    )
-
-
 def is_unlit(scene: SceneModel, render: RenderConfig) -> bool:
     """Whether neither a light nor a glowing surface is left; a sky lights nothing."""
     for light in scene.lights:
@@ -371,30 +294,3 @@ def is_unlit(scene: SceneModel, render: RenderConfig) -> bool:
     return not any(
         surface.emission > 0.0 or surface.emissive_map >= 0 for surface in scene.surfaces
     )
-
-
-def free_name(wanted: str | None, usual: str, taken: tuple[str, ...]) -> str:
-    """A camera's name: the wanted one, else the usual one, numbered where it is taken."""
-    if wanted is not None:
-        if not wanted or not wanted.isprintable() or wanted in taken:
-            raise EvsError(f"a camera called {wanted!r}: give each its own, printable name")
-        return wanted
-    number = 1
-    while (name := usual if number == 1 else f"{usual}_{number}") in taken:
-        number += 1
-    return name
-
-
-def versions() -> dict[str, str]:
-    """Versions of everything that shapes the events."""
-    from evs import __version__
-
-    return {"evs": __version__, "mujoco": MUJOCO_VERSION, "numpy": np.__version__}
-
-
-def _plain(plan: CameraPlan) -> dict[str, Any]:
-    """The plan under the names of the configuration's tables and keys."""
-    values = asdict(plan)
-    del values["camera"]
-    values["camera"] = values.pop("optics")
-    return values

@@ -297,6 +297,11 @@ class RenderConfig:
         """Samples per pixel: `spp`, or what the renderer takes by itself."""
         return SPP.get(self.renderer, 1) if self.spp is None else self.spp
 
+    @property
+    def noisy_samples(self) -> int:
+        """The same for light with noise; 0 where the renderer's light has none."""
+        return self.samples if self.renderer == "path" else 0
+
 
 @dataclass(frozen=True)
 class ModelConfig:
@@ -306,7 +311,8 @@ class ModelConfig:
     """plain: the event pixel | adaptive: a running mean of the light in front of it, which takes
     out the noise of fresh samples | evsnet: the paper's network"""
     network: str = "evsnet_c8"
-    """evsnet: a file of config/networks, or the path of an .onnx file of one's own"""
+    """evsnet: a file of config/networks, a family of them (evsnet_c8: the member for the light's
+    samples, evsnet_c8_4spp for 4), or the path of an .onnx file of one's own"""
     runtime: str = "native"
     """evsnet: native: our own kernel, which steps only what moves | onnxruntime: any provider, any
     graph | reference: plain NumPy, slow"""

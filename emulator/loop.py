@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy.typing as npt
 
-from evs.emulator.camera import Camera, CameraPlan, plan_camera, plan_of
+from evs.emulator.camera import Camera
+from evs.emulator.camera_plan import CameraPlan, plan_camera, plan_of
 from evs.emulator.config import (
     CameraConfig,
     ModelConfig,

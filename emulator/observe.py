@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from evs.emulator.camera import Camera, plan_camera
+from evs.emulator.camera import Camera
+from evs.emulator.camera_plan import plan_camera
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.scene import F32
 from evs.emulator.truth import GroundTruth

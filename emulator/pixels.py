@@ -34,10 +34,18 @@ class Pixels:
     """The pixels of one camera with their state."""
 
     def __init__(
-        self, sensor: SensorParameters, model: ModelConfig, seed: int, threads: int = 0
+        self,
+        sensor: SensorParameters,
+        model: ModelConfig,
+        seed: int,
+        threads: int = 0,
+        spp: int = 0,
     ) -> None:
-        """In: seed, their fixed pattern and noise follow from it. Raises EvsError."""
-        self._model = make_event_model(sensor, model, threads)
+        """In: seed, their fixed pattern and noise follow from it; spp as make_event_model.
+
+        Raises EvsError.
+        """
+        self._model = make_event_model(sensor, model, threads, spp)
         self._readout = make_readout(sensor)
         self._seed = seed
         check_chunk(model)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from evs.emulator.camera import CameraPlan
+from evs.emulator.camera_plan import CameraPlan
 from evs.emulator.optics import camera_info
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.sensor import resolve_sensor

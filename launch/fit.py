@@ -19,12 +19,13 @@ DESCRIPTION = "train a network: by the paper's losses, in JAX, on a GPU where th
 
 EXAMPLES = """\
 examples:
-  evs train fit out/data --recipe evsnet_c8 -o config/networks
+  evs train fit out/data --recipe evsnet_c8 --spp 4 -o config/networks
   evs train fit out/data --recipe paper --minutes 60 -o out/networks
   evs train fit out/data --recipe evsnet_c8 --look-ahead 4 --name evsnet_c8_4ms -o out/networks
 
 recipes:
-  evsnet_c8   8 channels, causal, no biases, all variants of the light, calibrated counts
+  evsnet_c8   8 channels, causal, no biases, calibrated counts; for all variants of the light, or
+              with --spp N for light of so many fresh samples: member NAME_Nspp of family NAME
   evsnet_c4   the same with 4 channels
   paper       8 channels, centred (21 ms late), biases, 64 fresh samples, the paper's loss alone
 
@@ -47,6 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--batch", type=int, metavar="N", help="pixels a step (the recipe's)")
     add("--seed", type=int, default=1, metavar="N", help="of weights and order (1)")
     add("--seeds", type=int, default=1, metavar="N", help="train so many, keep the best (1)")
+    add("--spp", type=int, metavar="N", help="for light of N fresh samples alone: NAME_Nspp")
     add("--look-ahead", type=int, metavar="N", help="ticks of the future that it reads, 0 ... 21")
     add("--noisy-truth", action="store_true", help="learn a real sensor's noise too")
     add("--checkpoint", metavar="FILE.npz", help="where it goes on (DIR/NAME-SEED.checkpoint.npz)")
@@ -59,7 +61,7 @@ def _check(args: argparse.Namespace) -> None:
         raise EvsError("--seed is 0 or more, --seeds 1 or more")
     if args.checkpoint and args.seeds > 1:
         raise EvsError("--checkpoint is of one training; leave it out, or --seeds")
-    for key in ("steps", "batch"):
+    for key in ("steps", "batch", "spp"):
         if getattr(args, key) is not None and getattr(args, key) < 1:
             raise EvsError(f"--{key} is {getattr(args, key)}; give 1 or more")
     if args.name is not None and not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", args.name):
@@ -122,6 +124,8 @@ def _recipe(args: argparse.Namespace) -> Recipe:
     from evs.drivers.training.recipes import recipe_named
 
     recipe = recipe_named(args.recipe)
+    if args.spp is not None:
+        recipe = recipe.of_spp(args.spp)
     if args.look_ahead is not None:
         recipe = recipe.with_look_ahead(args.look_ahead)
     changes = {key: getattr(args, key) for key in ("steps", "batch") if getattr(args, key)}

@@ -18,9 +18,9 @@ from evs.drivers.evaluation.table import Evaluation, TakeFacts
 from evs.drivers.evaluation.take import MOTIONS, PATCH_PX, SIZE, TICK_US, Take, film
 from evs.drivers.evaluation.verdict import NOTHING, REFERENCE
 from evs.drivers.pipeline.report import versions
-from evs.emulator.camera import versions as emulator_versions
 from evs.emulator.scene import F32
 from evs.emulator.sensor.pixel.logmap import log_light
+from evs.emulator.versions import versions as emulator_versions
 from evs.msgs import Events, EvsError
 
 SPP = (1, 4, 16, 64)
@@ -29,6 +29,8 @@ MAX_SPP = 4096
 K = 384
 """ticks of the earth mover's distance, the last ones of a take"""
 DIRECT_SPP = 4
+WARM = 42
+"""ticks of the first instant with fresh noise, which a network sees before a take: its window"""
 STILL = 0.05
 """log units: a pixel whose converged light moves by less in all, a quarter of a threshold, stands
 still, and every event on it is false"""
@@ -105,7 +107,8 @@ def work(settings: Settings, latency: int) -> int:
     """Samples a pixel and tick of the whole evaluation: the length of its progress bar."""
     takes = len(settings.scenes) * len(settings.cameras)
     noisy = sum(spec.spp for spec in lights(settings)) * (settings.ticks + latency)
-    return takes * (noisy + settings.reference_spp * settings.ticks)
+    warm = sum(spec.spp for spec in lights(settings) if spec.seeds == "fresh") * WARM
+    return takes * (noisy + warm + settings.reference_spp * settings.ticks)
 
 
 def evaluate(
@@ -190,10 +193,16 @@ def _judge(
         cell(replace(half, spp=0), "none", NOTHING, reference[:0], 0.0, reference),
     ]
     longer = take.fingerprint(ticks + latency)
+    still_before = take.before(WARM)
+    earlier = still_before.fingerprint(WARM)
     for spec in lights(settings):
         light = light_of(take, longer, spec, ticks + latency, cache, threads, step)
+        warm = None
+        if spec.seeds == "fresh":
+            warm = light_of(still_before, earlier, spec, WARM, cache, threads, step)
         for contender in contenders:
-            out = models.run(contender, light)
+            chosen = contender.at(spec.spp if spec.renderer == "path" else 0)
+            out = models.run(chosen, light, warm)
             cells.append(
                 cell(spec, spec.renderer, contender.name, out.events, out.ms_per_tick, reference)
             )

@@ -10,12 +10,12 @@ import numpy as np
 from evs.drivers.evaluation.cache import LightCache
 from evs.drivers.evaluation.digest import digest
 from evs.drivers.evaluation.take import Take
-from evs.emulator.camera import versions
 from evs.emulator.config import RenderConfig
 from evs.emulator.light.choose import check_render
 from evs.emulator.light.direct import DirectRenderer
 from evs.emulator.light.path import PathRenderer
 from evs.emulator.scene import F32
+from evs.emulator.versions import versions
 
 SEED = 3
 """of the light that is judged; the halves of the reference have 1 and 2"""

@@ -6,14 +6,17 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from evs.drivers.evaluation.take import TICK_US
 from evs.drivers.pace import monotonic_s
 from evs.emulator.config import ModelConfig, SensorConfig
+from evs.emulator.network.families import families, members, nearest_member
 from evs.emulator.network.foreign import GraphNetwork, Network
 from evs.emulator.network.model import EvsNetModel
+from evs.emulator.network.state import NetworkState
 from evs.emulator.network.stored import load_network, network_names, read_network
 from evs.emulator.scene import F32
 from evs.emulator.sensor import SensorParameters, make_event_model, resolve_sensor
@@ -43,6 +46,25 @@ class Contender:
     make: Make
     latency_ticks: int = 0
     """light that it looks ahead; it is taken off its stamps"""
+
+    def at(self, spp: int) -> Contender:
+        """The model for light of so many samples a pixel; 0: of light without noise."""
+        del spp
+        return self
+
+
+@dataclass(frozen=True)
+class Family(Contender):
+    """Networks of one design, each for light of another number of samples."""
+
+    found: tuple[tuple[int, Contender], ...] = ()
+    """(samples a pixel, the member for them)"""
+
+    def at(self, spp: int) -> Contender:
+        """The member for light of so many samples a pixel."""
+        found = {one.name: one for _, one in self.found}
+        chosen = nearest_member({own: one.name for own, one in self.found}, spp)
+        return dataclasses.replace(found[chosen], name=self.name)
 
 
 @dataclass(frozen=True)
@@ -90,7 +112,8 @@ def contenders(
     In: own, a user's network, which is judged besides. threads, runtime: as of EvsNetModel.
     Raises EvsError: unknown name, a name twice, a network that cannot be read.
     """
-    known = list(dict.fromkeys([*DEFAULT, *network_names()]))
+    shipped = network_names()
+    known = list(dict.fromkeys([*DEFAULT, *families(shipped), *shipped]))
     found: list[Contender] = []
     missing: list[str] = []
     for name in names:
@@ -98,8 +121,10 @@ def contenders(
             raise unknown("model", name, known)
         if name in PIXELS:
             found.append(Contender(name, _pixel(name, threads)))
-        elif name in network_names():
+        elif name in shipped:
             found.append(network(load_network(name), threads, runtime, name))
+        elif name in families(shipped):
+            found.append(_family(name, members(name, shipped), threads, runtime))
         else:
             missing.append(f"no network '{name}' in config/networks: it is left out")
     if own is not None:
@@ -131,36 +156,64 @@ def network(weights: Network, threads: int, runtime: str, name: str = "") -> Con
     return Contender(name, make, weights.latency_ticks)
 
 
+def _family(name: str, found: dict[int, str], threads: int, runtime: str) -> Family:
+    networks = [
+        (spp, network(load_network(member), threads, runtime, member))
+        for spp, member in found.items()
+    ]
+    latest = max(one.latency_ticks for _, one in networks)
+    return Family(name, networks[0][1].make, latest, tuple(networks))
+
+
 def _pixel(name: str, threads: int) -> Make:
     return lambda sensor: make_event_model(sensor, ModelConfig(name=name), threads)
 
 
-def run(contender: Contender, light: F32) -> Outcome:
+def run(contender: Contender, light: F32, warm: F32 | None = None) -> Outcome:
     """Events of every pixel.
 
     In: light (ticks, n) of the instants 0, 1 ... ms. Tick k is (k - 1, k] ms; the first only sets
-    the reference. A model that looks ahead needs as many ticks more.
+    the reference. A model that looks ahead needs as many ticks more. warm (ticks, n): what stood
+    still before, with its noise; a network sees it first, as in a camera, and its membranes are at
+    zero when it comes to the first tick.
     """
-    ticks, pixels = light.shape
+    pixels = light.shape[1]
     model = contender.make(sensor_of(pixels))
     state = model.init(0)
-    frames = frames_of(light)
-    parts: list[Events] = []
-    begin_s = monotonic_s()
-    if isinstance(model, ChunkedModel):
-        for k in range(0, ticks, CHUNK):
-            chunk, state = model.step_chunk(
-                frames[k : k + CHUNK], state, TICK_US * (k - 1), TICK_US
-            )
-            parts += chunk
+    late = contender.latency_ticks
+    if model.warm_up_ticks and warm is not None:
+        seen = frames_of(
+            np.concatenate([warm[max(0, len(warm) - model.warm_up_ticks) :], light[:late]])
+        )
+        state, _ = _see(model, seen, state, TICK_US * (late - 1 - len(seen)))
+        if isinstance(state, NetworkState):
+            state.v[...] = 0.0
+        first = late
     else:
-        for k in range(ticks):
-            some, state = model.step(frames[k], state, TICK_US * (k - 1), TICK_US * k)
-            parts.append(some)
+        first = 0
+    frames = frames_of(light)[first:]
+    begin_s = monotonic_s()
+    state, parts = _see(model, frames, state, TICK_US * (first - 1))
     seconds = monotonic_s() - begin_s
     events = numbered(join_events(parts))
-    events["t"] -= TICK_US * contender.latency_ticks
-    return Outcome(events, 1e3 * seconds / ticks)
+    events["t"] -= TICK_US * late
+    return Outcome(events, 1e3 * seconds / len(frames))
+
+
+def _see(model: EventModel, frames: F32, state: Any, begin_us: int) -> tuple[Any, list[Events]]:
+    """The state after all frames, and the events of each tick."""
+    parts: list[Events] = []
+    if isinstance(model, ChunkedModel):
+        for k in range(0, len(frames), CHUNK):
+            begin = begin_us + TICK_US * k
+            chunk, state = model.step_chunk(frames[k : k + CHUNK], state, begin, TICK_US)
+            parts += chunk
+    else:
+        for k, frame in enumerate(frames):
+            begin = begin_us + TICK_US * k
+            some, state = model.step(frame, state, begin, begin + TICK_US)
+            parts.append(some)
+    return state, parts
 
 
 def true_events(light: F32, threads: int = 0) -> Events:

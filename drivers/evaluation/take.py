@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -71,6 +72,15 @@ class Take:
     def name(self) -> str:
         """Scene and motion."""
         return f"{self.scene_name}, {self.motion}"
+
+    def before(self, ticks: int) -> Take:
+        """The same while it stood still at its first instant, so many ticks before it."""
+        snapshot, pose = self.shots[0]
+        earlier = tuple(
+            (dataclasses.replace(snapshot, t_us=snapshot.t_us - back * TICK_US), pose)
+            for back in range(ticks, 0, -1)
+        )
+        return dataclasses.replace(self, shots=earlier)
 
     def fingerprint(self, ticks: int) -> str:
         """Hash of everything that shapes the light of its first ticks, but how it is traced."""

@@ -17,8 +17,8 @@ from evs.drivers.pipeline.report import COMPLETE, versions
 from evs.drivers.pipeline.run import MAX_SECONDS
 from evs.drivers.pipeline.stopping import stop_signals
 from evs.emulator import View, World
-from evs.emulator.camera import versions as emulator_versions
 from evs.emulator.config import RunConfig
+from evs.emulator.versions import versions as emulator_versions
 from evs.msgs import EvsError, unknown
 
 Frame = Mapping[str, npt.NDArray[Any]]

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from evs.drivers.training.initial import THRESHOLD
 from evs.drivers.training.recipes import GROUP, Recipe
 from evs.drivers.training.settings import Variant
 from evs.drivers.training.shards import Shard, Shards, read_shard
@@ -42,7 +43,7 @@ class Prepared:
     x: F32
     """(V, P, K), variants of the recipe"""
     start: F32
-    """(P,) V(0)"""
+    """(P,) V of the true pixel after the recipe's warm_ticks, in thresholds"""
     counts: U8
     """(P, 2, K) true ON and OFF events"""
     live: tuple[I32, ...]
@@ -83,7 +84,21 @@ def prepare(shard: Shard, recipe: Recipe, linlog_dn: float) -> Prepared:
     biased = recipe.architecture.biased
     still = np.zeros(x.shape[:2], np.bool_) if biased else np.logical_not(x.any(axis=2))
     live = tuple(np.flatnonzero(slow & ~one).astype(np.int32) for one in still)
-    return Prepared(x, shard.phase.copy(), np.ascontiguousarray(counts.transpose(2, 0, 1)), live)
+    start = true_membranes(shard, recipe.warm_ticks, linlog_dn)
+    return Prepared(x, start, np.ascontiguousarray(counts.transpose(2, 0, 1)), live)
+
+
+def true_membranes(shard: Shard, tick: int, linlog_dn: float) -> F32:
+    """(P,): where the ideal pixels that gave the counts stand before a tick, in thresholds."""
+    if tick == 0:
+        return shard.phase.copy()
+    # X[0] is 0: what the log light has changed by, less what its events have told of it
+    moved = differences(np.ascontiguousarray(shard.truth[:tick].T), linlog_dn)
+    told = shard.counts[0, :tick].sum(0, np.float64) - shard.counts[1, :tick].sum(0, np.float64)
+    v = shard.phase + moved.sum(1, dtype=np.float64) / THRESHOLD - told
+    below = np.nextafter(np.float32(1), np.float32(0))
+    standing: F32 = np.clip(v.astype(np.float32), -below, below)
+    return standing
 
 
 def followable(counts: U8) -> npt.NDArray[np.bool_]:
@@ -115,7 +130,7 @@ class Examples:
         if tick_us != recipe.architecture.tick_us:
             raise EvsError(f"the data in '{folder}' have ticks of {tick_us} us, "
                            f"the network has {recipe.architecture.tick_us} us")  # fmt: skip
-        if shards.settings.ticks <= recipe.skip_ticks + recipe.architecture.latency_ticks:
+        if shards.settings.ticks <= recipe.warm_ticks + recipe.architecture.latency_ticks:
             raise EvsError(f"the scenes in '{folder}' have {shards.settings.ticks} ticks, too few")
         self.recipe, self.seed, self.linlog_dn = recipe, seed, linlog_dn
         self.settings = shards.settings

@@ -77,7 +77,7 @@ def fit(
         raise EvsError(f"minutes is {minutes}; give a number over 0")
     examples = Examples(folder, recipe, seed, LINLOG_DN)
     held_out = sample_held_out(examples, recipe.variants, VALIDATION_PIXELS)
-    validation = Validation(held_out, recipe.architecture, recipe.skip_ticks)
+    validation = Validation(held_out, recipe.architecture, recipe.warm_ticks)
     stepper = Stepper(recipe)
     at = _begin(recipe, seed, stepper, checkpoint)
     numbers = [int(path.stem) for path in examples.held_out]

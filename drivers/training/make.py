@@ -15,7 +15,7 @@ from evs.drivers.training.settings import DataSettings, Variant, claim_folder
 from evs.drivers.training.shards import Shard, read_meta, shard_path, write_shard
 from evs.drivers.training.stage import Moved, Stage, set_up
 from evs.drivers.training.truth import IDEAL, NOISY, draw_phases, event_counts
-from evs.emulator.camera import versions
+from evs.emulator.versions import versions
 from evs.msgs import EvsError
 
 ATTEMPTS = 20

@@ -119,22 +119,25 @@ def decay_of(log_tau: Array, tick_us: int) -> Array:
     return jnp.exp(-1e-6 * tick_us / tau)
 
 
-def currents(parameters: Parameters, x: Array, architecture: Architecture) -> Array:
-    """Equations 5 and 6 up to BiLIF: (P, K) currents, those of stream tick k, of (P, K) X.
+def currents(parameters: Parameters, x: Array, architecture: Architecture, first: int = 0) -> Array:
+    """Equations 5 and 6 up to BiLIF: (P, K - first) currents of (P, K) X.
 
+    They are those of stream ticks `first` and on.
     Before the first tick light stood still. With look-ahead, the current of stream tick k is that
     of light k - latency_ticks.
     """
     if architecture.odd:
         parameters = mirrored(parameters)
-    padded = jnp.pad(x, ((0, 0), (architecture.receptive_field - 1, 0)))[..., jnp.newaxis]
+    before = architecture.receptive_field - 1
+    x = x[:, max(0, first - before) :]
+    padded = jnp.pad(x, ((0, 0), (max(0, before - first), 0)))[..., jnp.newaxis]
     held = jax.nn.relu(_layer(parameters["encoder"], padded))
     for i, block in enumerate(parameters["blocks"]):
         middle = jax.nn.relu(_layer(block["first"], held))
         late = sum(architecture.look_ahead[1 + 2 * i : 3 + 2 * i])
         added = _layer(block["second"], middle)
-        first = 2 * (TAPS - 1) - late
-        held = jax.nn.relu(held[:, first : first + added.shape[1]] + added)
+        begin = 2 * (TAPS - 1) - late
+        held = jax.nn.relu(held[:, begin : begin + added.shape[1]] + added)
     current: Array = held @ parameters["last"]
     return current + parameters["last_bias"] if architecture.biased else current
 
@@ -168,11 +171,14 @@ def _layer(layer: Parameters, ticks: Array) -> Array:
 
 
 def stream(
-    parameters: Parameters, x: Array, start: Array, architecture: Architecture
+    parameters: Parameters, x: Array, start: Array, architecture: Architecture, first: int = 0
 ) -> tuple[Array, Array]:
-    """The whole network, (2) ... (6): (K, P) ON and OFF spikes of (P, K) X and (P,) V(0)."""
+    """The whole network, (2) ... (6): (K - first, P) ON and OFF spikes of (P, K) X.
+
+    In: start (P,), V before stream tick `first`, which is the first that comes out.
+    """
     decay = decay_of(parameters["log_tau"], architecture.tick_us)
-    return bilif(currents(parameters, x, architecture).T, start, decay)
+    return bilif(currents(parameters, x, architecture, first).T, start, decay)
 
 
 def to_weights(

@@ -34,8 +34,9 @@ class Recipe:
     """each variant's loss counts relative to what it is (calibration.py)"""
     noisy_truth: bool = False
     """truth: pixels with a real sensor's noise, in place of ideal ones"""
-    skip_ticks: int = 16
-    """the first ticks, in which no window of the network is full, are not compared"""
+    warm_ticks: int = 42
+    """before the first tick that is compared: they fill the network's window, and its membranes
+    start after them, where the pixels of the truth then stand"""
     batch: int = 256
     """pixels, a multiple of GROUP"""
     steps: int = 40_000
@@ -65,6 +66,12 @@ class Recipe:
         """Fewest and most samples a pixel."""
         counts = [variant.spp for variant in self.variants]
         return min(counts), max(counts)
+
+    def of_spp(self, spp: int) -> Recipe:
+        """The same for light of so many samples alone, fresh: the member `NAME_{spp}spp`."""
+        return dataclasses.replace(
+            self, name=f"{self.name}_{spp}spp", variants=(Variant(spp, "fresh"),), shares=()
+        )
 
     def with_look_ahead(self, ticks: int) -> Recipe:
         """The same for a network that sees so many ticks of the future."""

@@ -93,10 +93,9 @@ class Stepper:
         In: price (2, P), weight (P,).
         """
         recipe = self._recipe
-        late, skip = recipe.architecture.latency_ticks, recipe.skip_ticks
-        spikes = stream(parameters, x, start, recipe.architecture)
-        on, off = (part[skip + late :] for part in spikes)
-        counted = counts[:, skip : counts.shape[1] - late].astype(jnp.float32)
+        late, warm = recipe.architecture.latency_ticks, recipe.warm_ticks
+        on, off = stream(parameters, x, start, recipe.architecture, warm + late)
+        counted = counts[:, warm : counts.shape[1] - late].astype(jnp.float32)
         true = counted[0], counted[1]
         loss = objective(true, (on, off), recipe.terms, price)
         share = edge_weight(true, recipe.terms.edge)

@@ -39,24 +39,33 @@ class Scores:
         return {key: value if math.isfinite(value) else None for key, value in asdict(self).items()}
 
 
-def predict(parameters: Parameters, architecture: Architecture, x: F32, start: F32) -> U8:
-    """(P, 2, K) ON and OFF events of stream ticks, of (P, K) X and (P,) V(0)."""
+def predict(
+    parameters: Parameters, architecture: Architecture, x: F32, start: F32, first: int = 0
+) -> U8:
+    """(P, 2, K - first) ON and OFF events of stream ticks first ..., of (P, K) X.
+
+    In: start (P,), V before the first.
+    """
     found = []
     for begin in range(0, len(x), AT_ONCE):
         part = slice(begin, begin + AT_ONCE)
         # one shape, one compilation
         short = AT_ONCE - len(x[part])
         padded = np.pad(x[part], ((0, short), (0, 0))), np.pad(start[part], (0, short))
-        spikes = np.stack(_stream(parameters, *padded, architecture))
+        spikes = np.stack(_stream(parameters, *padded, architecture, first))
         found.append(spikes.astype(np.uint8).transpose(2, 0, 1)[: AT_ONCE - short])
     return np.concatenate(found)
 
 
-@partial(jax.jit, static_argnums=3)
+@partial(jax.jit, static_argnums=(3, 4))
 def _stream(
-    parameters: Parameters, x: jax.Array, start: jax.Array, architecture: Architecture
+    parameters: Parameters,
+    x: jax.Array,
+    start: jax.Array,
+    architecture: Architecture,
+    first: int,
 ) -> tuple[jax.Array, jax.Array]:
-    return stream(parameters, x, start, architecture)
+    return stream(parameters, x, start, architecture, first)
 
 
 def plain_events(x: F32, start: F32) -> U8:
@@ -72,10 +81,9 @@ def plain_events(x: F32, start: F32) -> U8:
     return found
 
 
-def compared(events: U8, true: U8, skip_ticks: int, latency_ticks: int, tick_us: int) -> Scores:
-    """Scores of (P, 2, K) events, latency_ticks late, against true ones; the first are skipped."""
-    late = events[:, :, skip_ticks + latency_ticks :].astype(np.int64)
-    there = true[:, :, skip_ticks : true.shape[2] - latency_ticks].astype(np.int64)
+def compared(events: U8, true: U8, tick_us: int) -> Scores:
+    """Scores of (P, 2, K) events against true ones of the same ticks."""
+    late, there = events.astype(np.int64), true.astype(np.int64)
     running = np.cumsum(late - there, 2)
     backwards = running[:, :, -1:] - running + (late - there)
     emd = 0.5 * (np.abs(running).mean(2) + np.abs(backwards).mean(2)).sum(1).mean()
@@ -109,24 +117,24 @@ def overall(scores: list[Scores]) -> float:
 class Validation:
     """Held-out pixels, and what `plain` and silence score on them."""
 
-    def __init__(self, held_out: Prepared, architecture: Architecture, skip_ticks: int) -> None:
-        self._data, self._architecture, self._skip = held_out, architecture, skip_ticks
-        nothing = np.zeros_like(held_out.counts)
-        self.plain = [self._compare(plain_events(x, held_out.start), 0) for x in held_out.x]
-        self.silence = self._compare(nothing, 0)
+    def __init__(self, held_out: Prepared, architecture: Architecture, warm_ticks: int) -> None:
+        self._data, self._architecture, self._warm = held_out, architecture, warm_ticks
+        start, light = held_out.start, held_out.x[:, :, warm_ticks:]
+        self.plain = [self._compare(plain_events(x, start)) for x in light]
+        self.silence = self._compare(np.zeros_like(held_out.counts[:, :, warm_ticks:]))
 
     def scores(self, parameters: Parameters) -> list[Scores]:
         """Of each variant."""
-        late = self._architecture.latency_ticks
-        data = self._data
+        data, first = self._data, self._warm + self._architecture.latency_ticks
         return [
-            self._compare(predict(parameters, self._architecture, x, data.start), late)
+            self._compare(predict(parameters, self._architecture, x, data.start, first))
             for x in data.x
         ]
 
-    def _compare(self, events: U8, latency_ticks: int) -> Scores:
-        tick_us = self._architecture.tick_us
-        return compared(events, self._data.counts, self._skip, latency_ticks, tick_us)
+    def _compare(self, events: U8) -> Scores:
+        """Of the first ticks that count: with latency the last ones do not come out any more."""
+        true = self._data.counts[:, :, self._warm :][:, :, : events.shape[2]]
+        return compared(events, true, self._architecture.tick_us)
 
 
 def _near(events: np.ndarray) -> np.ndarray:

@@ -23,6 +23,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from evs.emulator.network.families import families, members, nearest_member
 from evs.emulator.network.foreign import Network
 from evs.emulator.network.weights import TAPS, Block, Convolution, NetworkWeights
 from evs.emulator.network.wire import initialisers
@@ -39,32 +40,37 @@ _NETWORKS = Path(__file__).absolute().parents[2] / "config" / "networks"
 
 
 def network_names() -> list[str]:
-    """Names of the networks that come with evs, in alphabetical order."""
+    """Names of the networks that come with evs, in alphabetical order; not of their families."""
     return sorted(path.stem for path in _NETWORKS.glob("*.onnx"))
 
 
-def network_path(network: str) -> Path:
+def network_path(network: str, spp: int = 0) -> Path:
     """The .onnx file of a network that comes with evs, or the user's own.
 
-    In: a name, or a path (it ends in .onnx or has a slash in it). Raises EvsError: there is none.
+    In: a name, that of a family, or a path (it ends in .onnx or has a slash in it); spp, samples a
+    pixel of the light, for which a family has a member; 0: the light has no noise. Raises EvsError:
+    there is none.
     """
     if network.endswith(".onnx") or "/" in network:
         path = Path(network)
         with suppress(RuntimeError):  # ~nobody
             path = path.expanduser()
         if not _is_file(path):
-            shipped = ", ".join(network_names())
+            shipped = ", ".join([*families(network_names()), *network_names()])
             raise EvsError(f"no network file {path}; give a .onnx file or one of: {shipped}")
         return path
     names = network_names()
     if network not in names:
-        raise unknown("network", network, names)
+        found = members(network, names)
+        if not found:
+            raise unknown("network", network, [*families(names), *names])
+        network = nearest_member(found, spp)
     return _NETWORKS / f"{network}.onnx"
 
 
-def load_network(network: str) -> Network:
+def load_network(network: str, spp: int = 0) -> Network:
     """The network of that name or path, as of `network_path`. Raises EvsError."""
-    return read_network(network_path(network))
+    return read_network(network_path(network, spp))
 
 
 def read_network(path: Path) -> Network:

@@ -15,8 +15,14 @@ _AVERAGES = {"plain": None, "adaptive": RunningMeanConstants()}
 MODELS = (*_AVERAGES, "evsnet")
 
 
-def make_event_model(sensor: SensorParameters, model: ModelConfig, threads: int = 0) -> EventModel:
-    """The event model that `model.name` names. Threads: 0 is one a core. Raises EvsError."""
+def make_event_model(
+    sensor: SensorParameters, model: ModelConfig, threads: int = 0, spp: int = 0
+) -> EventModel:
+    """The event model that `model.name` names.
+
+    In: threads, 0 is one a core; spp, samples a pixel of light with noise, 0 without: a family of
+    networks has a member for it. Raises EvsError.
+    """
     if model.name not in MODELS:
         raise unknown("model", model.name, MODELS)
     if model.name == "evsnet":
@@ -26,7 +32,7 @@ def make_event_model(sensor: SensorParameters, model: ModelConfig, threads: int 
 
         return EvsNetModel(
             sensor,
-            load_network(model.network),
+            load_network(model.network, spp),
             runtime=model.runtime,
             provider=model.provider,
             threads=threads,

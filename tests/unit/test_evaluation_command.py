@@ -95,18 +95,19 @@ def test_the_cache_serves_what_is_the_same_and_nothing_else(scene: Path, tmp_pat
     settings = tiny(scene, cameras=("still",))
     cache = LightCache(tmp_path / "cache")
     first = judge(settings, cache)
-    # two halves; fixed, fresh, direct
-    assert (cache.hits, cache.misses) == (0, 5)
+    # two halves; fixed, fresh, and the ticks before; direct
+    assert (cache.hits, cache.misses) == (0, 6)
     again = judge(settings, cache)
-    assert (cache.hits, cache.misses) == (5, 5)
+    assert (cache.hits, cache.misses) == (6, 6)
     assert without_times(again) == without_times(first)
     for change, misses in (
         ({"models": ("plain",)}, 0),
-        ({"spp": (2, 3)}, 2),
+        ({"spp": (2, 3)}, 3),
         ({"reference_spp": 6}, 2),
-        ({"pixels": 25}, 5),
+        ({"pixels": 25}, 6),
+        # a take begins as it did, and so does what came before
         ({"ticks": 7}, 5),
-        ({"seed": 1}, 5),
+        ({"seed": 1}, 6),
         ({"cameras": ("pan",)}, 5),
     ):
         before = cache.misses
@@ -142,7 +143,8 @@ def test_interrupted_it_keeps_what_was_traced(scene: Path, tmp_path: Path) -> No
         whole.evaluate(settings, cache, judged, moved)
     assert len(list(cache.folder.iterdir())) == 2
     found = whole.evaluate(settings, cache, judged)
-    assert cache.hits == 2
+    # and what lies before the second camera's take, which begins as the first's does
+    assert cache.hits == 3
     assert without_times(found) == without_times(
         whole.evaluate(settings, LightCache(tmp_path / "other"), judged)
     )

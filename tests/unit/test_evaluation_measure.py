@@ -189,3 +189,43 @@ def test_markdown_of_nothing_but_cells() -> None:
     told = markdown(Evaluation("evs evaluate", {}, {}, [], [cell("plain")], ["no network 'x'"]))
     assert told.startswith("    evs evaluate\n")
     assert "- no network 'x'\n" in told
+
+
+def test_what_stood_still_before_fills_the_window_of_a_network() -> None:
+    """Light that goes on as it was gives what a longer film gives, membranes at zero between."""
+    rng = np.random.default_rng(5)
+    light = rng.gamma(8.0, 0.02, (110, 3)).astype(np.float32)
+    for look_ahead in (0, 1):
+        weights = random_network(6, 4, look_ahead=look_ahead)
+        contender = models.network(weights, 1, "reference")
+        cold = models.run(contender, light[42:]).events
+        found = models.run(contender, light[42:], light[:42]).events
+        assert not np.array_equal(cold, found)
+        sensor = replace(models.sensor_of(3), width=3, height=1)
+        model = EvsNetModel(sensor, weights, runtime="reference", initial="zero")
+        begin = 42 + weights.latency_ticks
+        _, state = model.step_chunk(light[:begin, np.newaxis], model.init(0), -43_000, 1000)
+        state.v[...] = 0
+        raw, _ = model.step_chunk(light[begin:, np.newaxis], state, 1000 * (begin - 43), 1000)
+        wanted = join_events(raw)
+        wanted["t"] -= 1000 * weights.latency_ticks
+        assert len(wanted) > 10
+        assert np.array_equal(found, wanted)
+    # pixels have no window
+    (plain,), _ = models.contenders(("plain",), None, 1, "native")
+    known = models.run(plain, light[42:]).events
+    assert np.array_equal(models.run(plain, light[42:], light[:42]).events, known)
+
+
+def test_before_a_take_its_first_instant_stood_still() -> None:
+    take = film(stage_of("procedural/0"), "pan", 4, sampled=8, patch_px=8, size=(32, 24))
+    before = take.before(3)
+    assert [shot[0].t_us for shot in before.shots] == [-3000, -2000, -1000]
+    for snapshot, pose in before.shots:
+        assert pose is take.shots[0][1]
+        assert np.array_equal(snapshot.geom_pos, take.shots[0][0].geom_pos)
+    assert before.fingerprint(3) != take.fingerprint(3)
+    # whatever comes later in it
+    longer = film(stage_of("procedural/0"), "pan", 6, sampled=8, patch_px=8, size=(32, 24),
+                  look_ticks=4)  # fmt: skip
+    assert longer.before(3).fingerprint(3) == before.fingerprint(3)

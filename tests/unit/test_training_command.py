@@ -29,6 +29,8 @@ def test_the_recipes_named_in_the_help_are_those_there_are() -> None:
         (["--recipe", "evsnet_c9"], "no recipe 'evsnet_c9'"),
         (["--steps", "0"], "--steps is 0"),
         (["--batch", "100"], "multiple of 32"),
+        (["--spp", "0"], "--spp is 0"),
+        (["--spp", "3"], "there is no light of 3 spp"),
         (["--minutes", "-1"], "minutes is -1"),
         (["--look-ahead", "22"], "look-ahead is 22"),
         (["--seeds", "0"], "--seeds"),

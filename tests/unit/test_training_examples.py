@@ -11,17 +11,24 @@ import pytest
 
 from evs.drivers.training import examples as module
 from evs.drivers.training.calibration import MOST_PRICE, Calibration
-from evs.drivers.training.examples import Examples, differences, prepare, sample_held_out
+from evs.drivers.training.examples import (
+    Examples,
+    differences,
+    prepare,
+    sample_held_out,
+    true_membranes,
+)
 from evs.drivers.training.fit import LINLOG_DN
 from evs.drivers.training.network import Architecture
 from evs.drivers.training.recipes import RECIPES, Recipe, recipe_named
 from evs.drivers.training.settings import Variant
 from evs.drivers.training.shards import Shards
+from evs.drivers.training.validation import plain_events
 from evs.msgs import EvsError
 from reference.shards import synthetic_data
 
 VARIANTS = (Variant(4, "fixed"), Variant(4, "fresh"))
-RECIPE = Recipe("small", variants=VARIANTS, batch=64, skip_ticks=4)
+RECIPE = Recipe("small", variants=VARIANTS, batch=64, warm_ticks=4)
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +66,21 @@ def test_a_prepared_shard_has_pixels_first_and_knows_the_live_ones(folder: Path)
     noisy = dataclasses.replace(RECIPE, noisy_truth=True)
     told = prepare(shard, noisy, LINLOG_DN).counts
     assert np.array_equal(told[3, 0], shard.noisy_counts[0, :, 3])
+
+
+@pytest.mark.parametrize("tick", [0, 1, 20, 59])
+def test_membranes_stand_where_the_true_pixels_do(folder: Path, tick: int) -> None:
+    """From there on the ideal pixel gives the events that the shard says."""
+    shard = Shards(folder)[1]
+    start = true_membranes(shard, tick, LINLOG_DN)
+    assert np.abs(start).max() < 1
+    x = differences(np.ascontiguousarray(shard.truth.T), LINLOG_DN)
+    found = plain_events(x[:, tick:], start).transpose(1, 2, 0)
+    wanted = shard.counts[:, tick:]
+    assert wanted.sum() > 0 or tick == 59
+    # float32 may put a crossing into the next tick
+    assert np.abs(np.cumsum(found.astype(int) - wanted, 1)).max() <= 1
+    assert np.count_nonzero(found != wanted) <= 2
 
 
 def test_pixels_that_no_network_can_follow_are_left_out(folder: Path) -> None:
@@ -136,8 +158,8 @@ def test_validation_pixels_are_of_the_held_out_scenes(folder: Path) -> None:
     examples = Examples(folder, RECIPE, 1, LINLOG_DN)
     sample = sample_held_out(examples, VARIANTS, 20)
     assert sample.x.shape == (2, 20, 60)
-    there = set(np.concatenate([Shards(folder)[place].phase for place in (0, 8)]).tolist())
-    assert set(sample.start.tolist()) <= there
+    held = [prepare(Shards(folder)[place], RECIPE, LINLOG_DN).start for place in (0, 8)]
+    assert set(sample.start.tolist()) <= set(np.concatenate(held).tolist())
 
 
 def test_bad_data_is_told_in_one_line(folder: Path, tmp_path: Path) -> None:
@@ -151,9 +173,10 @@ def test_bad_data_is_told_in_one_line(folder: Path, tmp_path: Path) -> None:
         Examples(few, RECIPE, 1, LINLOG_DN)
     late = RECIPE.with_look_ahead(21)
     with pytest.raises(EvsError, match="60 ticks, too few"):
-        Examples(folder, dataclasses.replace(late, skip_ticks=40), 1, LINLOG_DN)
+        Examples(folder, dataclasses.replace(late, warm_ticks=40), 1, LINLOG_DN)
+    paper = dataclasses.replace(recipe_named("paper"), warm_ticks=4)
     with pytest.raises(EvsError, match="no light of 64 spp"):
-        Examples(folder, recipe_named("paper"), 1, LINLOG_DN).batch(0)
+        Examples(folder, paper, 1, LINLOG_DN).batch(0)
 
 
 @pytest.mark.parametrize(
@@ -183,6 +206,10 @@ def test_the_recipes() -> None:
         ours = recipe_named(name)
         assert ours.architecture == Architecture(channels, odd=True)
         assert ours.spp == (1, 64)
+        member = ours.of_spp(16)
+        assert (member.name, member.spp) == (f"{name}_16spp", (16, 16))
+        assert member.variants == (Variant(16, "fresh"),)
+        assert member.architecture == ours.architecture
     with pytest.raises(EvsError, match="no recipe 'evsnet_c9'; there is: evsnet_c4"):
         recipe_named("evsnet_c9")
 

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from evs.drivers.training import initial, report
-from evs.drivers.training.examples import Examples, differences
+from evs.drivers.training.examples import Examples, Prepared, differences
 from evs.drivers.training.fit import LINLOG_DN, Fitted, fit
+from evs.drivers.training.initial import identity
 from evs.drivers.training.losses import Terms
-from evs.drivers.training.network import Architecture, currents
+from evs.drivers.training.network import Architecture, currents, spread_look_ahead
 from evs.drivers.training.recipes import Recipe
 from evs.drivers.training.settings import Variant
 from evs.drivers.training.shards import Shards
@@ -23,6 +24,7 @@ from evs.drivers.training.step import Stepper, learning_rate
 from evs.drivers.training.truth import IDEAL
 from evs.drivers.training.validation import (
     Scores,
+    Validation,
     compared,
     overall,
     plain_events,
@@ -64,7 +66,7 @@ def test_scores_are_those_of_the_metrics() -> None:
     true = rng.poisson(0.03, (12, 2, 50)).astype(np.uint8)
     true[:3] = 0
     mine = (rng.random((12, 2, 50)) < 0.04).astype(np.uint8)
-    found = compared(mine, true, 10, 0, 1000)
+    found = compared(mine[:, :, 10:], true[:, :, 10:], 1000)
     window = Window(12, 1, 10_000, 50_000)
     late, there = window.cut(events_of(mine)), window.cut(events_of(true))
     assert found.emd == pytest.approx(mean_emd(late, there, window), rel=1e-9)
@@ -74,15 +76,26 @@ def test_scores_are_those_of_the_metrics() -> None:
     assert found.spurious_hz == pytest.approx(mine[still, :, 10:].sum() / (still.sum() * 0.04))
 
 
-def test_scores_of_a_network_that_is_late_are_of_the_same_light() -> None:
+@pytest.mark.parametrize("ticks", [0, 1, 7, 14])
+def test_a_network_that_is_late_is_judged_on_the_same_light(ticks: int) -> None:
+    """`identity` in front of light without noise is the true pixel, however late it is."""
+    architecture = Architecture(2, spread_look_ahead(ticks))
+    parameters = identity(architecture, 1, 20.0)
+    # nothing but the two channels that carry X
+    parameters["blocks"] = jax.tree.map(jnp.zeros_like, parameters["blocks"])
     rng = np.random.default_rng(2)
-    true = rng.poisson(0.03, (12, 2, 50)).astype(np.uint8)
-    late = np.zeros_like(true)
-    late[:, :, 5:] = true[:, :, :-5]
-    found = compared(late, true, 10, 5, 1000)
-    assert found.emd == 0.0
-    assert found.on == found.off == found.recall == 1.0
-    assert compared(late, true, 10, 0, 1000).emd > 0.1
+    # steps of less than a threshold: the network tells one event a tick
+    x = rng.choice([0.0, 0.15, -0.15], (1, 12, 90), p=[0.8, 0.1, 0.1]).astype(np.float32)
+    start = rng.uniform(-0.9, 0.9, 12).astype(np.float32)
+    warm = 10
+    true = np.zeros((12, 2, 90), np.uint8)
+    true[:, :, warm:] = plain_events(x[0, :, warm:], start)
+    (found,) = Validation(Prepared(x, start, true, ()), architecture, warm).scores(parameters)
+    # but for what the membrane forgets
+    assert found.emd < 0.02
+    assert found.recall > 0.98
+    wrong = Prepared(x, start, np.roll(true, 5, 2), ())
+    assert Validation(wrong, architecture, warm).scores(parameters)[0].emd > 0.1
 
 
 def test_the_overall_score_is_a_geometric_mean_times_the_count_error() -> None:

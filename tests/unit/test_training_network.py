@@ -50,6 +50,17 @@ def test_currents_are_those_of_the_contract(biased: bool, look_ahead: int) -> No
     assert np.abs(found - expected).max() < 1e-5 * max(1.0, np.abs(expected).max())
 
 
+@pytest.mark.parametrize("first", [0, 1, 30, 41, 42, 69])
+def test_currents_from_a_tick_on_are_those_of_the_whole(first: int) -> None:
+    weights = random_network(3, 4, 3, look_ahead=1)
+    parameters, architecture = network.from_weights(weights)
+    x = jnp.asarray(np.random.default_rng(1).normal(0, 0.3, (5, 70)), jnp.float32)
+    whole = np.asarray(currents(parameters, x, architecture))
+    found = np.asarray(currents(parameters, x, architecture, first))
+    assert found.shape == (5, 70 - first)
+    assert np.abs(found - whole[:, first:]).max() < 5e-6
+
+
 @pytest.mark.parametrize("biased", [False, True])
 def test_weights_go_to_parameters_and_back(biased: bool) -> None:
     weights = random_network(4, 3, 2, biased=biased, look_ahead=2, tau_s=0.3)

@@ -1,0 +1,106 @@
+"""What makes a camera besides the world it stands in, and how a user says it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, RunConfig, SensorConfig
+from evs.emulator.light import make_renderer
+from evs.emulator.plain_config import plain_config, plain_integer
+from evs.emulator.scene import SceneModel
+from evs.emulator.stages import Renderer
+from evs.emulator.world import BoundCamera, MjModel, bind_camera
+from evs.msgs import EvsError
+
+
+@dataclass(frozen=True)
+class CameraPlan:
+    """Everything that makes a camera besides the world it stands in."""
+
+    camera: str = ""
+    """name of a camera of the model"""
+    optics: CameraConfig = field(default_factory=CameraConfig)
+    sensor: SensorConfig = field(default_factory=SensorConfig)
+    render: RenderConfig = field(default_factory=RenderConfig)
+    model: ModelConfig = field(default_factory=ModelConfig)
+    name: str | None = None
+    """its name on the bus and in recordings; None: after the model's camera or the body"""
+    seed: int = 0
+    threads: int = 0
+
+    def stand(
+        self, world: MjModel, scene: SceneModel, width: int, height: int, rgb: bool = False
+    ) -> tuple[BoundCamera, Renderer]:
+        """The camera in its place in a world, and the renderer of what it sees of the scene.
+
+        In: rgb, colour is wanted too.
+        """
+        bound = bind_camera(world, self.camera, width, height, self.optics)
+        renderer = make_renderer(scene, bound.model, self.render, self.threads, rgb, self.seed)
+        return bound, renderer
+
+
+def plan_camera(
+    camera: str | CameraConfig,
+    sensor: str | SensorConfig,
+    render: RenderConfig | None,
+    model: ModelConfig | None,
+    name: str | None,
+    seed: int,
+    threads: int,
+) -> CameraPlan:
+    """A plan from what the Python face takes: names or configurations."""
+    for what, value, kind in (("camera", camera, CameraConfig), ("sensor", sensor, SensorConfig)):
+        if not isinstance(value, str | kind):
+            raise EvsError(f"{what}= takes a name or a {kind.__name__}, not {value!r}")
+    if not isinstance(render, RenderConfig | None):
+        raise EvsError(f"render= takes a RenderConfig, not {render!r}")
+    if not isinstance(model, ModelConfig | None):
+        raise EvsError(f"model= takes a ModelConfig, not {model!r}")
+    optics = CameraConfig() if isinstance(camera, str) else camera
+    pixel = SensorConfig(preset=sensor) if isinstance(sensor, str) else sensor
+    return CameraPlan(
+        camera=camera if isinstance(camera, str) else "",
+        optics=plain_config(optics, "camera"),
+        sensor=plain_config(pixel, "sensor"),
+        render=plain_config(render or RenderConfig(), "render"),
+        model=plain_config(model or ModelConfig(), "model"),
+        name=name,
+        seed=plain_integer(seed, "seed"),
+        threads=plain_integer(threads, "threads"),
+    )
+
+
+def plan_of(config: RunConfig) -> CameraPlan:
+    """The one camera of a pipeline."""
+    return CameraPlan(
+        camera=config.scene.camera,
+        optics=config.camera,
+        sensor=config.sensor,
+        render=config.render,
+        model=config.model,
+        name=config.name,
+        seed=config.seed,
+        threads=config.threads,
+    )
+
+
+def plain_plan(plan: CameraPlan) -> dict[str, Any]:
+    """The plan under the names of the configuration's tables and keys."""
+    values = asdict(plan)
+    del values["camera"]
+    values["camera"] = values.pop("optics")
+    return values
+
+
+def free_name(wanted: str | None, usual: str, taken: tuple[str, ...]) -> str:
+    """A camera's name: the wanted one, else the usual one, numbered where it is taken."""
+    if wanted is not None:
+        if not wanted or not wanted.isprintable() or wanted in taken:
+            raise EvsError(f"a camera called {wanted!r}: give each its own, printable name")
+        return wanted
+    number = 1
+    while (name := usual if number == 1 else f"{usual}_{number}") in taken:
+        number += 1
+    return name
