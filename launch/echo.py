@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from evs.launch.options import declare_keys
 from evs.msgs import EventPacket, EvsError
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--quiet", action="store_true", help="only the last line, with the totals")
     parser.add_argument("--frames", action="store_true", help="show intensity frames too")
     parser.add_argument("--imu", action="store_true", help="show IMU samples too")
+    declare_keys(parser)
     parser.add_argument("--count", type=int, metavar="N", help="end after N packets")
     parser.add_argument(
         "--timeout", type=float, metavar="S", help="end when no packet came for S seconds"
@@ -50,7 +52,8 @@ def run(args: argparse.Namespace) -> int:
     if args.json and not Path(args.json).resolve().parent.is_dir():
         raise EvsError(f"cannot write '{args.json}': its folder does not exist, make it first")
     beside = {"frames": args.frames, "imu": args.imu}
-    with subscribe(args.address, args.camera, timeout_s=args.timeout, **beside) as stream:
+    keys = {"server_key": args.server_key, "key": args.key}
+    with subscribe(args.address, args.camera, timeout_s=args.timeout, **beside, **keys) as stream:
         with _endings():
             if not args.quiet:
                 print(f"listening to {stream.address} (Ctrl-C ends)", file=sys.stderr)

@@ -25,6 +25,9 @@ OPTIONS = {
     "record": ("record", "FILE", "record to a file; its ending says the format"),
     "report": ("report", "FILE", "write the run report (JSON)"),
     "publish": ("publish", "ADDRESS", "publish on ZeroMQ, as in tcp://127.0.0.1:5560"),
+    "key": ("publish_key", "FILE", "secret key of --publish, made by evs keygen"),
+    "allow": ("publish_allow", "KEYS", "public keys that may listen to --publish: files, folders"),
+    "insecure": ("publish_insecure", "", "let other machines listen to --publish without a key"),
     "threads": ("threads", "N", "worker threads; 0: one a core"),
     "seed": ("seed", "N", "every random number follows from it"),
 }
@@ -103,7 +106,12 @@ def next_commands(
         film = str(Path(file).with_suffix(".gif"))
         return [command("info", file), command("view", file, "-o", film)]
     texts = ((option, getattr(args, option)) for option in OPTIONS)
-    given = [word for option, text in texts if text for word in (f"--{option}", text)]
+    given = [
+        word
+        for option, text in texts
+        if text
+        for word in ((f"--{option}", text) if OPTIONS[option][1] else (f"--{option}",))
+    ]
     this_run = command("emulate", args.words, given)
     # port 0 is another one each time
     heard = [address for address in addresses if not address.endswith(":0")]

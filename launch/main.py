@@ -23,6 +23,7 @@ COMMANDS = {
     "echo": "evs.launch.echo",
     "play": "evs.launch.play",
     "info": "evs.launch.info",
+    "keygen": "evs.launch.keygen",
     "characterise": "evs.launch.characterise",
     "evaluate": "evs.launch.evaluate",
     "train": "evs.launch.train",

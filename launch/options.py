@@ -11,7 +11,8 @@ from evs.drivers.pipeline import keys, settings
 from evs.msgs import EvsError
 
 Options = Mapping[str, tuple[str, str, str]]
-"""option -> (the key it is short for, placeholder, one line). Defaults stand with the keys."""
+"""option -> (the key it is short for, placeholder, one line). Defaults stand with the keys. Without
+a placeholder the option takes no value: it sets its key to true."""
 
 
 def declare(parser: argparse.ArgumentParser, options: Options) -> None:
@@ -23,9 +24,18 @@ def declare(parser: argparse.ArgumentParser, options: Options) -> None:
         help="a pipeline file (or the name of one that comes with evs), then any keys",
     )
     for option, (key, placeholder, line) in options.items():
-        parser.add_argument(
-            f"--{option}", metavar=placeholder, help=f"{line}; short for {key}=", dest=option
-        )
+        if placeholder:
+            parser.add_argument(
+                f"--{option}", metavar=placeholder, help=f"{line}; short for {key}=", dest=option
+            )
+        else:
+            parser.add_argument(
+                f"--{option}",
+                action="store_const",
+                const="true",
+                help=f"{line}; short for {key}=true",
+                dest=option,
+            )
 
 
 def given(args: argparse.Namespace, options: Options) -> tuple[str | None, list[tuple[str, str]]]:
@@ -44,6 +54,16 @@ def given(args: argparse.Namespace, options: Options) -> tuple[str | None, list[
         if text is not None:
             overrides.append((key, text))
     return (files[0] if files else None), overrides
+
+
+def declare_keys(parser: argparse.ArgumentParser) -> None:
+    """Declare how a program that listens proves who it is, as subscribe takes it."""
+    parser.add_argument(
+        "--server-key", default="", metavar="KEY", help="the publisher's public key, if it has one"
+    )
+    parser.add_argument(
+        "--key", default="", metavar="FILE", help="our own secret key, if it lets in only some"
+    )
 
 
 def keys_text(without: Collection[str] = ()) -> str:

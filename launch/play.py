@@ -43,6 +43,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--wait", type=float, default=10.0, metavar="S", help="wait S seconds for them at most"
     )
+    parser.add_argument("--key", default="", metavar="FILE", help="secret key to publish with")
+    parser.add_argument(
+        "--allow", action="append", default=[], metavar="KEY", help="public key that may listen"
+    )
+    parser.add_argument(
+        "--insecure", action="store_true", help="let other machines listen without a key"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -55,7 +62,14 @@ def run(args: argparse.Namespace) -> int:
     if not (math.isfinite(args.speed) and args.speed > 0):
         raise EvsError(f"--speed {args.speed} is not possible: give more than 0, or use --fast")
     stream = files.stream_of(args.file)
-    publisher = Publisher(args.address, wait_for=args.wait_for, wait_s=args.wait)
+    publisher = Publisher(
+        args.address,
+        wait_for=args.wait_for,
+        wait_s=args.wait,
+        key=args.key,
+        allow=args.allow,
+        insecure=args.insecure,
+    )
     pacer = Pacer(0.0 if args.fast else args.speed)
     with stop_signals() as stopped, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

@@ -1,4 +1,4 @@
-"""Addresses of the bus: tcp://HOST:PORT, and only this machine's own for a publisher."""
+"""Addresses of the bus: tcp://HOST:PORT, and without keys only this machine's own to publish on."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from evs.msgs import DEFAULT_ADDRESS, EvsError
 _FORM = re.compile(r"tcp://(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\*|[0-9]{1,5})")
 
 
-def bindable(address: str) -> str:
+def bindable(address: str, open_to_others: bool = False) -> str:
     """The address to bind for tcp://HOST:PORT, port 0 or * for any free one.
 
-    Raises EvsError for another form, and for a host that other machines could reach: the bus has no
-    keys yet, so whoever reaches it may read it.
+    In: open_to_others, it has keys, or its owner knows that it has none. Raises EvsError for
+    another form and, unless so, for a host that other machines could reach and then read.
     """
     host, port = _parts(address)
     if host == "localhost":
@@ -24,10 +24,11 @@ def bindable(address: str) -> str:
         local = ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
         local = False
-    if not local:
+    if not (local or open_to_others):
         raise EvsError(
             f"cannot publish on '{address}': only this machine's own address is safe without keys; "
-            f"use tcp://127.0.0.1:{port}, and from another machine ssh -L {port}:127.0.0.1:{port}"
+            f"use tcp://127.0.0.1:{port}, and from another machine ssh -L {port}:127.0.0.1:{port}; "
+            "or give it a key (evs keygen makes one), or insecure=true if anybody may listen"
         )
     return f"tcp://{host}:{'0' if port == '*' else port}"
 

@@ -10,6 +10,8 @@ from typing import Any
 import zmq
 
 from evs.drivers.bus.address import bindable, is_ipv6
+from evs.drivers.bus.gate import Gate
+from evs.drivers.bus.keys import guard, read_allowed, read_secret
 from evs.drivers.bus.sockets import Context, Socket, readable
 from evs.drivers.pace import monotonic_s
 from evs.emulator.stages import Meter, NoMeter
@@ -43,6 +45,8 @@ LINGER_S = 2.0
 _REPEAT_MS = 20
 _REQUEST_BYTES = 4096
 """Longest subscription taken from a client."""
+_MOST_REQUESTS = 1000
+"""Subscriptions taken in before a packet leaves: who sends them without end stops no camera."""
 
 
 @dataclass
@@ -61,6 +65,10 @@ class _Channel:
 class Publisher:
     """Publishes the packets of one or more cameras on tcp://HOST:PORT. One thread uses it.
 
+    With `key`, the NAME.secret.key of a pair that `evs keygen` made, all that is sent is encrypted
+    and only those listen who know its public key; with `allow` (public keys: files, folders of
+    files, or written out) only their owners. Without, `insecure` has to say that others may listen.
+
     Nothing is encoded or sent while nobody subscribes. A subscriber that is too slow loses the
     newest packets once `queue` of them wait for it, and can count them; nobody else notices. `open`
     waits up to `wait_s` until `wait_for` subscribers of events are there. `close` repeats the last
@@ -75,6 +83,9 @@ class Publisher:
         wait_s: float = 10.0,
         queue: int = EVENTS.queue,
         linger_s: float = LINGER_S,
+        key: str = "",
+        allow: Sequence[str] = (),
+        insecure: bool = False,
     ) -> None:
         if wait_for < 0:
             raise EvsError(f"wait_for is {wait_for}: give the number of subscribers, 0 or more")
@@ -85,11 +96,17 @@ class Publisher:
         if queue < 1:
             raise EvsError(f"queue is {queue}: give the packets that may wait, 1 or more")
         self.meter: Meter = NoMeter()
-        self._wanted_address = bindable(address)
+        if allow and not key:
+            raise EvsError("allow is of no use without key: give the publisher's own secret key")
+        self._keys = read_secret(key) if key else None
+        self._allowed = read_allowed(allow)
+        self._wanted_address = bindable(address, bool(key) or insecure)
+        self._gate: Gate | None = None
         self._wait_for, self._wait_s, self._linger_s = wait_for, wait_s, linger_s
         self._queue = queue
         self._context: Context | None = None
         self._socket: Socket | None = None
+        self._poller = zmq.Poller()
         self._channels: dict[str, _Channel] = {}
         self._address = address
         self._subscribers = 0
@@ -117,12 +134,17 @@ class Publisher:
         self._context = Context()
         self._socket = self._context.socket(zmq.XPUB)
         try:
+            if self._keys is not None:
+                self._gate = Gate(self._context, self._allowed)
+                guard(self._socket, self._keys)
             # every subscription and its end is told, so that subscribers can be counted
             self._socket.set(zmq.XPUB_VERBOSER, 1)
             self._socket.set(zmq.SNDHWM, self._queue)
             self._socket.set(zmq.MAXMSGSIZE, _REQUEST_BYTES)
             self._socket.set(zmq.IPV6, int(is_ipv6(self._wanted_address)))
             self._bind(self._socket)
+            for heard in (self._socket, *([] if self._gate is None else [self._gate.socket])):
+                self._poller.register(heard, zmq.POLLIN)
             self._await_subscribers(self._socket)
         except BaseException:
             self._release()
@@ -210,12 +232,16 @@ class Publisher:
                     f"{self._subscribers} of {self._wait_for} subscribers came to {self._address} "
                     f"within {self._wait_s:g} s: start them first, e.g. evs echo {self._address}"
                 )
-            server.poll(min(1000, max(1, int(remaining_s * 1000))))
+            self._poller.poll(min(1000, max(1, int(remaining_s * 1000))))
             self._hear(server)
 
     def _hear(self, server: Socket) -> None:
         """Take in who came and who went. A request is one byte, 1 or 0, and a prefix of topics."""
-        while readable(server):
+        if self._gate is not None:
+            self._gate.look()
+        for _ in range(_MOST_REQUESTS):
+            if not readable(server):
+                break
             request = b"".join(server.recv_multipart(zmq.NOBLOCK))
             if request[:1] not in (b"\x00", b"\x01"):
                 continue
@@ -257,16 +283,19 @@ class Publisher:
                 self._send_status(server, channel, end=True)
             if monotonic_s() >= deadline_s:
                 break
-            server.poll(_REPEAT_MS)
+            self._poller.poll(_REPEAT_MS)
             self._hear(server)
 
     def _release(self) -> None:
         # what is still queued belongs to subscribers that did not read for the whole linger time
         if self._socket is not None:
             self._socket.close(linger=0)
+        if self._gate is not None:
+            self._gate.close()
         if self._context is not None:
             self._context.term()
-        self._socket = self._context = None
+        self._socket = self._context = self._gate = None
+        self._poller = zmq.Poller()
 
 
 def _channels(streams: Sequence[StreamInfo]) -> dict[str, _Channel]:

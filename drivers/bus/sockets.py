@@ -3,11 +3,42 @@
 from __future__ import annotations
 
 import zmq
+from zmq.utils.monitor import recv_monitor_message
 
 Socket = zmq.Socket[bytes]
 Context = zmq.Context[Socket]
+
+_TORN = zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
+_REFUSED = zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_AUTH
+_MOST_TORN = 3
+"""So many in a row are a refusal, too; one is torn when a publisher ends."""
 
 
 def readable(socket: Socket) -> bool:
     """Whether a message can be taken now. Costs 3 us, where a poll costs 10."""
     return bool(int(socket.get(zmq.EVENTS)) & zmq.POLLIN)
+
+
+class Handshakes:
+    """How a client's connections go: whether somebody is there who does not let it in."""
+
+    def __init__(self, client: Socket) -> None:
+        self.refused = False
+        """The other end does not talk to us."""
+        self._torn = 0
+        self._client = client
+        wanted = zmq.EVENT_HANDSHAKE_SUCCEEDED | _TORN | _REFUSED
+        self.socket: Socket = client.get_monitor_socket(wanted)
+
+    def look(self) -> None:
+        """Take in what happened."""
+        while readable(self.socket):
+            event = recv_monitor_message(self.socket, zmq.NOBLOCK)["event"]
+            self._torn = self._torn + 1 if event == _TORN else 0
+            # after these two ZeroMQ does not try again
+            self.refused = bool(event & _REFUSED) or self._torn >= _MOST_TORN
+
+    def close(self) -> None:
+        """Stop watching; before the client is closed."""
+        self._client.disable_monitor()
+        self.socket.close(linger=0)

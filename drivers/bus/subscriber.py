@@ -10,8 +10,9 @@ from typing import Any
 import zmq
 
 from evs.drivers.bus.address import connectable, is_ipv6
+from evs.drivers.bus.keys import new_keys, present, read_public, read_secret
 from evs.drivers.bus.losses import Gaps, Tally
-from evs.drivers.bus.sockets import Context, Socket, readable
+from evs.drivers.bus.sockets import Context, Handshakes, Socket, readable
 from evs.drivers.pace import monotonic_s
 from evs.msgs import (
     EVENTS,
@@ -50,16 +51,31 @@ def subscribe(
     timeout_s: float | None = None,
     frames: bool = False,
     imu: bool = False,
+    server_key: str = "",
+    key: str = "",
 ) -> Subscription:
     """Listen to a publisher at tcp://HOST:PORT, to one camera or (empty) to all of them.
 
-    With `frames` and `imu`, the result's attributes of these names hold what came with a packet.
+    With `frames` and `imu`, the result's attributes of these names hold what came with a packet. A
+    publisher with keys wants `server_key`, its public one (a file, or the 40 characters), and if it
+    lets in only whom it knows, `key`, the file of one's own secret key. Without `server_key`
+    nothing is encrypted.
 
     Iterate the result for EventPackets; iteration ends with the publisher's end status, or when
     nothing came for `timeout_s` (None: waits for ever). `queue` packets wait before losses begin.
-    It may be called before the publisher is there. Raises EvsError for a bad address or name.
+    It may be called before the publisher is there. Raises EvsError for a bad address, name or key,
+    and `receive` does where the publisher does not let it in.
     """
-    return Subscription(address, camera, queue=queue, timeout_s=timeout_s, frames=frames, imu=imu)
+    return Subscription(
+        address,
+        camera,
+        queue=queue,
+        timeout_s=timeout_s,
+        frames=frames,
+        imu=imu,
+        server_key=server_key,
+        key=key,
+    )
 
 
 class Subscription:
@@ -78,6 +94,8 @@ class Subscription:
         timeout_s: float | None = None,
         frames: bool = False,
         imu: bool = False,
+        server_key: str = "",
+        key: str = "",
     ) -> None:
         if queue < 1:
             raise EvsError(f"queue is {queue}: give the packets that may wait, 1 or more")
@@ -85,6 +103,10 @@ class Subscription:
             raise EvsError(f"timeout_s is {timeout_s}: give seconds, 0 or more, or None")
         if camera:
             check_name(camera, "camera name")
+        if key and not server_key:
+            raise EvsError("key is of no use without server_key: give the publisher's public key")
+        self._server_key = read_public(server_key, "server_key") if server_key else ""
+        self._keys = read_secret(key) if key else new_keys() if server_key else None
         self.address = connectable(address)
         self.camera = camera
         self.timeout_s = timeout_s
@@ -109,8 +131,12 @@ class Subscription:
         self._context: Context | None = Context()
         wanted = [EVENTS, *([FRAMES] if frames else []), *([IMU] if imu else []), STATUS]
         topics = [topic.of(camera) for topic in wanted]
+        self._handshakes: Handshakes
         self._main = self._connect(self._context, topics, queue)
         self._side = self._connect(self._context, topics[-1:], STATUS.queue)
+        self._poller = zmq.Poller()
+        for heard in (self._main, self._side, self._handshakes.socket):
+            self._poller.register(heard, zmq.POLLIN)
 
     @property
     def packets(self) -> int:
@@ -196,6 +222,7 @@ class Subscription:
     def close(self) -> None:
         """Stop listening. The counts stay. Safe to call twice."""
         if self._context is not None:
+            self._handshakes.close()
             self._main.close(linger=0)
             self._side.close(linger=0)
             self._context.term()
@@ -230,6 +257,10 @@ class Subscription:
         # they travel in alphabetical order: once a status comes, packets are subscribed to as well
         for topic in topics:
             client.subscribe(topic)
+        if self._keys is not None:
+            present(client, self._server_key, self._keys)
+        if len(topics) > 1:
+            self._handshakes = Handshakes(client)
         client.connect(self.address)
         return client
 
@@ -239,10 +270,10 @@ class Subscription:
         if self._end_heard_s is not None:
             until_s = min(until_s, self._end_heard_s + END_GRACE_S)
         wait_ms = math.ceil(min(1000 * (until_s - monotonic_s()), _LONGEST_POLL_MS))
-        poller = zmq.Poller()
-        poller.register(self._main, zmq.POLLIN)
-        poller.register(self._side, zmq.POLLIN)
-        poller.poll(max(1, wait_ms))
+        self._poller.poll(max(1, wait_ms))
+        self._handshakes.look()
+        if self._handshakes.refused:
+            raise EvsError(_refusal(self.address, bool(self._server_key)))
 
     def _take(self, parts: list[bytes], *, aside: bool) -> EventPacket | None:
         """Count one message; its packet, if it is one."""
@@ -322,3 +353,11 @@ class Subscription:
         # the publisher waits for its listeners to go
         self.close()
         return True
+
+
+def _refusal(address: str, has_key: bool) -> str:
+    if has_key:
+        why = "server_key is not its public key, or it does not allow yours, or it has no keys"
+    else:
+        why = "it wants keys (give server_key, its public key), or it is no publisher"
+    return f"the program at {address} does not let us in: {why}"

@@ -44,6 +44,12 @@ class SinkConfig:
     """zmq: how long to wait for them, s"""
     queue: int | None = None
     """zmq: packets held for a slow subscriber before it loses some"""
+    key: str | None = None
+    """zmq: file of the publisher's secret key (evs keygen makes one); all is encrypted then"""
+    allow: tuple[str, ...] | None = None
+    """zmq: public keys that may listen (files, folders, or written out); else who knows its own"""
+    insecure: bool | None = None
+    """zmq: true: other machines may listen although there is no key"""
     file: str | None = None
     """of a recording"""
     compression: str | None = None
@@ -55,7 +61,7 @@ class SinkConfig:
 
 
 SINK_KEYS = {
-    "zmq": ("address", "wait_for", "wait_s", "queue"),
+    "zmq": ("address", "wait_for", "wait_s", "queue", "key", "allow", "insecure"),
     **{each.name: ("file", *each.keys) for each in formats.FORMATS},
 }
 """sink type -> the keys it has; the first is required"""
@@ -72,6 +78,12 @@ class PipelineConfig(RunConfig):
     """one more recording, as in run.aedat4; the ending says the format"""
     publish: str = ""
     """one more zmq sink: the address it binds, as in tcp://127.0.0.1:5560"""
+    publish_key: str = ""
+    """its secret key"""
+    publish_allow: tuple[str, ...] = ()
+    """public keys that may listen to it"""
+    publish_insecure: bool = False
+    """true: other machines may listen to it although it has no key"""
     report: str = ""
     """where to write the run report (JSON); every recording has one beside it anyway"""
 
@@ -89,8 +101,17 @@ class PipelineConfig(RunConfig):
         if self.record:
             every.append(SinkConfig(type=formats.to_write(self.record).name, file=self.record))
         if self.publish:
-            every.append(SinkConfig(type="zmq", address=self.publish))
+            every.append(self._published())
         return tuple(sorted(every, key=lambda sink: sink.file is not None))
+
+    def _published(self) -> SinkConfig:
+        return SinkConfig(
+            type="zmq",
+            address=self.publish,
+            key=self.publish_key or None,
+            allow=self.publish_allow or None,
+            insecure=self.publish_insecure or None,
+        )
 
 
 def load(
@@ -227,7 +248,13 @@ def _with_paths(config: PipelineConfig, change: Callable[[str], str]) -> Pipelin
         given = {key: getattr(table, key) for key in keys}
         return dataclasses.replace(table, **{k: change(v) for k, v in given.items() if v})
 
-    sinks = tuple(changed(sink, ["file"]) for sink in config.sink)
+    def with_keys(table: Any, key: str, allow: str) -> Any:
+        # a public key that is written out is no path
+        places = getattr(table, allow)
+        kept = tuple(p if len(p) == 40 else change(p) for p in places or ()) or places
+        return dataclasses.replace(changed(table, [key]), **{allow: kept})
+
+    sinks = tuple(with_keys(changed(sink, ["file"]), "key", "allow") for sink in config.sink)
     # a preset is a name, but may be a file of the user's own
     preset = config.sensor.preset
     is_file = preset.endswith(".toml") or "/" in preset
@@ -238,7 +265,7 @@ def _with_paths(config: PipelineConfig, change: Callable[[str], str]) -> Pipelin
     network = config.model.network
     is_file = network.endswith(".onnx") or "/" in network
     model = changed(config.model, ["network"] if is_file else [])
-    config = changed(config, ["record", "report"])
+    config = with_keys(changed(config, ["record", "report"]), "publish_key", "publish_allow")
     return dataclasses.replace(config, sink=sinks, scene=scene, sensor=sensor, model=model)
 
 

@@ -1,0 +1,36 @@
+"""`evs keygen NAME`: a pair of keys, so that a camera may be heard on other machines."""
+
+from __future__ import annotations
+
+import argparse
+
+from evs.launch.again import command
+
+HELP = "make a pair of keys: who may listen to a camera over the network"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The command line of `evs keygen`."""
+    parser.usage = "evs keygen NAME"
+    parser.epilog = (
+        "Writes NAME.key, which you give away, and NAME.secret.key, which stays where it is. A\n"
+        "camera with a pair is heard by whoever knows its NAME.key, encrypted; with --allow only\n"
+        "by those whose own NAME.key it is given."
+    )
+    parser.add_argument(
+        "name", metavar="NAME", help="of the files, a folder before it may be given"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make them, and say what they are for."""
+    from evs.drivers.bus.keys import write_keys
+
+    public, secret = write_keys(args.name)
+    everywhere = "tcp://0.0.0.0:5560"
+    print(f"wrote {public} (give it to who listens) and {secret} (it stays here)")
+    print("publish with it, and listen from another machine:")
+    publish = ["emulate", "demo", "--publish", everywhere]
+    print(f"  {command(*publish, '--key', str(secret))}")
+    print(f"  {command('echo', 'tcp://HOST:5560', '--server-key', str(public))}")
+    return 0
