@@ -70,17 +70,22 @@ def dv_beside(path: str) -> dict[str, Any]:
                 force = (one.accelerometerX, one.accelerometerY, one.accelerometerZ)
                 turn = (one.gyroscopeX, one.gyroscopeY, one.gyroscopeZ)
                 samples.append((one.timestamp, one.temperature, *force, *turn))
+    triggers = []
+    if file.isTriggerStreamAvailable():
+        while (marks := file.getNextTriggerBatch()) is not None:
+            triggers += [[one.timestamp, int(one.type)] for one in marks]
     values = np.array([row[1:] for row in samples], np.float32).reshape(-1, 7)
     stamps = np.array([row[0] for row in samples], np.int64)
     size = list(file.getFrameResolution() or ()) if frames else []
-    return {"frames": frames, "size": size, "imu": hashed(stamps, values), "samples": len(stamps)}
+    told = {"imu": hashed(stamps, values), "samples": len(stamps), "triggers": triggers}
+    return {"frames": frames, "size": size, **told}
 
 
 def aedat_beside(path: str) -> dict[str, Any]:
     """What aedat sees of them; it gives the stamps of the frame too."""
     import aedat
 
-    frames, stamps, values = [], [], []
+    frames, stamps, values, triggers = [], [], [], []
     names = [f"{kind}_{axis}" for kind in ("accelerometer", "gyroscope") for axis in "xyz"]
     for packet in aedat.Decoder(path):
         if "frame" in packet:
@@ -90,9 +95,12 @@ def aedat_beside(path: str) -> dict[str, Any]:
         elif "imus" in packet:
             stamps.append(packet["imus"]["t"].astype(np.int64))
             values.append(np.stack([packet["imus"][n] for n in ("temperature", *names)], 1))
+        elif "triggers" in packet:
+            triggers += [list(map(int, mark)) for mark in packet["triggers"].tolist()]
     joined = np.concatenate([np.zeros(0, np.int64), *stamps])
     every = np.concatenate([np.zeros((0, 7), np.float32), *values])
-    return {"frames": frames, "imu": hashed(joined, every), "samples": len(joined)}
+    told = {"imu": hashed(joined, every), "samples": len(joined), "triggers": triggers}
+    return {"frames": frames, **told}
 
 
 def aedat_packets(path: str, facts: dict[str, Any]) -> Iterator[Any]:

@@ -15,7 +15,7 @@ import pytest
 
 from evs.drivers.files import read
 from evs.drivers.files.aedat4 import Aedat4File, Aedat4Recorder
-from evs.msgs import EventPacket, Events, StreamInfo, make_events
+from evs.msgs import EventPacket, Events, StreamInfo, join_events, make_events
 
 SCRIPT = Path(__file__).with_name("aedat4_oracles.py")
 READERS = ("dv-processing", "aedat", "faery")
@@ -86,9 +86,20 @@ CASES = {
     "many": (DAVIS, random_events(DAVIS, 120_000, 1, 200_000)),
     "one": (DAVIS, make_events([1], [345], [259], [1])),
     "corners": (LARGE, CORNERS),
-    "2^24": (DAVIS, random_events(DAVIS, 3000, 2**24 - 5000, 10_000)),
-    "2^31": (LARGE, random_events(LARGE, 3000, 2**31 - 5000, 10_000)),
-    "2^32": (DAVIS, random_events(DAVIS, 3000, 2**32 - 5000, 10_000)),
+    "2^24": (DAVIS, random_events(DAVIS, 100_000, 2**24 - 5000, 10_000)),
+    "2^31": (LARGE, random_events(LARGE, 100_000, 2**31 - 5000, 10_000)),
+    "2^32": (DAVIS, random_events(DAVIS, 100_000, 2**32 - 5000, 10_000)),
+    # ticks of 65,535, 0, 1 and 65,535 events
+    "65535": (
+        LARGE,
+        join_events(
+            [
+                random_events(LARGE, 65_535, 1, 1000),
+                make_events([2500], [1279], [719], [1]),
+                random_events(LARGE, 65_535, 3001, 1000),
+            ]
+        ),
+    ),
     "empty": (DAVIS, make_events([], [], [], [])),
 }
 
@@ -114,7 +125,7 @@ def test_whole_files_are_read_bit_exactly(
     reader: str, recordings: dict[str, tuple[StreamInfo, Events]]
 ) -> None:
     seen = oracle(reader, *recordings)
-    assert len(seen) == len(recordings) == 21
+    assert len(seen) == len(recordings) == 24
     for facts in seen:
         stream, events = recordings[facts["path"]]
         assert facts["error"] == ""

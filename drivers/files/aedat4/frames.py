@@ -31,6 +31,8 @@ def frame_body(frame: Frame) -> bytes:
     pixels = np.ascontiguousarray(frame.pixels)
     number = next(key for key, dtype in FORMATS.items() if dtype == pixels.dtype)
     builder = flatbuffers.Builder(pixels.nbytes + 256)
+    # a stamp of 0 that is left out would be taken for one that another writer has none of
+    builder.ForceDefaults(True)
     vector = builder.CreateNumpyVector(pixels.view(np.uint8).reshape(-1))
     builder.StartObject(_FIELDS)
     for slot, value in (

@@ -20,6 +20,8 @@ def imu_body(samples: ImuSamples) -> bytes:
     turn = (samples["angular_velocity"] / DEGREE).astype(np.float32)
     values = np.hstack([samples["temperature"][:, np.newaxis].astype(np.float32), force, turn])
     builder = flatbuffers.Builder(96 * len(samples) + 256)
+    # -0.0 counts as the default, and would come back as 0.0
+    builder.ForceDefaults(True)
     tables = []
     for t_us, row in zip(samples["t"].tolist(), values.tolist(), strict=True):
         builder.StartObject(_FIELDS)

@@ -172,9 +172,8 @@ class Aedat4File:
                 raise DamageError("it neither declares nor holds an event stream")
             self.stream = description.stream_info(info, width, height)
             self.damage = Damage()
-        kinds = {"frames": "FRME", "imu": "IMUS", "triggers": "TRIG"}
-        there = {key: self._first(kind) is not None for key, kind in kinds.items()}
-        self.stream = replace(self.stream, **there)
+        frames, imu, triggers = (self._first(one) is not None for one in ("FRME", "IMUS", "TRIG"))
+        self.stream = replace(self.stream, frames=frames, imu=imu, triggers=triggers)
 
     def _first(self, kind: str) -> int | None:
         """The id of the first stream of a kind that the file declares."""
