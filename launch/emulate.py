@@ -9,6 +9,7 @@ from evs.drivers.pipeline import config as pipeline
 from evs.drivers.pipeline import settings
 from evs.launch import options
 from evs.launch.again import command
+from evs.msgs import EvsError
 
 HELP = "run a scene through the event camera: publish it, record it"
 
@@ -74,9 +75,16 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     watch = StopWatch()
     world = World.from_config(config.emulation(), meter=watch)
 
+    unkept: list[EvsError] = []
+
     def keep(report: Report) -> None:
         for target in targets:
-            write_report(report, target)
+            try:
+                write_report(report, target)
+            except EvsError as error:
+                # a full disk: the others, and what ended the run, matter more
+                unkept.append(error)
+                terminal.warn(str(error))
 
     with terminal.progress(ticks, args.quiet) as moved:
         report = run_loop(
@@ -94,7 +102,7 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     terminal.summary(report, args.quiet, next_commands(args, recordings, addresses))
     # a recording that stopped has been warned of, but it is not what was asked for
     stopped = any(said.get("error") for said in report.sinks)
-    return STOPPED.get(report.ended.split()[0], 2 if stopped else 0)
+    return STOPPED.get(report.ended.split()[0], 2 if stopped or unkept else 0)
 
 
 def next_commands(
