@@ -37,6 +37,11 @@ NUMBERS = {
     "seed": "controls and pixels follow from it",
 }
 
+NAMES = {
+    "runtime": "of networks: native, onnxruntime, reference",
+    "provider": "execution provider of onnxruntime: cpu, cuda, tensorrt, openvino, coreml",
+}
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -47,7 +52,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         add(f"--{name}", metavar="A,B", help=line)
     for name, line in NUMBERS.items():
         add(f"--{name}", type=int, metavar="N", help=line, dest=name.replace("-", "_"))
-    add("--runtime", metavar="NAME", help="of networks: native, onnxruntime, reference")
+    for name, line in NAMES.items():
+        add(f"--{name}", metavar="NAME", help=line)
     add("--quick", action="store_true", help="two scenes, few pixels: under two minutes")
     add("--cache", metavar="DIR", help="where traced light is kept (the user's cache folder)")
     add("--json", metavar="FILE", help="everything that was measured")
@@ -74,12 +80,11 @@ def run(args: argparse.Namespace) -> int:
         raise EvsError(f"--picture is '{picture}': end it in .png")
     check_targets([path for path in (numbers, words, picture) if path is not None])
     settings = _settings(args, evaluate.QUICK if args.quick else evaluate.Settings())
-    judged, missing = models.contenders(
-        settings.models, settings.network, settings.threads, settings.runtime
-    )
+    judged, missing = models.contenders(settings.models, settings.network, settings.how)
     for line in missing:
         terminal.warn(line)
-    checked = None if settings.network is None else _checked(settings.network)
+    own = settings.network
+    checked = None if own is None else _checked(own, settings.provider)
     cache = LightCache(user_cache() if args.cache is None else Path(args.cache).expanduser())
     total = evaluate.work(settings, evaluate.look_ahead(judged))
     with terminal.bar("tracing", total, args.quiet) as moved:
@@ -97,13 +102,13 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _checked(network: Path) -> Any:
+def _checked(network: Path, provider: str) -> Any:
     """What was found out about a user's network; each thing that is bad is a warning."""
     from evs.drivers.checkup.check import BAD
     from evs.drivers.evaluation.check import check_model
     from evs.launch import terminal
 
-    checked = check_model(network)
+    checked = check_model(network, provider)
     for finding in checked.findings:
         if finding.verdict == BAD:
             terminal.warn(f"{network}: {finding.what}: {finding.found}")
@@ -118,7 +123,7 @@ def _settings(args: argparse.Namespace, settings: Any) -> Any:
         if text is not None:
             words = [word.strip() for word in text.split(",") if word.strip()]
             given[name] = tuple(_whole(name, words) if name == "spp" else words)
-    for name in (*(name.replace("-", "_") for name in NUMBERS), "runtime"):
+    for name in (*(name.replace("-", "_") for name in NUMBERS), *NAMES):
         if getattr(args, name) is not None:
             given[name] = getattr(args, name)
     if args.network is not None:
@@ -138,7 +143,7 @@ def _command(args: argparse.Namespace) -> str:
     parts: list[str] = ["evaluate"]
     if args.network is not None:
         parts.append(args.network)
-    shown = [*LISTS, *NUMBERS, "runtime", "json", "markdown", "picture"]
+    shown = [*LISTS, *NUMBERS, *NAMES, "json", "markdown", "picture"]
     for name in shown:
         given = getattr(args, name.replace("-", "_"))
         if given is not None:

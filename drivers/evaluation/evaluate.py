@@ -13,6 +13,7 @@ from evs.drivers.evaluation import models, scenes
 from evs.drivers.evaluation.cache import LightCache
 from evs.drivers.evaluation.light import HALF_SEEDS, LightSpec, light_of
 from evs.drivers.evaluation.measure import Mask, measure
+from evs.drivers.evaluation.models import Running
 from evs.drivers.evaluation.pool import Cell
 from evs.drivers.evaluation.table import Evaluation, TakeFacts
 from evs.drivers.evaluation.take import MOTIONS, PATCH_PX, SIZE, TICK_US, Take, film
@@ -50,6 +51,7 @@ class Settings:
     pixels: int = 4096
     reference_spp: int = 1024
     runtime: str = "native"
+    provider: str = "cpu"
     threads: int = 0
     seed: int = 0
     size: tuple[int, int] = SIZE
@@ -74,6 +76,11 @@ class Settings:
                 raise EvsError(f"a {what} stands twice in {', '.join(map(str, values))}")
         if not (self.cameras and self.spp):
             raise EvsError(f"give at least one camera ({', '.join(MOTIONS)}) and one spp")
+
+    @property
+    def how(self) -> Running:
+        """How models are run."""
+        return Running(self.threads, self.runtime, self.provider)
 
     @property
     def measured_ticks(self) -> int:

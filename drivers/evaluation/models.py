@@ -39,6 +39,16 @@ Make = Callable[[SensorParameters], EventModel]
 
 
 @dataclass(frozen=True)
+class Running:
+    """How models are run: as EvsNetModel takes it."""
+
+    threads: int = 0
+    runtime: str = "native"
+    provider: str = "cpu"
+    """onnxruntime's execution provider"""
+
+
+@dataclass(frozen=True)
 class Contender:
     """One model."""
 
@@ -105,11 +115,11 @@ def numbered(events: Events) -> Events:
 
 
 def contenders(
-    names: Sequence[str], own: Path | None, threads: int, runtime: str
+    names: Sequence[str], own: Path | None, how: Running
 ) -> tuple[list[Contender], list[str]]:
     """The models of a list, and a line for each network that does not come with this evs.
 
-    In: own, a user's network, which is judged besides. threads, runtime: as of EvsNetModel.
+    In: own, a user's network, which is judged besides.
     Raises EvsError: unknown name, a name twice, a network that cannot be read.
     """
     shipped = network_names()
@@ -120,22 +130,22 @@ def contenders(
         if name not in known:
             raise unknown("model", name, known)
         if name in PIXELS:
-            found.append(Contender(name, _pixel(name, threads)))
+            found.append(Contender(name, _pixel(name, how.threads)))
         elif name in shipped:
-            found.append(network(load_network(name), threads, runtime, name))
+            found.append(network(load_network(name), how, name))
         elif name in families(shipped):
-            found.append(_family(name, members(name, shipped), threads, runtime))
+            found.append(_family(name, members(name, shipped), how))
         else:
             missing.append(f"no network '{name}' in config/networks: it is left out")
     if own is not None:
-        found.append(network(read_network(own), threads, runtime, own.stem))
+        found.append(network(read_network(own), how, own.stem))
     twice = [one.name for k, one in enumerate(found) if one.name in [c.name for c in found[:k]]]
     if twice:
         raise EvsError(f"two models are called '{twice[0]}'; leave one out, or rename its file")
     return found, missing
 
 
-def network(weights: Network, threads: int, runtime: str, name: str = "") -> Contender:
+def network(weights: Network, how: Running, name: str = "") -> Contender:
     """A trained network. Its membranes begin at zero, as the reference's pixels do.
 
     A graph of another design goes to onnxruntime, whatever the runtime. Raises EvsError where it
@@ -146,21 +156,25 @@ def network(weights: Network, threads: int, runtime: str, name: str = "") -> Con
         raise EvsError(
             f"network '{name}' is for ticks of {weights.tick_us} us; here they have {TICK_US} us"
         )
-    chosen = "onnxruntime" if isinstance(weights, GraphNetwork) else runtime
+    chosen = "onnxruntime" if isinstance(weights, GraphNetwork) else how.runtime
 
     def make(sensor: SensorParameters) -> EventModel:
-        return EvsNetModel(sensor, weights, runtime=chosen, threads=threads, initial="zero")
+        return EvsNetModel(
+            sensor,
+            weights,
+            runtime=chosen,
+            provider=how.provider,
+            threads=how.threads,
+            initial="zero",
+        )
 
     # what is wrong with it is told before anything is traced
     make(sensor_of(1))
     return Contender(name, make, weights.latency_ticks)
 
 
-def _family(name: str, found: dict[int, str], threads: int, runtime: str) -> Family:
-    networks = [
-        (spp, network(load_network(member), threads, runtime, member))
-        for spp, member in found.items()
-    ]
+def _family(name: str, found: dict[int, str], how: Running) -> Family:
+    networks = [(spp, network(load_network(member), how, member)) for spp, member in found.items()]
     latest = max(one.latency_ticks for _, one in networks)
     return Family(name, networks[0][1].make, latest, tuple(networks))
 

@@ -82,6 +82,12 @@ class Recipe:
 
 OURS = Terms(count=0.1, calibration=0.02, edge=16.0, silence=0.2)
 
+
+def _ours(name: str, channels: int) -> Recipe:
+    architecture = Architecture(channels=channels, odd=True)
+    return Recipe(name, architecture, tau_s=4.0, terms=OURS, balanced=True)
+
+
 RECIPES = {
     # centred, biased, from scratch, its loss alone, its light; C is not told in the paper
     "paper": Recipe(
@@ -90,8 +96,8 @@ RECIPES = {
         initial="uniform",
         variants=(Variant(64, "fresh"),),
     ),
-    "evsnet_c8": Recipe("evsnet_c8", Architecture(channels=8, odd=True), terms=OURS, balanced=True),
-    "evsnet_c4": Recipe("evsnet_c4", Architecture(channels=4, odd=True), terms=OURS, balanced=True),
+    "evsnet_c8": _ours("evsnet_c8", 8),
+    "evsnet_c4": _ours("evsnet_c4", 4),
 }
 """By name. Any of them can be changed on the command line."""
 

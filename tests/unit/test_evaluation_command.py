@@ -39,7 +39,7 @@ def tiny(scene: Path, **given: Any) -> whole.Settings:
 
 
 def judge(settings: whole.Settings, cache: LightCache) -> whole.Evaluation:
-    judged, _ = models.contenders(settings.models, None, 1, "reference")
+    judged, _ = models.contenders(settings.models, None, models.Running(1, "reference"))
     return whole.evaluate(settings, cache, judged)
 
 
@@ -131,7 +131,7 @@ def test_a_damaged_file_changes_nothing(scene: Path, tmp_path: Path) -> None:
 def test_interrupted_it_keeps_what_was_traced(scene: Path, tmp_path: Path) -> None:
     settings = tiny(scene)
     cache = LightCache(tmp_path / "cache")
-    judged, _ = models.contenders(("plain",), None, 1, "reference")
+    judged, _ = models.contenders(("plain",), None, models.Running(1, "reference"))
     # both halves of the first take are done, its first noisy light is not
     most = settings.reference_spp * settings.ticks + 3
 
@@ -152,8 +152,9 @@ def test_interrupted_it_keeps_what_was_traced(scene: Path, tmp_path: Path) -> No
 
 def test_progress_ends_where_it_was_said(scene: Path, tmp_path: Path) -> None:
     settings = tiny(scene)
-    judged = [*models.contenders(("plain",), None, 1, "reference")[0],
-              models.network(random_network(3, 2, 8, look_ahead=3), 1, "reference")]  # fmt: skip
+    how = models.Running(1, "reference")
+    late = models.network(random_network(3, 2, 8, look_ahead=3), how)
+    judged = [*models.contenders(("plain",), None, how)[0], late]
     ahead = whole.look_ahead(judged)
     assert ahead == 72
     seen: list[int] = []
@@ -267,8 +268,10 @@ def test_networks_that_do_not_come_with_evs_are_left_out(
 def test_two_models_of_one_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(models, "read_network", lambda path: random_network(1))
     with pytest.raises(EvsError, match="two models are called 'plain'"):
-        models.contenders(("plain",), tmp_path / "plain.onnx", 1, "reference")
-    (found, own), _ = models.contenders(("plain",), tmp_path / "mine.onnx", 1, "reference")
+        models.contenders(("plain",), tmp_path / "plain.onnx", models.Running(1, "reference"))
+    (found, own), _ = models.contenders(
+        ("plain",), tmp_path / "mine.onnx", models.Running(1, "reference")
+    )
     assert (found.name, own.name) == ("plain", "mine")
 
 
@@ -312,9 +315,11 @@ def test_a_users_own_network_is_judged_besides(
 def test_a_network_of_other_ticks_is_told_before_anything_is_traced() -> None:
     weights = replace(random_network(4, 2), tick_us=500)
     with pytest.raises(EvsError, match="is for ticks of 500 us; here they have 1000 us"):
-        models.network(weights, 1, "reference", "mine")
+        models.network(weights, models.Running(1, "reference"), "mine")
     with pytest.raises(EvsError, match="no runtime 'nativ'"):
-        models.network(random_network(4, 2), 1, "nativ", "mine")
+        models.network(random_network(4, 2), models.Running(1, "nativ"), "mine")
+    with pytest.raises(EvsError, match=r"^no execution provider 'gpu'; there is: "):
+        models.network(random_network(4, 2), models.Running(1, "onnxruntime", "gpu"), "mine")
 
 
 def test_a_network_that_is_not_sound_is_told_and_judged_all_the_same(

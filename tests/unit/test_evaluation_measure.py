@@ -89,7 +89,7 @@ def test_a_model_sees_each_pixel_alone_and_its_latency_is_taken_off() -> None:
     assert ((off["t"] > 29_000) & (off["t"] <= 30_000)).all()
 
     weights = random_network(5, 4, look_ahead=3)
-    contender = models.network(weights, 1, "reference", "mine")
+    contender = models.network(weights, models.Running(1, "reference"), "mine")
     assert (contender.name, contender.latency_ticks) == ("mine", 21)
     out = models.run(contender, light)
     assert out.ms_per_tick > 0
@@ -197,7 +197,7 @@ def test_what_stood_still_before_fills_the_window_of_a_network() -> None:
     light = rng.gamma(8.0, 0.02, (110, 3)).astype(np.float32)
     for look_ahead in (0, 1):
         weights = random_network(6, 4, look_ahead=look_ahead)
-        contender = models.network(weights, 1, "reference")
+        contender = models.network(weights, models.Running(1, "reference"))
         cold = models.run(contender, light[42:]).events
         found = models.run(contender, light[42:], light[:42]).events
         assert not np.array_equal(cold, found)
@@ -212,7 +212,7 @@ def test_what_stood_still_before_fills_the_window_of_a_network() -> None:
         assert len(wanted) > 10
         assert np.array_equal(found, wanted)
     # pixels have no window
-    (plain,), _ = models.contenders(("plain",), None, 1, "native")
+    (plain,), _ = models.contenders(("plain",), None, models.Running(1, "native"))
     known = models.run(plain, light[42:]).events
     assert np.array_equal(models.run(plain, light[42:], light[:42]).events, known)
 
