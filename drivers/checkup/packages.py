@@ -26,6 +26,8 @@ EXTRAS = {
     "gym": ("gymnasium",),
     "video": ("imageio-ffmpeg",),
     "train": ("jax", "optax"),
+    "formats": ("faery", "h5py", "hdf5plugin"),
+    "ros2": ("rosbags",),
 }
 """extra -> its distributions; pyproject.toml's `optional-dependencies` for users."""
 
@@ -34,6 +36,8 @@ USES = {
     "gym": "evs demo",
     "video": ".mp4 films",
     "train": "evs train fit",
+    "formats": ".dat and .h5 recordings",
+    "ros2": ".mcap and .bag recordings",
 }
 """extra -> what it is for"""
 

@@ -32,11 +32,15 @@ class Damage:
     packets: int = 0
     """damaged packets that lie between whole ones"""
     first: str = ""
-    """offset and reason of the first of them"""
+    """place and reason of the first of them"""
 
     def packet(self, at: int, reason: str) -> None:
         """Something that is no packet of sound values, and a whole packet follows it."""
-        self.first = self.first or f"at byte {at}: {reason}"
+        self.lost(f"at byte {at}", reason)
+
+    def lost(self, where: str, reason: str) -> None:
+        """The same, where a library reads the file and tells no offset."""
+        self.first = self.first or f"{where}: {reason}"
         self.packets += 1
 
     def tail(self, at: int, end: int) -> None:

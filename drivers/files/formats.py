@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evs.msgs import EvsError, unknown
+from evs.msgs.encodings import LONGEST_US, MAX_SIDE_EVT_PX, TIME_ORIGIN_US
 
 if TYPE_CHECKING:
     from evs.drivers.files.recorded import RecordedFile
@@ -25,7 +26,7 @@ AnyPath = str | os.PathLike[str]
 MAX_SIDE_PX = 1 << 15
 """x and y are int16."""
 
-HEAD_BYTES = 64
+HEAD_BYTES = 1024
 """Of a file, for Format.begins."""
 
 
@@ -110,6 +111,69 @@ def _record_npz(path: Path) -> Sink:
     return NpzRecorder(path)
 
 
+def _open_raw(path: Path) -> RecordedFile:
+    from evs.drivers.files.raw import RawFile
+
+    return RawFile.at(path)
+
+
+def _record_evt3(path: Path) -> Sink:
+    from evs.drivers.files.raw import Evt3Recorder
+
+    return Evt3Recorder(path)
+
+
+def _record_evt2(path: Path) -> Sink:
+    from evs.drivers.files.raw import Evt2Recorder
+
+    return Evt2Recorder(path)
+
+
+def _open_dat(path: Path) -> RecordedFile:
+    from evs.drivers.files.dat import DatFile
+
+    return DatFile.at(path)
+
+
+def _record_dat(path: Path) -> Sink:
+    from evs.drivers.files.dat import DatRecorder
+
+    return DatRecorder(path)
+
+
+def _open_hdf5(path: Path) -> RecordedFile:
+    from evs.drivers.files.hdf5 import Hdf5File
+
+    return Hdf5File.at(path)
+
+
+def _record_hdf5(path: Path) -> Sink:
+    from evs.drivers.files.hdf5 import Hdf5Recorder
+
+    return Hdf5Recorder(path)
+
+
+def _open_bag(path: Path) -> RecordedFile:
+    from evs.drivers.files.bags import BagFile
+
+    return BagFile.at(path)
+
+
+def _record_rosbag1(path: Path, **options: str) -> Sink:
+    from evs.drivers.files.bags import Ros1Recorder
+
+    return Ros1Recorder(path, **options)
+
+
+def _record_rosbag2(path: Path, **options: str) -> Sink:
+    from evs.drivers.files.bags import Ros2Recorder
+
+    return Ros2Recorder(path, **options)
+
+
+_ROS = Holds(first_us=0, last_us=LONGEST_US - TIME_ORIGIN_US - 1)
+_EVT = Holds(MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, 0, LONGEST_US - TIME_ORIGIN_US - 1)
+
 FORMATS: tuple[Format, ...] = (
     Format(
         name="aedat4",
@@ -129,6 +193,61 @@ FORMATS: tuple[Format, ...] = (
         open=_open_npz,
         record=_record_npz,
         holds=Holds(frames=True, imu=True, triggers=True, labels=True),
+    ),
+    Format(
+        name="evt3",
+        suffixes=(".raw",),
+        title="EVT3: RAW files of Prophesee's cameras; survives a kill at any moment",
+        open=_open_raw,
+        record=_record_evt3,
+        holds=_EVT,
+        begins=lambda head: b"% evt 3" in head or b"% format EVT3" in head,
+    ),
+    Format(
+        name="evt2",
+        suffixes=(".raw",),
+        title="EVT2: RAW files of older Prophesee cameras; survives a kill at any moment",
+        open=_open_raw,
+        record=_record_evt2,
+        holds=_EVT,
+        begins=lambda head: b"% evt 2.0" in head or b"% format EVT2;" in head,
+    ),
+    Format(
+        name="dat",
+        suffixes=(".dat",),
+        title="DAT: Prophesee's 8 bytes an event",
+        open=_open_dat,
+        record=_record_dat,
+        holds=Holds((1 << 14) - 1, (1 << 14) - 1, 0),
+        extra="formats",
+    ),
+    Format(
+        name="hdf5",
+        suffixes=(".h5", ".hdf5"),
+        title="HDF5: the layout of the DSEC data set",
+        open=_open_hdf5,
+        record=_record_hdf5,
+        extra="formats",
+    ),
+    Format(
+        name="rosbag2",
+        suffixes=(".mcap",),
+        title="MCAP: a rosbag2 recording of event_camera_msgs, for ROS 2",
+        open=_open_bag,
+        record=_record_rosbag2,
+        holds=_ROS,
+        keys=("encoding",),
+        extra="ros2",
+    ),
+    Format(
+        name="rosbag1",
+        suffixes=(".bag",),
+        title="Bag: a ROS 1 recording of dvs_msgs",
+        open=_open_bag,
+        record=_record_rosbag1,
+        holds=_ROS,
+        keys=("encoding",),
+        extra="ros2",
     ),
 )
 """Every format. Where an ending is shared, the first that has it is what is written."""

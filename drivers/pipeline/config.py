@@ -54,6 +54,8 @@ class SinkConfig:
     """of a recording"""
     compression: str | None = None
     """aedat4: lz4 | zstd | none"""
+    encoding: str | None = None
+    """rosbag2, rosbag1: evt3 | libcaer | mono (event_camera_msgs) | dvs (dvs_msgs)"""
     rotate_mb: float | None = None
     """aedat4: go on in another file (run-001.aedat4, ...) before one grows over this, MB"""
     rotate_s: float | None = None

@@ -83,9 +83,9 @@ def _block(events: Events, stamps: npt.NDArray[np.int64], known_us: int) -> list
     np.not_equal(y[1:], y[:-1], out=said[1:, 2])
     chosen = words[said]
     before = np.concatenate([[known_us >> _BITS], high[:-1]])
-    if before[0] >> _BITS == high[-1] >> _BITS:
+    if before[0] >> _BITS - 1 == high[-1] >> _BITS - 1:
         return [chosen]
-    # where the counter wraps, say so at length
+    # where the counter passes half of its range or wraps, say so at length
     counts, told = told_between(before, high, _BITS)
     starts = np.cumsum(np.count_nonzero(said, 1)) - np.count_nonzero(said, 1)
     return [np.insert(chosen, np.repeat(starts, counts), _high_words(told))]

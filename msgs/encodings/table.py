@@ -35,18 +35,17 @@ class PayloadWriter:
     def payload(self, events: Events) -> Payload:
         """The payload of the next packet. In: events (n,), sorted, none before the last packet's.
 
-        MessageError: what the encoding does not hold. An evt3 payload's time base, which the
-        format leaves open, is the time of its first event without `time_origin_us`.
+        MessageError: what the encoding does not hold. The time base of an evt3 payload is 0, as
+        real drivers have it: the words tell the time.
         """
         if self.encoding == "mono":
             return encode_mono(events)
         if self.encoding == "libcaer":
             return encode_libcaer(events)
         data = encode_evt3(events, time_origin_us=self.time_origin_us, after_us=self._after_us)
-        if not len(events):
-            return Payload(max(0, self._after_us) * 1000, data)
-        self._after_us = int(events["t"][-1])
-        return Payload(int(events["t"][0]) * 1000, data)
+        if len(events):
+            self._after_us = int(events["t"][-1])
+        return Payload(0, data)
 
 
 class PayloadReader:

@@ -2,8 +2,9 @@
 
 A TIME_HIGH word holds the upper bits of the time, but only so many; a decoder counts how often they
 wrapped. Decoders differ in what they take for a wrap: some want a fall from nearly the largest
-number to nearly zero, some any fall by more than ten. An encoder that says the largest number and
-zero at each wrap is understood by all of them.
+number to nearly zero, some any fall by more than ten; and some take a rise from nearly zero to
+nearly the largest number for a step back. An encoder that says half of the range each time it is
+passed, and the largest number and zero at each wrap, is understood by all of them.
 """
 
 from __future__ import annotations
@@ -20,12 +21,18 @@ def told_between(before: Integers, after: Integers, bits: int) -> tuple[Integers
     """What to say so that a decoder that knows `before` counts up to `after`.
 
     In: before, after (n,) upper bits of time without wraps, before <= after; bits of the counter.
-    Out: how many words at each place (n,), and the words (their sum,): largest, zero, largest, ...
+    Out: how many words at each place (n,), and the words (their sum,): half, largest, zero, ...
     """
-    counts = 2 * ((after >> bits) - (before >> bits))
-    words = np.zeros(int(counts.sum()), np.int64)
-    words[0::2] = (1 << bits) - 1
-    return counts, words
+    # whole and half ranges that are passed, in their order
+    halves = (after >> bits - 1) - (before >> bits - 1)
+    wraps = (after >> bits) - (before >> bits)
+    first = np.repeat((before >> bits - 1) + 1 - (np.cumsum(halves) - halves), halves)
+    is_wrap = (first + np.arange(len(first))) % 2 == 0
+    words = np.empty((len(first), 2), np.int64)
+    words[:, 0] = np.where(is_wrap, (1 << bits) - 1, 1 << bits - 1)
+    words[:, 1] = 0
+    said = np.stack([np.ones_like(is_wrap), is_wrap], 1)
+    return halves + wraps, words[said]
 
 
 def unwrapped(raw: npt.NDArray[Any], last: int, bits: int) -> Integers:

@@ -95,7 +95,7 @@ BAD = [
     ([*GOOD, "render.isa=sse"], ["sse", "portable"]),
     ([*GOOD, "render.headlight=on"], ["headlight", "off"]),
     ([*GOOD, "--threads", "-1"], ["threads is -1"]),
-    ([*GOOD, "--record", "run.bag"], ["run.bag", ".aedat4, .npz"]),
+    ([*GOOD, "--record", "run.xyz"], ["run.xyz", ".aedat4, .npz"]),
     ([*GOOD, "--record", "missing/run.npz"], ["missing/run.npz", "mkdir -p missing"]),
     ([*GOOD, "--record", "missing/run.aedat4"], ["missing/run.aedat4", "mkdir -p missing"]),
     ([*GOOD, "--record", "ball.xml/run.npz"], ["ball.xml/run.npz"]),

@@ -21,7 +21,7 @@ STARTS = {"0": 0, "2^24": 2**24, "2^31": 2**31, "2^32": 2**32, "2^34": 2**34}
 SIZES = (0, 1, 1000, 65_535)
 COUNT = 140_000
 PINNED = {
-    "evt3": "a78fb86f7d09c52900eeb61353283650490694bffaa418e98125ee96db324381",
+    "evt3": "47f6c2b149895eb61ae3421d29d8c8d6e736d90c610330bc0dca2fe6b4552760",
     "libcaer": "44eaac1d63c0c10d276eeaddf50cf7e7d661b18f1d2b87ac6c10e728eccec95f",
     "mono": "6ab2939e565f41c19d8fe366bf677dec254a18feca6338bdf313ed74b27dbe7e",
 }

@@ -18,6 +18,10 @@ DOORS = {
     "mujoco": ("emulator/world/",),
     "msgpack": ("msgs/packet.py",),
     "zmq": ("drivers/bus/",),
+    "faery": ("drivers/files/dat/",),
+    "h5py": ("drivers/files/hdf5/",),
+    "hdf5plugin": ("drivers/files/hdf5/",),
+    "rosbags": ("drivers/files/bags/",),
     "flatbuffers": ("drivers/files/aedat4/",),
     "lz4": ("drivers/files/aedat4/",),
     "zstandard": ("drivers/files/aedat4/",),
@@ -34,7 +38,7 @@ DOORS = {
 }
 """Import name -> the only places that may import it. What is not listed may not be imported."""
 
-EXTRAS = ("raster", "gym", "video", "train")
+EXTRAS = ("raster", "gym", "video", "train", "formats", "ros2")
 """Whose libraries the package imports; those of the others are for tests and tools."""
 
 OUTSIDE = {

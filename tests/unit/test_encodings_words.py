@@ -85,10 +85,15 @@ def test_a_file_tells_absolute_time_whatever_its_first_event(first: int) -> None
 
 
 def test_each_wrap_is_told_as_a_fall_from_the_largest_number_to_zero() -> None:
-    events = make_events([10, 3 * 2**24 + 10], [0, 0], [0, 0], [0, 0])
+    events = make_events([10, 2 * 2**24 + 2**23 + 5000], [0, 0], [0, 0], [0, 0])
     words = np.frombuffer(encode_evt3(events, time_origin_us=0), "<u2").tolist()
     told = [word & 0xFFF for word in words if word >> 12 == 8]
-    assert told == [0, 4095, 0, 4095, 0, 4095, 0, 0]
+    wrap = [0x800, 0xFFF, 0]
+    assert told == [0, *wrap, *wrap, 0x800, 0x801]
+    events["t"] = [10, 2**34 + 2**33]
+    words = np.frombuffer(encode_evt2(events, time_origin_us=0), "<u4").tolist()
+    told = [word & 0xFFFFFFF for word in words if word >> 28 == 8]
+    assert told == [0, 2**27, 2**28 - 1, 0, 2**27, 2**27]
 
 
 def test_vectors_are_pixels_to_the_right_of_a_base_that_moves() -> None:

@@ -1,0 +1,57 @@
+"""rosbags, where it is installed, and the message types that event cameras use."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from evs.msgs import EvsError
+
+PACKET = "event_camera_msgs/msg/EventPacket"
+ARRAY = "dvs_msgs/msg/EventArray"
+EVENT = "dvs_msgs/msg/Event"
+TEXT = "std_msgs/msg/String"
+
+DEFINITIONS = {
+    PACKET: """std_msgs/Header header
+uint32 height
+uint32 width
+uint64 seq
+uint64 time_base
+string encoding
+bool is_bigendian
+uint8[] events
+""",
+    EVENT: """uint16 x
+uint16 y
+{time} ts
+bool polarity
+""",
+    ARRAY: """std_msgs/Header header
+uint32 height
+uint32 width
+dvs_msgs/Event[] events
+""",
+}
+"""message type -> its definition, as its package has it"""
+
+
+def load() -> Any:
+    """The library; EvsError says how to install it."""
+    try:
+        import rosbags.rosbag1
+        import rosbags.rosbag2
+        import rosbags.typesys
+    except ImportError:
+        raise EvsError("ROS bags need rosbags: pip install 'evs[ros2]'") from None
+    return rosbags
+
+
+def typestore(ros: int) -> Any:
+    """Every message type that we use, of ROS 1 or 2."""
+    types = load().typesys
+    store = types.get_typestore(types.Stores.ROS1_NOETIC if ros == 1 else types.Stores.ROS2_HUMBLE)
+    time = "time" if ros == 1 else "builtin_interfaces/Time"
+    for name, definition in DEFINITIONS.items():
+        text = definition.replace("{time}", time)
+        store.register(types.get_types_from_msg(text, name))
+    return store

@@ -1,0 +1,162 @@
+"""Ros1Recorder and Ros2Recorder: one camera's packets into a ROS bag."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evs.drivers.files.bags.library import ARRAY, PACKET, TEXT, load, typestore
+from evs.drivers.files.bags.messages import array_bytes
+from evs.drivers.files.formats import AnyPath
+from evs.drivers.files.whole import WholeRecorder
+from evs.msgs import EventPacket, EvsError, unknown
+from evs.msgs.encodings import PAYLOADS, TIME_ORIGIN_US, PayloadWriter
+
+DVS = "dvs"
+"""encoding: dvs_msgs/EventArray instead of an encoding of event_camera_msgs/EventPacket"""
+
+STREAM_TOPIC = "evs_stream"
+"""A std_msgs/String with the StreamInfo as JSON, behind the namespace of the events."""
+
+
+class _BagRecorder(WholeRecorder):
+    """Topics as the real drivers have them: NAMESPACE/events; stamps are simulated time."""
+
+    ROS: int
+    NAMESPACE: str
+    FAULTS = (OSError, RuntimeError)
+
+    def __init__(self, path: AnyPath, encoding: str | None = None) -> None:
+        """In: encoding, evt3, libcaer or mono (event_camera_msgs), or dvs (dvs_msgs)."""
+        super().__init__(path)
+        self._rosbags = load()
+        self._encoding = encoding
+        self._payloads: PayloadWriter | None = None
+        self._store: Any = None
+        self._writer: Any = None
+        self._topic: Any = None
+
+    def _open_writer(self, path: Path) -> Any:
+        """The library's writer, not yet open."""
+        raise NotImplementedError
+
+    def _usual(self) -> str:
+        """The encoding if none is asked for."""
+        raise NotImplementedError
+
+    def _begin(self, path: Path) -> None:
+        encoding = self._encoding or self._usual()
+        if encoding not in (*PAYLOADS, DVS):
+            raise unknown("encoding", encoding, (*PAYLOADS, DVS))
+        if encoding != DVS:
+            limits = PAYLOADS[encoding]
+            if self.stream.width > limits.width or self.stream.height > limits.height:
+                size = f"{self.stream.width} x {self.stream.height}"
+                raise EvsError(
+                    f"cannot record {size} px to {self._path}: {limits.name} holds "
+                    f"{limits.width} x {limits.height}; set encoding = libcaer"
+                )
+            self._payloads = PayloadWriter(encoding)
+        self._store = typestore(self.ROS)
+        self._writer = self._open_writer(path)
+        self._writer.open()
+        kind = ARRAY if encoding == DVS else PACKET
+        self._topic = self._connect("events", kind)
+        said = {
+            "stream": dataclasses.asdict(self.stream),
+            "time_origin_us": TIME_ORIGIN_US if encoding == "evt3" else 0,
+        }
+        text = self._store.types[TEXT](data=json.dumps(said, default=str))
+        self._send(self._connect(STREAM_TOPIC, TEXT), 0, self._serialised(text, TEXT))
+
+    def _connect(self, name: str, kind: str) -> Any:
+        topic = f"{self.NAMESPACE}/{name}"
+        return self._writer.add_connection(topic, kind, typestore=self._store)
+
+    def _take(self, packet: EventPacket) -> None:
+        events, stream = packet.events, self.stream
+        first_us, last_us = int(events["t"][0]), int(events["t"][-1])
+        if self._payloads is None:
+            sides = stream.height, stream.width
+            data: bytes | memoryview = array_bytes(
+                events, self.ROS, self._packets, stream.camera, *sides
+            )
+        else:
+            base_ns, payload = self._payloads.payload(events)
+            message = self._store.types[PACKET](
+                header=self._header(first_us),
+                height=stream.height,
+                width=stream.width,
+                seq=self._packets,
+                time_base=base_ns,
+                encoding=self._payloads.encoding,
+                is_bigendian=False,
+                events=np.frombuffer(payload, np.uint8),
+            )
+            data = self._serialised(message, PACKET)
+        self.meter.lap("pack")
+        self._send(self._topic, last_us, data)
+
+    def _send(self, topic: Any, t_us: int, data: bytes | memoryview) -> None:
+        self._writer.write(topic, t_us * 1000, data)
+
+    def _header(self, t_us: int) -> Any:
+        seconds, rest = divmod(t_us, 1_000_000)
+        types = self._store.types
+        stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=rest * 1000)
+        sequence = {"seq": self._packets & 0xFFFFFFFF} if self.ROS == 1 else {}
+        return types["std_msgs/msg/Header"](stamp=stamp, frame_id=self.stream.camera, **sequence)
+
+    def _serialised(self, message: Any, kind: str) -> memoryview:
+        serialise = self._store.serialize_ros1 if self.ROS == 1 else self._store.serialize_cdr
+        data: memoryview = serialise(message, kind)
+        return data
+
+    def _end(self) -> None:
+        self._writer.close()
+
+
+class Ros1Recorder(_BagRecorder):
+    """A ROS 1 bag: /dvs/events of dvs_msgs/EventArray, unless another encoding is asked for."""
+
+    NAME, ROS, NAMESPACE = "rosbag1", 1, "/dvs"
+
+    def _usual(self) -> str:
+        return DVS
+
+    def _open_writer(self, path: Path) -> Any:
+        return self._rosbags.rosbag1.Writer(path)
+
+
+class Ros2Recorder(_BagRecorder):
+    """A rosbag2 MCAP file: /event_camera/events of event_camera_msgs/EventPacket.
+
+    EVT3, as real drivers record it, or libcaer where the sensor is too large for that.
+    """
+
+    NAME, ROS, NAMESPACE = "rosbag2", 2, "/event_camera"
+
+    def _usual(self) -> str:
+        limits = PAYLOADS["evt3"]
+        fits = self.stream.width <= limits.width and self.stream.height <= limits.height
+        return "evt3" if fits else "libcaer"
+
+    def _open_writer(self, path: Path) -> Any:
+        # the library makes a folder: an MCAP file, which alone will do, and a description
+        plugin = self._rosbags.rosbag2.StoragePlugin.MCAP
+        folder = path / self._path.stem
+        path.mkdir()
+        return self._rosbags.rosbag2.Writer(folder, version=9, storage_plugin=plugin)
+
+    def _written(self, path: Path) -> Path:
+        return path / self._path.stem / f"{self._path.stem}.mcap"
+
+    def _discard(self) -> None:
+        with contextlib.suppress(OSError):
+            shutil.rmtree(self._temporary)

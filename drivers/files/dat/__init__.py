@@ -1,0 +1,6 @@
+"""DAT files of Prophesee's cameras: recorder and reader. The door to faery (extra `formats`)."""
+
+from evs.drivers.files.dat.reader import DatFile
+from evs.drivers.files.dat.recorder import DatRecorder
+
+__all__ = ["DatFile", "DatRecorder"]

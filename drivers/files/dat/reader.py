@@ -1,0 +1,92 @@
+"""DatFile: a DAT file as a stream of events."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from evs.drivers.files.damage import Damage
+from evs.drivers.files.dat.library import is_fault, load
+from evs.drivers.files.parts import on_sensor, ticks_of
+from evs.drivers.files.raw.header import MAX_HEADER_BYTES
+from evs.drivers.files.recorded import EventsFile
+from evs.drivers.files.recording import existing
+from evs.msgs import Events, EvsError, StreamInfo, make_events
+
+_EVENT_BYTES = 8
+_FALLBACK = (1280, 720)
+"""Size of the sensor where the header says none."""
+
+
+@dataclass
+class DatFile(EventsFile):
+    """One DAT file, opened with `DatFile.at(path)`; faery decodes it."""
+
+    begin: int = 0
+    """where its events begin, bytes"""
+
+    @classmethod
+    def at(cls, path: str | os.PathLike[str]) -> DatFile:
+        """Read the header. EvsError: no such file, no faery, no DAT file of events."""
+        found = existing(path)
+        faery = load()
+        try:
+            size = found.stat().st_size
+            with found.open("rb") as file:
+                begin = _header_bytes(file.read(MAX_HEADER_BYTES))
+            with faery.dat.Decoder(found, _FALLBACK, "dat2") as decoder:
+                kind, sides = decoder.event_type, decoder.dimensions
+        except OSError as reason:
+            raise EvsError(f"cannot read {found}: {reason.strerror}") from None
+        except BaseException as reason:
+            if not is_fault(reason):
+                raise
+            raise EvsError(f"{found} is not a readable DAT file: {reason}") from None
+        if kind != "cd" or sides is None:
+            raise EvsError(f"{found} holds no change events but '{kind}'")
+        stream = StreamInfo(sides[0], sides[1], sensor="unknown")
+        return cls(found, stream, size, begin=begin)
+
+    def events(self) -> Iterator[Events]:
+        """The events of each ms that has any."""
+        yield from ticks_of(self._pieces(), self.stream.tick_us)
+
+    def _pieces(self) -> Iterator[Events]:
+        damage, read = Damage(), 0
+        width, height = self.stream.width, self.stream.height
+        with load().dat.Decoder(self.path, _FALLBACK, "dat2") as decoder:
+            while True:
+                at = self.begin + read * _EVENT_BYTES
+                try:
+                    rows = next(decoder, None)
+                except BaseException as reason:
+                    if not is_fault(reason):
+                        raise
+                    damage.packet(at, str(reason))
+                    break
+                if rows is None:
+                    break
+                read += len(rows)
+                t = rows["t"].astype(np.int64)
+                piece = make_events(t, rows["x"], rows["y"], rows["payload"] > 0)
+                piece, outside = on_sensor(piece, width, height)
+                if outside:
+                    said = f"{outside} of the {len(rows)} events from there lie outside of"
+                    damage.packet(at, f"{said} {width} x {height} px")
+                yield piece
+        damage.tail(self.begin + read * _EVENT_BYTES, self.size)
+        self.damage = damage
+
+
+def _header_bytes(head: bytes) -> int:
+    """Where the events begin: behind the lines of text, and two bytes that say what events are."""
+    at = 0
+    while head.startswith(b"%", at):
+        end = head.find(b"\n", at)
+        if end < 0:
+            break
+        at = end + 1
+    return at + 2

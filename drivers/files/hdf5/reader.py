@@ -1,0 +1,153 @@
+"""Hdf5File: events of DSEC's files, of rpg's (ts, xs, ys, ps) and of ours."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from evs.drivers.files.damage import MAX_STAMP_US, Damage
+from evs.drivers.files.hdf5.library import load
+from evs.drivers.files.hdf5.recorder import STREAM
+from evs.drivers.files.parts import on_sensor, ticks_of
+from evs.drivers.files.recorded import EventsFile, said_stream
+from evs.drivers.files.recording import existing
+from evs.msgs import Events, EvsError, StreamInfo, make_events
+
+LAYOUTS = {"DSEC": ("t", "x", "y", "p"), "rpg": ("ts", "xs", "ys", "ps")}
+"""layout -> its data sets in the group `events`: time, x, y, polarity"""
+
+_PIECE = 1 << 18
+_MAX_RATIO = 1100
+"""Deflate expands 1032 times at most: what states more than that is damaged."""
+
+
+class _OtherError(Exception):
+    """The file is HDF5, but no recording."""
+
+
+@dataclass
+class Hdf5File(EventsFile):
+    """One HDF5 file, opened with `Hdf5File.at(path)`; events are read a piece at a time."""
+
+    columns: tuple[str, ...] = LAYOUTS["DSEC"]
+    """names of its data sets"""
+    events_there: int = 0
+    offset_us: int = 0
+
+    @classmethod
+    def at(cls, path: str | os.PathLike[str]) -> Hdf5File:
+        """Look at its data sets. EvsError: no such file, h5py is not installed, no recording."""
+        found = existing(path)
+        h5py = load()
+        try:
+            with h5py.File(found, "r") as file:
+                columns, count, compression = _columns(file)
+                offset = file.get("t_offset")
+                offset_us = 0 if offset is None or offset.size != 1 else int(offset[()])
+                stream, stated = _stream(file)
+        except _OtherError as reason:
+            raise EvsError(f"{found} is not a recording: {reason}") from None
+        except Exception as reason:  # damaged bytes make h5py raise a dozen kinds
+            said = (str(reason) or type(reason).__name__).splitlines()[0]
+            raise EvsError(f"cannot read {found}: {said}") from None
+        opened = cls(
+            found,
+            stream,
+            found.stat().st_size,
+            compression,
+            columns=columns,
+            events_there=count,
+            offset_us=offset_us if abs(offset_us) < MAX_STAMP_US else 0,
+        )
+        if not stated:
+            opened._find_size()
+        return opened
+
+    def events(self) -> Iterator[Events]:
+        """The events of each tick that has any (of 1 ms, where the file says none)."""
+        yield from ticks_of(self._pieces(), self.stream.tick_us)
+
+    def _find_size(self) -> None:
+        """As large as its events need."""
+        width = height = 1
+        for piece in self._pieces(limited=False):
+            width = max(width, 1 + int(piece["x"].max(initial=0)))
+            height = max(height, 1 + int(piece["y"].max(initial=0)))
+        self.stream = dataclasses.replace(self.stream, width=width, height=height)
+
+    def _pieces(self, limited: bool = True) -> Iterator[Events]:
+        damage = Damage()
+        width, height = self.stream.width, self.stream.height
+        with load().File(self.path, "r") as file:
+            group = file["events"]
+            for begin in range(0, self.events_there, _PIECE):
+                rows = slice(begin, min(begin + _PIECE, self.events_there))
+                try:
+                    piece, bad = _piece(group, self.columns, rows, self.offset_us)
+                except Exception as reason:  # as above
+                    said = str(reason).splitlines()[0] if str(reason) else type(reason).__name__
+                    damage.lost(f"in events {rows.start} ... {rows.stop - 1}", said)
+                    continue
+                if limited:
+                    piece, outside = on_sensor(piece, width, height)
+                    bad += outside
+                if bad:
+                    damage.lost(f"from event {rows.start} on", f"{bad} events have bad values")
+                yield piece
+        self.damage = damage
+
+
+def _columns(file: Any) -> tuple[tuple[str, ...], int, str]:
+    """Names of the data sets, how many events, and how they are compressed."""
+    group = file.get("events")
+    for names in LAYOUTS.values():
+        if group is not None and hasattr(group, "keys") and set(names) <= set(group.keys()):
+            sets = [group[name] for name in names]
+            break
+    else:
+        known = " or ".join(", ".join(names) for names in LAYOUTS.values())
+        raise _OtherError(f"it needs a group 'events' with {known}")
+    for name, one in zip(names, sets, strict=True):
+        if getattr(one, "ndim", -1) != 1 or one.dtype.kind not in "iufb":
+            raise _OtherError(f"events/{name} is no column of numbers")
+        if len(one) != len(sets[0]):
+            raise _OtherError(f"{', '.join(names)} are not of one length")
+        if one.nbytes > _MAX_RATIO * (one.id.get_storage_size() + 64):
+            raise _OtherError(f"events/{name} states {one.nbytes} bytes, which cannot be in it")
+    return names, len(sets[0]), sets[0].compression or "none"
+
+
+def _stream(file: Any) -> tuple[StreamInfo, bool]:
+    """The stream, and whether the file says how large the sensor is."""
+    said, sides = None, None
+    with suppress(Exception):
+        said = json.loads(file[STREAM][()])
+    with suppress(Exception):
+        height, width = (int(side) for side in file.attrs["sensor_resolution"])
+        sides = (width, height) if 0 < min(width, height) <= max(width, height) < 1 << 15 else None
+    plain = StreamInfo(*(sides or (0, 0)), sensor="unknown")
+    stream = dataclasses.replace(said_stream(said, plain), frames=False, imu=False)
+    return stream, stream.width > 0
+
+
+def _piece(group: Any, names: tuple[str, ...], rows: slice, offset_us: int) -> tuple[Events, int]:
+    """Some rows as events, and how many of them no event can be."""
+    t, x, y, p = (group[name][rows] for name in names)
+    if t.dtype.kind == "f":
+        # seconds, as rpg's tools write them
+        stamps = np.rint(np.nan_to_num(t * 1e6, nan=2.0**63))
+    else:
+        stamps = t
+    right = (stamps >= -MAX_STAMP_US) & (stamps <= MAX_STAMP_US)
+    right &= (x >= 0) & (x < 1 << 15) & (y >= 0) & (y < 1 << 15)
+    bad = len(right) - int(np.count_nonzero(right))
+    if bad:
+        stamps, x, y, p = stamps[right], x[right], y[right], p[right]
+    return make_events(stamps.astype(np.int64) + offset_us, x, y, p > 0), bad

@@ -1,0 +1,108 @@
+"""Hdf5Recorder: one camera's packets in DSEC's layout.
+
+events/t      (n,) int64 us after t_offset (DSEC: uint32, which ends after 71 minutes)
+events/x, y   (n,) uint16 px; events/p (n,) uint8, 1 ON, 0 OFF
+ms_to_idx     (m,) uint64: the first event at or after each ms, counted from t_offset
+t_offset      int64 us
+evs_stream    the StreamInfo as JSON; attribute sensor_resolution: height, width
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evs.drivers.files.formats import AnyPath
+from evs.drivers.files.hdf5.library import load
+from evs.drivers.files.whole import WholeRecorder
+from evs.msgs import EventPacket, Events, EvsError
+
+COLUMNS = {"t": "<i8", "x": "<u2", "y": "<u2", "p": "u1"}
+STREAM = "evs_stream"
+LONGEST_US = 1 << 37
+"""From the first event to the last, 38 hours: each ms has an index."""
+
+_CHUNK = 1 << 16
+"""Events that are compressed together."""
+
+
+class Hdf5Recorder(WholeRecorder):
+    """A Sink that writes DSEC's layout; compressed as every HDF5 library reads it (deflate)."""
+
+    NAME = "hdf5"
+    FAULTS = (OSError, RuntimeError, ValueError)
+
+    def __init__(self, path: AnyPath) -> None:
+        super().__init__(path)
+        self._h5py = load()
+        self._file: Any = None
+        self._columns: dict[str, Any] = {}
+        self._index: Any = None
+        self._parts: list[Events] = []
+        self._waiting = 0
+        self._length = 0
+        self._offset_us: int | None = None
+
+    def _begin(self, path: Path) -> None:
+        self._file = self._h5py.File(path, "w", libver="earliest")
+        kinds: dict[str, Any] = {"maxshape": (None,), "compression": 1, "shuffle": True}
+        for name, dtype in COLUMNS.items():
+            self._columns[name] = self._file.create_dataset(
+                f"events/{name}", (0,), dtype, chunks=(_CHUNK,), **kinds
+            )
+        self._index = self._file.create_dataset("ms_to_idx", (0,), "<u8", chunks=(4096,), **kinds)
+        said = json.dumps(dataclasses.asdict(self.stream), default=str)
+        self._file.create_dataset(STREAM, data=said)
+        self._file.attrs["sensor_resolution"] = (self.stream.height, self.stream.width)
+
+    def _check(self, events: Events) -> None:
+        super()._check(events)
+        last = int(events["t"][-1])
+        base = int(events["t"][0]) if self._offset_us is None else self._offset_us
+        if last - base >= LONGEST_US:
+            raise EvsError(
+                f"cannot record from {base} us on to {last} us to {self._path}: HDF5 holds "
+                f"{LONGEST_US} us; record to .aedat4"
+            )
+
+    def _take(self, packet: EventPacket) -> None:
+        if self._offset_us is None:
+            self._offset_us = int(packet.events["t"][0]) // 1000 * 1000
+        self._parts.append(packet.events.copy())
+        self._waiting += len(packet.events)
+        if self._waiting >= _CHUNK:
+            self._flush()
+
+    def _flush(self) -> None:
+        """Write what waits, and the index of the ms that begin in it."""
+        events = np.concatenate(self._parts) if self._parts else None
+        self._parts, self._waiting = [], 0
+        if events is None:
+            return
+        self.meter.lap("pack")
+        t = events["t"] - (self._offset_us or 0)
+        begin, end = self._length, self._length + len(events)
+        for name, column in self._columns.items():
+            column.resize((end,))
+            column[begin:end] = t if name == "t" else events[name]
+        # ms that begin up to the last event; those before are indexed
+        known = len(self._index)
+        upto = int(t[-1]) // 1000 + 1
+        self._index.resize((upto,))
+        for first in range(known, upto, 1 << 20):
+            ms = np.arange(first, min(upto, first + (1 << 20)))
+            found = begin + np.searchsorted(t, ms * 1000)
+            self._index[first : first + len(ms)] = found.astype(np.uint64)
+        self._length = end
+
+    def _end(self) -> None:
+        try:
+            self._flush()
+            offset = np.array(self._offset_us or 0, np.int64)
+            self._file.create_dataset("t_offset", data=offset)
+        finally:
+            self._file.close()

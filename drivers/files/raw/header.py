@@ -1,0 +1,106 @@
+"""The text that a RAW file begins with: lines of `% key value`, the last of them `% end`."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from dataclasses import dataclass
+
+from evs.drivers.files.formats import MAX_SIDE_PX
+from evs.drivers.files.recorded import said_stream
+from evs.msgs import StreamInfo
+
+MAX_HEADER_BYTES = 1 << 24
+"""A longer header is damage; ours holds the configuration of the run."""
+
+STREAM = "evs_stream"
+ORIGIN = "evs_time_origin_us"
+
+_SIDES = re.compile(r"(\d{1,5})x(\d{1,5})")
+_GENERATIONS = {"2": (304, 240), "3": (640, 480), "4": (1280, 720)}
+"""generation of Prophesee's sensors -> their size, for files that say nothing else"""
+
+
+@dataclass(frozen=True)
+class RawHeader:
+    """What the header says."""
+
+    version: str
+    """of the events: `2.0`, `2.1` or `3.0`; empty: it does not say"""
+    stream: StreamInfo
+    """width and height are 0 where it does not say"""
+    time_origin_us: int
+    """stamp of the stream's time zero"""
+    size: int
+    """its bytes"""
+
+
+def header_bytes(stream: StreamInfo, version: str, time_origin_us: int) -> bytes:
+    """The header of a file of ours: what Prophesee's SDK asks for, then our own two lines."""
+    name = f"EVT{version[0]}"
+    lines = {
+        "evt": version,
+        "format": f"{name};height={stream.height};width={stream.width}",
+        "geometry": f"{stream.width}x{stream.height}",
+        "camera_integrator_name": "evs",
+        "plugin_integrator_name": "Prophesee",
+        "plugin_name": "hal_plugin_prophesee",
+        ORIGIN: str(time_origin_us),
+        STREAM: json.dumps(dataclasses.asdict(stream), default=str),
+    }
+    return "".join(f"% {key} {value}\n" for key, value in lines.items()).encode() + b"% end\n"
+
+
+def parse_header(head: bytes) -> RawHeader:
+    """What the first bytes of a file say; never raises."""
+    lines, size = _lines(head)
+    version = lines.get("evt", "")
+    parts = dict(part.partition("=")[::2] for part in lines.get("format", "").split(";"))
+    for name, number in (("EVT21", "2.1"), ("EVT2", "2.0"), ("EVT3", "3.0")):
+        version = number if name in parts else version
+    sides = _size(lines, parts)
+    plain = StreamInfo(*sides, sensor="unknown")
+    try:
+        said = json.loads(lines.get(STREAM, "null"))
+    except (ValueError, RecursionError):
+        said = None
+    origin = lines.get(ORIGIN, "0")
+    known = origin.isascii() and origin.isdigit() and len(origin) < 16
+    stream = said_stream(said, plain)
+    # frames and IMU samples went elsewhere
+    stream = dataclasses.replace(stream, frames=False, imu=False)
+    return RawHeader(version, stream, int(origin) if known else 0, size)
+
+
+def _lines(head: bytes) -> tuple[dict[str, str], int]:
+    """Key to value, and where the events begin."""
+    lines: dict[str, str] = {}
+    at = 0
+    while head.startswith(b"%", at):
+        end = head.find(b"\n", at)
+        if end < 0:
+            break
+        key, _, value = head[at + 1 : end].decode(errors="replace").strip().partition(" ")
+        at = end + 1
+        if key == "end":
+            break
+        # older files have names like "% Date" and "% Height:"
+        lines.setdefault(key.lower().rstrip(":"), value.strip())
+    return lines, at
+
+
+def _size(lines: dict[str, str], parts: dict[str, str]) -> tuple[int, int]:
+    """Width and height, px; 0, 0 if nothing says them."""
+    geometry = _SIDES.fullmatch(lines.get("geometry", ""))
+    for width, height in (
+        (parts.get("width", ""), parts.get("height", "")),
+        geometry.groups() if geometry else ("", ""),
+        (lines.get("width", ""), lines.get("height", "")),
+    ):
+        if all(side.isascii() and side.isdigit() and len(side) < 6 for side in (width, height)):
+            sides = int(width), int(height)
+            if all(0 < side <= MAX_SIDE_PX for side in sides):
+                return sides
+    generation = lines.get("sensor_generation", lines.get("generation", ""))
+    return _GENERATIONS.get(generation[:1], (0, 0))

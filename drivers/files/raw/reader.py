@@ -1,0 +1,105 @@
+"""RawFile: any RAW file of EVT2 or EVT3 words as a stream of events, in whatever state."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, BinaryIO
+
+from evs.drivers.files.damage import MAX_STAMP_US, Damage
+from evs.drivers.files.parts import on_sensor, ticks_of
+from evs.drivers.files.raw.header import MAX_HEADER_BYTES, parse_header
+from evs.drivers.files.recorded import EventsFile
+from evs.drivers.files.recording import existing
+from evs.msgs import Events, EvsError
+from evs.msgs.encodings import decode_evt2, decode_evt3
+
+_PIECE_BYTES = 1 << 18
+_UNTOLD = "events before the first time stamp, or too far right for the format,"
+_DECODERS: dict[str, tuple[Any, int]] = {"2.0": (decode_evt2, 4), "3.0": (decode_evt3, 2)}
+"""version -> how its words are decoded, and bytes of a word"""
+
+
+@dataclass
+class RawFile(EventsFile):
+    """One RAW file, opened with `RawFile.at(path)`. Triggers and counters are passed over."""
+
+    version: str = ""
+    """2.0 or 3.0"""
+    time_origin_us: int = 0
+    """stamp of its time zero"""
+    begin: int = 0
+    """where its words begin, bytes"""
+
+    @classmethod
+    def at(cls, path: str | os.PathLike[str]) -> RawFile:
+        """Read the header. EvsError: no such file, no header, another version, no events."""
+        found = existing(path)
+        try:
+            with found.open("rb") as file:
+                size = os.fstat(file.fileno()).st_size
+                header = parse_header(_head(file))
+        except OSError as reason:
+            raise EvsError(f"cannot read {found}: {reason.strerror}") from None
+        if header.version not in _DECODERS:
+            said = f"is EVT {header.version[:20]!r}" if header.version else "does not say its EVT"
+            raise EvsError(f"{found} {said} in its header; EVT 2.0 and 3.0 are read")
+        opened = cls(
+            found,
+            header.stream,
+            size,
+            version=header.version,
+            time_origin_us=header.time_origin_us,
+            begin=header.size,
+        )
+        if not opened.stream.width:
+            opened._find_size()
+        return opened
+
+    def events(self) -> Iterator[Events]:
+        """The events of each tick that has any (of 1 ms, where the file says none)."""
+        yield from ticks_of(self._pieces(), self.stream.tick_us)
+
+    def _find_size(self) -> None:
+        """As large as its events need."""
+        width = height = 0
+        for piece in self._pieces():
+            width = max(width, 1 + int(piece["x"].max(initial=0)))
+            height = max(height, 1 + int(piece["y"].max(initial=0)))
+        if not width:
+            raise EvsError(f"{self.path} neither says the size of its sensor nor holds events")
+        self.stream = dataclasses.replace(self.stream, width=width, height=height)
+
+    def _pieces(self) -> Iterator[Events]:
+        """Its events, some 100,000 bytes at a time, as unsorted as they are."""
+        decode, word = _DECODERS[self.version]
+        damage, state, at = Damage(), None, self.begin
+        width, height = self.stream.width or MAX_STAMP_US, self.stream.height or MAX_STAMP_US
+        with self.path.open("rb") as file:
+            file.seek(at)
+            while data := file.read(_PIECE_BYTES):
+                piece, state = decode(data, state, time_origin_us=self.time_origin_us)
+                piece, outside = on_sensor(piece, width, height)
+                if outside:
+                    said = f"{outside} events lie outside of {width} x {height} px"
+                    damage.packet(at, f"{said} in the {len(data)} bytes from there")
+                at += len(data)
+                yield piece
+        damage.tail(at - (at - self.begin) % word, at)
+        self.damage = damage
+        self.left_out = {_UNTOLD: state.skipped} if state is not None and state.skipped else {}
+
+
+def _head(file: BinaryIO) -> bytes:
+    """The file's first bytes, as many as its header may have."""
+    head = b""
+    while len(head) < MAX_HEADER_BYTES:
+        line = file.readline(MAX_HEADER_BYTES - len(head))
+        if not line.startswith(b"%"):
+            break
+        head += line
+        if line.split() == [b"%", b"end"]:
+            break
+    return head

@@ -1,0 +1,52 @@
+"""Evt2Recorder and Evt3Recorder: one camera's packets into a RAW file as Prophesee's cameras'."""
+
+from __future__ import annotations
+
+from evs.drivers.files.appending import AppendingRecorder
+from evs.drivers.files.raw.header import header_bytes
+from evs.msgs import Events, EvsError, StreamInfo
+from evs.msgs.encodings import TIME_ORIGIN_US, encode_evt2, encode_evt3
+
+
+class _RawRecorder(AppendingRecorder):
+    """A RAW file's clock begins at TIME_ORIGIN_US; its header says so, and our reader takes it off.
+
+    Every packet restates the time, so a file that was cut anywhere is read up to there.
+    """
+
+    _VERSION: str
+
+    def _header(self, stream: StreamInfo) -> bytes:
+        self._after_us = -TIME_ORIGIN_US
+        return header_bytes(stream, self._VERSION, TIME_ORIGIN_US)
+
+    def _encoded(self, events: Events) -> bytes:
+        if int(events["t"][0]) < self._after_us:
+            raise EvsError(
+                f"{self._path}: events at {events['t'][0]} us come after {self._after_us} us, and "
+                f"{self._called} has no way back in time; record to .aedat4"
+            )
+        data = self._words(events)
+        self._after_us = int(events["t"][-1])
+        return data
+
+    def _words(self, events: Events) -> bytes:
+        raise NotImplementedError
+
+
+class Evt3Recorder(_RawRecorder):
+    """EVT3: 2 to 8 bytes an event."""
+
+    NAME, _VERSION = "evt3", "3.0"
+
+    def _words(self, events: Events) -> bytes:
+        return encode_evt3(events, after_us=self._after_us)
+
+
+class Evt2Recorder(_RawRecorder):
+    """EVT2: 4 bytes an event, and 4 for each new 64 us."""
+
+    NAME, _VERSION = "evt2", "2.0"
+
+    def _words(self, events: Events) -> bytes:
+        return encode_evt2(events, after_us=self._after_us)

@@ -1,0 +1,143 @@
+"""WholeRecorder: what recorders share whose libraries end a file before it can be read."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from evs.drivers.files.formats import AnyPath, Format, by_name
+from evs.drivers.files.recording import check_stamps, one_stream, target_error
+from evs.emulator.stages import Meter, NoMeter
+from evs.msgs import EventPacket, Events, EvsError, StreamInfo
+
+
+class WholeRecorder(ABC):
+    """A Sink that writes beside its target; the file appears whole when closed, or not at all.
+
+    A process that is killed leaves nothing: record to .aedat4 where that may happen. A disk that
+    is full ends the recording; what came before is kept if the file can still be ended. A format
+    gives `_begin`, `_take` and `_end`; its limits are those of its entry in the table.
+    """
+
+    NAME: str
+    """of the format in the table"""
+    FAULTS: tuple[type[BaseException], ...] = (OSError,)
+    """what the library raises where the disk does not take it"""
+
+    def __init__(self, path: AnyPath) -> None:
+        self.meter: Meter = NoMeter()
+        self.stream = StreamInfo(0, 0)
+        self._path = Path(path)
+        hidden = f".{os.getpid()}.{id(self)}.{self._path.name[-60:]}"
+        self._temporary = self._path.parent / hidden
+        self._format: Format = by_name(self.NAME)
+        self._called = self._format.title.partition(":")[0]
+        self._is_open = False
+        self._packets = 0
+        self._events = 0
+        self._bytes = 0
+        self._last_us = -(1 << 62)
+        self._failure = ""
+
+    @abstractmethod
+    def _begin(self, path: Path) -> None:
+        """Create the file."""
+
+    @abstractmethod
+    def _take(self, packet: EventPacket) -> None:
+        """Write one packet with events, within the format's limits."""
+
+    @abstractmethod
+    def _end(self) -> None:
+        """End the file and let go of it."""
+
+    def _written(self, path: Path) -> Path:
+        """The file that was written for `_begin(path)`."""
+        return path
+
+    def open(self, streams: Sequence[StreamInfo]) -> None:
+        """Create the file. EvsError: a stream that does not fit, no place to write."""
+        self.stream = one_stream(self._path, streams, self._format.holds, self._called)
+        if self._path.is_dir():
+            raise target_error(self._path, IsADirectoryError())
+        try:
+            # libraries have their own words for what the system says; ask it first
+            with self._temporary.open("wb"):
+                pass
+            self._temporary.unlink()
+        except OSError as reason:
+            raise target_error(self._path, reason) from None
+        with self._faults():
+            self._begin(self._temporary)
+        self._is_open = True
+
+    def write(self, packet: EventPacket) -> None:
+        """Take one packet. EvsError where the disk does not."""
+        self._check_open()
+        if len(packet.events):
+            check_stamps(self._path, packet.events, self._format.holds, self._called)
+            self._check(packet.events)
+            with self._faults():
+                self._take(packet)
+            self._packets += 1
+            self._events += len(packet.events)
+            self._last_us = int(packet.events["t"][-1])
+
+    def close(self) -> dict[str, Any]:
+        """End the file and put it in its place. EvsError where the disk does not take the end."""
+        if self._is_open:
+            self._is_open = False
+            try:
+                with self._faults():
+                    self._end()
+                    written = self._written(self._temporary)
+                    self._bytes = written.stat().st_size
+                    written.replace(self._path)
+            finally:
+                self._discard()
+        return {
+            "type": self.NAME,
+            "path": str(self._path),
+            "packets": self._packets,
+            "events": self._events,
+            "bytes": self._bytes,
+            "error": self._failure,
+        }
+
+    def _check(self, events: Events) -> None:
+        """EvsError where these events, (n,) with n > 0, cannot follow those before them."""
+        first_us = int(events["t"][0])
+        if first_us < self._last_us:
+            raise EvsError(
+                f"{self._path}: events at {first_us} us come after {self._last_us} us, and "
+                f"{self._called} has no way back in time; record to .aedat4"
+            )
+
+    def _check_open(self) -> None:
+        if self._failure:
+            raise EvsError(self._failure)
+        if not self._is_open:
+            raise EvsError(f"{self._path} is not open for recording: call open first")
+
+    @contextlib.contextmanager
+    def _faults(self) -> Iterator[None]:
+        """A library's error as the one line that users see."""
+        try:
+            yield
+        except self.FAULTS as reason:
+            said = getattr(reason, "strerror", None) or str(reason)
+            first = said.splitlines()[0] if said else type(reason).__name__
+            self._failure = (
+                f"recording to {self._path} stopped after {self._events} events: {first}; "
+                "free some space and run again"
+            )
+            raise EvsError(self._failure) from None
+
+    def _discard(self) -> None:
+        """Remove what is left of the temporary file."""
+        with contextlib.suppress(OSError):
+            self._temporary.unlink()
