@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,6 +50,8 @@ class Prepared:
     live: tuple[I32, ...]
     """of each variant: the pixels that are drawn: few enough events; unless the network is biased,
     X not zero for ever"""
+    true_x: F32 | None = None
+    """(P, K) of the truth; None where the recipe takes noise as it is"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +88,23 @@ def prepare(shard: Shard, recipe: Recipe, linlog_dn: float) -> Prepared:
     still = np.zeros(x.shape[:2], np.bool_) if biased else np.logical_not(x.any(axis=2))
     live = tuple(np.flatnonzero(slow & ~one).astype(np.int32) for one in still)
     start = true_membranes(shard, recipe.warm_ticks, linlog_dn)
-    return Prepared(x, start, np.ascontiguousarray(counts.transpose(2, 0, 1)), live)
+    told = np.ascontiguousarray(counts.transpose(2, 0, 1))
+    if recipe.noise == (1.0, 1.0):
+        return Prepared(x, start, told, live)
+    return Prepared(
+        x, start, told, live, differences(np.ascontiguousarray(shard.truth.T), linlog_dn)
+    )
+
+
+def louder(x: F32, true_x: F32, noise: tuple[float, float], rng: np.random.Generator) -> F32:
+    """(..., P, K) X whose noise is taken so many times, log-uniform, each pixel's otherwise.
+
+    In: x (..., P, K) with noise, true_x (P, K) without.
+    """
+    low, high = (math.log(times) for times in noise)
+    factor = np.exp(rng.uniform(low, high, (len(true_x), 1))).astype(np.float32)
+    found: F32 = np.clip(true_x + factor * (x - true_x), -MOST_X, MOST_X)
+    return found
 
 
 def true_membranes(shard: Shard, tick: int, linlog_dn: float) -> F32:
@@ -143,7 +162,11 @@ class Examples:
                 f"number that {HELD_OUT} divides"
             )
         size = self.settings.pixels * self.settings.ticks
-        self._most = max(1, memory_bytes // (size * (4 * len(recipe.variants) + 2)))
+        self._most = max(
+            1,
+            memory_bytes
+            // (size * (4 * (len(recipe.variants) + (recipe.noise != (1.0, 1.0))) + 2)),
+        )
         self._loaded: dict[Path, Prepared] = {}
         shares = np.array(recipe.shares or [1.0] * len(recipe.variants))
         self._shares = shares / shares.sum()
@@ -165,15 +188,20 @@ class Examples:
         if not ends[-1]:
             one = self.recipe.variants[variant]
             raise EvsError(f"nothing moves in the training scenes at {one.spp} spp, {one.seeds}")
-        x, start, counts = [], [], []
+        x, true_x, start, counts = [], [], [], []
         for place in rng.integers(0, ends[-1], GROUP).tolist():
             which = int(np.searchsorted(ends, place, "right"))
             scene = scenes[which]
             pixel = scene.live[variant][place - ends[which]]
             x.append(scene.x[variant, pixel])
+            if scene.true_x is not None:
+                true_x.append(scene.true_x[pixel])
             start.append(scene.start[pixel])
             counts.append(scene.counts[pixel])
-        return np.stack(x), np.array(start, np.float32), np.stack(counts, -1)
+        seen = np.stack(x)
+        if true_x:
+            seen = louder(seen, np.stack(true_x), self.recipe.noise, rng)
+        return seen, np.array(start, np.float32), np.stack(counts, -1)
 
     def _turn(self, turn: int) -> list[Prepared]:
         """The scenes whose turn it is: all, if they fit the memory, else the next so many."""
@@ -201,7 +229,10 @@ def sample_held_out(examples: Examples, variants: tuple[Variant, ...], pixels: i
         rng = np.random.default_rng([examples.settings.seed, 3, place])
         slow = np.flatnonzero(followable(scene.counts.transpose(1, 2, 0)))
         chosen = np.sort(rng.permutation(slow)[:each])
-        parts.append((scene.x[:, chosen], scene.start[chosen], scene.counts[chosen]))
+        seen = scene.x[:, chosen]
+        if scene.true_x is not None:
+            seen = louder(seen, scene.true_x[chosen], recipe.noise, rng)
+        parts.append((seen, scene.start[chosen], scene.counts[chosen]))
     x, start, counts = (
         np.concatenate(part, axis)
         for part, axis in zip(zip(*parts, strict=True), (1, 0, 0), strict=True)

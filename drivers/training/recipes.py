@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass, field
 
 from evs.drivers.training.initial import INITIAL
@@ -32,6 +33,9 @@ class Recipe:
     terms: Terms = field(default_factory=Terms)
     balanced: bool = False
     """each variant's loss counts relative to what it is (calibration.py)"""
+    noise: tuple[float, float] = (1.0, 1.0)
+    """the noise of each pixel's log light is taken so many times, log-uniform between the two: the
+    light of other scenes, with more lamps or wider ones, has more of it at the same samples"""
     noisy_truth: bool = False
     """truth: pixels with a real sensor's noise, in place of ideal ones"""
     warm_ticks: int = 42
@@ -56,6 +60,8 @@ class Recipe:
             raise EvsError(f"steps is {self.steps}; give 1 or more")
         if self.initial not in INITIAL:
             raise unknown("start of a network", self.initial, INITIAL)
+        if not 0.0 < self.noise[0] <= self.noise[1] < math.inf:
+            raise EvsError(f"noise is {self.noise}; give the least and the most factor, over 0")
         shares = self.shares or (1.0,) * len(self.variants)
         if len(shares) != len(self.variants) or min(shares) < 0 or not sum(shares) > 0:
             raise EvsError(f"recipe '{self.name}' has {len(self.variants)} variants of the light "
@@ -85,7 +91,7 @@ OURS = Terms(count=0.1, calibration=0.02, edge=16.0, silence=0.2)
 
 def _ours(name: str, channels: int) -> Recipe:
     architecture = Architecture(channels=channels, odd=True)
-    return Recipe(name, architecture, tau_s=4.0, terms=OURS, balanced=True)
+    return Recipe(name, architecture, tau_s=4.0, terms=OURS, balanced=True, noise=(1.0, 4.0))
 
 
 RECIPES = {

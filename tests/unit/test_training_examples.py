@@ -14,6 +14,7 @@ from evs.drivers.training.calibration import MOST_PRICE, Calibration
 from evs.drivers.training.examples import (
     Examples,
     differences,
+    louder,
     prepare,
     sample_held_out,
     true_membranes,
@@ -131,6 +132,34 @@ def test_a_batch_holds_pixels_of_the_training_scenes_with_their_truth(folder: Pa
     assert len(seen) > 4
 
 
+def test_the_noise_of_each_pixel_is_taken_so_many_times(folder: Path) -> None:
+    rng = np.random.default_rng(6)
+    true = rng.normal(0, 0.1, (4000, 5)).astype(np.float32)
+    x = true + rng.normal(0, 0.05, (2, 4000, 5)).astype(np.float32)
+    x[:, :7] = true[:7]
+    found = louder(x, true, (0.5, 4.0), rng)
+    assert found.dtype == np.float32
+    assert np.array_equal(found[:, :7], x[:, :7])
+    factor = (found - true)[:, 7:] / (x - true)[:, 7:]
+    # one factor a pixel, for all its ticks and variants
+    assert np.abs(factor - factor[:1, :, :1]).max() < 1e-3 * np.abs(factor).max()
+    logs = np.log(factor[0, :, 0]) / np.log(2)
+    assert -1 <= logs.min() < -0.99 < 1.99 < logs.max() <= 2.001
+    # log-uniform over three octaves
+    assert abs(logs.mean() - 0.5) < 4 * 3 / np.sqrt(12 * len(logs))
+    assert np.abs(louder(true + 15, true - 5, (4.0, 4.0), rng)).max() == 20
+
+    noisy = dataclasses.replace(RECIPE, noise=(2.0, 2.0))
+    plain, loud = (Examples(folder, one, 1, LINLOG_DN).batch(0) for one in (RECIPE, noisy))
+    assert np.array_equal(plain.counts[0], loud.counts[0])
+    truth = np.concatenate([prepare(s, noisy, LINLOG_DN).true_x for s in Shards(folder)])
+    starts = np.concatenate([prepare(s, noisy, LINLOG_DN).start for s in Shards(folder)])
+    for place in range(32):
+        pixel = np.flatnonzero(starts == plain.start[0, place])[0]
+        once = plain.x[0, place] - truth[pixel]
+        assert np.abs(loud.x[0, place] - truth[pixel] - 2 * once).max() < 1e-5
+
+
 def test_shares_choose_the_variants(folder: Path) -> None:
     only = dataclasses.replace(RECIPE, shares=(0.0, 1.0))
     examples = Examples(folder, only, 1, LINLOG_DN)
@@ -186,6 +215,8 @@ def test_bad_data_is_told_in_one_line(folder: Path, tmp_path: Path) -> None:
         ({"steps": 0}, "steps is 0"),
         ({"initial": "zeros"}, "start of a network 'zeros'"),
         ({"shares": (1.0,)}, "2 variants"),
+        ({"noise": (2.0, 1.0)}, "noise is"),
+        ({"noise": (0.0, 1.0)}, "noise is"),
         ({"shares": (0.0, 0.0)}, "2 variants"),
     ],
 )
