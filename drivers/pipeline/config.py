@@ -35,25 +35,25 @@ class SinkConfig:
     """[[sink]]: one place that packets leave to. Any number of them."""
 
     type: str = ""
-    """zmq, or a recording's format: aedat4 | npz | ... (evs convert --help lists them)"""
+    """zmq, dv, or a recording's format: aedat4 | npz | ... (evs convert --help lists them)"""
     address: str | None = None
-    """zmq: where to bind, as in tcp://127.0.0.1:5560"""
+    """zmq, dv: where to bind, as in tcp://127.0.0.1:5560; dv takes the port of the events"""
     wait_for: int | None = None
-    """zmq: subscribers to wait for before the first tick"""
+    """zmq, dv: subscribers of events to wait for before the first tick"""
     wait_s: float | None = None
-    """zmq: how long to wait for them, s"""
+    """zmq, dv: how long to wait for them, s"""
     queue: int | None = None
-    """zmq: packets held for a slow subscriber before it loses some"""
+    """zmq, dv: packets held for a slow subscriber before it loses some"""
     key: str | None = None
     """zmq: file of the publisher's secret key (evs keygen makes one); all is encrypted then"""
     allow: tuple[str, ...] | None = None
     """zmq: public keys that may listen (files, folders, or written out); else who knows its own"""
     insecure: bool | None = None
-    """zmq: true: other machines may listen although there is no key"""
+    """zmq, dv: true: other machines may listen although there is no key"""
     file: str | None = None
     """of a recording"""
     compression: str | None = None
-    """aedat4: lz4 | zstd | none"""
+    """aedat4, dv: lz4 | zstd | none"""
     encoding: str | None = None
     """rosbag2, rosbag1: evt3 | libcaer | mono (event_camera_msgs) | dvs (dvs_msgs)"""
     rotate_mb: float | None = None
@@ -64,6 +64,7 @@ class SinkConfig:
 
 SINK_KEYS = {
     "zmq": ("address", "wait_for", "wait_s", "queue", "key", "allow", "insecure"),
+    "dv": ("address", "compression", "wait_for", "wait_s", "queue", "insecure"),
     **{each.name: ("file", *each.keys) for each in formats.FORMATS},
 }
 """sink type -> the keys it has; the first is required"""
@@ -177,6 +178,10 @@ def make_sink(config: SinkConfig) -> Sink:
         from evs.drivers.bus import Publisher
 
         return Publisher(options.pop("address"), **options)
+    if config.type == "dv":
+        from evs.drivers.dv import DvServer
+
+        return DvServer(options.pop("address"), **options)
     return formats.by_name(config.type).record(Path(options.pop("file")), **options)
 
 
