@@ -79,7 +79,10 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
         told = ", ".join(f"{count:,} {what}" for what, count in found.left_out.items())
         lines.append(("left out", told))
     if found.damaged_packets:
-        lines.append(("damaged", f"{found.damaged_packets:,} packets between whole ones"))
+        what = found.damaged_what
+        lines.append(("damaged", f"{found.damaged_packets:,} {what} between whole ones"))
+    if found.backwards:
+        lines.append(("backwards", found.backwards))
     repair = command("info", "--repair", str(found.path))
     if found.broken_pointer:
         lines.append(("pointer", f"to a data table that is not there; {repair} takes it out"))

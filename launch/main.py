@@ -24,6 +24,7 @@ COMMANDS = {
     "play": "evs.launch.play",
     "info": "evs.launch.info",
     "keygen": "evs.launch.keygen",
+    "convert": "evs.launch.convert",
     "characterise": "evs.launch.characterise",
     "evaluate": "evs.launch.evaluate",
     "train": "evs.launch.train",

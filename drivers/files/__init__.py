@@ -1,7 +1,8 @@
 """Recordings: write them, read them, whatever their format."""
 
 from evs.drivers.files.calibration import calibration_yaml
-from evs.drivers.files.formats import FORMATS, SUFFIXES, Format, Holds, endings
+from evs.drivers.files.convert import Converted, convert
+from evs.drivers.files.formats import FORMATS, SUFFIXES, Format, Holds, endings, to_write
 from evs.drivers.files.reading import (
     LeftOutWarning,
     messages,
@@ -18,12 +19,14 @@ from evs.drivers.files.summary import Summary, summary
 __all__ = [
     "FORMATS",
     "SUFFIXES",
+    "Converted",
     "Format",
     "Holds",
     "LeftOutWarning",
     "Repair",
     "Summary",
     "calibration_yaml",
+    "convert",
     "endings",
     "messages",
     "opened",
@@ -33,4 +36,5 @@ __all__ = [
     "repair",
     "stream_of",
     "summary",
+    "to_write",
 ]

@@ -33,7 +33,7 @@ class AppendingRecorder(ABC):
         self.stream = StreamInfo(0, 0)
         self._path = Path(path)
         self._format: Format = by_name(self.NAME)
-        self._called = self._format.title.partition(":")[0]
+        self._called = self._format.called
         self._file: FileIO | None = None
         self._position = 0
         self._packets = 0

@@ -22,6 +22,10 @@ class DamagedPacketWarning(UserWarning):
     """A recording holds damaged packets between whole ones; they were left out."""
 
 
+class BackwardsWarning(UserWarning):
+    """Time stamps of a recording run backwards; where they could be, the events were sorted."""
+
+
 @dataclass
 class Damage:
     """What one walk over a file met besides whole packets."""
@@ -33,15 +37,29 @@ class Damage:
     """damaged packets that lie between whole ones"""
     first: str = ""
     """place and reason of the first of them"""
+    what: str = "packets"
+    """what they are called: packets, words, lines"""
+    unsorted: int = 0
+    """events with a lower stamp than the one before, which were sorted"""
+    resets: int = 0
+    """places at which the stamps step back by so much that the clock must have been set anew"""
+    backwards_at: int | None = None
+    """byte offset of the first event with a lower stamp than the one before"""
 
-    def packet(self, at: int, reason: str) -> None:
+    def packet(self, at: int, reason: str, count: int = 1) -> None:
         """Something that is no packet of sound values, and a whole packet follows it."""
-        self.lost(f"at byte {at}", reason)
+        self.lost(f"at byte {at}", reason, count)
 
-    def lost(self, where: str, reason: str) -> None:
+    def lost(self, where: str, reason: str, count: int = 1) -> None:
         """The same, where a library reads the file and tells no offset."""
         self.first = self.first or f"{where}: {reason}"
-        self.packets += 1
+        self.packets += count
+
+    def backwards(self, unsorted: int, resets: int, at: int) -> None:
+        """So many steps back in time, the first at the byte offset `at`."""
+        self.unsorted += unsorted
+        self.resets += resets
+        self.backwards_at = at if self.backwards_at is None else self.backwards_at
 
     def tail(self, at: int, end: int) -> None:
         """Nothing whole lies between the byte offsets `at` and `end`."""
@@ -57,8 +75,24 @@ class Damage:
             )
             warnings.warn(text, TornTailWarning, stacklevel=3)
         if self.packets:
-            text = f"{path}: {self.packets} damaged packets were left out, the first {self.first}"
+            text = (
+                f"{path}: {self.packets} damaged {self.what} were left out, the first {self.first}"
+            )
             warnings.warn(text, DamagedPacketWarning, stacklevel=3)
+        if self.backwards_at is not None:
+            text = f"{path}: {self.backwards_words()}"
+            warnings.warn(text, BackwardsWarning, stacklevel=3)
+
+    def backwards_words(self) -> str:
+        """One line on stamps that run backwards; empty if none do."""
+        if self.backwards_at is None:
+            return ""
+        told = []
+        if self.unsorted:
+            told.append(f"{self.unsorted} time stamps ran backwards and were sorted")
+        if self.resets:
+            told.append(f"time begins anew {self.resets} times, as after a reset of the clock")
+        return f"{'; '.join(told)}; the first at byte {self.backwards_at}"
 
 
 def bad_values(events: Events, stream: StreamInfo) -> str:

@@ -63,7 +63,7 @@ class Format:
     name: str
     """also the type of its sink, and what `evs convert --format` takes"""
     suffixes: tuple[str, ...]
-    """its files' endings in lower case, the usual one first; formats may share one"""
+    """endings that mean it, in lower case, the usual one first"""
     title: str
     """NAME: one line for people"""
     open: Callable[[Path], RecordedFile]
@@ -73,12 +73,19 @@ class Format:
     holds: Holds = ANYTHING
     keys: tuple[str, ...] = ()
     """options of record: keys of its sink beside `file`"""
+    also: tuple[str, ...] = ()
+    """endings of other formats that its files may have too"""
     begins: Callable[[bytes], bool] | None = None
     """whether a file with these first bytes is one of it; needed where an ending is shared"""
     repair: Callable[[Path], Repair] | None = None
     """cuts a torn tail in place; None: repaired.cut does it, by what the reader says"""
     extra: str = ""
     """the extra of evs that it needs, `pip install 'evs[EXTRA]'`; empty: none"""
+
+    @property
+    def called(self) -> str:
+        """Its name for people."""
+        return self.title.partition(":")[0]
 
 
 def _open_aedat4(path: Path) -> RecordedFile:
@@ -174,10 +181,48 @@ def _record_rosbag2(path: Path, **options: str) -> Sink:
 _ROS = Holds(first_us=0, last_us=LONGEST_US - TIME_ORIGIN_US - 1)
 _EVT = Holds(MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, 0, LONGEST_US - TIME_ORIGIN_US - 1)
 
+
+def _open_aedat2(path: Path) -> RecordedFile:
+    from evs.drivers.files.aedat2 import Aedat2File
+
+    return Aedat2File.at(path)
+
+
+def _record_aedat2(path: Path) -> Sink:
+    from evs.drivers.files.aedat2 import Aedat2Recorder
+
+    return Aedat2Recorder(path)
+
+
+def _open_aedat3(path: Path) -> RecordedFile:
+    from evs.drivers.files.aedat3 import Aedat3File
+
+    return Aedat3File.at(path)
+
+
+def _record_aedat3(path: Path) -> Sink:
+    from evs.drivers.files.aedat3 import Aedat3Recorder
+
+    return Aedat3Recorder(path)
+
+
+def _open_csv(path: Path) -> RecordedFile:
+    from evs.drivers.files.csv import CsvFile
+
+    return CsvFile.at(path)
+
+
+def _record_csv(path: Path) -> Sink:
+    from evs.drivers.files.csv import CsvRecorder
+
+    return CsvRecorder(path)
+
+
 FORMATS: tuple[Format, ...] = (
     Format(
         name="aedat4",
         suffixes=(".aedat4",),
+        also=(".aedat",),
         title="AEDAT4: DV's own; survives a kill at any moment",
         open=_open_aedat4,
         record=_record_aedat4,
@@ -205,7 +250,8 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format(
         name="evt2",
-        suffixes=(".raw",),
+        suffixes=(".evt2",),
+        also=(".raw",),
         title="EVT2: RAW files of older Prophesee cameras; survives a kill at any moment",
         open=_open_raw,
         record=_record_evt2,
@@ -249,11 +295,36 @@ FORMATS: tuple[Format, ...] = (
         keys=("encoding",),
         extra="ros2",
     ),
+    Format(
+        name="aedat2",
+        suffixes=(".aedat", ".aedat2"),
+        title="AEDAT2: a DAVIS's files, which jAER reads",
+        open=_open_aedat2,
+        record=_record_aedat2,
+        holds=Holds(width=1 << 10, height=1 << 9, first_us=0),
+    ),
+    Format(
+        name="aedat3",
+        suffixes=(".aedat3",),
+        also=(".aedat",),
+        title="AEDAT3.1: cAER's and jAER's",
+        open=_open_aedat3,
+        record=_record_aedat3,
+        holds=Holds(first_us=0),
+        begins=lambda head: head.startswith(b"#!AER-DAT3"),
+    ),
+    Format(
+        name="csv",
+        suffixes=(".csv", ".txt"),
+        title="CSV: lines of t,x,y,p",
+        open=_open_csv,
+        record=_record_csv,
+    ),
 )
-"""Every format. Where an ending is shared, the first that has it is what is written."""
+"""Every format."""
 
-SUFFIXES = tuple(dict.fromkeys(suffix for one in FORMATS for suffix in one.suffixes))
-"""Every ending, each once."""
+SUFFIXES = tuple(suffix for one in FORMATS for suffix in one.suffixes)
+"""Every ending; each means one format."""
 
 
 def by_name(name: str) -> Format:
@@ -266,32 +337,34 @@ def by_name(name: str) -> Format:
 
 def to_write(path: AnyPath, name: str | None = None) -> Format:
     """The format that a new file gets: by name, or else by its ending."""
-    return _sharing(path)[0] if name is None else by_name(name)
+    return _meant(path) if name is None else by_name(name)
 
 
 def to_read(path: AnyPath) -> Format:
     """The format of a file: by its ending, and by its first bytes where that is shared."""
-    sharing = _sharing(path)
-    if len(sharing) > 1:
+    meant = _meant(path)
+    suffix = Path(path).suffix.lower()
+    others = [one for one in FORMATS if suffix in one.also and one.begins is not None]
+    if others:
         try:
             with Path(path).open("rb") as file:
                 head = file.read(HEAD_BYTES)
         except OSError:
             # its reader tells what is wrong with the path
-            return sharing[0]
-        for one in sharing:
+            return meant
+        for one in others:
             if one.begins is not None and one.begins(head):
                 return one
-    return sharing[0]
+    return meant
 
 
-def _sharing(path: AnyPath) -> list[Format]:
+def _meant(path: AnyPath) -> Format:
     suffix = Path(path).suffix.lower()
-    sharing = [one for one in FORMATS if suffix in one.suffixes]
-    if not sharing:
-        known = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
-        raise EvsError(f"no recording format '{suffix}' (of {Path(path)}); names end in {known}")
-    return sharing
+    for one in FORMATS:
+        if suffix in one.suffixes:
+            return one
+    known = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
+    raise EvsError(f"no recording format '{suffix}' (of {Path(path)}); names end in {known}")
 
 
 def endings(formats: Iterable[Format] = FORMATS) -> str:

@@ -224,6 +224,8 @@ class NpzFile:
     """(n,) as the events; None: it has none"""
     left_out: dict[str, int] = field(default_factory=dict)
     """never anything"""
+    position: int = 0
+    """of a file that is in memory: none"""
     damage: Damage = field(default_factory=Damage)
     """never any: the archive's checksums hold, or it is not opened"""
 

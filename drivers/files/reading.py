@@ -56,7 +56,11 @@ def packets(path: AnyPath) -> Iterator[EventPacket]:
 
 def messages(path: AnyPath) -> Iterator[EventPacket | Frame | ImuPacket | TriggerPacket]:
     """Everything recorded, message by message, in the order recorded. Warns like read."""
-    file = opened(path)
+    yield from messages_of(opened(path))
+
+
+def messages_of(file: RecordedFile) -> Iterator[EventPacket | Frame | ImuPacket | TriggerPacket]:
+    """The messages of an opened recording, in the order recorded. Warns like read, at the end."""
     events = imu = triggers = 0
     for message in file.messages():
         if isinstance(message, Frame):
@@ -117,7 +121,7 @@ def recorder_for(
     for key in options:
         if key not in chosen.keys:
             has = ", ".join(chosen.keys) or "none"
-            raise EvsError(f"{chosen.title.partition(',')[0]} has no option {key}; it has: {has}")
+            raise EvsError(f"{chosen.called} has no option {key}; it has: {has}")
     return chosen.record(Path(path), **options)
 
 

@@ -42,6 +42,10 @@ class RecordedFile(Protocol):
         """What the last complete walk met besides sound events."""
 
     @property
+    def position(self) -> int:
+        """How far the present walk is, bytes of the file: for progress."""
+
+    @property
     def labels(self) -> Labels | None:
         """(n,) as its events; None: it has none."""
 
@@ -77,6 +81,7 @@ class EventsFile(ABC):
     compression: str = "none"
     damage: Damage = field(default_factory=Damage)
     left_out: dict[str, int] = field(default_factory=dict)
+    position: int = 0
     labels: Labels | None = None
     table_packets: int | None = None
     broken_pointer: bool = False

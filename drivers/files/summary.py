@@ -28,7 +28,7 @@ class Summary:
     on: int
     off: int
     first_us: int
-    """time stamp of the first event; 0 without events"""
+    """lowest time stamp; 0 without events"""
     last_us: int
     table: bool
     """a whole data table lets dv-processing seek without a first pass"""
@@ -38,6 +38,10 @@ class Summary:
     """byte offset of a torn tail"""
     torn_bytes: int
     damaged_packets: int
+    damaged_what: str
+    """what they are called: packets, words, lines"""
+    backwards: str
+    """one line on time stamps that run backwards; empty if none do"""
     left_out: dict[str, int]
     """sound data that we do not read: what it is -> how many"""
     frames: int
@@ -77,9 +81,9 @@ def summary(path: AnyPath) -> Summary:
         if message.dtype == TRIGGER_DTYPE:
             triggers += len(message)
             continue
-        if not packets_seen:
-            first_us = int(message["t"][0])
-        last_us = int(message["t"][-1])
+        begin_us, end_us = int(message["t"][0]), int(message["t"][-1])
+        first_us = min(first_us, begin_us) if packets_seen else begin_us
+        last_us = max(last_us, end_us) if packets_seen else end_us
         on += int(np.count_nonzero(message["p"]))
         count += len(message)
         packets_seen += 1
@@ -100,6 +104,8 @@ def summary(path: AnyPath) -> Summary:
         torn_at=file.damage.torn_at,
         torn_bytes=file.damage.torn_bytes,
         damaged_packets=file.damage.packets,
+        damaged_what=file.damage.what,
+        backwards=file.damage.backwards_words(),
         left_out=dict(file.left_out),
         frames=len(frame_stamps),
         frame_rate_hz=_rate_hz(frame_stamps),

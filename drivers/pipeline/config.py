@@ -214,7 +214,8 @@ def _check_sink(sink: SinkConfig, path: str) -> None:
     if not getattr(sink, own[0]):
         raise EvsError(f"at {path}.{own[0]}: missing; a {sink.type} sink needs it")
     if sink.file:
-        known = formats.by_name(sink.type).suffixes
+        kind = formats.by_name(sink.type)
+        known = kind.suffixes + kind.also
         if Path(sink.file).suffix.lower() not in known:
             raise EvsError(f"at {path}.file: '{sink.file}' does not end in {' or '.join(known)}")
 

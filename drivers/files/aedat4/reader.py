@@ -69,6 +69,8 @@ class Aedat4File:
     """packets of any stream that the last complete walk found whole"""
     left_out: dict[str, int] = field(default_factory=dict)
     """frames that the last walk left out, since they are not grey"""
+    position: int = 0
+    """how far the present walk is, bytes"""
     labels: None = None
     """the format has no place for any"""
 
@@ -230,6 +232,7 @@ class Aedat4File:
                 broken, tries = broken or (at, str(reason)), tries + 1
                 at = self._next_packet(file, at + 1)
                 continue
+            self.position = at
             if broken:
                 damage.packet(*broken)
             broken, tries, whole = None, 0, whole + 1

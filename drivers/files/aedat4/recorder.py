@@ -12,9 +12,9 @@ from evs.drivers.files.aedat4 import compression as compressions
 from evs.drivers.files.aedat4 import description, layout
 from evs.drivers.files.aedat4.frames import frame_body
 from evs.drivers.files.aedat4.imu import imu_body
-from evs.drivers.files.aedat4.parts import check_no_parts, part_path
 from evs.drivers.files.aedat4.triggers import triggers_body
 from evs.drivers.files.aedat4.writer import Aedat4Writer
+from evs.drivers.files.numbered import check_no_parts, part_path
 from evs.drivers.files.recording import one_stream, target_error
 from evs.drivers.sink import SinkStoppedError
 from evs.emulator.stages import Meter, NoMeter

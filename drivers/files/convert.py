@@ -1,0 +1,212 @@
+"""convert: a recording of one format into a file of another, in little memory."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from evs.drivers.files.formats import AnyPath, Format, Holds, to_read, to_write
+from evs.drivers.files.reading import messages_of, recorder_for
+from evs.drivers.files.recorded import RecordedFile
+from evs.drivers.files.recording import check_stamps, one_stream, target_error
+from evs.drivers.sink import FrameSink, ImuSink, Sink, TriggerSink
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Labels, StreamInfo, TriggerPacket
+
+Message = EventPacket | Frame | ImuPacket | TriggerPacket
+
+BESIDE = {
+    "frames": "intensity frames",
+    "imu": "IMU samples",
+    "triggers": "triggers",
+    "labels": "labels",
+}
+"""What a format may not hold: field of Holds -> in words."""
+
+
+@dataclass
+class Converted:
+    """What convert did."""
+
+    target: Path
+    source_format: Format
+    target_format: Format
+    events: int = 0
+    frames: int = 0
+    imu_samples: int = 0
+    triggers: int = 0
+    left_out: dict[str, int] = field(default_factory=dict)
+    """what was not written, since the target cannot hold it or we do not read it -> how many"""
+    files: list[Path] = field(default_factory=list)
+    """every file that was written"""
+
+    @property
+    def size(self) -> int:
+        """Bytes written."""
+        return sum(path.stat().st_size for path in self.files)
+
+
+def convert(
+    source: AnyPath,
+    target: AnyPath,
+    kind: str | None = None,
+    *,
+    events_only: bool = False,
+    progress: Callable[[float], None] | None = None,
+    **options: Any,
+) -> Converted:
+    """Write all of `source` anew as `target`, whose ending (or `kind`) says the format.
+
+    In: events_only, leave out what lies beside the events where the target cannot hold it;
+    progress, called with the share of the source that is read; options of the target's recorder.
+
+    What the target cannot hold is refused before anything is written. The target appears once it is
+    complete: an earlier file of that name stays until then, and for good where an error ends it.
+    Warns of damage as read does.
+    """
+    found, wanted = to_read(source), to_write(target, kind)
+    file, target = found.open(Path(source)), Path(target)
+    _check_place(file.path, target)
+    stream, lacking = _fitting(file, wanted.holds)
+    if lacking and not events_only:
+        words = " and ".join(BESIDE[name] for name in lacking)
+        raise EvsError(
+            f"{target} cannot hold the {words} of {file.path}: leave them out with --events-only, "
+            "or convert to .aedat4"
+        )
+    called = wanted.called
+    stream = one_stream(target, [stream], wanted.holds, called)
+    done = Converted(target, found, wanted)
+    stored = messages_of(file)
+    first = _first_events(stored)
+    for message in first:
+        if isinstance(message, EventPacket):
+            check_stamps(target, message.events, wanted.holds, called)
+    with _Place(target) as place:
+        sink = recorder_for(place.path, kind=wanted.name, **options)
+        try:
+            sink.open([stream])
+            labels = file.labels if wanted.holds.labels else None
+            for message in _labelled(chain(first, stored), labels):
+                _put(sink, message, done)
+                if progress is not None:
+                    progress(file.position / max(1, file.size))
+            error = sink.close().get("error")
+            if error:
+                raise EvsError(str(error))
+        except EvsError as error:
+            raise EvsError(place.named(str(error))) from None
+        finally:
+            sink.close()
+        done.files = place.settle()
+    if file.labels is not None and "labels" in lacking:
+        done.left_out["labels"] = len(file.labels)
+    return done
+
+
+def _check_place(source: Path, target: Path) -> None:
+    """EvsError where the target is the source, or can be no file."""
+    if target.exists() and target.samefile(source):
+        raise EvsError(f"{target} is what would be converted: give another name")
+    if target.is_dir():
+        raise target_error(target, IsADirectoryError())
+    if not target.parent.is_dir():
+        raise target_error(target, FileNotFoundError())
+
+
+def _fitting(file: RecordedFile, holds: Holds) -> tuple[StreamInfo, list[str]]:
+    """The stream as the target can hold it, and what it cannot: fields of Holds."""
+    has = {
+        "frames": file.stream.frames,
+        "imu": file.stream.imu,
+        "triggers": file.stream.triggers,
+        "labels": file.labels is not None,
+    }
+    lacking = [name for name, there in has.items() if there and not getattr(holds, name)]
+    flags: dict[str, Any] = {name: False for name in lacking if name != "labels"}
+    return replace(file.stream, **flags), lacking
+
+
+def _first_events(stored: Iterator[Message]) -> list[Message]:
+    """The messages up to the first events."""
+    taken: list[Message] = []
+    for message in stored:
+        taken.append(message)
+        if isinstance(message, EventPacket):
+            break
+    return taken
+
+
+def _labelled(stored: Iterable[Message], labels: Labels | None) -> Iterator[Message]:
+    """The messages; packets with their part of the labels, (n,) as all events."""
+    at = 0
+    for message in stored:
+        if labels is None or not isinstance(message, EventPacket):
+            yield message
+        else:
+            yield replace(message, labels=labels[at : at + len(message)])
+            at += len(message)
+
+
+def _put(sink: Sink, message: Message, done: Converted) -> None:
+    """One message into the sink, if it takes it."""
+    holds = done.target_format.holds
+    if isinstance(message, EventPacket):
+        sink.write(message)
+        done.events += len(message)
+    elif isinstance(message, Frame):
+        if isinstance(sink, FrameSink) and holds.frames:
+            sink.write_frame(message)
+            done.frames += 1
+        else:
+            _count(done, BESIDE["frames"], 1)
+    elif isinstance(message, ImuPacket):
+        if isinstance(sink, ImuSink) and holds.imu:
+            sink.write_imu(message)
+            done.imu_samples += len(message)
+        else:
+            _count(done, BESIDE["imu"], len(message))
+    elif isinstance(sink, TriggerSink) and holds.triggers:
+        sink.write_triggers(message)
+        done.triggers += len(message)
+    else:
+        _count(done, BESIDE["triggers"], len(message))
+
+
+def _count(done: Converted, what: str, count: int) -> None:
+    done.left_out[what] = done.left_out.get(what, 0) + count
+
+
+class _Place:
+    """A folder beside the target in which it comes about, since a recorder may write many files."""
+
+    def __init__(self, target: Path) -> None:
+        self._target = target
+
+    def __enter__(self) -> _Place:
+        try:
+            self._folder = Path(tempfile.mkdtemp(prefix=".evs-convert-", dir=self._target.parent))
+        except OSError as reason:
+            raise target_error(self._target, reason) from None
+        self.path = self._folder / self._target.name
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def named(self, text: str) -> str:
+        """A recorder's words, with the names that the user knows."""
+        return text.replace(f"{self._folder}{os.sep}", f"{self._target.parent}{os.sep}")
+
+    def settle(self) -> list[Path]:
+        """Move what was written to where it belongs; the target itself last."""
+        made = sorted(self._folder.iterdir(), key=lambda path: (path == self.path, path.name))
+        try:
+            return sorted(path.replace(self._target.parent / path.name) for path in made)
+        except OSError as reason:
+            raise target_error(self._target, reason) from None

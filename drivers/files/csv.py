@@ -1,0 +1,245 @@
+"""CSV: a line of JSON with the stream's facts, a line of names, then `t,x,y,p` for each event."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.drivers.files.appending import AppendingRecorder
+from evs.drivers.files.damage import MAX_STAMP_US, Damage
+from evs.drivers.files.formats import MAX_SIDE_PX, AnyPath
+from evs.drivers.files.header_text import said_in, stream_from, stream_json
+from evs.drivers.files.ordered import InOrder
+from evs.drivers.files.recorded import EventsFile
+from evs.drivers.files.recording import existing
+from evs.msgs import Events, EvsError, StreamInfo, make_events
+
+SAID = "# evs "
+
+NAMES = {
+    "t": ("t", "ts", "time", "timestamp", "t_us", "t_s"),
+    "x": ("x", "col", "x_px"),
+    "y": ("y", "row", "y_px"),
+    "p": ("p", "pol", "polarity", "on"),
+}
+"""What the columns are called, by us and by others."""
+
+_CHUNK_BYTES = 1 << 20
+_MAX_LINE_BYTES = 1 << 22
+_HEAD_LINES = 100
+
+_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_PLAIN = b"0123456789+-.eE,\n"
+_TRUTH = {b"true": b"1", b"false": b"0"}
+
+Numbers = npt.NDArray[np.float64] | npt.NDArray[np.int64]
+Offsets = npt.NDArray[np.int64]
+
+
+class CsvRecorder(AppendingRecorder):
+    """A Sink that writes CSV: `pandas.read_csv(file, comment="#")` reads it."""
+
+    NAME = "csv"
+
+    def _header(self, stream: StreamInfo) -> bytes:
+        return f"{SAID}{stream_json(stream)}\nt,x,y,p\n".encode()
+
+    def _encoded(self, events: Events) -> bytes:
+        columns = np.stack([events[name].astype(np.int64) for name in "txyp"], axis=1)
+        # one format for all lines: several times as fast as a line at a time
+        return (("%d,%d,%d,%d\n" * len(events)) % tuple(columns.ravel().tolist())).encode()
+
+
+@dataclass
+class CsvFile(EventsFile):
+    """One text file of events, ours or anybody's with four columns.
+
+    Columns go by their names, where a line names them, else they are t, x, y, p. They are parted by
+    commas, semicolons, tabs or blanks. Times with a decimal point are seconds, others us; polarity
+    is 1 for ON, 0 or -1 for OFF. Lines that begin with # say nothing.
+    """
+
+    lines_at: int = 0
+    """where the events begin, bytes"""
+    places: tuple[int, ...] = (0, 1, 2, 3)
+    """of t, x, y, p among the columns"""
+    columns: int = 4
+    delimiter: bytes = b","
+    """empty: blanks and tabs"""
+    in_seconds: bool = False
+
+    @classmethod
+    def at(cls, path: AnyPath) -> CsvFile:
+        """Read the first lines. EvsError: no such file, no text of numbers."""
+        found = existing(path)
+        try:
+            with found.open("rb") as file:
+                data = file.read(_MAX_LINE_BYTES)
+        except OSError as reason:
+            raise EvsError(f"cannot read {found}: {reason.strerror}") from None
+        opened = cls(path=found, stream=StreamInfo(0, 0), size=found.stat().st_size)
+        opened._look(data)
+        if not (opened.stream.width and opened.stream.height):
+            width, height = opened._found_size()
+            opened.stream = replace(opened.stream, width=width, height=height)
+        return opened
+
+    def events(self) -> Iterator[Events]:
+        """Events of each tick; lines that are none are damage."""
+        damage = Damage(what="lines")
+        order, stream = InOrder(damage, self.stream.tick_us), self.stream
+        for values, offsets in self._chunks(damage):
+            t, x, y, p = (values[:, place] for place in self.places)
+            stamps = np.rint(t * 1e6) if self.in_seconds else t
+            sound = (x >= 0) & (x < stream.width) & (y >= 0) & (y < stream.height)
+            sound &= (stamps >= -MAX_STAMP_US) & (stamps <= MAX_STAMP_US)
+            if not sound.all():
+                first = int((~sound).argmax())
+                said = f"an event at ({x[first]:g}, {y[first]:g}), {t[first]:g}, is outside the "
+                count = int(np.count_nonzero(~sound))
+                damage.packet(int(offsets[first]), f"{said}sensor or its time", count)
+            stamps, x, y, on = stamps[sound], x[sound], y[sound], p[sound] > 0
+            events = make_events(stamps.astype(np.int64), x, y, on)
+            offsets = offsets[sound]
+            yield from order.feed(events, offsets)
+        yield from order.rest()
+        self.damage = damage
+
+    def _look(self, data: bytes) -> None:
+        """Comments, names and the form of the first event."""
+        said: dict[str, Any] = {}
+        at = 0
+        for line in data.split(b"\n")[:_HEAD_LINES]:
+            text = line.strip()
+            if text.startswith(SAID.encode()):
+                said = said_in(text[len(SAID) :].decode(errors="replace"))
+            elif text and not text.startswith(b"#"):
+                self.delimiter = next((one for one in (b",", b";") if one in text), b"")
+                words = text.split(self.delimiter or None)
+                self.columns = len(words)
+                if _NUMBER.fullmatch(words[0].strip()):
+                    self._take_form([word.strip() for word in words])
+                    break
+                self._take_names([word.decode(errors="replace") for word in words])
+            at += len(line) + 1
+        self.lines_at = min(at, self.size)
+        self.stream = stream_from(said, "")
+
+    def _take_form(self, words: list[bytes]) -> None:
+        """What the first event says of all."""
+        if len(words) < 4:
+            raise EvsError(
+                f"{self.path} is not a recording: a line has {len(words)} columns; "
+                "it needs four, t, x, y, p"
+            )
+        self.in_seconds = b"." in words[self.places[0]] or b"e" in words[self.places[0]].lower()
+
+    def _take_names(self, words: list[str]) -> None:
+        """The places of the columns, by a line that names them."""
+        lower = [word.strip(" \"'").lower() for word in words]
+        places = [
+            next((k for k, word in enumerate(lower) if word in known), -1)
+            for known in NAMES.values()
+        ]
+        if min(places) < 0:
+            raise EvsError(
+                f"{self.path} is not a recording: its first line is {' '.join(words)[:60]!r}; "
+                "it needs columns t, x, y, p"
+            )
+        self.places = tuple(places)
+
+    def _chunks(self, damage: Damage) -> Iterator[tuple[Numbers, Offsets]]:
+        """(numbers (n, columns), byte offsets of their lines) of each part of the file."""
+        with self.path.open("rb") as file:
+            at, rest = self.lines_at, b""
+            file.seek(at)
+            while True:
+                chunk = file.read(_CHUNK_BYTES)
+                data = rest + chunk
+                end = data.rfind(b"\n") + 1
+                if not chunk and data and not end:
+                    # the last line has no end: whole, or torn
+                    if data[:1] != b"#" and self._row(data) is None:
+                        damage.tail(at, at + len(data))
+                        return
+                    end = len(data)
+                elif not end and len(data) > _MAX_LINE_BYTES:
+                    end = len(data)
+                if end:
+                    self.position = at
+                    yield self._numbers(data[:end], at, damage)
+                at, rest = at + end, data[end:]
+                if not chunk and not rest:
+                    return
+
+    def _numbers(self, text: bytes, at: int, damage: Damage) -> tuple[Numbers, Offsets]:
+        """The numbers of whole lines, and where they begin; other lines are damage."""
+        parting = self.delimiter or b" \t"
+        table = bytes.maketrans(parting, b"," * len(parting))
+        plain = text.translate(table, b"\r " if self.delimiter else b"\r")
+        plain = plain if plain.endswith(b"\n") else plain + b"\n"
+        codes = np.frombuffer(plain, np.uint8)
+        ends = np.flatnonzero(codes == 10)
+        commas = np.diff(np.cumsum(codes == 44)[ends], prepend=0)
+        if (commas == self.columns - 1).all() and not plain.translate(None, _PLAIN):
+            values = _parsed(plain, len(ends) * self.columns, self.in_seconds)
+            if values is not None:
+                breaks = np.flatnonzero(np.frombuffer(text, np.uint8) == 10)[: len(ends) - 1]
+                offsets = at + np.concatenate([np.zeros(1, np.int64), breaks + 1])
+                return values.reshape(-1, self.columns), offsets
+        return self._one_by_one(text, at, damage)
+
+    def _one_by_one(self, text: bytes, at: int, damage: Damage) -> tuple[Numbers, Offsets]:
+        """The slow way, for a part in which something is odd: line by line."""
+        rows, offsets = [], []
+        for line in text.split(b"\n"):
+            row = self._row(line)
+            if row is not None:
+                rows.append(row)
+                offsets.append(at)
+            elif line.strip() and line[:1] != b"#":
+                damage.packet(at, f"{line[:40]!r} is not {self.columns} numbers")
+            at += len(line) + 1
+        return np.array(rows).reshape(-1, self.columns), np.array(offsets, np.int64)
+
+    def _row(self, line: bytes) -> list[int | float] | None:
+        """The numbers of one line; None if it is no event."""
+        words = line.split(self.delimiter or None)
+        row: list[int | float] = []
+        for word in words:
+            plain = _TRUTH.get(word.strip().lower(), word.strip())
+            if not _NUMBER.fullmatch(plain) or len(plain) > 32:
+                return None
+            number = int(plain) if plain.lstrip(b"+-").isdigit() else float(plain)
+            row.append(number if abs(number) <= MAX_STAMP_US else 2 * MAX_STAMP_US - 1)
+        return row if len(row) == self.columns else None
+
+    def _found_size(self) -> tuple[int, int]:
+        """Width and height that the events need."""
+        most = [0, 0]
+        for values, _ in self._chunks(Damage()):
+            for axis in (0, 1):
+                column = values[:, self.places[1 + axis]]
+                fits = column[(column >= 0) & (column < MAX_SIDE_PX)]
+                most[axis] = max(most[axis], int(fits.max(initial=0)))
+        return most[0] + 1, most[1] + 1
+
+
+def _parsed(plain: bytes, count: int, as_float: bool) -> Numbers | None:
+    """The numbers between commas and line ends; None where it is not so many."""
+    is_float = as_float or any(mark in plain for mark in (b".", b"e", b"E"))
+    flat = plain.replace(b"\n", b",").decode("ascii")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            kind: type[Any] = np.float64 if is_float else np.int64
+            values: Numbers = np.fromstring(flat, kind, sep=",")
+    except (ValueError, DeprecationWarning):
+        return None
+    return values if len(values) == count else None
