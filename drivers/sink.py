@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
 
 from evs.emulator.stages import Meter
-from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo, TriggerPacket
+from evs.emulator.truth import GroundTruth
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, StreamInfo, TriggerPacket
 
 
 class SinkStoppedError(EvsError):
@@ -61,3 +62,34 @@ class TriggerSink(Protocol):
 
     def write_triggers(self, packet: TriggerPacket) -> None:
         """Take the triggers of one tick, after its frames and before its events."""
+
+
+@runtime_checkable
+class PoseSink(Protocol):
+    """A sink that also takes the poses of cameras, while it has a use for them."""
+
+    def wants_pose(self, camera: str) -> bool:
+        """Whether to work out the pose of this tick for it."""
+
+    def write_pose(self, pose: Pose) -> None:
+        """Take the pose at the end of a tick, before its events."""
+
+
+@runtime_checkable
+class TruthSink(Protocol):
+    """A sink that also takes ground truth while it has a use for it: it costs a frame to trace."""
+
+    def wants_truth(self, camera: str, t_us: int) -> bool:
+        """Whether to work it out for the tick that ends at simulated time t_us."""
+
+    def write_truth(self, camera: str, truth: GroundTruth) -> None:
+        """Take the ground truth at the end of a tick, before its events."""
+
+
+@runtime_checkable
+class StoppingSink(Protocol):
+    """A sink through which somebody may ask for the end of the run."""
+
+    @property
+    def stop_wanted(self) -> bool:
+        """Whether somebody did: the run ends after the tick."""

@@ -11,6 +11,7 @@ from evs.emulator.camera_plan import CameraPlan, free_name, plain_plan
 from evs.emulator.config import RenderConfig, SceneConfig
 from evs.emulator.optics import camera_info
 from evs.emulator.pixels import DoneTick, Pixels
+from evs.emulator.pose import pose_message
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.sensor import (
     Aps,
@@ -28,6 +29,7 @@ from evs.msgs import (
     Frame,
     ImuPacket,
     ImuSamples,
+    Pose,
     StreamInfo,
     empty_imu,
     take_labels,
@@ -114,7 +116,7 @@ class Camera:
         self._luminance: F32 | None = None
         self._t_us: int | None = None
         self._forget_instants()
-        self._seq = 0
+        self._seq = self._seen = 0
         self.events = 0
 
     def refresh(self, world: MjModel, scene: SceneModel) -> None:
@@ -194,6 +196,7 @@ class Camera:
     def _see(self, snapshot: SceneSnapshot, begin_us: int) -> list[DoneTick]:
         pose = snapshot.cameras[self._place]
         self._previous, self._now = self._now, (snapshot, pose)
+        self._seen += 1
         self._luminance = self._renderer.render(snapshot, pose)
         self._meter.lap("render")
         ticks = self._pixels.see(self._luminance, begin_us, snapshot.t_us)
@@ -216,6 +219,14 @@ class Camera:
                 ImuPacket(self._imu_seq, samples, self._info.camera) if len(samples) else None
             )
             self._imu_seq += len(samples) > 0
+
+    @property
+    def pose(self) -> Pose | None:
+        """Where it was at the end of the last tick; None before the first snapshot."""
+        if self._now is None:
+            return None
+        snapshot, pose = self._now
+        return pose_message(pose, self._seen - 1, snapshot.t_us, self._info.camera)
 
     def ground_truth(self) -> GroundTruth:
         """Of the last tick's end: depth, normals, ids, ... and the flow during that tick.

@@ -21,6 +21,7 @@ COMMANDS = {
     "sensors": "evs.launch.sensors",
     "view": "evs.launch.view",
     "echo": "evs.launch.echo",
+    "topics": "evs.launch.topics",
     "play": "evs.launch.play",
     "info": "evs.launch.info",
     "keygen": "evs.launch.keygen",

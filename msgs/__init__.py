@@ -1,5 +1,11 @@
 """What is said: events, packets, topics. Needs numpy and msgpack only."""
 
+from evs.msgs.camera_info import (
+    CameraInfo,
+    camera_info_of,
+    decode_camera_info,
+    encode_camera_info,
+)
 from evs.msgs.errors import EvsError, nearest_first, unknown
 from evs.msgs.event import (
     EVENT_DTYPE,
@@ -23,9 +29,24 @@ from evs.msgs.imu import (
 )
 from evs.msgs.labels import LABEL_DTYPE, Cause, Labels, take_labels
 from evs.msgs.packet import ENCODING, EventPacket, decode, encode
+from evs.msgs.pose import Clock, Pose, decode_clock, decode_pose, encode_clock, encode_pose
+from evs.msgs.state import CameraState, State, decode_state, encode_state
 from evs.msgs.status import Status, decode_status, encode_status
 from evs.msgs.stream import StreamInfo
-from evs.msgs.topics import DEFAULT_ADDRESS, EVENTS, FRAMES, IMU, STATUS, TOPICS, Topic
+from evs.msgs.topics import (
+    CAMERA_INFO,
+    CLOCK,
+    DEFAULT_ADDRESS,
+    EVENTS,
+    FRAMES,
+    IMU,
+    POSE,
+    STATE_PREFIX,
+    STATUS,
+    TOPICS,
+    TRUTH,
+    Topic,
+)
 from evs.msgs.trigger import (
     TRIGGER_DTYPE,
     Trigger,
@@ -35,8 +56,11 @@ from evs.msgs.trigger import (
     frame_triggers,
     make_triggers,
 )
+from evs.msgs.truth import TRUTH_CHANNELS, Truth, decode_truth, encode_truth
 
 __all__ = [
+    "CAMERA_INFO",
+    "CLOCK",
     "DEFAULT_ADDRESS",
     "DEGREE",
     "ENCODING",
@@ -46,11 +70,18 @@ __all__ = [
     "IMU",
     "IMU_DTYPE",
     "LABEL_DTYPE",
+    "POSE",
     "STANDARD_GRAVITY",
+    "STATE_PREFIX",
     "STATUS",
     "TOPICS",
     "TRIGGER_DTYPE",
+    "TRUTH",
+    "TRUTH_CHANNELS",
+    "CameraInfo",
+    "CameraState",
     "Cause",
+    "Clock",
     "EventPacket",
     "Events",
     "EvsError",
@@ -59,24 +90,38 @@ __all__ = [
     "ImuSamples",
     "Labels",
     "MessageError",
+    "Pose",
+    "State",
     "Status",
     "StreamInfo",
     "Topic",
     "Trigger",
     "TriggerPacket",
     "Triggers",
+    "Truth",
+    "camera_info_of",
     "clean_events",
     "decode",
+    "decode_camera_info",
+    "decode_clock",
     "decode_frame",
     "decode_imu",
+    "decode_pose",
+    "decode_state",
     "decode_status",
+    "decode_truth",
     "empty_events",
     "empty_imu",
     "empty_triggers",
     "encode",
+    "encode_camera_info",
+    "encode_clock",
     "encode_frame",
     "encode_imu",
+    "encode_pose",
+    "encode_state",
     "encode_status",
+    "encode_truth",
     "frame_triggers",
     "join_events",
     "make_events",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import reprlib
 from typing import Any
 
@@ -37,6 +38,17 @@ def boolean(fields: dict[str, Any], key: str) -> bool:
     if not isinstance(value, bool):
         raise MessageError(f"header field {key!r} is {shown(value)}, not true or false")
     return value
+
+
+def numbers(fields: dict[str, Any], key: str, least: int, most: int) -> tuple[float, ...]:
+    """A field that is a list of least ... most finite numbers."""
+    value = _present(fields, key)
+    if not isinstance(value, list) or not least <= len(value) <= most:
+        wanted = str(least) if least == most else f"{least} ... {most}"
+        raise MessageError(f"header field {key!r} is {shown(value)}, not {wanted} numbers")
+    if not all(type(one) in (int, float) and math.isfinite(one) for one in value):
+        raise MessageError(f"header field {key!r} holds what is no finite number: {shown(value)}")
+    return tuple(map(float, value))
 
 
 def name(fields: dict[str, Any], key: str) -> str:

@@ -149,24 +149,33 @@ def plain_integers(header: dict[str, Any]) -> dict[str, Any]:
     return {k: v.item() if isinstance(v, np.generic) else v for k, v in header.items()}
 
 
-def packb(fields: dict[str, Any]) -> bytes:
+def packb(fields: dict[str, Any], most: int = MAX_HEADER_BYTES) -> bytes:
     """msgpack bytes of a map of plain values; MessageError if they are not or are too many."""
     try:
         packed: bytes = msgpack.packb(fields, use_bin_type=True)
     except (TypeError, ValueError, OverflowError) as reason:
         raise MessageError(f"header cannot be packed: {shown(str(reason))}") from None
-    if len(packed) > MAX_HEADER_BYTES:
-        raise MessageError(f"header of {len(packed)} bytes is over {MAX_HEADER_BYTES}")
+    if len(packed) > most:
+        raise MessageError(f"header of {len(packed)} bytes is over {most}")
     return packed
 
 
-def unpackb(header: bytes) -> dict[str, Any]:
+_LIMITS = {"max_array_len": 1000, "max_map_len": 1000}
+"""A few bytes may claim a list of millions, and lists in it, for which memory is taken at once."""
+
+
+def unpackb(header: bytes, most: int = MAX_HEADER_BYTES) -> dict[str, Any]:
     """The map in a msgpack header; MessageError if it is too large, torn or not a map of names."""
-    if len(header) > MAX_HEADER_BYTES:
-        raise MessageError(f"header of {len(header)} bytes is over {MAX_HEADER_BYTES}")
+    if len(header) > most:
+        raise MessageError(f"header of {len(header)} bytes is over {most}")
     try:
-        fields = msgpack.unpackb(header, raw=False, strict_map_key=True)
-    except (ValueError, OverflowError, msgpack.exceptions.UnpackException) as reason:
+        fields = msgpack.unpackb(header, raw=False, strict_map_key=True, **_LIMITS)
+    except (
+        ValueError,
+        OverflowError,
+        RecursionError,
+        msgpack.exceptions.UnpackException,
+    ) as reason:
         raise MessageError(f"header is not msgpack: {shown(str(reason))}") from None
     if not isinstance(fields, dict):
         raise MessageError(f"header is a {type(fields).__name__}, not a map")

@@ -6,7 +6,7 @@ that the loss of the last packets is seen too. On the wire: `topic | msgpack hea
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from evs.msgs.fields import MAX_INT64, MAX_PIXELS, MessageError, boolean, integer, name, shown
@@ -17,6 +17,9 @@ STATUS_PERIOD_US = 100_000
 
 MAX_CAMERAS = 200
 """Most cameras on one bus: their names have to fit into a header."""
+
+MAX_TOPICS = 32
+"""Most topics that a status tells the last seq of; ours are fewer."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,8 @@ class Status:
     """Seed of the sensor's random numbers."""
     cameras: tuple[str, ...] = ()
     """Every camera on this bus, this one included."""
+    last: dict[str, int] = field(default_factory=dict)
+    """Topic -> seq of this camera's last message there: frames, imu, pose, ground_truth."""
 
 
 def encode_status(status: Status) -> bytes:
@@ -77,7 +82,20 @@ def _from_fields(fields: dict[str, Any]) -> Status:
         tick_us=integer(fields, "tick_us", 1, MAX_INT64),
         seed=integer(fields, "seed", -MAX_INT64, 2 * MAX_INT64 + 1),
         cameras=_cameras(fields),
+        last=_last(fields),
     )
+
+
+def _last(fields: dict[str, Any]) -> dict[str, int]:
+    """Last seq of each topic."""
+    found = fields.get("last")
+    if not isinstance(found, dict) or len(found) > MAX_TOPICS:
+        raise MessageError(f"header field 'last' is {shown(found)}, not a map of topics")
+    for topic in found:
+        if not isinstance(topic, str):
+            raise MessageError(f"header field 'last' holds {shown(topic)}, not a topic")
+        integer(found, topic, -1, MAX_INT64)
+    return found
 
 
 def _cameras(fields: dict[str, Any]) -> tuple[str, ...]:

@@ -17,21 +17,33 @@ class Topic:
     """Messages queued per subscriber before the drop policy applies."""
     drop: str
     """Which messages a slow subscriber loses."""
+    per_camera: bool = True
+    """False: the bus has one, not each camera."""
 
     def of(self, camera: str) -> bytes:
-        """The topic frame of one camera: `name/camera` in UTF-8, e.g. b"events/track"."""
-        return f"{self.name}/{camera}".encode()
+        """The topic frame of one camera: `name/camera` in UTF-8, e.g. b"events/track".
+
+        A topic of the whole bus ends at its slash, e.g. b"clock/".
+        """
+        return f"{self.name}/{camera if self.per_camera else ''}".encode()
 
 
 DEFAULT_ADDRESS = "tcp://127.0.0.1:5560"
 """Where a camera publishes and a subscriber looks, if nothing else is said."""
 
-EVENTS = Topic(
-    "events", "EventPacket", "one a tick and camera", 1000, "newest, counted by seq and status"
-)
-FRAMES = Topic("frames", "Frame", "as sensor.aps says", 1000, "newest, counted by seq")
-IMU = Topic("imu", "ImuPacket", "as sensor.imu says, one a tick at most", 1000, "newest, by seq")
+_COUNTED = "newest, counted by seq and status"
+
+EVENTS = Topic("events", "EventPacket", "one a tick and camera", 1000, _COUNTED)
+FRAMES = Topic("frames", "Frame", "as sensor.aps says", 1000, _COUNTED)
+IMU = Topic("imu", "ImuPacket", "as sensor.imu says, one a tick at most", 1000, _COUNTED)
+POSE = Topic("pose", "Pose", "one a tick", 1000, _COUNTED)
+TRUTH = Topic("ground_truth", "Truth", "as truth_hz says", 1000, _COUNTED)
+CAMERA_INFO = Topic("camera_info", "CameraInfo", "with each status", 1000, "newest; it repeats")
+CLOCK = Topic("clock", "Clock", "one a tick", 1000, "newest; it repeats", per_camera=False)
 STATUS = Topic("status", "Status", "10 Hz of simulated time, and at the end", 1000, "newest")
 
-TOPICS = (EVENTS, FRAMES, IMU, STATUS)
+TOPICS = (EVENTS, FRAMES, IMU, POSE, TRUTH, CAMERA_INFO, CLOCK, STATUS)
 """Every topic of the bus."""
+
+STATE_PREFIX = b"state/"
+"""What the one-part messages of the port for the latest state begin with."""

@@ -1,8 +1,22 @@
 """The bus: packets to any number of other processes, over ZeroMQ. The only door to zmq."""
 
+from evs.drivers.bus.discovery import Described, discover, request
+from evs.drivers.bus.latest import Latest
 from evs.drivers.bus.losses import Gaps, Tally
 from evs.drivers.bus.publisher import Publisher
 from evs.drivers.bus.rates import Rate, Rates
 from evs.drivers.bus.subscriber import Subscription, subscribe
 
-__all__ = ["Gaps", "Publisher", "Rate", "Rates", "Subscription", "Tally", "subscribe"]
+__all__ = [
+    "Described",
+    "Gaps",
+    "Latest",
+    "Publisher",
+    "Rate",
+    "Rates",
+    "Subscription",
+    "Tally",
+    "discover",
+    "request",
+    "subscribe",
+]

@@ -89,10 +89,7 @@ class Tally:
 
 @dataclass
 class Gaps:
-    """What was missed of one camera's frames or IMU packets, by gaps in seq alone.
-
-    No status repeats their last seq: the loss of the last ones is not seen.
-    """
+    """What was missed of one camera's messages of another topic, by gaps in seq and statuses."""
 
     count: int = 0
     """Messages received."""
@@ -100,6 +97,12 @@ class Gaps:
     """Messages that a gap shows."""
     next_seq: int | None = None
     """The next message's seq if nothing is lost; None before the first."""
+
+    def on_last(self, seq: int) -> None:
+        """A status says which was the last: what was sent before it is here or lost."""
+        if self.next_seq is not None and seq >= self.next_seq:
+            self.lost += seq + 1 - self.next_seq
+            self.next_seq = seq + 1
 
     def on_message(self, seq: int) -> None:
         """One arrived; a seq that goes back is a new run."""

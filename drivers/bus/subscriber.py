@@ -10,24 +10,31 @@ from typing import Any
 import zmq
 
 from evs.drivers.bus.address import connectable, is_ipv6
+from evs.drivers.bus.beside import Beside, of_kind
 from evs.drivers.bus.keys import new_keys, present, read_public, read_secret
 from evs.drivers.bus.losses import Gaps, Tally
 from evs.drivers.bus.sockets import Context, Handshakes, Socket, readable
 from evs.drivers.pace import monotonic_s
 from evs.msgs import (
+    CAMERA_INFO,
+    CLOCK,
     EVENTS,
     FRAMES,
     IMU,
+    POSE,
     STATUS,
+    TRUTH,
+    CameraInfo,
+    Clock,
     EventPacket,
     EvsError,
     Frame,
     ImuPacket,
     MessageError,
+    Pose,
     Status,
+    Truth,
     decode,
-    decode_frame,
-    decode_imu,
     decode_status,
 )
 from evs.msgs.fields import check_name
@@ -39,8 +46,7 @@ END_GRACE_S = 0.5
 
 _LONGEST_POLL_MS = 1000
 _LATE_SKIPS = 1000
-_MOST_COMING = 10_000
-"""Frames and IMU packets kept between two packets of events; each tick has one of these."""
+_MOST_PARTS = 3
 
 
 def subscribe(
@@ -51,12 +57,17 @@ def subscribe(
     timeout_s: float | None = None,
     frames: bool = False,
     imu: bool = False,
+    poses: bool = False,
+    truths: bool = False,
+    camera_info: bool = False,
+    clock: bool = False,
     server_key: str = "",
     key: str = "",
 ) -> Subscription:
     """Listen to a publisher at tcp://HOST:PORT, to one camera or (empty) to all of them.
 
-    With `frames` and `imu`, the result's attributes of these names hold what came with a packet. A
+    With `frames`, `imu`, `poses` and `truths` (ground truth), the result's attributes of these
+    names hold what came with a packet; with `camera_info` and `clock` the newest of these. A
     publisher with keys wants `server_key`, its public one (a file, or the 40 characters), and if it
     lets in only whom it knows, `key`, the file of one's own secret key. Without `server_key`
     nothing is encrypted.
@@ -73,6 +84,10 @@ def subscribe(
         timeout_s=timeout_s,
         frames=frames,
         imu=imu,
+        poses=poses,
+        truths=truths,
+        camera_info=camera_info,
+        clock=clock,
         server_key=server_key,
         key=key,
     )
@@ -94,6 +109,10 @@ class Subscription:
         timeout_s: float | None = None,
         frames: bool = False,
         imu: bool = False,
+        poses: bool = False,
+        truths: bool = False,
+        camera_info: bool = False,
+        clock: bool = False,
         server_key: str = "",
         key: str = "",
     ) -> None:
@@ -122,14 +141,18 @@ class Subscription:
         """Intensity frames that came between the last packet received and the one before."""
         self.imu: tuple[ImuPacket, ...] = ()
         """IMU packets that came between the last packet received and the one before."""
-        self.gaps: dict[tuple[str, str], Gaps] = {}
-        """The account of frames and IMU packets: (topic, camera) -> Gaps."""
-        self._coming: list[Frame | ImuPacket] = []
+        self.poses: tuple[Pose, ...] = ()
+        """Poses that came between the last packet received and the one before."""
+        self.truths: tuple[Truth, ...] = ()
+        """Ground truth that came between the last packet received and the one before."""
+        self._beside = Beside()
         self._cameras: tuple[str, ...] = (camera,) if camera else ()
         self._end_heard_s: float | None = None
         self._ended = False
         self._context: Context | None = Context()
-        wanted = [EVENTS, *([FRAMES] if frames else []), *([IMU] if imu else []), STATUS]
+        asked = {FRAMES: frames, IMU: imu, POSE: poses, TRUTH: truths}
+        asked |= {CAMERA_INFO: camera_info, CLOCK: clock}
+        wanted = [EVENTS, *(topic for topic, yes in asked.items() if yes), STATUS]
         topics = [topic.of(camera) for topic in wanted]
         self._handshakes: Handshakes
         self._main = self._connect(self._context, topics, queue)
@@ -191,9 +214,24 @@ class Subscription:
         return None
 
     def _hand_out(self) -> None:
-        self.frames = tuple(one for one in self._coming if isinstance(one, Frame))
-        self.imu = tuple(one for one in self._coming if isinstance(one, ImuPacket))
-        self._coming.clear()
+        came = self._beside.hand_out()
+        self.frames, self.imu = of_kind(came, Frame), of_kind(came, ImuPacket)
+        self.poses, self.truths = of_kind(came, Pose), of_kind(came, Truth)
+
+    @property
+    def gaps(self) -> dict[tuple[str, str], Gaps]:
+        """The account of the topics beside the events: (topic, camera) -> Gaps."""
+        return self._beside.gaps
+
+    @property
+    def clock(self) -> Clock | None:
+        """The newest clock, if it was asked for and one has come."""
+        return self._beside.clock
+
+    @property
+    def camera_info(self) -> dict[str, CameraInfo]:
+        """The calibration of each camera, if it was asked for and has come."""
+        return self._beside.infos
 
     def totals(self) -> dict[str, Any]:
         """Every count as plain values."""
@@ -206,18 +244,10 @@ class Subscription:
             "lost": self.lost,
             "restarts": self.restarts,
             "bad_messages": self.bad_messages,
-            **self._beside_totals(),
+            **self._beside.totals(),
             "ended": self.ended,
             "status": None if self.status is None else asdict(self.status),
         }
-
-    def _beside_totals(self) -> dict[str, int]:
-        """Counts of frames and IMU packets, where any came."""
-        found: dict[str, int] = {}
-        for (topic, _), gaps in self.gaps.items():
-            for key, count in ((topic, gaps.count), (f"{topic}_lost", gaps.lost)):
-                found[key] = found.get(key, 0) + count
-        return found
 
     def close(self) -> None:
         """Stop listening. The counts stay. Safe to call twice."""
@@ -279,7 +309,7 @@ class Subscription:
         """Count one message; its packet, if it is one."""
         try:
             kind, _, camera = parts[0].decode().partition("/")
-            if self.camera and camera != self.camera:
+            if self.camera and camera not in (self.camera, ""):
                 # topics are prefixes: `events/left` also brings `events/left2`
                 return None
             if kind == EVENTS.name and len(parts) == 3:
@@ -289,29 +319,17 @@ class Subscription:
                 # as long as packets come, more may come
                 self._end_heard_s = None
                 return packet
-            if kind in (FRAMES.name, IMU.name) and len(parts) == 3:
-                self._take_beside(kind, camera, parts)
-                return None
             if kind == STATUS.name and len(parts) == 2:
                 self._take_status(camera, decode_status(parts[1]), aside=aside)
                 return None
-            raise MessageError(f"a message of {len(parts)} parts under {kind!r}")
+            if not self._beside.take(kind, camera, parts):
+                raise MessageError(f"a message of {len(parts)} parts under {kind!r}")
+            self.bytes += len(parts[2]) if len(parts) == _MOST_PARTS else 0
+            return None
         except (MessageError, UnicodeDecodeError):
             # the side connection only repeats what the main one brings
             self.bad_messages += 0 if aside else 1
             return None
-
-    def _take_beside(self, kind: str, camera: str, parts: list[bytes]) -> None:
-        """Keep a frame or IMU packet until the next packet of events is handed out."""
-        decoder = decode_frame if kind == FRAMES.name else decode_imu
-        message = decoder(parts[1], parts[2])
-        # the account of losses is the events': a camera that is too many has none
-        self._tally(camera, message.camera)
-        self.gaps.setdefault((kind, camera), Gaps()).on_message(message.seq)
-        self.bytes += len(parts[2])
-        self._coming.append(message)
-        if len(self._coming) > _MOST_COMING:
-            del self._coming[0]
 
     def _take_status(self, camera: str, status: Status, *, aside: bool) -> None:
         tally = self._tally(camera, status.camera)
@@ -319,6 +337,7 @@ class Subscription:
             tally.on_side_status(status)
         else:
             tally.on_status(status)
+            self._beside.on_status(status)
         self.status = status
         if not self.camera:
             self._cameras = status.cameras

@@ -44,6 +44,12 @@ class SinkConfig:
     """zmq, dv: how long to wait for them, s"""
     queue: int | None = None
     """zmq, dv: packets held for a slow subscriber before it loses some"""
+    control: str | None = None
+    """zmq: one more port, which tells who is here and where, and takes requests (evs topics)"""
+    latest: str | None = None
+    """zmq: where the newest state is published; any free port if only control is given"""
+    truth_hz: float | None = None
+    """zmq: ground truth per simulated second, while somebody listens to it"""
     key: str | None = None
     """zmq: file of the publisher's secret key (evs keygen makes one); all is encrypted then"""
     allow: tuple[str, ...] | None = None
@@ -63,7 +69,10 @@ class SinkConfig:
 
 
 SINK_KEYS = {
-    "zmq": ("address", "wait_for", "wait_s", "queue", "key", "allow", "insecure"),
+    "zmq": (
+        *("address", "wait_for", "wait_s", "queue", "control", "latest", "truth_hz"),
+        *("key", "allow", "insecure"),
+    ),
     "dv": ("address", "compression", "wait_for", "wait_s", "queue", "insecure"),
     **{each.name: ("file", *each.keys) for each in formats.FORMATS},
 }
@@ -81,6 +90,8 @@ class PipelineConfig(RunConfig):
     """one more recording, as in run.aedat4; the ending says the format"""
     publish: str = ""
     """one more zmq sink: the address it binds, as in tcp://127.0.0.1:5560"""
+    publish_control: str = ""
+    """its control port"""
     publish_key: str = ""
     """its secret key"""
     publish_allow: tuple[str, ...] = ()
@@ -111,6 +122,7 @@ class PipelineConfig(RunConfig):
         return SinkConfig(
             type="zmq",
             address=self.publish,
+            control=self.publish_control or None,
             key=self.publish_key or None,
             allow=self.publish_allow or None,
             insecure=self.publish_insecure or None,

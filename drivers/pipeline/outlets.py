@@ -4,22 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from evs.drivers.sink import (
     FrameSink,
     ImuSink,
     MeteredSink,
+    PoseSink,
     Sink,
     SinkStoppedError,
+    StoppingSink,
     TriggerSink,
+    TruthSink,
 )
 from evs.emulator.stages import Meter
+from evs.emulator.truth import GroundTruth
 from evs.msgs import (
     EventPacket,
     EvsError,
     Frame,
     ImuPacket,
+    Pose,
     StreamInfo,
     TriggerPacket,
     frame_triggers,
@@ -43,6 +49,13 @@ class Beside(Protocol):
     def imu_packet(self) -> ImuPacket | None:
         """What its IMU said in the last tick."""
 
+    @property
+    def pose(self) -> Pose | None:
+        """Where it was at the end of the last tick."""
+
+    def ground_truth(self) -> GroundTruth:
+        """What it really showed then; computed at each call."""
+
 
 class Outlets:
     """All sinks of one run. Raises EvsError where one cannot take what it is given.
@@ -55,6 +68,10 @@ class Outlets:
         """In: meter is given to the sinks that lap it, before they open."""
         self._sinks, self._meter, self._warn = list(sinks), meter, warn
         self._opened: list[Sink] = []
+        # asked of each sink once: it takes longer than handing over a packet
+        self._pose_sinks = [sink for sink in sinks if isinstance(sink, PoseSink)]
+        self._truth_sinks = [sink for sink in sinks if isinstance(sink, TruthSink)]
+        self._stopping_sinks = [sink for sink in sinks if isinstance(sink, StoppingSink)]
         self._trigger_seq: dict[str, int] = {}
         self.said: list[dict[str, Any]] = []
         """What each sink said when it was closed."""
@@ -75,7 +92,7 @@ class Outlets:
             for sink in tuple(self._sinks):
                 self._give(sink, sink.write, packet)
 
-    def write_beside(self, cameras: Sequence[Beside]) -> None:
+    def write_beside(self, cameras: Sequence[Beside], t_us: int) -> None:
         """Frames, triggers and IMU samples of the last tick, to the sinks that take them."""
         for camera in cameras:
             for frame in camera.frames:
@@ -84,6 +101,23 @@ class Outlets:
                 for sink in tuple(self._sinks):
                     if isinstance(sink, ImuSink):
                         self._give(sink, sink.write_imu, camera.imu_packet)
+            self._write_wanted(camera, t_us)
+
+    @property
+    def stop_wanted(self) -> bool:
+        """Whether somebody asked a sink for the end of the run."""
+        return any(sink.stop_wanted for sink in self._stopping_sinks)
+
+    def _write_wanted(self, camera: Beside, t_us: int) -> None:
+        """What is worked out only where a sink has a use for it now."""
+        name = camera.info.camera
+        for pose_sink in self._pose_sinks:
+            if pose_sink.wants_pose(name) and (pose := camera.pose) is not None:
+                self._give(pose_sink, pose_sink.write_pose, pose)
+        for truth_sink in self._truth_sinks:
+            if truth_sink.wants_truth(name, t_us):
+                take = partial(truth_sink.write_truth, name)
+                self._give(truth_sink, take, camera.ground_truth())
 
     def _write_frame(self, frame: Frame, info: StreamInfo) -> None:
         seq = self._trigger_seq.get(info.camera, 0)
@@ -95,14 +129,14 @@ class Outlets:
             if isinstance(sink, TriggerSink) and info.triggers:
                 self._give(sink, sink.write_triggers, marks)
 
-    def _give(self, sink: Sink, take: Callable[[M], None], message: M) -> None:
+    def _give(self, sink: object, take: Callable[[M], None], message: M) -> None:
         if sink not in self._sinks:
             return
         try:
             with _disk_errors():
                 take(message)
         except SinkStoppedError as error:
-            self._sinks.remove(sink)
+            self._sinks = [one for one in self._sinks if one is not sink]
             if not self._sinks:
                 raise
             self._warn(str(error))

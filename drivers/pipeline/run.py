@@ -12,7 +12,8 @@ from evs.drivers.pipeline.outlets import Outlets
 from evs.drivers.pipeline.report import COMPLETE, STAGES, Report, versions
 from evs.drivers.pipeline.stopping import stop_signals
 from evs.drivers.sink import Sink
-from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo
+from evs.emulator.truth import GroundTruth
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, StreamInfo
 
 MAX_SECONDS = 1e9
 """Longer than 30 years is a mistake, not a run."""
@@ -55,6 +56,13 @@ class RunCamera(Protocol):
     @property
     def imu_packet(self) -> ImuPacket | None:
         """What its IMU said in the last tick."""
+
+    @property
+    def pose(self) -> Pose | None:
+        """Where it was at the end of the last tick."""
+
+    def ground_truth(self) -> GroundTruth:
+        """What it really showed then; computed at each call."""
 
 
 class RunWorld(Protocol):
@@ -209,6 +217,8 @@ class _Loop:
         with stop_signals() as stopped:
             while self.done < ticks and not stopped:
                 packets = self._tick()
+                if self.outlets.stop_wanted:
+                    stopped.append("stopped")
                 self.wall_seconds = monotonic_s() - start_s
                 for observer in observers:
                     observer(self.done, self.world, packets)
@@ -237,7 +247,7 @@ class _Loop:
         # a packet leaves when the wall clock reaches the end of its tick
         self.pacer.wait_until(self.world.t_us)
         watch.skip()
-        self.outlets.write_beside(self.world.cameras)
+        self.outlets.write_beside(self.world.cameras, self.world.t_us)
         self._write(packets)
         watch.lap("sink")
         watch.end_tick()

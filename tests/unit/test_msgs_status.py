@@ -7,6 +7,7 @@ import msgpack
 import pytest
 
 from evs.msgs import (
+    CLOCK,
     EVENTS,
     STATUS,
     TOPICS,
@@ -81,7 +82,7 @@ def test_bad_values_are_refused_at_both_ends(name: str, value: Any) -> None:
 
 def test_every_field_is_needed() -> None:
     wire = msgpack.unpackb(encode_status(WHOLE))
-    assert len(wire) == 12
+    assert len(wire) == 13
     for name in wire:
         with pytest.raises(MessageError):
             decode_status(msgpack.packb({key: wire[key] for key in wire if key != name}))
@@ -90,4 +91,7 @@ def test_every_field_is_needed() -> None:
 def test_topics_are_name_and_camera() -> None:
     assert EVENTS.of("track") == b"events/track"
     assert STATUS.of("左") == "status/左".encode()
-    assert {topic.name for topic in TOPICS} == {"events", "frames", "imu", "status"}
+    assert CLOCK.of("track") == b"clock/"
+    assert {topic.name for topic in TOPICS} == {
+        *("events", "frames", "imu", "pose", "ground_truth", "camera_info", "clock", "status")
+    }

@@ -1,0 +1,118 @@
+"""What came beside the packets of events: counted, and kept until the next one is handed out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+from evs.drivers.bus.losses import Gaps
+from evs.msgs import (
+    CAMERA_INFO,
+    CLOCK,
+    FRAMES,
+    IMU,
+    POSE,
+    TRUTH,
+    CameraInfo,
+    Clock,
+    Frame,
+    ImuPacket,
+    MessageError,
+    Pose,
+    Status,
+    Truth,
+    decode_camera_info,
+    decode_clock,
+    decode_frame,
+    decode_imu,
+    decode_pose,
+    decode_truth,
+)
+from evs.msgs.status import MAX_CAMERAS
+
+Counted = Frame | ImuPacket | Pose | Truth
+M = TypeVar("M", Frame, ImuPacket, Pose, Truth)
+
+_WITH_RAW: dict[str, Callable[[bytes, bytes], Frame | ImuPacket | Truth]] = {
+    FRAMES.name: decode_frame,
+    IMU.name: decode_imu,
+    TRUTH.name: decode_truth,
+}
+"""topic -> decoder of messages of three parts"""
+
+_MOST_COMING = 10_000
+"""Messages kept between two packets of events; each tick has one of these."""
+_MOST_COMING_BYTES = 512 * 1024 * 1024
+"""Their raw frames; a publisher that sends no events may not fill our memory."""
+
+
+class Beside:
+    """Messages of all topics but events and status."""
+
+    def __init__(self) -> None:
+        self.gaps: dict[tuple[str, str], Gaps] = {}
+        """(topic, camera) -> the account of what was missed"""
+        self.clock: Clock | None = None
+        self.infos: dict[str, CameraInfo] = {}
+        self._coming: list[tuple[Counted, int]] = []
+        self._bytes = 0
+
+    def take(self, kind: str, camera: str, parts: list[bytes]) -> bool:
+        """Keep one message; whether it was of one of these topics. MessageError as the decoders."""
+        if kind in _WITH_RAW and len(parts) == 3:
+            self._keep(kind, camera, _WITH_RAW[kind](parts[1], parts[2]), len(parts[2]))
+        elif kind == POSE.name and len(parts) == 2:
+            self._keep(kind, camera, decode_pose(parts[1]), len(parts[1]))
+        elif kind == CAMERA_INFO.name and len(parts) == 2:
+            info = decode_camera_info(parts[1])
+            self._check(camera, info.camera)
+            if camera not in self.infos and len(self.infos) >= MAX_CAMERAS:
+                raise MessageError(f"more than {MAX_CAMERAS} cameras on one bus")
+            self.infos[camera] = info
+        elif kind == CLOCK.name and len(parts) == 2 and not camera:
+            self.clock = decode_clock(parts[1])
+        else:
+            return False
+        return True
+
+    def on_status(self, status: Status) -> None:
+        """A status came after all of these that were sent before it: what is not here is lost."""
+        for topic, seq in status.last.items():
+            gaps = self.gaps.get((topic, status.camera))
+            if gaps is not None:
+                gaps.on_last(seq)
+
+    def hand_out(self) -> list[Counted]:
+        """What came since the last call."""
+        handed = [message for message, _ in self._coming]
+        self._coming.clear()
+        self._bytes = 0
+        return handed
+
+    def totals(self) -> dict[str, int]:
+        """Counts of messages and losses by topic, where any came."""
+        found: dict[str, int] = {}
+        for (topic, _), gaps in self.gaps.items():
+            for key, count in ((topic, gaps.count), (f"{topic}_lost", gaps.lost)):
+                found[key] = found.get(key, 0) + count
+        return found
+
+    def _keep(self, kind: str, camera: str, message: Counted, size: int) -> None:
+        self._check(camera, message.camera)
+        if (kind, camera) not in self.gaps and len(self.gaps) >= MAX_CAMERAS * len(_WITH_RAW):
+            raise MessageError(f"more than {MAX_CAMERAS} cameras on one bus")
+        self.gaps.setdefault((kind, camera), Gaps()).on_message(message.seq)
+        self._coming.append((message, size))
+        self._bytes += size
+        while len(self._coming) > _MOST_COMING or self._bytes > _MOST_COMING_BYTES:
+            self._bytes -= self._coming.pop(0)[1]
+
+    @staticmethod
+    def _check(topic_camera: str, camera: str) -> None:
+        if topic_camera != camera:
+            raise MessageError(f"a message of camera {camera!r} under the topic of another")
+
+
+def of_kind(messages: list[Counted], kind: type[M]) -> tuple[M, ...]:
+    """Those of one kind, in their order."""
+    return tuple(one for one in messages if isinstance(one, kind))

@@ -1,0 +1,149 @@
+"""What a publisher keeps of each camera: its topics, who listens to them, its totals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from evs.msgs import (
+    CLOCK,
+    EVENTS,
+    TOPICS,
+    CameraInfo,
+    CameraState,
+    EvsError,
+    ImuPacket,
+    Pose,
+    Status,
+    StreamInfo,
+    Topic,
+    camera_info_of,
+    encode_camera_info,
+    encode_state,
+    encode_status,
+)
+from evs.msgs.fields import check_name
+from evs.msgs.state import State
+from evs.msgs.status import MAX_CAMERAS
+
+
+@dataclass
+class Channel:
+    """One camera's topics and its totals."""
+
+    stream: StreamInfo
+    topics: dict[Topic, bytes]
+    """topic -> topic frame"""
+    info: CameraInfo | None = None
+    listeners: dict[Topic, int] = field(default_factory=lambda: dict.fromkeys(TOPICS, 0))
+    last: dict[str, int] = field(default_factory=dict)
+    """topic beside the events -> seq of its last message"""
+    seq: int = -1
+    packets: int = 0
+    events: int = 0
+    time_end_us: int = 0
+    pose: Pose | None = None
+    imu: ImuPacket | None = None
+
+    def status(self, cameras: tuple[str, ...], *, end: bool) -> Status:
+        """Its totals now."""
+        stream = self.stream
+        return Status(
+            camera=stream.camera,
+            seq=self.seq,
+            packets=self.packets,
+            events=self.events,
+            time_end_us=self.time_end_us,
+            end=end,
+            width=stream.width,
+            height=stream.height,
+            sensor=stream.sensor,
+            tick_us=stream.tick_us,
+            seed=stream.seed,
+            cameras=cameras,
+            last=dict(self.last),
+        )
+
+    def state(self, *, end: bool) -> CameraState:
+        """The newest of it."""
+        sample = None if self.imu is None or not len(self.imu) else self.imu.samples[-1]
+        return CameraState(
+            camera=self.stream.camera,
+            seq=self.seq,
+            packets=self.packets,
+            events=self.events,
+            end=end,
+            position=() if self.pose is None else self.pose.position,
+            orientation=() if self.pose is None else self.pose.orientation,
+            acceleration=() if sample is None else tuple(sample["acceleration"].tolist()),
+            angular_velocity=() if sample is None else tuple(sample["angular_velocity"].tolist()),
+        )
+
+
+class Audience:
+    """Who listens to what. Fed with the requests of subscribers."""
+
+    def __init__(self, channels: dict[str, Channel]) -> None:
+        self.channels = channels
+        self.subscribers = 0
+        """Of events."""
+        self.clock = 0
+        """Of the clock."""
+
+    def take(self, request: bytes) -> None:
+        """A request is one byte, 1 or 0, and a prefix of topics; others mean nothing."""
+        if request[:1] not in (b"\x00", b"\x01"):
+            return
+        change = 1 if request[0] else -1
+        prefix, wants_events = request[1:], False
+        for channel in self.channels.values():
+            for topic, name in channel.topics.items():
+                if name.startswith(prefix):
+                    channel.listeners[topic] = max(0, channel.listeners[topic] + change)
+                    wants_events |= topic == EVENTS
+        if CLOCK.of("").startswith(prefix):
+            self.clock = max(0, self.clock + change)
+        if wants_events:
+            self.subscribers = max(0, self.subscribers + change)
+
+    @property
+    def anybody(self) -> bool:
+        """Whether somebody listens to anything of a camera."""
+        return any(any(one.listeners.values()) for one in self.channels.values())
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Every camera on this bus."""
+        return tuple(self.channels)
+
+    def statuses(self, *, end: bool) -> list[Status]:
+        """Of every camera."""
+        return [one.status(self.cameras, end=end) for one in self.channels.values()]
+
+    def state(self, *, end: bool) -> State:
+        """The newest of everything."""
+        channels = self.channels.values()
+        return State(
+            max(one.time_end_us for one in channels), tuple(one.state(end=end) for one in channels)
+        )
+
+
+def make_channels(streams: Sequence[StreamInfo]) -> dict[str, Channel]:
+    """A channel for each stream, by name. Raises EvsError for what no message could say of them."""
+    if not 1 <= len(streams) <= MAX_CAMERAS:
+        raise EvsError(f"{len(streams)} cameras on one bus: give 1 ... {MAX_CAMERAS}")
+    channels: dict[str, Channel] = {}
+    for stream in streams:
+        check_name(stream.camera, "camera name")
+        if stream.camera in channels:
+            raise EvsError(f"two cameras are named '{stream.camera}': give each its own name")
+        topics = {topic: topic.of(stream.camera) for topic in TOPICS if topic.per_camera}
+        channels[stream.camera] = Channel(stream, topics, camera_info_of(stream))
+    # values that do not fit into a message are an error now, not in the middle of the run
+    audience = Audience(channels)
+    for channel in channels.values():
+        encode_status(channel.status(tuple(channels), end=False))
+        if channel.info is not None:
+            encode_camera_info(channel.info)
+    encode_state(audience.state(end=False))
+    return channels

@@ -1,0 +1,205 @@
+"""The sockets of a publisher: one context, the gate before them, the ports beside the packets'."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import zmq
+
+from evs.drivers.bus.address import bindable, is_ipv6
+from evs.drivers.bus.channels import Audience
+from evs.drivers.bus.control import (
+    MAX_REQUEST_BYTES,
+    PROTOCOL,
+    Answer,
+    Control,
+)
+from evs.drivers.bus.gate import Gate
+from evs.drivers.bus.keys import Keys, guard, read_allowed, read_secret
+from evs.drivers.bus.latest import Watchers, conflated
+from evs.drivers.bus.sockets import Context, Socket
+from evs.msgs import DEFAULT_ADDRESS, TOPICS, EvsError, encode_state
+
+_ANSWERS = 16
+"""Answers held for a client that does not take them."""
+
+
+@dataclass(frozen=True)
+class ServerKeys:
+    """A publisher's own pair, and who may come in; none: it has no keys."""
+
+    own: Keys | None = None
+    allowed: frozenset[str] = frozenset()
+
+    @classmethod
+    def read(cls, key: str, allow: Sequence[str]) -> ServerKeys:
+        """From the files. Raises EvsError for what is no key."""
+        if allow and not key:
+            raise EvsError("allow is of no use without key: give the publisher's own secret key")
+        return cls(read_secret(key) if key else None, read_allowed(allow))
+
+
+class Ports:
+    """Everything of a publisher's sockets but what it says on the first of them."""
+
+    def __init__(self, keys: ServerKeys, control: str, latest: str, open_to_others: bool) -> None:
+        """In: control, latest: addresses; empty: none, and for latest any free one of control's."""
+        self.control_address = bindable(control, open_to_others) if control else ""
+        if control and not latest:
+            latest = f"{self.control_address.rpartition(':')[0]}:0"
+        self.latest_address = bindable(latest, open_to_others) if latest else ""
+        self.stop_wanted = False
+        self._keys = keys
+        self._context: Context | None = None
+        self._gate: Gate | None = None
+        self._sockets: list[Socket] = []
+        self._poller = zmq.Poller()
+        self._control: Control | None = None
+        self._latest: Socket | None = None
+        self._watchers: Watchers | None = None
+        self._audience = Audience({})
+        self._address = ""
+        self._counts = {"requests_answered": 0, "states_sent": 0}
+
+    @property
+    def watched(self) -> bool:
+        """Whether somebody looks at the newest state."""
+        return self._watchers is not None and self._watchers.count > 0
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """For the run report: addresses and counts, where there are such ports."""
+        if not (self.control_address or self.latest_address):
+            return {}
+        return {"control": self.control_address, "latest": self.latest_address, **self._counts}
+
+    def make(self, kind: int, address: str) -> Socket:
+        """A socket of the context, not yet bound, behind the gate where there are keys."""
+        if self._context is None:
+            self._context = Context()
+            if self._keys.own is not None:
+                self._gate = Gate(self._context, self._keys.allowed)
+                self._poller.register(self._gate.socket, zmq.POLLIN)
+        made = conflated(self._context) if kind == zmq.PUB else self._context.socket(kind)
+        self._sockets.append(made)
+        made.set(zmq.IPV6, int(is_ipv6(address)))
+        if self._keys.own is not None:
+            guard(made, self._keys.own)
+        return made
+
+    def bind(self, server: Socket, address: str) -> str:
+        """Bind it, and listen to it in `poll`; the address with the real port."""
+        try:
+            server.bind(address)
+        except zmq.ZMQError as reason:
+            raise _bind_error(address, reason) from None
+        if server.get(zmq.TYPE) != zmq.PUB:
+            self._poller.register(server, zmq.POLLIN)
+        return bytes(server.get(zmq.LAST_ENDPOINT)).rstrip(b"\0").decode()
+
+    def open(self, audience: Audience, address: str) -> None:
+        """Open the ports that are wanted. In: address, where the packets are."""
+        self._audience, self._address, self.stop_wanted = audience, address, False
+        if self.latest_address:
+            self._latest = self.make(zmq.PUB, self.latest_address)
+            self._watchers = Watchers(self._latest)
+            self.latest_address = self.bind(self._latest, self.latest_address)
+        if self.control_address:
+            server = self.make(zmq.ROUTER, self.control_address)
+            server.set(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
+            server.set(zmq.SNDHWM, _ANSWERS)
+            self.control_address = self.bind(server, self.control_address)
+            requests = {
+                "describe": self._describe,
+                "status": self._status,
+                "camera_info": self._camera_info,
+                "stop": self._stop,
+            }
+            self._control = Control(server, requests)
+
+    def look(self) -> None:
+        """Answer whoever asks, without waiting."""
+        if self._gate is not None:
+            self._gate.look()
+        if self._watchers is not None:
+            self._watchers.look()
+        if self._control is not None:
+            self._control.look()
+            self._counts["requests_answered"] = self._control.answered
+
+    def poll(self, wait_ms: int) -> None:
+        """Wait until somebody says something, `wait_ms` at most."""
+        self._poller.poll(wait_ms)
+
+    def publish_state(self, *, end: bool = False) -> None:
+        """The newest of everything to those who look at it."""
+        if self._latest is not None and self.watched:
+            self._latest.send(encode_state(self._audience.state(end=end)), zmq.NOBLOCK)
+            self._counts["states_sent"] += 1
+
+    def close(self) -> None:
+        """Release every port. Safe to call twice."""
+        if self._watchers is not None:
+            self._watchers.close()
+        for one in self._sockets:
+            one.close(linger=0)
+        if self._gate is not None:
+            self._gate.close()
+        if self._context is not None:
+            self._context.term()
+        self._sockets, self._poller = [], zmq.Poller()
+        self._context = self._gate = self._watchers = self._control = self._latest = None
+
+    def _describe(self) -> Answer:
+        cameras = []
+        for channel in self._audience.channels.values():
+            stream = channel.stream
+            plain = ("camera", "width", "height", "sensor", "tick_us", "seed", "latency_us")
+            listeners = {topic.name: count for topic, count in channel.listeners.items()}
+            told = {key: getattr(stream, key) for key in plain}
+            cameras.append(
+                {**told, "frames": stream.frames, "imu": stream.imu, "subscribers": listeners}
+            )
+        return {
+            "protocol": PROTOCOL,
+            "address": self._address,
+            "latest": self.latest_address,
+            "topics": [asdict(topic) for topic in TOPICS],
+            "cameras": cameras,
+        }
+
+    def _status(self) -> Answer:
+        statuses = []
+        for status in self._audience.statuses(end=False):
+            fields = asdict(status)
+            del fields["cameras"]
+            statuses.append({**fields, "time_end": fields.pop("time_end_us")})
+        return {"cameras": statuses}
+
+    def _camera_info(self) -> Answer:
+        infos = (channel.info for channel in self._audience.channels.values())
+        found = [asdict(info) for info in infos if info is not None]
+        return {"cameras": [{k: _plain(v) for k, v in info.items()} for info in found]}
+
+    def _stop(self) -> Answer:
+        self.stop_wanted = True
+        return {}
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _bind_error(address: str, reason: zmq.ZMQError) -> EvsError:
+    if reason.errno == errno.EADDRINUSE:
+        port = address.rpartition(":")[2]
+        return EvsError(
+            f"port {port} is in use: end the program that publishes on '{address}', "
+            f"or give another port (0: any free one)"
+        )
+    if reason.errno == errno.EACCES:
+        return EvsError(f"no right to bind '{address}': give a port of 1024 or more")
+    return EvsError(f"cannot bind '{address}': {reason.strerror}; try {DEFAULT_ADDRESS}")

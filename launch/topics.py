@@ -1,0 +1,77 @@
+"""`evs topics CONTROL`: who is on a bus, where, and who listens; or the end of its run."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from evs.launch.options import declare_keys
+
+if TYPE_CHECKING:
+    from evs.drivers.bus import Described
+
+HELP = "ask a camera's control port what it publishes and where, or to stop"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The command line of `evs topics`."""
+    parser.add_argument(
+        "control", metavar="CONTROL", help="a control port, as in evs emulate --control CONTROL"
+    )
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--json", action="store_true", help="everything, as JSON")
+    what.add_argument("--status", action="store_true", help="totals of each camera, as JSON")
+    what.add_argument("--camera-info", action="store_true", help="calibrations, as JSON")
+    what.add_argument("--stop", action="store_true", help="ask for the end of the run")
+    parser.add_argument(
+        "--timeout", type=float, default=5.0, metavar="S", help="default: %(default)s"
+    )
+    declare_keys(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Ask, and print the answer."""
+    from evs.drivers.bus import discover, request
+
+    with_keys: dict[str, Any] = {
+        "timeout_s": args.timeout,
+        "server_key": args.server_key,
+        "key": args.key,
+    }
+    if args.stop:
+        request(args.control, "stop", **with_keys)
+        print("it stops")
+    elif args.status or args.camera_info:
+        name = "status" if args.status else "camera_info"
+        print(json.dumps(request(args.control, name, **with_keys)["cameras"], indent=2))
+    else:
+        found = discover(args.control, **with_keys)
+        print(json.dumps(asdict(found), indent=2) if args.json else _table(found))
+    return 0
+
+
+def _table(found: Described) -> str:
+    """A line for each topic of each camera, then where they are."""
+    rows: list[tuple[str, ...]] = [("topic", "message", "rate", "queue", "listeners")]
+    for topic in found.topics:
+        told = [str(topic[key]) for key in ("message", "rate", "queue")]
+        if not topic["per_camera"]:
+            rows.append((f"{topic['name']}/", *told, ""))
+            continue
+        for camera in found.cameras:
+            listeners = str(camera["subscribers"].get(topic["name"], 0))
+            rows.append((f"{topic['name']}/{camera['camera']}", *told, listeners))
+    wide = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
+    lines = [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, wide, strict=True)).rstrip()
+        for row in rows
+    ]
+    for camera in found.cameras:
+        size = f"{camera['width']} x {camera['height']}"
+        lines.append(f"camera {camera['camera']}: {camera['sensor']}, {size} px")
+    lines.append(f"packets {found.address}")
+    if found.latest:
+        lines.append(f"newest state {found.latest}")
+    return "\n".join(lines)
