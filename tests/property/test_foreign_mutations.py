@@ -1,0 +1,150 @@
+"""Changed bytes in RAW, DAT, HDF5 and bag files: an error or a partial read, in bounded memory."""
+
+from __future__ import annotations
+
+import resource
+import tempfile
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from evs.drivers import files
+from evs.drivers.files import LeftOutWarning
+from evs.drivers.files.damage import DamagedPacketWarning, TornTailWarning
+from evs.msgs import EVENT_DTYPE, EventPacket, EvsError, StreamInfo, make_events
+
+KINDS = {
+    "evt3": "a.raw",
+    "evt2": "a.raw",
+    "dat": "a.dat",
+    "hdf5": "a.h5",
+    "rosbag2": "a.mcap",
+    "rosbag1": "a.bag",
+}
+QUICK = 60
+LONG = 4000
+ROOM = 48 << 20
+"""Bytes that a reader may take, over twice the file and what its events themselves need: a piece
+of a file and what becomes of it, at the most expanding words."""
+
+
+def recorded(folder: Path, kind: str) -> bytes:
+    path = folder / KINDS[kind]
+    sink = files.recorder_for(path, kind=kind)
+    sink.open([StreamInfo(64, 48, config={"a": 1})])
+    random = np.random.default_rng(3)
+    for tick in range(6):
+        t = np.sort(random.integers(1000 * tick + 1, 1000 * tick + 1001, 25))
+        x = random.integers(0, 48, 25)
+        sink.write(EventPacket(tick, 0, 0, 64, 48, make_events(t, x, x, x % 2)))
+    sink.close()
+    return path.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def originals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """The bytes of a small recording of each kind."""
+    folder = tmp_path_factory.mktemp("originals")
+    return {kind: recorded(folder, kind) for kind in KINDS}
+
+
+@st.composite
+def mutations(draw: st.DrawFn, data: bytes) -> bytes:
+    """A few changes: bytes, whole numbers of interesting sizes, cuts, doublings, insertions."""
+    changed = bytearray(data)
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, max(0, len(changed) - 1)))
+        how = draw(st.integers(0, 5))
+        if how == 0:
+            changed[at : at + 1] = bytes([draw(st.integers(0, 255))])
+        elif how == 1:
+            size = draw(st.sampled_from([2, 4, 8]))
+            edges = [0, 1, -1, 7, 2**15, 2**31 - 1, -(2**31), 2**62, 2**32 - 1, len(data)]
+            value = draw(st.sampled_from(edges)) % 2 ** (8 * size)
+            changed[at : at + size] = value.to_bytes(size, "little")
+        elif how == 2:
+            del changed[at:]
+        elif how == 3:
+            del changed[at : at + draw(st.integers(1, 200))]
+        elif how == 4:
+            changed[at:at] = changed[at : at + draw(st.integers(1, 400))]
+        else:
+            changed[at:at] = draw(st.binary(max_size=64))
+    return bytes(changed)
+
+
+def survives(kind: str, data: bytes) -> None:
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        for category in (TornTailWarning, DamagedPacketWarning, LeftOutWarning):
+            warnings.simplefilter("ignore", category)
+        path = Path(folder, KINDS[kind])
+        path.write_bytes(data)
+        refused, count = "", 0
+        before_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        try:
+            recording = files.read(path)
+            told = files.summary(path)
+            count = len(recording)
+        except EvsError as error:
+            refused = str(error)
+        grown_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kib
+        assert grown_kib * 1024 < 2 * len(data) + 4 * 16 * count + ROOM
+        assert "\n" not in refused
+        if refused:
+            return
+        assert recording.dtype == EVENT_DTYPE
+        assert count == told.events
+        if count:
+            assert recording["x"].min() >= 0
+            assert recording["y"].min() >= 0
+            assert recording["x"].max() < recording.stream.width
+            assert recording["y"].max() < recording.stream.height
+            assert set(recording["p"].tolist()) <= {0, 1}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=QUICK, deadline=5000, suppress_health_check=[HealthCheck.too_slow])
+@given(data=st.data())
+def test_a_changed_file_is_read_or_refused(
+    kind: str, data: st.DataObject, originals: dict[str, bytes]
+) -> None:
+    survives(kind, data.draw(mutations(originals[kind])))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=LONG, deadline=5000, suppress_health_check=[HealthCheck.too_slow])
+@given(data=st.data())
+def test_very_many_changed_files_are_read_or_refused(
+    kind: str, data: st.DataObject, originals: dict[str, bytes]
+) -> None:
+    survives(kind, data.draw(mutations(originals[kind])))
+
+
+@pytest.mark.parametrize("kind", ["evt3", "evt2", "dat"])
+def test_a_file_cut_anywhere_is_read_up_to_there(
+    kind: str, originals: dict[str, bytes], tmp_path: Path
+) -> None:
+    path = tmp_path / KINDS[kind]
+    path.write_bytes(originals[kind])
+    whole = files.read(path)
+    data = originals[kind]
+    begin = data.index(b"% end\n") + 6 if kind != "dat" else data.index(b"\x0c\x08") + 2
+    word = {"evt3": 2, "evt2": 4, "dat": 8}[kind]
+    for cut in range(begin, len(data), 7):
+        path.write_bytes(data[:cut])
+        torn = (cut - begin) % word
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            part = files.read(path)
+        assert part.tobytes() == whole[: len(part)].tobytes()
+        assert len(part) >= (cut - begin) * len(whole) // (len(data) - begin) - 6
+        assert [str(each.category.__name__) for each in caught] == ["TornTailWarning"] * bool(torn)
+        assert files.summary(path).torn_at == (cut - torn if torn else None)
+        report = files.repair(path)
+        assert report.cut_bytes == torn
+        assert files.read(path).tobytes() == part.tobytes()
