@@ -41,6 +41,13 @@ install() {
     fi
 }
 install base test build
+# tonic reads AEDAT2 and AEDAT3.1 for the tests. It is under the GPL: a venv and a process of its own
+if ! .venv/oracles/bin/python -c 'import numpy' 2>/dev/null || [ ! -e .venv/oracles/tonic ]; then
+    "$python" -m venv --without-pip .venv/oracles
+    $python -m pip --python .venv/oracles/bin/python install -q --disable-pip-version-check \
+        --no-input --no-deps -c .ci/constraints.txt numpy tonic
+    touch .venv/oracles/tonic
+fi
 [ "${1:-}" != dev ] || install dev dev
 
 # the native core: configured once, built when a source has changed

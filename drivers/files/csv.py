@@ -16,7 +16,7 @@ from evs.drivers.files.damage import MAX_STAMP_US, Damage
 from evs.drivers.files.formats import MAX_SIDE_PX, AnyPath
 from evs.drivers.files.header_text import said_in, stream_from, stream_json
 from evs.drivers.files.ordered import InOrder
-from evs.drivers.files.recorded import EventsFile
+from evs.drivers.files.recorded import EventsFile, said_stream
 from evs.drivers.files.recording import existing
 from evs.msgs import Events, EvsError, StreamInfo, make_events
 
@@ -83,7 +83,9 @@ class CsvFile(EventsFile):
                 data = file.read(_MAX_LINE_BYTES)
         except OSError as reason:
             raise EvsError(f"cannot read {found}: {reason.strerror}") from None
-        opened = cls(path=found, stream=StreamInfo(0, 0), size=found.stat().st_size)
+        opened = cls(
+            path=found, stream=StreamInfo(0, 0, sensor="unknown"), size=found.stat().st_size
+        )
         opened._look(data)
         if not (opened.stream.width and opened.stream.height):
             width, height = opened._found_size()
@@ -129,7 +131,7 @@ class CsvFile(EventsFile):
                 self._take_names([word.decode(errors="replace") for word in words])
             at += len(line) + 1
         self.lines_at = min(at, self.size)
-        self.stream = stream_from(said, "")
+        self.stream = stream_from(said, "") if said else self.stream
 
     def _take_form(self, words: list[bytes]) -> None:
         """What the first event says of all."""
@@ -142,7 +144,9 @@ class CsvFile(EventsFile):
 
     def _take_names(self, words: list[str]) -> None:
         """The places of the columns, by a line that names them."""
-        lower = [word.strip(" \"'").lower() for word in words]
+        # faery tells the sensor's size too: x@346
+        parts = [word.strip(" \"'").lower().partition("@") for word in words]
+        lower = [name for name, _, _ in parts]
         places = [
             next((k for k, word in enumerate(lower) if word in known), -1)
             for known in NAMES.values()
@@ -153,6 +157,10 @@ class CsvFile(EventsFile):
                 "it needs columns t, x, y, p"
             )
         self.places = tuple(places)
+        width, height = (parts[places[axis]][2] for axis in (1, 2))
+        if width.isdecimal() and height.isdecimal() and len(width + height) < 12:
+            said = {"width": int(width), "height": int(height)}
+            self.stream = said_stream(said, StreamInfo(0, 0, sensor="unknown"))
 
     def _chunks(self, damage: Damage) -> Iterator[tuple[Numbers, Offsets]]:
         """(numbers (n, columns), byte offsets of their lines) of each part of the file."""
