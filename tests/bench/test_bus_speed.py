@@ -15,10 +15,15 @@ import sys
 
 import pytest
 
-SIZES = {"1,000 events": (1000, 8000), "10,000": (10_000, 3000), "1,000,000": (1_000_000, 100)}
+SIZES = {
+    "1,000 events": (1000, 8000),
+    "10,000": (10_000, 3000),
+    "100,000": (100_000, 600),
+    "1,000,000": (1_000_000, 100),
+}
 """events of a packet, and how many packets"""
-ROUNDS = 1
-TARGETS = {"10,000": 10.0, "1,000,000": 300.0}
+ROUNDS = 5
+TARGETS = {"10,000": 10.0, "100,000": 300.0}
 """Mev/s: a packet of 1 ms at 10 Mev/s holds 10,000"""
 
 SENDER = """
