@@ -91,7 +91,7 @@ OURS = Terms(count=0.1, calibration=0.02, edge=16.0, silence=0.2)
 
 def _ours(name: str, channels: int) -> Recipe:
     architecture = Architecture(channels=channels, odd=True)
-    return Recipe(name, architecture, tau_s=4.0, terms=OURS, balanced=True, noise=(1.0, 4.0))
+    return Recipe(name, architecture, tau_s=4.0, terms=OURS, balanced=True, noise=(1.0, 2.5))
 
 
 RECIPES = {
