@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
 
+from evs.emulator.scene import F32
 from evs.emulator.stages import Meter
 from evs.emulator.truth import GroundTruth
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, StreamInfo, TriggerPacket
@@ -93,3 +94,14 @@ class StoppingSink(Protocol):
     @property
     def stop_wanted(self) -> bool:
         """Whether somebody did: the run ends after the tick."""
+
+
+@runtime_checkable
+class LightSink(Protocol):
+    """A sink that also takes the light on the sensor, while it has a use for it."""
+
+    def wants_light(self, camera: str, t_us: int) -> bool:
+        """Whether to hand over that of the tick that ends at simulated time t_us."""
+
+    def write_light(self, camera: str, t_us: int, luminance: F32) -> None:
+        """Take it, (h, w) float32 linear luminance, before the events of the tick."""

@@ -99,7 +99,7 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
             on_report=keep,
             config=settings.to_plain(config),
         )
-    addresses = [table.address for table in tables if table.address]
+    addresses = [table.address for table in tables if table.address and table.type == "zmq"]
     terminal.summary(report, args.quiet, next_commands(args, recordings, addresses))
     # a recording that stopped has been warned of, but it is not what was asked for
     stopped = any(said.get("error") for said in report.sinks)

@@ -1,4 +1,4 @@
-"""`evs view`: a recording as a picture that anyone can open."""
+"""`evs view`: a recording as a picture that anyone can open; a live stream as it comes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ if TYPE_CHECKING:
     from evs.drivers.files.recording import Recording
     from evs.drivers.pictures import Playback
 
-HELP = "a recording as a picture or a film: out.png, out.gif, out.mp4"
+HELP = "a recording as a picture or a film (.png, .gif, .mp4); --live: what a camera publishes"
 
 EPILOG = """\
 examples:
   evs view run.aedat4                                three instants, as run.aedat4.png
   evs view run.aedat4 -o run.gif                     the whole recording at 1/4 real time
   evs view run.npz -o run.mp4 --speed 0.1 --start 0.5 --stop 1
+  evs view --live tcp://127.0.0.1:5560               as it comes: Rerun's viewer, or characters
+  evs view --live tcp://127.0.0.1:5560 -o live.rrd   into a file that Rerun's viewer opens
 blue: brighter (ON), red: darker (OFF). Times are the stream's own, in seconds."""
 
 MAX_SCALE = 64
@@ -35,8 +37,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EPILOG
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     add = parser.add_argument
-    add("file", metavar="FILE", help=f"a recording: {endings()}")
-    add("-o", "--out", metavar="PICTURE", help=".png, .gif or .mp4 (default: FILE.png)")
+    add("file", metavar="FILE", nargs="?", help=f"a recording: {endings()}")
+    add("-o", "--out", metavar="PICTURE", help=".png, .gif or .mp4 (default: FILE.png); live: .rrd")
     add("--window", metavar="MS", type=float, help="events of this long (default: of one frame)")
     add("--fps", metavar="N", type=float, help="frames per second of the film")
     add(
@@ -45,10 +47,28 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--start", metavar="S", type=float, help="from this time on (default: the first event)")
     add("--stop", metavar="S", type=float, help="up to this time (default: the last event)")
     add("--scale", metavar="N", type=int, help="picture pixels per sensor pixel (default: by size)")
+    live = parser.add_argument_group("live")
+    live.add_argument("--live", metavar="ADDRESS", help="listen to a publisher instead")
+    live.add_argument("--camera", default="", metavar="NAME", help="only this camera")
+    live.add_argument(
+        "--sketch", action="store_true", help="characters in the terminal, even with a display"
+    )
+    live.add_argument(
+        "--timeout", type=float, metavar="S", help="end when no packet came for S seconds"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the picture; one line says what it shows."""
+    """Write the picture; one line says what it shows. Or show a live stream until it ends."""
+    if (args.file is None) == (args.live is None):
+        raise EvsError("give a recording, as in evs view run.aedat4, or --live ADDRESS")
+    if args.live is not None:
+        from evs.launch import live
+
+        _only("--live", args, ("window", "fps", "speed", "start", "stop", "scale"))
+        return live.run(args)
+    if args.sketch or args.camera or args.timeout is not None:
+        raise EvsError("--sketch, --camera and --timeout belong to --live ADDRESS")
     from evs.drivers.pictures import need_video, suffix_of
 
     # refuse bad words before anything is read
@@ -66,6 +86,13 @@ def run(args: argparse.Namespace) -> int:
         said = _film(out, suffix, recording, playback, args.scale)
     print(f"{out}: {said}, {out.stat().st_size / 1e6:.2f} MB")
     return 0
+
+
+def _only(what: str, args: argparse.Namespace, others: tuple[str, ...]) -> None:
+    """Refuse options that mean nothing there."""
+    for name in others:
+        if getattr(args, name) is not None:
+            raise EvsError(f"--{name} is for recordings: leave it out with {what}")
 
 
 def _read(file: str) -> Recording:

@@ -26,6 +26,7 @@ EXTRAS = {
     "gym": ("gymnasium",),
     "video": ("imageio-ffmpeg",),
     "train": ("jax", "optax"),
+    "view": ("rerun-sdk",),
     "formats": ("faery", "h5py", "hdf5plugin"),
     "ros2": ("rosbags",),
 }
@@ -36,6 +37,7 @@ USES = {
     "gym": "evs demo",
     "video": ".mp4 films",
     "train": "evs train fit",
+    "view": "Rerun's viewer and .rrd files",
     "formats": ".dat and .h5 recordings",
     "ros2": ".mcap and .bag recordings",
 }

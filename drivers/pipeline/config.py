@@ -35,7 +35,7 @@ class SinkConfig:
     """[[sink]]: one place that packets leave to. Any number of them."""
 
     type: str = ""
-    """zmq, dv, or a recording's format: aedat4 | npz | ... (evs convert --help lists them)"""
+    """zmq | dv | rerun, or a recording's format: aedat4 | ... (evs convert --help has them)"""
     address: str | None = None
     """zmq, dv: where to bind, as in tcp://127.0.0.1:5560; dv takes the port of the events"""
     wait_for: int | None = None
@@ -66,6 +66,10 @@ class SinkConfig:
     """aedat4: go on in another file (run-001.aedat4, ...) before one grows over this, MB"""
     rotate_s: float | None = None
     """aedat4: go on in another file after this much simulated time, s"""
+    rrd: str | None = None
+    """rerun: the file to write, which Rerun's viewer opens"""
+    period_us: int | None = None
+    """rerun: simulated time from one picture to the next, us"""
 
 
 SINK_KEYS = {
@@ -74,6 +78,7 @@ SINK_KEYS = {
         *("key", "allow", "insecure"),
     ),
     "dv": ("address", "compression", "wait_for", "wait_s", "queue", "insecure"),
+    "rerun": ("rrd", "period_us"),
     **{each.name: ("file", *each.keys) for each in formats.FORMATS},
 }
 """sink type -> the keys it has; the first is required"""
@@ -194,6 +199,10 @@ def make_sink(config: SinkConfig) -> Sink:
         from evs.drivers.dv import DvServer
 
         return DvServer(options.pop("address"), **options)
+    if config.type == "rerun":
+        from evs.drivers.view import ViewSink
+
+        return ViewSink(options.pop("rrd"), **options)
     return formats.by_name(config.type).record(Path(options.pop("file")), **options)
 
 
@@ -239,7 +248,7 @@ def _check_outputs(config: PipelineConfig, pipeline: Path | None) -> None:
         inputs.append(pipeline)
     read = {_place(path) for path in inputs}
     recorded: set[Path] = set()
-    for file in (sink.file for sink in config.sinks() if sink.file):
+    for file in (file for sink in config.sinks() if (file := sink.file or sink.rrd)):
         path = _place(file)
         if path in recorded:
             raise EvsError(f"two sinks record to '{path}'; give each its own file")
@@ -274,7 +283,7 @@ def _with_paths(config: PipelineConfig, change: Callable[[str], str]) -> Pipelin
         kept = tuple(p if len(p) == 40 else change(p) for p in places or ()) or places
         return dataclasses.replace(changed(table, [key]), **{allow: kept})
 
-    sinks = tuple(with_keys(changed(sink, ["file"]), "key", "allow") for sink in config.sink)
+    sinks = tuple(with_keys(changed(sink, ["rrd", "file"]), "key", "allow") for sink in config.sink)
     # a preset is a name, but may be a file of the user's own
     preset = config.sensor.preset
     is_file = preset.endswith(".toml") or "/" in preset

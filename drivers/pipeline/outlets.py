@@ -10,6 +10,7 @@ from typing import Any, Protocol, TypeVar
 from evs.drivers.sink import (
     FrameSink,
     ImuSink,
+    LightSink,
     MeteredSink,
     PoseSink,
     Sink,
@@ -18,6 +19,7 @@ from evs.drivers.sink import (
     TriggerSink,
     TruthSink,
 )
+from evs.emulator.scene import F32
 from evs.emulator.stages import Meter
 from evs.emulator.truth import GroundTruth
 from evs.msgs import (
@@ -53,6 +55,10 @@ class Beside(Protocol):
     def pose(self) -> Pose | None:
         """Where it was at the end of the last tick."""
 
+    @property
+    def luminance(self) -> F32:
+        """(h, w) float32 light of the last tick."""
+
     def ground_truth(self) -> GroundTruth:
         """What it really showed then; computed at each call."""
 
@@ -71,6 +77,7 @@ class Outlets:
         # asked of each sink once: it takes longer than handing over a packet
         self._pose_sinks = [sink for sink in sinks if isinstance(sink, PoseSink)]
         self._truth_sinks = [sink for sink in sinks if isinstance(sink, TruthSink)]
+        self._light_sinks = [sink for sink in sinks if isinstance(sink, LightSink)]
         self._stopping_sinks = [sink for sink in sinks if isinstance(sink, StoppingSink)]
         self._trigger_seq: dict[str, int] = {}
         self.said: list[dict[str, Any]] = []
@@ -118,6 +125,11 @@ class Outlets:
             if truth_sink.wants_truth(name, t_us):
                 take = partial(truth_sink.write_truth, name)
                 self._give(truth_sink, take, camera.ground_truth())
+        for light_sink in self._light_sinks:
+            if light_sink.wants_light(name, t_us):
+                self._give(
+                    light_sink, partial(light_sink.write_light, name, t_us), camera.luminance
+                )
 
     def _write_frame(self, frame: Frame, info: StreamInfo) -> None:
         seq = self._trigger_seq.get(info.camera, 0)

@@ -12,6 +12,7 @@ from evs.drivers.pipeline.outlets import Outlets
 from evs.drivers.pipeline.report import COMPLETE, STAGES, Report, versions
 from evs.drivers.pipeline.stopping import stop_signals
 from evs.drivers.sink import Sink
+from evs.emulator.scene import F32
 from evs.emulator.truth import GroundTruth
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, StreamInfo
 
@@ -60,6 +61,10 @@ class RunCamera(Protocol):
     @property
     def pose(self) -> Pose | None:
         """Where it was at the end of the last tick."""
+
+    @property
+    def luminance(self) -> F32:
+        """(h, w) float32 light of the last tick."""
 
     def ground_truth(self) -> GroundTruth:
         """What it really showed then; computed at each call."""

@@ -84,6 +84,15 @@ class ViewSink:
         picture = np.rint(255.0 * share).astype(np.uint8)
         self._opened().luminance(camera, t_us, picture)
 
+    def wants_pose(self, camera: str) -> bool:
+        """Always: it costs nothing, and its time says whether it is due."""
+        return camera in self._gatherers
+
+    def write_pose(self, pose: Pose) -> None:
+        """Draw where the camera is, if that is due."""
+        if self._is_due("pose", pose.camera, pose.t_us):
+            self._opened().pose(pose.camera, pose.t_us, pose.position, pose.orientation)
+
     def close(self) -> dict[str, Any]:
         """Draw what is left and end the file. Safe to call twice."""
         if self._drawing is not None:

@@ -55,8 +55,9 @@ def _shrunk(picture: npt.NDArray[np.uint8], width: int, height: int) -> npt.NDAr
     size = max(1, int(picture.shape[0] / factor)), max(1, int(picture.shape[1] / factor))
     small = np.zeros(size, np.uint8)
     y, x = np.nonzero(picture)
-    places = np.minimum((y / factor).astype(int), size[0] - 1), np.minimum(
-        (x / factor).astype(int), size[1] - 1
+    places = (
+        np.minimum((y / factor).astype(int), size[0] - 1),
+        np.minimum((x / factor).astype(int), size[1] - 1),
     )
     small[places] = picture[y, x]
     return small

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
+import socket
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -21,8 +22,8 @@ APPLICATION = "evs"
 TIMELINE = "sim_time"
 """Simulated time; nothing carries the wall clock's."""
 
-PORT = 9876
-"""Where a viewer listens, as a rule."""
+PROGRAM = (sys.executable, "-m", "rerun")
+"""The viewer and its tools, as they come with the package."""
 
 
 def need_viewer() -> Any:
@@ -43,8 +44,8 @@ class Drawing:
 
     def __init__(self) -> None:
         self._rerun = need_viewer()
-        self._stream = self._rerun.RecordingStream(APPLICATION)
-        # the same run gives the same file but for the identifiers that Rerun puts in
+        self._stream = self._rerun.RecordingStream(APPLICATION, send_properties=False)
+        # no wall clock: neither when it was made nor when each thing was drawn
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
 
@@ -58,7 +59,7 @@ class Drawing:
             said = getattr(reason, "strerror", None) or str(reason)
             raise EvsError(f"cannot write {path}: {said}; choose another place") from None
 
-    def to_viewer(self, port: int = PORT) -> None:
+    def to_viewer(self, port: int) -> None:
         """Send to the viewer that listens on this machine."""
         self._stream.connect_grpc(f"rerun+http://127.0.0.1:{port}/proxy")
 
@@ -124,25 +125,31 @@ class Drawing:
         self._stream.set_time(TIMELINE, duration=np.timedelta64(t_us, "us"))
 
 
-def open_window(port: int = PORT) -> tuple[subprocess.Popen[bytes], Path]:
-    """Start the viewer; Out: its process, and a folder to remove when it has ended.
+def open_window() -> tuple[subprocess.Popen[bytes], Path, int]:
+    """Start the viewer; Out: its process, a folder to remove when it has ended, its port.
 
     Its telemetry is off: it finds a configuration of ours that says so, and the user's stays.
     """
     need_viewer()
-    program = shutil.which("rerun")
-    if program is None:
-        beside = Path(os.path.realpath(shutil.which("python") or "python")).parent / "rerun"
-        raise EvsError(f"no program 'rerun' (looked at {beside} too): pip install 'evs[view]'")
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = int(probe.getsockname()[1])
     folder = Path(tempfile.mkdtemp(prefix="evs-view-"))
-    words = [program, "--port", str(port), "--bind", "127.0.0.1"]
-    return subprocess.Popen(words, env=quiet_environment(folder)), folder
+    words = [*PROGRAM, "--port", str(port), "--bind", "127.0.0.1", "--hide-welcome-screen"]
+    return subprocess.Popen(words, env=quiet_environment(folder)), folder, port
 
 
 def quiet_environment(folder: Path) -> dict[str, str]:
     """An environment in which Rerun's programs send nothing home; `folder` holds what says so."""
     place = folder / "rerun"
     place.mkdir(parents=True, exist_ok=True)
-    said = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
-    (place / "analytics.json").write_text(json.dumps(said))
+    config = place / "analytics.json"
+    # with a field less it takes the file for a broken one, and begins to collect
+    said = {
+        "analytics_enabled": False,
+        "analytics_id": "evs",
+        "metadata": {},
+        "config_file_path": str(config),
+        "data_dir_path": str(place / "analytics"),
+    }
+    config.write_text(json.dumps(said))
     return {**os.environ, "XDG_CONFIG_HOME": str(folder), "XDG_DATA_HOME": str(folder)}

@@ -83,7 +83,12 @@ def on_full_disk(folder: Path, disk: Path, command: list[str]) -> subprocess.Com
 
 @pytest.mark.parametrize(
     ("compression", "rotate"),
-    [("none", []), ("lz4", []), ("zstd", []), ("lz4", ["sink.0.rotate_mb=0.02"])],
+    [
+        pytest.param("none", [], marks=pytest.mark.slow),
+        pytest.param("lz4", [], marks=pytest.mark.slow),
+        pytest.param("zstd", [], marks=pytest.mark.slow),
+        ("lz4", ["sink.0.rotate_mb=0.02"]),
+    ],
 )
 def test_the_camera_goes_on(tmp_path: Path, compression: str, rotate: list[str]) -> None:
     (tmp_path / "ball.xml").write_text(SCENE)

@@ -34,6 +34,7 @@ for seq in itertools.count():
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
 def test_after_kill_9_every_packet_of_every_file_is_read(tmp_path: Path, compression: str) -> None:
     random = np.random.default_rng()

@@ -28,6 +28,7 @@ DOORS = {
     "PIL": ("drivers/pictures/",),
     "imageio_ffmpeg": ("drivers/pictures/",),
     "rich": ("launch/terminal.py",),
+    "rerun": ("drivers/view/viewer.py",),
     "pyrender": ("emulator/light/raster/",),
     "OpenGL": ("emulator/light/raster/",),
     "jax": ("drivers/training/",),
@@ -38,7 +39,7 @@ DOORS = {
 }
 """Import name -> the only places that may import it. What is not listed may not be imported."""
 
-EXTRAS = ("raster", "gym", "video", "train", "formats", "ros2")
+EXTRAS = ("raster", "gym", "video", "train", "view", "formats", "ros2")
 """Whose libraries the package imports; those of the others are for tests and tools."""
 
 OUTSIDE = {
@@ -182,6 +183,6 @@ def test_every_library_behind_a_door_is_a_declared_requirement(checkout: Path) -
     names = {re.split(r"[^\w-]", requirement)[0].replace("-", "_") for requirement in declared}
     # pyrender brings its own OpenGL
     names.add("PyOpenGL")
-    packages = {"PIL": "pillow", "zmq": "pyzmq", "OpenGL": "PyOpenGL"}
+    packages = {"PIL": "pillow", "zmq": "pyzmq", "OpenGL": "PyOpenGL", "rerun": "rerun_sdk"}
     imports = {packages.get(name, name) for name in DOORS}
     assert imports == names

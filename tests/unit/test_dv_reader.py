@@ -97,7 +97,12 @@ def digest(events: Events) -> str:
     return summed.hexdigest()
 
 
-@pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "compression", ["lz4", pytest.param("none", marks=SLOW), pytest.param("zstd", marks=SLOW)]
+)
 def test_the_real_reader_gets_everything_bit_exactly(compression: str) -> None:
     # times that pass 2^24, 2^31 and 2^32 us, packets of 0, 1 and 65,535 events
     packets = [packet(0, 65_535), packet(1, 0), packet(2, 1), packet(3, 346)]

@@ -76,7 +76,7 @@ def test_a_sink_that_stops_is_told_once_and_the_others_get_everything() -> None:
 def test_a_sink_that_stops_in_the_midst_of_a_tick_gets_nothing_more_of_it() -> None:
     full, good = Keeper(room=1), Keeper()
     made, warnings = outlets(full, good)
-    made.write_beside([Camera([frame(0), frame(1)], ImuPacket(0, camera="eye"))])
+    made.write_beside([Camera([frame(0), frame(1)], ImuPacket(0, camera="eye"))], 1000)
     made.write([packet(0)])
     assert len(full.taken) == 1
     assert len(good.taken) == 6
@@ -107,8 +107,8 @@ def test_another_error_of_a_sink_is_no_end_of_it() -> None:
 def test_each_frame_brings_its_four_triggers() -> None:
     keeper = Keeper()
     made, _ = outlets(keeper)
-    made.write_beside([Camera([frame(0)])])
-    made.write_beside([Camera([frame(1)])])
+    made.write_beside([Camera([frame(0)])], 1000)
+    made.write_beside([Camera([frame(1)])], 2000)
     triggers = [one for one in keeper.taken if isinstance(one, TriggerPacket)]
     assert [(one.seq, one.camera) for one in triggers] == [(0, "eye"), (1, "eye")]
     assert triggers[0].triggers.tolist() == [
