@@ -44,7 +44,9 @@ class Damage:
     resets: int = 0
     """places at which the stamps step back by so much that the clock must have been set anew"""
     backwards_at: int | None = None
-    """byte offset of the first event with a lower stamp than the one before"""
+    """place of the first event with a lower stamp than the one before"""
+    unit: str = "byte"
+    """what that place counts"""
 
     def packet(self, at: int, reason: str, count: int = 1) -> None:
         """Something that is no packet of sound values, and a whole packet follows it."""
@@ -92,14 +94,12 @@ class Damage:
             told.append(f"{self.unsorted} time stamps ran backwards and were sorted")
         if self.resets:
             told.append(f"time begins anew {self.resets} times, as after a reset of the clock")
-        return f"{'; '.join(told)}; the first at byte {self.backwards_at}"
+        return f"{'; '.join(told)}; the first at {self.unit} {self.backwards_at}"
 
 
 def bad_values(events: Events, stream: StreamInfo) -> str:
-    """Why these events, (n,) with n > 0, cannot be of the stream; empty if they can."""
+    """Why these events, (n,) with n > 0 and sorted, cannot be of the stream; empty if they can."""
     stamps = events["t"]
-    if (stamps[1:] < stamps[:-1]).any():
-        return "its time stamps run backwards"
     if int(stamps[0]) < -MAX_STAMP_US or int(stamps[-1]) > MAX_STAMP_US:
         return "its time stamps are beyond 2^62 us"
     for axis, side in (("x", stream.width), ("y", stream.height)):

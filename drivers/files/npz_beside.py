@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+import heapq
+from collections.abc import Callable, Collection, Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
+from evs.drivers.files.npz_columns import Archive
+from evs.drivers.files.recorded import by_tick
 from evs.msgs import (
     LABEL_DTYPE,
     TRIGGER_DTYPE,
@@ -53,10 +56,9 @@ Get = Callable[[str, str, int], Array]
 def arrays_of(
     frames: list[Frame], imu: list[ImuSamples], triggers: list[Triggers]
 ) -> dict[str, Array]:
-    """The arrays to write, in their order; none for what there is nothing of."""
+    """The arrays to write but the pixels, in their order; none for what there is nothing of."""
     arrays: dict[str, Array] = {}
     if frames:
-        arrays[PIXELS] = np.stack([frame.pixels for frame in frames])
         for name, field in STAMPS.items():
             arrays[name] = np.array([getattr(frame, field) for frame in frames], np.int64)
     if imu:
@@ -70,12 +72,6 @@ def arrays_of(
         for name, (field, _) in TRIGGER_ARRAYS.items():
             arrays[name] = np.ascontiguousarray(marks[field])
     return arrays
-
-
-def label_arrays(labels: list[Labels]) -> dict[str, Array]:
-    """The arrays to write; none where no packet had labels."""
-    whole = np.concatenate(labels) if labels else None
-    return {} if whole is None else {name: whole[name] for name in LABEL_ARRAYS}
 
 
 def labels_of(names: Collection[str], get: Get, events: int) -> Labels | None:
@@ -96,23 +92,22 @@ def labels_of(names: Collection[str], get: Get, events: int) -> Labels | None:
     return labels
 
 
-def frames_of(names: Collection[str], get: Get, camera: str) -> list[Frame]:
-    """The frames of an archive that has these arrays; none where one is missing.
+def frames_in(archive: Archive, camera: str) -> Iterator[Frame]:
+    """The frames of an archive that has these arrays, one by one; none where one is missing.
 
     Raises ValueError where they do not belong together.
     """
-    if not {PIXELS, *STAMPS} <= set(names):
-        return []
-    pixels = get(PIXELS, "u", 3)
-    stamps = {field: get(name, "iu", 1) for name, field in STAMPS.items()}
+    if not {f"{name}.npy" for name in (PIXELS, *STAMPS)} <= set(archive.namelist()):
+        return
+    pixels = archive.column(PIXELS, "u", 3)
+    stamps = {field: archive.column(name, "iu", 1).all() for name, field in STAMPS.items()}
     if pixels.dtype not in FRAME_ENCODINGS.values():
         raise ValueError(f"array '{PIXELS}' is {pixels.dtype}, not uint8 or uint16")
-    if any(len(column) != len(pixels) for column in stamps.values()):
+    if any(len(column) != pixels.left for column in stamps.values()):
         raise ValueError("frames and their stamps are not of one length")
-    return [
-        Frame(seq, pixels=image, camera=camera, **{k: int(v[seq]) for k, v in stamps.items()})
-        for seq, image in enumerate(pixels)
-    ]
+    for seq in range(pixels.left):
+        times = {field: int(column[seq]) for field, column in stamps.items()}
+        yield Frame(seq, pixels=pixels.read(1)[0], camera=camera, **times)
 
 
 def imu_of(names: Collection[str], get: Get) -> ImuSamples:
@@ -155,23 +150,24 @@ def triggers_of(names: Collection[str], get: Get) -> Triggers:
 
 def in_order(
     ticks: Iterable[Array],
-    frames: list[Frame],
+    frames: Iterable[Frame],
     imu: ImuSamples,
     triggers: Triggers,
     tick_us: int,
-) -> list[Array | Frame]:
+) -> Iterator[Array | Frame]:
     """Events of each tick, frames and each tick's IMU samples and triggers, as time has them."""
 
     def end_us(t_us: int) -> int:
         return -(-t_us // tick_us) * tick_us
 
-    timed: list[tuple[int, int, Array | Frame]] = [
-        (end_us(frame.end_us), 0, frame) for frame in frames
+    def timed(parts: Iterable[Array], rank: int) -> Iterator[tuple[int, int, Array | Frame]]:
+        return ((end_us(int(part["t"][-1])), rank, part) for part in parts)
+
+    lanes = [
+        ((end_us(frame.end_us), 0, frame) for frame in frames),
+        timed(by_tick(triggers, tick_us), 1),
+        timed(by_tick(imu, tick_us), 2),
+        timed(ticks, 3),
     ]
-    for rank, beside in ((1, triggers), (2, imu)):
-        if len(beside):
-            numbers = -(-beside["t"] // tick_us)
-            parts = np.split(beside, np.flatnonzero(np.diff(numbers)) + 1)
-            timed += [(end_us(int(part["t"][-1])), rank, part) for part in parts]
-    timed += [(end_us(int(events["t"][-1])), 3, events) for events in ticks]
-    return [message for _, _, message in sorted(timed, key=lambda one: one[:2])]
+    for _, _, message in heapq.merge(*lanes, key=lambda one: one[:2]):
+        yield message

@@ -13,10 +13,18 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from evs.drivers import files
-from evs.drivers.files.damage import DamagedPacketWarning, TornTailWarning
+from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning, TornTailWarning
 from evs.msgs import EVENT_DTYPE, EventPacket, EvsError, StreamInfo, make_events
 
-KINDS = [("a.aedat4", "none"), ("a.aedat4", "lz4"), ("a.aedat4", "zstd"), ("a.npz", "lz4")]
+KINDS = [
+    ("a.aedat4", "none"),
+    ("a.aedat4", "lz4"),
+    ("a.aedat4", "zstd"),
+    ("a.npz", "lz4"),
+    ("a.aedat", "none"),
+    ("a.aedat3", "none"),
+    ("a.csv", "none"),
+]
 QUICK = 120
 LONG = 5000
 
@@ -70,6 +78,8 @@ def survives(name: str, data: bytes) -> None:
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore", TornTailWarning)
         warnings.simplefilter("ignore", DamagedPacketWarning)
+        warnings.simplefilter("ignore", BackwardsWarning)
+        warnings.simplefilter("ignore", files.LeftOutWarning)
         path = Path(folder, name)
         path.write_bytes(data)
         peak_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

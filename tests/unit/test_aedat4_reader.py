@@ -12,7 +12,7 @@ import pytest
 
 from evs.drivers.files import packets, read, summary
 from evs.drivers.files.aedat4 import Aedat4File, Aedat4Recorder, compression, layout, reader, repair
-from evs.drivers.files.damage import DamagedPacketWarning, TornTailWarning
+from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning, TornTailWarning
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
 
 STREAM = StreamInfo(64, 48, camera="eye", seed=5)
@@ -135,7 +135,7 @@ def test_damage_between_packets_costs_those_packets_only(
 
 
 def test_a_packet_whose_values_cannot_be_is_left_out(tmp_path: Path) -> None:
-    for column, value in (("t", 2**62 + 1), ("x", 64), ("x", -1), ("y", 48), ("t", 0)):
+    for column, value in (("t", 2**62 + 1), ("x", 64), ("x", -1), ("y", 48), ("t", -(10**7))):
         path = tmp_path / "a.aedat4"
         sink = Aedat4Recorder(path)
         sink.open([STREAM])
@@ -148,6 +148,19 @@ def test_a_packet_whose_values_cannot_be_is_left_out(tmp_path: Path) -> None:
         with pytest.warns(DamagedPacketWarning, match="1 damaged"):
             assert read(path).tobytes() == whole([0, 2]).tobytes()
         assert not repair(path).needed
+
+
+def test_stamps_out_of_order_in_a_packet_are_sorted_and_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.aedat4"
+    sink = Aedat4Recorder(path)
+    sink.open([STREAM])
+    events = make_events([10, 30, 20, 40], [1, 2, 3, 4], [0] * 4, [1] * 4)
+    sink.write(EventPacket(0, 0, 0, 64, 48, events))
+    sink.write(EventPacket(1, 0, 0, 64, 48, events_of(1)))
+    sink.close()
+    with pytest.warns(BackwardsWarning, match="1 time stamps ran backwards and were sorted; the"):
+        assert read(path)["x"][:4].tolist() == [1, 3, 2, 4]
+    assert summary(path).damaged_packets == 0
 
 
 def test_polarity_and_padding_of_another_writer_are_put_right(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tracemalloc
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from evs.drivers.files import packets, read, recorder_for, repair, summary
+from evs.drivers.files.damage import BackwardsWarning
 from evs.drivers.files.npz import NpzRecorder
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
 
@@ -191,14 +193,38 @@ def test_arrays_of_other_people_are_read(tmp_path: Path) -> None:
     assert read(signs)["p"].tolist() == [0, 1]
 
 
+def test_stamps_out_of_order_are_sorted_and_told(tmp_path: Path) -> None:
+    path = saved(tmp_path / "a.npz", t=[4, 9, 7, 8], x=[1, 2, 3, 4], y=[0] * 4, p=[1] * 4)
+    with pytest.warns(BackwardsWarning, match="1 time stamps .* sorted; the first at event 2"):
+        recording = read(path)
+    assert recording[["t", "x"]].tolist() == [(4, 1), (7, 3), (8, 4), (9, 2)]
+
+
+def test_a_long_recording_passes_through_little_memory(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    count, tick = 1_000_000, 10_000
+    tracemalloc.start()
+    sink = recorder_for(path)
+    sink.open([STREAM])
+    for begin in range(0, count, tick):
+        t = np.arange(begin, begin + tick)
+        sink.write(EventPacket(0, 0, 0, 346, 260, make_events(t, t % 346, t % 260, t % 2)))
+    sink.close()
+    assert sum(len(packet) for packet in packets(path)) == count
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # 16 MB of events; four spools of 1 MB at most, and pieces of 65,536 events
+    assert peak < 10e6
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [
         ({"t": None}, "no array 't'; it needs t, x, y, p"),
         ({"t": np.array([1.5, 2.5])}, "array 't' is float64"),
         ({"t": np.array([[1, 2]])}, r"shape \(1, 2\)"),
-        ({"t": np.array([2, 1])}, "run backwards"),
         ({"t": np.array([1, 2**63], np.uint64)}, "too large|backwards"),
+        ({"t": [2, 1], "cause": np.array([1, 1], np.uint8), "geom_id": [0, 0]}, "run backwards"),
         ({"x": np.array([1])}, "not of one length"),
         ({"x": np.array([0, 70_000])}, "too large"),
         ({"y": np.array([-1, 0])}, "y reaches from -1"),

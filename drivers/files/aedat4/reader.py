@@ -18,6 +18,7 @@ from evs.drivers.files.aedat4.imu import parse_imu
 from evs.drivers.files.aedat4.layout import DamageError
 from evs.drivers.files.aedat4.triggers import parse_triggers
 from evs.drivers.files.damage import Damage, bad_values, normalised
+from evs.drivers.files.ordered import RESET_US, in_order
 from evs.drivers.files.recording import existing
 from evs.msgs import EVENT_DTYPE, Events, EvsError, Frame, ImuSamples, StreamInfo, Triggers
 
@@ -71,6 +72,8 @@ class Aedat4File:
     """frames that the last walk left out, since they are not grey"""
     position: int = 0
     """how far the present walk is, bytes"""
+    _unsorted: int = 0
+    """stamps of the packet at hand that run backwards"""
     labels: None = None
     """the format has no place for any"""
 
@@ -200,6 +203,13 @@ class Aedat4File:
         events = layout.parse_events(self._plain(body))
         if not len(events):
             return None
+        steps = np.diff(events["t"])
+        back = int(np.count_nonzero(steps < 0))
+        if back:
+            if int(steps.min()) < -RESET_US:
+                return "its time stamps run backwards"
+            events = in_order(events)
+            self._unsorted += back
         return bad_values(events, self.stream) or normalised(events)
 
     def _take_frame(self, body: bytes, numbers: Iterator[int]) -> Frame | None:
@@ -233,6 +243,9 @@ class Aedat4File:
                 at = self._next_packet(file, at + 1)
                 continue
             self.position = at
+            if self._unsorted:
+                damage.backwards(self._unsorted, 0, at)
+                self._unsorted = 0
             if broken:
                 damage.packet(*broken)
             broken, tries, whole = None, 0, whole + 1
