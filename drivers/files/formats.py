@@ -277,8 +277,8 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format(
         name="rosbag2",
-        suffixes=(".mcap",),
-        title="MCAP: a rosbag2 recording of event_camera_msgs, for ROS 2",
+        suffixes=(".mcap", ".db3"),
+        title="rosbag2: a recording of event_camera_msgs for ROS 2",
         open=_open_bag,
         record=_record_rosbag2,
         holds=_ROS,

@@ -24,6 +24,7 @@ KINDS = {
     "hdf5": "a.h5",
     "rosbag2": "a.mcap",
     "rosbag1": "a.bag",
+    "database": "a.db3",
 }
 QUICK = 60
 LONG = 4000
@@ -34,7 +35,7 @@ of a file and what becomes of it, at the most expanding words."""
 
 def recorded(folder: Path, kind: str) -> bytes:
     path = folder / KINDS[kind]
-    sink = files.recorder_for(path, kind=kind)
+    sink = files.recorder_for(path, kind="rosbag2" if kind == "database" else kind)
     sink.open([StreamInfo(64, 48, config={"a": 1})])
     random = np.random.default_rng(3)
     for tick in range(6):

@@ -63,6 +63,19 @@ def decompress(body: bytes, name: str) -> bytes:
     return _bounded(_reader(body, name))
 
 
+def expanded(body: bytes, name: str, size: int) -> bytes:
+    """What a frame of any content expands to, which must be `size` bytes; DamageError if not."""
+    read, out = _reader(body, name), bytearray()
+    while len(out) <= size:
+        part = read(min(size + 1 - len(out), _CHUNK_BYTES))
+        if not part:
+            break
+        out += part
+    if len(out) != size:
+        raise DamageError(f"states {size} bytes, holds {'more' if len(out) > size else len(out)}")
+    return bytes(out)
+
+
 def identifier(body: bytes, name: str) -> bytes:
     """The four letters that say what a body is, without decompressing all of it."""
     read = _reader(body, name)

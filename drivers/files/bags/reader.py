@@ -8,25 +8,28 @@ import os
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from evs.drivers.files.aedat4.layout import DamageError
+from evs.drivers.files.bags.database import walk_database
 from evs.drivers.files.bags.library import ARRAY, PACKET, TEXT, load, typestore
 from evs.drivers.files.bags.messages import ArrayMessage, BadMessageError, parse_array
 from evs.drivers.files.bags.recorder import STREAM_TOPIC
-from evs.drivers.files.damage import Damage
+from evs.drivers.files.bags.walk import Found, Walk, walk_mcap, walk_ros1
+from evs.drivers.files.formats import MAX_SIDE_PX
 from evs.drivers.files.parts import in_order, on_sensor
 from evs.drivers.files.recorded import EventsFile, said_stream
 from evs.drivers.files.recording import existing
-from evs.msgs import Events, EvsError, StreamInfo
+from evs.msgs import Events, EvsError, StreamInfo, empty_events
 from evs.msgs.encodings import PAYLOADS, PayloadReader
-from evs.msgs.fields import MAX_PIXELS
 
 ARRAYS = (ARRAY, "prophesee_event_msgs/msg/EventArray")
 PACKETS = (PACKET, "event_array_msgs/msg/EventArray")
 """Message types of one layout: what they are called now, and what other or older drivers said."""
+
+KINDS = (*ARRAYS, *PACKETS)
 
 
 @dataclass
@@ -35,14 +38,12 @@ class BagFile(EventsFile):
 
     ros: int = 2
     topic: str = ""
-    """whose events these are"""
-    others: int = 0
-    """messages of other cameras' events"""
+    """whose events these are: the first one's in the file"""
     time_origin_us: int = 0
 
     @classmethod
     def at(cls, path: str | os.PathLike[str]) -> BagFile:
-        """Read the index and the first packet.
+        """Read up to the first packet.
 
         EvsError: no such file, rosbags is not installed, damaged, no events of a type that we know.
         """
@@ -52,87 +53,100 @@ class BagFile(EventsFile):
         opened = cls(found, StreamInfo(0, 0), found.stat().st_size, ros=ros)
         try:
             opened._look()
-        except EvsError:
-            raise
-        except Exception as reason:  # damaged bytes make rosbags raise a dozen kinds
-            raise EvsError(f"cannot read {found}: {_said(reason)}") from None
+        except OSError as reason:
+            raise EvsError(f"cannot read {found}: {reason.strerror or reason}") from None
+        except DamageError as reason:
+            raise EvsError(f"{found} is not a readable bag: {reason}") from None
         return opened
 
     def events(self) -> Iterator[Events]:
         """The events of each message that has any, those of one message sorted."""
-        damage, skipped, number = Damage(), 0, 0
-        readers: dict[str, PayloadReader] = {}
         left_out: dict[str, int] = {}
-        try:
-            for number, message in enumerate(self._messages()):
+        readers: dict[str, PayloadReader] = {}
+        with self.path.open("rb") as file:
+            walk = Walk(file, self.size)
+            for found in self._found(walk):
+                if found.kind not in KINDS:
+                    continue
+                if found.topic != self.topic:
+                    _count(left_out, "messages with events of other topics")
+                    continue
                 try:
-                    events = self._taken(message, readers, left_out)
-                except (BadMessageError, EvsError) as reason:
-                    damage.lost(f"in message {number}", str(reason))
+                    events = self._taken(self._parsed(found), readers, left_out)
+                except BadMessageError as reason:
+                    walk.damage.packet(found.at, str(reason))
                     continue
                 events, outside = on_sensor(events, self.stream.width, self.stream.height)
                 if outside:
-                    damage.lost(f"in message {number}", f"{outside} events lie outside the sensor")
+                    walk.damage.packet(found.at, f"{outside} events lie outside the sensor")
                 if len(events):
                     yield in_order(events)
-        except Exception as reason:  # as above
-            damage.lost(f"after message {number}", _said(reason))
         skipped = sum(reader.skipped for reader in readers.values())
         if skipped:
             left_out["events before the first time stamp"] = skipped
-        if self.others:
-            left_out["messages with events of other topics"] = self.others
-        self.damage, self.left_out = damage, left_out
+        self.damage, self.left_out = walk.damage, left_out
 
     def _look(self) -> None:
-        """Choose the topic, and find out what its stream is."""
-        with _reader(self.path, self.ros) as bag:
-            known = [one for one in bag.connections if one.msgtype in (*ARRAYS, *PACKETS)]
-            if not known:
-                kinds = ", ".join(sorted({one.msgtype for one in bag.connections})) or "nothing"
-                raise EvsError(f"{self.path} holds no events but {kinds[:200]}")
-            chosen = max(known, key=lambda one: (one.msgcount, one.topic))
-            self.topic = chosen.topic
-            self.others = sum(one.msgcount for one in known if one.topic != chosen.topic)
-            said = self._said_stream(bag)
-        first: Any = next(self._messages(), None)
+        """Find the first events, and what their stream is."""
+        said: dict[str, dict[str, Any]] = {}
+        first: Any = None
+        with self.path.open("rb") as file:
+            walk = Walk(file, self.size)
+            for found in self._found(walk):
+                if found.kind == TEXT and found.topic.endswith(f"/{STREAM_TOPIC}"):
+                    said[found.topic] = self._said(found)
+                elif found.kind in KINDS:
+                    with suppress(BadMessageError):
+                        first = self._parsed(found)
+                        self.topic = found.topic
+                        break
+        if first is None:
+            # recorded, but nothing was seen
+            self.topic = next((t for t, kind in walk.kinds.items() if kind in KINDS), "")
+        if not self.topic:
+            kinds = ", ".join(sorted(set(walk.kinds.values())))[:200] or "nothing"
+            kinds = "".join(letter if letter.isprintable() else "?" for letter in kinds)
+            raise EvsError(f"{self.path} holds no events but {kinds}")
         width, height = (1, 1) if first is None else (first.width, first.height)
-        if not 0 < min(width, height) <= max(width, height) <= MAX_PIXELS:
+        if not 0 < min(width, height) <= max(width, height) <= MAX_SIDE_PX:
             raise EvsError(f"{self.path} is damaged: its sensor is of {width} x {height} px")
         plain = StreamInfo(int(width), int(height), sensor="unknown")
         name = getattr(first, "frame_id", "") or ""
         if name.isprintable() and 0 < len(name.encode()) < 256:
             plain = dataclasses.replace(plain, camera=name)
-        stream = said_stream(said.get("stream"), plain)
+        ours = said.get(self.topic.rpartition("/")[0] + "/" + STREAM_TOPIC, {})
+        stream = said_stream(ours.get("stream"), plain)
         self.stream = dataclasses.replace(stream, frames=False, imu=False)
-        origin = said.get("time_origin_us", 0)
+        origin = ours.get("time_origin_us", 0)
         self.time_origin_us = origin if isinstance(origin, int) and 0 <= origin < 1 << 50 else 0
 
-    def _said_stream(self, bag: Any) -> dict[str, Any]:
-        """What our recorder says of its stream; nothing in others' bags."""
-        topic = self.topic.rpartition("/")[0] + "/" + STREAM_TOPIC
-        ours = [one for one in bag.connections if one.topic == topic and one.msgtype == TEXT]
-        store = typestore(self.ros)
+    def _found(self, walk: Walk) -> Iterator[Found]:
+        """Every message of the bag."""
+        if self.path.suffix.lower() == ".db3":
+            yield from walk_database(self.path, walk)
+        else:
+            yield from (walk_ros1 if self.ros == 1 else walk_mcap)(walk)
+
+    def _said(self, found: Found) -> dict[str, Any]:
+        """What our recorder says of its stream."""
         with suppress(Exception):
-            for _, _, data in bag.messages(connections=ours) if ours else ():
-                said = json.loads(self._deserialised(store, data, TEXT).data)
-                return said if isinstance(said, dict) else {}
+            said = json.loads(self._deserialised(found.data, TEXT).data)
+            return said if isinstance(said, dict) else {}
         return {}
 
-    def _messages(self) -> Iterator[Any]:
-        """Its messages with events, parsed: an EventPacket or an ArrayMessage."""
-        store = typestore(self.ros)
-        with _reader(self.path, self.ros) as bag:
-            chosen = [one for one in bag.connections if one.topic == self.topic]
-            for topic, _, data in bag.messages(connections=chosen):
-                if topic.msgtype in ARRAYS:
-                    yield parse_array(bytes(data), self.ros)
-                elif topic.msgtype in PACKETS:
-                    message = self._deserialised(store, data, PACKET)
-                    message.frame_id = message.header.frame_id
-                    yield message
+    def _parsed(self, found: Found) -> Any:
+        """An ArrayMessage or an EventPacket; BadMessageError where the bytes are none."""
+        if found.kind in ARRAYS:
+            return parse_array(found.data, self.ros)
+        try:
+            message = self._deserialised(found.data, PACKET)
+        except Exception as reason:  # damaged bytes make it raise a dozen kinds
+            raise BadMessageError(f"{type(reason).__name__} in a packet") from None
+        message.frame_id = message.header.frame_id
+        return message
 
-    def _deserialised(self, store: Any, data: bytes, kind: str) -> Any:
+    def _deserialised(self, data: bytes, kind: str) -> Any:
+        store = typestore(self.ros)
         take = store.deserialize_ros1 if self.ros == 1 else store.deserialize_cdr
         return take(data, kind)
 
@@ -143,20 +157,12 @@ class BagFile(EventsFile):
             return message.events
         name = message.encoding
         if name not in PAYLOADS:
-            what = f"packets of encoding {name[:20]!r}"
-            left_out[what] = left_out.get(what, 0) + 1
-            return PayloadReader("mono").events(b"", 0)
+            _count(left_out, f"packets of encoding {name[:20]!r}")
+            return empty_events()
         if name not in readers:
             readers[name] = PayloadReader(name, time_origin_us=self.time_origin_us)
         return readers[name].events(np.ascontiguousarray(message.events), int(message.time_base))
 
 
-def _reader(path: Path, ros: int) -> Any:
-    """The library's reader of a bag."""
-    bags = load()
-    return bags.rosbag1.Reader(path) if ros == 1 else bags.rosbag2.Reader(path)
-
-
-def _said(reason: Exception) -> str:
-    """A library's error as one line."""
-    return (str(reason) or type(reason).__name__).splitlines()[0][:300]
+def _count(left_out: dict[str, int], what: str) -> None:
+    left_out[what] = left_out.get(what, 0) + 1

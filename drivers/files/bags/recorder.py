@@ -149,13 +149,14 @@ class Ros2Recorder(_BagRecorder):
 
     def _open_writer(self, path: Path) -> Any:
         # the library makes a folder: an MCAP file, which alone will do, and a description
-        plugin = self._rosbags.rosbag2.StoragePlugin.MCAP
+        plugins = self._rosbags.rosbag2.StoragePlugin
+        plugin = plugins.SQLITE3 if self._path.suffix.lower() == ".db3" else plugins.MCAP
         folder = path / self._path.stem
         path.mkdir()
         return self._rosbags.rosbag2.Writer(folder, version=9, storage_plugin=plugin)
 
     def _written(self, path: Path) -> Path:
-        return path / self._path.stem / f"{self._path.stem}.mcap"
+        return path / self._path.stem / f"{self._path.stem}{self._path.suffix.lower()}"
 
     def _discard(self) -> None:
         with contextlib.suppress(OSError):

@@ -44,9 +44,10 @@ class DatFile(EventsFile):
         except BaseException as reason:
             if not is_fault(reason):
                 raise
-            raise EvsError(f"{found} is not a readable DAT file: {reason}") from None
+            said = " ".join(str(reason).split())
+            raise EvsError(f"{found} is not a readable DAT file: {said}") from None
         if kind != "cd" or sides is None:
-            raise EvsError(f"{found} holds no change events but '{kind}'")
+            raise EvsError(f"{found} holds no change events but {kind!r}")
         stream = StreamInfo(sides[0], sides[1], sensor="unknown")
         return cls(found, stream, size, begin=begin)
 

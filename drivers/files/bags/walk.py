@@ -1,0 +1,212 @@
+"""Bags record by record: what a bag's own index says is not needed, so torn ones are read too."""
+
+from __future__ import annotations
+
+import bz2
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import BinaryIO
+
+from evs.drivers.files.aedat4.compression import MAX_BODY_BYTES, expanded
+from evs.drivers.files.aedat4.layout import DamageError
+from evs.drivers.files.damage import Damage
+
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+ROS1_MAGIC = b"#ROSBAG V2.0\n"
+
+
+@dataclass(frozen=True)
+class Found:
+    """One message of a bag, still as bytes."""
+
+    topic: str
+    kind: str
+    """its type, as in dvs_msgs/msg/EventArray"""
+    data: bytes
+    at: int
+    """byte offset of its record, or of the chunk that it is in"""
+
+
+@dataclass
+class Walk:
+    """One walk over a bag; `kinds` grows on the way, `damage` is complete at its end."""
+
+    file: BinaryIO
+    size: int
+    """bytes of the file"""
+    damage: Damage = field(default_factory=Damage)
+    kinds: dict[str, str] = field(default_factory=dict)
+    """topic -> type, of all that were declared so far"""
+
+
+def walk_mcap(walk: Walk) -> Iterator[Found]:
+    """Every message of an MCAP file, in the file's order. DamageError: it is none."""
+    if walk.file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
+        raise DamageError("it does not begin as MCAP does")
+    declared = _McapNames(walk)
+    at = len(MCAP_MAGIC)
+    while at < walk.size:
+        walk.file.seek(at)
+        head = walk.file.read(9)
+        # data end, or the footer: what follows is an index
+        if head[:1] in (b"\x0f", b"\x02"):
+            return
+        length = int.from_bytes(head[1:], "little")
+        if len(head) < 9 or length > walk.size - at - 9:
+            walk.damage.tail(at, walk.size)
+            return
+        # what we do not look into is passed over
+        if head[0] in _MCAP_READ:
+            yield from declared.take(head[0], walk.file.read(length), at)
+        at += 9 + length
+
+
+_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = _MCAP_READ = (3, 4, 5, 6)
+
+
+class _McapNames:
+    """What the schemas and channels of an MCAP file are called."""
+
+    def __init__(self, walk: Walk) -> None:
+        self.walk = walk
+        self.schemas: dict[int, str] = {}
+        self.channels: dict[int, tuple[str, str]] = {}
+
+    def take(self, op: int, body: bytes, at: int) -> Iterator[Found]:
+        """The messages in one record; damage is told."""
+        try:
+            if op == _SCHEMA:
+                self.schemas[_u16(body, 0)] = _text(body, 2)[0]
+            elif op == _CHANNEL:
+                topic, kind = _text(body, 4)[0], self.schemas.get(_u16(body, 2), "")
+                self.channels[_u16(body, 0)] = topic, kind
+                self.walk.kinds[topic] = kind
+            elif op == _MESSAGE and _u16(body, 0) in self.channels:
+                yield Found(*self.channels[_u16(body, 0)], body[22:], at)
+            elif op == _CHUNK:
+                for inner, part in _mcap_records(_mcap_chunk(body)):
+                    # no chunk is in another
+                    if inner != _CHUNK:
+                        yield from self.take(inner, part, at)
+        except (struct.error, DamageError) as reason:
+            self.walk.damage.packet(at, str(reason))
+
+
+def _mcap_chunk(body: bytes) -> bytes:
+    """The records in a chunk."""
+    size, crc = struct.unpack_from("<16xQI", body)
+    compression, at = _text(body, 28)
+    packed = body[at + 8 : at + 8 + struct.unpack_from("<Q", body, at)[0]]
+    if size > MAX_BODY_BYTES:
+        raise DamageError(f"a chunk states {size} bytes")
+    if compression not in ("", "lz4", "zstd"):
+        raise DamageError(f"a chunk's compression {compression[:20]!r} does not exist")
+    records = expanded(packed, compression, size) if compression else packed
+    if len(records) != size or (crc and zlib.crc32(records) != crc):
+        raise DamageError("a chunk is damaged, its checksum says")
+    return records
+
+
+def _mcap_records(records: bytes) -> Iterator[tuple[int, bytes]]:
+    at = 0
+    while at < len(records):
+        op, length = struct.unpack_from("<BQ", records, at)
+        if length > len(records) - at - 9:
+            raise DamageError("a record does not fit into its chunk")
+        yield op, records[at + 9 : at + 9 + length]
+        at += 9 + length
+
+
+def walk_ros1(walk: Walk) -> Iterator[Found]:
+    """Every message of a ROS 1 bag, in the file's order. DamageError: it is none."""
+    if walk.file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
+        raise DamageError("it does not begin as a ROS 1 bag does")
+    connections: dict[int, tuple[str, str]] = {}
+
+    def take(fields: dict[bytes, bytes], data: bytes, at: int) -> Iterator[Found]:
+        op = fields.get(b"op", b"")
+        try:
+            if op == b"\x07":
+                topic, said = fields[b"topic"].decode(), _ros1_fields(data)
+                package, _, name = said[b"type"].decode().partition("/")
+                connections[_u32(fields[b"conn"], 0)] = topic, f"{package}/msg/{name}"
+                walk.kinds[topic] = f"{package}/msg/{name}"
+            elif op == b"\x02" and _u32(fields[b"conn"], 0) in connections:
+                yield Found(*connections[_u32(fields[b"conn"], 0)], data, at)
+            elif op == b"\x05":
+                for inner, part in _ros1_records(_ros1_chunk(fields, data)):
+                    if inner.get(b"op") != b"\x05":
+                        yield from take(inner, part, at)
+        except (struct.error, KeyError, UnicodeDecodeError, DamageError) as reason:
+            walk.damage.packet(at, f"a record lacks {reason}")
+
+    at = len(ROS1_MAGIC)
+    while at < walk.size:
+        walk.file.seek(at)
+        head = _ros1_part(walk.file.read, walk.size - at)
+        data = head and _ros1_part(walk.file.read, walk.size - at - 4 - len(head))
+        if head is None or data is None:
+            walk.damage.tail(at, walk.size)
+            return
+        yield from take(_ros1_fields(head), data, at)
+        at += 8 + len(head) + len(data)
+
+
+def _ros1_part(read: Callable[[int], bytes], room: int) -> bytes | None:
+    """Some bytes behind their number; None if they do not fit."""
+    length = int.from_bytes(read(4), "little")
+    return read(length) if room >= 4 and length <= room - 4 else None
+
+
+def _ros1_fields(head: bytes) -> dict[bytes, bytes]:
+    """name=value of a record's header."""
+    fields, at = {}, 0
+    while at + 4 <= len(head):
+        end = at + 4 + _u32(head, at)
+        name, _, value = head[at + 4 : end].partition(b"=")
+        fields[name], at = value, end
+    return fields
+
+
+def _ros1_records(records: bytes) -> Iterator[tuple[dict[bytes, bytes], bytes]]:
+    at = 0
+    while at < len(records):
+        middle = at + 4 + _u32(records, at)
+        end = middle + 4 + _u32(records, middle)
+        if end > len(records):
+            raise DamageError("whole records in its chunk")
+        yield _ros1_fields(records[at + 4 : middle]), records[middle + 4 : end]
+        at = end
+
+
+def _ros1_chunk(fields: dict[bytes, bytes], data: bytes) -> bytes:
+    """The records in a chunk."""
+    compression, size = fields[b"compression"], _u32(fields[b"size"], 0)
+    if compression == b"bz2":
+        try:
+            data = bz2.BZ2Decompressor().decompress(data, size + 1)
+        except OSError as reason:
+            raise DamageError(str(reason)) from None
+    elif compression == b"lz4":
+        data = expanded(data, "lz4", size)
+    elif compression != b"none":
+        raise DamageError(f"a compression that exists: it says {compression[:20]!r}")
+    if len(data) != size:
+        raise DamageError(f"{size} bytes in its chunk")
+    return data
+
+
+def _u16(data: bytes, at: int) -> int:
+    return int(struct.unpack_from("<H", data, at)[0])
+
+
+def _u32(data: bytes, at: int) -> int:
+    return int(struct.unpack_from("<I", data, at)[0])
+
+
+def _text(data: bytes, at: int) -> tuple[str, int]:
+    """A string behind its length, and where it ends."""
+    end = at + 4 + _u32(data, at)
+    return data[at + 4 : end].decode(errors="replace"), end
