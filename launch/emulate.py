@@ -26,6 +26,7 @@ OPTIONS = {
     "record": ("record", "FILE", "record to a file; its ending says the format"),
     "report": ("report", "FILE", "write the run report (JSON)"),
     "publish": ("publish", "ADDRESS", "publish on ZeroMQ, as in tcp://127.0.0.1:5560"),
+    "wait-for": ("publish_wait_for", "N", "begin when N subscribers of --publish are there"),
     "control": ("publish_control", "ADDRESS", "control port of --publish (evs topics)"),
     "key": ("publish_key", "FILE", "secret key of --publish, made by evs keygen"),
     "allow": ("publish_allow", "KEYS", "public keys that may listen to --publish: files, folders"),

@@ -22,6 +22,7 @@ COMMANDS = {
     "view": "evs.launch.view",
     "echo": "evs.launch.echo",
     "topics": "evs.launch.topics",
+    "launch": "evs.launch.launch",
     "play": "evs.launch.play",
     "info": "evs.launch.info",
     "keygen": "evs.launch.keygen",

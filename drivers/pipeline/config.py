@@ -95,6 +95,10 @@ class PipelineConfig(RunConfig):
     """one more recording, as in run.aedat4; the ending says the format"""
     publish: str = ""
     """one more zmq sink: the address it binds, as in tcp://127.0.0.1:5560"""
+    publish_wait_for: int = 0
+    """subscribers to wait for before the first tick"""
+    publish_wait_s: float = 10.0
+    """how long to wait for them, s"""
     publish_control: str = ""
     """its control port"""
     publish_key: str = ""
@@ -127,6 +131,8 @@ class PipelineConfig(RunConfig):
         return SinkConfig(
             type="zmq",
             address=self.publish,
+            wait_for=self.publish_wait_for or None,
+            wait_s=self.publish_wait_s if self.publish_wait_for else None,
             control=self.publish_control or None,
             key=self.publish_key or None,
             allow=self.publish_allow or None,

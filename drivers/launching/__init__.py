@@ -1,0 +1,1 @@
+"""Several programs from one file: read, started in order, watched, stopped in order."""

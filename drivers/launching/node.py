@@ -1,0 +1,112 @@
+"""One program of a launch: its process, and what it says, line by line."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+
+from evs.drivers.launching.plan import NodeConfig
+from evs.drivers.pace import monotonic_s
+from evs.msgs import EvsError
+
+LONGEST_LINE = 64 * 1024
+"""A longer one is cut in two."""
+
+_ASKED = {0, 128 + signal.SIGINT, 128 + signal.SIGTERM}
+"""exit codes of a program that stopped because it was asked to"""
+_READ_ON_S = 2.0
+"""how long a dead node's pipe is read: somebody whom it started may keep it open"""
+
+
+class Node:
+    """A program that may be started, stopped and started again. One thread uses it."""
+
+    def __init__(self, config: NodeConfig, say: Callable[[str, str], None]) -> None:
+        """In: say(name, line) is called from another thread with each line of the program."""
+        self.config = config
+        self.restarts = 0
+        """How often it was started again."""
+        self.code: int | None = None
+        """Exit code of its last run, 128 + n after signal n; None: it runs or never did."""
+        self.asked = False
+        """It was told to stop."""
+        self.again_s: float | None = None
+        """When it is to start again, on the monotonic clock."""
+        self.since_s = 0.0
+        """When it started; 0: it did not, or its end has been told."""
+        self._say = say
+        self._process: subprocess.Popen[bytes] | None = None
+        self._reader: threading.Thread | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether its process is there; takes in its end."""
+        if self._process is None:
+            return False
+        code = self._process.poll()
+        if code is None:
+            return True
+        # all that it said is said before its end is
+        if self._reader is not None:
+            self._reader.join(_READ_ON_S)
+        self.code = code if code >= 0 else 128 - code
+        self._process = None
+        return False
+
+    @property
+    def failed(self) -> bool:
+        """Whether it ended, and not well: a node that was asked to stop may say so."""
+        return self.code is not None and self.code not in (_ASKED if self.asked else {0})
+
+    def start(self) -> None:
+        """Start it. Raises EvsError where there is no such program."""
+        try:
+            self._process = subprocess.Popen(
+                command_of(self.config.run),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, "PYTHONUNBUFFERED": "1"},
+                # Ctrl-C is for the launch, which stops its nodes in order
+                start_new_session=True,
+            )
+        except OSError as reason:
+            raise EvsError(
+                f"node '{self.config.name}': cannot run '{self.config.run[0]}': {reason.strerror}"
+            ) from None
+        self.code, self.again_s, self.since_s = None, None, monotonic_s()
+        self._reader = threading.Thread(target=self._read, args=(self._process,), daemon=True)
+        self._reader.start()
+
+    def signal(self, number: int) -> None:
+        """Send a signal to it and to all that it started."""
+        self.asked = True
+        if self._process is not None and self._process.poll() is None:
+            try:
+                os.killpg(self._process.pid, number)
+            except ProcessLookupError:
+                # it ended meanwhile
+                return
+
+    def _read(self, process: subprocess.Popen[bytes]) -> None:
+        assert process.stdout is not None
+        with process.stdout as said:
+            while line := said.readline(LONGEST_LINE):
+                text = line.decode(errors="replace").rstrip("\r\n")
+                # of a progress line that is written over and over, the last state
+                self._say(self.config.name, text.rpartition("\r")[2])
+
+
+def command_of(run: tuple[str, ...]) -> list[str]:
+    """The words as a command. `evs` and `python` are those that run now."""
+    program, *words = run
+    if program == "evs":
+        return [sys.executable, "-m", "evs.launch.main", *words]
+    if program == "python":
+        return [sys.executable, *words]
+    return [shutil.which(program) or program, *words]
