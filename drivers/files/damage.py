@@ -109,6 +109,13 @@ def bad_values(events: Events, stream: StreamInfo) -> str:
     return ""
 
 
+def on_sensor(events: Events, width: int, height: int) -> tuple[Events, int]:
+    """The events, (n,), that lie on a sensor of this size, px, and how many do not."""
+    right = (events["x"].view(np.uint16) < width) & (events["y"].view(np.uint16) < height)
+    wrong = len(events) - int(np.count_nonzero(right))
+    return (clean_events(events[right]), wrong) if wrong else (events, 0)
+
+
 def normalised(events: Events) -> Events:
     """The events with p 0 or 1 and zero padding; a copy only where they have not."""
     clean = clean_events(events)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from evs.drivers import files
 from evs.drivers.files import LeftOutWarning
-from evs.drivers.files.damage import DamagedPacketWarning, TornTailWarning
+from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning, TornTailWarning
 from evs.msgs import EVENT_DTYPE, EventPacket, EvsError, StreamInfo, make_events
 
 KINDS = {
@@ -80,7 +80,7 @@ def mutations(draw: st.DrawFn, data: bytes) -> bytes:
 
 def survives(kind: str, data: bytes) -> None:
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        for category in (TornTailWarning, DamagedPacketWarning, LeftOutWarning):
+        for category in (TornTailWarning, DamagedPacketWarning, BackwardsWarning, LeftOutWarning):
             warnings.simplefilter("ignore", category)
         path = Path(folder, KINDS[kind])
         path.write_bytes(data)

@@ -6,14 +6,12 @@ import sys
 import warnings
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from evs.drivers import files
-from evs.drivers.files.damage import DamagedPacketWarning
-from evs.drivers.files.parts import ticks_of
+from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning
 from evs.drivers.sink import Sink
-from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
+from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
 from evs.msgs.encodings import encode_evt2, encode_evt3
 
 NAMES = {
@@ -100,31 +98,16 @@ def test_pixels_outside_of_the_sensor_and_unsorted_stamps(tmp_path: Path) -> Non
     late = make_events([3000], [4], [4], [1])
     data = encode_evt3(late, time_origin_us=0) + encode_evt3(FOUR, time_origin_us=0)
     path.write_bytes(b"% format EVT3;height=48;width=60\n% end\n" + data)
-    with pytest.warns(DamagedPacketWarning, match="1 events lie outside of 60 x 48 px"):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
         recording = files.read(path)
+    assert [each.category for each in caught] == [DamagedPacketWarning, BackwardsWarning]
+    assert "1 damaged events were left out, the first at byte 39: outside of 60 x 48 px" in str(
+        caught[0].message
+    )
+    assert "1 time stamps ran backwards and were sorted" in str(caught[1].message)
     assert recording["t"].tolist() == [1, 900, 2500, 3000]
     assert recording["x"].tolist() == [0, 5, 6, 4]
-
-
-def test_pieces_are_cut_into_ticks_and_put_together_again() -> None:
-    random = np.random.default_rng(2)
-    t = random.integers(0, 20_000, 500)
-    x = np.arange(500)
-    whole = make_events(t, x, x, x % 2)
-    ordered = whole[np.argsort(t, kind="stable")]
-    for pieces in ([ordered], np.split(ordered, [1, 7, 250, 251, 499])):
-        parts = list(ticks_of([np.array(piece) for piece in pieces], 1000))
-        assert [set(-(-part["t"] // 1000)) for part in parts] == [
-            {tick} for tick in np.unique(-(-t // 1000))
-        ]
-        joined = join_events(parts)
-        assert np.array_equal(joined["t"], ordered["t"])
-        assert np.array_equal(joined["x"], ordered["x"])
-    # whatever order pieces come in, each part is sorted and none is lost
-    parts = list(ticks_of(np.split(whole, [100, 200, 300, 400]), 1000))
-    assert all((part["t"][1:] >= part["t"][:-1]).all() for part in parts)
-    assert sorted(join_events(parts)["x"].tolist()) == x.tolist()
-    assert all(part.view("u1").reshape(-1, 16)[:, 13:].max() == 0 for part in parts)
 
 
 @pytest.mark.parametrize(

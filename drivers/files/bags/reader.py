@@ -18,8 +18,9 @@ from evs.drivers.files.bags.library import ARRAY, PACKET, TEXT, load, typestore
 from evs.drivers.files.bags.messages import ArrayMessage, BadMessageError, parse_array
 from evs.drivers.files.bags.recorder import STREAM_TOPIC
 from evs.drivers.files.bags.walk import Found, Walk, walk_mcap, walk_ros1
+from evs.drivers.files.damage import on_sensor
 from evs.drivers.files.formats import MAX_SIDE_PX
-from evs.drivers.files.parts import in_order, on_sensor
+from evs.drivers.files.ordered import in_order
 from evs.drivers.files.recorded import EventsFile, said_stream
 from evs.drivers.files.recording import existing
 from evs.msgs import Events, EvsError, StreamInfo, empty_events
@@ -79,8 +80,13 @@ class BagFile(EventsFile):
                 events, outside = on_sensor(events, self.stream.width, self.stream.height)
                 if outside:
                     walk.damage.packet(found.at, f"{outside} events lie outside the sensor")
+                self.position = found.at
+                back = int(np.count_nonzero(events["t"][1:] < events["t"][:-1]))
+                if back:
+                    walk.damage.backwards(back, 0, found.at)
+                    events = in_order(events)
                 if len(events):
-                    yield in_order(events)
+                    yield events
         skipped = sum(reader.skipped for reader in readers.values())
         if skipped:
             left_out["events before the first time stamp"] = skipped
@@ -116,7 +122,7 @@ class BagFile(EventsFile):
             plain = dataclasses.replace(plain, camera=name)
         ours = said.get(self.topic.rpartition("/")[0] + "/" + STREAM_TOPIC, {})
         stream = said_stream(ours.get("stream"), plain)
-        self.stream = dataclasses.replace(stream, frames=False, imu=False)
+        self.stream = dataclasses.replace(stream, frames=False, imu=False, triggers=False)
         origin = ours.get("time_origin_us", 0)
         self.time_origin_us = origin if isinstance(origin, int) and 0 <= origin < 1 << 50 else 0
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evs.drivers.files.damage import Damage
+from evs.drivers.files.damage import Damage, on_sensor
 from evs.drivers.files.dat.library import is_fault, load
-from evs.drivers.files.parts import on_sensor, ticks_of
+from evs.drivers.files.ordered import InOrder
 from evs.drivers.files.raw.header import MAX_HEADER_BYTES
 from evs.drivers.files.recorded import EventsFile
 from evs.drivers.files.recording import existing
@@ -53,10 +53,16 @@ class DatFile(EventsFile):
 
     def events(self) -> Iterator[Events]:
         """The events of each ms that has any."""
-        yield from ticks_of(self._pieces(), self.stream.tick_us)
+        damage = Damage(what="events")
+        order = InOrder(damage, self.stream.tick_us)
+        for at, piece in self._pieces(damage):
+            yield from order.feed(piece, np.broadcast_to(np.int64(at), len(piece)))
+        yield from order.rest()
+        self.damage = damage
 
-    def _pieces(self) -> Iterator[Events]:
-        damage, read = Damage(), 0
+    def _pieces(self, damage: Damage) -> Iterator[tuple[int, Events]]:
+        """Where each piece of the file begins, and its events."""
+        read = 0
         width, height = self.stream.width, self.stream.height
         with load().dat.Decoder(self.path, _FALLBACK, "dat2") as decoder:
             while True:
@@ -75,11 +81,10 @@ class DatFile(EventsFile):
                 piece = make_events(t, rows["x"], rows["y"], rows["payload"] > 0)
                 piece, outside = on_sensor(piece, width, height)
                 if outside:
-                    said = f"{outside} of the {len(rows)} events from there lie outside of"
-                    damage.packet(at, f"{said} {width} x {height} px")
-                yield piece
+                    damage.packet(at, f"outside of {width} x {height} px", outside)
+                self.position = at
+                yield at, piece
         damage.tail(self.begin + read * _EVENT_BYTES, self.size)
-        self.damage = damage
 
 
 def _header_bytes(head: bytes) -> int:

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.files.damage import MAX_STAMP_US, Damage
+from evs.drivers.files.damage import MAX_STAMP_US, Damage, on_sensor
 from evs.drivers.files.hdf5.library import load
 from evs.drivers.files.hdf5.recorder import STREAM
-from evs.drivers.files.parts import on_sensor, ticks_of
+from evs.drivers.files.ordered import InOrder
 from evs.drivers.files.recorded import EventsFile, said_stream
 from evs.drivers.files.recording import existing
 from evs.msgs import Events, EvsError, StreamInfo, make_events
@@ -72,18 +72,23 @@ class Hdf5File(EventsFile):
 
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any (of 1 ms, where the file says none)."""
-        yield from ticks_of(self._pieces(), self.stream.tick_us)
+        damage = Damage(what="events", unit="event")
+        order = InOrder(damage, self.stream.tick_us)
+        for at, piece in self._pieces(damage):
+            yield from order.feed(piece, at + np.arange(len(piece)))
+        yield from order.rest()
+        self.damage = damage
 
     def _find_size(self) -> None:
         """As large as its events need."""
         width = height = 1
-        for piece in self._pieces(limited=False):
+        for _, piece in self._pieces(Damage(), limited=False):
             width = max(width, 1 + int(piece["x"].max(initial=0)))
             height = max(height, 1 + int(piece["y"].max(initial=0)))
         self.stream = dataclasses.replace(self.stream, width=width, height=height)
 
-    def _pieces(self, limited: bool = True) -> Iterator[Events]:
-        damage = Damage()
+    def _pieces(self, damage: Damage, limited: bool = True) -> Iterator[tuple[int, Events]]:
+        """The number of each piece's first event, and its events."""
         width, height = self.stream.width, self.stream.height
         with load().File(self.path, "r") as file:
             group = file["events"]
@@ -93,15 +98,15 @@ class Hdf5File(EventsFile):
                     piece, bad = _piece(group, self.columns, rows, self.offset_us)
                 except Exception as reason:  # as above
                     said = str(reason).splitlines()[0] if str(reason) else type(reason).__name__
-                    damage.lost(f"in events {rows.start} ... {rows.stop - 1}", said)
+                    damage.lost(f"from event {begin} on", said, rows.stop - begin)
                     continue
                 if limited:
                     piece, outside = on_sensor(piece, width, height)
                     bad += outside
                 if bad:
-                    damage.lost(f"from event {rows.start} on", f"{bad} events have bad values")
-                yield piece
-        self.damage = damage
+                    damage.lost(f"from event {begin} on", "not on the sensor, or no time", bad)
+                self.position = rows.stop * self.size // self.events_there
+                yield begin, piece
 
 
 def _columns(file: Any) -> tuple[tuple[str, ...], int, str]:
@@ -133,7 +138,7 @@ def _stream(file: Any) -> tuple[StreamInfo, bool]:
         height, width = (int(side) for side in file.attrs["sensor_resolution"])
         sides = (width, height) if 0 < min(width, height) <= max(width, height) < 1 << 15 else None
     plain = StreamInfo(*(sides or (0, 0)), sensor="unknown")
-    stream = dataclasses.replace(said_stream(said, plain), frames=False, imu=False)
+    stream = dataclasses.replace(said_stream(said, plain), frames=False, imu=False, triggers=False)
     return stream, stream.width > 0
 
 

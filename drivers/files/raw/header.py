@@ -69,7 +69,7 @@ def parse_header(head: bytes) -> RawHeader:
     known = origin.isascii() and origin.isdigit() and len(origin) < 16
     stream = said_stream(said, plain)
     # frames and IMU samples went elsewhere
-    stream = dataclasses.replace(stream, frames=False, imu=False)
+    stream = dataclasses.replace(stream, frames=False, imu=False, triggers=False)
     return RawHeader(version, stream, int(origin) if known else 0, size)
 
 

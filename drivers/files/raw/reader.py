@@ -8,8 +8,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, BinaryIO
 
-from evs.drivers.files.damage import MAX_STAMP_US, Damage
-from evs.drivers.files.parts import on_sensor, ticks_of
+import numpy as np
+
+from evs.drivers.files.damage import MAX_STAMP_US, Damage, on_sensor
+from evs.drivers.files.ordered import InOrder
 from evs.drivers.files.raw.header import MAX_HEADER_BYTES, parse_header
 from evs.drivers.files.recorded import EventsFile
 from evs.drivers.files.recording import existing
@@ -60,22 +62,27 @@ class RawFile(EventsFile):
 
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any (of 1 ms, where the file says none)."""
-        yield from ticks_of(self._pieces(), self.stream.tick_us)
+        damage = Damage(what="events")
+        order = InOrder(damage, self.stream.tick_us)
+        for at, piece in self._pieces(damage):
+            yield from order.feed(piece, np.broadcast_to(np.int64(at), len(piece)))
+        yield from order.rest()
+        self.damage = damage
 
     def _find_size(self) -> None:
         """As large as its events need."""
         width = height = 0
-        for piece in self._pieces():
+        for _, piece in self._pieces(Damage()):
             width = max(width, 1 + int(piece["x"].max(initial=0)))
             height = max(height, 1 + int(piece["y"].max(initial=0)))
         if not width:
             raise EvsError(f"{self.path} neither says the size of its sensor nor holds events")
         self.stream = dataclasses.replace(self.stream, width=width, height=height)
 
-    def _pieces(self) -> Iterator[Events]:
-        """Its events, some 100,000 bytes at a time, as unsorted as they are."""
+    def _pieces(self, damage: Damage) -> Iterator[tuple[int, Events]]:
+        """Where each piece of the file begins, and its events, as unsorted as they are."""
         decode, word = _DECODERS[self.version]
-        damage, state, at = Damage(), None, self.begin
+        state, at = None, self.begin
         width, height = self.stream.width or MAX_STAMP_US, self.stream.height or MAX_STAMP_US
         with self.path.open("rb") as file:
             file.seek(at)
@@ -83,12 +90,11 @@ class RawFile(EventsFile):
                 piece, state = decode(data, state, time_origin_us=self.time_origin_us)
                 piece, outside = on_sensor(piece, width, height)
                 if outside:
-                    said = f"{outside} events lie outside of {width} x {height} px"
-                    damage.packet(at, f"{said} in the {len(data)} bytes from there")
+                    damage.packet(at, f"outside of {width} x {height} px", outside)
+                yield at, piece
                 at += len(data)
-                yield piece
+                self.position = at
         damage.tail(at - (at - self.begin) % word, at)
-        self.damage = damage
         self.left_out = {_UNTOLD: state.skipped} if state is not None and state.skipped else {}
 
 
