@@ -31,6 +31,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--compression", metavar="NAME", help="of the formats that have it: lz4, zstd or none"
     )
     parser.add_argument(
+        "--encoding", metavar="NAME", help="of ROS bags: evt3, libcaer, mono or dvs"
+    )
+    parser.add_argument(
         "--events-only",
         action="store_true",
         help="leave out frames, IMU, triggers and labels that OUT cannot hold",
@@ -46,7 +49,8 @@ def run(args: argparse.Namespace) -> int:
     from evs.drivers.files import convert, to_write
     from evs.launch import terminal
 
-    options = {} if args.compression is None else {"compression": args.compression}
+    asked = {"compression": args.compression, "encoding": args.encoding}
+    options = {key: value for key, value in asked.items() if value is not None}
     steps = 1000
     to_write(args.target, args.format)
     with terminal.bar("converting", steps, args.quiet) as moved:
