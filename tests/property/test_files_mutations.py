@@ -6,6 +6,7 @@ import resource
 import tempfile
 import warnings
 from pathlib import Path
+from random import Random
 
 import numpy as np
 import pytest
@@ -26,7 +27,8 @@ KINDS = [
     ("a.csv", "none"),
 ]
 QUICK = 120
-LONG = 5000
+LONG = 15_000
+"""Of each kind: 1e5 in all."""
 
 
 def recorded(folder: Path, name: str, compression: str) -> bytes:
@@ -71,6 +73,29 @@ def mutations(draw: st.DrawFn, data: bytes) -> bytes:
             changed[at:at] = changed[at : at + draw(st.integers(1, 400))]
         else:
             changed[at:at] = draw(st.binary(max_size=64))
+    return bytes(changed)
+
+
+def changed_by(random: Random, data: bytes) -> bytes:
+    """The same kinds of changes by a plain random generator: many more in the same time."""
+    changed = bytearray(data)
+    for _ in range(random.randint(1, 4)):
+        at = random.randrange(max(1, len(changed)))
+        how = random.randrange(6)
+        if how == 0:
+            changed[at : at + 1] = random.randbytes(1)
+        elif how == 1:
+            size = random.choice((2, 4, 8))
+            value = random.choice((0, 1, -1, 7, 2**15, 2**31 - 1, -(2**31), 2**62, len(data)))
+            changed[at : at + size] = (value % 2 ** (8 * size)).to_bytes(size, "little")
+        elif how == 2:
+            del changed[at:]
+        elif how == 3:
+            del changed[at : at + random.randint(1, 200)]
+        elif how == 4:
+            changed[at:at] = changed[at : at + random.randint(1, 400)]
+        else:
+            changed[at:at] = random.randbytes(random.randint(0, 64))
     return bytes(changed)
 
 
@@ -128,12 +153,15 @@ def test_a_changed_file_is_read_or_refused(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=LONG, deadline=5000, suppress_health_check=[HealthCheck.too_slow])
-@given(data=st.data())
 def test_very_many_changed_files_are_read_or_refused(
-    kind: tuple[str, str], data: st.DataObject, originals: dict[tuple[str, str], bytes]
+    kind: tuple[str, str], originals: dict[tuple[str, str], bytes]
 ) -> None:
-    survives(kind[0], data.draw(mutations(originals[kind])))
+    for seed in range(LONG):
+        data = changed_by(Random(seed), originals[kind])
+        try:
+            survives(kind[0], data)
+        except BaseException as error:
+            raise AssertionError(f"seed {seed}") from error
 
 
 @pytest.mark.parametrize("kind", KINDS[:3])
