@@ -159,6 +159,7 @@ class Aedat2File(EventsFile):
     def events(self) -> Iterator[Events]:
         """Events of each tick; words of APS, IMU and inputs are counted in `left_out`."""
         damage, left_out = Damage(what="words"), dict[str, int]()
+        bad = _BadWords(self.words_at)
         order, unwrap = InOrder(damage, self.stream.tick_us), Unwrap(self.base_us)
         with self.path.open("rb") as file:
             for at, words in self._words(file):
@@ -166,10 +167,7 @@ class Aedat2File(EventsFile):
                 is_event = self._are_events(address, left_out)
                 x, y, p = self._fields(address)
                 off = is_event & ((x < 0) | (y < 0))
-                if off.any():
-                    first = int(off.argmax())
-                    reason = f"address {int(address[first]):#010x} lies outside the sensor"
-                    damage.packet(at + 8 * first, reason, int(off.sum()))
+                bad.meet(off, address, at, damage)
                 # the clock of damaged words is not to be trusted, that of APS and IMU is
                 t = np.zeros(len(words), np.int64)
                 t[~off] = unwrap(words["stamp"][~off].astype(np.int64))
@@ -177,7 +175,7 @@ class Aedat2File(EventsFile):
                 events = make_events(t[kept], x[kept], y[kept], p[kept])
                 yield from order.feed(events, at + 8 * kept)
         yield from order.rest()
-        damage.tail(self.size - (self.size - self.words_at) % 8, self.size)
+        damage.tail(bad.sound_end, self.size)
         self.damage, self.left_out = damage, left_out
 
     def _words(self, file: BinaryIO) -> Iterator[tuple[int, npt.NDArray[np.void]]]:
@@ -233,6 +231,35 @@ class Aedat2File(EventsFile):
             if x_most < width and y_most < height:
                 return width, height
         return MAX_WIDTH, MAX_HEIGHT
+
+
+class _BadWords:
+    """Words that no pixel has; behind the last sound word they are part of a torn tail."""
+
+    def __init__(self, begin: int) -> None:
+        self.sound_end = begin
+        """where the last sound word ends, bytes"""
+        self._waiting: list[tuple[int, str, int]] = []
+
+    def meet(self, off: npt.NDArray[np.bool_], address: Bits, at: int, damage: Damage) -> None:
+        """Look at the next words, (n,). In: which are bad, their addresses, their byte offset."""
+        sound = np.flatnonzero(~off)
+        whole = int(sound[-1]) + 1 if len(sound) else 0
+        if whole:
+            # a sound word follows all that waited
+            for found in self._waiting:
+                damage.packet(*found)
+            self._waiting = []
+            self.sound_end = at + 8 * whole
+        for begin, end in ((0, whole), (whole, len(off))):
+            bad = np.flatnonzero(off[begin:end]) + begin
+            if len(bad):
+                reason = f"address {int(address[bad[0]]):#010x} lies outside the sensor"
+                found = at + 8 * int(bad[0]), reason, len(bad)
+                if end == whole:
+                    damage.packet(*found)
+                else:
+                    self._waiting.append(found)
 
 
 def _header_lines(data: bytes) -> tuple[list[str], int]:

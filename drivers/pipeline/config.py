@@ -187,9 +187,7 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
         raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))
     for place, sink in enumerate(config.sink):
         _check_sink(sink, f"sink.{place}")
-    held = [formats.by_name(sink.type).holds for sink in config.sinks() if sink.file]
-    if config.model.labels and held and not any(holds.labels for holds in held):
-        raise EvsError("at model.labels: only .npz recordings hold labels; add --record FILE.npz")
+    _check_held(config)
     _check_outputs(config, pipeline)
 
 
@@ -245,6 +243,23 @@ def _check_sink(sink: SinkConfig, path: str) -> None:
         known = kind.suffixes + kind.also
         if Path(sink.file).suffix.lower() not in known:
             raise EvsError(f"at {path}.file: '{sink.file}' does not end in {' or '.join(known)}")
+
+
+def _check_held(config: PipelineConfig) -> None:
+    """What is asked for has to go somewhere."""
+    files = [sink.file for sink in config.sinks() if sink.file]
+    held = [formats.by_name(sink.type).holds for sink in config.sinks() if sink.file]
+    if config.model.labels and held and not any(holds.labels for holds in held):
+        raise EvsError("at model.labels: only .npz recordings hold labels; add --record FILE.npz")
+    for key, on in (("aps", config.sensor.aps.enabled), ("imu", config.sensor.imu.enabled)):
+        what = {"aps": "frames", "imu": "imu"}[key]
+        streams = len(files) < len(config.sinks())
+        if on and files and not streams and not any(getattr(holds, what) for holds in held):
+            words = {"aps": "frames", "imu": "IMU samples"}[key]
+            raise EvsError(
+                f"at sensor.{key}.enabled: '{files[0]}' cannot hold {words}; record to .aedat4 or "
+                f".npz, or leave sensor.{key}.enabled out"
+            )
 
 
 def _check_outputs(config: PipelineConfig, pipeline: Path | None) -> None:

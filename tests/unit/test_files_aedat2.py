@@ -172,6 +172,20 @@ def test_damaged_words_and_a_torn_tail_are_told_by_their_offset(tmp_path: Path) 
     assert not files.repair(path).needed
 
 
+def test_garbage_behind_the_last_event_is_a_torn_tail(tmp_path: Path) -> None:
+    bad = word(300 << 22, 11)
+    path = written(tmp_path / "a.aedat", pixel(1, 1, 1, 10), bad * 70_000, b"torn")
+    end = len(HEADER) + 8
+    with pytest.warns(TornTailWarning, match=f"560004 bytes at offset {end} "):
+        assert files.read(path)["t"].tolist() == [10]
+    assert files.repair(path).cut_bytes == 560_004
+    assert path.read_bytes() == HEADER + pixel(1, 1, 1, 10)
+    # where a sound word follows, it is damage in the middle
+    written(path, bad * 70_000, pixel(1, 1, 1, 10))
+    with pytest.warns(DamagedPacketWarning, match=f"70000 .* at byte {len(HEADER)}: address"):
+        assert files.read(path)["t"].tolist() == [10]
+
+
 def test_a_first_event_that_looks_like_a_comment_is_an_event(tmp_path: Path) -> None:
     # y 140 ... 143 from below: the address begins with the byte of a '#'
     events = make_events(range(1, 5), [9] * 4, [259 - y for y in range(140, 144)], [1] * 4)

@@ -27,7 +27,7 @@ def events() -> Events:
     return make_events(t, t % 346, t % 260, t % 2)
 
 
-@pytest.fixture(params=["run.aedat4", "run.npz"])
+@pytest.fixture(params=["run.aedat4", "run.npz", "run.aedat", "run.aedat3", "run.csv"])
 def recording(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     path = tmp_path / str(request.param)
     sink = files.recorder_for(path)

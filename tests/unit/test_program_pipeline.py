@@ -138,6 +138,14 @@ def test_the_emulators_part_says_nothing_of_outputs() -> None:
             [("record", "a.npz"), ("report", "./a.npz")],
             "at report: './a.npz' is the recording or an input of this run",
         ),
+        (
+            [("record", "a.csv"), ("sensor.aps.enabled", "true")],
+            "at sensor.aps.enabled: 'a.csv' cannot hold frames; record to .aedat4 or .npz, or",
+        ),
+        (
+            [("record", "a.raw"), ("sensor.imu.enabled", "true")],
+            "at sensor.imu.enabled: 'a.raw' cannot hold IMU samples; record to .aedat4",
+        ),
         ([("report", "x.xml")], "at report: 'x.xml' is the recording or an input of this run"),
         (
             [("scene.control_file", "c.npz"), ("record", "c.npz")],
