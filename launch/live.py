@@ -186,6 +186,11 @@ class _Viewer:
             self._drawing.pose(pose.camera, pose.t_us, pose.position, pose.orientation)
         for window in _windows(self._gatherers, packet):
             self._drawing.window(window)
+        if self._drawing.failure:
+            raise EvsError(
+                f"writing {self._file} stopped: {self._drawing.failure}; Rerun shows what came "
+                "before, free some space and listen again"
+            )
         return self._process is None or self._process.poll() is None
 
     @staticmethod

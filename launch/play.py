@@ -92,7 +92,7 @@ def _play(
     """Every message at its time; what was played, in words."""
     from evs.drivers.files import messages
 
-    count = events = frames = samples = 0
+    count = events = frames = samples = triggers = 0
     for message in messages(file):
         if stopped:
             break
@@ -104,12 +104,15 @@ def _play(
             wait_until(int(message.samples["t"][-1]))
             publisher.write_imu(message)
             samples += len(message)
-        elif not isinstance(message, TriggerPacket):
-            # the bus has no topic for triggers
+        elif isinstance(message, TriggerPacket):
+            # the bus has no topic for them
+            triggers += len(message)
+        else:
             wait_until(message.time_end_us)
             publisher.write(message)
             count += 1
             events += len(message)
     beside = f", {frames:,} frames" if frames else ""
     beside += f", {samples:,} IMU samples" if samples else ""
+    beside += f", {triggers:,} triggers left out (the bus has none)" if triggers else ""
     return f"{count:,} packets, {events:,} events{beside}"

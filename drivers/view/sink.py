@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from evs.drivers.sink import SinkStoppedError
 from evs.drivers.view.windows import PERIOD_US, Gatherer
 from evs.msgs import EventPacket, EvsError, Frame, StreamInfo, unknown
 
@@ -23,7 +24,7 @@ class ViewSink:
     """A Sink of any number of cameras: events, rates, luminance, frames and poses over time.
 
     One picture of each per `period_us` of simulated time; between two of them a tick costs only the
-    gathering of its events. Rerun writes the file in a thread of its own.
+    gathering of its events. A full disk stops it with SinkStoppedError.
     """
 
     def __init__(self, file: str | Path, *, period_us: int = PERIOD_US) -> None:
@@ -41,7 +42,7 @@ class ViewSink:
         self._gatherers: dict[str, Gatherer] = {}
         self._due_us: dict[tuple[str, str], int] = {}
         self._white: dict[str, float] = {}
-        self._said: dict[str, Any] = {"windows": 0, "events": 0, "frames": 0}
+        self._said: dict[str, Any] = {"windows": 0, "events": 0, "frames": 0, "error": ""}
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
         """Create the file. EvsError: no place for it."""
@@ -101,6 +102,7 @@ class ViewSink:
                     self._drawing.window(window)
                     self._said["windows"] += 1
             self._drawing.close()
+            self._said["error"] = self._failure(self._drawing)
             self._drawing = None
         return {"type": "rerun", "path": str(self._path), **self._said}
 
@@ -114,4 +116,14 @@ class ViewSink:
     def _opened(self) -> Drawing:
         if self._drawing is None:
             raise EvsError("this view is not open: call open(streams) first")
+        if self._drawing.failure:
+            raise SinkStoppedError(self._failure(self._drawing))
         return self._drawing
+
+    def _failure(self, drawing: Drawing) -> str:
+        if not drawing.failure:
+            return ""
+        return (
+            f"writing {self._path} stopped: {drawing.failure}; Rerun shows what came before, free "
+            "some space and run again"
+        )

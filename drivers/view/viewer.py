@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from evs.drivers.files.recording import target_error
 from evs.drivers.pictures.colours import OFF_RGB, ON_RGB, PAPER
+from evs.drivers.view.spool import Spool
 from evs.drivers.view.windows import NOTHING, OFF, ON, Window
 from evs.msgs import EvsError, Frame, StreamInfo
 
@@ -48,16 +50,23 @@ class Drawing:
         # no wall clock: neither when it was made nor when each thing was drawn
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
+        self._spool: Spool | None = None
 
     def to_file(self, path: Path) -> None:
         """Write a .rrd file. EvsError where there is no place for it."""
         try:
-            # Rerun's own message is long, and comes late
-            path.open("wb").close()
-            self._stream.save(str(path))
-        except (OSError, RuntimeError) as reason:
-            said = getattr(reason, "strerror", None) or str(reason)
-            raise EvsError(f"cannot write {path}: {said}; choose another place") from None
+            self._spool = Spool(path)
+        except OSError as reason:
+            raise target_error(path, reason) from None
+        try:
+            self._stream.save(self._spool.inlet)
+        finally:
+            self._spool.begun()
+
+    @property
+    def failure(self) -> str:
+        """Why the file takes no more; empty: all is well."""
+        return "" if self._spool is None else self._spool.failure
 
     def to_viewer(self, port: int) -> None:
         """Send to the viewer that listens on this machine."""
@@ -117,9 +126,10 @@ class Drawing:
         self._stream.log(f"{camera}/pose", place)
 
     def close(self) -> None:
-        """Hand over everything that waits."""
-        self._stream.flush()
+        """Hand over everything that waits, and let go."""
         self._stream.disconnect()
+        if self._spool is not None:
+            self._spool.join()
 
     def _at(self, t_us: int) -> None:
         self._stream.set_time(TIMELINE, duration=np.timedelta64(t_us, "us"))

@@ -15,7 +15,19 @@ from hypothesis import strategies as st
 
 from evs.drivers import files
 from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning, TornTailWarning
-from evs.msgs import EVENT_DTYPE, EventPacket, EvsError, StreamInfo, make_events
+from evs.drivers.sink import FrameSink, ImuSink, TriggerSink
+from evs.msgs import (
+    EVENT_DTYPE,
+    EventPacket,
+    EvsError,
+    Frame,
+    ImuPacket,
+    StreamInfo,
+    TriggerPacket,
+    empty_imu,
+    frame_triggers,
+    make_events,
+)
 
 KINDS = [
     ("a.aedat4", "none"),
@@ -34,11 +46,23 @@ LONG = 15_000
 def recorded(folder: Path, name: str, compression: str) -> bytes:
     path = folder / name
     sink = files.recorder_for(path, compression)
-    sink.open([StreamInfo(64, 48, config={"a": 1})])
+    sink.open([StreamInfo(64, 48, config={"a": 1}, frames=True, imu=True, triggers=True)])
     random = np.random.default_rng(3)
     for tick in range(6):
         t = np.sort(random.integers(1000 * tick + 1, 1000 * tick + 1001, 25))
         x = random.integers(0, 48, 25)
+        if tick == 3:
+            image = random.integers(0, 9, (4, 5)).astype(np.uint8)
+            frame = Frame(0, 1, 2, 3, 4, image)
+            samples = empty_imu(2)
+            samples["t"] = 2500, 3000
+            # those that hold them
+            if isinstance(sink, FrameSink):
+                sink.write_frame(frame)
+            if isinstance(sink, TriggerSink):
+                sink.write_triggers(TriggerPacket(0, frame_triggers(frame)))
+            if isinstance(sink, ImuSink):
+                sink.write_imu(ImuPacket(0, samples))
         sink.write(EventPacket(tick, 0, 0, 64, 48, make_events(t, x, x, x % 2)))
     sink.close()
     return path.read_bytes()
@@ -112,6 +136,7 @@ def survives(name: str, data: bytes) -> None:
         try:
             recording = files.read(path)
             told = files.summary(path)
+            beside = len(recording.frames), len(recording.imu), len(recording.triggers)
         except EvsError as error:
             refused = str(error)
         grown_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak_kib
@@ -121,6 +146,7 @@ def survives(name: str, data: bytes) -> None:
             return
         assert recording.dtype == EVENT_DTYPE
         assert len(recording) == told.events
+        assert beside == (told.frames, told.imu_samples, told.triggers)
         if len(recording):
             assert recording["x"].min() >= 0
             assert recording["y"].min() >= 0
