@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from evs.drivers.bus.losses import Gaps
 from evs.msgs import (
@@ -57,7 +57,7 @@ class Beside:
         self._coming: list[tuple[Counted, int]] = []
         self._bytes = 0
 
-    def take(self, kind: str, camera: str, parts: list[bytes]) -> bool:
+    def take(self, kind: str, camera: str, parts: list[Any]) -> bool:
         """Keep one message; whether it was of one of these topics. MessageError as the decoders."""
         if kind in _WITH_RAW and len(parts) == 3:
             self._keep(kind, camera, _WITH_RAW[kind](parts[1], parts[2]), len(parts[2]))

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from evs.msgs import (
     CLOCK,
     EVENTS,
+    FRAMES,
+    IMU,
     TOPICS,
     CameraInfo,
     CameraState,
@@ -138,7 +140,11 @@ def make_channels(streams: Sequence[StreamInfo]) -> dict[str, Channel]:
         if stream.camera in channels:
             raise EvsError(f"two cameras are named '{stream.camera}': give each its own name")
         topics = {topic: topic.of(stream.camera) for topic in TOPICS if topic.per_camera}
-        channels[stream.camera] = Channel(stream, topics, camera_info_of(stream))
+        channel = Channel(stream, topics, camera_info_of(stream))
+        # so that a status tells from the start what the camera has
+        channel.last |= {FRAMES.name: -1} if stream.frames else {}
+        channel.last |= {IMU.name: -1} if stream.imu else {}
+        channels[stream.camera] = channel
     # values that do not fit into a message are an error now, not in the middle of the run
     audience = Audience(channels)
     for channel in channels.values():

@@ -11,7 +11,7 @@ from typing import Any
 
 import zmq
 
-from evs.drivers.bus.sockets import Socket, readable
+from evs.drivers.bus.sockets import Socket, readable, receive_parts
 from evs.msgs import EvsError, MessageError, unknown
 from evs.msgs.fields import shown
 from evs.msgs.packet import packb, unpackb
@@ -47,7 +47,7 @@ class Control:
         for _ in range(_MOST_AT_ONCE):
             if not readable(self._server):
                 return
-            parts = self._server.recv_multipart(zmq.NOBLOCK)
+            parts = receive_parts(self._server)
             envelope, request = parts[:-1], parts[-1]
             if not (1 <= len(envelope) < _MOST_PARTS and envelope[1:] in ([], [b""])):
                 # nobody to answer: this is no request

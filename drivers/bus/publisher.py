@@ -10,7 +10,7 @@ import zmq
 from evs.drivers.bus.address import bindable, is_ipv6
 from evs.drivers.bus.channels import Audience, Channel, make_channels
 from evs.drivers.bus.ports import Ports, ServerKeys
-from evs.drivers.bus.sockets import Socket, readable
+from evs.drivers.bus.sockets import Socket, readable, receive_parts
 from evs.drivers.pace import monotonic_s
 from evs.emulator.stages import Meter, NoMeter
 from evs.emulator.truth import GroundTruth
@@ -279,7 +279,7 @@ class Publisher:
         for _ in range(_MOST_REQUESTS):
             if not readable(server):
                 break
-            self._audience.take(b"".join(server.recv_multipart(zmq.NOBLOCK)))
+            self._audience.take(b"".join(receive_parts(server)))
 
     def _send(
         self, server: Socket, channel: Channel, topic: Topic, header: bytes, *raw: memoryview

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
 Socket = zmq.Socket[bytes]
 Context = zmq.Context[Socket]
 
+_MOST_PARTS = 3
+"""topic, header, raw frame"""
+_COPIED_BYTES = 64 * 1024
+"""A shorter frame is copied faster than its memory is lent."""
 _TORN = zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
 _REFUSED = zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_AUTH
 _MOST_TORN = 3
@@ -17,6 +23,23 @@ _MOST_TORN = 3
 def readable(socket: Socket) -> bool:
     """Whether a message can be taken now. Costs 3 us, where a poll costs 10."""
     return bool(int(socket.get(zmq.EVENTS)) & zmq.POLLIN)
+
+
+def receive_parts(socket: Socket) -> list[Any]:
+    """The parts of a message that is there: bytes; a long third one is a memoryview, not copied.
+
+    Of a message of more parts than any of ours has, one too many is kept: enough to refuse it.
+    """
+    parts: list[Any] = [socket.recv(zmq.NOBLOCK)]
+    while socket.get(zmq.RCVMORE):
+        if len(parts) < _MOST_PARTS - 1:
+            parts.append(socket.recv(zmq.NOBLOCK))
+            continue
+        frame = socket.recv(zmq.NOBLOCK, copy=False)
+        if len(parts) <= _MOST_PARTS:
+            long = len(frame) > _COPIED_BYTES
+            parts.append(frame.buffer.toreadonly() if long else frame.bytes)
+    return parts
 
 
 class Handshakes:

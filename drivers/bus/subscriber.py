@@ -13,7 +13,7 @@ from evs.drivers.bus.address import connectable, is_ipv6
 from evs.drivers.bus.beside import Beside, of_kind
 from evs.drivers.bus.keys import new_keys, present, read_public, read_secret
 from evs.drivers.bus.losses import Gaps, Tally
-from evs.drivers.bus.sockets import Context, Handshakes, Socket, readable
+from evs.drivers.bus.sockets import Context, Handshakes, Socket, readable, receive_parts
 from evs.drivers.pace import monotonic_s
 from evs.msgs import (
     CAMERA_INFO,
@@ -192,13 +192,13 @@ class Subscription:
         patience = _LATE_SKIPS
         while self._context is not None and not self._is_over():
             if readable(self._main):
-                packet = self._take(self._main.recv_multipart(zmq.NOBLOCK), aside=False)
+                packet = self._take(receive_parts(self._main), aside=False)
                 if packet is not None:
                     self._hand_out()
                     return packet
             elif readable(self._side):
                 # only now: on the main connection nothing is left to be taken first
-                self._take(self._side.recv_multipart(zmq.NOBLOCK), aside=True)
+                self._take(receive_parts(self._side), aside=True)
             elif monotonic_s() < deadline_s:
                 self._wait(deadline_s)
                 continue
@@ -305,7 +305,7 @@ class Subscription:
         if self._handshakes.refused:
             raise EvsError(_refusal(self.address, bool(self._server_key)))
 
-    def _take(self, parts: list[bytes], *, aside: bool) -> EventPacket | None:
+    def _take(self, parts: list[Any], *, aside: bool) -> EventPacket | None:
         """Count one message; its packet, if it is one."""
         try:
             kind, _, camera = parts[0].decode().partition("/")
