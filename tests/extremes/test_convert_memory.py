@@ -18,6 +18,14 @@ from evs.launch.main import main
 assert main(["convert", *sys.argv[1:], "--quiet"]) == 0
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
+READ = """
+import resource, sys
+import evs
+evs.read(sys.argv[2])
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+count = len(evs.read(sys.argv[1]))
+print(count, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
 PART = 100_000
 TARGETS = ("csv", "npz", "aedat", "aedat3", "raw", "dat", "h5", "mcap", "bag")
 
@@ -57,3 +65,15 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path, suffix: str) ->
     assert long - short < 40_000
     assert long_back - short_back < 40_000
     assert max(long, long_back) < 500_000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", ["aedat4", "aedat", "aedat3", "csv", "npz"])
+def test_read_takes_little_more_than_the_events(tmp_path: Path, suffix: str) -> None:
+    long = record(tmp_path / f"long.{suffix}", 4_000_000)
+    short = record(tmp_path / f"short.{suffix}", 100_000)
+    words = [sys.executable, "-c", READ, str(long), str(short)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=600, check=True)
+    count, grown_kib = map(int, done.stdout.split())
+    # 16 bytes an event, and what the allocator has not given back yet
+    assert grown_kib * 1024 < 1.35 * 16 * count + 16e6

@@ -72,6 +72,21 @@ def test_every_format_becomes_every_other(tmp_path: Path, source: str, target: s
     assert again.read_bytes() == given.read_bytes()
 
 
+@pytest.mark.parametrize("kind", ["evt3", "evt2", "dat", "hdf5", "rosbag2", "rosbag1"])
+def test_what_needs_a_library_becomes_ours_and_back(tmp_path: Path, kind: str) -> None:
+    given = record(tmp_path / "in.aedat4", "aedat4")
+    made = tmp_path / f"out{files.formats.by_name(kind).suffixes[0]}"
+    assert convert(given, made, kind).events == 3000
+    again = tmp_path / "again.aedat4"
+    shares: list[float] = []
+    assert convert(made, again, progress=shares.append).events == 3000
+    assert files.read(again).tobytes() == events().tobytes()
+    assert shares == sorted(shares)
+    # DAT has no place for more than the size
+    wanted = StreamInfo(346, 260, sensor="unknown") if kind == "dat" else STREAM
+    assert files.stream_of(again) == wanted
+
+
 def test_the_command_says_what_it_did(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     given = record(tmp_path / "run.aedat4", "aedat4")
     assert main(["convert", str(given), str(tmp_path / "run.csv")]) == 0
