@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from evs.launch.again import command
@@ -58,6 +59,7 @@ def run(args: argparse.Namespace) -> int:
 def _lines(found: Summary) -> list[tuple[str, str]]:
     """(name, value) of each line."""
     from evs.drivers.files.formats import by_name
+    from evs.drivers.files.numbered import later_parts
 
     stream = found.stream
     rate = "" if found.rate_hz is None else f", {found.rate_hz:,.0f} per second"
@@ -75,6 +77,10 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
         ("seed", str(stream.seed)),
         ("versions", versions or "not told"),
     ]
+    later = later_parts(Path(found.path))
+    if later:
+        more = f" and {len(later) - 1} more" if len(later) > 1 else ""
+        lines.append(("goes on in", f"{later[0]}{more}"))
     if found.left_out:
         told = ", ".join(f"{count:,} {what}" for what, count in found.left_out.items())
         lines.append(("left out", told))

@@ -12,6 +12,7 @@ import pytest
 from evs.drivers import files
 from evs.drivers.files.aedat2 import Aedat2File
 from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning, TornTailWarning
+from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
 
 STREAM = StreamInfo(346, 260, camera="eye", sensor="davis346", seed=9, config={"a": [1]})
@@ -59,7 +60,9 @@ def test_the_bytes_are_the_daviss(tmp_path: Path) -> None:
     assert files.read(path).stream == STREAM
 
 
-def test_a_recording_is_split_where_the_clock_wraps(tmp_path: Path) -> None:
+def test_a_recording_is_split_where_the_clock_wraps(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "a.aedat"
     wrap = 1 << 31
     stamps = [wrap - 2, wrap - 1, wrap, wrap + 1, 2 * wrap - 1, 2 * wrap, 5 * wrap + 7]
@@ -75,6 +78,8 @@ def test_a_recording_is_split_where_the_clock_wraps(tmp_path: Path) -> None:
     ]
     raw = np.frombuffer(parts[1].read_bytes().partition(b"Header\r\n")[2], ">i4")
     assert raw[1::2].tolist() == [0, 1, wrap - 1]
+    assert main(["info", str(path)]) == 0
+    assert f"goes on in  {parts[1]} and 2 more" in capsys.readouterr().out
     # the next recording would mix with those parts
     with pytest.raises(EvsError, match="of an earlier recording would mix"):
         record(path, events, stream)
