@@ -72,7 +72,8 @@ class CsvFile(EventsFile):
     columns: int = 4
     delimiter: bytes = b","
     """empty: blanks and tabs"""
-    in_seconds: bool = False
+    in_seconds: bool | None = None
+    """of the times; else they are us"""
 
     @classmethod
     def at(cls, path: AnyPath) -> CsvFile:
@@ -140,7 +141,12 @@ class CsvFile(EventsFile):
                 f"{self.path} is not a recording: a line has {len(words)} columns; "
                 "it needs four, t, x, y, p"
             )
-        self.in_seconds = b"." in words[self.places[0]] or b"e" in words[self.places[0]].lower()
+        t, x = (words[place].lower() for place in self.places[:2])
+        marked = b"." in t or b"e" in t
+        # numpy.savetxt writes every number with a point: then a whole one is of us
+        plain = (b"." in x or b"e" in x) and float(t).is_integer()
+        if self.in_seconds is None:
+            self.in_seconds = marked and not plain
 
     def _take_names(self, words: list[str]) -> None:
         """The places of the columns, by a line that names them."""
@@ -157,6 +163,7 @@ class CsvFile(EventsFile):
                 "it needs columns t, x, y, p"
             )
         self.places = tuple(places)
+        self.in_seconds = {"t_us": False, "t_s": True}.get(lower[places[0]])
         width, height = (parts[places[axis]][2] for axis in (1, 2))
         if width.isdecimal() and height.isdecimal() and len(width + height) < 12:
             said = {"width": int(width), "height": int(height)}
@@ -196,7 +203,7 @@ class CsvFile(EventsFile):
         ends = np.flatnonzero(codes == 10)
         commas = np.diff(np.cumsum(codes == 44)[ends], prepend=0)
         if (commas == self.columns - 1).all() and not plain.translate(None, _PLAIN):
-            values = _parsed(plain, len(ends) * self.columns, self.in_seconds)
+            values = _parsed(plain, len(ends) * self.columns, bool(self.in_seconds))
             if values is not None:
                 breaks = np.flatnonzero(np.frombuffer(text, np.uint8) == 10)[: len(ends) - 1]
                 offsets = at + np.concatenate([np.zeros(1, np.int64), breaks + 1])

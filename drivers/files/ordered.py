@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.drivers.files.damage import Damage
-from evs.drivers.files.recorded import by_tick
+from evs.drivers.files.recorded import by_tick, part_us
 from evs.msgs import EVENT_DTYPE, Events, join_events
 
 RESET_US = 1_000_000
@@ -37,7 +37,7 @@ class InOrder:
     def __init__(self, damage: Damage, tick_us: int) -> None:
         """In: tick_us, parts are given out tick by tick."""
         self._damage = damage
-        self._tick_us = tick_us
+        self._tick_us = part_us(tick_us)
         self._parts: list[Events] = []
         self._count = 0
         self._given_us: int | None = None

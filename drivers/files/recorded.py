@@ -100,10 +100,18 @@ class EventsFile(ABC):
 
 
 def by_tick(events: Events, tick_us: int) -> Iterator[Events]:
-    """Sorted events, (n,), cut where a tick of tick_us ends; each part is a view."""
+    """Sorted events, (n,), cut where a tick of tick_us ends; each part is a view.
+
+    A tick of 1 us is that of a stream without ticks: it is cut into parts of 1 ms.
+    """
     if len(events):
-        ticks = -(-events["t"] // tick_us)
+        ticks = -(-events["t"] // part_us(tick_us))
         yield from np.split(events, np.flatnonzero(np.diff(ticks)) + 1)
+
+
+def part_us(tick_us: int) -> int:
+    """How long the parts are that a stream is read in, us."""
+    return tick_us if tick_us > 1 else 1000
 
 
 def size_of(path: str | os.PathLike[str]) -> int:

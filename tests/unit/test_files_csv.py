@@ -49,6 +49,9 @@ def test_the_text_is_what_anybody_reads(tmp_path: Path) -> None:
         "t,x,y,p,cause\n5,1,2,1,9\n7,3,4,0,8\n",
         "\n\n5,1,2,1\n\n# a word\n7,3,4,0\n",
         "5,1.0,2.0,1.0\n7,3.0,4.0,0.0\n",
+        "5.000e+00 1.000e+00 2.000e+00 1.000e+00\n7.000e+00 3.000e+00 4.000e+00 0.000e+00\n",
+        "t_us,x,y,p\n5.1,1,2,1\n7.9,3,4,0\n",
+        "p,y,x,t_s\n1,2,1,0.000005\n0,4,3,0.000007\n",
     ],
 )
 def test_what_others_write_is_read(tmp_path: Path, text: str) -> None:
@@ -57,6 +60,15 @@ def test_what_others_write_is_read(tmp_path: Path, text: str) -> None:
     events = files.read(path)
     assert events.tolist() == WANTED
     assert (events.stream.width, events.stream.height) == (4, 5)
+
+
+def test_a_stream_without_ticks_is_read_in_parts_of_a_ms(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(
+        '# evs {"width": 9, "height": 9, "tick_us": 1}\n'
+        + "".join(f"{t},1,1,1\n" for t in range(1, 5001))
+    )
+    assert [len(packet) for packet in files.packets(path)] == [1000] * 5
 
 
 def test_lines_that_are_no_events_are_told_by_their_offset(tmp_path: Path) -> None:
