@@ -75,6 +75,9 @@ class Outlets:
         self._sinks, self._meter, self._warn = list(sinks), meter, warn
         self._opened: list[Sink] = []
         # asked of each sink once: it takes longer than handing over a packet
+        self._frame_sinks = [sink for sink in sinks if isinstance(sink, FrameSink)]
+        self._imu_sinks = [sink for sink in sinks if isinstance(sink, ImuSink)]
+        self._trigger_sinks = [sink for sink in sinks if isinstance(sink, TriggerSink)]
         self._pose_sinks = [sink for sink in sinks if isinstance(sink, PoseSink)]
         self._truth_sinks = [sink for sink in sinks if isinstance(sink, TruthSink)]
         self._light_sinks = [sink for sink in sinks if isinstance(sink, LightSink)]
@@ -105,9 +108,8 @@ class Outlets:
             for frame in camera.frames:
                 self._write_frame(frame, camera.info)
             if camera.imu_packet is not None:
-                for sink in tuple(self._sinks):
-                    if isinstance(sink, ImuSink):
-                        self._give(sink, sink.write_imu, camera.imu_packet)
+                for sink in self._imu_sinks:
+                    self._give(sink, sink.write_imu, camera.imu_packet)
             self._write_wanted(camera, t_us)
 
     @property
@@ -135,11 +137,10 @@ class Outlets:
         seq = self._trigger_seq.get(info.camera, 0)
         marks = TriggerPacket(seq, frame_triggers(frame), info.camera)
         self._trigger_seq[info.camera] = seq + 1
-        for sink in tuple(self._sinks):
-            if isinstance(sink, FrameSink):
-                self._give(sink, sink.write_frame, frame)
-            if isinstance(sink, TriggerSink) and info.triggers:
-                self._give(sink, sink.write_triggers, marks)
+        for frame_sink in self._frame_sinks:
+            self._give(frame_sink, frame_sink.write_frame, frame)
+        for trigger_sink in self._trigger_sinks if info.triggers else ():
+            self._give(trigger_sink, trigger_sink.write_triggers, marks)
 
     def _give(self, sink: object, take: Callable[[M], None], message: M) -> None:
         if sink not in self._sinks:
