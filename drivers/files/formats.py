@@ -178,7 +178,7 @@ def _record_rosbag2(path: Path, **options: str) -> Sink:
     return Ros2Recorder(path, **options)
 
 
-_ROS = Holds(first_us=0, last_us=LONGEST_US - TIME_ORIGIN_US - 1)
+_ROS = Holds(first_us=0, last_us=LONGEST_US - TIME_ORIGIN_US - 1, frames=True, imu=True)
 _EVT = Holds(MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, 0, LONGEST_US - TIME_ORIGIN_US - 1)
 
 

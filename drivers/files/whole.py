@@ -71,8 +71,12 @@ class WholeRecorder(ABC):
             self._temporary.unlink()
         except OSError as reason:
             raise target_error(self._path, reason) from None
-        with self._faults():
-            self._begin(self._temporary)
+        try:
+            with self._faults():
+                self._begin(self._temporary)
+        except EvsError:
+            self._discard()
+            raise
         self._is_open = True
 
     def write(self, packet: EventPacket) -> None:

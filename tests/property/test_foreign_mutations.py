@@ -15,7 +15,17 @@ from hypothesis import strategies as st
 from evs.drivers import files
 from evs.drivers.files import LeftOutWarning
 from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning, TornTailWarning
-from evs.msgs import EVENT_DTYPE, EventPacket, EvsError, StreamInfo, make_events
+from evs.drivers.sink import FrameSink, ImuSink
+from evs.msgs import (
+    EVENT_DTYPE,
+    EventPacket,
+    EvsError,
+    Frame,
+    ImuPacket,
+    StreamInfo,
+    empty_imu,
+    make_events,
+)
 
 KINDS = {
     "evt3": "a.raw",
@@ -36,11 +46,18 @@ of a file and what becomes of it, at the most expanding words."""
 def recorded(folder: Path, kind: str) -> bytes:
     path = folder / KINDS[kind]
     sink = files.recorder_for(path, kind="rosbag2" if kind == "database" else kind)
-    sink.open([StreamInfo(64, 48, config={"a": 1})])
+    beside = isinstance(sink, FrameSink)
+    sink.open([StreamInfo(64, 48, config={"a": 1}, frames=beside, imu=beside)])
     random = np.random.default_rng(3)
     for tick in range(6):
         t = np.sort(random.integers(1000 * tick + 1, 1000 * tick + 1001, 25))
         x = random.integers(0, 48, 25)
+        if isinstance(sink, FrameSink) and isinstance(sink, ImuSink):
+            stamp = 1000 * tick
+            sink.write_frame(Frame(tick, *[stamp] * 4, np.full((4, 6), tick, np.uint8)))
+            samples = empty_imu(2)
+            samples["t"] = stamp
+            sink.write_imu(ImuPacket(tick, samples))
         sink.write(EventPacket(tick, 0, 0, 64, 48, make_events(t, x, x, x % 2)))
     sink.close()
     return path.read_bytes()
@@ -98,6 +115,9 @@ def survives(kind: str, data: bytes) -> None:
         if refused:
             return
         assert recording.dtype == EVENT_DTYPE
+        assert told.frames <= 1000
+        assert len(recording.frames) == told.frames
+        assert len(recording.imu) == told.imu_samples
         assert count == told.events
         if count:
             assert recording["x"].min() >= 0

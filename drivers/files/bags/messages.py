@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from evs.drivers.files.bags.library import typestore
 from evs.msgs import Events, make_events
 
 _ROS1 = np.dtype([("x", "<u2"), ("y", "<u2"), ("s", "<u4"), ("ns", "<u4"), ("p", "u1")])
@@ -107,3 +109,13 @@ def parse_array(data: bytes, ros: int) -> ArrayMessage:
     x, y = np.minimum(x, 0x7FFF), np.minimum(y, 0x7FFF)
     events = make_events(t, x, y, rows["p"] > 0)
     return ArrayMessage(name.decode(errors="replace"), height, width, events)
+
+
+def deserialised(data: bytes, kind: str, ros: int) -> Any:
+    """A message of a type that the library knows; BadMessageError where the bytes are none."""
+    store = typestore(ros)
+    take = store.deserialize_ros1 if ros == 1 else store.deserialize_cdr
+    try:
+        return take(data, kind)
+    except Exception as reason:  # damaged bytes make it raise a dozen kinds
+        raise BadMessageError(f"{type(reason).__name__} in a message") from None

@@ -14,8 +14,14 @@ import numpy as np
 
 from evs.drivers.files.aedat4.layout import DamageError
 from evs.drivers.files.bags.database import walk_database
-from evs.drivers.files.bags.library import ARRAY, PACKET, TEXT, load, typestore
-from evs.drivers.files.bags.messages import ArrayMessage, BadMessageError, parse_array
+from evs.drivers.files.bags.library import ARRAY, PACKET, TEXT, load
+from evs.drivers.files.bags.messages import (
+    ArrayMessage,
+    BadMessageError,
+    deserialised,
+    parse_array,
+)
+from evs.drivers.files.bags.pictures import Beside, count, has_beside
 from evs.drivers.files.bags.recorder import STREAM_TOPIC
 from evs.drivers.files.bags.walk import Found, Walk, walk_mcap, walk_ros1
 from evs.drivers.files.damage import on_sensor
@@ -23,7 +29,15 @@ from evs.drivers.files.formats import MAX_SIDE_PX
 from evs.drivers.files.ordered import in_order
 from evs.drivers.files.recorded import EventsFile, said_stream
 from evs.drivers.files.recording import existing
-from evs.msgs import Events, EvsError, StreamInfo, empty_events
+from evs.msgs import (
+    IMU_DTYPE,
+    Events,
+    EvsError,
+    Frame,
+    ImuSamples,
+    StreamInfo,
+    empty_events,
+)
 from evs.msgs.encodings import PAYLOADS, PayloadReader
 
 ARRAYS = (ARRAY, "prophesee_event_msgs/msg/EventArray")
@@ -31,6 +45,8 @@ PACKETS = (PACKET, "event_array_msgs/msg/EventArray")
 """Message types of one layout: what they are called now, and what other or older drivers said."""
 
 KINDS = (*ARRAYS, *PACKETS)
+
+Message = Events | Frame | ImuSamples
 
 
 @dataclass
@@ -62,35 +78,61 @@ class BagFile(EventsFile):
 
     def events(self) -> Iterator[Events]:
         """The events of each message that has any, those of one message sorted."""
+        for message in self._walked(beside=False):
+            assert isinstance(message, np.ndarray)
+            yield message
+
+    def messages(self) -> Iterator[Message]:
+        """Events, images and IMU samples, in the order recorded."""
+        yield from self._walked(beside=self.stream.frames or self.stream.imu)
+
+    def beside(self) -> Iterator[Frame | ImuSamples]:
+        """Images and IMU samples alone."""
+        for message in self._walked(beside=True, events=False):
+            assert not isinstance(message, np.ndarray) or message.dtype == IMU_DTYPE
+            yield message
+
+    def _walked(self, beside: bool, events: bool = True) -> Iterator[Message]:
+        """What is asked for; sets `damage` and `left_out` at its end."""
         left_out: dict[str, int] = {}
         readers: dict[str, PayloadReader] = {}
+        pictures = Beside(self.topic.rpartition("/")[0], self.stream.camera, self.ros)
         with self.path.open("rb") as file:
             walk = Walk(file, self.size)
             for found in self._found(walk):
-                if found.kind not in KINDS:
-                    continue
-                if found.topic != self.topic:
-                    _count(left_out, "messages with events of other topics")
-                    continue
+                self.position = found.at
                 try:
-                    events = self._taken(self._parsed(found), readers, left_out)
+                    if events and found.kind in KINDS:
+                        yield from pictures.rest()
+                        part = self._events_of(found, walk, readers, left_out)
+                        if len(part):
+                            yield part
+                    elif beside:
+                        yield from pictures.take(found, left_out)
                 except BadMessageError as reason:
                     walk.damage.packet(found.at, str(reason))
-                    continue
-                events, outside = on_sensor(events, self.stream.width, self.stream.height)
-                if outside:
-                    walk.damage.packet(found.at, f"{outside} events lie outside the sensor")
-                self.position = found.at
-                back = int(np.count_nonzero(events["t"][1:] < events["t"][:-1]))
-                if back:
-                    walk.damage.backwards(back, 0, found.at)
-                    events = in_order(events)
-                if len(events):
-                    yield events
+            yield from pictures.rest()
         skipped = sum(reader.skipped for reader in readers.values())
         if skipped:
             left_out["events before the first time stamp"] = skipped
         self.damage, self.left_out = walk.damage, left_out
+
+    def _events_of(
+        self, found: Found, walk: Walk, readers: dict[str, PayloadReader], left_out: dict[str, int]
+    ) -> Events:
+        """The events of one message, sorted; none for another topic's."""
+        if found.topic != self.topic:
+            count(left_out, "messages with events of other topics")
+            return empty_events()
+        events = self._taken(self._parsed(found), readers, left_out)
+        events, outside = on_sensor(events, self.stream.width, self.stream.height)
+        if outside:
+            walk.damage.packet(found.at, "events lie outside of the sensor", outside)
+        back = int(np.count_nonzero(events["t"][1:] < events["t"][:-1]))
+        if back:
+            walk.damage.backwards(back, 0, found.at)
+            events = in_order(events)
+        return events
 
     def _look(self) -> None:
         """Find the first events, and what their stream is."""
@@ -121,8 +163,9 @@ class BagFile(EventsFile):
         if name.isprintable() and 0 < len(name.encode()) < 256:
             plain = dataclasses.replace(plain, camera=name)
         ours = said.get(self.topic.rpartition("/")[0] + "/" + STREAM_TOPIC, {})
+        there = has_beside(walk.kinds, self.topic.rpartition("/")[0])
         stream = said_stream(ours.get("stream"), plain)
-        self.stream = dataclasses.replace(stream, frames=False, imu=False, triggers=False)
+        self.stream = dataclasses.replace(stream, **there, triggers=False)
         origin = ours.get("time_origin_us", 0)
         self.time_origin_us = origin if isinstance(origin, int) and 0 <= origin < 1 << 50 else 0
 
@@ -136,7 +179,7 @@ class BagFile(EventsFile):
     def _said(self, found: Found) -> dict[str, Any]:
         """What our recorder says of its stream."""
         with suppress(Exception):
-            said = json.loads(self._deserialised(found.data, TEXT).data)
+            said = json.loads(deserialised(found.data, TEXT, self.ros).data)
             return said if isinstance(said, dict) else {}
         return {}
 
@@ -144,17 +187,9 @@ class BagFile(EventsFile):
         """An ArrayMessage or an EventPacket; BadMessageError where the bytes are none."""
         if found.kind in ARRAYS:
             return parse_array(found.data, self.ros)
-        try:
-            message = self._deserialised(found.data, PACKET)
-        except Exception as reason:  # damaged bytes make it raise a dozen kinds
-            raise BadMessageError(f"{type(reason).__name__} in a packet") from None
+        message = deserialised(found.data, PACKET, self.ros)
         message.frame_id = message.header.frame_id
         return message
-
-    def _deserialised(self, data: bytes, kind: str) -> Any:
-        store = typestore(self.ros)
-        take = store.deserialize_ros1 if self.ros == 1 else store.deserialize_cdr
-        return take(data, kind)
 
     def _taken(
         self, message: Any, readers: dict[str, PayloadReader], left_out: dict[str, int]
@@ -163,12 +198,8 @@ class BagFile(EventsFile):
             return message.events
         name = message.encoding
         if name not in PAYLOADS:
-            _count(left_out, f"packets of encoding {name[:20]!r}")
+            count(left_out, f"packets of encoding {name[:20]!r}")
             return empty_events()
         if name not in readers:
             readers[name] = PayloadReader(name, time_origin_us=self.time_origin_us)
         return readers[name].events(np.ascontiguousarray(message.events), int(message.time_base))
-
-
-def _count(left_out: dict[str, int], what: str) -> None:
-    left_out[what] = left_out.get(what, 0) + 1

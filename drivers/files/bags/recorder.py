@@ -11,11 +11,21 @@ from typing import Any
 
 import numpy as np
 
+from evs.drivers.files.bags.beside import (
+    EXPOSURE,
+    IMAGE,
+    INFO,
+    SAMPLE,
+    TOPICS,
+    image_message,
+    info_message,
+    sample_message,
+)
 from evs.drivers.files.bags.library import ARRAY, PACKET, TEXT, load, typestore
 from evs.drivers.files.bags.messages import array_bytes
 from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.whole import WholeRecorder
-from evs.msgs import EventPacket, EvsError, unknown
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, unknown
 from evs.msgs.encodings import PAYLOADS, TIME_ORIGIN_US, PayloadWriter
 
 DVS = "dvs"
@@ -41,6 +51,9 @@ class _BagRecorder(WholeRecorder):
         self._store: Any = None
         self._writer: Any = None
         self._topic: Any = None
+        self._others: dict[str, Any] = {}
+        self._frames = 0
+        self._imu_samples = 0
 
     def _open_writer(self, path: Path) -> Any:
         """The library's writer, not yet open."""
@@ -74,6 +87,13 @@ class _BagRecorder(WholeRecorder):
         }
         text = self._store.types[TEXT](data=json.dumps(said, default=str))
         self._send(self._connect(STREAM_TOPIC, TEXT), 0, self._serialised(text, TEXT))
+        wanted = {IMAGE: self.stream.frames, EXPOSURE: self.stream.frames, SAMPLE: self.stream.imu}
+        info = info_message(self._store, self._header(0), self.stream, self.ROS)
+        for kind, name in TOPICS.items():
+            if wanted.get(kind, info is not None):
+                self._others[kind] = self._connect(name, kind)
+        if info is not None:
+            self._send(self._others[INFO], 0, self._serialised(info, INFO))
 
     def _connect(self, name: str, kind: str) -> Any:
         topic = f"{self.NAMESPACE}/{name}"
@@ -102,6 +122,41 @@ class _BagRecorder(WholeRecorder):
             data = self._serialised(message, PACKET)
         self.meter.lap("pack")
         self._send(self._topic, last_us, data)
+
+    def write_frame(self, frame: Frame) -> None:
+        """Take one image; its exposure goes along. EvsError as write; also undeclared frames."""
+        self._check_beside(IMAGE, "frames", frame.exposure_begin_us)
+        with self._faults():
+            exposure = frame.exposure_end_us - frame.exposure_begin_us
+            told = self._store.types[EXPOSURE](data=min(exposure, 2**31 - 1))
+            header = self._header(frame.exposure_begin_us)
+            image = image_message(self._store, header, frame)
+            for message, kind in ((told, EXPOSURE), (image, IMAGE)):
+                data = self._serialised(message, kind)
+                self._send(self._others[kind], frame.end_us, data)
+            self._frames += 1
+
+    def write_imu(self, packet: ImuPacket) -> None:
+        """Take the samples of one packet. EvsError as write; also undeclared samples."""
+        for sample in packet.samples:
+            t_us = int(sample["t"])
+            self._check_beside(SAMPLE, "imu", t_us)
+            with self._faults():
+                message = sample_message(self._store, self._header(t_us), sample)
+                self._send(self._others[SAMPLE], t_us, self._serialised(message, SAMPLE))
+                self._imu_samples += 1
+
+    def _check_beside(self, kind: str, key: str, t_us: int) -> None:
+        self._check_open()
+        if kind not in self._others:
+            raise EvsError(f"{self._path} was opened without {key}: set {key} of its StreamInfo")
+        if t_us < 0:
+            raise EvsError(f"cannot record {key} at {t_us} us to {self._path}: .aedat4 holds them")
+
+    def close(self) -> dict[str, Any]:
+        """As WholeRecorder's, with the frames and samples beside."""
+        told = {"frames": self._frames, "imu_samples": self._imu_samples}
+        return super().close() | told
 
     def _send(self, topic: Any, t_us: int, data: bytes | memoryview) -> None:
         self._writer.write(topic, t_us * 1000, data)
