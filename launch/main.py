@@ -21,6 +21,7 @@ COMMANDS = {
     "sensors": "evs.launch.sensors",
     "view": "evs.launch.view",
     "echo": "evs.launch.echo",
+    "record": "evs.launch.record",
     "topics": "evs.launch.topics",
     "launch": "evs.launch.launch",
     "play": "evs.launch.play",

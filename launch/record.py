@@ -1,0 +1,65 @@
+"""`evs record ADDRESS FILE`: what a camera publishes, into a file, until it ends."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from evs.launch.again import command
+from evs.launch.options import declare_keys
+from evs.msgs import EVENTS, EvsError
+
+HELP = "record what a camera publishes: events, frames and IMU"
+
+_QUEUE = 100 * EVENTS.queue
+"""packets that may wait while the disk is busy: 100 s of them at 1 kHz"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The command line of `evs record`."""
+    parser.usage = "evs record ADDRESS FILE [options]"
+    parser.add_argument("address", metavar="ADDRESS", help="a publisher, e.g. tcp://127.0.0.1:5560")
+    parser.add_argument("file", metavar="FILE", help="the recording; its ending says the format")
+    parser.add_argument("--camera", default="", metavar="NAME", help="which, if there are several")
+    parser.add_argument("--duration", type=float, metavar="S", help="simulated seconds to record")
+    parser.add_argument(
+        "--timeout", type=float, metavar="S", help="end when nothing came for S seconds"
+    )
+    declare_keys(parser)
+    parser.epilog = (
+        "Ends with the camera, --duration, --timeout or Ctrl-C; the file is whole each time. Exit\n"
+        "code 1 if packets were lost on the way: how many is told."
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record; a line says what came of it. 1 if packets were lost."""
+    from evs.drivers.bus import subscribe
+    from evs.drivers.files import to_write
+    from evs.drivers.pipeline.stopping import stop_signals
+    from evs.drivers.pipeline.taking import Taking
+
+    for option in ("duration", "timeout"):
+        value = getattr(args, option)
+        if value is not None and not value > 0:
+            raise EvsError(f"--{option} {value} is not possible: give more than 0 seconds")
+    to_write(args.file)
+    keys = {"server_key": args.server_key, "key": args.key}
+    beside = {"frames": True, "imu": True, "camera_info": True}
+    with (
+        subscribe(args.address, args.camera, queue=_QUEUE, **beside, **keys) as stream,
+        stop_signals() as stopped,
+    ):
+        print(f"recording {stream.address} to {args.file} (Ctrl-C ends)", file=sys.stderr)
+        taken = Taking(stream, args.file, warn=_warn).run(stopped, args.duration, args.timeout)
+    told = f"{taken.packets:,} packets, {taken.events:,} events"
+    told += f", {taken.frames:,} frames" if taken.frames else ""
+    told += f", {taken.imu_samples:,} IMU samples" if taken.imu_samples else ""
+    print(f"{taken.file}: {told}, {taken.lost:,} packets lost; {taken.ended}")
+    if not taken.lost:
+        print(f"  {command('info', taken.file)}")
+    return 1 if taken.lost else 0
+
+
+def _warn(line: str) -> None:
+    print(f"evs: warning: {line}", file=sys.stderr)
