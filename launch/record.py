@@ -44,12 +44,17 @@ def run(args: argparse.Namespace) -> int:
         if value is not None and not value > 0:
             raise EvsError(f"--{option} {value} is not possible: give more than 0 seconds")
     to_write(args.file)
-    keys = {"server_key": args.server_key, "key": args.key}
-    beside = {"frames": True, "imu": True, "camera_info": True}
-    with (
-        subscribe(args.address, args.camera, queue=_QUEUE, **beside, **keys) as stream,
-        stop_signals() as stopped,
-    ):
+    listening = subscribe(
+        args.address,
+        args.camera,
+        queue=_QUEUE,
+        frames=True,
+        imu=True,
+        camera_info=True,
+        server_key=args.server_key,
+        key=args.key,
+    )
+    with listening as stream, stop_signals() as stopped:
         print(f"recording {stream.address} to {args.file} (Ctrl-C ends)", file=sys.stderr)
         taken = Taking(stream, args.file, warn=_warn).run(stopped, args.duration, args.timeout)
     told = f"{taken.packets:,} packets, {taken.events:,} events"

@@ -11,6 +11,7 @@ from evs.drivers.files import to_write
 from evs.drivers.files.formats import Format
 from evs.drivers.pipeline.outlets import Outlets
 from evs.drivers.sink import Sink
+from evs.emulator.scene import F32
 from evs.emulator.stages import NoMeter
 from evs.emulator.truth import GroundTruth
 from evs.msgs import FRAMES, IMU, EventPacket, EvsError, Frame, ImuPacket, Status, StreamInfo
@@ -54,6 +55,11 @@ class _Heard:
     frames: tuple[Frame, ...]
     imu_packet: ImuPacket | None = None
     pose: None = None
+
+    @property
+    def luminance(self) -> F32:
+        """Of no use to a recorder."""
+        raise EvsError(f"camera '{self.info.camera}' is elsewhere: its light is not here")
 
     def ground_truth(self) -> GroundTruth:
         """Of no use to a recorder."""
