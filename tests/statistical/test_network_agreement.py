@@ -8,6 +8,7 @@ from io import BytesIO
 import numpy as np
 import pytest
 
+from evs.emulator.network.families import MEMBER, families
 from evs.emulator.network.foreign import Network
 from evs.emulator.network.model import EvsNetModel
 from evs.emulator.network.state import NetworkState
@@ -23,6 +24,12 @@ EVERY = ("reference", *RUNTIMES)
 SENSOR = SensorParameters("test", WIDTH, HEIGHT, 0.2, 0.25, dark_lux=0.1)
 TICKS = 240
 
+
+def one_of_each(names: list[str]) -> list[str]:
+    """The networks that are in no family, and the families: members have one design."""
+    return [*families(names), *(name for name in names if not MEMBER.fullmatch(name))]
+
+
 NETWORKS = {
     "causal, 8": random_network(11, 8),
     "causal, 4": random_network(12, 4),
@@ -30,8 +37,8 @@ NETWORKS = {
     "centred, 4": random_network(14, 4, look_ahead=3),
     "ahead by 7, 5, 2 blocks, biased": random_network(15, 5, 2, biased=True, look_ahead=1),
     "16, 1 block": random_network(16, 16, 1),
-    # and those that come with evs
-    **{name: load_network(name) for name in network_names()},
+    # and those that come with evs, one of each family
+    **{name: load_network(name, 4) for name in one_of_each(network_names())},
 }
 
 
