@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import fields
 from pathlib import Path
 
 from evs.drivers.pipeline import config as pipeline
@@ -25,7 +26,10 @@ OPTIONS = {
 }
 """option -> (the key it is short for, placeholder, one line). Defaults stand with the keys."""
 
-NOT_HERE = ("sink", "record", "publish", "report", "pace")
+NOT_HERE = (
+    *("sink", "record", "report", "pace"),
+    *(field.name for field in fields(pipeline.PipelineConfig) if field.name.startswith("publish")),
+)
 """keys that only a run with events has; in a pipeline file they do no harm"""
 
 EVERY_TICK = "tick"

@@ -63,5 +63,6 @@ def test_the_repair_of_a_torn_file_is_quoted() -> None:
         **dict.fromkeys(Summary.__dataclass_fields__, 0), rate_hz=None, duration_s=0.0
     )
     found.stream, found.path, found.torn_at, found.torn_bytes = stream, "a b.aedat4", 7, 3
+    found.format, found.left_out = "aedat4", {}
     lines = dict(info._lines(found))
     assert lines["torn"].endswith("'my tools/evs' info --repair 'a b.aedat4' cuts them")
