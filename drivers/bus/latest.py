@@ -13,7 +13,7 @@ from zmq.utils.monitor import recv_monitor_message
 
 from evs.drivers.bus.address import connectable, is_ipv6
 from evs.drivers.bus.keys import Keys, new_keys, present, read_public, read_secret
-from evs.drivers.bus.sockets import Context, Handshakes, Socket, readable
+from evs.drivers.bus.sockets import Context, Handshakes, Socket, notice_death, readable
 from evs.drivers.pace import monotonic_s
 from evs.msgs import STATE_PREFIX, EvsError, MessageError, State, decode_state
 from evs.msgs.state import MAX_STATE_BYTES
@@ -74,6 +74,7 @@ class Latest:
         self._client: Socket = self._context.socket(zmq.SUB)
         self._client.set(zmq.CONFLATE, 1)
         self._client.set(zmq.RCVBUF, _KERNEL_BYTES)
+        notice_death(self._client)
         self._client.set(zmq.MAXMSGSIZE, MAX_STATE_BYTES + len(STATE_PREFIX))
         self._client.set(zmq.IPV6, int(is_ipv6(self.address)))
         if keys is not None:

@@ -10,6 +10,10 @@ from zmq.utils.monitor import recv_monitor_message
 Socket = zmq.Socket[bytes]
 Context = zmq.Context[Socket]
 
+HEARTBEAT_MS = 5000
+"""How often ZeroMQ's own thread asks the other end for a sign of life."""
+PATIENCE_MS = 30_000
+"""How long it may give none; a slow link with much on it takes its time."""
 _MOST_PARTS = 3
 """topic, header, raw frame"""
 _COPIED_BYTES = 64 * 1024
@@ -18,6 +22,15 @@ _TORN = zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
 _REFUSED = zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_AUTH
 _MOST_TORN = 3
 """So many in a row are a refusal, too; one is torn when a publisher ends."""
+
+
+def notice_death(socket: Socket) -> None:
+    """Notice a link that is cut, which TCP alone would take for a silent one; before it connects.
+
+    A client connects again, a publisher frees what it held for a client.
+    """
+    socket.set(zmq.HEARTBEAT_IVL, HEARTBEAT_MS)
+    socket.set(zmq.HEARTBEAT_TIMEOUT, PATIENCE_MS)
 
 
 def readable(socket: Socket) -> bool:

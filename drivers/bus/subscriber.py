@@ -13,7 +13,14 @@ from evs.drivers.bus.address import connectable, is_ipv6
 from evs.drivers.bus.beside import Beside, of_kind
 from evs.drivers.bus.keys import new_keys, present, read_public, read_secret
 from evs.drivers.bus.losses import Gaps, Tally
-from evs.drivers.bus.sockets import Context, Handshakes, Socket, readable, receive_parts
+from evs.drivers.bus.sockets import (
+    Context,
+    Handshakes,
+    Socket,
+    notice_death,
+    readable,
+    receive_parts,
+)
 from evs.drivers.pace import monotonic_s
 from evs.msgs import (
     CAMERA_INFO,
@@ -281,6 +288,7 @@ class Subscription:
     def _connect(self, context: Context, topics: list[bytes], queue: int) -> Socket:
         client = context.socket(zmq.SUB)
         client.set(zmq.RCVHWM, queue)
+        notice_death(client)
         # a stranger at that address may not make us hold whatever he likes
         client.set(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)
         client.set(zmq.IPV6, int(is_ipv6(self.address)))
