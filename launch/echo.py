@@ -35,6 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--quiet", action="store_true", help="only the last line, with the totals")
     parser.add_argument("--frames", action="store_true", help="show intensity frames too")
     parser.add_argument("--imu", action="store_true", help="show IMU samples too")
+    parser.add_argument("--poses", action="store_true", help="show the camera's poses too")
     declare_keys(parser)
     parser.add_argument("--count", type=int, metavar="N", help="end after N packets")
     parser.add_argument(
@@ -51,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
         raise EvsError(f"--count {args.count} is not possible: give 1 or more packets")
     if args.json and not Path(args.json).resolve().parent.is_dir():
         raise EvsError(f"cannot write '{args.json}': its folder does not exist, make it first")
-    beside = {"frames": args.frames, "imu": args.imu}
+    beside = {"frames": args.frames, "imu": args.imu, "poses": args.poses}
     keys = {"server_key": args.server_key, "key": args.key}
     with subscribe(args.address, args.camera, timeout_s=args.timeout, **beside, **keys) as stream:
         with _endings():
@@ -113,6 +114,12 @@ def _beside_lines(stream: Subscription) -> Iterator[str]:
             f"exposure {exposure_us} us  {frame.width}x{frame.height} {frame.pixels.dtype}  "
             f"mean {frame.pixels.mean():.1f}"
         )
+    for pose in stream.poses:
+        at, turn = (
+            " ".join(f"{value:.4f}" for value in vector)
+            for vector in (pose.position, pose.orientation)
+        )
+        yield f"{pose.camera} pose  t {pose.t_us / 1e6:.6f} s  at {at} m  quaternion {turn}"
     for packet in stream.imu:
         for sample in packet.samples:
             force, turn = (

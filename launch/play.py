@@ -43,6 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--wait", type=float, default=10.0, metavar="S", help="wait S seconds for them at most"
     )
+    parser.add_argument("--control", default="", metavar="ADDR", help="control port (evs topics)")
     parser.add_argument("--key", default="", metavar="FILE", help="secret key to publish with")
     parser.add_argument(
         "--allow", action="append", default=[], metavar="KEY", help="public key that may listen"
@@ -66,6 +67,7 @@ def run(args: argparse.Namespace) -> int:
         args.address,
         wait_for=args.wait_for,
         wait_s=args.wait,
+        control=args.control,
         key=args.key,
         allow=args.allow,
         insecure=args.insecure,
@@ -94,7 +96,7 @@ def _play(
 
     count = events = frames = samples = triggers = 0
     for message in messages(file):
-        if stopped:
+        if stopped or publisher.stop_wanted:
             break
         if isinstance(message, Frame):
             wait_until(message.end_us)

@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 from evs.drivers.bus import Publisher, Subscription, subscribe
+from evs.drivers.pace import sleep_s
 from evs.drivers.pipeline.run import run
 from evs.emulator import World
 from evs.emulator.config import SensorConfig
 from evs.emulator.pose import pose_message
 from evs.emulator.scene import CameraPose
+from evs.launch.main import main
 from evs.msgs import (
     TRUTH_CHANNELS,
     EventPacket,
@@ -179,3 +181,18 @@ def test_half_a_truth_is_not_sent() -> None:
     del planes["flow"]
     with pytest.raises(MessageError, match="all of"):
         encode_truth(Truth(0, 0, planes))
+
+
+def test_echo_shows_poses(address: str, capsys: pytest.CaptureFixture[str]) -> None:
+    listening = threading.Thread(target=main, args=(["echo", address, "--poses", "--count", "1"],))
+    listening.start()
+    sender = Publisher(address, wait_for=1, wait_s=20, linger_s=1.0)
+    sender.open([StreamInfo(32, 24, "eye")])
+    while sender.wants_pose("eye") is False:
+        sleep_s(0.01)
+    sender.write_pose(Pose(0, 1000, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0), "eye"))
+    sender.write(EventPacket(0, 0, 1000, 32, 24, camera="eye"))
+    listening.join()
+    sender.close()
+    out = capsys.readouterr().out
+    assert "eye pose  t 0.001000 s  at 1.0000 2.0000 3.0000 m  quaternion 0.0000" in out
