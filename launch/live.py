@@ -48,7 +48,14 @@ def run(args: argparse.Namespace) -> int:
     screen = _screen(args)
     with (
         subscribe(
-            args.live, args.camera, timeout_s=args.timeout, frames=True, poses=True
+            args.live,
+            args.camera,
+            timeout_s=args.timeout,
+            frames=True,
+            poses=True,
+            camera_info=True,
+            server_key=args.server_key,
+            key=args.key,
         ) as stream,
         screen,
     ):
@@ -152,6 +159,8 @@ class _Viewer:
         self._file = file
         self._drawing = Drawing()
         self._gatherers: dict[str, Gatherer] = {}
+        self._described: dict[str, bool] = {}
+        """camera -> whether with its optics"""
         self._process: subprocess.Popen[bytes] | None = None
         self._folder: Path | None = None
 
@@ -176,10 +185,7 @@ class _Viewer:
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def show(self, packet: EventPacket, stream: Subscription) -> bool:
-        from evs.msgs import StreamInfo
-
-        if packet.camera not in self._gatherers:
-            self._drawing.describe([StreamInfo(packet.width, packet.height, camera=packet.camera)])
+        self._describe(packet, stream)
         for frame in stream.frames:
             self._drawing.frame(frame)
         for pose in stream.poses:
@@ -192,6 +198,19 @@ class _Viewer:
                 "before, free some space and listen again"
             )
         return self._process is None or self._process.poll() is None
+
+    def _describe(self, packet: EventPacket, stream: Subscription) -> None:
+        """What is constant of a new camera, and its optics once they have come."""
+        from evs.msgs import StreamInfo
+
+        optics = stream.camera_info.get(packet.camera)
+        if self._described.get(packet.camera) == (optics is not None):
+            return
+        self._described[packet.camera] = optics is not None
+        known = {} if optics is None else {"k": list(optics.k)}
+        self._drawing.describe(
+            [StreamInfo(packet.width, packet.height, camera=packet.camera, camera_info=known)]
+        )
 
     @staticmethod
     def _stay(process: subprocess.Popen[bytes], at_once: bool) -> None:

@@ -56,7 +56,7 @@ def given(args: argparse.Namespace, options: Options) -> tuple[str | None, list[
     return (files[0] if files else None), overrides
 
 
-def declare_keys(parser: argparse.ArgumentParser) -> None:
+def declare_keys(parser: argparse._ActionsContainer) -> None:
     """Declare how a program that listens proves who it is, as subscribe takes it."""
     parser.add_argument(
         "--server-key", default="", metavar="KEY", help="the publisher's public key, if it has one"

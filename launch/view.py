@@ -9,6 +9,7 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from evs.launch import options
 from evs.msgs import Events, EvsError
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     live.add_argument(
         "--timeout", type=float, metavar="S", help="end when no packet came for S seconds"
     )
+    options.declare_keys(live)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -67,8 +69,8 @@ def run(args: argparse.Namespace) -> int:
 
         _only("--live", args, ("window", "fps", "speed", "start", "stop", "scale"))
         return live.run(args)
-    if args.sketch or args.camera or args.timeout is not None:
-        raise EvsError("--sketch, --camera and --timeout belong to --live ADDRESS")
+    if args.sketch or args.camera or args.server_key or args.key or args.timeout is not None:
+        raise EvsError("--sketch, --camera, --timeout and keys belong to --live ADDRESS")
     from evs.drivers.pictures import need_video, suffix_of
 
     # refuse bad words before anything is read

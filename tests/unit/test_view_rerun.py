@@ -24,7 +24,16 @@ from evs.msgs import EventPacket, EvsError, Frame, Pose, StreamInfo, make_events
 
 pytest.importorskip("rerun", reason="the extra `view` is not installed")
 
-STREAM = StreamInfo(64, 48, camera="eye", frames=True)
+OPTICS = {
+    "width": 64,
+    "height": 48,
+    "distortion_model": "plumb_bob",
+    "d": [0.0] * 5,
+    "k": [60.0, 0, 32, 0, 60, 24, 0, 0, 1],
+    "r": [1.0, 0, 0, 0, 1, 0, 0, 0, 1],
+    "p": [60.0, 0, 32, 0, 0, 60, 24, 0, 0, 0, 1, 0],
+}
+STREAM = StreamInfo(64, 48, camera="eye", frames=True, camera_info=OPTICS)
 ROWS = re.compile(r"with (\d+) rows .* - /(\S+) - data columns: \[(\w+)")
 
 
@@ -135,13 +144,16 @@ def test_a_live_stream_leaves_a_file_that_rerun_verifies(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "live.rrd"
-    assert watched(["-o", str(file)]) == 0
-    assert "packets 100  events 3000" in capsys.readouterr().err
+    assert watched(["-o", str(file)], ticks=150) == 0
+    assert "packets 150  events 4500" in capsys.readouterr().err
     found = rows(tmp_path, file)
-    assert found["eye/events SegmentationImage"] == 5
-    assert found["eye/rate/on Scalars"] == 5
-    assert found["eye/frames Image"] == 10
-    assert found["eye/pose Transform3D"] == 100
+    # seven windows of 20 ms and the rest
+    assert found["eye/events SegmentationImage"] == 8
+    assert found["eye/rate/on Scalars"] == 8
+    assert found["eye/frames Image"] == 15
+    assert found["eye/pose Transform3D"] == 150
+    # the optics come with the first status, after 100 ms
+    assert found["eye/pose Pinhole"] == 1
 
 
 @pytest.mark.slow
