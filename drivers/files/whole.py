@@ -11,16 +11,27 @@ from typing import Any
 
 from evs.drivers.files.formats import AnyPath, Format, by_name
 from evs.drivers.files.recording import check_stamps, one_stream, target_error
+from evs.drivers.files.room import Room
+from evs.drivers.sink import SinkStoppedError
 from evs.emulator.stages import Meter, NoMeter
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo
+
+_EVENT_BYTES = 24
+"""Of an event in any of these formats, at most."""
+
+_MESSAGE_BYTES = 4096
+"""What comes with a packet's events, at most."""
+
+_INDEX_BYTES = 64
+"""What a packet adds to an index that is written at the end."""
 
 
 class WholeRecorder(ABC):
     """A Sink that writes beside its target; the file appears whole when closed, or not at all.
 
     A process that is killed leaves nothing: record to .aedat4 where that may happen. A disk that
-    is full ends the recording; what came before is kept if the file can still be ended. A format
-    gives `_begin`, `_take` and `_end`; its limits are those of its entry in the table.
+    is full stops the recording; what came before is kept, since room for it was (room.Room). A
+    format gives `_begin`, `_take` and `_end`; its limits are those of its entry in the table.
     """
 
     NAME: str
@@ -36,6 +47,7 @@ class WholeRecorder(ABC):
         self._temporary = self._path.parent / hidden
         self._format: Format = by_name(self.NAME)
         self._called = self._format.title.partition(":")[0]
+        self._room: Room | None = None
         self._is_open = False
         self._packets = 0
         self._events = 0
@@ -65,10 +77,7 @@ class WholeRecorder(ABC):
         if self._path.is_dir():
             raise target_error(self._path, IsADirectoryError())
         try:
-            # libraries have their own words for what the system says; ask it first
-            with self._temporary.open("wb"):
-                pass
-            self._temporary.unlink()
+            self._room = Room(self._temporary.with_name(f"{self._temporary.name}.room"))
         except OSError as reason:
             raise target_error(self._path, reason) from None
         try:
@@ -85,6 +94,7 @@ class WholeRecorder(ABC):
         if len(packet.events):
             check_stamps(self._path, packet.events, self._format.holds, self._called)
             self._check(packet.events)
+            self._make_room(_EVENT_BYTES * len(packet.events))
             with self._faults():
                 self._take(packet)
             self._packets += 1
@@ -96,6 +106,8 @@ class WholeRecorder(ABC):
         if self._is_open:
             self._is_open = False
             try:
+                if self._room is not None:
+                    self._room.close()
                 with self._faults():
                     self._end()
                     written = self._written(self._temporary)
@@ -121,9 +133,21 @@ class WholeRecorder(ABC):
                 f"{self._called} has no way back in time; record to .aedat4"
             )
 
+    def _make_room(self, size: int) -> None:
+        """Make sure that so many bytes fit on the disk. SinkStoppedError where they do not."""
+        try:
+            if self._room is not None:
+                self._room.take(_MESSAGE_BYTES + size, _INDEX_BYTES)
+        except OSError as reason:
+            self._failure = (
+                f"recording to {self._path} stopped after {self._events} events: "
+                f"{reason.strerror}; they are kept, free some space and run again"
+            )
+            raise SinkStoppedError(self._failure) from None
+
     def _check_open(self) -> None:
         if self._failure:
-            raise EvsError(self._failure)
+            raise SinkStoppedError(self._failure)
         if not self._is_open:
             raise EvsError(f"{self._path} is not open for recording: call open first")
 
@@ -139,9 +163,11 @@ class WholeRecorder(ABC):
                 f"recording to {self._path} stopped after {self._events} events: {first}; "
                 "free some space and run again"
             )
-            raise EvsError(self._failure) from None
+            raise SinkStoppedError(self._failure) from None
 
     def _discard(self) -> None:
-        """Remove what is left of the temporary file."""
+        """Remove what is left of the temporary files."""
+        if self._room is not None:
+            self._room.close()
         with contextlib.suppress(OSError):
             self._temporary.unlink()

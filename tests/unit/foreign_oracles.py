@@ -104,6 +104,21 @@ def write(kind: str, path: str, events: Any) -> None:
             file["events/ps"] = np.where(events["p"] > 0, 1.0, -1.0)
             file.attrs["sensor_resolution"] = (720, 1280)
         return
+    if kind == "dsec":
+        import h5py
+        import hdf5plugin
+
+        offset = int(events["t"][0]) // 1000 * 1000
+        t = (events["t"] - offset).astype("u4")
+        packed = hdf5plugin.Blosc(cname="zstd", clevel=1, shuffle=hdf5plugin.Blosc.SHUFFLE)
+        with h5py.File(path, "w") as file:
+            columns = {"t": t, "x": events["x"], "y": events["y"], "p": events["p"]}
+            for name, kind_of in zip("txyp", ("u4", "u2", "u2", "u1"), strict=True):
+                data = columns[name].astype(kind_of)
+                file.create_dataset(f"events/{name}", data=data, chunks=(1000,), **packed)
+            file["ms_to_idx"] = np.searchsorted(t, np.arange(t[-1] // 1000 + 1) * 1000)
+            file["t_offset"] = np.int64(offset)
+        return
     import faery
 
     if kind == "dat":

@@ -160,9 +160,9 @@ def test_bags_of_any_encoding(kind: str, encoding: str, tmp_path: Path) -> None:
         assert facts["frame_id"] == STREAM.camera
 
 
-@pytest.mark.parametrize("kind", ["evt2", "evt3", "dat", "rpg"])
+@pytest.mark.parametrize("kind", ["evt2", "evt3", "dat", "rpg", "dsec"])
 def test_we_read_what_others_wrote(kind: str, tmp_path: Path) -> None:
-    suffix = {"dat": ".dat", "rpg": ".hdf5"}.get(kind, ".raw")
+    suffix = {"dat": ".dat", "rpg": ".hdf5", "dsec": ".h5"}.get(kind, ".raw")
     for name in ("many", "long", "2^24"):
         events = CASES[name]
         np.save(tmp_path / "events.npy", np.asarray(events))

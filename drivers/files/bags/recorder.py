@@ -126,6 +126,7 @@ class _BagRecorder(WholeRecorder):
     def write_frame(self, frame: Frame) -> None:
         """Take one image; its exposure goes along. EvsError as write; also undeclared frames."""
         self._check_beside(IMAGE, "frames", frame.exposure_begin_us)
+        self._make_room(frame.pixels.nbytes)
         with self._faults():
             exposure = frame.exposure_end_us - frame.exposure_begin_us
             told = self._store.types[EXPOSURE](data=min(exposure, 2**31 - 1))
@@ -141,6 +142,7 @@ class _BagRecorder(WholeRecorder):
         for sample in packet.samples:
             t_us = int(sample["t"])
             self._check_beside(SAMPLE, "imu", t_us)
+            self._make_room(0)
             with self._faults():
                 message = sample_message(self._store, self._header(t_us), sample)
                 self._send(self._others[SAMPLE], t_us, self._serialised(message, SAMPLE))
@@ -214,5 +216,6 @@ class Ros2Recorder(_BagRecorder):
         return path / self._path.stem / f"{self._path.stem}{self._path.suffix.lower()}"
 
     def _discard(self) -> None:
+        super()._discard()
         with contextlib.suppress(OSError):
             shutil.rmtree(self._temporary)

@@ -19,7 +19,7 @@ import numpy as np
 from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.hdf5.library import load
 from evs.drivers.files.whole import WholeRecorder
-from evs.msgs import EventPacket, Events, EvsError
+from evs.msgs import EventPacket, Events, EvsError, join_events
 
 COLUMNS = {"t": "<i8", "x": "<u2", "y": "<u2", "p": "u1"}
 STREAM = "evs_stream"
@@ -75,14 +75,17 @@ class Hdf5Recorder(WholeRecorder):
         self._parts.append(packet.events.copy())
         self._waiting += len(packet.events)
         if self._waiting >= _CHUNK:
-            self._flush()
+            self._put(self._waiting // _CHUNK * _CHUNK)
+            # whole chunks are on the disk then, and nothing is held back
+            self._file.flush()
 
-    def _flush(self) -> None:
-        """Write what waits, and the index of the ms that begin in it."""
-        events = np.concatenate(self._parts) if self._parts else None
-        self._parts, self._waiting = [], 0
-        if events is None:
+    def _put(self, count: int) -> None:
+        """Write the first events that wait, and the index of the ms that begin in them."""
+        if not count:
             return
+        waiting = join_events(self._parts)
+        events, rest = waiting[:count], waiting[count:].copy()
+        self._parts, self._waiting = [rest], len(rest)
         self.meter.lap("pack")
         t = events["t"] - (self._offset_us or 0)
         begin, end = self._length, self._length + len(events)
@@ -101,7 +104,7 @@ class Hdf5Recorder(WholeRecorder):
 
     def _end(self) -> None:
         try:
-            self._flush()
+            self._put(self._waiting)
             offset = np.array(self._offset_us or 0, np.int64)
             self._file.create_dataset("t_offset", data=offset)
         finally:
