@@ -15,7 +15,7 @@ from evs.drivers.sink import SinkStoppedError
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
 
 NAMES = ["a.dat", "a.h5", "a.mcap", "a.db3", "a.bag"]
-DISK_BYTES = 12_000_000
+DISK_BYTES = 9_700_000
 
 
 def packet(tick: int) -> EventPacket:

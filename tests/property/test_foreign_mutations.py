@@ -36,7 +36,7 @@ KINDS = {
     "rosbag1": "a.bag",
     "database": "a.db3",
 }
-QUICK = 60
+QUICK = 30
 LONG = 4000
 ROOM = 48 << 20
 """Bytes that a reader may take, over twice the file and what its events themselves need: a piece

@@ -54,7 +54,7 @@ def streams(draw: st.DrawFn, side: int, kind: str) -> tuple[StreamInfo, list[Eve
 
 
 @pytest.mark.parametrize("kind", FORMATS)
-@settings(max_examples=40, deadline=5000)
+@settings(max_examples=15, deadline=5000)
 @given(data=st.data())
 def test_events_come_back_as_they_were(kind: str, data: st.DataObject) -> None:
     suffix, side, encoding = FORMATS[kind]

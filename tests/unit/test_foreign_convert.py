@@ -35,9 +35,23 @@ def record(path: Path, kind: str) -> Path:
     return path
 
 
+@pytest.mark.parametrize("source", FOREIGN)
+def test_every_format_becomes_the_next(tmp_path: Path, source: str) -> None:
+    order = list(ENDINGS)
+    target = order[(order.index(source) + 1) % len(order)]
+    converts(tmp_path, source, target)
+    (tmp_path / "back").mkdir()
+    converts(tmp_path / "back", target, source)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ENDINGS)
 @pytest.mark.parametrize("target", ENDINGS)
 def test_every_format_becomes_every_other(tmp_path: Path, source: str, target: str) -> None:
+    converts(tmp_path, source, target)
+
+
+def converts(tmp_path: Path, source: str, target: str) -> None:
     given = record(tmp_path / f"in{ENDINGS[source]}", source)
     shares: list[float] = []
     made = tmp_path / f"out{ENDINGS[target]}"
