@@ -11,9 +11,10 @@ t = overflows * 2^31 + stamp.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -36,18 +37,22 @@ _POLARITY = 1
 _KINDS = {0: "special events", 2: "frames", 3: "IMU samples", 4: "IMU samples"}
 _KIND_OF_OTHERS = "events of other kinds"
 
-_HEAD = np.dtype(
-    [
-        ("type", "<i2"),
-        ("source", "<i2"),
-        ("size", "<i4"),
-        ("stamp_at", "<i4"),
-        ("overflow", "<i4"),
-        ("capacity", "<i4"),
-        ("number", "<i4"),
-        ("valid", "<i4"),
-    ]
-)
+_NUMBERS = struct.Struct("<hhiiiiii")
+
+
+class _Head(NamedTuple):
+    """A packet's header."""
+
+    kind: int
+    source: int
+    size: int
+    stamp_at: int
+    overflow: int
+    capacity: int
+    number: int
+    valid: int
+
+
 _EVENT = np.dtype([("data", "<u4"), ("stamp", "<i4")])
 _MARK = b"\x08\0\0\0\x04\0\0\0"
 """Size and offset of the stamp in the head of a polarity packet: what a search goes by."""
@@ -83,12 +88,12 @@ def _packet(events: Events) -> bytes:
     """One packet of events, (n,), between two wraps."""
     count = len(events)
     overflow = int(events["t"][0]) >> 31
-    head = np.array((_POLARITY, 1, _EVENT.itemsize, 4, overflow, count, count, count), _HEAD)
+    head = _Head(_POLARITY, 1, _EVENT.itemsize, 4, overflow, count, count, count)
     body = np.empty(count, _EVENT)
     x, y = events["x"].astype(np.uint32), events["y"].astype(np.uint32)
     body["data"] = x << 17 | y << 2 | (events["p"] != 0).astype(np.uint32) << 1 | 1
     body["stamp"] = events["t"] & (SPAN_US - 1)
-    return head.tobytes() + body.tobytes()
+    return _NUMBERS.pack(*head) + body.tobytes()
 
 
 @dataclass
@@ -160,20 +165,20 @@ class Aedat3File(EventsFile):
             at, broken = self.packets_at, -1
             while at < self.size:
                 self.position = at
-                head = _head_at(file, at, self.size)
-                if head is None:
+                head = _read_head(file, at)
+                if head is None or not _fits(head, at, self.size):
                     broken = at if broken < 0 else broken
                     at = self._next_packet(file, at + 1)
                     continue
                 if broken >= 0:
                     damage.packet(broken, "no packet begins here")
                     broken = -1
-                kind, number = int(head["type"]), int(head["number"])
-                begin, at = at + _HEAD.itemsize, at + _HEAD.itemsize + number * int(head["size"])
-                if kind == _POLARITY:
-                    yield from _parts(file, begin, number, int(head["overflow"]))
+                begin = at + _NUMBERS.size
+                at = begin + head.number * head.size
+                if head.kind == _POLARITY:
+                    yield from _parts(file, begin, head.number, head.overflow)
                 else:
-                    _count(left_out, _KINDS.get(kind, _KIND_OF_OTHERS), number)
+                    _count(left_out, _KINDS.get(head.kind, _KIND_OF_OTHERS), head.number)
             if broken >= 0:
                 damage.tail(*self._whole_events(file, broken))
                 yield from self._torn(file, broken)
@@ -183,27 +188,31 @@ class Aedat3File(EventsFile):
         head = _read_head(file, at)
         end, _ = self._whole_events(file, at)
         if head is not None and end > at:
-            begin = at + _HEAD.itemsize
-            yield from _parts(file, begin, (end - begin) // 8, int(head["overflow"]))
+            begin = at + _NUMBERS.size
+            yield from _parts(file, begin, (end - begin) // 8, head.overflow)
 
     def _whole_events(self, file: BinaryIO, at: int) -> tuple[int, int]:
         """(where what can be read ends, the file's size) if a packet at `at` is torn."""
         head = _read_head(file, at)
-        begin = at + _HEAD.itemsize
-        if head is None or not _sound(head) or int(head["type"]) != _POLARITY:
+        begin = at + _NUMBERS.size
+        if head is None or not _sound(head) or head.kind != _POLARITY:
             return at, self.size
         return begin + (self.size - begin) // 8 * 8, self.size
 
     def _next_packet(self, file: BinaryIO, start: int) -> int:
-        """Offset at or after `start` at which a polarity packet may begin."""
-        at = start + 4
-        while at < self.size:
+        """Offset at or after `start` at which a whole polarity packet begins; else the end."""
+        at = start
+        while at + _NUMBERS.size <= self.size:
             file.seek(at)
             chunk = file.read(_CHUNK_BYTES)
-            found = chunk.find(_MARK)
-            if found >= 0:
-                return at + found - 4
-            at += max(1, len(chunk) - len(_MARK) + 1)
+            found = chunk.find(_MARK, 4)
+            while found >= 0 and found - 4 + _NUMBERS.size <= len(chunk):
+                head = _Head(*_NUMBERS.unpack_from(chunk, found - 4))
+                if _fits(head, at + found - 4, self.size):
+                    return at + found - 4
+                found = chunk.find(_MARK, found + 1)
+            # a head that the chunk's end cuts is in the next one
+            at += max(1, len(chunk) - _NUMBERS.size + 1)
         return self.size
 
     def _found_size(self) -> tuple[int, int]:
@@ -216,26 +225,25 @@ class Aedat3File(EventsFile):
         return width, height
 
 
-def _read_head(file: BinaryIO, at: int) -> npt.NDArray[np.void] | None:
+def _read_head(file: BinaryIO, at: int) -> _Head | None:
     file.seek(at)
-    data = file.read(_HEAD.itemsize)
-    return np.frombuffer(data, _HEAD)[0] if len(data) == _HEAD.itemsize else None
+    data = file.read(_NUMBERS.size)
+    return _Head(*_NUMBERS.unpack(data)) if len(data) == _NUMBERS.size else None
 
 
-def _sound(head: npt.NDArray[np.void]) -> bool:
+def _sound(head: _Head) -> bool:
     """Whether its numbers can be those of a packet."""
-    kind, size = int(head["type"]), int(head["size"])
-    counts = 0 <= int(head["valid"]) <= int(head["number"]) <= int(head["capacity"])
-    sizes = (size, int(head["stamp_at"])) == (8, 4) if kind == _POLARITY else 0 < size <= 1 << 28
-    return counts and sizes and 0 <= kind < 128 and int(head["overflow"]) >= 0
+    counts = 0 <= head.valid <= head.number <= head.capacity
+    if head.kind == _POLARITY:
+        sizes = (head.size, head.stamp_at) == (8, 4)
+    else:
+        sizes = 0 < head.size <= 1 << 28
+    return counts and sizes and 0 <= head.kind < 128 and head.overflow >= 0
 
 
-def _head_at(file: BinaryIO, at: int, end: int) -> npt.NDArray[np.void] | None:
-    """The head of a whole packet at a byte offset; None where there is none."""
-    head = _read_head(file, at)
-    if head is None or not _sound(head):
-        return None
-    return head if at + _HEAD.itemsize + int(head["number"]) * int(head["size"]) <= end else None
+def _fits(head: _Head, at: int, end: int) -> bool:
+    """Whether it is sound, and its packet, at a byte offset, whole."""
+    return _sound(head) and at + _NUMBERS.size + head.number * head.size <= end
 
 
 def _parts(

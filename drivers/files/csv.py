@@ -33,6 +33,7 @@ NAMES = {
 _CHUNK_BYTES = 1 << 20
 _MAX_LINE_BYTES = 1 << 22
 _HEAD_LINES = 100
+_MAX_COLUMNS = 100
 
 _NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _PLAIN = b"0123456789+-.eE,\n"
@@ -136,7 +137,7 @@ class CsvFile(EventsFile):
 
     def _take_form(self, words: list[bytes]) -> None:
         """What the first event says of all."""
-        if len(words) < 4:
+        if not 4 <= len(words) <= _MAX_COLUMNS:
             raise EvsError(
                 f"{self.path} is not a recording: a line has {len(words)} columns; "
                 "it needs four, t, x, y, p"
@@ -225,7 +226,9 @@ class CsvFile(EventsFile):
 
     def _row(self, line: bytes) -> list[int | float] | None:
         """The numbers of one line; None if it is no event."""
-        words = line.split(self.delimiter or None)
+        if self.delimiter and line.count(self.delimiter) != self.columns - 1:
+            return None
+        words = line.split(self.delimiter or None, self.columns)
         row: list[int | float] = []
         for word in words:
             plain = _TRUTH.get(word.strip().lower(), word.strip())

@@ -40,6 +40,7 @@ class InOrder:
         self._tick_us = part_us(tick_us)
         self._parts: list[Events] = []
         self._count = 0
+        self._enough = 2 * HELD
         self._given_us: int | None = None
         self._before_us: int | None = None
 
@@ -61,13 +62,14 @@ class InOrder:
             yield from self.rest()
             begin = reset
         self._take(events[begin:])
-        if self._count >= 2 * HELD:
+        if self._count >= self._enough:
             yield from self._ready()
 
     def rest(self) -> Iterator[Events]:
         """What is still held; then a new stream may begin."""
-        yield from self._give(self._joined())
-        self._parts, self._count, self._given_us = [], 0, None
+        if self._count:
+            yield from self._give(self._joined())
+        self._parts, self._count, self._enough, self._given_us = [], 0, 2 * HELD, None
 
     def _take(self, events: Events) -> None:
         if len(events):
@@ -90,6 +92,8 @@ class InOrder:
         yield from self._give(joined[:ready])
         self._parts = [joined[ready:]]
         self._count = len(self._parts[0])
+        # what is held is looked at again when there is as much more
+        self._enough = self._count + max(HELD, self._count)
 
     def _give(self, events: Events) -> Iterator[Events]:
         if not len(events):
