@@ -139,6 +139,8 @@ class Aedat2File(EventsFile):
                 "older files than version 2 are not read"
             )
         lines, words_at = _header_lines(data)
+        if not lines:
+            raise EvsError(f"{found} is not a readable AEDAT2 file: its first line is damaged")
         ours = [line.removeprefix(SAID) for line in lines if line.startswith(SAID)]
         said = said_in(ours[0]) if ours else {}
         text = "\n".join(line for line in lines if not line.startswith(SAID))

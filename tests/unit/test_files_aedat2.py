@@ -222,7 +222,13 @@ def test_the_size_is_that_of_the_smallest_davis_that_fits(tmp_path: Path) -> Non
 
 def test_older_files_and_others_are_refused_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "a.aedat"
-    for data in (b"", b"#!AER-DAT1.0\r\n12345678", b"nothing"):
+    for data in (
+        b"",
+        b"#!AER-DAT2\x00.0\r\n12345678",
+        b"#!AER-DAT2.0",
+        b"#!AER-DAT1.0\r\n12345678",
+        b"nothing",
+    ):
         path.write_bytes(data)
         with pytest.raises(EvsError, match="is not a readable AEDAT2 file"):
             files.read(path)
