@@ -27,8 +27,8 @@ SENSOR = SensorConfig(preset="ideal", pos_thres=0.2, neg_thres=0.2)
 """Of every model and of the reference: no noise but the light's."""
 
 PIXELS = ("plain", "adaptive")
-NETWORKS = ("paper", "evsnet_c8", "evsnet_c4")
-"""The paper's own network, then ours."""
+NETWORKS = ("paper", "evsnet_c8", "evsnet_c4", "evsnet_c8_8ms")
+"""The paper's own network, then ours: causal ones, and one that looks 8 ms ahead."""
 DEFAULT = (*PIXELS, *NETWORKS)
 SIDE = 4
 """px of a tile: what the native network computes at once"""

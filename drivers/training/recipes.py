@@ -86,12 +86,12 @@ class Recipe:
         return dataclasses.replace(self, architecture=architecture)
 
 
-OURS = Terms(count=0.1, calibration=0.02, edge=16.0, silence=0.2)
+OURS = Terms(count=0.1, calibration=0.02, edge=16.0, silence=0.3, silence_ticks=6)
 
 
 def _ours(name: str, channels: int) -> Recipe:
     architecture = Architecture(channels=channels, odd=True)
-    return Recipe(name, architecture, tau_s=4.0, terms=OURS, balanced=True, noise=(1.0, 2.5))
+    return Recipe(name, architecture, terms=OURS, balanced=True, noise=(0.3, 4.0))
 
 
 RECIPES = {
