@@ -31,7 +31,8 @@ NAMES = {
 """What the columns are called, by us and by others."""
 
 _CHUNK_BYTES = 1 << 20
-_MAX_LINE_BYTES = 1 << 22
+_HEAD_BYTES = 1 << 22
+_MAX_LINE_BYTES = 1 << 16
 _HEAD_LINES = 100
 _MAX_COLUMNS = 100
 
@@ -82,7 +83,7 @@ class CsvFile(EventsFile):
         found = existing(path)
         try:
             with found.open("rb") as file:
-                data = file.read(_MAX_LINE_BYTES)
+                data = file.read(_HEAD_BYTES)
         except OSError as reason:
             raise EvsError(f"cannot read {found}: {reason.strerror}") from None
         opened = cls(
