@@ -104,12 +104,11 @@ class Aedat4File:
 
     def beside(self) -> Iterator[Frame | ImuSamples | Triggers]:
         """Frames, IMU samples and triggers alone, in the file's order; sets `damage`."""
-        takers = self._takers()
-        del takers[self.event_id]
         with self.path.open("rb") as file:
-            for _, message in self._walk(file, takers):
-                assert not isinstance(message, np.ndarray) or message.dtype != EVENT_DTYPE
-                yield message
+            for number, message in self._walk(file, self._takers()):
+                if number != self.event_id:
+                    assert not isinstance(message, np.ndarray) or message.dtype != EVENT_DTYPE
+                    yield message
 
     @property
     def broken_pointer(self) -> bool:
@@ -237,7 +236,7 @@ class Aedat4File:
                 number, body = self._packet(file, at)
                 if number not in takers and self._kind(number, body) == b"EVTS" and find_events:
                     takers, find_events = {number: self._take_events}, False
-                message = takers[number](body) if number in takers else None
+                message = self._taken(number, body, takers)
             except DamageError as reason:
                 broken, tries = broken or (at, str(reason)), tries + 1
                 at = self._next_packet(file, at + 1)
@@ -257,6 +256,24 @@ class Aedat4File:
         # what no whole packet follows is torn
         damage.tail(broken[0], self.packets_end) if broken else damage.tail(self.end, self.size)
         self.damage, self.whole_packets = damage, whole
+
+    def _taken(
+        self, number: int, body: bytes, takers: Mapping[int, _Taker]
+    ) -> Message | str | None:
+        """What is in a packet; words where one of another kind than events is damaged inside.
+
+        Such a packet is passed by its length, as by a walk that does not look into it: so every
+        walk over a file finds the same events.
+        """
+        if number not in takers:
+            return None
+        if number == self.event_id or number not in self.streams:
+            return takers[number](body)
+        self._kind(number, body)
+        try:
+            return takers[number](body)
+        except DamageError as reason:
+            return str(reason)
 
     def _packet(self, file: BinaryIO, at: int) -> tuple[int, bytes]:
         """Stream id and body of the packet at a byte offset."""
