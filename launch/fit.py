@@ -87,11 +87,10 @@ def run(args: argparse.Namespace) -> int:
         raise EvsError(f"cannot make the folder '{out}': {reason.strerror}") from None
 
     best = float("inf")
+    """score of the seeds before"""
 
     def improved(fitted: Fitted) -> None:
-        nonlocal best
         if fitted.score < best:
-            best = fitted.score
             files = write_network(fitted, out)
             tell(f"wrote {files[0]}")
 
@@ -113,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
             improved=improved,
         )
         # also after a training that had nothing left to do
-        if fitted.score <= best:
+        if fitted.score < best:
             best = fitted.score
             write_network(fitted, out)
     return 0

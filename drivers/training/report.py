@@ -121,7 +121,8 @@ def _curve(fitted: Fitted, key: str, variant: int) -> list[float]:
 def _loss(fitted: Fitted) -> Chart:
     steps, x = _steps(fitted)
     curves = fitted.checkpoint.curves
-    loss = [math.nan if value is None else value for value in curves["loss"]]
+    # with prices of events it goes below zero, where a logarithm has nothing to show
+    loss = [math.nan if value is None or value <= 0 else value for value in curves["loss"]]
     series = [
         _line(steps, loss, ON_OFF_RGB[0], "training loss"),
         _line(steps, curves["score"], ON_OFF_RGB[1], "score, held out"),

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from evs.drivers.training import fit as module
 from evs.drivers.training import initial, report
 from evs.drivers.training.examples import Examples, Prepared, differences
 from evs.drivers.training.fit import LINLOG_DN, Fitted, fit
@@ -198,6 +199,36 @@ def test_scenes_may_be_added_between_two_parts_of_a_training(tmp_path: Path) -> 
     # the best so far was scored anew before anything was compared with it
     assert second.score == min(second.score, overall(second.scores))
     assert second.score == pytest.approx(overall(second.scores))
+
+
+@pytest.mark.slow
+def test_late_networks_are_the_best_although_their_score_wobbles(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = iter([9.0, 1.0, 1.04, 2.0, 1.04, 1.08, 1.06])
+    monkeypatch.setattr(module, "overall", lambda _: next(told))
+    kept: list[int] = []
+    fitted = fit(
+        folder,
+        dataclasses.replace(SMALL, steps=12),
+        tmp_path / "a.npz",
+        validate_every=2,
+        improved=lambda now: kept.append(now.checkpoint.step),
+    )
+    # the last fifth begins at step 10; 1.06 is too far from the lowest, 1.0
+    assert fitted.checkpoint.curves["score"] == [9.0, 1.0, 1.04, 2.0, 1.04, 1.08, 1.06]
+    assert kept == [0, 2]
+    told = iter([9.0, 1.0, 1.04, 2.0, 1.04, 1.08, 1.04])
+    kept.clear()
+    fitted = fit(
+        folder,
+        dataclasses.replace(SMALL, steps=12),
+        tmp_path / "b.npz",
+        validate_every=2,
+        improved=lambda now: kept.append(now.checkpoint.step),
+    )
+    assert kept == [0, 2, 12]
+    assert (fitted.score, fitted.checkpoint.best_step) == (1.04, 12)
 
 
 @pytest.mark.slow
