@@ -149,7 +149,7 @@ def test_fresh_noise_does_not_burst_at_the_start(folder: Path, chunk: int) -> No
     made = World(soft)
     made.add_camera(
         sensor=SMALL,
-        render=RenderConfig(renderer="path", spp=2, seeds="fresh"),
+        render=RenderConfig(renderer="path", spp=1, seeds="fresh"),
         model=ModelConfig(name="evsnet", chunk=chunk),
     )
     made.model.opt.gravity[:] = 0
