@@ -39,21 +39,25 @@ def read(path: AnyPath) -> Recording:
     EvsError: no such file, unknown ending, not a recording.
     """
     file = opened(path)
-    parts = list(file.events())
+    events = _joined(file.events())
     file.damage.warn(file.path)
-    events = _joined(parts)
     return Recording.of(events, file.stream, Beside(lambda: _beside(path), file.labels))
 
 
-def _joined(parts: list[Events]) -> Events:
-    """The parts one after the other; the list is emptied, so that little is there twice."""
-    joined = empty_events(sum(map(len, parts)))
-    end = 0
-    parts.reverse()
-    while parts:
-        part = parts.pop()
-        joined[end : end + len(part)] = part
-        end += len(part)
+_GROWTH = 8
+"""What all events are collected in grows by a part in so many, in place where it is large."""
+
+
+def _joined(parts: Iterator[Events]) -> Events:
+    """The parts one after the other; nothing but the last part is there twice."""
+    joined, end = empty_events(0), 0
+    for part in parts:
+        until = end + len(part)
+        if until > len(joined):
+            joined.resize(until + until // _GROWTH, refcheck=False)
+        joined[end:until] = part
+        end = until
+    joined.resize(end, refcheck=False)
     return joined
 
 

@@ -75,5 +75,5 @@ def test_read_takes_little_more_than_the_events(tmp_path: Path, suffix: str) -> 
     words = [sys.executable, "-c", READ, str(long), str(short)]
     done = subprocess.run(words, capture_output=True, text=True, timeout=600, check=True)
     count, grown_kib = map(int, done.stdout.split())
-    # 16 bytes an event, and what the allocator has not given back yet
-    assert grown_kib * 1024 < 1.35 * 16 * count + 16e6
+    # 16 bytes an event, an eighth to grow into, and the last part
+    assert grown_kib * 1024 < 1.2 * 16 * count + 16e6
