@@ -11,20 +11,19 @@ import pytest
 
 from evs.drivers import files
 from evs.msgs import EventPacket, StreamInfo, make_events
+from reference.peak import PEAK
 
-CONVERT = """
-import resource, sys
+CONVERT = f"""{PEAK}
 from evs.launch.main import main
 assert main(["convert", *sys.argv[1:], "--quiet"]) == 0
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+print(peak_kib())
 """
-READ = """
-import resource, sys
+READ = f"""{PEAK}
 import evs
 evs.read(sys.argv[2])
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+before = peak_kib()
 count = len(evs.read(sys.argv[1]))
-print(count, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+print(count, peak_kib() - before)
 """
 PART = 100_000
 TARGETS = ("csv", "npz", "aedat", "aedat3", "raw", "dat", "h5", "mcap", "bag")

@@ -9,21 +9,23 @@ from pathlib import Path
 
 import pytest
 
+from reference.peak import PEAK
+
 AEDAT2 = b"#!AER-DAT2.0\r\n"
 AEDAT3 = b"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 1: DAVIS346\r\n#!END-HEADER\r\n"
 
-READ = """
-import resource, sys, warnings
+READ = f"""{PEAK}
+import warnings
 import evs
 from evs.msgs import EvsError
 warnings.simplefilter("ignore")
 evs.read(sys.argv[2])
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+before = peak_kib()
 try:
     count = len(evs.read(sys.argv[1]))
 except EvsError:
     count = -1
-print(count, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+print(count, peak_kib() - before)
 """
 
 
