@@ -6,6 +6,8 @@ import re
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from io import BytesIO
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -120,11 +122,16 @@ class CsvFile(EventsFile):
         """Comments, names and the form of the first event."""
         said: dict[str, Any] = {}
         at = 0
-        for line in data.split(b"\n")[:_HEAD_LINES]:
+        for line in islice(BytesIO(data), _HEAD_LINES):
             text = line.strip()
             if text.startswith(SAID.encode()):
                 said = said_in(text[len(SAID) :].decode(errors="replace"))
             elif text and not text.startswith(b"#"):
+                if len(text) > _MAX_LINE_BYTES:
+                    raise EvsError(
+                        f"{self.path} is not a recording: a line has {len(text)} bytes or more; "
+                        "it needs four columns, t, x, y, p"
+                    )
                 self.delimiter = next((one for one in (b",", b";") if one in text), b"")
                 words = text.split(self.delimiter or None)
                 self.columns = len(words)
@@ -132,7 +139,7 @@ class CsvFile(EventsFile):
                     self._take_form([word.strip() for word in words])
                     break
                 self._take_names([word.decode(errors="replace") for word in words])
-            at += len(line) + 1
+            at += len(line)
         self.lines_at = min(at, self.size)
         self.stream = stream_from(said, "") if said else self.stream
 
@@ -203,7 +210,7 @@ class CsvFile(EventsFile):
         plain = plain if plain.endswith(b"\n") else plain + b"\n"
         codes = np.frombuffer(plain, np.uint8)
         ends = np.flatnonzero(codes == 10)
-        commas = np.diff(np.cumsum(codes == 44)[ends], prepend=0)
+        commas = np.diff(np.cumsum(codes == 44, dtype=np.int32)[ends], prepend=0)
         if (commas == self.columns - 1).all() and not plain.translate(None, _PLAIN):
             values = _parsed(plain, len(ends) * self.columns, bool(self.in_seconds))
             if values is not None:
