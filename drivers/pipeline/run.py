@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from evs.drivers.pace import Pacer, StopWatch, monotonic_s
-from evs.drivers.pipeline.outlets import Outlets
+from evs.drivers.pipeline.outlets import Beside, Outlets
 from evs.drivers.pipeline.report import COMPLETE, STAGES, Report, versions
 from evs.drivers.pipeline.stopping import stop_signals
 from evs.drivers.sink import Sink
-from evs.emulator.scene import F32
-from evs.emulator.truth import GroundTruth
-from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, StreamInfo
+from evs.msgs import EventPacket, EvsError, StreamInfo
 
 MAX_SECONDS = 1e9
 """Longer than 30 years is a mistake, not a run."""
@@ -23,12 +21,8 @@ LATE_S = 0.1
 """A run that is held to a pace and falls behind by more is warned of."""
 
 
-class RunCamera(Protocol):
+class RunCamera(Beside, Protocol):
     """What the loop wants to know of a camera."""
-
-    @property
-    def info(self) -> StreamInfo:
-        """What is constant of its stream."""
 
     @property
     def traced_fraction(self) -> float:
@@ -49,25 +43,6 @@ class RunCamera(Protocol):
     @property
     def is_dark(self) -> bool:
         """Whether nothing was lit in the last tick."""
-
-    @property
-    def frames(self) -> Sequence[Frame]:
-        """Intensity frames of the last tick."""
-
-    @property
-    def imu_packet(self) -> ImuPacket | None:
-        """What its IMU said in the last tick."""
-
-    @property
-    def pose(self) -> Pose | None:
-        """Where it was at the end of the last tick."""
-
-    @property
-    def luminance(self) -> F32:
-        """(h, w) float32 light of the last tick."""
-
-    def ground_truth(self) -> GroundTruth:
-        """What it really showed then; computed at each call."""
 
 
 class RunWorld(Protocol):

@@ -26,6 +26,7 @@ from evs.msgs import (
     empty_imu,
     make_events,
 )
+from reference.mutations import mutations
 
 KINDS = {
     "evt3": "a.raw",
@@ -68,31 +69,6 @@ def originals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """The bytes of a small recording of each kind."""
     folder = tmp_path_factory.mktemp("originals")
     return {kind: recorded(folder, kind) for kind in KINDS}
-
-
-@st.composite
-def mutations(draw: st.DrawFn, data: bytes) -> bytes:
-    """A few changes: bytes, whole numbers of interesting sizes, cuts, doublings, insertions."""
-    changed = bytearray(data)
-    for _ in range(draw(st.integers(1, 4))):
-        at = draw(st.integers(0, max(0, len(changed) - 1)))
-        how = draw(st.integers(0, 5))
-        if how == 0:
-            changed[at : at + 1] = bytes([draw(st.integers(0, 255))])
-        elif how == 1:
-            size = draw(st.sampled_from([2, 4, 8]))
-            edges = [0, 1, -1, 7, 2**15, 2**31 - 1, -(2**31), 2**62, 2**32 - 1, len(data)]
-            value = draw(st.sampled_from(edges)) % 2 ** (8 * size)
-            changed[at : at + size] = value.to_bytes(size, "little")
-        elif how == 2:
-            del changed[at:]
-        elif how == 3:
-            del changed[at : at + draw(st.integers(1, 200))]
-        elif how == 4:
-            changed[at:at] = changed[at : at + draw(st.integers(1, 400))]
-        else:
-            changed[at:at] = draw(st.binary(max_size=64))
-    return bytes(changed)
 
 
 def survives(kind: str, data: bytes) -> None:

@@ -23,7 +23,6 @@ from evs.launch import main as program
 from evs.msgs import (
     DEGREE,
     STANDARD_GRAVITY,
-    EventPacket,
     Events,
     Frame,
     ImuPacket,
@@ -34,19 +33,9 @@ from evs.msgs import (
     make_events,
     make_triggers,
 )
+from reference.dv_packets import ALL, ANY, TICKS, packet
 
 CLIENT = Path(__file__).with_name("dv_client.py")
-ALL = StreamInfo(346, 260, camera="eye", frames=True, imu=True, triggers=True)
-ANY = "tcp://127.0.0.1:0"
-TICKS = 60
-
-
-def packet(seq: int, count: int, begin_us: int = 0, camera: str = "eye") -> EventPacket:
-    random = np.random.default_rng(seq)
-    begin = begin_us + 1000 * seq
-    t = np.sort(random.integers(begin + 1, begin + 1001, count))
-    x, y = random.integers(0, 346, count), random.integers(0, 260, count)
-    return EventPacket(seq, begin, begin + 1000, 346, 260, make_events(t, x, y, t % 2), camera)
 
 
 class Reader:

@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,26 +17,12 @@ from evs.drivers.dv import port as ports_module
 from evs.drivers.files.aedat4 import layout
 from evs.drivers.sink import FrameSink, ImuSink, MeteredSink, TriggerSink
 from evs.msgs import (
-    EventPacket,
     Events,
     EvsError,
     Frame,
     StreamInfo,
-    make_events,
 )
-
-CLIENT = Path(__file__).with_name("dv_client.py")
-ALL = StreamInfo(346, 260, camera="eye", frames=True, imu=True, triggers=True)
-ANY = "tcp://127.0.0.1:0"
-TICKS = 60
-
-
-def packet(seq: int, count: int, begin_us: int = 0, camera: str = "eye") -> EventPacket:
-    random = np.random.default_rng(seq)
-    begin = begin_us + 1000 * seq
-    t = np.sort(random.integers(begin + 1, begin + 1001, count))
-    x, y = random.integers(0, 346, count), random.integers(0, 260, count)
-    return EventPacket(seq, begin, begin + 1000, 346, 260, make_events(t, x, y, t % 2), camera)
+from reference.dv_packets import ALL, ANY, TICKS, packet
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 import flatbuffers
 import numpy as np
 
-from evs.drivers.files.aedat4.layout import DamageError, Flat
+from evs.drivers.files.aedat4.layout import DamageError, Flat, list_body
 from evs.drivers.files.damage import MAX_STAMP_US
 from evs.msgs import DEGREE, STANDARD_GRAVITY, ImuSamples, empty_imu
 
@@ -29,14 +29,7 @@ def imu_body(samples: ImuSamples) -> bytes:
         for slot, value in enumerate(row, _TEMPERATURE):
             builder.PrependFloat32Slot(slot, value, 0.0)
         tables.append(builder.EndObject())
-    builder.StartVector(4, len(tables), 4)
-    for table in reversed(tables):
-        builder.PrependUOffsetTRelative(table)
-    vector = builder.EndVector()
-    builder.StartObject(1)
-    builder.PrependUOffsetTRelativeSlot(0, vector, 0)
-    builder.FinishSizePrefixed(builder.EndObject(), file_identifier=b"IMUS")
-    return bytes(builder.Output())
+    return list_body(builder, tables, b"IMUS")
 
 
 def parse_imu(body: bytes) -> ImuSamples:

@@ -156,6 +156,18 @@ def parse_table_length(body: bytes) -> int:
     return 0 if elements_at is None else flat.vector(elements_at, 4)[1]
 
 
+def list_body(builder: flatbuffers.Builder, tables: list[int], identifier: bytes) -> bytes:
+    """The packet body whose root holds nothing but a vector of these tables, in order."""
+    builder.StartVector(4, len(tables), 4)
+    for table in reversed(tables):
+        builder.PrependUOffsetTRelative(table)
+    vector = builder.EndVector()
+    builder.StartObject(1)
+    builder.PrependUOffsetTRelativeSlot(0, vector, 0)
+    builder.FinishSizePrefixed(builder.EndObject(), file_identifier=identifier)
+    return bytes(builder.Output())
+
+
 class Flat:
     """Bounds-checked look into one size-prefixed flatbuffer. Positions count from the prefix."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import flatbuffers
 
-from evs.drivers.files.aedat4.layout import DamageError, Flat
+from evs.drivers.files.aedat4.layout import DamageError, Flat, list_body
 from evs.drivers.files.damage import MAX_STAMP_US
 from evs.msgs import Triggers, empty_triggers
 
@@ -22,14 +22,7 @@ def triggers_body(triggers: Triggers) -> bytes:
         builder.PrependInt64Slot(_T, t_us, 0)
         builder.PrependInt8Slot(_KIND, kind, 0)
         tables.append(builder.EndObject())
-    builder.StartVector(4, len(tables), 4)
-    for table in reversed(tables):
-        builder.PrependUOffsetTRelative(table)
-    vector = builder.EndVector()
-    builder.StartObject(1)
-    builder.PrependUOffsetTRelativeSlot(0, vector, 0)
-    builder.FinishSizePrefixed(builder.EndObject(), file_identifier=b"TRIG")
-    return bytes(builder.Output())
+    return list_body(builder, tables, b"TRIG")
 
 
 def parse_triggers(body: bytes) -> Triggers:

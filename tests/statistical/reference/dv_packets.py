@@ -1,0 +1,19 @@
+"""A camera and its packets for the tests of the DV server."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evs.msgs import EventPacket, StreamInfo, make_events
+
+ALL = StreamInfo(346, 260, camera="eye", frames=True, imu=True, triggers=True)
+ANY = "tcp://127.0.0.1:0"
+TICKS = 60
+
+
+def packet(seq: int, count: int, begin_us: int = 0, camera: str = "eye") -> EventPacket:
+    random = np.random.default_rng(seq)
+    begin = begin_us + 1000 * seq
+    t = np.sort(random.integers(begin + 1, begin + 1001, count))
+    x, y = random.integers(0, 346, count), random.integers(0, 260, count)
+    return EventPacket(seq, begin, begin + 1000, 346, 260, make_events(t, x, y, t % 2), camera)
