@@ -83,7 +83,7 @@ class Checkpoint:
         shape = jax.tree.structure((self.parameters, self.optimiser, self.best))
         mine = jax.tree.leaves((self.parameters, self.optimiser, self.best))
         try:
-            with np.load(path, allow_pickle=False) as archive:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
                 told = json.loads(str(archive["told"][()]))
                 leaves = [archive[f"leaf{i}"] for i in range(len(mine))]
                 held = [archive[name] for name in ("predicted", "true", "integral", "loss")]
