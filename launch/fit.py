@@ -86,8 +86,8 @@ def run(args: argparse.Namespace) -> int:
     except OSError as reason:
         raise EvsError(f"cannot make the folder '{out}': {reason.strerror}") from None
 
+    # of the seeds before
     best = float("inf")
-    """score of the seeds before"""
 
     def improved(fitted: Fitted) -> None:
         if fitted.score < best:

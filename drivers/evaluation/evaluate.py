@@ -208,7 +208,7 @@ def _judge(
         if spec.seeds == "fresh":
             warm = light_of(still_before, earlier, spec, WARM, cache, threads, step)
         for contender in contenders:
-            chosen = contender.at(spec.spp if spec.renderer == "path" else 0)
+            chosen = contender.at(spec.noisy_samples)
             out = models.run(chosen, light, warm)
             cells.append(
                 cell(spec, spec.renderer, contender.name, out.events, out.ms_per_tick, reference)

@@ -37,6 +37,11 @@ class LightSpec:
     seed: int = SEED
     """what the noise follows from"""
 
+    @property
+    def noisy_samples(self) -> int:
+        """As RenderConfig.noisy_samples."""
+        return RenderConfig(renderer=self.renderer, spp=self.spp).noisy_samples
+
 
 def renderer_of(take: Take, spec: LightSpec, threads: int) -> DirectRenderer:
     """What traces the take as told. Raises EvsError for what no renderer does."""

@@ -72,9 +72,7 @@ class Family(Contender):
 
     def at(self, spp: int) -> Contender:
         """The member for light of so many samples a pixel."""
-        found = {one.name: one for _, one in self.found}
-        chosen = nearest_member({own: one.name for own, one in self.found}, spp)
-        return dataclasses.replace(found[chosen], name=self.name)
+        return dataclasses.replace(nearest_member(dict(self.found), spp), name=self.name)
 
 
 @dataclass(frozen=True)

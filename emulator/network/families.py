@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import TypeVar
+
+T = TypeVar("T")
 
 MEMBER = re.compile(r"(?P<family>.+)_(?P<spp>[1-9][0-9]{0,5})spp")
 
@@ -29,7 +32,7 @@ def families(names: Iterable[str]) -> list[str]:
     return sorted({parts["family"] for name in names if (parts := MEMBER.fullmatch(name))})
 
 
-def nearest_member(found: dict[int, str], spp: int) -> str:
+def nearest_member(found: Mapping[int, T], spp: int) -> T:
     """The member for light of so many samples a pixel; 0: light without noise.
 
     The nearest by ratio; of two that are as near, the one of fewer samples.

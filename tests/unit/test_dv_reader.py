@@ -10,15 +10,12 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from evs.drivers.dv import DvServer
 from evs.launch import main as program
 from evs.msgs import (
     DEGREE,
@@ -26,14 +23,13 @@ from evs.msgs import (
     Events,
     Frame,
     ImuPacket,
-    StreamInfo,
     TriggerPacket,
     empty_imu,
     join_events,
     make_events,
     make_triggers,
 )
-from reference.dv_packets import ALL, ANY, TICKS, packet
+from reference.dv_packets import TICKS, came, packet, serving
 
 CLIENT = Path(__file__).with_name("dv_client.py")
 
@@ -59,24 +55,6 @@ class Reader:
         self.process.wait()
         assert self.process.stdout is not None
         self.process.stdout.close()
-
-
-@contextmanager
-def serving(*streams: StreamInfo, address: str = ANY, **options: Any) -> Iterator[DvServer]:
-    server = DvServer(address, **options)
-    server.open(streams or [ALL])
-    try:
-        yield server
-    finally:
-        server.close()
-
-
-def came(server: DvServer, count: int, within_s: float = 20.0) -> None:
-    """Until so many clients are there, in all."""
-    deadline = time.monotonic() + within_s
-    while sum(len(port.clients) for port in server._ports.values()) != count:
-        assert time.monotonic() < deadline, "the clients did not come"
-        server._hear(0.05)
 
 
 def digest(events: Events) -> str:

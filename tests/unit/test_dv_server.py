@@ -5,9 +5,6 @@ from __future__ import annotations
 import socket
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,25 +19,7 @@ from evs.msgs import (
     Frame,
     StreamInfo,
 )
-from reference.dv_packets import ALL, ANY, TICKS, packet
-
-
-@contextmanager
-def serving(*streams: StreamInfo, address: str = ANY, **options: Any) -> Iterator[DvServer]:
-    server = DvServer(address, **options)
-    server.open(streams or [ALL])
-    try:
-        yield server
-    finally:
-        server.close()
-
-
-def came(server: DvServer, count: int, within_s: float = 20.0) -> None:
-    """Until so many clients are there, in all."""
-    deadline = time.monotonic() + within_s
-    while sum(len(port.clients) for port in server._ports.values()) != count:
-        assert time.monotonic() < deadline, "the clients did not come"
-        server._hear(0.05)
+from reference.dv_packets import ALL, ANY, TICKS, came, packet, serving
 
 
 class Listener:

@@ -65,15 +65,7 @@ def decompress(body: bytes, name: str) -> bytes:
 
 def expanded(body: bytes, name: str, size: int) -> bytes:
     """What a frame of any content expands to, which must be `size` bytes; DamageError if not."""
-    read, out = _reader(body, name), bytearray()
-    while len(out) <= size:
-        part = read(min(size + 1 - len(out), _CHUNK_BYTES))
-        if not part:
-            break
-        out += part
-    if len(out) != size:
-        raise DamageError(f"states {size} bytes, holds {'more' if len(out) > size else len(out)}")
-    return bytes(out)
+    return _filled(bytearray(), _reader(body, name), size)
 
 
 def identifier(body: bytes, name: str) -> bytes:
@@ -147,6 +139,11 @@ def _bounded(read: Callable[[int], bytes]) -> bytes:
     size = 4 + int.from_bytes(out[:4], "little")
     if size > MAX_BODY_BYTES:
         raise DamageError(f"states {size} bytes, over {MAX_BODY_BYTES}")
+    return _filled(out, read, size)
+
+
+def _filled(out: bytearray, read: Callable[[int], bytes], size: int) -> bytes:
+    """What was read so far and the rest that read(n) gives, which must be `size` bytes together."""
     # one byte more is asked for: it shows too long a frame, and makes the end be checked
     while len(out) <= size:
         part = read(min(size + 1 - len(out), _CHUNK_BYTES))
