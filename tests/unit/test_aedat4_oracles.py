@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import struct
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,34 +14,11 @@ import pytest
 from evs.drivers.files import read
 from evs.drivers.files.aedat4 import Aedat4File, Aedat4Recorder
 from evs.msgs import EventPacket, Events, StreamInfo, join_events, make_events
+from reference.oracles import OracleProgram
 
-SCRIPT = Path(__file__).with_name("aedat4_oracles.py")
+oracle = OracleProgram(Path(__file__).with_name("aedat4_oracles.py"))
 READERS = ("dv-processing", "aedat", "faery")
 COMPRESSIONS = ("none", "lz4", "zstd")
-
-
-def oracle(*words: object) -> list[dict[str, Any]]:
-    """What the oracle program prints for each file."""
-    done = subprocess.run(
-        [sys.executable, SCRIPT, *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
-
-
-def digest(events: Events) -> str:
-    import importlib.util
-
-    spec = importlib.util.spec_from_file_location("aedat4_oracles", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    found: str = module.digest(*(events[name] for name in "txyp"))
-    return found
 
 
 def chunks(events: Events, tick_us: int) -> Iterator[Events]:
@@ -130,7 +105,7 @@ def test_whole_files_are_read_bit_exactly(
         stream, events = recordings[facts["path"]]
         assert facts["error"] == ""
         assert facts["events"] == len(events)
-        assert facts["digest"] == digest(events)
+        assert facts["digest"] == oracle.digest(events)
         assert facts["resolution"] == [stream.width, stream.height]
         assert facts["packets"] >= len(np.unique(-(-events["t"] // 1000))) or reader == "faery"
 
@@ -167,7 +142,7 @@ def test_we_read_files_of_dv_processing_past_frames_imu_and_triggers(tmp_path: P
         assert len(file.streams) == 4
         recording = read(facts["path"])
         assert len(recording) == facts["events"] == 25_000
-        assert digest(recording) == facts["digest"]
+        assert oracle.digest(recording) == facts["digest"]
         assert (recording.stream.width, recording.stream.height) == (640, 480)
         assert recording.stream.camera == "DVX_123"
         assert file.table_packets is not None
@@ -207,5 +182,5 @@ def test_whole_packets_of_torn_files_reach_every_reader(tmp_path: Path, compress
         for facts in oracle(reader, *files):
             whole = files[Path(facts["path"])]
             assert facts["events"] == len(whole), (reader, facts)
-            assert facts["digest"] == digest(whole), (reader, facts)
+            assert facts["digest"] == oracle.digest(whole), (reader, facts)
             assert facts["error"] == "" or reader != "dv-processing", facts

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,8 +13,9 @@ from evs.drivers import files
 from evs.drivers.files.recorded import by_tick
 from evs.msgs import EventPacket, Events, StreamInfo, join_events, make_events
 from evs.msgs.encodings import TIME_ORIGIN_US
+from reference.oracles import OracleProgram
 
-SCRIPT = Path(__file__).with_name("foreign_oracles.py")
+oracle = OracleProgram(Path(__file__).with_name("foreign_oracles.py"))
 STREAM = StreamInfo(
     1280,
     720,
@@ -58,31 +56,6 @@ FORMATS = {
     "rosbag1": (".bag", "rosbags"),
     "rosbag2": (".mcap", "rosbags"),
 }
-
-
-def oracle(*words: object) -> list[dict[str, Any]]:
-    """What the oracle program prints for each file."""
-    done = subprocess.run(
-        [sys.executable, SCRIPT, *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
-
-
-def digest(events: Events) -> str:
-    import importlib.util
-
-    spec = importlib.util.spec_from_file_location("foreign_oracles", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    found: str = module.digest(*(events[name] for name in "txyp"))
-    return found
 
 
 def record(path: Path, kind: str, events: Events, **options: str) -> dict[str, Any]:
@@ -129,7 +102,7 @@ def test_others_read_ours_bit_exactly_and_so_do_we(kind: str, tmp_path: Path) ->
         if kind in ("evt3", "evt2"):
             events["t"] += TIME_ORIGIN_US
         assert facts["events"] == len(events), facts
-        assert facts["digest"] == digest(events), facts
+        assert facts["digest"] == oracle.digest(events), facts
         assert facts.get("size", [1280, 720]) == [1280, 720]
         if kind == "hdf5":
             assert facts["wrong"] == 0
@@ -156,7 +129,7 @@ def test_bags_of_any_encoding(kind: str, encoding: str, tmp_path: Path) -> None:
     if encoding == "evt3":
         assert set(facts["encodings"]) == {"evt3"}
     else:
-        assert facts["digest"] == digest(CASES["packet"])
+        assert facts["digest"] == oracle.digest(CASES["packet"])
         assert facts["frame_id"] == STREAM.camera
 
 
