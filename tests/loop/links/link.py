@@ -1,0 +1,161 @@
+"""Two network namespaces and a cable between them, for tests of what a real link does.
+
+No name is registered anywhere: a namespace lives as long as the `cat` that holds it, and that ends
+with its pipe. So nothing stays behind, however the test ends.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Any
+
+_HOLD = "echo ready; exec cat"
+_CARD = "evs0"
+"""the network card at each end"""
+
+
+class NoLink(Exception):
+    """This machine does not permit it; one line says why."""
+
+
+class Side:
+    """One end: a namespace of its own, with a loopback and a network card."""
+
+    def __init__(self, number: int, unshare: list[str], enter: list[str]) -> None:
+        """In: unshare, the command that makes a namespace; enter, the one that goes into it."""
+        self.address = f"10.77.0.{number}"
+        self.address6 = f"fd77::{number}"
+        self.has_ipv6 = True
+        self.programs: list[subprocess.Popen[Any]] = []
+        pipe = subprocess.PIPE
+        try:
+            self._holder = subprocess.Popen(
+                [*unshare, "sh", "-c", _HOLD], stdin=pipe, stdout=pipe, stderr=pipe, text=True
+            )
+        except OSError as reason:
+            raise NoLink(f"{unshare[0]}: {reason.strerror}") from None
+        assert self._holder.stdout is not None
+        assert self._holder.stderr is not None
+        if not self._holder.stdout.readline():
+            said = self._holder.stderr.read().strip()
+            self.close()
+            raise NoLink(said or f"{unshare[0]} says nothing")
+        self.pid = self._holder.pid
+        self.enter = [word.format(pid=self.pid) for word in enter]
+        self.ip("link", "set", "lo", "up")
+
+    def run(self, command: Sequence[str], **more: Any) -> subprocess.Popen[Any]:
+        """Start a program at this end. In: more, of Popen. It is killed when the link is closed."""
+        started = subprocess.Popen([*self.enter, *command], start_new_session=True, **more)
+        self.programs.append(started)
+        return started
+
+    def ip(self, *words: str) -> None:
+        """Configure this end, as `ip` does. Raises NoLink."""
+        done = subprocess.run([*self.enter, "ip", *words], capture_output=True, text=True)
+        if done.returncode:
+            raise NoLink(f"ip {' '.join(words)}: {done.stderr.strip()}")
+
+    def bring_up(self) -> None:
+        """Switch the network card on and give it its addresses."""
+        self.ip("link", "set", _CARD, "up")
+        self.ip("address", "replace", f"{self.address}/24", "dev", _CARD)
+        try:
+            # one that is switched off forgets it
+            self.ip("address", "replace", f"{self.address6}/64", "dev", _CARD, "nodad")
+        except NoLink:
+            self.has_ipv6 = False
+
+    def bring_down(self) -> None:
+        """Switch it off."""
+        self.ip("link", "set", _CARD, "down")
+
+    def close(self) -> None:
+        """Kill what runs here, and let go of the namespace."""
+        for program in self.programs:
+            if program.poll() is None:
+                os.killpg(program.pid, signal.SIGKILL)
+            program.communicate()
+        self._holder.communicate()
+
+
+class Link:
+    """A near end, a far end, a cable that can be pulled. Close it, or use `with`.
+
+    Raises NoLink where namespaces may not be made. Root needs nothing else; others need user
+    namespaces, and are root inside.
+    """
+
+    def __init__(self) -> None:
+        for program in ("ip", "unshare", "nsenter"):
+            if shutil.which(program) is None:
+                raise NoLink(f"{program} is missing (Debian: iproute2, util-linux)")
+        self.sides: list[Side] = []
+        reasons = []
+        for make in (self._as_root, self._as_user):
+            try:
+                make()
+                self._connect()
+                return
+            except NoLink as reason:
+                reasons.append(str(reason))
+                self.close()
+        raise NoLink(f"no network namespaces here: {'; '.join(reasons)}")
+
+    @property
+    def near(self) -> Side:
+        """Where tests put the camera."""
+        return self.sides[0]
+
+    @property
+    def far(self) -> Side:
+        """Where they put who listens."""
+        return self.sides[1]
+
+    def unplug(self) -> None:
+        """The far card goes off, the near one loses its carrier: no packet passes any more."""
+        self.far.bring_down()
+
+    def plug(self) -> None:
+        """As before."""
+        self.far.bring_up()
+
+    def close(self) -> None:
+        """Kill what runs at both ends; the namespaces go with it. Safe to call twice."""
+        for side in self.sides:
+            side.close()
+        self.sides = []
+
+    def __enter__(self) -> Link:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _as_root(self) -> None:
+        if os.geteuid():
+            raise NoLink("not root")
+        for number in (1, 2):
+            self.sides.append(Side(number, ["unshare", "-n"], ["nsenter", "-t", "{pid}", "-n"]))
+
+    def _as_user(self) -> None:
+        """Root of a user namespace, which both ends share."""
+        enter = ["nsenter", "-t", "{pid}", "-U", "-n", "--preserve-credentials"]
+        self.sides.append(Side(1, ["unshare", "-r", "-n"], enter))
+        self.sides.append(Side(2, [*self.near.enter, "unshare", "-n"], enter))
+
+    def _connect(self) -> None:
+        cable = ("link", "add", _CARD, "type", "veth", "peer", "name", _CARD)
+        self.near.ip(*cable, "netns", str(self.far.pid))
+        for side in self.sides:
+            side.bring_up()
