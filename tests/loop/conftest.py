@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from links.link import Link, NoLink
+
+from links.link import Link, NoLinkError
 
 
 @pytest.fixture
@@ -13,7 +14,7 @@ def link() -> Iterator[Link]:
     """Two network namespaces with a cable between them, for this test alone."""
     try:
         made = Link()
-    except NoLink as reason:
+    except NoLinkError as reason:
         pytest.skip(str(reason))
     with made:
         yield made

@@ -1,4 +1,4 @@
-"""The cable of the other tests: it carries, it can be pulled and put in again, it leaves nothing."""
+"""The cable of the other tests: it carries, can be pulled and put in again, and leaves nothing."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from links.link import Link
 
 from evs.drivers.pace import monotonic_s, sleep_s
+from links.link import Link
 
 CALLER = """
 import socket, sys

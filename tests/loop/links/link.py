@@ -19,7 +19,7 @@ _CARD = "evs0"
 """the network card at each end"""
 
 
-class NoLink(Exception):
+class NoLinkError(Exception):
     """This machine does not permit it; one line says why."""
 
 
@@ -38,13 +38,13 @@ class Side:
                 [*unshare, "sh", "-c", _HOLD], stdin=pipe, stdout=pipe, stderr=pipe, text=True
             )
         except OSError as reason:
-            raise NoLink(f"{unshare[0]}: {reason.strerror}") from None
+            raise NoLinkError(f"{unshare[0]}: {reason.strerror}") from None
         assert self._holder.stdout is not None
         assert self._holder.stderr is not None
         if not self._holder.stdout.readline():
             said = self._holder.stderr.read().strip()
             self.close()
-            raise NoLink(said or f"{unshare[0]} says nothing")
+            raise NoLinkError(said or f"{unshare[0]} says nothing")
         self.pid = self._holder.pid
         self.enter = [word.format(pid=self.pid) for word in enter]
         self.ip("link", "set", "lo", "up")
@@ -56,10 +56,10 @@ class Side:
         return started
 
     def ip(self, *words: str) -> None:
-        """Configure this end, as `ip` does. Raises NoLink."""
+        """Configure this end, as `ip` does. Raises NoLinkError."""
         done = subprocess.run([*self.enter, "ip", *words], capture_output=True, text=True)
         if done.returncode:
-            raise NoLink(f"ip {' '.join(words)}: {done.stderr.strip()}")
+            raise NoLinkError(f"ip {' '.join(words)}: {done.stderr.strip()}")
 
     def bring_up(self) -> None:
         """Switch the network card on and give it its addresses."""
@@ -68,7 +68,7 @@ class Side:
         try:
             # one that is switched off forgets it
             self.ip("address", "replace", f"{self.address6}/64", "dev", _CARD, "nodad")
-        except NoLink:
+        except NoLinkError:
             self.has_ipv6 = False
 
     def bring_down(self) -> None:
@@ -87,14 +87,14 @@ class Side:
 class Link:
     """A near end, a far end, a cable that can be pulled. Close it, or use `with`.
 
-    Raises NoLink where namespaces may not be made. Root needs nothing else; others need user
+    Raises NoLinkError where namespaces may not be made. Root needs nothing else; others need user
     namespaces, and are root inside.
     """
 
     def __init__(self) -> None:
         for program in ("ip", "unshare", "nsenter"):
             if shutil.which(program) is None:
-                raise NoLink(f"{program} is missing (Debian: iproute2, util-linux)")
+                raise NoLinkError(f"{program} is missing (Debian: iproute2, util-linux)")
         self.sides: list[Side] = []
         reasons = []
         for make in (self._as_root, self._as_user):
@@ -102,10 +102,10 @@ class Link:
                 make()
                 self._connect()
                 return
-            except NoLink as reason:
+            except NoLinkError as reason:
                 reasons.append(str(reason))
                 self.close()
-        raise NoLink(f"no network namespaces here: {'; '.join(reasons)}")
+        raise NoLinkError(f"no network namespaces here: {'; '.join(reasons)}")
 
     @property
     def near(self) -> Side:
@@ -144,7 +144,7 @@ class Link:
 
     def _as_root(self) -> None:
         if os.geteuid():
-            raise NoLink("not root")
+            raise NoLinkError("not root")
         for number in (1, 2):
             self.sides.append(Side(number, ["unshare", "-n"], ["nsenter", "-t", "{pid}", "-n"]))
 
