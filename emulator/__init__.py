@@ -7,13 +7,24 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from evs.emulator.camera import Camera
+    from evs.emulator.closed import Loop, Observation
     from evs.emulator.loop import World
     from evs.emulator.observe import Sensor
     from evs.emulator.view import View
     from evs.emulator.virtual import VirtualCamera
     from evs.emulator.world import LeftOutWarning, UnstableError
 
-__all__ = ["Camera", "LeftOutWarning", "Sensor", "UnstableError", "View", "VirtualCamera", "World"]
+__all__ = [
+    "Camera",
+    "LeftOutWarning",
+    "Loop",
+    "Observation",
+    "Sensor",
+    "UnstableError",
+    "View",
+    "VirtualCamera",
+    "World",
+]
 
 
 def __getattr__(name: str) -> Any:
@@ -22,6 +33,10 @@ def __getattr__(name: str) -> Any:
         return import_module("evs.emulator.camera").Camera
     if name == "LeftOutWarning":
         return import_module("evs.emulator.world").LeftOutWarning
+    if name == "Loop":
+        return import_module("evs.emulator.closed").Loop
+    if name == "Observation":
+        return import_module("evs.emulator.closed").Observation
     if name == "Sensor":
         return import_module("evs.emulator.observe").Sensor
     if name == "UnstableError":

@@ -105,10 +105,12 @@ class Camera:
         )
         self.reset()
 
-    def reset(self) -> None:
-        """Forget everything seen: as new."""
+    def reset(self, seed: int | None = None) -> None:
+        """Forget everything seen: as new. In: seed, another one from now on, as if made with it."""
+        if seed is not None:
+            self._reseed(seed)
         seed = self._plan.seed
-        self._pixels.reset()
+        self._pixels.reset(seed)
         self._aps_state = None if self._aps is None else self._aps.init(seed)
         self._imu_state = None if self._imu is None else self._imu.init(seed)
         self._imu_seq = 0
@@ -118,6 +120,13 @@ class Camera:
         self._forget_instants()
         self._seq = self._seen = 0
         self.events = 0
+
+    def _reseed(self, seed: int) -> None:
+        self._plan = replace(self._plan, seed=seed)
+        self._renderer.reseed(seed)
+        # a world of one pipeline has the run's whole configuration there, seed included
+        config = {**self._info.config, "seed": seed}
+        self._info = replace(self._info, seed=seed, config=config)
 
     def refresh(self, world: MjModel, scene: SceneModel) -> None:
         """Look at a changed world through the same pixels: their state stays."""

@@ -26,6 +26,7 @@ from evs.emulator.stages import Meter, NoMeter
 from evs.emulator.view import View
 from evs.emulator.world import (
     BoundCamera,
+    Control,
     ControlFunction,
     MjData,
     MjModel,
@@ -84,30 +85,37 @@ class World:
             )
             model, source = load_model(scene), control
         starts = bool(settings.keyframe) or source == "keyframe"
-        keyframe = find_keyframe(model, settings.keyframe) if starts else -1
+        self._keyframe = find_keyframe(model, settings.keyframe) if starts else -1
         if settings.control_file and source != "file":
             raise EvsError(
                 f"scene.control_file '{settings.control_file}' is not used: "
                 'set scene.control to "file", or leave it out'
             )
         self._scene_config = settings
-        self._seed, self._threads, self._meter = seed, threads, meter or NoMeter()
-        self._control = make_control(
-            model,
-            source,
-            keyframe=settings.keyframe,
-            file=settings.control_file,
-            rate_hz=settings.control_hz,
-            seed=settings.control_seed,
-            scale=settings.control_scale,
-        )
+        self._seed = plain_integer(seed, "seed")
+        self._threads, self._meter = threads, meter or NoMeter()
+        self._source = source
+        self._control_seed = settings.control_seed
+        self._control = self._make_control(model)
         self._given: F64 | None = None
-        self._physics = Physics(model, settings.tick_us, keyframe)
+        self._physics = Physics(model, settings.tick_us, self._keyframe)
         self._scene = extract_scene(model)
         self._poser = Poser(model)
         self._cameras: list[Camera] = []
         self._views: list[View] = []
         self._posed = 0
+
+    def _make_control(self, model: MjModel) -> Control:
+        settings = self._scene_config
+        return make_control(
+            model,
+            self._source,
+            keyframe=settings.keyframe,
+            file=settings.control_file,
+            rate_hz=settings.control_hz,
+            seed=self._control_seed,
+            scale=settings.control_scale,
+        )
 
     @classmethod
     def from_config(cls, config: RunConfig, meter: Meter | None = None) -> World:
@@ -206,6 +214,28 @@ class World:
         self._meter.lap("world")
         return tuple(packet for camera in self._cameras for packet in camera.observe(snapshot))
 
+    def reset(self, seed: int | None = None, keyframe: str = "") -> None:
+        """Back to the beginning, whatever happened before: time, physics, pixels and counters.
+
+        In: seed, all random numbers follow from another one from now on, as in a new world of that
+        seed; keyframe, name or number of the one to start from, "" is as the world was made. Until
+        the next step `world.data` may be put into any state again. Raises EvsError, and then
+        nothing has changed.
+        """
+        start = find_keyframe(self.model, keyframe) if keyframe else self._keyframe
+        if seed is not None:
+            seed = plain_integer(seed, "seed")
+            # a control seed of its own keeps its distance
+            self._control_seed += seed - self._seed
+            self._seed = seed
+            self._control = self._make_control(self.model)
+        self._given = None
+        self._physics.reset(start)
+        for number, camera in enumerate(self._cameras):
+            camera.reset(None if seed is None else seed + number)
+        for view in self._views:
+            view.reset(seed)
+
     def finish(self) -> tuple[EventPacket, ...]:
         """The packets of ticks that wait for the rest of their chunk (model.chunk), without it."""
         return tuple(packet for camera in self._cameras for packet in camera.finish())
@@ -237,6 +267,11 @@ class World:
     def model(self) -> MjModel:
         """The mujoco.MjModel, our own copy."""
         return self._physics.model
+
+    @property
+    def state(self) -> F64:
+        """(n,) all physics that the next tick follows from, as mjSTATE_INTEGRATION; a copy."""
+        return self._physics.state
 
     @property
     def data(self) -> MjData:

@@ -52,8 +52,9 @@ class Pixels:
         self._chunk = model.chunk
         self.reset()
 
-    def reset(self) -> None:
-        """As new: in the dark, before the first light."""
+    def reset(self, seed: int | None = None) -> None:
+        """As new: in the dark, before the first light. In: seed, another one from now on."""
+        self._seed = self._seed if seed is None else seed
         self._state: Any = self._model.init(self._seed)
         self._read = None if self._readout is None else self._readout.init(self._seed)
         self._waiting: list[tuple[F32, int, int]] = []

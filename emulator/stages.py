@@ -32,6 +32,9 @@ class Renderer(Protocol):
         The array is valid until the next call.
         """
 
+    def reseed(self, seed: int) -> None:
+        """What noise there is follows from `seed` from the next call on."""
+
     @property
     def rgb(self) -> F32 | None:
         """(h, w, 3) float32 linear light of the last `render`; None: colour was not asked for."""

@@ -39,6 +39,12 @@ class View:
         self._now: tuple[SceneSnapshot, CameraPose] | None = None
         self._previous: tuple[SceneSnapshot, CameraPose] | None = None
 
+    def reset(self, seed: int | None = None) -> None:
+        """Forget the instants seen: the world has begun again. In: seed, another one."""
+        if seed is not None:
+            self._renderer.reseed(seed)
+        self._now = self._previous = None
+
     def start(self) -> None:
         """Look at the present, if nothing was seen yet."""
         self._instant()

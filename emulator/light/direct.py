@@ -89,6 +89,9 @@ class DirectRenderer:
         self._caster.render(*self._place(snapshot, pose), self._luminance, self._rgb, self._noise)
         return self._luminance
 
+    def reseed(self, seed: int) -> None:
+        """Nothing here follows from a seed."""
+
     def trace(self, snapshot: SceneSnapshot, pose: CameraPose, pixels: I32) -> F32:
         """Luminance of single pixels, the same as `render` gives them.
 

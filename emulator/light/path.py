@@ -36,6 +36,10 @@ class PathRenderer(DirectRenderer):
         self._noise = self._noise_of(snapshot)
         return super().render(snapshot, pose)
 
+    def reseed(self, seed: int) -> None:
+        """The noise follows from `seed` from the next call on."""
+        self._seed = seed
+
     def trace(self, snapshot: SceneSnapshot, pose: CameraPose, pixels: I32) -> F32:
         """Luminance of single pixels, the same as `render` gives them.
 

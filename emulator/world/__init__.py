@@ -14,6 +14,7 @@ from evs.emulator.world.controls import (
     make_control,
 )
 from evs.emulator.world.extraction import extract_scene, visible_geoms
+from evs.emulator.world.gauges import Gauges
 from evs.emulator.world.kinematics import gravity_of
 from evs.emulator.world.left_out import LeftOutWarning
 from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model
@@ -27,6 +28,7 @@ __all__ = [
     "BoundCamera",
     "Control",
     "ControlFunction",
+    "Gauges",
     "LeftOutWarning",
     "MjData",
     "MjModel",

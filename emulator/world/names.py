@@ -13,6 +13,7 @@ COUNTS = {
     mujoco.mjtObj.mjOBJ_CAMERA: "ncam",
     mujoco.mjtObj.mjOBJ_ACTUATOR: "nactuator",
     mujoco.mjtObj.mjOBJ_KEY: "nkey",
+    mujoco.mjtObj.mjOBJ_SENSOR: "nsensor",
 }
 """Where the model keeps the number of objects of a kind."""
 

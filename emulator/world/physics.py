@@ -5,10 +5,17 @@ from __future__ import annotations
 from collections import Counter
 
 import mujoco
+import numpy as np
 
+from evs.emulator.scene import F64
 from evs.emulator.world.names import name_of, one_line
 from evs.emulator.world.ticks import Substeps, fill_tick
-from evs.emulator.world.unstable import UnstableError, joint_of_position, joint_place
+from evs.emulator.world.unstable import (
+    UnstableError,
+    check_positions,
+    joint_of_position,
+    joint_place,
+)
 from evs.msgs import EvsError
 
 Warnings = mujoco.mjtWarning
@@ -21,6 +28,9 @@ FATAL = {
     int(Warnings.mjWARN_CNSTRFULL): "constraint buffer full",
 }
 """The warnings after which the motion is not the model's any more."""
+
+STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+"""Everything that the next step follows from."""
 
 SILENT = 1
 """MuJoCo prints a warning whose count is 0. Counts begin here, the error says it instead."""
@@ -40,6 +50,13 @@ class Physics:
             self.data = mujoco.MjData(model)
         except (mujoco.FatalError, MemoryError) as reason:
             raise EvsError(f"the model's state does not fit: {one_line(reason)}") from None
+        self._before = np.zeros(mujoco.mj_stateSize(model, STATE))
+        self.reset(keyframe)
+
+    def reset(self, keyframe: int = -1) -> None:
+        """As new. In: keyframe, the id of the one to start from; -1 starts from qpos0."""
+        model = self.model
+        mujoco.mj_resetData(model, self.data)
         if keyframe >= 0:
             mujoco.mj_resetDataKeyframe(model, self.data, keyframe)
         self.data.time = 0.0
@@ -54,8 +71,23 @@ class Physics:
         """Simulated time, us: ticks times their length."""
         return self.tick * self.substeps.tick_us
 
+    @property
+    def state(self) -> F64:
+        """(n,) everything that the next tick follows from, as mjSTATE_INTEGRATION; a copy."""
+        out = np.zeros_like(self._before)
+        mujoco.mj_getState(self.model, self.data, out, STATE)
+        return out
+
     def advance(self) -> None:
-        """One tick. Raises UnstableError; the ticks before it stay true."""
+        """One tick. Raises UnstableError; the state then is again that of the tick before."""
+        mujoco.mj_getState(self.model, self.data, self._before, STATE)
+        try:
+            self._advance()
+        except UnstableError:
+            mujoco.mj_setState(self.model, self.data, self._before, STATE)
+            raise
+
+    def _advance(self) -> None:
         data = self.data
         for warning in FATAL:
             data.warning[warning].number = SILENT
@@ -69,6 +101,8 @@ class Physics:
             for warning in FATAL:
                 if counts[warning] != SILENT:
                     raise self._unstable(warning, t_s)
+        # nothing could be drawn of what is not finite
+        check_positions(self.model, data, self.t_us + self.substeps.tick_us)
         self.tick += 1
         # counted, not accumulated
         data.time = self.t_us * 1e-6

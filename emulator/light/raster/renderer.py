@@ -78,6 +78,9 @@ class RasterRenderer:
             self._luminance *= self._share
         return self._luminance
 
+    def reseed(self, seed: int) -> None:
+        """Nothing here follows from a seed."""
+
     def hits(self, snapshot: SceneSnapshot, pose: CameraPose) -> tuple[I32, F32]:
         """What each pixel's centre shows: index into the scene's geoms or -1, distance in m."""
         out = np.empty((*self._luminance.shape, 4), np.float32)

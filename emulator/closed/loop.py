@@ -1,0 +1,189 @@
+"""Loop: a world that moves only when a controller has decided."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy.typing as npt
+
+from evs.emulator.closed.observation import Observation
+from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
+from evs.emulator.loop import World
+from evs.emulator.plain_config import plain_integer
+from evs.emulator.world import Gauges, MjData, Scene, UnstableError, check_control
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket
+
+
+class Loop:
+    """Lock-step: each `step` takes a decision, and gives what has arrived for the next one.
+
+        loop = Loop("cart.xml", cameras=("left", "right"), limits={"tilt": (-0.5, 0.5)}, max_s=30.0)
+        seen = loop.reset(seed=1)
+        while not seen.done:
+            seen = loop.step(controller(seen))
+
+    A camera's packets are those of whole ticks. Same seed, same controls: same bytes.
+    """
+
+    def __init__(
+        self,
+        scene: Scene | SceneConfig,
+        cameras: str | CameraConfig | tuple[str | CameraConfig, ...] = ("",),
+        *,
+        tick_us: int = 1000,
+        sensor: str | SensorConfig = "dvs128",
+        render: RenderConfig | None = None,
+        model: ModelConfig | None = None,
+        seed: int = 0,
+        threads: int = 0,
+        limits: Mapping[str, tuple[float, float]] | None = None,
+        max_s: float | None = None,
+    ) -> None:
+        """A world with these cameras, all of the same kind, and a loop around it.
+
+        In: cameras, names of the model's, or descriptions; "" is its first, else a free one;
+        limits, name of a sensor of the model -> the range whose leaving ends the episode; max_s,
+        simulated seconds after which it ends; the others as of World and World.add_camera.
+        Raises EvsError with one line for whatever cannot be.
+        """
+        world = World(scene, tick_us=tick_us, seed=seed, threads=threads)
+        several = (cameras,) if isinstance(cameras, str | CameraConfig) else tuple(cameras)
+        for camera in several:
+            world.add_camera(camera, sensor=sensor, render=render, model=model)
+        self._surround(world, limits, max_s)
+
+    @classmethod
+    def around(
+        cls,
+        world: World,
+        *,
+        limits: Mapping[str, tuple[float, float]] | None = None,
+        max_s: float | None = None,
+    ) -> Loop:
+        """A loop around a world, with all the cameras it has now; from then on it alone steps it.
+
+        Until the first control is given, the world's own control source acts.
+        """
+        loop = cls.__new__(cls)
+        loop._surround(world, limits, max_s)
+        return loop
+
+    def _surround(
+        self, world: World, limits: Mapping[str, tuple[float, float]] | None, max_s: float | None
+    ) -> None:
+        for camera in world.cameras:
+            if camera.chunk > 1:
+                raise EvsError(
+                    f"model.chunk is {camera.chunk}, but a decision needs the events of the tick "
+                    "before it: leave it 1"
+                )
+        if max_s is not None and not (max_s > 0.0 and math.isfinite(max_s)):
+            raise EvsError(f"max_s is {max_s}: give simulated seconds over 0, or None for no end")
+        self.world = world
+        self._gauges = Gauges(world.model, limits)
+        self._max_s = max_s
+        self._wants_state = False
+        self._done: str | None = None
+
+    def reset(
+        self,
+        seed: int | None = None,
+        keyframe: str = "",
+        state: bool = False,
+        start: Callable[[MjData], None] | None = None,
+    ) -> Observation:
+        """Begin an episode; what is known before its first tick: no event, the encoders.
+
+        In: seed, all noise follows from it, None keeps the last one; keyframe, name or number of
+        the one to start from, "" is as the world was made; state, observations of this episode
+        carry the physics' state; start, puts the MjData somewhere else before the first look.
+        Raises EvsError.
+        """
+        self.world.reset(seed, keyframe)
+        if start is not None:
+            start(self.world.data)
+        self._wants_state = bool(state)
+        self._look()
+        return self._seen((), (), ())
+
+    def step(self, ctrl: npt.ArrayLike | None = None, ticks: int = 1) -> Observation:
+        """Decide, then go on for so many ticks, fewer where the episode ends.
+
+        In: ctrl (nu,) holds until another acts; None keeps the last. Raises EvsError, and the
+        world has not moved: another shape, a number that is not finite, no tick, no reset before,
+        an episode that is over.
+        """
+        self._check_going()
+        ticks = plain_integer(ticks, "ticks")
+        if ticks < 1:
+            raise EvsError(f"ticks is {ticks}: a step is one tick or more")
+        if ctrl is not None:
+            ctrl = check_control(ctrl, self.world.model.nu, "step(ctrl)")
+        packets: list[EventPacket] = []
+        frames: list[Frame] = []
+        imu: list[ImuPacket] = []
+        for _ in range(ticks):
+            try:
+                packets += self.world.step(ctrl)
+            except UnstableError as reason:
+                self._done = str(reason)
+                self._gauges.read(self.world.data)
+                break
+            for camera in self.world.cameras:
+                frames += camera.frames
+                imu += [camera.imu_packet] if camera.imu_packet is not None else []
+            self._look()
+            if self._done:
+                break
+        return self._seen(tuple(packets), tuple(frames), tuple(imu))
+
+    def _check_going(self) -> None:
+        if self._done is None:
+            raise EvsError("the loop has not begun: call reset first")
+        if self._done:
+            raise EvsError(f"the episode is over ({self._done}): call reset")
+
+    def _look(self) -> None:
+        """Read the encoders and see whether the episode is over."""
+        self._gauges.read(self.world.data)
+        self._done = self._gauges.left()
+        if not self._done and self._max_s is not None and self.t_us >= self._max_s * 1e6:
+            self._done = f"{self._max_s:g} s are over"
+
+    def _seen(
+        self,
+        packets: tuple[EventPacket, ...],
+        frames: tuple[Frame, ...],
+        imu: tuple[ImuPacket, ...],
+    ) -> Observation:
+        return Observation(
+            t_us=self.t_us,
+            packets=packets,
+            position=self._gauges.position,
+            velocity=self._gauges.velocity,
+            done=self._done or "",
+            state=self.world.state if self._wants_state else None,
+            frames=frames,
+            imu=imu,
+        )
+
+    @property
+    def t_us(self) -> int:
+        """Simulated time, us."""
+        return self.world.t_us
+
+    @property
+    def tick_us(self) -> int:
+        """Length of a tick, us."""
+        return self.world.substeps.tick_us
+
+    @property
+    def nu(self) -> int:
+        """How many controls there are."""
+        return int(self.world.model.nu)
+
+    @property
+    def done(self) -> str:
+        """Why the episode is over; "": it goes on, or has not begun."""
+        return self._done or ""
