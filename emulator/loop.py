@@ -279,6 +279,11 @@ class World:
         return self._physics.data
 
     @property
+    def seed(self) -> int:
+        """What all random numbers follow from, since the last reset."""
+        return self._seed
+
+    @property
     def t_us(self) -> int:
         """Simulated time, us."""
         return self._physics.t_us

@@ -17,6 +17,7 @@ from evs.drivers.files import formats
 from evs.drivers.pipeline import settings
 from evs.drivers.sink import Sink
 from evs.emulator.config import SEEDS, RunConfig
+from evs.emulator.loop_config import LoopConfig
 from evs.msgs import EvsError, nearest_first, unknown
 
 T = TypeVar("T")
@@ -91,6 +92,7 @@ class PipelineConfig(RunConfig):
     sink: tuple[SinkConfig, ...] = ()
     pace: str = "free"
     """free: as fast as it goes | realtime: no faster than the wall clock"""
+    loop: LoopConfig = dataclasses.field(default_factory=LoopConfig)
     record: str = ""
     """one more recording, as in run.aedat4; the ending says the format"""
     publish: str = ""
@@ -182,6 +184,8 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
         raise EvsError('no scene: give --scene FILE.xml, or file = "FILE.xml" under [scene]')
     if config.pace not in PACES:
         raise _at("pace", unknown("pace", config.pace, PACES))
+    if config.pace != "lockstep" and config.loop != LoopConfig():
+        raise EvsError('at loop: it is for pace = "lockstep" only; leave it out')
     seeds = SEEDS.get(config.render.renderer, ())
     if seeds and config.render.seeds not in seeds:
         raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))

@@ -7,12 +7,14 @@ from collections.abc import Callable, Mapping
 
 import numpy.typing as npt
 
+from evs.emulator.closed.channels import Channels, check_delays
 from evs.emulator.closed.observation import Observation
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.loop import World
+from evs.emulator.loop_config import DelayConfig
 from evs.emulator.plain_config import plain_integer
 from evs.emulator.world import Gauges, MjData, Scene, UnstableError, check_control
-from evs.msgs import EventPacket, EvsError, Frame, ImuPacket
+from evs.msgs import EvsError
 
 
 class Loop:
@@ -39,19 +41,20 @@ class Loop:
         threads: int = 0,
         limits: Mapping[str, tuple[float, float]] | None = None,
         max_s: float | None = None,
+        delays: DelayConfig | None = None,
     ) -> None:
         """A world with these cameras, all of the same kind, and a loop around it.
 
         In: cameras, names of the model's, or descriptions; "" is its first, else a free one;
         limits, name of a sensor of the model -> the range whose leaving ends the episode; max_s,
-        simulated seconds after which it ends; the others as of World and World.add_camera.
-        Raises EvsError with one line for whatever cannot be.
+        simulated seconds after which it ends; delays, None: there are none; the others as of
+        World and World.add_camera. Raises EvsError with one line for whatever cannot be.
         """
         world = World(scene, tick_us=tick_us, seed=seed, threads=threads)
         several = (cameras,) if isinstance(cameras, str | CameraConfig) else tuple(cameras)
         for camera in several:
             world.add_camera(camera, sensor=sensor, render=render, model=model)
-        self._surround(world, limits, max_s)
+        self._surround(world, limits, max_s, delays)
 
     @classmethod
     def around(
@@ -60,17 +63,22 @@ class Loop:
         *,
         limits: Mapping[str, tuple[float, float]] | None = None,
         max_s: float | None = None,
+        delays: DelayConfig | None = None,
     ) -> Loop:
         """A loop around a world, with all the cameras it has now; from then on it alone steps it.
 
         Until the first control is given, the world's own control source acts.
         """
         loop = cls.__new__(cls)
-        loop._surround(world, limits, max_s)
+        loop._surround(world, limits, max_s, delays)
         return loop
 
     def _surround(
-        self, world: World, limits: Mapping[str, tuple[float, float]] | None, max_s: float | None
+        self,
+        world: World,
+        limits: Mapping[str, tuple[float, float]] | None,
+        max_s: float | None,
+        delays: DelayConfig | None,
     ) -> None:
         for camera in world.cameras:
             if camera.chunk > 1:
@@ -83,8 +91,14 @@ class Loop:
         self.world = world
         self._gauges = Gauges(world.model, limits)
         self._max_s = max_s
+        self._delays = check_delays(delays or DelayConfig())
+        self._channels = self._new_channels()
         self._wants_state = False
         self._done: str | None = None
+
+    def _new_channels(self) -> Channels:
+        names = [camera.name for camera in self.world.cameras]
+        return Channels(self._delays, names, self.world.seed)
 
     def reset(
         self,
@@ -103,9 +117,10 @@ class Loop:
         self.world.reset(seed, keyframe)
         if start is not None:
             start(self.world.data)
+        self._channels = self._new_channels()
         self._wants_state = bool(state)
         self._look()
-        return self._seen((), (), ())
+        return self._seen()
 
     def step(self, ctrl: npt.ArrayLike | None = None, ticks: int = 1) -> Observation:
         """Decide, then go on for so many ticks, fewer where the episode ends.
@@ -120,23 +135,29 @@ class Loop:
             raise EvsError(f"ticks is {ticks}: a step is one tick or more")
         if ctrl is not None:
             ctrl = check_control(ctrl, self.world.model.nu, "step(ctrl)")
-        packets: list[EventPacket] = []
-        frames: list[Frame] = []
-        imu: list[ImuPacket] = []
+            self._channels.decide(ctrl, self.t_us)
         for _ in range(ticks):
-            try:
-                packets += self.world.step(ctrl)
-            except UnstableError as reason:
-                self._done = str(reason)
-                self._gauges.read(self.world.data)
+            if not self._tick():
                 break
-            for camera in self.world.cameras:
-                frames += camera.frames
-                imu += [camera.imu_packet] if camera.imu_packet is not None else []
-            self._look()
-            if self._done:
-                break
-        return self._seen(tuple(packets), tuple(frames), tuple(imu))
+        return self._seen()
+
+    def _tick(self) -> bool:
+        """Go on for one tick; whether the episode does."""
+        world, channels = self.world, self._channels
+        try:
+            packets = world.step(channels.acting(world.t_us))
+        except UnstableError as reason:
+            self._done = str(reason)
+            self._gauges.read(world.data)
+            return False
+        for place, (camera, packet) in enumerate(zip(world.cameras, packets, strict=True)):
+            channels.send(place, packet, world.t_us)
+            for frame in camera.frames:
+                channels.send(place, frame, world.t_us)
+            if camera.imu_packet is not None:
+                channels.send(place, camera.imu_packet, world.t_us)
+        self._look()
+        return not self._done
 
     def _check_going(self) -> None:
         if self._done is None:
@@ -151,21 +172,14 @@ class Loop:
         if not self._done and self._max_s is not None and self.t_us >= self._max_s * 1e6:
             self._done = f"{self._max_s:g} s are over"
 
-    def _seen(
-        self,
-        packets: tuple[EventPacket, ...],
-        frames: tuple[Frame, ...],
-        imu: tuple[ImuPacket, ...],
-    ) -> Observation:
+    def _seen(self) -> Observation:
         return Observation(
             t_us=self.t_us,
-            packets=packets,
             position=self._gauges.position,
             velocity=self._gauges.velocity,
             done=self._done or "",
             state=self.world.state if self._wants_state else None,
-            frames=frames,
-            imu=imu,
+            **self._channels.arrived(self.t_us),
         )
 
     @property
@@ -182,6 +196,16 @@ class Loop:
     def nu(self) -> int:
         """How many controls there are."""
         return int(self.world.model.nu)
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Packets, frames and IMU packets of each camera that got lost in this episode."""
+        return self._channels.dropped
+
+    @property
+    def events_dropped(self) -> int:
+        """Events in the packets that got lost in this episode."""
+        return self._channels.events_dropped
 
     @property
     def done(self) -> str:

@@ -41,6 +41,11 @@ class Term(IntEnum):
     ACCELEROMETER_WALK = 35
     GYROSCOPE_NOISE = 36
     GYROSCOPE_WALK = 37
+    TRANSPORT = 128
+    """of a message on its way from a camera"""
+    DROP = 129
+    CONTROL = 130
+    """of a control on its way to the actuators"""
 
 
 def pixel_normals(seed: int, term: Term, width: int, height: int) -> F64:
@@ -67,6 +72,15 @@ def indexed_normals(
     key = _hash(_key(seed, term), places + np.uint64(1))
     doubled = np.asarray(counter, np.uint64) << np.uint64(1)
     return _normals(_hash(key, doubled + np.uint64(1)), _hash(key, doubled + np.uint64(2)))
+
+
+def indexed_uniforms(
+    seed: int, term: npt.ArrayLike, index: npt.ArrayLike, counter: npt.ArrayLike
+) -> F64:
+    """One number of [0, 1) for each (term, index, counter), as indexed_normals."""
+    places = np.atleast_1d(np.asarray(index, np.int64)).astype(np.uint64)
+    key = _hash(_key(seed, term), places + np.uint64(1))
+    return _uniform(_hash(key, np.asarray(counter, np.uint64) + np.uint64(1)))
 
 
 def _normals(first: U64, second: U64) -> F64:

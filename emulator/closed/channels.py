@@ -1,0 +1,96 @@
+"""Channels: everything between the cameras, the controller and the actuators, with its delays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
+
+from evs.emulator.closed.chance import Chance
+from evs.emulator.closed.link import Link
+from evs.emulator.loop_config import DelayConfig
+from evs.emulator.plain_config import plain_config
+from evs.emulator.scene import F64
+from evs.emulator.sensor.random import Term
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket
+
+STREAMS: dict[type, str] = {EventPacket: "packets", Frame: "frames", ImuPacket: "imu"}
+"""kind of a message -> the field of an Observation that it ends in"""
+
+MAX_DELAY_US = 10**9
+"""1000 s"""
+
+
+class Channels:
+    """The links of some cameras, one for each of their streams, and that of the controls."""
+
+    def __init__(self, delays: DelayConfig, cameras: Sequence[str], seed: int) -> None:
+        """In: cameras, their names; seed, jitter and losses follow from it."""
+        self.delays, self.seed, self.cameras = delays, seed, tuple(cameras)
+        jitters, drops = delays.transport_jitter_us > 0.0, delays.drop_share > 0.0
+        self.links: dict[tuple[str, int], Link[Any]] = {}
+        for camera in range(len(self.cameras)):
+            for place, stream in enumerate(STREAMS.values()):
+                number = len(STREAMS) * camera + place
+                self.links[stream, camera] = Link(
+                    delays.transport_us,
+                    delays.transport_jitter_us,
+                    Chance(seed, Term.TRANSPORT, number) if jitters else None,
+                    delays.drop_share,
+                    Chance(seed, Term.DROP, number) if drops else None,
+                )
+        self.controls: Link[F64] = Link(
+            delays.control_us,
+            delays.control_jitter_us,
+            Chance(seed, Term.CONTROL, 0) if delays.control_jitter_us > 0.0 else None,
+        )
+        self.events_dropped = 0
+
+    def send(self, camera: int, message: EventPacket | Frame | ImuPacket, t_us: int) -> None:
+        """A message of a camera, by its number, at the end of the tick that it is of."""
+        arrives = self.links[STREAMS[type(message)], camera].send(message, t_us)
+        if not arrives and isinstance(message, EventPacket):
+            self.events_dropped += len(message)
+
+    def arrived(self, t_us: int) -> dict[str, tuple[Any, ...]]:
+        """What has arrived by `t_us`, by stream; in the order of sending, then by camera."""
+        found: dict[str, tuple[Any, ...]] = {}
+        for stream in STREAMS.values():
+            came = [
+                one
+                for camera in range(len(self.cameras))
+                for one in self.links[stream, camera].take(t_us)
+            ]
+            came.sort(key=lambda one: one.sent_us)
+            found[stream] = tuple(one.message for one in came)
+        return found
+
+    def decide(self, ctrl: F64, t_us: int) -> None:
+        """A control that was decided on at `t_us`."""
+        self.controls.send(ctrl, t_us)
+
+    def acting(self, t_us: int) -> F64 | None:
+        """The control that acts anew in the tick that begins at `t_us`; None: the one before."""
+        came = self.controls.take(t_us)
+        return came[-1].message if came else None
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Messages of each camera that got lost, by its name."""
+        return {
+            name: sum(self.links[stream, camera].dropped for stream in STREAMS.values())
+            for camera, name in enumerate(self.cameras)
+        }
+
+
+def check_delays(delays: DelayConfig) -> DelayConfig:
+    """With plain values. EvsError where one makes no sense."""
+    if not isinstance(delays, DelayConfig):
+        raise EvsError(f"delays= takes a DelayConfig, not {delays!r}")
+    delays = plain_config(delays, "loop.delays")
+    for field in fields(delays):
+        value = getattr(delays, field.name)
+        most, unit = (1, "") if field.name == "drop_share" else (MAX_DELAY_US, " us")
+        if not 0 <= value <= most:
+            raise EvsError(f"loop.delays.{field.name} is {value}; give 0 ... {most}{unit}")
+    return delays
