@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 HELP = "show what a camera publishes: its packets, their rate or their bandwidth"
 
 _SHOWN_EVENTS = 4
+_LOOK_S = 1.0
+"""how often it is looked whether the publisher is still there"""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -70,14 +72,16 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _listen(stream: Subscription, args: argparse.Namespace) -> None:
-    from evs.drivers.bus import Rates
+    from evs.drivers.bus import Connection, Rates
 
     # two clocks: the next report is due, and nothing has come for too long
     reports, silence = Rates(), Rates(math.inf if args.timeout is None else args.timeout)
+    connection = Connection(stream, _warn)
     periodic = args.hz or args.bw
     while not stream.ended:
-        until_s = min(silence.remaining_s, reports.remaining_s if periodic else math.inf)
-        packet = stream.receive(None if until_s == math.inf else max(0.0, until_s))
+        until_s = min(silence.remaining_s, reports.remaining_s if periodic else _LOOK_S)
+        packet = stream.receive(max(0.0, until_s))
+        connection.look()
         if packet is not None:
             silence.take()
             reports.add(len(packet), packet.events.nbytes)
@@ -89,6 +93,10 @@ def _listen(stream: Subscription, args: argparse.Namespace) -> None:
             print((_hz if args.hz else _bw)(reports.take(), stream.lost), flush=True)
         if silence.remaining_s <= 0 or (args.count is not None and stream.packets >= args.count):
             break
+
+
+def _warn(line: str) -> None:
+    print(f"evs: warning: {line}", file=sys.stderr)
 
 
 def _line(packet: EventPacket) -> str:

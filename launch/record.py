@@ -14,6 +14,8 @@ HELP = "record what a camera publishes: events, frames and IMU"
 _QUEUE = 100 * EVENTS.queue
 """packets that may wait while the disk is busy: 100 s of them at 1 kHz"""
 
+_GAPS_SHOWN = 5
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The command line of `evs record`."""
@@ -28,7 +30,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     declare_keys(parser)
     parser.epilog = (
         "Ends with the camera, --duration, --timeout or Ctrl-C; the file is whole each time. Exit\n"
-        "code 1 if packets were lost on the way: how many is told."
+        "code 1 if packets were lost on the way: how many and where is told, and in\n"
+        "FILE.report.json."
     )
 
 
@@ -61,6 +64,10 @@ def run(args: argparse.Namespace) -> int:
     told += f", {taken.frames:,} frames" if taken.frames else ""
     told += f", {taken.imu_samples:,} IMU samples" if taken.imu_samples else ""
     print(f"{taken.file}: {told}, {taken.lost:,} packets lost; {taken.ended}")
+    for gap in taken.gaps[:_GAPS_SHOWN]:
+        print(f"  lost: {gap}")
+    if len(taken.gaps) > _GAPS_SHOWN:
+        print(f"  ... and in other places: {taken.file}.report.json has them")
     if not taken.lost:
         print(f"  {command('info', taken.file)}")
     return 1 if taken.lost else 0

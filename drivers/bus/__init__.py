@@ -1,5 +1,6 @@
 """The bus: packets to any number of other processes, over ZeroMQ. The only door to zmq."""
 
+from evs.drivers.bus.connection import Connection
 from evs.drivers.bus.discovery import Described, discover, request
 from evs.drivers.bus.latest import Latest
 from evs.drivers.bus.losses import Gaps, Tally
@@ -8,6 +9,7 @@ from evs.drivers.bus.rates import Rate, Rates
 from evs.drivers.bus.subscriber import Subscription, subscribe
 
 __all__ = [
+    "Connection",
     "Described",
     "Gaps",
     "Latest",

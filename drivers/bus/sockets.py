@@ -14,6 +14,8 @@ HEARTBEAT_MS = 5000
 """How often ZeroMQ's own thread asks the other end for a sign of life."""
 PATIENCE_MS = 30_000
 """How long it may give none; a slow link with much on it takes its time."""
+CONNECT_MS = 5000
+"""How long one attempt to connect may take: the system's own pauses grow to a minute."""
 _MOST_PARTS = 3
 """topic, header, raw frame"""
 _COPIED_BYTES = 64 * 1024
@@ -31,6 +33,7 @@ def notice_death(socket: Socket) -> None:
     """
     socket.set(zmq.HEARTBEAT_IVL, HEARTBEAT_MS)
     socket.set(zmq.HEARTBEAT_TIMEOUT, PATIENCE_MS)
+    socket.set(zmq.CONNECT_TIMEOUT, CONNECT_MS)
 
 
 def readable(socket: Socket) -> bool:
@@ -56,20 +59,25 @@ def receive_parts(socket: Socket) -> list[Any]:
 
 
 class Handshakes:
-    """How a client's connections go: whether somebody is there who does not let it in."""
+    """How a client's connections go: whether somebody is there, and lets it in."""
 
     def __init__(self, client: Socket) -> None:
         self.refused = False
         """The other end does not talk to us."""
+        self.connected = False
+        """It does, at the last look; a cut link is noticed after PATIENCE_MS."""
         self._torn = 0
         self._client = client
-        wanted = zmq.EVENT_HANDSHAKE_SUCCEEDED | _TORN | _REFUSED
+        wanted = zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED | _TORN | _REFUSED
         self.socket: Socket = client.get_monitor_socket(wanted)
 
     def look(self) -> None:
         """Take in what happened."""
         while readable(self.socket):
             event = recv_monitor_message(self.socket, zmq.NOBLOCK)["event"]
+            self.connected = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
+            if event == zmq.EVENT_DISCONNECTED:
+                continue
             self._torn = self._torn + 1 if event == _TORN else 0
             # after these two ZeroMQ does not try again
             self.refused = bool(event & _REFUSED) or self._torn >= _MOST_TORN

@@ -226,6 +226,14 @@ class Subscription:
         self.poses, self.truths = of_kind(came, Pose), of_kind(came, Truth)
 
     @property
+    def connected(self) -> bool:
+        """Whether the publisher is there, as `receive` last saw while it waited.
+
+        A publisher that ends is noticed at once, a link that is cut after half a minute.
+        """
+        return self._handshakes.connected
+
+    @property
     def gaps(self) -> dict[tuple[str, str], Gaps]:
         """The account of the topics beside the events: (topic, camera) -> Gaps."""
         return self._beside.gaps

@@ -12,6 +12,10 @@ from dataclasses import dataclass
 MAX_QUEUE_BYTES = 64 * 1024 * 1024
 """What may wait for one client, however few messages that is; but always one message."""
 
+PATIENCE_S = 300.0
+"""How long a client may take nothing at all before it counts as gone: a cut cable says nothing,
+and somebody may be looking at his program in a debugger."""
+
 _RECEIVE_BYTES = 4096
 
 
@@ -30,11 +34,18 @@ class Sent:
 class Client:
     """A connection whose other end only listens."""
 
-    def __init__(self, link: socket.socket, header: bytes, queue: int, sent: Sent) -> None:
+    def __init__(
+        self,
+        link: socket.socket,
+        header: bytes,
+        queue: int,
+        sent: Sent,
+        patience_s: float = PATIENCE_S,
+    ) -> None:
         """In: link, connected; header, what it gets first; queue, messages that may wait."""
         link.setblocking(False)
         link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        link.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        _notice_death(link, patience_s)
         self.link = link
         self._queue, self._sent = queue, sent
         # what was begun must be ended, or the other end loses its place in the stream
@@ -102,3 +113,20 @@ class Client:
         self._waiting_bytes -= len(message)
         self._begun = memoryview(message)
         return True
+
+
+def _notice_death(link: socket.socket, patience_s: float) -> None:
+    """Let the system find out that nobody is there any more: by itself it takes hours, or never."""
+    link.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    pause_s = max(1, round(patience_s / 5))
+    for name, value in (
+        # nothing to send: ask after a pause, then four times
+        ("TCP_KEEPIDLE", pause_s),
+        ("TCP_KEEPINTVL", pause_s),
+        ("TCP_KEEPCNT", 4),
+        # something to send, and nobody takes it
+        ("TCP_USER_TIMEOUT", round(1000 * patience_s)),
+    ):
+        # not every system has every one
+        if hasattr(socket, name):
+            link.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)

@@ -16,7 +16,13 @@ class Port:
     """A listening socket and its clients. Nothing here waits but `linger`, its caller's choice."""
 
     def __init__(
-        self, host: str, number: int, header: bytes, queue: int, selector: selectors.BaseSelector
+        self,
+        host: str,
+        number: int,
+        header: bytes,
+        queue: int,
+        selector: selectors.BaseSelector,
+        patience_s: float,
     ) -> None:
         """Bind. EvsError: the port is in use, or the host not this machine's."""
         self.sent = Sent()
@@ -25,6 +31,7 @@ class Port:
         """clients so far"""
         self.refused = 0
         self._header, self._queue, self._selector = header, queue, selector
+        self._patience_s = patience_s
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._listener = socket.socket(family, socket.SOCK_STREAM)
         try:
@@ -88,7 +95,7 @@ class Port:
             self.refused += 1
             link.close()
             return
-        client = Client(link, self._header, self._queue, self.sent)
+        client = Client(link, self._header, self._queue, self.sent, self._patience_s)
         self.came += 1
         self.clients.append(client)
         self._selector.register(link, selectors.EVENT_READ, (self, client))

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from evs.drivers.bus.address import bindable
+from evs.drivers.dv.clients import PATIENCE_S
 from evs.drivers.dv.port import Port
 from evs.drivers.files.aedat4 import compression as compressions
 from evs.drivers.files.aedat4 import description, layout
@@ -46,7 +47,8 @@ class DvServer:
     PORT + 3 (those that the camera has), the next camera's on PORT + 4 and so on; with port 0 each
     is a free one. Nothing is encoded for a stream without clients. A client that is too slow loses
     the oldest packets once `queue` of them (or 64 MiB) wait for it; nobody else notices, and the
-    camera never waits. One thread uses it: clients are heard and served whenever the camera writes.
+    camera never waits. One that takes nothing for `patience_s` is hung up on. One thread uses it:
+    clients are heard and served whenever the camera writes.
     """
 
     def __init__(
@@ -59,6 +61,7 @@ class DvServer:
         wait_s: float = 10.0,
         insecure: bool = False,
         linger_s: float = LINGER_S,
+        patience_s: float = PATIENCE_S,
     ) -> None:
         """In: wait_for clients of events before `open` returns; insecure: other machines too."""
         for name, value, least in (
@@ -66,6 +69,7 @@ class DvServer:
             ("wait_for", wait_for, 0),
             ("wait_s", wait_s, 0),
             ("linger_s", linger_s, 0),
+            ("patience_s", patience_s, 1),
         ):
             if not value >= least:
                 raise EvsError(f"{name} is {value:g}: give {least} or more")
@@ -74,7 +78,7 @@ class DvServer:
         self._compression = compression
         self._compress = compressions.compressor(compression)
         self._queue, self._wait_for, self._wait_s = queue, wait_for, wait_s
-        self._linger_s = linger_s
+        self._linger_s, self._patience_s = linger_s, patience_s
         self._selector: selectors.BaseSelector | None = None
         self._ports: dict[tuple[str, int], Port] = {}
         self._address = address
@@ -152,7 +156,7 @@ class DvServer:
             raise EvsError(f"DV needs ports up to {wanted}: give an address with a lower port")
         xml = description.to_xml(stream, self._compression, (number,))
         header = layout.io_header(compressions.NUMBERS[self._compression], xml)
-        return Port(self._host, wanted, header, self._queue, self._selector)
+        return Port(self._host, wanted, header, self._queue, self._selector, self._patience_s)
 
     def _port_of(self, camera: str, number: int) -> Port:
         if self._selector is None:

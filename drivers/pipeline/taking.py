@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from evs.drivers.bus import Subscription
+from evs.drivers.bus import Connection, Subscription
 from evs.drivers.files import to_write
 from evs.drivers.files.formats import Format
+from evs.drivers.pipeline.missing import Gap, Missing
 from evs.drivers.pipeline.outlets import Outlets
+from evs.drivers.pipeline.report import check_targets, report_beside, versions, write_whole
 from evs.drivers.sink import Sink
 from evs.emulator.scene import F32
 from evs.emulator.stages import NoMeter
@@ -34,6 +37,8 @@ class Taken:
     imu_samples: int = 0
     lost: int = 0
     """packets that were sent and did not arrive"""
+    gaps: tuple[Gap, ...] = ()
+    """where they are missing"""
     ended: str = ""
     """why it ended, in words"""
 
@@ -70,7 +75,8 @@ class Taking:
     """Writes a subscription into a file. `run` returns when the stream ends or it is told to stop.
 
     The subscription should ask for frames, IMU and camera_info. A recorder is opened at the first
-    status, which tells what no packet does; what came before it is written then.
+    status, which tells what no packet does; what came before it is written then. What was lost on
+    the way is told, place by place, in a report beside the file.
     """
 
     def __init__(
@@ -83,9 +89,11 @@ class Taking:
         """In: sink, the recorder if it has options. Raises EvsError for an unknown ending."""
         wanted: Format = to_write(file)
         self._stream, self._file, self._holds = stream, file, wanted.holds
-        self._outlets = Outlets(
-            [sink or wanted.record(Path(file))], NoMeter(), warn or (lambda _: None)
-        )
+        tell = warn or (lambda _: None)
+        check_targets([report_beside(file)])
+        self._outlets = Outlets([sink or wanted.record(Path(file))], NoMeter(), tell)
+        self._connection = Connection(stream, tell)
+        self._missing = Missing(stream)
         self._waiting: list[_Batch] = []
         self._camera = ""
         self._info = StreamInfo(1, 1)
@@ -118,7 +126,15 @@ class Taking:
                 "there? (evs emulate --publish starts one)"
             )
         lost = self._stream.tallies[self._camera].lost
-        return Taken(self._file, **self._counts, lost=lost, ended=ended)
+        taken = Taken(
+            self._file, **self._counts, lost=lost, gaps=tuple(self._missing.gaps), ended=ended
+        )
+        told = {**asdict(taken), "address": self._stream.address, "camera": self._camera}
+        write_whole(
+            json.dumps({**told, "versions": versions()}, indent=2) + "\n",
+            report_beside(self._file),
+        )
+        return taken
 
     def _take_all(
         self, stopped: list[str], duration_s: float | None, timeout_s: float | None
@@ -127,6 +143,8 @@ class Taking:
         silent_s = 0.0
         while not stopped:
             packet = self._stream.receive(_LOOK_S)
+            self._connection.look()
+            self._missing.look(packet)
             if packet is None:
                 if self._stream.ended:
                     return "the camera has ended"

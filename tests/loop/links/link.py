@@ -117,13 +117,14 @@ class Link:
         """Where they put who listens."""
         return self.sides[1]
 
-    def unplug(self) -> None:
-        """The far card goes off, the near one loses its carrier: no packet passes any more."""
-        self.far.bring_down()
+    def unplug(self, at: Side | None = None) -> None:
+        """One end's card goes off (the far one's), the other loses its carrier: nothing passes."""
+        (at or self.far).bring_down()
 
     def plug(self) -> None:
         """As before."""
-        self.far.bring_up()
+        for side in self.sides:
+            side.bring_up()
 
     def close(self) -> None:
         """Kill what runs at both ends; the namespaces go with it. Safe to call twice."""
