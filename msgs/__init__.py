@@ -28,6 +28,7 @@ from evs.msgs.imu import (
     encode_imu,
 )
 from evs.msgs.labels import LABEL_DTYPE, Cause, Labels, take_labels
+from evs.msgs.observation import Observation
 from evs.msgs.packet import ENCODING, EventPacket, decode, encode
 from evs.msgs.pose import Clock, Pose, decode_clock, decode_pose, encode_clock, encode_pose
 from evs.msgs.state import CameraState, State, decode_state, encode_state
@@ -90,6 +91,7 @@ __all__ = [
     "ImuSamples",
     "Labels",
     "MessageError",
+    "Observation",
     "Pose",
     "State",
     "Status",

@@ -76,7 +76,7 @@ def encode(packet: EventPacket) -> tuple[bytes, memoryview]:
     }
     header = plain_integers(header)
     _checked(header)
-    _check_events(events, header)
+    check_events(events, header)
     return packb(header), events.view(np.uint8).reshape(-1).data
 
 
@@ -92,7 +92,7 @@ def decode(header: bytes, frame: Any) -> EventPacket:
     if size % EVENT_DTYPE.itemsize:
         raise MessageError(f"raw frame of {size} bytes is not whole events")
     events = np.frombuffer(frame, EVENT_DTYPE)
-    _check_events(events, fields)
+    check_events(events, fields)
     return EventPacket(
         seq=fields["seq"],
         time_base_us=fields["time_base"],
@@ -111,7 +111,7 @@ def _is_event_array(events: object) -> bool:
     return [(name, events.dtype[name]) for name in events.dtype.names] == _FIELDS
 
 
-def _check_events(events: Events, header: dict[str, Any]) -> None:
+def check_events(events: Events, header: dict[str, Any]) -> None:
     """MessageError unless the events are sorted by t and lie in the interval and on the sensor.
 
     Polarity has to be 0 or 1, the padding zero. A few vector operations: 10 us for 300 events.

@@ -11,11 +11,12 @@ from evs.msgs import DEFAULT_ADDRESS, EvsError
 _FORM = re.compile(r"tcp://(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\*|[0-9]{1,5})")
 
 
-def bindable(address: str, open_to_others: bool = False) -> str:
+def bindable(address: str, open_to_others: bool = False, *, does: str = "publish") -> str:
     """The address to bind for tcp://HOST:PORT, port 0 or * for any free one.
 
-    In: open_to_others, it has keys, or its owner knows that it has none. Raises EvsError for
-    another form and, unless so, for a host that other machines could reach and then read.
+    In: open_to_others, it has keys, or its owner knows that it has none; does, what is done there,
+    as errors say it. Raises EvsError for another form and, unless so, for a host that other
+    machines could reach and then read.
     """
     host, port = _parts(address)
     if host == "localhost":
@@ -26,7 +27,7 @@ def bindable(address: str, open_to_others: bool = False) -> str:
         local = False
     if not (local or open_to_others):
         raise EvsError(
-            f"cannot publish on '{address}': only this machine's own address is safe without keys; "
+            f"cannot {does} on '{address}': only this machine's own address is safe without keys; "
             f"use tcp://127.0.0.1:{port}, and from another machine ssh -L {port}:127.0.0.1:{port}; "
             "or give it a key (evs keygen makes one), or insecure=true if anybody may listen"
         )

@@ -96,7 +96,7 @@ class Ports:
         try:
             server.bind(address)
         except zmq.ZMQError as reason:
-            raise _bind_error(address, reason) from None
+            raise bind_error(address, reason) from None
         if server.get(zmq.TYPE) != zmq.PUB:
             self._poller.register(server, zmq.POLLIN)
         return bytes(server.get(zmq.LAST_ENDPOINT)).rstrip(b"\0").decode()
@@ -194,11 +194,12 @@ def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def _bind_error(address: str, reason: zmq.ZMQError) -> EvsError:
+def bind_error(address: str, reason: zmq.ZMQError) -> EvsError:
+    """Why an address could not be bound, and what to do."""
     if reason.errno == errno.EADDRINUSE:
         port = address.rpartition(":")[2]
         return EvsError(
-            f"port {port} is in use: end the program that publishes on '{address}', "
+            f"port {port} is in use: end the program that is bound to '{address}', "
             f"or give another port (0: any free one)"
         )
     if reason.errno == errno.EACCES:

@@ -7,6 +7,8 @@ from typing import Any
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
+from evs.drivers.pace import monotonic_s
+
 Socket = zmq.Socket[bytes]
 Context = zmq.Context[Socket]
 
@@ -66,6 +68,8 @@ class Handshakes:
         """The other end does not talk to us."""
         self.connected = False
         """It does, at the last look; a cut link is noticed after PATIENCE_MS."""
+        self.closed_s: float | None = None
+        """When the connection closed that there was, s; None: it is there, or never was."""
         self._torn = 0
         self._client = client
         wanted = zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED | _TORN | _REFUSED
@@ -75,9 +79,13 @@ class Handshakes:
         """Take in what happened."""
         while readable(self.socket):
             event = recv_monitor_message(self.socket, zmq.NOBLOCK)["event"]
+            if event == zmq.EVENT_DISCONNECTED and self.connected:
+                self.closed_s = monotonic_s()
             self.connected = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
             if event == zmq.EVENT_DISCONNECTED:
                 continue
+            if self.connected:
+                self.closed_s = None
             self._torn = self._torn + 1 if event == _TORN else 0
             # after these two ZeroMQ does not try again
             self.refused = bool(event & _REFUSED) or self._torn >= _MOST_TORN

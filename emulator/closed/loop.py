@@ -5,16 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
+import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.closed.channels import Channels, check_delays
-from evs.emulator.closed.observation import Observation
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.loop import World
 from evs.emulator.loop_config import DelayConfig
 from evs.emulator.plain_config import plain_integer
-from evs.emulator.world import Gauges, MjData, Scene, UnstableError, check_control
-from evs.msgs import EvsError
+from evs.emulator.scene import F64
+from evs.emulator.world import (
+    Gauges,
+    MjData,
+    Scene,
+    UnstableError,
+    actuator_names,
+    check_control,
+    control_range,
+)
+from evs.msgs import EventPacket, EvsError, Observation, StreamInfo
 
 
 class Loop:
@@ -95,6 +104,8 @@ class Loop:
         self._channels = self._new_channels()
         self._wants_state = False
         self._done: str | None = None
+        self.on_tick: Callable[[tuple[EventPacket, ...]], None] | None = None
+        """called after every tick with its packets, before any delay: for recorders beside"""
 
     def _new_channels(self) -> Channels:
         names = [camera.name for camera in self.world.cameras]
@@ -150,6 +161,8 @@ class Loop:
             self._done = str(reason)
             self._gauges.read(world.data)
             return False
+        if self.on_tick is not None:
+            self.on_tick(packets)
         for place, (camera, packet) in enumerate(zip(world.cameras, packets, strict=True)):
             channels.send(place, packet, world.t_us)
             for frame in camera.frames:
@@ -211,3 +224,23 @@ class Loop:
     def done(self) -> str:
         """Why the episode is over; "": it goes on, or has not begun."""
         return self._done or ""
+
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        """Names of the actuators, in the order of the controls. EvsError: one has several."""
+        return actuator_names(self.world.model)
+
+    @property
+    def ctrl(self) -> F64:
+        """(nu,) the controls that act, a copy."""
+        return np.array(self.world.data.ctrl, np.float64)
+
+    @property
+    def ctrl_range(self) -> F64:
+        """(nu, 2) lowest and highest control of each actuator; infinite where it has no limit."""
+        return control_range(self.world.model)
+
+    @property
+    def streams(self) -> tuple[StreamInfo, ...]:
+        """What is constant of each camera."""
+        return tuple(camera.info for camera in self.world.cameras)

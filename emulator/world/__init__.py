@@ -9,7 +9,9 @@ from evs.emulator.world.cameras import BoundCamera, bind_camera
 from evs.emulator.world.controls import (
     Control,
     ControlFunction,
+    actuator_names,
     check_control,
+    control_range,
     find_keyframe,
     make_control,
 )
@@ -37,8 +39,10 @@ __all__ = [
     "Scene",
     "Substeps",
     "UnstableError",
+    "actuator_names",
     "bind_camera",
     "check_control",
+    "control_range",
     "extract_scene",
     "fill_tick",
     "find_keyframe",

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.scene import F64
-from evs.emulator.world.names import find
+from evs.emulator.world.names import find, names_of
 from evs.msgs import EvsError, unknown
 
 ControlFunction = Callable[[float, Any], npt.ArrayLike | None]
@@ -194,3 +194,23 @@ def _read_array(path: Path) -> F64:
         raise ValueError(f"has no array 'ctrl', only {', '.join(arrays) or 'nothing'}")
     (one, *_) = arrays.values()
     return np.asarray(arrays.get("ctrl", one), np.float64)
+
+
+def actuator_names(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Name of each actuator, its number where it has none, in the order of the controls.
+
+    Raises EvsError where an actuator has several controls: then they have no name of their own.
+    """
+    if model.nu != model.nactuator:
+        raise EvsError(
+            f"the model has {model.nactuator} actuators with {model.nu} controls: a loop that is "
+            "shared by name needs actuators of one control each"
+        )
+    return tuple(names_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR))
+
+
+def control_range(model: mujoco.MjModel) -> F64:
+    """(nu, 2) lowest and highest control of each actuator; infinite where it has no limit."""
+    limited = np.asarray(model.actuator_ctrllimited, bool).reshape(-1, 1)
+    given = np.asarray(model.actuator_ctrlrange, np.float64).reshape(-1, 2)
+    return np.where(limited, given, np.array([[-np.inf, np.inf]]))

@@ -6,9 +6,13 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from evs.emulator.scene import F64
-from evs.msgs import EventPacket, Frame, ImuPacket
+from evs.msgs.frame import Frame
+from evs.msgs.imu import ImuPacket
+from evs.msgs.packet import EventPacket
+
+F64 = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

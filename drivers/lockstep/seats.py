@@ -1,0 +1,108 @@
+"""Who has joined: each controller with its own actuators and the cameras it sees."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.drivers.bus.exchange import Peer
+from evs.msgs import EvsError, StreamInfo, unknown
+from evs.msgs.lockstep import Join, Parts
+
+
+@dataclass
+class Seat:
+    """One controller."""
+
+    name: str
+    peer: Peer
+    actuators: npt.NDArray[np.int64]
+    """(n,) places of its actuators among all"""
+    cameras: dict[str, int]
+    """camera it sees -> its place among those"""
+    has_all: bool
+    """whether its controls are all there are, in their order"""
+    number: int = 0
+    """of its last request"""
+    answer: Parts | None = None
+    """to that request; None: it is not answered yet"""
+    wants_state: bool = False
+    joined: Join = field(default_factory=lambda: Join(""))
+
+
+class Seats:
+    """All of them. Raises EvsError for whom there is no seat."""
+
+    def __init__(
+        self, actuators: Sequence[str], streams: Sequence[StreamInfo], controllers: int
+    ) -> None:
+        self.actuators = tuple(actuators)
+        self.cameras = tuple(stream.camera for stream in streams)
+        self.controllers = controllers
+        """how many there have to be before anything moves"""
+        self.taken: dict[bytes, Seat] = {}
+
+    @property
+    def full(self) -> bool:
+        """Whether all are here."""
+        return len(self.taken) >= self.controllers
+
+    @property
+    def names(self) -> str:
+        """Of all who are here."""
+        return ", ".join(f"'{seat.name}'" for seat in self.taken.values()) or "nobody"
+
+    def take(self, peer: Peer, join: Join) -> Seat:
+        """Give a controller its seat; the same to one that asks for it again."""
+        before = self.taken.get(peer[0])
+        if before is not None and before.joined == join:
+            return before
+        if before is not None:
+            raise EvsError(f"you are here already, as '{before.name}': leave before you join anew")
+        if self.full:
+            count = self.controllers
+            raise EvsError(
+                f"every seat is taken: {len(self.taken)} of {count} controllers are here "
+                f"({self.names}); lockstep.controllers={count + 1} lets one more in"
+            )
+        if any(seat.name == join.name for seat in self.taken.values()):
+            raise EvsError(f"a controller '{join.name}' is here already: join under another name")
+        cameras = self.cameras if join.cameras is None else join.cameras
+        for camera in cameras:
+            if camera not in self.cameras:
+                raise unknown("camera", camera, self.cameras)
+        if len(set(cameras)) < len(cameras):
+            raise EvsError(f"cameras {list(cameras)}: one is named twice")
+        places = self._places(join)
+        seat = Seat(
+            name=join.name,
+            peer=peer,
+            actuators=np.array(places, np.int64),
+            cameras={camera: place for place, camera in enumerate(cameras)},
+            has_all=places == list(range(len(self.actuators))),
+            joined=join,
+        )
+        self.taken[peer[0]] = seat
+        return seat
+
+    def _places(self, join: Join) -> list[int]:
+        """Places of the actuators that it owns; nobody else may."""
+        wanted = self.actuators if join.actuators is None else join.actuators
+        for name in wanted:
+            if name not in self.actuators:
+                raise unknown("actuator", name, self.actuators)
+        if len(set(wanted)) < len(wanted):
+            raise EvsError(f"actuators {list(wanted)}: one is named twice")
+        places = [self.actuators.index(name) for name in wanted]
+        for other in self.taken.values():
+            both = set(places) & set(other.actuators.tolist())
+            if both:
+                name = self.actuators[min(both)]
+                raise EvsError(
+                    f"actuator '{name}' belongs to controller '{other.name}': give each "
+                    'controller its own, as in evs.connect(..., actuators=("x",))'
+                )
+        return places

@@ -1,0 +1,305 @@
+"""The server of a closed loop: physics moves when everybody has decided, never before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from evs.drivers.bus.exchange import Peer, ServerEnd
+from evs.drivers.bus.ports import ServerKeys
+from evs.drivers.lockstep.address import bindable
+from evs.drivers.lockstep.round import Decision, Round, joint_controls
+from evs.drivers.lockstep.seats import Seat, Seats
+from evs.drivers.lockstep.served import ServedLoop
+from evs.drivers.lockstep.telling import description
+from evs.drivers.pace import Durations, monotonic_s
+from evs.msgs import EvsError, MessageError, Observation
+from evs.msgs.lockstep import (
+    LOCKSTEP_ADDRESS,
+    MAX_BLOB_BYTES,
+    MOST_NAMES,
+    Bye,
+    Hello,
+    Join,
+    Parts,
+    Request,
+    Reset,
+    Restore,
+    Save,
+    Step,
+    decode_request,
+    encode_error,
+    encode_seen,
+    encode_told,
+    number_of,
+)
+from evs.msgs.lockstep.common import F64
+
+TIMEOUT_S = 10.0
+"""How long the others wait for a controller's decision."""
+
+_MOST_FRAMES = 2
+_MARGIN_BYTES = 1 << 20
+
+
+class LockstepServer:
+    """Serves a loop to one or many controllers. One thread uses it: `open`, `serve`, `close`.
+
+    A controller that does not decide within `timeout_s` of the first that did, or whose connection
+    closes, loses its seat; the others hear of it, and the loop waits for a reset or a restore.
+    """
+
+    def __init__(
+        self,
+        loop: ServedLoop,
+        address: str = LOCKSTEP_ADDRESS,
+        *,
+        controllers: int = 1,
+        timeout_s: float = TIMEOUT_S,
+        key: str = "",
+        allow: Sequence[str] = (),
+        insecure: bool = False,
+        warn: Callable[[str], None] | None = None,
+    ) -> None:
+        """In: controllers, how many have to be there; keys as of the bus's Publisher.
+
+        Raises EvsError for what cannot be.
+        """
+        if not 1 <= controllers <= MOST_NAMES:
+            raise EvsError(f"controllers is {controllers}: give 1 ... {MOST_NAMES}")
+        if not 0 < timeout_s <= 1e6:
+            raise EvsError(f"timeout_s is {timeout_s}: give seconds, over 0")
+        if max(len(loop.actuators), len(loop.streams)) > MOST_NAMES:
+            raise EvsError(f"more than {MOST_NAMES} actuators or cameras are not served")
+        self._wanted_address = bindable(address, bool(key) or insecure)
+        self._keys = ServerKeys.read(key, allow)
+        self._loop, self._timeout_s, self._warn = loop, timeout_s, warn
+        self._seats = Seats(loop.actuators, loop.streams, controllers)
+        self._round = Round(self._seats)
+        self._end: ServerEnd | None = None
+        self._held: F64 | None = None
+        self._fault = ""
+        self._answered_s: float | None = None
+        self._answers: dict[type[Any], Callable[[Seat, Any], Parts]] = {
+            Save: self._save,
+            Bye: self._bye,
+        }
+        self.address = address
+        """with the real port once open"""
+        self.counts = {"episodes": 0, "steps": 0, "restores": 0, "saves": 0}
+        self.counts |= {"controllers": 0, "controllers_lost": 0, "refused": 0, "repeated": 0}
+        self.waits = Durations()
+        """from an answer to the next complete decision, s"""
+
+    def open(self) -> None:
+        """Bind. Raises EvsError: port in use."""
+        self._end = ServerEnd(self._wanted_address, self._keys, MAX_BLOB_BYTES + _MARGIN_BYTES)
+        self.address = self._end.address
+
+    def serve(self, stopped: Sequence[str]) -> None:
+        """Answer until `stopped` holds something."""
+        while not stopped:
+            self.look()
+
+    def look(self) -> bool:
+        """Take one request, or none if none comes for a moment; whether one came."""
+        if self._end is None:
+            raise EvsError("this server is not open: call open() first")
+        came = self._end.receive()
+        if came is not None:
+            self._take(*came)
+        for identity in self._end.gone():
+            self._lose(identity, "has gone (its connection closed)")
+        since_s = self._round.since_s
+        if since_s is not None and monotonic_s() - since_s > self._timeout_s:
+            self._give_up()
+        return came is not None
+
+    def close(self) -> None:
+        """Release the port; who is still here hears that it ends. Safe to call twice."""
+        if self._end is None:
+            return
+        for seat in self._seats.taken.values():
+            if seat.answer is None:
+                self._answer(seat, encode_error(seat.number, "the server of the loop has ended"))
+        self._end.close()
+        self._end = None
+
+    def report(self) -> dict[str, Any]:
+        """Counts for the run report, and what decisions took, ms."""
+        times = {
+            "median": round(1e3 * self.waits.quantile_s(0.5), 6),
+            "p99": round(1e3 * self.waits.quantile_s(0.99), 6),
+        }
+        return {"address": self.address, **self.counts, "decision_ms": times}
+
+    def _take(self, peer: Peer, parts: list[Any]) -> None:
+        """One request, whatever it is; its answer now, or when the others have decided."""
+        if not parts:
+            return
+        number, seat = 0, self._seats.taken.get(peer[0])
+        try:
+            number, fields = number_of(parts[0])
+            if seat is not None and number <= seat.number:
+                self._repeat(seat, number, peer)
+                return
+            if seat is not None:
+                seat.number, seat.answer, seat.peer = number, None, peer
+            if len(parts) > _MOST_FRAMES:
+                raise MessageError("a request has one or two frames, this has more")
+            request = decode_request(fields, parts[1] if len(parts) > 1 else None)
+            self._do(peer, seat, number, request)
+        except EvsError as reason:
+            self.counts["refused"] += 1
+            answer = encode_error(number, str(reason))
+            if seat is None or not number:
+                self._send(peer, answer)
+            else:
+                self._answer(seat, answer)
+
+    def _do(self, peer: Peer, seat: Seat | None, number: int, request: Request) -> None:
+        if isinstance(request, Hello):
+            told = encode_told(number, description(self._loop, self._seats))
+            if seat is None:
+                self._send(peer, told)
+            else:
+                self._answer(seat, told)
+        elif isinstance(request, Join):
+            self._join(peer, number, request)
+        elif seat is None:
+            raise EvsError("you have no seat here, or lost it: join first (evs.connect does)")
+        elif isinstance(request, Reset | Step | Restore):
+            self._decide(peer[0], request)
+        else:
+            self._answer(seat, self._answers[type(request)](seat, request))
+
+    def _join(self, peer: Peer, number: int, join: Join) -> None:
+        seat = self._seats.take(peer, join)
+        seat.number, seat.peer = number, peer
+        self.counts["controllers"] += 1
+        told = description(self._loop, self._seats)
+        mine = [self._seats.actuators[place] for place in seat.actuators]
+        told |= {"actuators": mine, "timeout_s": self._timeout_s}
+        told["cameras"] = [one for one in told["cameras"] if one["camera"] in seat.cameras]
+        told["cameras"].sort(key=lambda one: seat.cameras[one["camera"]])
+        limits = np.asarray(self._loop.ctrl_range, "<f8").reshape(-1, 2)[seat.actuators]
+        self._answer(seat, encode_told(number, told, limits.tobytes()))
+
+    def _save(self, seat: Seat, _: Save) -> Parts:
+        blob = self._loop.save()
+        if len(blob) > MAX_BLOB_BYTES:
+            raise EvsError(f"the saved loop has {len(blob)} bytes: over 1 GiB does not travel")
+        self.counts["saves"] += 1
+        return encode_told(seat.number, {}, blob)
+
+    def _bye(self, seat: Seat, _: Bye) -> Parts:
+        identity = seat.peer[0]
+        del self._seats.taken[identity]
+        if self._round.decisions:
+            self._break(f"controller '{seat.name}' has left")
+        if self._end is not None:
+            self._end.forget(identity)
+        return encode_told(seat.number, {})
+
+    def _decide(self, identity: bytes, decision: Decision) -> None:
+        if self._fault and isinstance(decision, Step):
+            raise EvsError(f"{self._fault}; nothing has moved since: reset, or restore")
+        self._round.add(identity, decision, monotonic_s())
+        if not self._round.complete:
+            return
+        decisions = self._round.clear()
+        if self._answered_s is not None and isinstance(decision, Step):
+            self.waits.add(monotonic_s() - self._answered_s)
+        try:
+            self._move(decisions, decision)
+        except EvsError as reason:
+            # the loop refused it, and has not moved: that is for every one of them
+            for one in decisions:
+                other = self._seats.taken[one]
+                self._answer(other, encode_error(other.number, str(reason)))
+        except BaseException as reason:
+            line = f"the loop has failed: {reason or type(reason).__name__}"
+            for one in decisions:
+                other = self._seats.taken[one]
+                self._answer(other, encode_error(other.number, line))
+            raise
+        self._answered_s = monotonic_s()
+
+    def _move(self, decisions: dict[bytes, Decision], decision: Decision) -> None:
+        seats = self._seats.taken
+        if isinstance(decision, Step):
+            ctrl = joint_controls(decisions, seats, self._held, self._loop.ctrl)
+            seen = self._loop.step(ctrl, decision.ticks)
+            self._held = self._held if ctrl is None else ctrl
+            self.counts["steps"] += 1
+        elif isinstance(decision, Reset):
+            for one, each in decisions.items():
+                seats[one].wants_state = isinstance(each, Reset) and each.state
+            wants_state = any(seat.wants_state for seat in seats.values())
+            seen = self._loop.reset(decision.seed, decision.keyframe, wants_state)
+            self._held, self._fault = None, ""
+            self.counts["episodes"] += 1
+        else:
+            self._loop.restore(decision.blob)
+            self._held, self._fault = np.array(self._loop.ctrl, np.float64), ""
+            self.counts["restores"] += 1
+            for one in decisions:
+                self._answer(seats[one], encode_told(seats[one].number, {}))
+            return
+        for one in decisions:
+            self._answer(seats[one], _seen_by(seats[one], seen))
+
+    def _repeat(self, seat: Seat, number: int, peer: Peer) -> None:
+        """A request that was here before: its answer again, if it has one; nothing is done."""
+        self.counts["repeated"] += 1
+        if number == seat.number and seat.answer is not None:
+            self._send(peer, seat.answer)
+
+    def _give_up(self) -> None:
+        """Somebody has kept the others waiting for too long."""
+        for identity in self._round.missing:
+            self._lose(identity, f"gave no decision for {self._timeout_s:g} s")
+        if self._round.decisions:
+            here, wanted = len(self._seats.taken), self._seats.controllers
+            self._break(
+                f"{here} of {wanted} controllers are here ({self._seats.names}) after "
+                f"{self._timeout_s:g} s: start the others"
+            )
+
+    def _lose(self, identity: bytes, why: str) -> None:
+        seat = self._seats.taken.pop(identity, None)
+        self._round.decisions.pop(identity, None)
+        if seat is None:
+            return
+        self.counts["controllers_lost"] += 1
+        line = f"controller '{seat.name}' {why}"
+        if self._warn is not None:
+            self._warn(line)
+        self._break(line)
+
+    def _break(self, line: str) -> None:
+        """Nothing has moved; all who wait hear why, and steps are refused until a reset."""
+        self._fault = line
+        for identity in self._round.clear():
+            other = self._seats.taken[identity]
+            told = encode_error(other.number, f"{line}; nothing has moved: reset, or restore")
+            self._answer(other, told)
+
+    def _answer(self, seat: Seat, parts: Parts) -> None:
+        seat.answer = parts
+        self._send(seat.peer, parts)
+
+    def _send(self, peer: Peer, parts: Parts) -> None:
+        if self._end is not None:
+            self._end.answer(peer, parts)
+
+
+def _seen_by(seat: Seat, seen: Observation) -> Parts:
+    """The answer to one controller: its own encoders, the cameras it sees."""
+    encoders = np.array([seen.position, seen.velocity])
+    if not seat.has_all:
+        encoders = encoders[:, seat.actuators]
+    state = seen.state if seat.wants_state else None
+    return encode_seen(seat.number, seen, encoders, seat.cameras, state)
