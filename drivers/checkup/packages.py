@@ -28,7 +28,7 @@ EXTRAS = {
     "train": ("jax", "optax"),
     "view": ("rerun-sdk",),
     "formats": ("faery", "h5py", "hdf5plugin"),
-    "ros2": ("rosbags",),
+    "ros2": ("rosbags", "cyclonedds"),
 }
 """extra -> its distributions; pyproject.toml's `optional-dependencies` for users."""
 
@@ -39,7 +39,7 @@ USES = {
     "train": "evs train fit",
     "view": "Rerun's viewer and .rrd files",
     "formats": ".dat and .h5 recordings",
-    "ros2": ".mcap and .bag recordings",
+    "ros2": ".mcap and .bag recordings, ROS 2",
 }
 """extra -> what it is for"""
 

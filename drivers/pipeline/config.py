@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from evs.drivers.files import formats
-from evs.drivers.pipeline import settings
+from evs.drivers.pipeline import parameters, settings
+from evs.drivers.pipeline.parameters import DriverParameters
 from evs.drivers.sink import Sink
 from evs.emulator.config import SEEDS, RunConfig
 from evs.emulator.loop_config import LoopConfig
@@ -32,17 +33,17 @@ _SCENE_SUFFIXES = (".xml", ".mjcf", ".mjb", ".urdf")
 
 
 @dataclass(frozen=True)
-class SinkConfig:
+class SinkConfig(DriverParameters):
     """[[sink]]: one place that packets leave to. Any number of them."""
 
     type: str = ""
-    """zmq | dv | rerun, or a recording's format: aedat4 | ... (evs convert --help has them)"""
+    """zmq | dv | ros2 | rerun, or a recording's format: aedat4 | ... (evs convert --help)"""
     address: str | None = None
     """zmq, dv: where to bind, as in tcp://127.0.0.1:5560; dv takes the port of the events"""
     wait_for: int | None = None
-    """zmq, dv: subscribers of events to wait for before the first tick"""
+    """zmq, dv, ros2: subscribers of events to wait for before the first tick"""
     wait_s: float | None = None
-    """zmq, dv: how long to wait for them, s"""
+    """zmq, dv, ros2: how long to wait for them, s"""
     queue: int | None = None
     """zmq, dv: packets held for a slow subscriber before it loses some"""
     control: str | None = None
@@ -56,13 +57,13 @@ class SinkConfig:
     allow: tuple[str, ...] | None = None
     """zmq: public keys that may listen (files, folders, or written out); else who knows its own"""
     insecure: bool | None = None
-    """zmq, dv: true: other machines may listen although there is no key"""
+    """zmq, dv, ros2: true: other machines may listen although there is no key"""
     file: str | None = None
     """of a recording"""
     compression: str | None = None
     """aedat4, dv: lz4 | zstd | none"""
     encoding: str | None = None
-    """rosbag2, rosbag1: evt3 | libcaer | mono (event_camera_msgs) | dvs (dvs_msgs)"""
+    """ros2, rosbag2, rosbag1: evt3 | libcaer | mono (event_camera_msgs); bags: dvs (dvs_msgs)"""
     rotate_mb: float | None = None
     """aedat4: go on in another file (run-001.aedat4, ...) before one grows over this, MB"""
     rotate_s: float | None = None
@@ -80,9 +81,10 @@ SINK_KEYS = {
     ),
     "dv": ("address", "compression", "wait_for", "wait_s", "queue", "insecure"),
     "rerun": ("rrd", "period_us"),
+    "ros2": parameters.KEYS,
     **{each.name: ("file", *each.keys) for each in formats.FORMATS},
 }
-"""sink type -> the keys it has; the first is required"""
+"""sink type -> the keys it has; the first is required, but for ros2"""
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,8 @@ class PipelineConfig(RunConfig):
     def emulation(self) -> RunConfig:
         """The part that shapes the events."""
         names = [field.name for field in dataclasses.fields(RunConfig)]
-        return RunConfig(**{name: getattr(self, name) for name in names})
+        plain = RunConfig(**{name: getattr(self, name) for name in names})
+        return dataclasses.replace(plain, sensor=parameters.passed_on(plain.sensor, self.sink))
 
     def sinks(self) -> tuple[SinkConfig, ...]:
         """Every sink: the [[sink]] tables, `record` and `publish`; files last.
@@ -191,6 +194,7 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
         raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))
     for place, sink in enumerate(config.sink):
         _check_sink(sink, f"sink.{place}")
+    config.emulation()
     _check_held(config)
     _check_outputs(config, pipeline)
 
@@ -211,6 +215,11 @@ def make_sink(config: SinkConfig) -> Sink:
         from evs.drivers.view import ViewSink
 
         return ViewSink(options.pop("rrd"), **options)
+    if config.type == "ros2":
+        from evs.drivers.ros2 import Ros2Publisher
+
+        own = {key: options[key] for key in options if key not in parameters.OF_THE_SENSOR}
+        return Ros2Publisher(**own)
     return formats.by_name(config.type).record(Path(options.pop("file")), **options)
 
 
@@ -240,7 +249,7 @@ def _check_sink(sink: SinkConfig, path: str) -> None:
         if field.name not in ("type", *own) and getattr(sink, field.name) is not None:
             has = ", ".join(own)
             raise EvsError(f"at {path}.{field.name}: a {sink.type} sink has only: {has}")
-    if not getattr(sink, own[0]):
+    if sink.type != "ros2" and not getattr(sink, own[0]):
         raise EvsError(f"at {path}.{own[0]}: missing; a {sink.type} sink needs it")
     if sink.file:
         kind = formats.by_name(sink.type)

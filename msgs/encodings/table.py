@@ -32,14 +32,15 @@ class PayloadWriter:
         self.encoding, self.time_origin_us = encoding, time_origin_us
         self._after_us = -time_origin_us
 
-    def payload(self, events: Events) -> Payload:
+    def payload(self, events: Events, time_base_us: int | None = None) -> Payload:
         """The payload of the next packet. In: events (n,), sorted, none before the last packet's.
 
-        MessageError: what the encoding does not hold. The time base of an evt3 payload is 0, as
-        real drivers have it: the words tell the time.
+        Payloads of one time base may be joined. That of mono is time_base_us, the first event's
+        time if None; libcaer's changes every 2147 s; evt3's is 0, as real drivers have it: the
+        words tell the time. MessageError: what the encoding does not hold.
         """
         if self.encoding == "mono":
-            return encode_mono(events)
+            return encode_mono(events, time_base_us)
         if self.encoding == "libcaer":
             return encode_libcaer(events)
         data = encode_evt3(events, time_origin_us=self.time_origin_us, after_us=self._after_us)

@@ -22,6 +22,7 @@ DOORS = {
     "h5py": ("drivers/files/hdf5/",),
     "hdf5plugin": ("drivers/files/hdf5/",),
     "rosbags": ("drivers/files/bags/",),
+    "cyclonedds": ("drivers/ros2/middleware.py",),
     "flatbuffers": ("drivers/files/aedat4/",),
     "lz4": ("drivers/files/aedat4/",),
     "zstandard": ("drivers/files/aedat4/",),

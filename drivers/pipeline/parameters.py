@@ -1,0 +1,103 @@
+"""What a sink for ROS 2 can be told: its own keys, and parameters of the real cameras' drivers.
+
+Those of the sensor itself (roi, erc_mode, erc_rate) are taken by their drivers' names and passed on
+to it; biases have their drivers' names in [sensor.biases] anyway.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from evs.emulator.config import SensorConfig
+from evs.msgs import EvsError, unknown
+
+
+@dataclass(frozen=True)
+class DriverParameters:
+    """The keys that a table of [[sink]] has for ROS 2; what the driver packages have as well."""
+
+    type: str = ""
+    node: str | None = None
+    """ros2: name of the node, as in /NODE/events; the camera's name if not given"""
+    namespace: str | None = None
+    """ros2: of the node, as in robot/head"""
+    domain_id: int | None = None
+    """ros2: what ROS_DOMAIN_ID is for nodes of ROS, 0 ... 232; the environment is not looked at"""
+    interface: str | None = None
+    """ros2: network interface, by name or address; lo if not given (with insecure: any)"""
+    reliable: bool | None = None
+    """ros2: true: readers may ask for what they lack; real drivers are best effort"""
+    frame_id: str | None = None
+    """ros2: the camera's frame (x right, y down, z forward); NODE_optical_frame if not given"""
+    world_frame: str | None = None
+    """ros2: the frame that poses are in"""
+    clock: bool | None = None
+    """ros2: whether to publish /clock; of several publishers one may"""
+    tf: bool | None = None
+    """ros2: whether to publish the pose on /tf"""
+    event_message_time_threshold: float | None = None
+    """ros2: what a message of events spans at least, s"""
+    event_message_size_threshold: int | None = None
+    """ros2: unless it has so many bytes before"""
+    send_queue_size: int | None = None
+    """ros2: messages of a topic held for a slow network before it loses the oldest"""
+    statistics_print_interval: float | None = None
+    """ros2: a line of statistics on stderr every so many s of the wall clock, as drivers do"""
+    roi: tuple[int, ...] | None = None
+    """ros2: sensor.readout.roi by its drivers' name, x y width height"""
+    erc_mode: str | None = None
+    """ros2: na | enabled: sensor.readout.erc_rate_mevs is erc_rate / 1e6 | disabled: it is 0"""
+    erc_rate: int | None = None
+    """ros2: of event rate control, events/s"""
+
+
+OF_THE_SENSOR = ("roi", "erc_mode", "erc_rate")
+"""keys that change the sensor, and not the sink"""
+
+KEYS = (
+    *("node", "namespace", "domain_id", "interface", "insecure", "reliable", "encoding"),
+    *("frame_id", "world_frame", "clock", "tf", "send_queue_size", "wait_for", "wait_s"),
+    *("event_message_time_threshold", "event_message_size_threshold"),
+    *("statistics_print_interval", *OF_THE_SENSOR),
+)
+"""every key of such a sink"""
+
+ERC_MODES = ("na", "enabled", "disabled")
+
+ERC_RATE = 100_000_000
+"""events/s: the drivers' default"""
+
+
+def passed_on(sensor: SensorConfig, sinks: Iterable[DriverParameters]) -> SensorConfig:
+    """The sensor with what the drivers' parameters change. EvsError: two of them disagree."""
+    readout = sensor.readout
+    for place, sink in enumerate(sinks):
+        changes: dict[str, tuple[str, Any]] = {}
+        if sink.roi:
+            changes["roi"] = "roi", sink.roi
+        rate = _erc_rate_mevs(sink, f"sink.{place}")
+        if rate is not None:
+            changes["erc_rate_mevs"] = "erc_mode", rate
+        for key, (name, value) in changes.items():
+            said = getattr(readout, key)
+            if said not in (None, value):
+                raise EvsError(
+                    f"at sink.{place}.{name}: it sets sensor.readout.{key}, which is set otherwise "
+                    "already; say it once"
+                )
+            readout = dataclasses.replace(readout, **{key: value})
+    return dataclasses.replace(sensor, readout=readout)
+
+
+def _erc_rate_mevs(sink: DriverParameters, path: str) -> float | None:
+    """What a sink's table says of the rate, Mev/s; None: nothing."""
+    mode = sink.erc_mode or "na"
+    if mode not in ERC_MODES:
+        raise EvsError(f"at {path}.erc_mode: {unknown('mode', mode, ERC_MODES)}")
+    rate = ERC_RATE if sink.erc_rate is None else sink.erc_rate
+    if rate < 1:
+        raise EvsError(f"at {path}.erc_rate: {rate} events/s; give 1 or more, or erc_mode=disabled")
+    return {"na": None, "enabled": rate / 1e6, "disabled": 0.0}[mode]

@@ -1,0 +1,97 @@
+"""Packets of ticks into event messages: as long, or as large, as the drivers' thresholds say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from evs.msgs import EventPacket, EvsError
+from evs.msgs.encodings import PAYLOADS, PayloadWriter
+
+MOST_MONO_S = 4.0
+"""A message in `mono` has 32 bits for the ns since its first event."""
+
+
+@dataclass(frozen=True)
+class EventMessage:
+    """What an event_camera_msgs/EventPacket says."""
+
+    first_us: int
+    """simulated time of its first event"""
+    last_us: int
+    time_base_ns: int
+    data: bytes
+    events: int
+    """in it"""
+
+
+class Gatherer:
+    """Gathers one camera's packets; every packet is encoded as it comes."""
+
+    def __init__(self, encoding: str, time_threshold_s: float, size_threshold: int) -> None:
+        """In: what a message spans at least, s, unless it reaches so many bytes before."""
+        if not 0 <= time_threshold_s <= 3600:
+            raise EvsError(
+                f"event_message_time_threshold is {time_threshold_s:g} s: give 0 (a message a "
+                "tick) ... 3600"
+            )
+        if encoding == "mono" and time_threshold_s > MOST_MONO_S:
+            raise EvsError(
+                f"event_message_time_threshold is {time_threshold_s:g} s, a message in mono spans "
+                f"{MOST_MONO_S:g} s at most: give less, or encoding = evt3"
+            )
+        if size_threshold < 1:
+            raise EvsError(
+                f"event_message_size_threshold is {size_threshold}: give the bytes, 1 or more"
+            )
+        self._writer = PayloadWriter(encoding)
+        self._time_us = round(time_threshold_s * 1e6)
+        self._size = size_threshold
+        self._parts: list[bytes] = []
+        self._begin_us = self._first_us = self._last_us = 0
+        self._base_ns = self._bytes = self._events = 0
+
+    @property
+    def encoding(self) -> str:
+        """Its name, as messages have it."""
+        return self._writer.encoding
+
+    def add(self, packet: EventPacket) -> list[EventMessage]:
+        """Take one packet; Out: the messages that it completes, 0 to 2."""
+        done = []
+        if len(packet):
+            base_us = self._first_us if self._parts else None
+            base_ns, data = self._writer.payload(packet.events, base_us)
+            # libcaer counts anew after 2147 s
+            if self._parts and base_ns != self._base_ns:
+                done += self.rest()
+            if not self._parts:
+                self._begin_us = packet.time_base_us
+                self._first_us = int(packet.events["t"][0])
+                self._base_ns = base_ns
+            self._last_us = int(packet.events["t"][-1])
+            self._parts.append(data)
+            self._bytes += len(data)
+            self._events += len(packet)
+        is_long = packet.time_end_us - self._begin_us >= self._time_us
+        if self._parts and (is_long or self._bytes >= self._size):
+            done += self.rest()
+        return done
+
+    def rest(self) -> list[EventMessage]:
+        """What is gathered so far, as a message; none if nothing is."""
+        if not self._parts:
+            return []
+        data = self._parts[0] if len(self._parts) == 1 else b"".join(self._parts)
+        message = EventMessage(self._first_us, self._last_us, self._base_ns, data, self._events)
+        self._parts, self._bytes, self._events = [], 0, 0
+        return [message]
+
+
+def check_size(encoding: str, width: int, height: int, camera: str) -> None:
+    """EvsError: the encoding has not enough bits for the sensor."""
+    limits = PAYLOADS[encoding]
+    if width > limits.width or height > limits.height:
+        raise EvsError(
+            f"camera '{camera}' has {width} x {height} px, {limits.name} holds {limits.width} x "
+            f"{limits.height}: set encoding = libcaer"
+        )

@@ -1,0 +1,129 @@
+"""What a camera says as messages of ROS 2, each as the bytes of its CDR."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from evs.drivers.files.bags.beside import (
+    IMAGE,
+    INFO,
+    SAMPLE,
+    image_message,
+    info_message,
+    sample_message,
+)
+from evs.drivers.files.bags.library import PACKET, typestore
+from evs.drivers.ros2.gathering import EventMessage
+from evs.drivers.ros2.names import CLOCK, POSE, TRANSFORMS
+from evs.msgs import Frame, Pose, StreamInfo
+from evs.msgs.imu import empty_imu
+
+_SECOND_US = 1_000_000
+
+
+class Messages:
+    """Makes the messages of one camera. Stamps are simulated time."""
+
+    def __init__(self, stream: StreamInfo, frame_id: str, world_frame: str) -> None:
+        """In: names of the optical frame (x right, y down, z forward) and of the world's."""
+        self._stream, self._frame_id, self._world_frame = stream, frame_id, world_frame
+        self._store = typestore(2)
+        self._seq = 0
+        self.has_info = info_message(self._store, self._header(0), stream, 2) is not None
+
+    def events(self, message: EventMessage, encoding: str) -> bytes:
+        """event_camera_msgs/EventPacket; its stamp is the first event's."""
+        self._seq += 1
+        stream = self._stream
+        made = self._store.types[PACKET](
+            header=self._header(message.first_us),
+            height=stream.height,
+            width=stream.width,
+            seq=self._seq - 1,
+            time_base=message.time_base_ns,
+            encoding=encoding,
+            is_bigendian=False,
+            events=np.frombuffer(message.data, np.uint8),
+        )
+        return self._bytes(made, PACKET)
+
+    def image(self, frame: Frame) -> bytes:
+        """sensor_msgs/Image; its stamp is the exposure's begin."""
+        header = self._header(frame.exposure_begin_us)
+        return self._bytes(image_message(self._store, header, frame), IMAGE)
+
+    def info(self, t_us: int) -> bytes:
+        """sensor_msgs/CameraInfo, where `has_info`."""
+        return self._bytes(info_message(self._store, self._header(t_us), self._stream, 2), INFO)
+
+    def sample(self, sample: Any) -> bytes:
+        """sensor_msgs/Imu of one sample, in the optical frame."""
+        header = self._header(int(sample["t"]))
+        return self._bytes(sample_message(self._store, header, sample), SAMPLE)
+
+    def pose(self, pose: Pose) -> bytes:
+        """geometry_msgs/PoseStamped of the optical frame, in the world's."""
+        types = self._store.types
+        place = types["geometry_msgs/msg/Pose"](
+            position=types["geometry_msgs/msg/Point"](*map(float, pose.position)),
+            orientation=self._turn(pose),
+        )
+        header = self._header(pose.t_us, self._world_frame)
+        return self._bytes(types[POSE](header=header, pose=place), POSE)
+
+    def transform(self, pose: Pose) -> bytes:
+        """tf2_msgs/TFMessage: from the world's frame to the optical one."""
+        types = self._store.types
+        moved = types["geometry_msgs/msg/Transform"](
+            translation=types["geometry_msgs/msg/Vector3"](*map(float, pose.position)),
+            rotation=self._turn(pose),
+        )
+        one = types["geometry_msgs/msg/TransformStamped"](
+            header=self._header(pose.t_us, self._world_frame),
+            child_frame_id=self._frame_id,
+            transform=moved,
+        )
+        return self._bytes(types[TRANSFORMS](transforms=[one]), TRANSFORMS)
+
+    def _turn(self, pose: Pose) -> Any:
+        return self._store.types["geometry_msgs/msg/Quaternion"](*map(float, pose.orientation))
+
+    def _header(self, t_us: int, frame_id: str | None = None) -> Any:
+        name = self._frame_id if frame_id is None else frame_id
+        return self._store.types["std_msgs/msg/Header"](stamp=_time(t_us), frame_id=name)
+
+    def _bytes(self, message: Any, kind: str) -> bytes:
+        return bytes(self._store.serialize_cdr(message, kind))
+
+
+@cache
+def rehearse() -> None:
+    """Make one message of each type: the library writes a program for each when it first meets it.
+
+    That takes 20 ms in all, which is too long for the first tick.
+    """
+    matrix = {"d": [], "k": [0.0] * 9, "r": [0.0] * 9, "p": [0.0] * 12}
+    one = Messages(StreamInfo(1, 1, camera_info=matrix), "", "")
+    pose = Pose(0, 0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    one.events(EventMessage(0, 0, 0, b"", 0), "")
+    one.image(Frame(0, 0, 0, 0, 0, np.zeros((1, 1), np.uint8)))
+    one.info(0)
+    one.sample(empty_imu(1)[0])
+    one.pose(pose)
+    one.transform(pose)
+    clock_message(0)
+
+
+def clock_message(t_us: int) -> bytes:
+    """rosgraph_msgs/Clock."""
+    store = typestore(2)
+    return bytes(store.serialize_cdr(store.types[CLOCK](clock=_time(t_us)), CLOCK))
+
+
+def _time(t_us: int) -> Any:
+    seconds, rest = divmod(t_us, _SECOND_US)
+    kind = typestore(2).types["builtin_interfaces/msg/Time"]
+    return kind(sec=seconds, nanosec=rest * 1000)

@@ -1,0 +1,199 @@
+"""DDS: a participant, its writers, and the types of ROS messages. The only door to cyclonedds."""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from functools import cache
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+from evs.drivers.files.bags.library import typestore
+from evs.drivers.ros2.network import Interface
+from evs.msgs import EvsError
+
+QUEUE_BYTES = "1 GB"
+"""What a reliable writer may keep for slow readers; how many messages that are is its depth."""
+
+_LOOPBACK_FRAGMENTS = "<MaxMessageSize>65000B</MaxMessageSize><FragmentSize>60000B</FragmentSize>"
+"""A datagram on the loopback interface may be as large as UDP permits."""
+
+
+def load() -> Any:
+    """The library; EvsError says how to install it."""
+    try:
+        import cyclonedds.core
+        import cyclonedds.domain
+        import cyclonedds.idl.types
+        import cyclonedds.internal
+        import cyclonedds.pub
+        import cyclonedds.topic
+    except ImportError:
+        raise EvsError("ROS 2 needs cyclonedds: pip install 'evs[ros2]'") from None
+    return cyclonedds
+
+
+class Writer:
+    """Writes the messages of one topic, each as the bytes of its CDR."""
+
+    def __init__(self, participant: Any, name: str, kind: str, reliable: bool, depth: int) -> None:
+        """In: name, as ROS has it (/camera/events); kind, as in sensor_msgs/msg/Imu."""
+        dds = load()
+        policy = dds.core.Policy
+        self._failures = (dds.core.DDSException,)
+        self._is_reliable = reliable
+        quality = dds.core.Qos(
+            # a writer that waited would hold up all others
+            policy.Reliability.Reliable(0) if reliable else policy.Reliability.BestEffort,
+            policy.Durability.Volatile,
+            policy.History.KeepLast(depth),
+        )
+        type_ = topic_type(kind)
+        topic = dds.topic.Topic(participant, f"rt{name}", type_, qos=quality)
+        self._writer: Any = dds.pub.DataWriter(participant, topic, qos=quality)
+        self._message = type_.__new__(type_)
+
+    @property
+    def readers(self) -> int:
+        """Readers that are matched now; half a microsecond if there are none."""
+        return len(self._writer.get_matched_subscriptions()) if self._writer else 0
+
+    def write(self, data: bytes) -> bool:
+        """Hand one message over; False where the middleware does not take it."""
+        self._message.wire = data
+        try:
+            self._writer.write(self._message)
+        except self._failures:
+            return False
+        return True
+
+    def wait(self, seconds: float) -> bool:
+        """Until every reliable reader has confirmed what was written; False: not in that time."""
+        if not self._is_reliable or self._writer is None:
+            return True
+        try:
+            return bool(self._writer.wait_for_acks(int(seconds * 1e9)))
+        except (*self._failures, AttributeError):
+            # the library stumbles over a name of its own when the time is up
+            return False
+
+    def close(self) -> None:
+        """Leave the topic. Safe to call twice."""
+        # the library ends an entity with the last reference to it
+        self._writer = None
+
+
+class Participant:
+    """A presence in a DDS domain, on one network interface."""
+
+    def __init__(self, domain_id: int, interface: Interface) -> None:
+        """EvsError: the domain is in use by this process otherwise, or the interface is off."""
+        dds = load()
+        _silence(dds)
+        self._domain: Any = _domain(dds, domain_id, _configuration(interface), interface)
+        self._participant: Any = dds.domain.DomainParticipant(domain_id)
+
+    def writer(self, name: str, kind: str, *, reliable: bool, depth: int) -> Writer:
+        """A writer for a topic; it has to be closed before the participant is."""
+        return Writer(self._participant, name, kind, reliable, depth)
+
+    def close(self) -> None:
+        """Leave the domain. Safe to call twice."""
+        self._participant = None
+        self._domain = None
+
+
+@cache
+def topic_type(kind: str) -> Any:
+    """The DDS type of a ROS message, from the definition that bags use; its `wire` is written."""
+    type_ = _struct(kind)
+
+    def wire(self: Any, *_: Any, **__: Any) -> bytes:
+        data: bytes = self.wire
+        return data
+
+    # the library itself turns bytes into CDR one by one: 2 ms for 100 kB
+    type_.serialize = wire
+    return type_
+
+
+@cache
+def _struct(kind: str) -> Any:
+    """A struct of the name that ROS gives it: sensor_msgs::msg::dds_::Imu_."""
+    package, name = kind.split("/msg/")
+    _, fields = typestore(2).fielddefs[kind]
+    members = {field: _member(described) for field, described in fields}
+    typename = f"{package}::msg::dds_::{name}_"
+    return load().idl.make_idl_struct(f"{name}_", typename, members)
+
+
+def _member(described: Any) -> Any:
+    """The type of a field, as the library annotates it."""
+    types = load().idl.types
+    node, what = described
+    if node.name == "NAME":
+        return _struct(what)
+    if node.name == "BASE":
+        own = {"string": str, "bool": bool, "byte": types.uint8}
+        return own.get(what[0]) or getattr(types, what[0])
+    inner, count = what
+    return types.array[_member(inner), count] if count else types.sequence[_member(inner)]
+
+
+_domains: dict[int, tuple[str, Any]] = {}
+"""Domains of this process: configured once, shared by its participants."""
+
+
+def _domain(dds: Any, number: int, configuration: str, interface: Interface) -> Any:
+    """The domain, kept while somebody refers to it."""
+    known, reference = _domains.get(number, ("", lambda: None))
+    shared = reference()
+    if shared is not None:
+        if known != configuration:
+            raise EvsError(
+                f"DDS domain {number} is in use by this process on another interface: give both "
+                "sinks the same, or another domain_id"
+            )
+        return shared
+    try:
+        made = dds.domain.Domain(number, configuration)
+    except dds.core.DDSException as reason:
+        if reason.code == dds.core.DDSException.DDS_RETCODE_PRECONDITION_NOT_MET:
+            raise EvsError(
+                f"DDS domain {number} is in use by this process already: open the sink first, or "
+                "give it another domain_id"
+            ) from None
+        raise EvsError(
+            f"cannot enter DDS domain {number} on {interface}: is it up? ip link set NAME up"
+        ) from None
+    _domains[number] = configuration, weakref.ref(made)
+    return made
+
+
+def _configuration(interface: Interface) -> str:
+    """The library's configuration; its environment variable counts for nothing."""
+    if interface.name:
+        chosen = f"name={quoteattr(interface.name)}"
+    elif interface.address:
+        chosen = f"address={quoteattr(interface.address)}"
+    else:
+        chosen = 'autodetermine="true"'
+    # the loopback interface does not say that it carries multicast, but it does
+    chosen += ' multicast="true"' if interface.is_loopback else ""
+    fragments = _LOOPBACK_FRAGMENTS if interface.is_loopback else ""
+    return (
+        "<CycloneDDS><Domain><General>"
+        f"<Interfaces><NetworkInterface {chosen}/></Interfaces>{fragments}"
+        "</General><Internal><Watermarks>"
+        f"<WhcHigh>{QUEUE_BYTES}</WhcHigh><WhcHighInit>{QUEUE_BYTES}</WhcHighInit>"
+        "<WhcAdaptive>false</WhcAdaptive></Watermarks></Internal></Domain></CycloneDDS>"
+    )
+
+
+@cache
+def _silence(dds: Any) -> None:
+    """No lines on stderr: with a cable unplugged the library writes thousands of them."""
+    # no Python face of the library has it
+    set_mask = dds.internal.DDS._dll_handle.dds_set_log_mask
+    set_mask.argtypes, set_mask.restype = [ctypes.c_uint32], None
+    set_mask(0)

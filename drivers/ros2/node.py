@@ -1,0 +1,48 @@
+"""One camera as a ROS node: its topics, and what is under way to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from evs.drivers.ros2.gathering import Gatherer
+from evs.drivers.ros2.messages import Messages
+from evs.drivers.ros2.sending import Outlet
+from evs.drivers.ros2.statistics import Statistics
+from evs.msgs import StreamInfo
+
+INFO_PERIOD_US = 100_000
+"""How often camera_info is told where no images are."""
+
+
+class Topic:
+    """A topic and its readers at the last look."""
+
+    def __init__(self, name: str, outlet: Outlet, readers: int = 0) -> None:
+        self.name, self.outlet, self.readers = name, outlet, readers
+
+
+@dataclass
+class Node:
+    """One camera's part of a sink."""
+
+    stream: StreamInfo
+    path: str
+    """/NAMESPACE/NODE"""
+    messages: Messages
+    gatherer: Gatherer
+    statistics: Statistics
+    topics: dict[str, Topic]
+    """name behind the path -> topic; only those that the camera has something for"""
+    info_due_us: int = -(2**62)
+
+    def listened(self, name: str) -> bool:
+        """Whether a reader of the topic was there at the last look."""
+        topic = self.topics.get(name)
+        return topic is not None and topic.readers > 0
+
+    def info_is_due(self, t_us: int) -> bool:
+        """Whether camera_info is to be told at t_us; it comes with the images where there are."""
+        if self.stream.frames or not self.listened("camera_info") or t_us < self.info_due_us:
+            return False
+        self.info_due_us = t_us - t_us % INFO_PERIOD_US + INFO_PERIOD_US
+        return True

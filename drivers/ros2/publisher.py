@@ -1,0 +1,295 @@
+"""Ros2Publisher: a sink that nodes of ROS 2 take for an event camera's driver."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from evs.drivers.pace import monotonic_s, sleep_s
+from evs.drivers.ros2.gathering import Gatherer, check_size
+from evs.drivers.ros2.messages import Messages, clock_message, rehearse
+from evs.drivers.ros2.middleware import Participant, load
+from evs.drivers.ros2.names import CLOCK, GLOBAL, PRIVATE, TRANSFORMS, node_path
+from evs.drivers.ros2.network import checked_domain, interface_of
+from evs.drivers.ros2.node import Node, Topic
+from evs.drivers.ros2.sending import Sender
+from evs.drivers.ros2.statistics import Statistics
+from evs.emulator.stages import Meter, NoMeter
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, StreamInfo, unknown
+
+LINGER_S = 2.0
+"""How long a closing sink sends what still waits."""
+
+TRANSFORMS_DEPTH = 100
+"""What tf2 keeps; its listeners ask for a reliable writer."""
+
+_LOOK_S = 0.02
+
+_SETTLE_S = 0.2
+
+
+class Ros2Publisher:
+    """A Sink that publishes each camera's topics as metavision_driver and libcaer_driver do.
+
+    Behind /NAMESPACE/NODE: events, imu, camera_info, image_raw, pose; for all: /clock and /tf. Best
+    effort, volatile, keep last `send_queue_size`; `reliable` writers repeat what a reader lacks.
+    Nothing is encoded for a topic without a reader. Messages leave by a thread, through a queue of
+    `send_queue_size` a topic that drops its oldest: the camera never waits. Stamps are simulated
+    time, and none is later than the last /clock. Only this machine is served unless `insecure`.
+    """
+
+    def __init__(
+        self,
+        *,
+        node: str = "",
+        namespace: str = "",
+        domain_id: int = 0,
+        interface: str = "",
+        insecure: bool = False,
+        reliable: bool = False,
+        encoding: str = "evt3",
+        frame_id: str = "",
+        world_frame: str = "world",
+        clock: bool = True,
+        tf: bool = True,
+        event_message_time_threshold: float = 1e-3,
+        event_message_size_threshold: int = 1_000_000,
+        send_queue_size: int = 1000,
+        statistics_print_interval: float = 0.0,
+        wait_for: int = 0,
+        wait_s: float = 10.0,
+        linger_s: float = LINGER_S,
+    ) -> None:
+        """In: README.md beside this file tells each. EvsError: what cannot be, no such extra."""
+        for name, value, least in (
+            ("send_queue_size", send_queue_size, 1),
+            ("wait_for", wait_for, 0),
+            ("wait_s", wait_s, 0),
+            ("linger_s", linger_s, 0),
+        ):
+            if not value >= least:
+                raise EvsError(f"{name} is {value:g}: give {least} or more")
+        thresholds = event_message_time_threshold, event_message_size_threshold
+        load()
+        # wrong values are told now, and not once the world is loaded
+        Gatherer(encoding, *thresholds)
+        Statistics("", statistics_print_interval)
+        self.meter: Meter = NoMeter()
+        self._node, self._namespace = node, namespace
+        self._domain_id = checked_domain(domain_id)
+        self._interface = interface_of(interface, insecure)
+        self._reliable, self._encoding, self._thresholds = reliable, encoding, thresholds
+        self._frame_id, self._world_frame = frame_id, world_frame
+        self._globals = {"/clock": clock, "/tf": tf}
+        self._depth, self._interval_s = send_queue_size, statistics_print_interval
+        self._wait_for, self._wait_s, self._linger_s = wait_for, wait_s, linger_s
+        self._participant: Participant | None = None
+        self._sender = Sender()
+        self._nodes: dict[str, Node] = {}
+        self._shared: dict[str, Topic] = {}
+        self._pending: list[tuple[int, Topic, Callable[[], bytes]]] = []
+        self._clock_us = -(2**62)
+        self._unread = 0
+
+    def open(self, streams: Sequence[StreamInfo]) -> None:
+        """Enter the domain and wait for readers. EvsError: names, sizes, interface; nobody came."""
+        if self._participant is not None:
+            raise EvsError("this ROS 2 sink is open already: close it first, or make another")
+        paths = [self._path(stream, len(streams)) for stream in streams]
+        if len(set(paths)) < len(paths):
+            raise EvsError(f"two cameras would be one ROS node: {', '.join(paths)}; name them")
+        rehearse()
+        self._participant = Participant(self._domain_id, self._interface)
+        try:
+            for shared, kind in GLOBAL.items():
+                if self._globals[shared]:
+                    self._shared[shared] = self._topic(shared, kind)
+            for stream, path in zip(streams, paths, strict=True):
+                self._nodes[stream.camera] = self._make_node(stream, path)
+            self._sender.start()
+            self._await_readers()
+        except BaseException:
+            self._release()
+            raise
+
+    def write(self, packet: EventPacket) -> None:
+        """Publish the time, what came beside, and the events once enough are gathered."""
+        node = self._of(packet.camera)
+        end_us = packet.time_end_us
+        if end_us > self._clock_us:
+            self._clock_us = end_us
+            self._look()
+            clock = self._shared.get("/clock")
+            if clock is not None and clock.readers:
+                self._send(clock, clock_message(end_us))
+        self._send_pending(end_us)
+        if node.info_is_due(end_us):
+            self._send(node.topics["camera_info"], node.messages.info(end_us))
+        events = node.topics["events"]
+        if events.readers:
+            for message in node.gatherer.add(packet):
+                self._send(events, node.messages.events(message, self._encoding), message.events)
+        else:
+            # who comes later gets no events from before
+            node.gatherer.rest()
+            self._unread += 1
+        counts = events.outlet.counts
+        node.statistics.add(end_us, packet.events.nbytes, counts.sent, counts.dropped)
+
+    def write_frame(self, frame: Frame) -> None:
+        """Publish an image and its camera_info, with the packet of the tick."""
+        node = self._of(frame.camera)
+        begin_us = frame.exposure_begin_us
+        if node.listened("camera_info"):
+            self._later(begin_us, node.topics["camera_info"], lambda: node.messages.info(begin_us))
+        if node.listened("image_raw"):
+            self._later(begin_us, node.topics["image_raw"], lambda: node.messages.image(frame))
+
+    def write_imu(self, packet: ImuPacket) -> None:
+        """Publish a message a sample, with the packet of the tick."""
+        node = self._of(packet.camera)
+        if node.listened("imu"):
+            for sample in packet.samples:
+                self._later(int(sample["t"]), node.topics["imu"], _sample(node, sample))
+
+    def wants_pose(self, camera: str) -> bool:
+        """Whether somebody listens to this pose or to /tf."""
+        return self._of(camera).listened("pose") or self._tf_is_read
+
+    def write_pose(self, pose: Pose) -> None:
+        """Publish a pose, as such and for tf, with the packet of the tick."""
+        node = self._of(pose.camera)
+        if node.listened("pose"):
+            self._later(pose.t_us, node.topics["pose"], lambda: node.messages.pose(pose))
+        if self._tf_is_read:
+            self._later(pose.t_us, self._shared["/tf"], lambda: node.messages.transform(pose))
+
+    def flush(self, seconds: float = LINGER_S) -> None:
+        """Wait, for so long at most, until all that was written so far has left."""
+        self._sender.flush(seconds)
+
+    def close(self) -> dict[str, Any]:
+        """Send what still waits, `linger_s` at most, then leave. Safe to call twice."""
+        if self._participant is not None:
+            try:
+                self._send_pending(2**62)
+                for node in self._nodes.values():
+                    events = node.topics["events"]
+                    for message in node.gatherer.rest():
+                        data = node.messages.events(message, self._encoding)
+                        self._send(events, data, message.events)
+            finally:
+                self._release()
+        topics = self._topics()
+        counts = [topic.outlet.counts for topic in topics]
+        of_events = [node.topics["events"].outlet.counts for node in self._nodes.values()]
+        return {
+            "type": "ros2",
+            "domain_id": self._domain_id,
+            "interface": str(self._interface),
+            "messages_sent": {t.name: t.outlet.counts.sent for t in topics if t.outlet.counts.sent},
+            "bytes_sent": sum(one.bytes for one in counts),
+            "packets_unread": self._unread,
+            "messages_dropped": sum(one.dropped for one in counts),
+            "events_sent": sum(one.elements for one in of_events),
+            "events_dropped": sum(one.elements_dropped for one in of_events),
+        }
+
+    @property
+    def _tf_is_read(self) -> bool:
+        transforms = self._shared.get("/tf")
+        return transforms is not None and transforms.readers > 0
+
+    def _path(self, stream: StreamInfo, count: int) -> str:
+        if self._node and count > 1:
+            raise EvsError(
+                f"node is '{self._node}', but there are {count} cameras: leave it out, then each "
+                "node has its camera's name, and give a namespace"
+            )
+        check_size(self._encoding, stream.width, stream.height, stream.camera)
+        return node_path(self._node, self._namespace, stream.camera)
+
+    def _make_node(self, stream: StreamInfo, path: str) -> Node:
+        name = path.rpartition("/")[2]
+        frame_id = self._frame_id or f"{name}_optical_frame"
+        messages = Messages(stream, frame_id, self._world_frame)
+        has = {"imu": stream.imu, "image_raw": stream.frames, "camera_info": messages.has_info}
+        topics = {
+            topic: self._topic(f"{path}/{topic}", kind)
+            for topic, kind in PRIVATE.items()
+            if has.get(topic, True)
+        }
+        gatherer = Gatherer(self._encoding, *self._thresholds)
+        statistics = Statistics(path, self._interval_s)
+        return Node(stream, path, messages, gatherer, statistics, topics)
+
+    def _topic(self, name: str, kind: str) -> Topic:
+        assert self._participant is not None
+        reliable = self._reliable or kind == TRANSFORMS
+        depth = {TRANSFORMS: TRANSFORMS_DEPTH, CLOCK: 1}.get(kind, self._depth)
+        writer = self._participant.writer(name, kind, reliable=reliable, depth=depth)
+        return Topic(name, self._sender.outlet(writer, self._depth))
+
+    def _topics(self) -> list[Topic]:
+        private = [topic for node in self._nodes.values() for topic in node.topics.values()]
+        return [*private, *self._shared.values()]
+
+    def _of(self, camera: str) -> Node:
+        if self._participant is None:
+            raise EvsError("this ROS 2 sink is not open: call open(streams) first")
+        node = self._nodes.get(camera)
+        if node is None:
+            raise unknown("camera of this ROS 2 sink", camera, self._nodes)
+        return node
+
+    def _look(self) -> None:
+        """Who listens now."""
+        for topic in self._topics():
+            topic.readers = topic.outlet.writer.readers
+
+    def _later(self, t_us: int, topic: Topic, make: Callable[[], bytes]) -> None:
+        """Keep a message until the clock has told its stamp."""
+        self._pending.append((t_us, topic, make))
+
+    def _send_pending(self, t_us: int) -> None:
+        due = [one for one in self._pending if one[0] <= t_us]
+        if due:
+            self._pending = [one for one in self._pending if one[0] > t_us]
+            for _, topic, make in due:
+                self._send(topic, make())
+
+    def _send(self, topic: Topic, data: bytes, elements: int = 1) -> None:
+        self.meter.lap("pack")
+        self._sender.put(topic.outlet, data, elements)
+
+    def _await_readers(self) -> None:
+        deadline_s = monotonic_s() + self._wait_s
+        while (came := self._event_readers()) < self._wait_for:
+            if monotonic_s() >= deadline_s:
+                names = ", ".join(node.topics["events"].name for node in self._nodes.values())
+                raise EvsError(
+                    f"{came} of {self._wait_for} readers of {names} came within "
+                    f"{self._wait_s:g} s: start them while this waits, on the same domain_id and "
+                    "interface, or give wait_s more"
+                )
+            sleep_s(_LOOK_S)
+        if self._wait_for:
+            # they may know of us a little later than we of them
+            sleep_s(_SETTLE_S)
+            self._look()
+
+    def _event_readers(self) -> int:
+        self._look()
+        return sum(node.topics["events"].readers for node in self._nodes.values())
+
+    def _release(self) -> None:
+        self._sender.close(self._linger_s)
+        for topic in self._topics():
+            topic.outlet.writer.close()
+        if self._participant is not None:
+            self._participant.close()
+            self._participant = None
+
+
+def _sample(node: Node, sample: Any) -> Callable[[], bytes]:
+    return lambda: node.messages.sample(sample)
