@@ -137,7 +137,7 @@ def event_frame(events: Events, size: tuple[int, int]) -> I32:
     return counts.reshape(2, height, width).astype(np.int32)
 
 
-def padded_packet(events: Events, capacity: int, t_us: int) -> tuple[I32, int]:
+def padded_packet(events: Events, capacity: int, t_us: int) -> I32:
     """The events as rows of an array that always has the same shape.
 
     Args:
@@ -146,17 +146,18 @@ def padded_packet(events: Events, capacity: int, t_us: int) -> tuple[I32, int]:
         t_us: what stamps are counted from, for example the time of a decision
 
     Returns:
-        (capacity, 4) int32: t - t_us in us (0 and less for what is past), x, y, p; then zeros.
-        And how many rows are events: min(n, capacity).
+        (capacity, 4) int32: t - t_us in us (0 and less for what is past), x, y, polarity +1 or -1;
+        rows behind the last event are zeros, polarity too
     """
     capacity = _positive(capacity, "capacity")
     kept = events[-capacity:]
     rows = np.zeros((capacity, 4), np.int32)
     limit = np.iinfo(np.int32)
-    rows[: len(kept), 0] = np.clip(kept["t"] - t_us, limit.min, limit.max)
-    for column, name in enumerate(("x", "y", "p"), start=1):
-        rows[: len(kept), column] = kept[name]
-    return rows, len(kept)
+    filled = rows[: len(kept)]
+    filled[:, 0] = np.clip(kept["t"] - t_us, limit.min, limit.max)
+    filled[:, 1], filled[:, 2] = kept["x"], kept["y"]
+    filled[:, 3] = np.where(kept["p"] != 0, 1, -1)
+    return rows
 
 
 def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
