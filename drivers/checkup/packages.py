@@ -34,7 +34,7 @@ EXTRAS = {
 
 USES = {
     "raster": "the raster renderer",
-    "gym": "evs demo",
+    "gym": "evs.drivers.gym and evs demo",
     "video": ".mp4 films",
     "train": "evs train fit",
     "view": "Rerun's viewer and .rrd files",

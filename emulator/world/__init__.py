@@ -20,6 +20,7 @@ from evs.emulator.world.gauges import Gauges
 from evs.emulator.world.kinematics import gravity_of
 from evs.emulator.world.left_out import LeftOutWarning
 from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model
+from evs.emulator.world.named_sensors import NamedSensors
 from evs.emulator.world.physics import Physics
 from evs.emulator.world.poses import Poser
 from evs.emulator.world.ticks import Substeps, fill_tick
@@ -34,6 +35,7 @@ __all__ = [
     "LeftOutWarning",
     "MjData",
     "MjModel",
+    "NamedSensors",
     "Physics",
     "Poser",
     "Scene",

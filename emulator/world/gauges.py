@@ -79,6 +79,14 @@ class Gauges:
         """(n,) its change, 1/s of that, a copy."""
         return np.array(self._data.actuator_velocity, np.float64)
 
+    @property
+    def values(self) -> dict[str, F64]:
+        """What each sensor with limits says, (its dimension,) float64, copies."""
+        return {
+            limit.name: np.array(self._data.sensordata[limit.begin : limit.end], np.float64)
+            for limit in self.limits
+        }
+
     def left(self) -> str:
         """The first limit that a sensor is not within, as a reason; "": all are kept.
 

@@ -35,8 +35,7 @@ DOORS = {
     "jax": ("drivers/training/",),
     "optax": ("drivers/training/",),
     "onnxruntime": ("emulator/network/session.py",),
-    # reserved: the environment face gets its own
-    "gymnasium": (),
+    "gymnasium": ("drivers/gym/",),
 }
 """Import name -> the only places that may import it. What is not listed may not be imported."""
 

@@ -1,0 +1,13 @@
+"""Gymnasium environments whose observations are events.
+
+    import gymnasium
+    import evs.drivers.gym                                # registers evs/...
+    env = gymnasium.make("evs/CartPole-v0", observation="voxel_grid")
+
+or in one: `gymnasium.make("evs.drivers.gym:evs/CartPole-v0")`.
+"""
+
+from evs.drivers.gym.loop_env import LoopEnv
+from evs.drivers.gym.registered import ENVIRONMENTS, register_all
+
+__all__ = ["ENVIRONMENTS", "LoopEnv", "register_all"]

@@ -1,0 +1,13 @@
+"""Gymnasium itself, or one line that says how to get it. The only door to it."""
+
+from __future__ import annotations
+
+from evs.msgs import EvsError
+
+try:
+    import gymnasium
+    from gymnasium import spaces
+except ImportError:
+    raise EvsError("Gymnasium is not installed: pip install 'evs[gym]'") from None
+
+__all__ = ["gymnasium", "spaces"]

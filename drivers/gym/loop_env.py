@@ -1,0 +1,253 @@
+"""LoopEnv: a closed loop as a Gymnasium environment. Events in, actions out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.drivers.gym.actions import Actions
+from evs.drivers.gym.episodes import Reward, Start, begin, check_reward, check_start, reward_of
+from evs.drivers.gym.library import gymnasium, spaces
+from evs.drivers.gym.picture import SCENE_PX, draw
+from evs.drivers.gym.views import Step, make_view
+from evs.drivers.pictures import U8
+from evs.drivers.pipeline.config import in_package
+from evs.emulator import Loop, Observation
+from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.plain_config import plain_integer
+from evs.emulator.world import NamedSensors, Scene
+from evs.msgs import Events, EvsError, empty_events, join_events
+
+NO_BOUND = float(np.finfo(np.float32).max)
+"""An encoder turns as far as it turns."""
+
+
+class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
+    """Decide `ticks` milliseconds at a time; see the events, and the encoders if asked for.
+
+    Terminated: a limit was left, or physics broke down (info["done"] says which). Truncated: max_s
+    are over. After reset there are no events yet: light is compared with that of the beginning.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 50}
+
+    def __init__(
+        self,
+        scene: Scene,
+        cameras: str | CameraConfig | tuple[str | CameraConfig, ...] = ("",),
+        *,
+        observation: str = "event_frame",
+        encoders: bool = False,
+        bins: int = 5,
+        tau_us: float = 30_000.0,
+        capacity: int = 2048,
+        sensor: str | SensorConfig = "ideal",
+        size: tuple[int, int] | None = (64, 64),
+        render: RenderConfig | None = None,
+        model: ModelConfig | None = None,
+        ticks: int = 10,
+        tick_us: int = 1000,
+        max_s: float = 5.0,
+        limits: Mapping[str, tuple[float, float]] | None = None,
+        reward: Reward | None = None,
+        alive: float = 1.0,
+        start: Start | None = None,
+        keyframe: str = "",
+        control_range: Mapping[str, tuple[float, float]] | None = None,
+        threads: int = 1,
+        render_mode: str | None = None,
+        render_camera: str | CameraConfig = "",
+    ) -> None:
+        """Load the scene and open its cameras' eyes.
+
+        Args:
+            scene: MJCF or MJB file, `package:path`, MjModel or MjSpec
+            cameras: names of the model's, or descriptions, as of evs.Loop
+            observation: event_frame | voxel_grid | time_surface | packet (drivers/gym/views.py)
+            encoders: the actuators' encoders too; observations then are a Dict
+            bins: of the voxel grid
+            tau_us: time constant of the time surface, us
+            capacity: events that a packet holds
+            sensor: preset or SensorConfig
+            size: (width, height) of the sensor, px; None: its own
+            render: how light is found, as of evs.Loop
+            model: what makes events of it, as of evs.Loop
+            ticks: how many ticks a step takes
+            tick_us: length of a tick, us
+            max_s: simulated seconds after which an episode is truncated
+            limits: name of a <sensor> -> range whose leaving terminates the episode
+            reward: name of a <sensor> -> weight of its length; or f(sensors, control) -> float
+            alive: added for each step that did not terminate the episode
+            start: name of a joint -> range of its position at reset; or f(random, data)
+            keyframe: the one to start from; "" is as the model says
+            control_range: name of an actuator -> (low, high), instead of its ctrlrange
+            threads: that find light; several environments side by side do best with one each
+            render_mode: None or rgb_array
+            render_camera: whose picture `render` gives; "" is the model's first, or a free one
+
+        Raises:
+            EvsError: one line for whatever cannot be
+        """
+        modes = self.metadata["render_modes"]
+        if render_mode is not None and render_mode not in modes:
+            raise EvsError(f"render_mode is {render_mode!r}; give None or '{modes[0]}'")
+        self.render_mode = render_mode
+        if isinstance(scene, str | Path):
+            scene = in_package(str(scene))
+        self.loop = Loop(
+            scene,
+            cameras,
+            tick_us=tick_us,
+            sensor=_sized(sensor, size),
+            render=render,
+            model=model,
+            threads=threads,
+            limits=limits,
+        )
+        world = self.loop.world
+        self._ticks, self._keyframe = _whole_ticks(ticks), keyframe
+        self._max_us = _microseconds(max_s)
+        self._sensors = NamedSensors(world.model)
+        self._reward = check_reward(reward or {}, self._sensors.names)
+        self._alive = float(alive)
+        self._start = check_start(world.model, start or {})
+        self._views = {
+            camera.name: make_view(
+                observation, (camera.info.width, camera.info.height), bins, tau_us, capacity
+            )
+            for camera in world.cameras
+        }
+        self._encoders = encoders
+        self._scene = (
+            world.add_view(
+                render_camera,
+                sensor=SensorConfig(preset="ideal", width=SCENE_PX[0], height=SCENE_PX[1]),
+                rgb=True,
+            )
+            if render_mode
+            else None
+        )
+        self._actions = Actions(world.model, control_range)
+        self.action_space = self._actions.space
+        self.observation_space = self._space()
+        self.seen: Observation | None = None
+        """the last of the loop's own observations: packets with their exact times"""
+        self._events: dict[str, Events] = {}
+
+    def _space(self) -> spaces.Space[Any]:
+        keys = dict(zip(self._keys(), self._views.values(), strict=True))
+        if len(keys) == 1 and not self._encoders:
+            return next(iter(self._views.values())).space
+        found: dict[str, spaces.Space[Any]] = {key: view.space for key, view in keys.items()}
+        if self._encoders:
+            for name in ("position", "velocity"):
+                if name in found:
+                    raise EvsError(f"a camera is called '{name}', as the encoders are: rename it")
+                found[name] = spaces.Box(-NO_BOUND, NO_BOUND, (self.loop.nu,), np.float32)
+        return spaces.Dict(found)
+
+    def _keys(self) -> list[str]:
+        """What the cameras are called in a Dict: "events" if there is one, else by their names."""
+        return ["events"] if len(self._views) == 1 else list(self._views)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode. In: options, {"keyframe": name} starts from another one.
+
+        Where it begins and all noise follow from `seed`, and from the one before where it is None.
+        """
+        super().reset(seed=seed)
+        wanted = dict(options or {})
+        keyframe = str(wanted.pop("keyframe", self._keyframe))
+        if wanted:
+            raise EvsError(f"reset knows no option '{next(iter(wanted))}'; there is: keyframe")
+        noise = int(self.np_random.integers(2**31))
+        self._began_us = 0
+        for view in self._views.values():
+            view.reset()
+        self.seen = self.loop.reset(
+            noise, keyframe, start=lambda data: begin(self._start, self.np_random, data)
+        )
+        return self._observed(self.seen)
+
+    def step(
+        self, action: npt.NDArray[np.float32]
+    ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Act for `ticks` ticks, fewer where the episode ends."""
+        if self._out_of_time():
+            raise EvsError("the episode is over (its time is): call reset")
+        control = self._actions.control(action)
+        left = -(-(self._max_us - self.loop.t_us) // self.loop.tick_us)
+        self.seen = self.loop.step(control, min(self._ticks, left))
+        terminated = bool(self.seen.done)
+        truncated = not terminated and self._out_of_time()
+        worth = reward_of(self._reward, self._sensors.read(self.loop.world.data), control)
+        worth += 0.0 if terminated else self._alive
+        observation, info = self._observed(self.seen)
+        return observation, worth, terminated, truncated, info
+
+    def _out_of_time(self) -> bool:
+        return self.loop.t_us >= self._max_us
+
+    def _observed(self, seen: Observation) -> tuple[Any, dict[str, Any]]:
+        """What the agent gets, and what is told beside it."""
+        self._events = {
+            name: join_events([p.events for p in seen.packets if p.camera == name])
+            for name in self._views
+        }
+        begin_us, self._began_us = self._began_us, seen.t_us
+        # before the first tick there is no time for events to be in
+        begin_us = min(begin_us, seen.t_us - 1)
+        found: dict[str, Any] = {
+            key: view.see(Step(self._events[name], begin_us, seen.t_us))
+            for key, (name, view) in zip(self._keys(), self._views.items(), strict=True)
+        }
+        count = sum(len(events) for events in self._events.values())
+        info = {"t_us": seen.t_us, "events": count, "done": seen.done}
+        if len(found) == 1 and not self._encoders:
+            return found["events"], info
+        if self._encoders:
+            found["position"] = seen.position.astype(np.float32)
+            found["velocity"] = seen.velocity.astype(np.float32)
+        return found, info
+
+    def render(self) -> U8 | None:  # type: ignore[override]
+        """(h, w, 3) uint8: the scene, and each camera's events of the last step. None: no mode."""
+        if self._scene is None:
+            return None
+        sizes = {c.name: (c.info.width, c.info.height) for c in self.loop.world.cameras}
+        none = empty_events()
+        return draw(
+            self._scene, [(self._events.get(name, none), *size) for name, size in sizes.items()]
+        )
+
+
+def _sized(sensor: str | SensorConfig, size: tuple[int, int] | None) -> SensorConfig:
+    """The sensor with its size; one that a SensorConfig names itself stays."""
+    found = SensorConfig(preset=sensor) if isinstance(sensor, str) else sensor
+    if size is None or not isinstance(found, SensorConfig) or found.width or found.height:
+        return found
+    try:
+        width, height = size
+    except (TypeError, ValueError):
+        raise EvsError(f"size is {size!r}: give (width, height) in px, or None") from None
+    return replace(found, width=width, height=height)
+
+
+def _whole_ticks(ticks: int) -> int:
+    if plain_integer(ticks, "ticks") < 1:
+        raise EvsError(f"ticks is {ticks}: a step is one tick or more")
+    return int(ticks)
+
+
+def _microseconds(max_s: float) -> int:
+    if not (max_s > 0.0 and math.isfinite(max_s)):
+        raise EvsError(f"max_s is {max_s}: give simulated seconds over 0, for example 5.0")
+    return round(max_s * 1e6)

@@ -1,0 +1,43 @@
+"""The environments that `gymnasium.make` knows by name once this is imported."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from evs.drivers.gym.library import gymnasium
+
+LOOP_ENV = "evs.drivers.gym.loop_env:LoopEnv"
+
+ENVIRONMENTS: dict[str, dict[str, Any]] = {
+    # a pole on a cart, seen from the cart: 1 for each step that it stands
+    "evs/CartPole-v0": {
+        "scene": "evs:config/scenes/cartpole.xml",
+        "cameras": "onboard",
+        "limits": {"angle": (-0.6, 0.6), "position": (-0.95, 0.95)},
+        "start": {"hinge": (-0.05, 0.05), "slider": (-0.05, 0.05)},
+        "render_camera": "watch",
+    },
+    # a camera on a pan-tilt head that has to keep a swinging ball on its axis
+    "evs/Reach-v0": {
+        "scene": "evs:config/scenes/pantilt.xml",
+        "cameras": "eye",
+        "start": {"across": (-0.35, 0.35), "up": (-0.35, 0.35)},
+        "reward": {"miss": -1.0},
+        "render_camera": "watch",
+    },
+    # any scene of yours: gymnasium.make("evs/Loop-v0", scene="robot.xml", cameras="wrist", ...)
+    "evs/Loop-v0": {},
+}
+"""name -> arguments of LoopEnv, each of which `make` may override. Plain values, as a spec's JSON
+wants them."""
+
+
+def register_all() -> None:
+    """Make the environments known to Gymnasium; those that are known already stay."""
+    for name, arguments in ENVIRONMENTS.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(name, entry_point=LOOP_ENV, kwargs=arguments)
+
+
+# Gymnasium's way: importing the module registers its environments
+register_all()

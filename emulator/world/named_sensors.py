@@ -1,0 +1,36 @@
+"""NamedSensors: what the model's sensors say, for who may look into the simulator.
+
+Rewards and tests may. A controller may not: it has events and its actuators' encoders.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import mujoco
+
+from evs.emulator.scene import F64
+from evs.emulator.world.gauges import Gauges
+
+
+class NamedSensors:
+    """Some <sensor>s of a model by their names."""
+
+    def __init__(self, model: mujoco.MjModel, names: Iterable[str] | None = None) -> None:
+        """In: names of sensors; None: every one that has a name. EvsError for one there is not."""
+        if names is None:
+            kind = mujoco.mjtObj.mjOBJ_SENSOR
+            named = (mujoco.mj_id2name(model, kind, index) for index in range(model.nsensor))
+            names = [name for name in named if name]
+        self._gauges = Gauges(model, dict.fromkeys(names, (-math.inf, math.inf)))
+
+    def read(self, data: mujoco.MjData) -> dict[str, F64]:
+        """Name -> (its dimension,) float64, of this very instant. `data` is only read."""
+        self._gauges.read(data)
+        return self._gauges.values
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """In the order asked for; of all, in the model's."""
+        return tuple(limit.name for limit in self._gauges.limits)
