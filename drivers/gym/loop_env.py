@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,12 +20,16 @@ from evs.drivers.pictures import U8
 from evs.drivers.pipeline.config import in_package
 from evs.emulator import Loop, Observation
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.loop_config import DelayConfig
 from evs.emulator.plain_config import plain_integer
 from evs.emulator.world import NamedSensors, Scene
 from evs.msgs import Events, EvsError, empty_events, join_events
 
 NO_BOUND = float(np.finfo(np.float32).max)
 """An encoder turns as far as it turns."""
+
+
+METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 50}
 
 
 class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
@@ -35,7 +39,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     are over. After reset there are no events yet: light is compared with that of the beginning.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 50}
+    metadata = METADATA
 
     def __init__(
         self,
@@ -58,6 +62,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         reward: Reward | None = None,
         alive: float = 1.0,
         start: Start | None = None,
+        delays: DelayConfig | None = None,
         keyframe: str = "",
         control_range: Mapping[str, tuple[float, float]] | None = None,
         threads: int = 1,
@@ -85,6 +90,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             reward: name of a <sensor> -> weight of its length; or f(sensors, control) -> float
             alive: added for each step that did not terminate the episode
             start: name of a joint -> range of its position at reset; or f(random, data)
+            delays: between camera, agent and actuators, and packets lost, as of evs.Loop
             keyframe: the one to start from; "" is as the model says
             control_range: name of an actuator -> (low, high), instead of its ctrlrange
             threads: that find light; several environments side by side do best with one each
@@ -109,6 +115,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             model=model,
             threads=threads,
             limits=limits,
+            delays=delays,
         )
         world = self.loop.world
         self._ticks, self._keyframe = _whole_ticks(ticks), keyframe
@@ -218,7 +225,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             found["velocity"] = seen.velocity.astype(np.float32)
         return found, info
 
-    def render(self) -> U8 | None:  # type: ignore[override]
+    def render(self) -> U8 | None:
         """(h, w, 3) uint8: the scene, and each camera's events of the last step. None: no mode."""
         if self._scene is None:
             return None

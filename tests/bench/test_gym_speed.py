@@ -1,4 +1,4 @@
-"""Steps of the Gymnasium environments, 10 ticks of 1 ms each at 64 x 64 px, beside the bare loop."""
+"""Steps of the Gymnasium environments, 10 ticks at 64 x 64 px, beside the bare loop."""
 
 from __future__ import annotations
 

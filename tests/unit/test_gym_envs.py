@@ -107,6 +107,19 @@ def test_observations_are_the_representations_of_what_arrived() -> None:
         assert np.array_equal(told["packet"], padded_packet(events, 2048, end_us))
 
 
+def test_delays_are_the_loops() -> None:
+    late = evs.DelayConfig(transport_us=30_000, control_us=20_000)
+    env = make("evs/Reach-v0", delays=late, size=(64, 48))
+    env.reset(seed=3)
+    ends = []
+    for _ in range(6):
+        env.step(np.ones(2, np.float32))
+        ends.append([packet.time_end_us for packet in env.seen.packets][-1:])
+        # what was decided acts 20 ms later
+        assert env.loop.world.data.ctrl.any() == (env.seen.t_us > 20_000)
+    assert ends == [[], [], [], [10_000], [20_000], [30_000]]
+
+
 def test_counts_saturate_inside_their_space() -> None:
     # flickering light would do it; a hundred thousand events on a pixel say it without
     events = np.zeros(100_000, evs.EVENT_DTYPE)
