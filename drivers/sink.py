@@ -42,6 +42,14 @@ class MeteredSink(Protocol):
 
 
 @runtime_checkable
+class PreparingSink(Protocol):
+    """A sink that takes its time to get ready: all of a run do so at once, before any is opened."""
+
+    def prepare(self) -> None:
+        """Begin to get ready, without waiting. `close` is called whatever happens next."""
+
+
+@runtime_checkable
 class FrameSink(Protocol):
     """A sink that also takes the intensity frames of cameras whose StreamInfo says `frames`."""
 

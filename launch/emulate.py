@@ -30,6 +30,7 @@ OPTIONS = {
     "control": ("publish_control", "ADDRESS", "control port of --publish (evs topics)"),
     "key": ("publish_key", "FILE", "secret key of --publish, made by evs keygen"),
     "allow": ("publish_allow", "KEYS", "public keys that may listen to --publish: files, folders"),
+    "aside": ("aside", "", "every sink in a process of its own, so that it slows no tick"),
     "insecure": ("publish_insecure", "", "let other machines listen to --publish without a key"),
     "threads": ("threads", "N", "worker threads; 0: one a core"),
     "seed": ("seed", "N", "every random number follows from it"),

@@ -72,6 +72,12 @@ class SinkConfig(DriverParameters):
     """rerun: the file to write, which Rerun's viewer opens"""
     period_us: int | None = None
     """rerun: simulated time from one picture to the next, us"""
+    aside: bool | None = None
+    """true: in a process of its own, so that it costs the camera a copy; not given: as the run's"""
+    aside_mb: float | None = None
+    """aside: MB of packets that may wait for that process, 64 if not given"""
+    aside_cores: tuple[int, ...] | None = None
+    """aside: processor cores that it may use; those of the camera if not given"""
 
 
 SINK_KEYS = {
@@ -85,6 +91,9 @@ SINK_KEYS = {
     **{each.name: ("file", *each.keys) for each in formats.FORMATS},
 }
 """sink type -> the keys it has; the first is required, but for ros2"""
+
+ASIDE_KEYS = ("aside", "aside_mb", "aside_cores")
+"""keys that every sink has"""
 
 
 @dataclass(frozen=True)
@@ -111,6 +120,8 @@ class PipelineConfig(RunConfig):
     """public keys that may listen to it"""
     publish_insecure: bool = False
     """true: other machines may listen to it although it has no key"""
+    aside: bool = False
+    """true: every sink that does not say otherwise runs in a process of its own"""
     report: str = ""
     """where to write the run report (JSON); every recording has one beside it anyway"""
 
@@ -130,6 +141,11 @@ class PipelineConfig(RunConfig):
             every.append(SinkConfig(type=formats.to_write(self.record).name, file=self.record))
         if self.publish:
             every.append(self._published())
+        if self.aside:
+            every = [
+                dataclasses.replace(sink, aside=True) if sink.aside is None else sink
+                for sink in every
+            ]
         return tuple(sorted(every, key=lambda sink: sink.file is not None))
 
     def _published(self) -> SinkConfig:
@@ -194,6 +210,10 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
         raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))
     for place, sink in enumerate(config.sink):
         _check_sink(sink, f"sink.{place}")
+        if not (config.aside if sink.aside is None else sink.aside):
+            for key in ASIDE_KEYS[1:]:
+                if getattr(sink, key) is not None:
+                    raise EvsError(f"at sink.{place}.{key}: of use only with aside = true")
     config.emulation()
     _check_held(config)
     _check_outputs(config, pipeline)
@@ -201,6 +221,18 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
 
 def make_sink(config: SinkConfig) -> Sink:
     """The sink of a table, not yet open. Its library is imported here, not before."""
+    if config.aside:
+        from evs.drivers.pipeline.aside import AsideSink
+
+        plain = dataclasses.replace(config, aside=None, aside_mb=None, aside_cores=None)
+        return AsideSink(
+            # made here too, so that a bad value is told before anything starts
+            make_sink(plain),
+            settings.to_plain(plain),
+            lossless=bool(config.file or config.rrd),
+            ring_mb=config.aside_mb,
+            cores=config.aside_cores,
+        )
     given = {key: getattr(config, key) for key in SINK_KEYS[config.type]}
     options = {key: value for key, value in given.items() if value is not None}
     if config.type == "zmq":
@@ -246,7 +278,7 @@ def _check_sink(sink: SinkConfig, path: str) -> None:
         raise _at(f"{path}.type", unknown("sink type", sink.type, SINK_KEYS))
     own = SINK_KEYS[sink.type]
     for field in dataclasses.fields(sink):
-        if field.name not in ("type", *own) and getattr(sink, field.name) is not None:
+        if field.name not in ("type", *own, *ASIDE_KEYS) and getattr(sink, field.name) is not None:
             has = ", ".join(own)
             raise EvsError(f"at {path}.{field.name}: a {sink.type} sink has only: {has}")
     if sink.type != "ros2" and not getattr(sink, own[0]):

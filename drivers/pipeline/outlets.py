@@ -13,6 +13,7 @@ from evs.drivers.sink import (
     LightSink,
     MeteredSink,
     PoseSink,
+    PreparingSink,
     Sink,
     SinkStoppedError,
     StoppingSink,
@@ -73,7 +74,8 @@ class Outlets:
     def __init__(self, sinks: Sequence[Sink], meter: Meter, warn: Callable[[str], None]) -> None:
         """In: meter is given to the sinks that lap it, before they open."""
         self._sinks, self._meter, self._warn = list(sinks), meter, warn
-        self._opened: list[Sink] = []
+        self._all = tuple(sinks)
+        self._begun: list[Sink] = []
         # asked of each sink once: it takes longer than handing over a packet
         self._frame_sinks = [sink for sink in sinks if isinstance(sink, FrameSink)]
         self._imu_sinks = [sink for sink in sinks if isinstance(sink, ImuSink)]
@@ -88,12 +90,16 @@ class Outlets:
 
     def open(self, infos: Sequence[StreamInfo]) -> None:
         """Open every sink, in their order."""
-        for sink in self._sinks:
+        for sink in self._all:
+            if isinstance(sink, PreparingSink):
+                self._begun.append(sink)
+                sink.prepare()
+        for sink in self._all:
             # a sink that failed to open may hold something already: it is closed too
-            self._opened.append(sink)
+            self._begun.append(sink)
             if isinstance(sink, MeteredSink):
                 sink.meter = self._meter
-            with _disk_errors():
+            with disk_errors():
                 sink.open(infos)
 
     def write(self, packets: Sequence[EventPacket]) -> None:
@@ -146,7 +152,7 @@ class Outlets:
         if sink not in self._sinks:
             return
         try:
-            with _disk_errors():
+            with disk_errors():
                 take(message)
         except SinkStoppedError as error:
             self._sinks = [one for one in self._sinks if one is not sink]
@@ -157,10 +163,14 @@ class Outlets:
     def close(self) -> BaseException | None:
         """Close every sink that was opened, the last first; the first error, if any."""
         first: BaseException | None = None
-        for sink in reversed(self._opened):
+        for sink in (sink for sink in reversed(self._all) if sink in self._begun):
             try:
-                with _disk_errors():
-                    self.said.insert(0, sink.close())
+                with disk_errors():
+                    said = sink.close()
+                self.said.insert(0, said)
+                if said.get("error") and sink in self._sinks:
+                    # it was well until now: nobody has been told yet
+                    self._warn(str(said["error"]))
             except BaseException as error:  # whatever one sink does, the others must be closed
                 self.said.insert(0, {"error": str(error) or type(error).__name__})
                 first = first or error
@@ -168,7 +178,7 @@ class Outlets:
 
 
 @contextmanager
-def _disk_errors() -> Iterator[None]:
+def disk_errors() -> Iterator[None]:
     """An operating system's error of a sink, as the one line that users see."""
     try:
         yield

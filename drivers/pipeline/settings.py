@@ -83,7 +83,9 @@ def to_text(value: Any) -> str:
         plain_word = value == value.strip() and value[:1] not in "\"'" and value.lower() != "none"
         return value if plain_word and value else _quoted(value)
     if isinstance(value, (tuple, list)):
-        return "[" + ", ".join(to_text(item) for item in value) + "]"
+        # a word alone is a string, in a list it is not
+        items = (_quoted(item) if isinstance(item, str) else to_text(item) for item in value)
+        return "[" + ", ".join(items) + "]"
     return repr(value)
 
 

@@ -1,8 +1,9 @@
-"""What live sinks cost a camera's tick: the camera on one core, everything that listens on another.
+"""What sinks cost a camera's tick: the camera on one core, everything else on another.
 
 The tick is a real one (a spinning bar under a DAVIS346, traced anew each ms); the packets that it
 hands out hold a set number of events, so that the rate is what the issue names. Without sinks and
-with them take turns. A recorder is a process that listens to the bus and writes AEDAT4.
+with them take turns. `aside`: the sink has that key, it runs in a process of its own. A recorder of
+the first rows is a process that listens to the bus; aside, the camera writes a file of its own too.
 Processor time of the camera's process, so that other people's programs do not count.
 """
 
@@ -45,8 +46,13 @@ with tempfile.TemporaryDirectory() as folder:
     recorder.close()
 """,
     "dv": """
-import socket, sys
-link = socket.create_connection(("127.0.0.1", int(sys.argv[1])))
+import socket, sys, time
+for _ in range(1000):
+    try:
+        link = socket.create_connection(("127.0.0.1", int(sys.argv[1])))
+        break
+    except ConnectionRefusedError:
+        time.sleep(0.02)
 while link.recv(1 << 20): pass
 """,
 }
@@ -57,10 +63,13 @@ os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 import numpy as np
 import evs
 from evs.drivers.bus import Publisher
+from evs.drivers.checkup.loopback import free_address
 from evs.drivers.dv import DvServer
+from evs.drivers.pipeline.config import SinkConfig, make_sink
 from evs.msgs import EventPacket, make_events
 
-scene, listen, events, rounds, ticks = sys.argv[1], json.loads(sys.argv[2]), *map(int, sys.argv[3:])
+scene, listen, folder, *numbers = sys.argv[1:]
+listen, (events, rounds, ticks) = json.loads(listen), map(int, numbers)
 others = set(range(os.cpu_count())) - os.sched_getaffinity(0)
 world = evs.World(scene, threads=1)
 world.data.qvel[0] = 10
@@ -92,8 +101,25 @@ later(("echo", "recorder"), lambda: not publisher.address.endswith(":0") and pub
 publisher.open([info])
 later(("dv", "dv"), lambda: server.ports.get(f"{info.camera}/events", 0))
 server.open([info])
+
+def aside(**given):
+    return make_sink(SinkConfig(aside=True, aside_cores=tuple(others), **given))
+
+bus, dv = free_address(), free_address()
+bus_aside = aside(type="zmq", address=bus, wait_for=2, wait_s=30.0)
+dv_aside = aside(type="dv", address=dv, wait_for=2, wait_s=30.0)
+file_aside = aside(type="aedat4", file=folder + "/camera.aedat4")
+ports = {"echo": bus, "recorder": bus, "dv": dv.rpartition(":")[2]}
+for sink, names in ((bus_aside, ("echo", "recorder")), (dv_aside, ("dv", "dv")), (file_aside, ())):
+    sink.prepare()
+    processes += [start(name, ports[name]) for name in names]
+    # who came before the port was there has to come again
+    sink.open([info])
 sets = {"no sink": (), "bus, listener and recorder": (publisher,), "DV, two clients": (server,),
-        "bus and DV, all of these": (publisher, server)}
+        "bus and DV, all of these": (publisher, server),
+        "aside: bus, listener and recorder": (bus_aside,),
+        "aside: bus and the camera's own file": (bus_aside, file_aside),
+        "aside: bus, file and DV, two clients": (bus_aside, file_aside, dv_aside)}
 taken = {name: [] for name in sets}
 seq = 0
 for lap in range(rounds + 1):
@@ -114,9 +140,11 @@ for lap in range(rounds + 1):
         if lap:
             taken[name].append(1e3 * (time.process_time() - begin) / ticks)
 said = {"bus": publisher.close(), "dv": server.close()}
+waited = [sink.close() for sink in (dv_aside, file_aside, bus_aside)]
 for process in processes: process.wait(30)
 spread = {k: np.quantile(v, (0.5, 0.25, 0.75)).tolist() for k, v in taken.items()}
-print(json.dumps({"taken": spread, "dropped": said["dv"]["packets_dropped"]}))
+print(json.dumps({"taken": spread, "dropped": said["dv"]["packets_dropped"],
+                  "aside": {k: v for one in waited for k, v in one.items() if "aside" in k}}))
 """
 
 
@@ -129,7 +157,7 @@ def test_what_sinks_cost_a_tick(tmp_path: Path) -> None:
     search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
     columns: dict[str, dict[str, Time]] = {}
     for rate, events in (("1 Mev/s", 1000), ("5 Mev/s", 5000)):
-        words = [str(scene), json.dumps(LISTEN), str(events), "60", "10"]
+        words = [str(scene), json.dumps(LISTEN), str(tmp_path), str(events), "60", "10"]
         done = subprocess.run(
             [sys.executable, "-c", CAMERA, *words],
             env={**os.environ, "PYTHONPATH": search},
@@ -140,6 +168,7 @@ def test_what_sinks_cost_a_tick(tmp_path: Path) -> None:
         )
         assert done.returncode == 0, done.stderr
         found = json.loads(done.stdout)
+        print(f"\n{rate}: {found['aside']}")
         columns[rate] = {name: Time(*three) for name, three in found["taken"].items()}
     yardsticks = {name: NONE for name in columns["1 Mev/s"] if name != NONE}
     print(
@@ -148,6 +177,9 @@ def test_what_sinks_cost_a_tick(tmp_path: Path) -> None:
         )
     )
     for rate, name in (
+        ("5 Mev/s", "aside: bus, listener and recorder"),
+        ("5 Mev/s", "aside: bus and the camera's own file"),
+        ("1 Mev/s", "aside: bus, file and DV, two clients"),
         ("5 Mev/s", "bus, listener and recorder"),
         ("1 Mev/s", "bus and DV, all of these"),
     ):
