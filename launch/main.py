@@ -24,6 +24,7 @@ COMMANDS = {
     "record": "evs.launch.record",
     "topics": "evs.launch.topics",
     "launch": "evs.launch.launch",
+    "loop": "evs.launch.loop",
     "play": "evs.launch.play",
     "info": "evs.launch.info",
     "keygen": "evs.launch.keygen",

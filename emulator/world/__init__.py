@@ -19,7 +19,7 @@ from evs.emulator.world.extraction import extract_scene, visible_geoms
 from evs.emulator.world.gauges import Gauges
 from evs.emulator.world.kinematics import gravity_of
 from evs.emulator.world.left_out import LeftOutWarning
-from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model
+from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model, load_spec
 from evs.emulator.world.named_sensors import NamedSensors
 from evs.emulator.world.physics import Physics
 from evs.emulator.world.poses import Poser
@@ -50,6 +50,7 @@ __all__ = [
     "find_keyframe",
     "gravity_of",
     "load_model",
+    "load_spec",
     "make_control",
     "visible_geoms",
 ]

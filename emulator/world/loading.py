@@ -41,6 +41,16 @@ def load_model(scene: Scene) -> mujoco.MjModel:
     return _load(str(path), lambda: mujoco.MjModel.from_xml_path(str(path)))
 
 
+def load_spec(path: str | Path) -> mujoco.MjSpec:
+    """The specification of an MJCF or URDF file, to be changed before it is compiled. EvsError."""
+    file = _existing(Path(path))
+    try:
+        with _warnings_to_log(str(file)):
+            return mujoco.MjSpec.from_file(str(file))
+    except (ValueError, RuntimeError, mujoco.FatalError) as reason:
+        raise EvsError(f"{file}: {one_line(reason)}") from None
+
+
 def _existing(path: Path) -> Path:
     """`path` if it is a file that MuJoCo may read, else an error that lists its neighbours."""
     if path.is_file():

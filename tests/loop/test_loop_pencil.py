@@ -1,0 +1,209 @@
+"""The pencil stands, in process and over the wire, by what its controller may know and no more."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evs.drivers.lockstep import LockstepServer
+from evs.drivers.loops.pencil.arena import (
+    TRACKERS,
+    Arena,
+    PencilLoop,
+    Trial,
+    make_tracker,
+    pencil_model,
+)
+from evs.drivers.loops.pencil.balance import FRICTION, MASS_KG
+from evs.drivers.loops.pencil.controller import CAMERAS, Controller
+from evs.drivers.loops.pencil.line import Origin
+from evs.drivers.loops.pencil.views import DISTANCE_M, FOCAL_PX
+from evs.launch.main import main
+from evs.msgs import EvsError, Observation
+
+FAR_S = 30.0
+
+
+def test_it_stands_from_two_starts_though_it_is_pushed() -> None:
+    arena = Arena("events")
+    for seed in (0, 1):
+        outcome = arena.play(Trial(push_mns=3.0, seconds=3.0, seed=seed))
+        assert not outcome.fallen
+        # half of the way to the ends of the rails
+        assert outcome.sway_mm < 50.0
+
+
+def test_without_a_hand_it_falls() -> None:
+    # what makes the others worth something: nothing else holds the stick
+    loop = PencilLoop(max_s=3.0)
+    seen = loop.reset(0)
+    while not seen.done:
+        seen = loop.step(np.zeros(2))
+    assert "tilt" in seen.done
+    assert seen.t_us < 1_000_000
+
+
+@pytest.mark.parametrize("tracker", [name for name in TRACKERS if name != "events"])
+def test_frames_hold_it_too(tracker: str) -> None:
+    assert not Arena(tracker).play(Trial(push_mns=1.0, seconds=1.5)).fallen
+
+
+@pytest.mark.slow
+def test_it_stands_for_half_a_minute_from_twenty_starts() -> None:
+    arena = Arena("events")
+    trials = [Trial(push_mns=2.0, seconds=FAR_S, seed=2000 + start) for start in range(20)]
+    assert [arena.play(trial).stood_s for trial in trials] == [FAR_S] * 20
+
+
+def test_a_trial_is_its_seed() -> None:
+    first, again = Arena("events"), Arena("events")
+    trial = Trial(push_mns=3.0, seconds=0.7, seed=5)
+    paths: list[list[bytes]] = [[], []]
+    for arena, path in zip((first, again), paths, strict=True):
+        # what was played before leaves nothing behind
+        arena.play(Trial(seconds=0.1, seed=1))
+        arena.play(trial, watch=lambda seen, _, path=path: path.append(seen.position.tobytes()))
+    assert paths[0] == paths[1]
+
+
+def test_the_controllers_numbers_are_the_scenes() -> None:
+    loop = PencilLoop()
+    for camera in loop.world.cameras:
+        fx, _, cx, _, fy, cy, *_ = camera.info.camera_info["k"]
+        assert (fx, fy) == pytest.approx((FOCAL_PX, FOCAL_PX), rel=1e-6)
+        assert (cx, cy) == pytest.approx((Origin().x, Origin().y), abs=1e-4)
+    model = loop.world.model
+    assert tuple(camera.name for camera in loop.world.cameras) == CAMERAS
+    np.testing.assert_allclose(np.abs(model.cam_pos[:2]).max(1), DISTANCE_M)
+    assert float(model.body_mass.sum()) == pytest.approx(MASS_KG)
+    assert list(model.dof_damping[:2]) == [FRICTION, FRICTION]
+
+
+@pytest.mark.parametrize("length_m", [0.2, 0.03])
+def test_a_short_stick_is_cut_from_the_same_pencil(length_m: float) -> None:
+    model = pencil_model(length_m)
+    body = model.body("pencil").id
+    assert float(model.body_mass[body]) == pytest.approx(0.1 * length_m)
+    assert float(model.body_ipos[body][2]) == pytest.approx(length_m / 2)
+    # a thin rod; the radius adds r^2 / 4
+    inertia = 0.1 * length_m * (length_m**2 / 12 + 0.0035**2 / 4)
+    assert sorted(model.body_inertia[body])[1] == pytest.approx(inertia, rel=1e-6)
+    with pytest.raises(EvsError, match=r"0\.005 \.\.\. 0\.22"):
+        pencil_model(0.3)
+
+
+class Wiretap:
+    """A loop whose controller gets the observation's named fields, each alone, and no state."""
+
+    def __init__(self, loop: PencilLoop) -> None:
+        self.loop = loop
+
+    def play(self, controller: Controller, ticks: int) -> float:
+        seen = self.loop.reset(3)
+        for _ in range(ticks):
+            told = {field.name: getattr(seen, field.name) for field in fields(Observation)}
+            assert told["state"] is None
+            # as it would be after a way over the wire: values, and no other object of the loop
+            copied = {
+                name: np.array(value) if isinstance(value, np.ndarray) else value
+                for name, value in told.items()
+            }
+            seen = self.loop.step(controller.decide(Observation(**copied)))
+        return float(np.abs(seen.position).max())
+
+
+def test_the_controller_needs_events_and_encoders_only() -> None:
+    blind = PencilLoop()
+    place = Wiretap(PencilLoop()).play(Controller(make_tracker(0, 0.2)), 1000)
+    assert place < 0.05
+    # and it does need them: with the events taken away it falls
+    controller, seen = Controller(make_tracker(0, 0.2)), blind.reset(3)
+    while not seen.done and seen.t_us < 2_000_000:
+        less = Observation(seen.t_us, (), seen.position, seen.velocity)
+        seen = blind.step(controller.decide(less))
+    assert seen.done
+
+
+PROCESS = """
+import sys
+from evs.launch.main import main
+code = main(["loop", "pencil", "--connect", sys.argv[1], "--seed", "3"])
+simulator = "mujoco", "evs.emulator.world", "evs.emulator._core", "evs.emulator.closed"
+known = [name for name in simulator if name in sys.modules]
+print("simulator:", known)
+raise SystemExit(code)
+"""
+
+
+def test_a_process_that_has_no_simulator_balances_it() -> None:
+    loop = PencilLoop(push_mns=2.0, max_s=1.2)
+    server = LockstepServer(loop, "tcp://127.0.0.1:0")
+    server.open()
+    stopped: list[str] = []
+    thread = threading.Thread(target=server.serve, args=(stopped,))
+    thread.start()
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", PROCESS, server.address],
+            capture_output=True,
+            text=True,
+            timeout=100,
+            check=False,
+        )
+    finally:
+        stopped.append("end")
+        thread.join()
+        server.close()
+    assert done.returncode == 0, done.stderr
+    assert "1.2 s are over" in done.stdout
+    assert "simulator: []" in done.stdout
+    # and the same as in process, to the last bit
+    here, seen = Controller(make_tracker(0, 0.2)), None
+    again = PencilLoop(push_mns=2.0, max_s=1.2)
+    seen = again.reset(3)
+    while not seen.done:
+        seen = again.step(here.decide(seen))
+    np.testing.assert_array_equal(again.world.data.qpos, loop.world.data.qpos)
+
+
+def test_the_command_measures_films_and_refuses(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert main(["loop", "pencil", "--seconds", "0.3"]) == 0
+    assert "stood for 0.3 s" in capsys.readouterr().out
+    picture = tmp_path / "pencil.gif"
+    assert main(["loop", "pencil", "--gif", str(picture), "--seconds", "0.2", "--quiet"]) == 0
+    assert picture.read_bytes()[:4] == b"GIF8"
+    for words, said in (
+        (["loop", "cup"], "no loop 'cup'"),
+        (["loop", "pencil", "--tracker", "50 FPS"], "no tracker '50 FPS'"),
+        (["loop", "pencil", "--table", str(tmp_path / "a.txt")], "end it in .json"),
+        (["loop", "pencil", "--gif", str(tmp_path / "a.png")], "end it in .gif"),
+        (["loop", "pencil", "--length", "1"], "0.005 ... 0.22"),
+    ):
+        assert main(words) == 2
+        assert said in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_rehearsal_of_the_table(tmp_path: Path) -> None:
+    file = tmp_path / "table.json"
+    assert main(["loop", "pencil", "--table", str(file), "--quick", "--quiet"]) == 0
+    told = json.loads(file.read_text())["rows"]
+    assert list(told) == list(TRACKERS)
+    for row in told.values():
+        assert set(row) == {"gains", "shortest_m", "strongest_mns", "longest_ms", "stood"}
+        assert row["stood"]["stood"] == row["stood"]["starts"] == 2
+    page = file.with_suffix(".md").read_text()
+    assert all(f"| {tracker} |" in page for tracker in TRACKERS)
+    before = file.read_bytes()
+    # nothing is left to do
+    assert main(["loop", "pencil", "--table", str(file), "--quick", "--quiet"]) == 0
+    assert file.read_bytes() == before
