@@ -34,8 +34,6 @@ TRACKERS = {"events": 0, "1000 FPS": 1000, "100 FPS": 100, "60 FPS": 60, "30 FPS
 """Name of a tracker -> frames per second; 0: events."""
 
 FIRST_PUSH_TICK, PUSH_EVERY_TICKS, PUSH_TICKS = 500, 1000, 10
-DIRECTIONS = 64
-"""Pushes whose directions are drawn; then they repeat."""
 
 
 class PencilLoop(Loop):
@@ -64,7 +62,6 @@ class PencilLoop(Loop):
             delays=DelayConfig(control_us=round(1000 * delay_ms)),
         )
         self._body = int(self.world.model.body("pencil").id)
-        self._directions = np.zeros(DIRECTIONS)
 
     def reset(
         self,
@@ -74,26 +71,25 @@ class PencilLoop(Loop):
         start: Callable[[MjData], None] | None = None,
     ) -> Observation:
         """As Loop's; without `start`, the seed draws one. In: seed, None is 0."""
-        random = np.random.default_rng(seed or 0)
+        seed = seed or 0
+        random = np.random.default_rng(seed % 2**64)
         place, tilt = random.uniform(-0.02, 0.02, 2), random.uniform(-0.05, 0.05, 2)
-        self._directions = random.uniform(0.0, 2.0 * np.pi, DIRECTIONS)
 
         def drawn(data: MjData) -> None:
             data.qpos[:] = np.concatenate([place, tilt])
 
-        return super().reset(seed or 0, keyframe, state, start or drawn)
+        return super().reset(seed, keyframe, state, start or drawn)
 
     def _tick(self) -> bool:
         turn, since = divmod(self.world.tick - FIRST_PUSH_TICK, PUSH_EVERY_TICKS)
-        newton = 0.0
+        force = np.zeros(2)
         if turn >= 0 and since < PUSH_TICKS:
+            # from the seed and the count alone: a loop that was restored goes on with the same
+            angle = np.random.default_rng((self.world.seed % 2**64, turn)).uniform(0.0, 2.0 * np.pi)
             newton = push_ns(self.push_mns, self._length_m) / (PUSH_TICKS * 1e-3)
-        angle = self._directions[turn % DIRECTIONS]
+            force[:] = newton * np.cos(angle), newton * np.sin(angle)
         # in the middle of the stick
-        self.world.data.xfrc_applied[self._body, :2] = (
-            newton * np.cos(angle),
-            newton * np.sin(angle),
-        )
+        self.world.data.xfrc_applied[self._body, :2] = force
         return super()._tick()
 
 
