@@ -22,8 +22,8 @@ examples:
   evs loop pencil --gif pencil.gif                   the same, 4 s as a picture
   evs loop pencil --table out/pencil.json --jobs 2   events beside frames, to their limits
   evs launch pencil                                  world and controller, each in a process
---table writes FILE.json, which a second run goes on with, and the table beside it as FILE.md. With
---quick it takes a minute, and its numbers mean nothing."""
+--table writes FILE.json, which a second run goes on with, and the table beside it as FILE.md; with
+--tracker of that tracker alone. With --quick it takes a minute, and its numbers mean nothing."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--gif", metavar="FILE.gif", help="film the event tracker")
     what.add_argument("--serve", metavar="ADDRESS", help="only the world: wait for a controller")
     what.add_argument("--connect", metavar="ADDRESS", help="only the controller of such a world")
-    add("--tracker", default="events", metavar="NAME", help="events, 1000 FPS, 100 FPS, 60 FPS ...")
+    add("--tracker", metavar="NAME", help="events (default), 1000 FPS, 100 FPS, 60 FPS or 30 FPS")
     add("--seconds", type=float, metavar="S", help="how long it has to stand (30; --gif: 4)")
     add("--push", type=float, default=2.0, metavar="mNs", help="of the push of every second (2)")
     add("--delay", type=float, default=0.0, metavar="MS", help="until a force acts (0)")
@@ -54,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
         raise unknown("loop", args.name, LOOPS)
     if args.table is not None:
         return _table(args)
+    args.tracker = args.tracker or "events"
     if args.connect is not None:
         return _connect(args)
     if args.serve is not None:
@@ -83,7 +84,7 @@ def _play(args: argparse.Namespace) -> int:
 
 
 def _table(args: argparse.Namespace) -> int:
-    from evs.drivers.loops.pencil.study import count_units, plain_plan, run_study
+    from evs.drivers.loops.pencil.study import Plan, count_units, plain_plan, run_study
     from evs.drivers.loops.pencil.table import HEADINGS, markdown, table_rows
     from evs.drivers.loops.results import Results
     from evs.drivers.pipeline.report import check_targets, write_whole
@@ -95,21 +96,27 @@ def _table(args: argparse.Namespace) -> int:
     page = file.with_suffix(".md")
     check_targets([file, page])
     results = Results(file, plain_plan(plan))
-    known = sum(len(row) for row in results.rows.values())
+    known = sum(len(results.rows.get(tracker, {})) for tracker in plan.trackers)
     with terminal.bar("measuring", count_units(plan), args.quiet) as moved:
         for done, unit in enumerate(run_study(plan, results, args.jobs), known + 1):
             moved(done, f"{unit.tracker}: {unit.what}")
     command = f"evs loop pencil --table {file}" + (" --quick" if args.quick else "")
-    write_whole(markdown(results.rows, plan.trackers, command), page)
+    shown = [tracker for tracker in Plan().trackers if tracker in results.rows]
+    write_whole(markdown(results.rows, shown, command), page)
     if not args.quiet:
-        terminal.table("pencil", HEADINGS, table_rows(results.rows, plan.trackers))
+        terminal.table("pencil", HEADINGS, table_rows(results.rows, shown))
     return 0
 
 
 def _plan(args: argparse.Namespace) -> Plan:
+    from evs.drivers.loops.pencil.arena import TRACKERS
     from evs.drivers.loops.pencil.study import QUICK, Plan
 
     plan = QUICK if args.quick else Plan()
+    if args.tracker is not None:
+        if args.tracker not in TRACKERS:
+            raise unknown("tracker", args.tracker, TRACKERS)
+        plan = replace(plan, trackers=(args.tracker,))
     if args.seeds is None:
         return plan
     if args.seeds < 1:

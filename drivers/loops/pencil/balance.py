@@ -32,15 +32,18 @@ TICKS = 256
 
 @dataclass(frozen=True)
 class Gains:
-    """What is tuned, for every tracker alike. Rates are in units of the stick's own rate w."""
+    """What is tuned, for every tracker alike; these are the event tracker's.
 
-    fast: float = 3.0
+    Poles are in units of the stick's own rate w, so that they serve sticks of any length.
+    """
+
+    fast: float = 1.9
     """poles that catch the stick"""
     slow: float = 0.5
     """poles that bring the cart back to the middle"""
-    observer_hz: float = 20.0
+    observer_hz: float = 45.0
     """how fast the observer follows what is seen"""
-    lag_ms: float = 1.0
+    lag_ms: float = 3.5
     """how much older than its stamp a measurement is"""
 
 
