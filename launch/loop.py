@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from evs.launch import loop_tables
 from evs.msgs import EvsError, unknown
 
 if TYPE_CHECKING:
-    from evs.drivers.loops.pencil.study import Plan
+    from evs.drivers.loops.goalie.keeper import Keeper
+    from evs.drivers.loops.pencil.controller import Controller
+    from evs.emulator.closed import Loop
 
-HELP = "closed loops that show why: a pencil balanced by what event cameras see"
+HELP = "closed loops that show why: a pencil is balanced, a goal kept, by what event cameras see"
 
-LOOPS = ("pencil",)
+LOOPS = ("pencil", "goalie")
 
 EPILOG = """\
 examples:
   evs loop pencil                                    balance for 30 s, in process
   evs loop pencil --gif pencil.gif                   the same, 4 s as a picture
   evs loop pencil --table out/pencil.json --jobs 2   events beside frames, to their limits
+  evs loop goalie --gif goalie.gif --speed 8         four shots, in slow motion
+  evs loop goalie --table out/goalie.json            balls saved over their speed: .md and .png too
   evs launch pencil                                  world and controller, each in a process
 --table writes FILE.json, which a second run goes on with, and the table beside it as FILE.md; with
 --tracker of that tracker alone. With --quick it takes a minute, and its numbers mean nothing."""
@@ -30,40 +34,52 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """The command line of `evs loop`."""
     parser.epilog = EPILOG
     add = parser.add_argument
-    add("name", metavar="NAME", help="pencil")
+    add("name", metavar="NAME", help="pencil or goalie")
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--table", metavar="FILE.json", help="measure every tracker")
-    what.add_argument("--gif", metavar="FILE.gif", help="film the event tracker")
+    what.add_argument("--gif", metavar="FILE.gif", help="film it")
     what.add_argument("--serve", metavar="ADDRESS", help="only the world: wait for a controller")
     what.add_argument("--connect", metavar="ADDRESS", help="only the controller of such a world")
-    add("--tracker", metavar="NAME", help="events (default), 1000 FPS, 100 FPS, 60 FPS or 30 FPS")
-    add("--seconds", type=float, metavar="S", help="how long it has to stand (30; --gif: 4)")
-    add("--push", type=float, default=2.0, metavar="mNs", help="of the push of every second (2)")
-    add("--delay", type=float, default=0.0, metavar="MS", help="until a force acts (0)")
-    add("--length", type=float, default=0.2, metavar="M", help="of the stick (0.2)")
-    add("--seed", type=int, default=0, metavar="N", help="start, pushes, noise (0)")
-    add("--seeds", type=int, metavar="N", help="--table: trials of each value (4)")
+    add("--tracker", metavar="NAME", help="events (default), or frames: 60 FPS, 200 FPS ...")
+    add("--seed", type=int, default=0, metavar="N", help="start, pushes, shots, noise (0)")
+    add("--seconds", type=float, metavar="S", help="pencil: how long it has to stand (30)")
+    add("--push", type=float, default=2.0, metavar="mNs", help="pencil: push of every second (2)")
+    add("--delay", type=float, default=0.0, metavar="MS", help="pencil: until a force acts (0)")
+    add("--length", type=float, default=0.2, metavar="M", help="pencil: of the stick (0.2)")
+    add("--speed", type=float, default=5.0, metavar="M/S", help="goalie: of the ball (5)")
+    add("--seeds", type=int, metavar="N", help="--table: trials of each value")
     add("--jobs", type=int, default=1, metavar="N", help="--table: processes at work (1)")
     add("--quick", action="store_true", help="--table: a rehearsal")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Play a loop; the exit code: 0, 1 where the stick fell."""
+    """Play a loop; the exit code: 0, 1 where the stick fell or the ball went in."""
     if args.name not in LOOPS:
         raise unknown("loop", args.name, LOOPS)
+    if args.tracker is not None:
+        _check_tracker(args)
     if args.table is not None:
-        return _table(args)
+        table = loop_tables.pencil if args.name == "pencil" else loop_tables.goalie
+        return table(args)
     args.tracker = args.tracker or "events"
     if args.connect is not None:
         return _connect(args)
     if args.serve is not None:
         return _serve(args)
-    return _play(args)
+    return _pencil(args) if args.name == "pencil" else _goalie(args)
 
 
-def _play(args: argparse.Namespace) -> int:
+def _check_tracker(args: argparse.Namespace) -> None:
     # here, so that --help is quick
+    from evs.drivers.loops import goalie, pencil
+
+    known = pencil.TRACKERS if args.name == "pencil" else goalie.TRACKERS
+    if args.tracker not in known:
+        raise unknown("tracker", args.tracker, known)
+
+
+def _pencil(args: argparse.Namespace) -> int:
     from evs.drivers.loops.pencil.arena import Arena, Trial
     from evs.drivers.loops.pencil.film import film
 
@@ -77,72 +93,35 @@ def _play(args: argparse.Namespace) -> int:
         outcome = Arena(args.tracker, trial.length_m, trial.delay_ms).play(trial)
     if not args.quiet:
         what = "fell after" if outcome.fallen else "stood for"
-        print(
-            f"{args.tracker}: {what} {outcome.stood_s:g} s, {outcome.sway_mm:.1f} mm of sway (rms)"
-        )
+        print(f"{args.tracker}: {what} {outcome.stood_s:g} s, sway {outcome.sway_mm:.1f} mm rms")
     return int(outcome.fallen)
 
 
-def _table(args: argparse.Namespace) -> int:
-    from evs.drivers.loops.pencil.study import Plan, count_units, plain_plan, run_study
-    from evs.drivers.loops.pencil.table import HEADINGS, markdown, table_rows
-    from evs.drivers.loops.results import Results
-    from evs.drivers.pipeline.report import check_targets, write_whole
-    from evs.launch import terminal
+def _goalie(args: argparse.Namespace) -> int:
+    from evs.drivers.loops.goalie.film import SHOTS, film
+    from evs.drivers.loops.goalie.shots import SAVES_M, Goal
 
-    plan, file = _plan(args), Path(args.table)
-    if file.suffix != ".json":
-        raise EvsError(f"--table is '{file}': end it in .json")
-    page = file.with_suffix(".md")
-    check_targets([file, page])
-    results = Results(file, plain_plan(plan))
-    known = sum(len(results.rows.get(tracker, {})) for tracker in plan.trackers)
-    with terminal.bar("measuring", count_units(plan), args.quiet) as moved:
-        for done, unit in enumerate(run_study(plan, results, args.jobs), known + 1):
-            moved(done, f"{unit.tracker}: {unit.what}")
-    command = f"evs loop pencil --table {file}" + (" --quick" if args.quick else "")
-    shown = [tracker for tracker in Plan().trackers if tracker in results.rows]
-    write_whole(markdown(results.rows, shown, command), page)
+    if args.gif is not None:
+        saved = film(Path(args.gif), args.speed, args.tracker, args.seed)
+        if not args.quiet:
+            print(f"{args.tracker}: {saved} of {SHOTS} saved at {args.speed:g} m/s")
+        return int(saved < SHOTS)
+    miss_m = Goal(args.tracker).shoot(args.speed, args.seed)
     if not args.quiet:
-        terminal.table("pencil", HEADINGS, table_rows(results.rows, shown))
-    return 0
-
-
-def _plan(args: argparse.Namespace) -> Plan:
-    from evs.drivers.loops.pencil.arena import TRACKERS
-    from evs.drivers.loops.pencil.study import QUICK, Plan
-
-    plan = QUICK if args.quick else Plan()
-    if args.tracker is not None:
-        if args.tracker not in TRACKERS:
-            raise unknown("tracker", args.tracker, TRACKERS)
-        plan = replace(plan, trackers=(args.tracker,))
-    if args.seeds is None:
-        return plan
-    if args.seeds < 1:
-        raise EvsError(f"--seeds is {args.seeds}: give 1 or more")
-    return replace(plan, seeds=args.seeds)
+        what = "saved" if miss_m <= SAVES_M else "goal"
+        print(f"{args.tracker}: {what}, {1e3 * miss_m:.0f} mm from the middle of the paddle")
+    return int(miss_m > SAVES_M)
 
 
 def _serve(args: argparse.Namespace) -> int:
     from evs.drivers.lockstep import LockstepServer
-    from evs.drivers.loops.pencil.arena import TRACKERS, PencilLoop
     from evs.drivers.pipeline.stopping import stop_signals
 
-    if args.tracker not in TRACKERS:
-        raise unknown("tracker", args.tracker, TRACKERS)
-    loop = PencilLoop(
-        TRACKERS[args.tracker],
-        args.length,
-        push_mns=args.push,
-        delay_ms=args.delay,
-        max_s=args.seconds if args.seconds is not None else 30.0,
-    )
-    server = LockstepServer(loop, args.serve)
+    server = LockstepServer(_loop(args), args.serve)
     server.open()
     try:
         if not args.quiet:
-            print(f"a pencil at {server.address}", flush=True)
+            print(f"a {args.name} at {server.address}", flush=True)
         with stop_signals() as stopped:
             server.serve(stopped)
     finally:
@@ -150,16 +129,45 @@ def _serve(args: argparse.Namespace) -> int:
     return 0
 
 
-def _connect(args: argparse.Namespace) -> int:
-    from evs.drivers.lockstep import connect
-    from evs.drivers.loops.pencil.controller import Controller, EventTracker, FrameTracker
+def _loop(args: argparse.Namespace) -> Loop:
+    from evs.drivers.loops import goalie, pencil
 
-    tracker = EventTracker(args.length) if args.tracker == "events" else FrameTracker()
-    controller = Controller(tracker, args.length)
-    with connect(args.connect, "pencil") as loop:
+    if args.name == "goalie":
+        from evs.drivers.loops.goalie.shots import GoalieLoop
+
+        return GoalieLoop(goalie.TRACKERS[args.tracker], speed_m_s=args.speed)
+    from evs.drivers.loops.pencil.arena import PencilLoop
+
+    return PencilLoop(
+        pencil.TRACKERS[args.tracker],
+        args.length,
+        push_mns=args.push,
+        delay_ms=args.delay,
+        max_s=30.0 if args.seconds is None else args.seconds,
+    )
+
+
+def _connect(args: argparse.Namespace) -> int:
+    """A controller in a process that imports no simulator."""
+    from evs.drivers.lockstep import connect
+
+    controller = _controller(args)
+    with connect(args.connect, args.name) as loop:
         seen = loop.reset(args.seed)
         while not seen.done:
             seen = loop.step(controller.decide(seen))
     if not args.quiet:
         print(f"{seen.t_us / 1e6:g} s: {seen.done}")
-    return int("left" in seen.done)
+    return int(args.name == "pencil" and "left" in seen.done)
+
+
+def _controller(args: argparse.Namespace) -> Controller | Keeper:
+    from evs.drivers.loops import goalie, pencil
+
+    if args.name == "goalie":
+        from evs.drivers.loops.goalie.keeper import Keeper
+
+        return Keeper(frames=goalie.TRACKERS[args.tracker] > 0)
+    from evs.drivers.loops.pencil.controller import Controller, make_tracker
+
+    return Controller(make_tracker(pencil.TRACKERS[args.tracker], args.length), args.length)

@@ -13,16 +13,10 @@ import numpy as np
 import pytest
 
 from evs.drivers.lockstep import LockstepServer
-from evs.drivers.loops.pencil.arena import (
-    TRACKERS,
-    Arena,
-    PencilLoop,
-    Trial,
-    make_tracker,
-    pencil_model,
-)
+from evs.drivers.loops.pencil import TRACKERS
+from evs.drivers.loops.pencil.arena import Arena, PencilLoop, Trial, pencil_model
 from evs.drivers.loops.pencil.balance import FRICTION, MASS_KG
-from evs.drivers.loops.pencil.controller import CAMERAS, Controller
+from evs.drivers.loops.pencil.controller import CAMERAS, Controller, make_tracker
 from evs.drivers.loops.pencil.line import Origin
 from evs.drivers.loops.pencil.views import DISTANCE_M, FOCAL_PX
 from evs.launch.main import main

@@ -8,16 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from evs.drivers.loops.pencil import TRACKERS
 from evs.drivers.loops.pencil.balance import Gains
-from evs.drivers.loops.pencil.controller import (
-    CAMERAS,
-    Controller,
-    EventTracker,
-    FrameTracker,
-    Tracker,
-)
+from evs.drivers.loops.pencil.controller import CAMERAS, Controller, make_tracker
+from evs.drivers.loops.sensing import sensor_of
 from evs.emulator.closed import Loop
-from evs.emulator.config import ApsConfig, SensorConfig
 from evs.emulator.loop_config import DelayConfig
 from evs.emulator.world import MjData, MjModel, load_model, load_spec
 from evs.msgs import EvsError, Observation, unknown
@@ -29,9 +24,6 @@ LENGTH_M = 0.2
 
 FALLEN_RAD = 0.7
 """Nothing comes back from there."""
-
-TRACKERS = {"events": 0, "1000 FPS": 1000, "100 FPS": 100, "60 FPS": 60, "30 FPS": 30}
-"""Name of a tracker -> frames per second; 0: events."""
 
 FIRST_PUSH_TICK, PUSH_EVERY_TICKS, PUSH_TICKS = 500, 1000, 10
 
@@ -148,11 +140,6 @@ class Arena:
         return Outcome(tick * 1e-3, bool(seen.done), 1e3 * float(np.sqrt(way / tick)))
 
 
-def make_tracker(fps: int, length_m: float) -> Tracker:
-    """New eyes."""
-    return FrameTracker() if fps else EventTracker(length_m)
-
-
 def pencil_model(length_m: float = LENGTH_M) -> MjModel:
     """The scene with a stick of this length, cut from the same pencil. EvsError."""
     if not 0.005 <= length_m <= 0.22:
@@ -173,22 +160,3 @@ def push_ns(push_mns: float, length_m: float) -> float:
     falls with its root.
     """
     return float(push_mns * 1e-3 * (length_m / LENGTH_M) ** 1.5)
-
-
-def sensor_of(fps: int) -> SensorConfig:
-    """A DVS128; for frames, one that takes them too, without noise.
-
-    The exposure is half of the period, 5 ms at most, and a frame arrives a period after its begin,
-    as from a camera on USB.
-    """
-    if not fps:
-        return SensorConfig("dvs128")
-    period_us = 1_000_000 // fps
-    exposure_us = min(period_us // 2, 5000)
-    row_us = (period_us - exposure_us) / 128
-    return SensorConfig(
-        "dvs128",
-        aps=ApsConfig(
-            enabled=True, rate_hz=float(fps), exposure_us=exposure_us, row_us=row_us, adc_bits=8
-        ),
-    )

@@ -72,6 +72,11 @@ class FrameTracker:
         return self.stick, stamp_us
 
 
+def make_tracker(fps: int, length_m: float) -> Tracker:
+    """New eyes. In: fps, frames per second, 0: events; length_m, of the stick."""
+    return FrameTracker() if fps else EventTracker(length_m)
+
+
 class Controller:
     """Eyes, an observer and forces."""
 

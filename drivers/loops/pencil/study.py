@@ -12,7 +12,8 @@ from functools import lru_cache
 from typing import Any
 
 from evs.drivers.loops.limits import limit
-from evs.drivers.loops.pencil.arena import TRACKERS, Arena, Trial
+from evs.drivers.loops.pencil import TRACKERS
+from evs.drivers.loops.pencil.arena import Arena, Trial
 from evs.drivers.loops.pencil.balance import Gains
 from evs.drivers.loops.results import Results
 from evs.drivers.loops.search import Budget, cross_entropy
