@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from evs.msgs import EvsError
 
@@ -109,10 +110,16 @@ class StopWatch:
         }
 
 
+CATCH_UP_S = 0.1
+"""How much lateness is caught up with if nothing else is said: a hiccup, not an overload."""
+
+
 class Pacer:
     """Holds simulated time back to `speed` times the wall clock; 0 holds nothing back.
 
-    A late tick is not waited for and the next ones catch up, so the mean speed holds.
+    A tick that is late by up to `catch_up_s` is not waited for and the next ones catch up, so that
+    the mean speed holds. What is beyond that is given up: simulated time slips behind the wall
+    clock, once and for all, and nobody races after it. It slows, and no tick is left out.
     """
 
     def __init__(
@@ -120,29 +127,79 @@ class Pacer:
         speed: float = 0.0,
         clock: Callable[[], float] = monotonic_s,
         sleep: Callable[[float], None] = sleep_s,
+        *,
+        catch_up_s: float = CATCH_UP_S,
     ) -> None:
         if not (math.isfinite(speed) and speed >= 0):
             raise EvsError(f"speed {speed} is not possible: give a number over 0, or 0 for free")
-        self._speed, self._clock, self._sleep = speed, clock, sleep
+        if not catch_up_s >= 0:
+            raise EvsError(
+                f"catch_up_s is {catch_up_s}: give the lateness to catch up with, 0 s on"
+            )
+        self.speed, self.catch_up_s = speed, catch_up_s
+        self._clock, self._sleep = clock, sleep
         self._start_s = 0.0
         self._start_us = 0
         self._started = False
+        self._waited = False
         self.late_s = 0.0
         """how far the latest tick was behind its time, s"""
         self.worst_late_s = 0.0
+        self.lateness = Durations()
+        """of every tick"""
+        self.slipped_s = 0.0
+        """by how much simulated time has slipped behind the wall clock so far, s of that clock"""
+        self.slips = 0
+        """in how many ticks"""
+
+    def now_s(self) -> float:
+        """Its clock."""
+        return self._clock()
 
     def start(self, t_us: int) -> None:
-        """Simulated time t_us is now."""
+        """Simulated time t_us is now.
+
+        What the first tick takes too long is no lateness but preparation (light is traced for the
+        first time): then time begins when it is over.
+        """
         self._start_s, self._start_us, self._started = self._clock(), t_us, True
+        self._waited = False
 
     def wait_until(self, t_us: int) -> None:
         """Return when the wall clock has reached simulated time t_us; the first starts it."""
-        if self._speed == 0:
+        if self.speed == 0:
             return
         if not self._started:
             self.start(t_us)
-        due_s = self._start_s + (t_us - self._start_us) * 1e-6 / self._speed
+        due_s = self._start_s + (t_us - self._start_us) * 1e-6 / self.speed
         early_s = due_s - self._clock()
+        if not self._waited:
+            self._waited = True
+            self._start_s += max(0.0, -early_s)
+            early_s = max(0.0, early_s)
         self.late_s = max(0.0, -early_s)
         self.worst_late_s = max(self.worst_late_s, self.late_s)
+        self.lateness.add(self.late_s)
+        if self.late_s > self.catch_up_s:
+            slip_s = self.late_s - self.catch_up_s
+            self._start_s += slip_s
+            self.slipped_s += slip_s
+            self.slips += 1
         self._sleep(early_s)
+
+    def report(self) -> dict[str, Any]:
+        """For the run report: how it was held; nothing where it holds nothing back."""
+        if self.speed == 0:
+            return {}
+        late_ms = {
+            "median": round(1e3 * self.lateness.quantile_s(0.5), 6),
+            "p99": round(1e3 * self.lateness.quantile_s(0.99), 6),
+            "worst": round(1e3 * self.worst_late_s, 6),
+        }
+        return {
+            "speed": self.speed,
+            "catch_up_s": self.catch_up_s,
+            "late_ms": late_ms,
+            "slipped_s": round(self.slipped_s, 6),
+            "slips": self.slips,
+        }

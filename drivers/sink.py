@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 from evs.emulator.scene import F32
 from evs.emulator.stages import Meter
 from evs.emulator.truth import GroundTruth
-from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, StreamInfo, TriggerPacket
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pace, Pose, StreamInfo, TriggerPacket
 
 
 class SinkStoppedError(EvsError):
@@ -93,6 +93,14 @@ class TruthSink(Protocol):
 
     def write_truth(self, camera: str, truth: GroundTruth) -> None:
         """Take the ground truth at the end of a tick, before its events."""
+
+
+@runtime_checkable
+class PaceSink(Protocol):
+    """A sink that also takes how the run keeps up with the wall clock, where it is held to it."""
+
+    def write_pace(self, pace: Pace) -> None:
+        """Take it, ten times a simulated second, before the events of the tick."""
 
 
 @runtime_checkable

@@ -129,6 +129,7 @@ def _emulate(
     from evs.drivers.checkup.counter import Counter
     from evs.drivers.pace import Pacer, StopWatch
     from evs.drivers.pictures import LightLog
+    from evs.drivers.pipeline.paces import PACES
     from evs.drivers.pipeline.report import COMPLETE, write_report
     from evs.drivers.pipeline.run import run as run_loop
     from evs.drivers.pipeline.run import tick_count
@@ -146,7 +147,7 @@ def _emulate(
             [pipeline.make_sink(table) for table in tables],
             config.duration_s,
             watch,
-            Pacer(pipeline.PACES[config.pace]),
+            Pacer(PACES[config.pace], catch_up_s=config.realtime.catch_up_s),
             moved,
             [light],
             warn=terminal.warn,

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from evs.drivers.pipeline import config as pipeline
 from evs.drivers.pipeline import settings
 from evs.launch import options
 from evs.launch.again import command
 from evs.msgs import EvsError
+
+if TYPE_CHECKING:
+    from evs.drivers.pipeline.report import Report
 
 HELP = "run a scene through the event camera: publish it, record it"
 
@@ -22,7 +27,7 @@ OPTIONS = {
     "seeds": ("render.seeds", "WAY", "where the samples come from"),
     "model": ("model.name", "NAME", "event model"),
     "duration": ("duration_s", "S", "simulated seconds"),
-    "pace": ("pace", "PACE", "free or realtime"),
+    "pace": ("pace", "PACE", "free, realtime, or lockstep with controllers"),
     "record": ("record", "FILE", "record to a file; its ending says the format"),
     "report": ("report", "FILE", "write the run report (JSON)"),
     "publish": ("publish", "ADDRESS", "publish on ZeroMQ, as in tcp://127.0.0.1:5560"),
@@ -54,13 +59,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the pipeline; the exit code."""
     config = pipeline.load(*options.given(args, OPTIONS))
-    return _emulate(config, args)
+    return (_serve if config.is_closed else _emulate)(config, args)
 
 
 def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.drivers.pace import Pacer, StopWatch
-    from evs.drivers.pipeline.report import Report, check_targets, report_beside, write_report
+    from evs.drivers.pipeline.paces import PACES
+    from evs.drivers.pipeline.report import check_targets, report_beside
     from evs.drivers.pipeline.run import run as run_loop
     from evs.drivers.pipeline.run import tick_count
     from evs.emulator import World
@@ -78,24 +84,14 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     watch = StopWatch()
     world = World.from_config(config.emulation(), meter=watch)
 
-    unkept: list[EvsError] = []
-
-    def keep(report: Report) -> None:
-        for target in targets:
-            try:
-                write_report(report, target)
-            except EvsError as error:
-                # a full disk: the others, and what ended the run, matter more
-                unkept.append(error)
-                terminal.warn(str(error))
-
+    keep = Keeper(targets)
     with terminal.progress(ticks, args.quiet) as moved:
         report = run_loop(
             world,
             sinks,
             config.duration_s,
             watch,
-            Pacer(pipeline.PACES[config.pace]),
+            Pacer(PACES[config.pace], catch_up_s=config.realtime.catch_up_s),
             moved,
             warn=terminal.warn,
             on_report=keep,
@@ -105,7 +101,61 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     terminal.summary(report, args.quiet, next_commands(args, recordings, addresses))
     # a recording that stopped has been warned of, but it is not what was asked for
     stopped = any(said.get("error") for said in report.sinks)
-    return STOPPED.get(report.ended.split()[0], 2 if stopped or unkept else 0)
+    return STOPPED.get(report.ended.split()[0], 2 if stopped or keep.unkept else 0)
+
+
+def _serve(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
+    """The loop for controllers elsewhere, until it is told to end."""
+    from evs.drivers.lockstep.running import serve
+    from evs.drivers.pipeline.report import check_targets
+    from evs.launch import terminal
+
+    targets = [Path(config.report)] if config.report else []
+    check_targets(targets)
+    keep = Keeper(targets)
+
+    def ready(address: str) -> None:
+        if not args.quiet:
+            print(
+                f'evs: the loop waits for evs.connect("{address}") (Ctrl-C ends)',
+                file=sys.stderr,
+                flush=True,
+            )
+
+    report, files = serve(
+        config,
+        warn=terminal.warn,
+        ready=ready,
+        on_report=keep,
+        said_config=settings.to_plain(config),
+    )
+    terminal.summary(report, args.quiet, [command("info", file) for file in files[:1]])
+    stopped = any(said.get("error") for said in report.sinks)
+    # whoever ends a server ends it well
+    return 2 if stopped or keep.unkept else 0
+
+
+class Keeper:
+    """Writes the report where it is wanted."""
+
+    def __init__(self, targets: list[Path]) -> None:
+        self.unkept: list[EvsError] = []
+        """why it could not be written somewhere"""
+        self._targets = targets
+
+    def __call__(self, report: Report) -> None:
+        """Write it everywhere."""
+        from evs.drivers.pipeline.report import report_beside, write_report
+        from evs.launch import terminal
+
+        beside = [report_beside(file) for file in report.loop.get("files", ())]
+        for target in [*self._targets, *beside]:
+            try:
+                write_report(report, target)
+            except EvsError as error:
+                # a full disk: the others, and what ended the run, matter more
+                self.unkept.append(error)
+                terminal.warn(str(error))
 
 
 def next_commands(

@@ -158,6 +158,18 @@ def facts(report: Report) -> list[tuple[str, str]]:
         ("physics", report.substeps),
         ("pixels traced", f"{100 * report.traced_fraction:.3g} %"),
     ]
+    if report.loop:
+        loop = report.loop
+        waits = loop["decision_ms"]
+        told = f"{loop['steps']:,} steps in {loop['episodes']} episodes"
+        lines.append(("loop", f"{told}, {loop['controllers']} controllers"))
+        waited = ", ".join(f"{waits[key]:.3g} ms {key}" for key in ("median", "p99"))
+        lines.append(("decisions", waited))
+    if report.pace:
+        late_ms = report.pace["late_ms"]
+        told = ", ".join(f"{late_ms[key]:.3g} ms {key}" for key in ("median", "p99", "worst"))
+        slipped = report.pace["slipped_s"]
+        lines.append(("late", told + (f"; slipped {slipped:.3g} s" if slipped else "")))
     for said in report.sinks:
         # what is zero, empty or False needs no words
         known = {key: value for key, value in said.items() if key != "type" and value}

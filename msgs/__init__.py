@@ -32,7 +32,7 @@ from evs.msgs.observation import Observation
 from evs.msgs.packet import ENCODING, EventPacket, decode, encode
 from evs.msgs.pose import Clock, Pose, decode_clock, decode_pose, encode_clock, encode_pose
 from evs.msgs.state import CameraState, State, decode_state, encode_state
-from evs.msgs.status import Status, decode_status, encode_status
+from evs.msgs.status import Pace, Status, decode_status, encode_status
 from evs.msgs.stream import StreamInfo
 from evs.msgs.topics import (
     CAMERA_INFO,
@@ -92,6 +92,7 @@ __all__ = [
     "Labels",
     "MessageError",
     "Observation",
+    "Pace",
     "Pose",
     "State",
     "Status",

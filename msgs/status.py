@@ -6,6 +6,7 @@ that the loss of the last packets is seen too. On the wire: `topic | msgpack hea
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -18,8 +19,26 @@ STATUS_PERIOD_US = 100_000
 MAX_CAMERAS = 200
 """Most cameras on one bus: their names have to fit into a header."""
 
+_PACE_COUNTS = ("late_us", "worst_late_us", "slipped_us", "slips")
+
 MAX_TOPICS = 32
 """Most topics that a status tells the last seq of; ours are fewer."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How a run that is held to the wall clock keeps up with it."""
+
+    speed: float
+    """Simulated seconds per second of the wall clock."""
+    late_us: int
+    """How far the latest tick was behind its time, us of the wall clock."""
+    worst_late_us: int
+    """The most of any tick so far."""
+    slipped_us: int
+    """By how much simulated time has slipped behind the wall clock so far, for good, us."""
+    slips: int
+    """In how many ticks."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +71,8 @@ class Status:
     """Every camera on this bus, this one included."""
     last: dict[str, int] = field(default_factory=dict)
     """Topic -> seq of this camera's last message there: frames, imu, pose, ground_truth."""
+    pace: Pace | None = None
+    """How the run keeps its pace; None: it is held to none."""
 
 
 def encode_status(status: Status) -> bytes:
@@ -59,6 +80,8 @@ def encode_status(status: Status) -> bytes:
     fields = asdict(status)
     fields["time_end"] = fields.pop("time_end_us")
     fields["cameras"] = list(status.cameras)
+    if status.pace is None:
+        del fields["pace"]
     _from_fields(fields)
     return packb(fields)
 
@@ -83,7 +106,22 @@ def _from_fields(fields: dict[str, Any]) -> Status:
         seed=integer(fields, "seed", -MAX_INT64, 2 * MAX_INT64 + 1),
         cameras=_cameras(fields),
         last=_last(fields),
+        pace=_pace(fields),
     )
+
+
+def _pace(fields: dict[str, Any]) -> Pace | None:
+    """How the pace is kept, where that is told."""
+    told = fields.get("pace")
+    if told is None:
+        return None
+    if not isinstance(told, dict):
+        raise MessageError(f"header field 'pace' is {shown(told)}, not a map")
+    speed = told.get("speed")
+    if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0 < speed < math.inf:
+        raise MessageError(f"header field 'pace' has the speed {shown(speed)}, not a number over 0")
+    counts = {key: integer(told, key, 0, MAX_INT64) for key in _PACE_COUNTS}
+    return Pace(speed=float(speed), **counts)
 
 
 def _last(fields: dict[str, Any]) -> dict[str, int]:

@@ -15,6 +15,7 @@ from evs.msgs import (
     CameraState,
     EvsError,
     ImuPacket,
+    Pace,
     Pose,
     Status,
     StreamInfo,
@@ -45,6 +46,8 @@ class Channel:
     events: int = 0
     time_end_us: int = 0
     pose: Pose | None = None
+    pace: Pace | None = None
+    """of the run"""
     imu: ImuPacket | None = None
 
     def status(self, cameras: tuple[str, ...], *, end: bool) -> Status:
@@ -64,6 +67,7 @@ class Channel:
             seed=stream.seed,
             cameras=cameras,
             last=dict(self.last),
+            pace=self.pace,
         )
 
     def state(self, *, end: bool) -> CameraState:

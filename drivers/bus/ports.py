@@ -177,6 +177,8 @@ class Ports:
         for status in self._audience.statuses(end=False):
             fields = asdict(status)
             del fields["cameras"]
+            if fields["pace"] is None:
+                del fields["pace"]
             statuses.append({**fields, "time_end": fields.pop("time_end_us")})
         return {"cameras": statuses}
 

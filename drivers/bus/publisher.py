@@ -30,6 +30,7 @@ from evs.msgs import (
     EvsError,
     Frame,
     ImuPacket,
+    Pace,
     Pose,
     StreamInfo,
     Topic,
@@ -217,6 +218,11 @@ class Publisher:
         channel.last[POSE.name], channel.pose = pose.seq, pose
         if channel.listeners[POSE]:
             self._send(server, channel, POSE, encode_pose(pose))
+
+    def write_pace(self, pace: Pace) -> None:
+        """The statuses from now on say how the run keeps its pace."""
+        for channel in self._audience.channels.values():
+            channel.pace = pace
 
     def wants_truth(self, camera: str, t_us: int) -> bool:
         """Whether somebody listens to ground truth, and `truth_hz` gives some for this instant."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from evs.drivers.evaluation.procedural import procedural_stage
 from evs.drivers.evaluation.stage import Stage
-from evs.drivers.pipeline.config import in_package
+from evs.drivers.pipeline.paths import in_package
 from evs.emulator.config import CameraConfig
 from evs.emulator.world import MjModel, load_model
 from evs.msgs import EvsError

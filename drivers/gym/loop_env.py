@@ -17,7 +17,7 @@ from evs.drivers.gym.library import gymnasium, spaces
 from evs.drivers.gym.picture import SCENE_PX, draw
 from evs.drivers.gym.views import Step, make_view
 from evs.drivers.pictures import U8
-from evs.drivers.pipeline.config import in_package
+from evs.drivers.pipeline.paths import in_package
 from evs.emulator import Loop, Observation
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.loop_config import DelayConfig

@@ -36,7 +36,8 @@ from evs.msgs.lockstep import (
 from evs.msgs.lockstep.common import F64, floats, names_of
 
 _AGAIN_S = 1.0
-"""A request without an answer is sent again: the server does nothing twice."""
+"""A request without an answer is sent again after this, then after twice as long, and so on: the
+server does nothing twice, but says everything again."""
 _BYE_S = 0.2
 _MARGIN_BYTES = 1 << 20
 
@@ -150,16 +151,16 @@ class RemoteLoop:
             raise EvsError(f"ticks is {ticks!r}: a step is 1 ... {MAX_TICKS} ticks")
         return self._seen(Step(ticks, None if ctrl is None else self._checked(ctrl)))
 
-    def save(self) -> bytes:
-        """The whole loop as bytes."""
-        _, raw = self._ask(Save())
+    def save(self, compress: bool = False) -> bytes:
+        """The whole loop as bytes; see evs.Loop.save."""
+        _, raw = self._ask(Save(bool(compress)))
         if len(raw) != 1:
             raise MessageError(f"a saved loop came in {len(raw)} frames, not 1")
         return bytes(raw[0])
 
-    def restore(self, blob: bytes) -> None:
-        """Back to where it was saved, once every controller asks for it."""
-        self._ask(Restore(bytes(blob)))
+    def restore(self, blob: bytes) -> Observation:
+        """Back to where it was saved, once every controller asks for it; see evs.Loop.restore."""
+        return self._seen(Restore(bytes(blob)))
 
     def close(self) -> None:
         """Leave. Safe to call twice."""
@@ -202,9 +203,9 @@ class RemoteLoop:
         """Send, again where it may be lost, and wait for the answer with this number."""
         if self._end is None:
             raise EvsError("this connection is closed: connect again")
-        again_s = 0.0
+        again_s, gap_s = 0.0, _AGAIN_S
         if parts and self._end.ask(parts):
-            again_s = monotonic_s() + _AGAIN_S
+            again_s = monotonic_s() + gap_s
         while True:
             came = self._end.receive()
             if came:
@@ -221,7 +222,8 @@ class RemoteLoop:
             if now_s >= until_s:
                 raise EvsError(self._silence(number))
             if parts and now_s >= again_s and self._end.ask(parts):
-                again_s = now_s + _AGAIN_S
+                gap_s *= 2
+                again_s = now_s + gap_s
 
     def _silence(self, number: int) -> str:
         if number == 1:

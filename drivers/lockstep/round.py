@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from evs.drivers.lockstep.seats import Seat, Seats
@@ -36,14 +38,9 @@ class Round:
         """Take one controller's decision. Raises EvsError, and it has decided nothing."""
         seat = self._seats.taken[identity]
         # it may change its mind as long as the others have not all decided
-        self.decisions.pop(identity, None)
-        if isinstance(decision, Step) and decision.ctrl is not None:
-            count = len(seat.actuators)
-            if len(decision.ctrl) != count:
-                raise EvsError(
-                    f"ctrl has {len(decision.ctrl)} numbers, but '{seat.name}' has {count} "
-                    "actuators: give one number for each"
-                )
+        self.withdraw(identity)
+        if isinstance(decision, Step):
+            self.check(seat, decision)
         for other, theirs in self.decisions.items():
             if not _agree(theirs, decision):
                 name = self._seats.taken[other].name
@@ -55,6 +52,22 @@ class Round:
             self.since_s = now_s
         self.decisions[identity] = decision
 
+    def withdraw(self, identity: bytes) -> None:
+        """It has not decided after all."""
+        self.decisions.pop(identity, None)
+        if not self.decisions:
+            self.since_s = None
+
+    @staticmethod
+    def check(seat: Seat, step: Step) -> None:
+        """EvsError where a controller gives controls that are not one for each of its actuators."""
+        count = len(seat.actuators)
+        if step.ctrl is not None and len(step.ctrl) != count:
+            raise EvsError(
+                f"ctrl has {len(step.ctrl)} numbers, but '{seat.name}' has {count} "
+                "actuators: give one number for each"
+            )
+
     def clear(self) -> dict[bytes, Decision]:
         """Begin anew; the decisions that were there."""
         taken, self.decisions, self.since_s = self.decisions, {}, None
@@ -62,11 +75,11 @@ class Round:
 
 
 def joint_controls(
-    decisions: dict[bytes, Decision], seats: dict[bytes, Seat], held: F64 | None, acting: F64
+    decisions: dict[bytes, Decision], seats: dict[bytes, Seat], last: Callable[[], F64]
 ) -> F64 | None:
     """All controllers' controls as one vector (nu,); None: every one of them keeps its own.
 
-    In: held, the last vector that was given; acting, what acts where none was.
+    In: last, the vector that was decided last; who keeps keeps its part of it.
     """
     given: list[tuple[Seat, F64]] = []
     for identity, decision in decisions.items():
@@ -76,7 +89,7 @@ def joint_controls(
         return None
     if len(given) == 1 and given[0][0].has_all:
         return given[0][1]
-    controls = np.array(acting if held is None else held, np.float64)
+    controls = np.array(last(), np.float64)
     for seat, ctrl in given:
         controls[seat.actuators] = ctrl
     return controls

@@ -22,10 +22,10 @@ class ServedLoop(Protocol):
     def step(self, ctrl: npt.ArrayLike | None = None, ticks: int = 1) -> Observation:
         """Decide, then go on."""
 
-    def save(self) -> bytes:
+    def save(self, compress: bool = False) -> bytes:
         """All of it."""
 
-    def restore(self, blob: bytes) -> None:
+    def restore(self, blob: bytes) -> Observation:
         """Back to where it was saved."""
 
     @property
@@ -34,7 +34,7 @@ class ServedLoop(Protocol):
 
     @property
     def ctrl(self) -> F64:
-        """(nu,) the last controls; what a controller keeps that has decided nothing yet."""
+        """(nu,) the last controls that were decided, whether they act yet or not."""
 
     @property
     def ctrl_range(self) -> F64:
@@ -47,3 +47,11 @@ class ServedLoop(Protocol):
     @property
     def tick_us(self) -> int:
         """Length of a tick, us."""
+
+    @property
+    def t_us(self) -> int:
+        """Simulated time, us."""
+
+    @property
+    def done(self) -> str:
+        """Why the episode is over; "": it goes on, or has not begun."""

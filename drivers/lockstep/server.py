@@ -35,7 +35,6 @@ from evs.msgs.lockstep import (
     encode_told,
     number_of,
 )
-from evs.msgs.lockstep.common import F64
 
 TIMEOUT_S = 10.0
 """How long the others wait for a controller's decision."""
@@ -79,7 +78,6 @@ class LockstepServer:
         self._seats = Seats(loop.actuators, loop.streams, controllers)
         self._round = Round(self._seats)
         self._end: ServerEnd | None = None
-        self._held: F64 | None = None
         self._fault = ""
         self._answered_s: float | None = None
         self._answers: dict[type[Any], Callable[[Seat, Any], Parts]] = {
@@ -146,6 +144,8 @@ class LockstepServer:
                 self._repeat(seat, number, peer)
                 return
             if seat is not None:
+                # one request at a time: what was not answered is not wanted any more
+                self._withdraw(peer[0])
                 seat.number, seat.answer, seat.peer = number, None, peer
             if len(parts) > _MOST_FRAMES:
                 raise MessageError("a request has one or two frames, this has more")
@@ -187,8 +187,8 @@ class LockstepServer:
         limits = np.asarray(self._loop.ctrl_range, "<f8").reshape(-1, 2)[seat.actuators]
         self._answer(seat, encode_told(number, told, limits.tobytes()))
 
-    def _save(self, seat: Seat, _: Save) -> Parts:
-        blob = self._loop.save()
+    def _save(self, seat: Seat, save: Save) -> Parts:
+        blob = self._loop.save(save.compress)
         if len(blob) > MAX_BLOB_BYTES:
             raise EvsError(f"the saved loop has {len(blob)} bytes: over 1 GiB does not travel")
         self.counts["saves"] += 1
@@ -230,26 +230,29 @@ class LockstepServer:
     def _move(self, decisions: dict[bytes, Decision], decision: Decision) -> None:
         seats = self._seats.taken
         if isinstance(decision, Step):
-            ctrl = joint_controls(decisions, seats, self._held, self._loop.ctrl)
+            ctrl = joint_controls(decisions, seats, lambda: self._loop.ctrl)
             seen = self._loop.step(ctrl, decision.ticks)
-            self._held = self._held if ctrl is None else ctrl
             self.counts["steps"] += 1
         elif isinstance(decision, Reset):
             for one, each in decisions.items():
                 seats[one].wants_state = isinstance(each, Reset) and each.state
             wants_state = any(seat.wants_state for seat in seats.values())
             seen = self._loop.reset(decision.seed, decision.keyframe, wants_state)
-            self._held, self._fault = None, ""
+            self._fault = ""
             self.counts["episodes"] += 1
         else:
-            self._loop.restore(decision.blob)
-            self._held, self._fault = np.array(self._loop.ctrl, np.float64), ""
+            seen = self._loop.restore(decision.blob)
+            self._fault = ""
             self.counts["restores"] += 1
-            for one in decisions:
-                self._answer(seats[one], encode_told(seats[one].number, {}))
-            return
+            if len(seats) == 1:
+                # of several, each knows what it asked for at its reset
+                next(iter(seats.values())).wants_state = seen.state is not None
         for one in decisions:
-            self._answer(seats[one], _seen_by(seats[one], seen))
+            self._answer(seats[one], answer_of(seats[one], seen))
+
+    def _withdraw(self, identity: bytes) -> None:
+        """What a controller asked for before and has no answer to."""
+        self._round.withdraw(identity)
 
     def _repeat(self, seat: Seat, number: int, peer: Peer) -> None:
         """A request that was here before: its answer again, if it has one; nothing is done."""
@@ -270,7 +273,7 @@ class LockstepServer:
 
     def _lose(self, identity: bytes, why: str) -> None:
         seat = self._seats.taken.pop(identity, None)
-        self._round.decisions.pop(identity, None)
+        self._round.withdraw(identity)
         if seat is None:
             return
         self.counts["controllers_lost"] += 1
@@ -296,8 +299,14 @@ class LockstepServer:
             self._end.answer(peer, parts)
 
 
-def _seen_by(seat: Seat, seen: Observation) -> Parts:
+def answer_of(seat: Seat, seen: Observation) -> Parts:
     """The answer to one controller: its own encoders, the cameras it sees."""
+    size = sum(packet.events.nbytes for packet in seen.packets)
+    if size > MAX_BLOB_BYTES:
+        line = (
+            f"{size} bytes of events came in these ticks: over 1 GiB does not travel, ask for fewer"
+        )
+        return encode_error(seat.number, line)
     encoders = np.array([seen.position, seen.velocity])
     if not seat.has_all:
         encoders = encoders[:, seat.actuators]

@@ -6,25 +6,22 @@ Precedence: defaults < the TOML file < the command line.
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from evs.drivers.files import formats
 from evs.drivers.pipeline import parameters, settings
+from evs.drivers.pipeline.paces import LOCKSTEP, PACES, LockstepConfig, RealtimeConfig
 from evs.drivers.pipeline.parameters import DriverParameters
+from evs.drivers.pipeline.paths import beside, in_package, with_paths
 from evs.drivers.sink import Sink
 from evs.emulator.config import SEEDS, RunConfig
 from evs.emulator.loop_config import LoopConfig
 from evs.msgs import EvsError, nearest_first, unknown
 
 T = TypeVar("T")
-
-PACES = {"free": 0.0, "realtime": 1.0}
-"""pace -> simulated seconds per wall second; 0: as fast as it goes"""
 
 PIPELINES = Path(__file__).parents[2] / "config" / "pipelines"
 """the pipelines that come with evs; each is found by its bare name too"""
@@ -102,7 +99,10 @@ class PipelineConfig(RunConfig):
 
     sink: tuple[SinkConfig, ...] = ()
     pace: str = "free"
-    """free: as fast as it goes | realtime: no faster than the wall clock"""
+    """free: as fast as it goes | realtime: no faster than the wall clock
+    lockstep: when controllers decide (README, Closed loop)"""
+    realtime: RealtimeConfig = dataclasses.field(default_factory=RealtimeConfig)
+    lockstep: LockstepConfig = dataclasses.field(default_factory=LockstepConfig)
     loop: LoopConfig = dataclasses.field(default_factory=LoopConfig)
     record: str = ""
     """one more recording, as in run.aedat4; the ending says the format"""
@@ -124,6 +124,11 @@ class PipelineConfig(RunConfig):
     """true: every sink that does not say otherwise runs in a process of its own"""
     report: str = ""
     """where to write the run report (JSON); every recording has one beside it anyway"""
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether controllers drive it."""
+        return self.pace == LOCKSTEP or self.realtime.serve
 
     def emulation(self) -> RunConfig:
         """The part that shapes the events."""
@@ -179,7 +184,7 @@ def load(
         config = settings.build(PipelineConfig, tables or {})
     for key, text in overrides:
         config = settings.override(config, key, text)
-    config = _with_paths(config, in_package)
+    config = with_paths(config, in_package)
     check(config, path)
     return config
 
@@ -191,7 +196,7 @@ def _from_file(path: Path) -> PipelineConfig:
         config = settings.build(PipelineConfig, tables)
     except EvsError as error:
         raise EvsError(f"{path}: {error}") from None
-    return _with_paths(config, lambda text: _beside(path, text))
+    return with_paths(config, lambda text: beside(path, text))
 
 
 def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
@@ -201,10 +206,23 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
     """
     if not config.scene.file:
         raise EvsError('no scene: give --scene FILE.xml, or file = "FILE.xml" under [scene]')
-    if config.pace not in PACES:
-        raise _at("pace", unknown("pace", config.pace, PACES))
-    if config.pace != "lockstep" and config.loop != LoopConfig():
-        raise EvsError('at loop: it is for pace = "lockstep" only; leave it out')
+    if config.pace not in (*PACES, LOCKSTEP):
+        raise _at("pace", unknown("pace", config.pace, (*PACES, LOCKSTEP)))
+    if config.pace != "realtime" and config.realtime != RealtimeConfig():
+        raise EvsError('at realtime: it is for pace = "realtime" only; leave it out')
+    if not config.realtime.catch_up_s >= 0:
+        raise EvsError(f"at realtime.catch_up_s: {config.realtime.catch_up_s} s; give 0 s or more")
+    own = (config.loop, config.lockstep)
+    if not config.is_closed and own != (LoopConfig(), LockstepConfig()):
+        table = "loop" if config.loop != LoopConfig() else "lockstep"
+        raise EvsError(
+            f'at {table}: it is for pace = "lockstep" or realtime.serve = true only; leave it out'
+        )
+    if config.is_closed and config.duration_s != PipelineConfig.duration_s:
+        raise EvsError(
+            "at duration_s: a closed loop goes on until it is told to end; loop.max_s bounds an "
+            "episode"
+        )
     seeds = SEEDS.get(config.render.renderer, ())
     if seeds and config.render.seeds not in seeds:
         raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))
@@ -334,56 +352,6 @@ def _place(file: str | Path) -> Path:
         return Path(file).resolve()
     except (OSError, RuntimeError, ValueError):
         return Path(file).absolute()
-
-
-def _with_paths(config: PipelineConfig, change: Callable[[str], str]) -> PipelineConfig:
-    """A copy in which every file name was changed."""
-
-    def changed(table: Any, keys: Sequence[str]) -> Any:
-        given = {key: getattr(table, key) for key in keys}
-        return dataclasses.replace(table, **{k: change(v) for k, v in given.items() if v})
-
-    def with_keys(table: Any, key: str, allow: str) -> Any:
-        # a public key that is written out is no path
-        places = getattr(table, allow)
-        kept = tuple(p if len(p) == 40 else change(p) for p in places or ()) or places
-        return dataclasses.replace(changed(table, [key]), **{allow: kept})
-
-    sinks = tuple(with_keys(changed(sink, ["rrd", "file"]), "key", "allow") for sink in config.sink)
-    # a preset is a name, but may be a file of the user's own
-    preset = config.sensor.preset
-    is_file = preset.endswith(".toml") or "/" in preset
-    sensor = changed(config.sensor, ["preset"] if is_file else [])
-    readout = changed(config.sensor.readout, ["mask_file"])
-    sensor = dataclasses.replace(sensor, readout=readout)
-    scene = changed(config.scene, ["file", "control_file"])
-    network = config.model.network
-    is_file = network.endswith(".onnx") or "/" in network
-    model = changed(config.model, ["network"] if is_file else [])
-    config = with_keys(changed(config, ["record", "report"]), "publish_key", "publish_allow")
-    return dataclasses.replace(config, sink=sinks, scene=scene, sensor=sensor, model=model)
-
-
-def _beside(pipeline: Path, text: str) -> str:
-    """A path of a pipeline file: relative to that file."""
-    return text if _package_of(text) or text[:1] == "~" else str(pipeline.parent / text)
-
-
-def _package_of(text: str) -> re.Match[str] | None:
-    # two letters or more, so that a drive letter is none; no slash after the colon, so no URL is
-    return re.fullmatch(r"([A-Za-z_]\w+):([^/\\:].*)", text)
-
-
-def in_package(text: str) -> str:
-    """`package:path` as a path: a file that an installed Python package ships; `~` is the home."""
-    found = _package_of(text)
-    if found is None or Path(text).exists():
-        return str(Path(text).expanduser()) if text[:1] == "~" else text
-    spec = importlib.util.find_spec(found[1])
-    folders = list(spec.submodule_search_locations or ()) if spec else []
-    if not folders:
-        raise EvsError(f"'{text}': no Python package '{found[1]}' here; pip install {found[1]}")
-    return str(Path(folders[0]) / found[2])
 
 
 def _at(path: str, error: EvsError) -> EvsError:

@@ -12,6 +12,7 @@ from evs.drivers.sink import (
     ImuSink,
     LightSink,
     MeteredSink,
+    PaceSink,
     PoseSink,
     PreparingSink,
     Sink,
@@ -28,6 +29,7 @@ from evs.msgs import (
     EvsError,
     Frame,
     ImuPacket,
+    Pace,
     Pose,
     StreamInfo,
     TriggerPacket,
@@ -80,6 +82,7 @@ class Outlets:
         self._frame_sinks = [sink for sink in sinks if isinstance(sink, FrameSink)]
         self._imu_sinks = [sink for sink in sinks if isinstance(sink, ImuSink)]
         self._trigger_sinks = [sink for sink in sinks if isinstance(sink, TriggerSink)]
+        self._pace_sinks = [sink for sink in sinks if isinstance(sink, PaceSink)]
         self._pose_sinks = [sink for sink in sinks if isinstance(sink, PoseSink)]
         self._truth_sinks = [sink for sink in sinks if isinstance(sink, TruthSink)]
         self._light_sinks = [sink for sink in sinks if isinstance(sink, LightSink)]
@@ -117,6 +120,11 @@ class Outlets:
                 for sink in self._imu_sinks:
                     self._give(sink, sink.write_imu, camera.imu_packet)
             self._write_wanted(camera, t_us)
+
+    def write_pace(self, pace: Pace) -> None:
+        """How the run keeps its pace, to the sinks that tell it."""
+        for sink in self._pace_sinks:
+            self._give(sink, sink.write_pace, pace)
 
     @property
     def stop_wanted(self) -> bool:

@@ -58,6 +58,13 @@ class Report:
     latency_us (of the event model; the stamps carry it), events, ..., camera_info"""
     sinks: list[dict[str, Any]] = field(default_factory=list)
     """what each sink said when it was closed"""
+    pace: dict[str, Any] = field(default_factory=dict)
+    """held to the wall clock: speed, catch_up_s, late_ms {median, p99, worst} over all ticks,
+    slipped_s and slips: by how much simulated time fell behind for good, and in how many ticks"""
+    loop: dict[str, Any] = field(default_factory=dict)
+    """lock-step: address, episodes, steps, restores, saves, controllers (that joined), ..._lost,
+    refused and repeated requests, decision_ms {median, p99} that the world waited for each, and
+    packets and events that the delay model lost, the files that were recorded"""
     warnings: list[str] = field(default_factory=list)
     versions: dict[str, str] = field(default_factory=dict)
     config: dict[str, Any] = field(default_factory=dict)

@@ -5,70 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from evs.drivers.pace import Pacer, StopWatch, monotonic_s
-from evs.drivers.pipeline.outlets import Beside, Outlets
-from evs.drivers.pipeline.report import COMPLETE, STAGES, Report, versions
+from evs.drivers.pipeline.account import Account, RunWorld
+from evs.drivers.pipeline.lateness import Lateness
+from evs.drivers.pipeline.outlets import Outlets
+from evs.drivers.pipeline.report import COMPLETE, Report
 from evs.drivers.pipeline.stopping import stop_signals
 from evs.drivers.sink import Sink
 from evs.msgs import EventPacket, EvsError, StreamInfo
 
 MAX_SECONDS = 1e9
 """Longer than 30 years is a mistake, not a run."""
-
-LATE_S = 0.1
-"""A run that is held to a pace and falls behind by more is warned of."""
-
-
-class RunCamera(Beside, Protocol):
-    """What the loop wants to know of a camera."""
-
-    @property
-    def traced_fraction(self) -> float:
-        """Share of the pixels that the last tick traced."""
-
-    @property
-    def clamps(self) -> int:
-        """How often a value had to be clamped or replaced so far."""
-
-    @property
-    def events_dropped(self) -> Mapping[str, int]:
-        """Events that its readout dropped so far, by cause; empty where it drops none."""
-
-    @property
-    def events_waiting(self) -> int:
-        """Events that are still on their way through its readout."""
-
-    @property
-    def is_dark(self) -> bool:
-        """Whether nothing was lit in the last tick."""
-
-
-class RunWorld(Protocol):
-    """What the loop wants of a world; evs.emulator.World is one."""
-
-    @property
-    def cameras(self) -> Sequence[RunCamera]:
-        """All of them, in their order."""
-
-    @property
-    def t_us(self) -> int:
-        """Simulated time, us."""
-
-    @property
-    def left_out(self) -> Sequence[str]:
-        """One line for each thing of its model that is not shown, said at loading."""
-
-    @property
-    def substeps(self) -> object:
-        """Its str() says how the model's time step was fitted to the tick."""
-
-    def step(self) -> tuple[EventPacket, ...]:
-        """Advance one tick; its packets."""
-
-    def finish(self) -> tuple[EventPacket, ...]:
-        """The packets of ticks that were to leave together with later ones."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +96,15 @@ def run(
         loop.ended = f"interrupted at {loop.sim_seconds:.6g} s, while closing"
     elif closing is not None and failure is None:
         loop.ended, failure = f"error while closing: {closing}", closing
-    report = loop.report(infos, config or {})
+    report = loop.account.report(
+        ended=loop.ended,
+        sim_seconds=loop.sim_seconds,
+        wall_seconds=loop.wall_seconds,
+        sinks=loop.outlets.said,
+        pace=loop.pacer.report(),
+        warnings=loop.warnings,
+        config=dict(config or {}),
+    )
     if on_report is not None and loop.began:
         on_report(report)
     if failure is not None:
@@ -168,15 +125,17 @@ class _Loop:
     ) -> None:
         self.world, self.watch, self.pacer, self.warn = world, watch, pacer, warn
         self.outlets = Outlets(sinks, watch, self._warn)
+        self.lateness = Lateness(pacer, self._warn)
         self.ended = COMPLETE
         self.began = False
-        self.done = 0
-        self.packets = 0
-        self.events: dict[str, int] = {}
-        self.traced = 0.0
+        self.account = Account(world, watch)
         self.begin_us = world.t_us
         self.wall_seconds = 0.0
         self.warnings = list(world.left_out)
+
+    @property
+    def done(self) -> int:
+        return self.account.ticks
 
     @property
     def sim_seconds(self) -> float:
@@ -203,9 +162,10 @@ class _Loop:
                 for observer in observers:
                     observer(self.done, self.world, packets)
                 if self.done == 1:
-                    self._look_for_dark()
+                    for line in self.account.dark():
+                        self._warn(line)
                 if progress is not None:
-                    sofar = sum(self.events.values())
+                    sofar = sum(self.account.events.values())
                     where = (self.done, ticks, self.sim_seconds, sofar, self.wall_seconds)
                     progress(Progress(*where))
         if rest := self._finish():
@@ -213,11 +173,7 @@ class _Loop:
                 observer(self.done, self.world, rest)
         if stopped and self.done < ticks:
             self.ended = f"{stopped[0]} at {self.sim_seconds:.6g} s"
-        if self.pacer.worst_late_s > LATE_S:
-            self._warn(
-                f"packets left up to {self.pacer.worst_late_s:.1f} s late, the pace was too much "
-                "for this machine: try a smaller render.spp or sensor, or --pace free"
-            )
+        self.lateness.end()
 
     def _tick(self) -> tuple[EventPacket, ...]:
         watch = self.watch
@@ -226,14 +182,15 @@ class _Loop:
         watch.lap("pack")
         # a packet leaves when the wall clock reaches the end of its tick
         self.pacer.wait_until(self.world.t_us)
+        self.lateness.look()
         watch.skip()
+        if pace := self.lateness.news(self.world.t_us):
+            self.outlets.write_pace(pace)
         self.outlets.write_beside(self.world.cameras, self.world.t_us)
         self._write(packets)
         watch.lap("sink")
         watch.end_tick()
-        self.done += 1
-        cameras = self.world.cameras
-        self.traced += sum(camera.traced_fraction for camera in cameras) / max(1, len(cameras))
+        self.account.tick()
         return packets
 
     def _finish(self) -> tuple[EventPacket, ...]:
@@ -244,18 +201,7 @@ class _Loop:
 
     def _write(self, packets: tuple[EventPacket, ...]) -> None:
         self.outlets.write(packets)
-        for packet in packets:
-            self.events[packet.camera] = self.events.get(packet.camera, 0) + len(packet)
-        self.packets += len(packets)
-
-    def _look_for_dark(self) -> None:
-        for camera in self.world.cameras:
-            if camera.is_dark:
-                line = (
-                    f"camera '{camera.info.camera}' sees nothing lit, the picture is dark: give "
-                    "the scene a light, or use its headlight (render.headlight=model)"
-                )
-                self._warn(line)
+        self.account.take(packets)
 
     def _warn(self, line: str) -> None:
         self.warnings.append(line)
@@ -275,46 +221,3 @@ class _Loop:
             first = error
         closing = self.outlets.close()
         return first or closing
-
-    def report(self, infos: Sequence[StreamInfo], config: Mapping[str, Any]) -> Report:
-        known = {k: v for info in infos for k, v in info.versions.items()}
-        cameras = self.world.cameras
-        return Report(
-            ended=self.ended,
-            real_time_factor=self.sim_seconds / self.wall_seconds if self.wall_seconds else 0.0,
-            ticks=self.done,
-            sim_seconds=self.sim_seconds,
-            wall_seconds=self.wall_seconds,
-            packets=self.packets,
-            events=sum(self.events.values()),
-            events_dropped=sum(int(said.get("events_dropped", 0)) for said in self.outlets.said)
-            + sum(sum(camera.events_dropped.values()) for camera in cameras),
-            events_waiting=sum(camera.events_waiting for camera in cameras),
-            stage_ms=self.watch.stage_ms(STAGES),
-            traced_fraction=self.traced / self.done if self.done else 0.0,
-            clamps=sum(camera.clamps for camera in cameras),
-            seed=infos[0].seed if infos else 0,
-            substeps=str(self.world.substeps),
-            cameras=[_camera(camera, self.events) for camera in cameras],
-            sinks=self.outlets.said,
-            warnings=self.warnings,
-            versions={**versions(), **known},
-            config=dict(config),
-        )
-
-
-def _camera(camera: RunCamera, events: Mapping[str, int]) -> dict[str, Any]:
-    info = camera.info
-    return {
-        "name": info.camera,
-        "sensor": info.sensor,
-        "parameters": info.config.get("sensor", {}),
-        "width": info.width,
-        "height": info.height,
-        "tick_us": info.tick_us,
-        "latency_us": info.latency_us,
-        "events": events.get(info.camera, 0),
-        "events_dropped": dict(camera.events_dropped),
-        "events_waiting": camera.events_waiting,
-        "camera_info": info.camera_info,
-    }

@@ -232,8 +232,9 @@ class Loop:
 
     @property
     def ctrl(self) -> F64:
-        """(nu,) the controls that act, a copy."""
-        return np.array(self.world.data.ctrl, np.float64)
+        """(nu,) the last that was decided, whether it acts yet or not, a copy."""
+        waiting = self._channels.controls.waiting
+        return np.array(waiting[-1].message if waiting else self.world.data.ctrl, np.float64)
 
     @property
     def ctrl_range(self) -> F64:

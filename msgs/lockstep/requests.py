@@ -63,6 +63,8 @@ class Step:
 class Save:
     """The whole loop as bytes."""
 
+    compress: bool = False
+
 
 @dataclass(frozen=True, eq=False)
 class Restore:
@@ -94,6 +96,8 @@ def encode_request(number: int, request: Request) -> Parts:
             fields |= {} if names is None else {key: list(names)}
     elif isinstance(request, Reset):
         fields |= {"seed": request.seed, "keyframe": request.keyframe, "state": request.state}
+    elif isinstance(request, Save):
+        fields["compress"] = request.compress
     elif isinstance(request, Restore):
         if len(request.blob) > MAX_BLOB_BYTES:
             raise MessageError(f"a saved state of {len(request.blob)} bytes is over 1 GiB")
@@ -166,7 +170,7 @@ _DECODERS: dict[str, Callable[[dict[str, Any], Any], Request]] = {
     "join": _join,
     "reset": _reset,
     "step": _step,
-    "save": lambda _fields, _body: Save(),
+    "save": lambda fields, _body: Save(boolean(fields, "compress")),
     "restore": _restore,
     "bye": lambda _fields, _body: Bye(),
 }

@@ -37,6 +37,14 @@ class StandIn:
         self.length = np.zeros(len(self.actuators))
 
     @property
+    def t_us(self) -> int:
+        return self.tick * self.tick_us
+
+    @property
+    def done(self) -> str:
+        return "it is over" if self.tick >= self.last_tick else ""
+
+    @property
     def ctrl_range(self) -> npt.NDArray[np.float64]:
         return np.array([[-1.0, 1.0]] * len(self.actuators)).reshape(-1, 2)
 
@@ -79,19 +87,19 @@ class StandIn:
 
     def _seen(self, packets: tuple[EventPacket, ...]) -> Observation:
         return Observation(
-            t_us=self.tick * self.tick_us,
+            t_us=self.t_us,
             packets=packets,
             position=self.length.copy(),
             velocity=self.ctrl.copy(),
-            done="it is over" if self.tick >= self.last_tick else "",
+            done=self.done,
             state=np.array([self.tick, *self.length]) if self.wants_state else None,
         )
 
-    def save(self) -> bytes:
+    def save(self, compress: bool = False) -> bytes:
         kept = [self.tick, self.seed, self.ctrl.tolist(), self.length.tolist(), self.wants_state]
-        return json.dumps(kept).encode()
+        return json.dumps(kept, indent=None if compress else 1).encode()
 
-    def restore(self, blob: bytes) -> None:
+    def restore(self, blob: bytes) -> Observation:
         try:
             tick, seed, ctrl, length, state = json.loads(blob)
             controls, lengths = np.array([ctrl, length], np.float64).reshape(2, -1)
@@ -101,6 +109,7 @@ class StandIn:
             raise EvsError("this is no saved loop") from None
         self._begin(seed if isinstance(seed, int) else 0, bool(state))
         self.tick, self.ctrl, self.length = abs(tick) % 1000, controls, lengths
+        return self._seen(())
 
 
 @contextmanager

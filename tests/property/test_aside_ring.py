@@ -15,7 +15,7 @@ from evs.drivers.pipeline.aside import messages
 from evs.drivers.pipeline.aside.memory import HEAD, TAIL, SharedMemory
 from evs.drivers.pipeline.aside.ring import RingReader, RingWriter
 from evs.emulator.truth import GroundTruth
-from evs.msgs import EVENT_DTYPE, EventPacket, EvsError, Frame, ImuPacket, Pose, TriggerPacket
+from evs.msgs import EVENT_DTYPE, EventPacket, EvsError, Frame, ImuPacket, Pace, Pose, TriggerPacket
 from evs.msgs.imu import IMU_DTYPE
 from evs.msgs.labels import LABEL_DTYPE
 from evs.msgs.trigger import TRIGGER_DTYPE
@@ -168,6 +168,8 @@ def test_frames_imu_triggers_and_poses_arrive_as_they_were(
     assert through(messages.of_triggers(marks, 1)) == marks
     pose = Pose(stamps[2], stamps[3], (1.5, -2.0, 1e-300), (0.0, 0.6, 0.0, 0.8), "left")
     assert through(messages.of_pose(pose, 0)) == pose
+    pace = Pace(0.1, 5, 2**40, 3, 2**62)
+    assert through(messages.of_pace(pace)) == pace
 
 
 @given(int64, st.integers(1, 6), st.integers(1, 6))

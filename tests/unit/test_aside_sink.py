@@ -19,6 +19,7 @@ from evs.drivers.pipeline.config import SinkConfig, make_sink
 from evs.emulator.truth import GroundTruth
 from evs.msgs import (
     EvsError,
+    Pace,
     Pose,
 )
 from reference.aside_packets import (
@@ -160,6 +161,7 @@ def test_what_a_sink_wants_comes_back() -> None:
                 sink.write_truth("eye", GroundTruth(t_us, **planes))
                 truths += 1
             assert not sink.wants_light("eye", t_us)
+            sink.write_pace(Pace(1.0, 5, 6, 7, seq))
             sink.write(packet(seq, 10))
             time.sleep(0.001)
         assert not sink.stop_wanted
@@ -175,6 +177,8 @@ def test_what_a_sink_wants_comes_back() -> None:
         closing.join(20)
     assert came[0] + len(stream.poses) == poses
     assert came[1] + len(stream.truths) == truths
+    assert stream.status is not None
+    assert stream.status.pace == Pace(1.0, 5, 6, 7, 399)
 
 
 def test_a_client_of_the_control_port_may_end_the_run() -> None:

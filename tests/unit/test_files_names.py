@@ -152,7 +152,7 @@ def test_play_keeps_the_pace_and_tells_of_a_torn_tail(
             file.write(b"torn")
     waited: list[tuple[float, int]] = []
     monkeypatch.setattr(
-        pace.Pacer, "wait_until", lambda self, t_us: waited.append((self._speed, t_us))
+        pace.Pacer, "wait_until", lambda self, t_us: waited.append((self.speed, t_us))
     )
     address = free_address()
     assert main(["play", str(recording), "--address", address, "--speed", "0.5"]) == 0

@@ -13,7 +13,7 @@ from lockstep_stand_in import Later, StandIn, answered, raw_client, serving
 from evs.drivers.lockstep import LockstepServer, RemoteLoop, connect
 from evs.drivers.pace import monotonic_s, sleep_s
 from evs.msgs import EvsError, Observation
-from evs.msgs.lockstep import Join, Reset, encode_request
+from evs.msgs.lockstep import Join, Reset, Save, encode_request
 
 
 def both(address: str, **options: Any) -> tuple[RemoteLoop, RemoteLoop]:
@@ -159,6 +159,36 @@ def test_who_asks_for_something_else_is_refused(ask: Callable[[Any], Any], says:
             assert later.get().t_us == 1000
 
 
+def test_a_new_request_withdraws_the_one_before() -> None:
+    loop = StandIn()
+    with serving(loop, controllers=2, timeout_s=0.5) as server:
+        two = connect(server.address, "two", actuators=("slide",))
+        with two, raw_client(server.address) as raw:
+            answered(raw, encode_request(1, Join("one", ("tilt",))))
+            raw.send_multipart(encode_request(2, Reset(1)))
+            # it takes its reset back by asking for something else, and decides nothing
+            assert answered(raw, encode_request(3, Save()))["number"] == 3
+            sleep_s(0.8)
+            assert loop.log == []
+            # so nobody has kept anybody waiting
+            assert server._seats.names == "'two', 'one'"
+            later = Later(lambda: two.reset(1))
+            assert answered(raw, encode_request(4, Reset(1)))["number"] == 4
+            later.get()
+    assert loop.log == [("reset", 1, "")]
+
+
+def test_more_than_travels_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("evs.drivers.lockstep.server.MAX_BLOB_BYTES", 100)
+    with serving(StandIn()) as server, connect(server.address) as client:
+        client.reset()
+        assert client.step(None, 3).t_us == 3000
+        with pytest.raises(EvsError, match="128 bytes of events came in these ticks"):
+            client.step(None, 4)
+        # they are done all the same
+        assert client.step().t_us == 8000
+
+
 def test_a_controller_that_does_not_decide_loses_its_seat() -> None:
     loop, warned = StandIn(), []
     with serving(loop, controllers=2, timeout_s=0.3, warn=warned.append) as server:
@@ -247,10 +277,11 @@ def test_saved_and_restored_over_the_wire() -> None:
         client.reset(3)
         client.step([1.0, 2.0], 5)
         blob = client.save()
+        assert len(client.save(compress=True)) < len(blob)
         first = [client.step(), client.step([0.5, 0.5])]
         client.restore(blob)
         assert [client.step(), client.step([0.5, 0.5])] == first
-    assert server.report()["restores"] == server.report()["saves"] == 1
+    assert (server.report()["restores"], server.report()["saves"]) == (1, 2)
 
 
 def test_a_loop_that_fails_ends_the_server_and_says_why() -> None:

@@ -115,7 +115,7 @@ def test_the_emulators_part_says_nothing_of_outputs() -> None:
 @pytest.mark.parametrize(
     ("overrides", "said"),
     [
-        ([("pace", "lockstep")], "at pace: no pace 'lockstep'; there is: "),
+        ([("pace", "lockstop")], "at pace: no pace 'lockstop'; there is: lockstep, "),
         ([("render.seeds", "fresh")], "at render.seeds: no seeds 'fresh'; there is: fixed"),
         ([("record", "a.bagpipe")], "no recording format '.bagpipe' (of a.bagpipe); names end"),
         ([("record", "a")], "no recording format '' (of a); names end in .aedat4"),

@@ -23,6 +23,7 @@ from evs.msgs import (
     EventPacket,
     Frame,
     ImuPacket,
+    Pace,
     Pose,
     TriggerPacket,
 )
@@ -34,6 +35,7 @@ HEAD = struct.Struct("<BBHIqqqqqIIII")
 """kind, whether labels come, camera's place, elements, five integers, height, width, item size."""
 
 _POSE = struct.Struct("<7d")
+_SPEED = struct.Struct("<d")
 
 
 class Kind(IntEnum):
@@ -46,6 +48,7 @@ class Kind(IntEnum):
     POSE = 4
     TRUTH = 5
     LIGHT = 6
+    PACE = 7
 
 
 _EVENTS = int(Kind.EVENTS)
@@ -68,7 +71,7 @@ class TruthOf:
     truth: GroundTruth
 
 
-Message = EventPacket | Frame | ImuPacket | TriggerPacket | Pose | TruthOf | Light
+Message = EventPacket | Frame | ImuPacket | TriggerPacket | Pose | TruthOf | Light | Pace
 Read = Callable[[int], np.ndarray[Any, np.dtype[np.uint8]]]
 """The next n bytes, (n,) uint8, in memory of their own."""
 
@@ -128,6 +131,12 @@ def of_light(t_us: int, luminance: F32, place: int) -> list[Bytes]:
     return [head, _raw(luminance, np.dtype("<f4"))]
 
 
+def of_pace(pace: Pace) -> list[Bytes]:
+    """Head, one double. Of no camera."""
+    counts = pace.late_us, pace.worst_late_us, pace.slipped_us, pace.slips
+    return [_head(Kind.PACE, 0, 0, counts), _SPEED.pack(pace.speed)]
+
+
 def receive(read: Read, cameras: tuple[str, ...]) -> Message:
     """The next message, in memory of its own. What `read` raises goes through."""
     kind, labelled, place, count, a, b, c, d, e, height, width, item, _ = HEAD.unpack(
@@ -158,6 +167,9 @@ def receive(read: Read, cameras: tuple[str, ...]) -> Message:
                 raw = read(pixels * numbers * kind_of.itemsize)
                 planes[key] = raw.view(kind_of).reshape(shape)
             return TruthOf(camera, GroundTruth(a, **planes))
+        case Kind.PACE:
+            (speed,) = _SPEED.unpack(read(_SPEED.size).data)
+            return Pace(speed, a, b, c, d)
         case Kind.LIGHT:
             return Light(camera, a, read(4 * pixels).view(np.dtype("<f4")).reshape(height, width))
 

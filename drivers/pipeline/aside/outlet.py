@@ -20,7 +20,7 @@ from evs.drivers.sink import (
     StoppingSink,
     TruthSink,
 )
-from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, TriggerPacket
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pace, Pose, TriggerPacket
 
 
 class Outlet:
@@ -88,6 +88,8 @@ class Outlet:
                 sink.write_triggers(message)
             case Pose():
                 sink.write_pose(message)
+            case Pace():
+                sink.write_pace(message)
             case TruthOf(camera, truth):
                 sink.write_truth(camera, truth)
             case Light(camera, t_us, luminance):

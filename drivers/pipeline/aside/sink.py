@@ -16,6 +16,7 @@ from evs.drivers.sink import (
     FrameSink,
     ImuSink,
     LightSink,
+    PaceSink,
     PoseSink,
     Sink,
     SinkStoppedError,
@@ -30,6 +31,7 @@ from evs.msgs import (
     EvsError,
     Frame,
     ImuPacket,
+    Pace,
     Pose,
     StreamInfo,
     TriggerPacket,
@@ -79,6 +81,7 @@ class AsideSink:
         self._takes_imu = isinstance(template, ImuSink)
         self._takes_triggers = isinstance(template, TriggerSink)
         self._takes_pose = isinstance(template, PoseSink)
+        self._takes_pace = isinstance(template, PaceSink)
         self._takes_truth = isinstance(template, TruthSink)
         self._takes_light = isinstance(template, LightSink)
         self._may_stop = isinstance(template, StoppingSink)
@@ -156,6 +159,11 @@ class AsideSink:
     def write_pose(self, pose: Pose) -> None:
         """Hand over one pose. Errors as write."""
         self._put_other(messages.of_pose(pose, self._place(pose.camera)))
+
+    def write_pace(self, pace: Pace) -> None:
+        """Hand over how the run keeps its pace, if the sink takes that. Errors as write."""
+        if self._takes_pace:
+            self._put_other(messages.of_pace(pace))
 
     def wants_truth(self, camera: str, t_us: int) -> bool:  # noqa: ARG002
         """Whether it was due at a packet that the sink got: it is that of a tick or more later."""

@@ -1,0 +1,158 @@
+"""The same server in real time: the clock moves physics, controls act when they arrive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from evs.drivers.lockstep.round import Decision, joint_controls
+from evs.drivers.lockstep.server import LockstepServer, answer_of
+from evs.drivers.pace import monotonic_s
+from evs.msgs import EvsError, Observation
+from evs.msgs.lockstep import Step
+
+_MOST_AT_ONCE = 256
+"""Requests taken between two ticks: who sends them without end does not stop the clock."""
+
+
+@dataclass
+class _View:
+    """What a controller has not been told yet, and what it asked for."""
+
+    answered_us: int
+    """simulated time of its last answer"""
+    answered_s: float
+    seen: list[Observation] = field(default_factory=list)
+    """of each tick since"""
+    step: Step | None = None
+    """that waits for its answer"""
+    ctrl: Step | None = None
+    """that has not acted yet"""
+
+
+class RealtimeServer(LockstepServer):
+    """Serves a loop whose ticks wait for the wall clock (the loop itself does that), for nobody.
+
+    It stands still until the first reset, which every controller asks for, and after an episode's
+    end. A step's control acts in the next tick, and for good: the latest wins. Its answer comes
+    once `ticks` ticks have passed since the last answer, at once if they have, and has all that was
+    seen since. Who asks for nothing in `timeout_s` loses its seat; its last control goes on acting.
+    """
+
+    _views: dict[bytes, _View]
+    _going: bool
+
+    def open(self) -> None:
+        """As in lock-step."""
+        self._views, self._going = {}, False
+        super().open()
+
+    def look(self) -> bool:
+        """Take what has come, then do one tick; or wait for a moment where nothing goes on."""
+        if not self._going:
+            return super().look()
+        if self._end is None:
+            raise EvsError("this server is not open: call open() first")
+        for _ in range(_MOST_AT_ONCE):
+            if not self._end.is_waiting() or (came := self._end.receive()) is None:
+                break
+            self._take(*came)
+        self._miss()
+        if self._going:
+            self._tick()
+        return True
+
+    def _decide(self, identity: bytes, decision: Decision) -> None:
+        if not isinstance(decision, Step):
+            super()._decide(identity, decision)
+            return
+        if not self._going:
+            over = f"the episode is over ({self._loop.done})" if self._loop.done else ""
+            raise EvsError(f"{over or 'the loop has not begun'}: call reset")
+        seat = self._seats.taken[identity]
+        self._round.check(seat, decision)
+        view = self._view(identity)
+        self.waits.add(monotonic_s() - view.answered_s)
+        self.counts["steps"] += 1
+        view.step = decision
+        view.ctrl = decision if decision.ctrl is not None else view.ctrl
+        self._answer_due(identity)
+
+    def _move(self, decisions: dict[bytes, Decision], decision: Decision) -> None:
+        super()._move(decisions, decision)
+        self._views = {}
+        self._going = not self._loop.done
+
+    def _break(self, line: str) -> None:
+        """Who waits for a reset hears why it does not come; time goes on."""
+        super()._break(line)
+        self._fault = ""
+
+    def _lose(self, identity: bytes, why: str) -> None:
+        super()._lose(identity, why)
+        self._views.pop(identity, None)
+
+    def _withdraw(self, identity: bytes) -> None:
+        """Its control acts all the same: it has arrived."""
+        super()._withdraw(identity)
+        if identity in self._views:
+            self._views[identity].step = None
+
+    def _tick(self) -> None:
+        seats = self._seats.taken
+        new: dict[bytes, Decision] = {
+            one: view.ctrl
+            for one, view in self._views.items()
+            if view.ctrl is not None and one in seats
+        }
+        ctrl = joint_controls(new, seats, lambda: self._loop.ctrl)
+        seen = self._loop.step(ctrl, 1)
+        for identity in seats:
+            view = self._view(identity)
+            view.ctrl = None
+            view.seen.append(seen)
+        self._going = not seen.done
+        for identity in seats:
+            self._answer_due(identity)
+
+    def _answer_due(self, identity: bytes) -> None:
+        """Answer its step, if it is time or there will be none."""
+        view, seat = self._views[identity], self._seats.taken[identity]
+        if view.step is None or not view.seen:
+            return
+        last = view.seen[-1]
+        passed_us = last.t_us - view.answered_us
+        if passed_us < view.step.ticks * self._loop.tick_us and not last.done:
+            return
+        answer = answer_of(seat, _together(view.seen))
+        self._views[identity] = _View(last.t_us, monotonic_s(), ctrl=view.ctrl)
+        self._answer(seat, answer)
+
+    def _view(self, identity: bytes) -> _View:
+        if identity not in self._views:
+            self._views[identity] = _View(self._loop.t_us, monotonic_s())
+        return self._views[identity]
+
+    def _miss(self) -> None:
+        """Take out who is gone, or has asked for nothing for too long."""
+        assert self._end is not None
+        for identity in self._end.gone():
+            self._lose(identity, "has gone (its connection closed)")
+        now_s = monotonic_s()
+        for identity, view in list(self._views.items()):
+            if view.step is None and now_s - view.answered_s > self._timeout_s:
+                self._lose(identity, f"asked for nothing for {self._timeout_s:g} s")
+        since_s = self._round.since_s
+        if since_s is not None and now_s - since_s > self._timeout_s:
+            self._give_up()
+
+
+def _together(seen: list[Observation]) -> Observation:
+    """What several ticks brought, at the time of the last."""
+    if len(seen) == 1:
+        return seen[0]
+    joined: dict[str, Any] = {
+        key: tuple(one for each in seen for one in getattr(each, key))
+        for key in ("packets", "frames", "imu")
+    }
+    return replace(seen[-1], **joined)

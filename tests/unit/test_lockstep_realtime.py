@@ -1,0 +1,210 @@
+"""A closed loop in real time: controls act when they arrive, and time waits for nobody."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+import zmq
+from lockstep_stand_in import StandIn, raw_client
+
+from evs.drivers.lockstep.realtime import RealtimeServer
+from evs.drivers.pace import monotonic_s, sleep_s
+from evs.msgs import EvsError, Observation
+from evs.msgs.lockstep import (
+    Join,
+    Request,
+    Reset,
+    Step,
+    decode_answer,
+    decode_seen,
+    encode_request,
+    number_of,
+)
+
+CAMERAS = [("left", 64, 48)]
+
+
+class Hand:
+    """A server without a thread: the test does its ticks, and says what controllers say."""
+
+    def __init__(self, loop: StandIn, **options: Any) -> None:
+        self.loop = loop
+        self.lines: list[str] = []
+        self.server = RealtimeServer(
+            loop, "tcp://127.0.0.1:0", warn=self.lines.append, **{"timeout_s": 60.0, **options}
+        )
+        self.server.open()
+        self._numbers: dict[Any, int] = {}
+
+    def ask(self, client: Any, request: Request) -> None:
+        """Send it, and wait until it can be taken."""
+        number = self._numbers[client] = self._numbers.get(client, 0) + 1
+        client.send_multipart(encode_request(number, request))
+        end = self.server._end
+        assert end is not None
+        until_s = monotonic_s() + 10
+        while not end.is_waiting():
+            assert monotonic_s() < until_s
+            sleep_s(0.001)
+
+    def ticks(self, count: int) -> None:
+        for _ in range(count):
+            self.server.look()
+
+    def heard(self, client: Any, actuators: int = 2) -> Observation:
+        """The answer to what it asked last."""
+        number, fields = number_of((parts := client.recv_multipart())[0])
+        assert number == self._numbers[client]
+        decode_answer(fields)
+        if len(parts) < 4:
+            return Observation(0, (), np.zeros(0), np.zeros(0))
+        return decode_seen(fields, parts[1:], actuators, CAMERAS)
+
+    def begin(self, client: Any, join: Join) -> None:
+        self.ask(client, join)
+        self.ticks(1)
+        self.heard(client)
+
+
+@contextmanager
+def hand(**options: Any) -> Iterator[tuple[Hand, Any]]:
+    """A server in hand with one controller that has joined and reset."""
+    made = Hand(StandIn(), **options)
+    with raw_client(made.server.address) as client:
+        client.set(zmq.RCVTIMEO, 2000)
+        try:
+            made.begin(client, Join("one"))
+            made.ask(client, Reset(3))
+            made.ticks(1)
+            assert made.heard(client).t_us == 0
+            yield made, client
+        finally:
+            made.server.close()
+
+
+def silent(client: Any) -> bool:
+    return not client.poll(30)
+
+
+def test_it_stands_still_until_the_first_reset() -> None:
+    made = Hand(StandIn())
+    with raw_client(made.server.address) as client:
+        made.begin(client, Join("one"))
+        made.ticks(3)
+        assert made.loop.log == []
+        made.ask(client, Step(1, None))
+        made.ticks(1)
+        with pytest.raises(EvsError, match="the loop has not begun: call reset"):
+            made.heard(client)
+    made.server.close()
+
+
+def test_time_goes_on_without_a_decision_and_nothing_is_missed() -> None:
+    with hand() as (made, client):
+        made.ticks(7)
+        assert made.loop.tick == 7
+        made.ask(client, Step(1, np.array([1.0, 2.0])))
+        made.ticks(1)
+        # it was asked for one tick, and seven had passed: all of them at once
+        seen = made.heard(client)
+        assert seen.t_us == 7000
+        assert [packet.seq for packet in seen.packets] == list(range(7))
+        assert seen.position.tolist() == [0.0, 0.0]
+        # the control has acted in the tick after it came
+        assert made.loop.length.tolist() == [1.0, 2.0]
+        made.ask(client, Step(1, None))
+        made.ticks(1)
+        assert [packet.seq for packet in made.heard(client).packets] == [7]
+
+
+def test_an_answer_comes_once_its_ticks_have_passed() -> None:
+    with hand() as (made, client):
+        made.ask(client, Step(3, np.array([1.0, 0.0])))
+        made.ticks(2)
+        assert silent(client)
+        made.ticks(1)
+        seen = made.heard(client)
+        assert (seen.t_us, len(seen.packets)) == (3000, 3)
+        assert seen.position.tolist() == [3.0, 0.0]
+
+
+def test_the_latest_control_wins_and_holds() -> None:
+    with hand() as (made, client):
+        made.ask(client, Step(1, np.array([1.0, 0.0])))
+        made.ask(client, Step(1, np.array([5.0, 0.0])))
+        # both are there before the next tick
+        sleep_s(0.1)
+        made.ticks(4)
+        assert made.loop.log[1:] == [("step", (5.0, 0.0), 1)] * 4
+
+
+def test_each_controller_has_its_own_time() -> None:
+    made = Hand(StandIn(), controllers=2)
+    with raw_client(made.server.address) as one, raw_client(made.server.address) as two:
+        made.begin(one, Join("one", ("tilt",)))
+        made.begin(two, Join("two", ("slide",)))
+        made.ask(one, Reset(1))
+        made.ticks(1)
+        assert made.loop.log == []
+        made.ask(two, Reset(1))
+        made.ticks(1)
+        for client in (one, two):
+            made.heard(client, 1)
+        made.ask(one, Step(1, np.array([1.0])))
+        made.ask(two, Step(4, np.array([2.0])))
+        made.ticks(4)
+        assert made.heard(one, 1).position.tolist() == [1.0]
+        seen = made.heard(two, 1)
+        assert seen.position.tolist() == [8.0]
+        assert [packet.seq for packet in seen.packets] == [0, 1, 2, 3]
+    made.server.close()
+
+
+def test_who_asks_for_nothing_loses_its_seat_and_its_last_control_goes_on() -> None:
+    with hand(timeout_s=0.2) as (made, client):
+        made.ask(client, Step(1, np.array([1.0, 0.0])))
+        made.ticks(1)
+        made.heard(client)
+        sleep_s(0.25)
+        made.ticks(2)
+        assert made.lines == ["controller 'one' asked for nothing for 0.2 s"]
+        assert made.loop.tick == 3
+        assert made.loop.length.tolist() == [3.0, 0.0]
+        made.ask(client, Step(1, None))
+        made.ticks(1)
+        with pytest.raises(EvsError, match="you have no seat here, or lost it"):
+            made.heard(client)
+
+
+def test_an_episode_that_ends_is_told_to_who_waits_and_stands_until_a_reset() -> None:
+    with hand() as (made, client):
+        made.loop.last_tick = 5
+        made.ask(client, Step(100, None))
+        made.ticks(5)
+        seen = made.heard(client)
+        assert (seen.t_us, seen.done, len(seen.packets)) == (5000, "it is over", 5)
+        made.ticks(2)
+        assert made.loop.tick == 5
+        made.ask(client, Step(1, None))
+        made.ticks(1)
+        with pytest.raises(EvsError, match=r"the episode is over \(it is over\): call reset"):
+            made.heard(client)
+        made.ask(client, Reset(4))
+        made.ticks(1)
+        assert made.heard(client).t_us == 0
+        made.ticks(2)
+        assert made.loop.tick == 2
+
+
+def test_a_bad_control_is_refused_and_time_goes_on() -> None:
+    with hand() as (made, client):
+        made.ask(client, Step(1, np.array([1.0])))
+        made.ticks(1)
+        with pytest.raises(EvsError, match="ctrl has 1 numbers, but 'one' has 2 actuators"):
+            made.heard(client)
+        made.ticks(1)
+        assert made.loop.tick == 2
