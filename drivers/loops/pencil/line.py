@@ -20,9 +20,8 @@ F64 = npt.NDArray[np.float64]
 LOWEST_PX = 2.5
 """What is nearer to the row of the cup is cup and cart, px."""
 
-
 CUP_SHARE = 10.0
-"""How much it counts that the line begins in the cup, as share of the weight of all events."""
+"""So many times what all events weigh, it counts that the line begins in the cup."""
 
 
 @dataclass(frozen=True)
