@@ -168,8 +168,13 @@ def test_a_process_that_has_no_simulator_balances_it() -> None:
     np.testing.assert_array_equal(again.world.data.qpos, loop.world.data.qpos)
 
 
+def test_the_launch_file_runs_both_halves(capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["launch", "pencil", "seconds:=0.5", "seed:=4"]) == 0
+    assert "[controller] 0.5 s: 0.5 s are over" in capfd.readouterr().out
+
+
 def test_the_command_measures_films_and_refuses(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["loop", "pencil", "--seconds", "0.3"]) == 0
     assert "stood for 0.3 s" in capsys.readouterr().out
