@@ -130,6 +130,12 @@ def _record_evt3(path: Path) -> Sink:
     return Evt3Recorder(path)
 
 
+def _record_evt21(path: Path) -> Sink:
+    from evs.drivers.files.raw import Evt21Recorder
+
+    return Evt21Recorder(path)
+
+
 def _record_evt2(path: Path) -> Sink:
     from evs.drivers.files.raw import Evt2Recorder
 
@@ -259,6 +265,16 @@ FORMATS: tuple[Format, ...] = (
         begins=lambda head: b"% evt 2.0" in head or b"% format EVT2;" in head,
     ),
     Format(
+        name="evt21",
+        suffixes=(".evt21",),
+        also=(".raw",),
+        title="EVT2.1: RAW files of Prophesee's cameras, in vectors; survives a kill at any moment",
+        open=_open_raw,
+        record=_record_evt21,
+        holds=_EVT,
+        begins=lambda head: b"% evt 2.1" in head or b"% format EVT21" in head,
+    ),
+    Format(
         name="dat",
         suffixes=(".dat",),
         title="DAT: Prophesee's 8 bytes an event",
@@ -310,7 +326,7 @@ FORMATS: tuple[Format, ...] = (
         title="AEDAT3.1: cAER's and jAER's",
         open=_open_aedat3,
         record=_record_aedat3,
-        holds=Holds(first_us=0),
+        holds=Holds(first_us=0, frames=True, imu=True),
         begins=lambda head: head.startswith(b"#!AER-DAT3"),
     ),
     Format(

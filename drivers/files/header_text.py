@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.recorded import said_stream
-from evs.msgs import StreamInfo
+from evs.drivers.files.recording import existing
+from evs.msgs import EvsError, StreamInfo
+
+MAX_HEADER_BYTES = 1 << 22
+"""A longer header is damage; ours holds the configuration of the run."""
 
 CHIPS = {
     "DAVIS346": (346, 260),
@@ -26,6 +33,16 @@ def stream_json(stream: StreamInfo, **more: Any) -> str:
     return json.dumps(dataclasses.asdict(stream) | more, default=str)
 
 
+def head_of(path: AnyPath) -> tuple[Path, bytes]:
+    """A file that is there, and its first bytes, as many as a header may have. EvsError: none."""
+    found = existing(path)
+    try:
+        with found.open("rb") as file:
+            return found, file.read(MAX_HEADER_BYTES)
+    except OSError as reason:
+        raise EvsError(f"cannot read {found}: {reason.strerror}") from None
+
+
 def said_in(line: str) -> dict[str, Any]:
     """What a line of JSON says; nothing where it is none."""
     try:
@@ -35,15 +52,29 @@ def said_in(line: str) -> dict[str, Any]:
     return said if isinstance(said, dict) else {}
 
 
-def stream_from(said: dict[str, Any], header: str) -> StreamInfo:
+def said_of(lines: Sequence[str], prefix: str) -> tuple[dict[str, Any] | None, str]:
+    """What our line of a header says, None without one; the text of the other lines.
+
+    In: prefix, what our line begins with, before its JSON.
+    """
+    ours = [line.removeprefix(prefix) for line in lines if line.startswith(prefix)]
+    text = "\n".join(line for line in lines if not line.startswith(prefix))
+    return said_in(ours[0]) if ours else None, text
+
+
+def stream_from(
+    said: dict[str, Any] | None, header: str, frames: bool = False, imu: bool = False
+) -> StreamInfo:
     """The stream of a header: of our JSON, else of a chip's name. 0 x 0 px: it says no size.
 
-    In: said, our line; header, the text of the whole header.
+    In: said, our line; header, the text of the others; frames, imu, whether the format holds them,
+    so that our line is right about them.
     """
     plain = StreamInfo(0, 0, sensor="unknown")
     stream = said_stream(said, plain)
     if stream is not plain and stream.width:
-        return dataclasses.replace(stream, frames=False, imu=False)
+        frames, imu = frames and stream.frames, imu and stream.imu
+        return dataclasses.replace(stream, frames=frames, imu=imu, triggers=False)
     for name, (width, height) in CHIPS.items():
         if name in header.upper():
             return StreamInfo(width, height, sensor=name.lower())

@@ -12,7 +12,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from evs.drivers.files.damage import Damage
-from evs.msgs import Events, Frame, ImuSamples, Labels, StreamInfo, Triggers
+from evs.msgs import (
+    IMU_DTYPE,
+    Events,
+    Frame,
+    ImuSamples,
+    Labels,
+    StreamInfo,
+    Triggers,
+)
 
 
 class RecordedFile(Protocol):
@@ -97,6 +105,31 @@ class EventsFile(ABC):
     def beside(self) -> Iterator[Frame | ImuSamples | Triggers]:
         """Nothing."""
         yield from ()
+
+
+@dataclass
+class MixedFile(EventsFile):
+    """A RecordedFile that may hold frames and IMU samples too; a reader gives `_walked`."""
+
+    @abstractmethod
+    def _walked(self, events: bool, beside: bool) -> Iterator[Events | Frame | ImuSamples]:
+        """What is asked for, in the order recorded; the end sets `damage` and `left_out`."""
+
+    def events(self) -> Iterator[Events]:
+        """Its events in parts, each sorted and not empty."""
+        for message in self._walked(events=True, beside=False):
+            assert isinstance(message, np.ndarray)
+            yield message
+
+    def messages(self) -> Iterator[Events | Frame | ImuSamples | Triggers]:
+        """Events, frames and IMU samples in the order recorded."""
+        yield from self._walked(events=True, beside=self.stream.frames or self.stream.imu)
+
+    def beside(self) -> Iterator[Frame | ImuSamples | Triggers]:
+        """Frames and IMU samples alone."""
+        for message in self._walked(events=False, beside=True):
+            assert not isinstance(message, np.ndarray) or message.dtype == IMU_DTYPE
+            yield message
 
 
 def by_tick(events: Events, tick_us: int) -> Iterator[Events]:

@@ -2,6 +2,7 @@
 
 from evs.msgs.encodings.evt2 import Evt2State, decode_evt2, encode_evt2
 from evs.msgs.encodings.evt3 import Evt3State, decode_evt3, encode_evt3
+from evs.msgs.encodings.evt21 import Evt21State, decode_evt21, encode_evt21
 from evs.msgs.encodings.fixed import (
     Payload,
     decode_libcaer,
@@ -26,16 +27,19 @@ __all__ = [
     "EncodingLimits",
     "Evt2State",
     "Evt3State",
+    "Evt21State",
     "Payload",
     "PayloadReader",
     "PayloadWriter",
     "check_fits",
     "decode_evt2",
     "decode_evt3",
+    "decode_evt21",
     "decode_libcaer",
     "decode_mono",
     "encode_evt2",
     "encode_evt3",
+    "encode_evt21",
     "encode_libcaer",
     "encode_mono",
 ]

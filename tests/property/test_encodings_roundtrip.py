@@ -14,12 +14,15 @@ from evs.msgs.encodings import (
     PAYLOADS,
     Evt2State,
     Evt3State,
+    Evt21State,
     PayloadReader,
     PayloadWriter,
     decode_evt2,
     decode_evt3,
+    decode_evt21,
     encode_evt2,
     encode_evt3,
+    encode_evt21,
 )
 
 Rows = list[tuple[int, int, int, int]]
@@ -73,6 +76,25 @@ def plain_evt2(words: Iterable[int]) -> tuple[Rows, int]:
     return found, skipped
 
 
+def plain_evt21(words: Iterable[int]) -> tuple[Rows, int]:
+    """The same for EVT2.1."""
+    found: Rows = []
+    high, skipped = -1, 0
+    for word in words:
+        kind, value = word >> 60, word >> 32 & 0xFFFFFFF
+        if kind == 8:
+            wraps = 0 if high < 0 else (high >> 28) + ((high & 0xFFFFFFF) - value > (1 << 27) - 1)
+            high = wraps << 28 | value
+        elif kind < 2:
+            for pixel in range(32):
+                x = (value >> 11 & 0x7FF) + pixel
+                if word >> pixel & 1 and (high < 0 or x > 2047):
+                    skipped += 1
+                elif word >> pixel & 1:
+                    found.append((high << 6 | value >> 22, x, value & 0x7FF, kind))
+    return found, skipped
+
+
 def rows(events: Events) -> Rows:
     return list(zip(*(events[name].tolist() for name in "txyp"), strict=True))
 
@@ -102,6 +124,30 @@ wholes = st.lists(
     ),
     max_size=40,
 )
+
+
+longs = st.lists(
+    st.tuples(wholes, st.integers(0, 2**32 - 1) | st.sampled_from([0, 1, 2**31])).map(
+        lambda pair: [word << 32 | pair[1] for word in pair[0]]
+    ),
+    max_size=12,
+).map(lambda lists: [word for one in lists for word in one][:60])
+
+
+@given(words=longs, cuts=st.lists(st.integers(0, 1000), max_size=4), swapped=st.booleans())
+def test_any_evt21_words_mean_what_a_plain_decoder_says(
+    words: list[int], cuts: list[int], swapped: bool
+) -> None:
+    data = np.array(words, "<u8").tobytes()
+    if swapped:
+        data = np.frombuffer(data, "<u4").reshape(-1, 2)[:, ::-1].tobytes()
+    state, found = Evt21State(), []
+    for piece in pieces(data, cuts, 8):
+        events, state = decode_evt21(piece, state, time_origin_us=0, upper_first=swapped)
+        found.append(events)
+    expected, skipped = plain_evt21(words)
+    assert rows(join_events(found)) == expected
+    assert state.skipped == skipped
 
 
 @given(words=halves, cuts=st.lists(st.integers(0, 1000), max_size=4))
@@ -150,6 +196,7 @@ def test_streams_come_back_and_plain_decoders_agree(packets: list[Events]) -> No
     for encode, decode, plain, size in (
         (encode_evt3, decode_evt3, plain_evt3, "<u2"),
         (encode_evt2, decode_evt2, plain_evt2, "<u4"),
+        (encode_evt21, decode_evt21, plain_evt21, "<u8"),
     ):
         after_us, data = -1_000_000, b""
         for packet in packets:

@@ -31,6 +31,7 @@ from reference.mutations import mutations
 KINDS = {
     "evt3": "a.raw",
     "evt2": "a.raw",
+    "evt21": "a.raw",
     "dat": "a.dat",
     "hdf5": "a.h5",
     "rosbag2": "a.mcap",
@@ -122,7 +123,7 @@ def test_very_many_changed_files_are_read_or_refused(
     survives(kind, data.draw(mutations(originals[kind])))
 
 
-@pytest.mark.parametrize("kind", ["evt3", "evt2", "dat"])
+@pytest.mark.parametrize("kind", ["evt3", "evt2", "evt21", "dat"])
 def test_a_file_cut_anywhere_is_read_up_to_there(
     kind: str, originals: dict[str, bytes], tmp_path: Path
 ) -> None:
@@ -131,7 +132,7 @@ def test_a_file_cut_anywhere_is_read_up_to_there(
     whole = files.read(path)
     data = originals[kind]
     begin = data.index(b"% end\n") + 6 if kind != "dat" else data.index(b"\x0c\x08") + 2
-    word = {"evt3": 2, "evt2": 4, "dat": 8}[kind]
+    word = {"evt3": 2, "evt2": 4, "evt21": 8, "dat": 8}[kind]
     for cut in range(begin, len(data), 7):
         path.write_bytes(data[:cut])
         torn = (cut - begin) % word

@@ -16,6 +16,7 @@ from evs.msgs import EventPacket, Events, StreamInfo, join_events, make_events
 FORMATS = {
     "evt3": (".raw", 2048, ""),
     "evt2": (".raw", 2048, ""),
+    "evt21": (".raw", 2048, ""),
     "dat": (".dat", 16_383, ""),
     "hdf5": (".h5", 32_767, ""),
     "rosbag2": (".mcap", 32_767, "libcaer"),

@@ -72,7 +72,7 @@ def test_every_format_becomes_every_other(tmp_path: Path, source: str, target: s
     assert again.read_bytes() == given.read_bytes()
 
 
-@pytest.mark.parametrize("kind", ["evt3", "evt2", "dat", "hdf5", "rosbag2", "rosbag1"])
+@pytest.mark.parametrize("kind", ["evt3", "evt2", "evt21", "dat", "hdf5", "rosbag2", "rosbag1"])
 def test_what_needs_a_library_becomes_ours_and_back(tmp_path: Path, kind: str) -> None:
     given = record(tmp_path / "in.aedat4", "aedat4")
     made = tmp_path / f"out{files.formats.by_name(kind).suffixes[0]}"

@@ -108,7 +108,7 @@ def test_what_does_not_fit_is_refused_before_a_byte_is_written(tmp_path: Path) -
         record(path, make_events([1 << 31, 5], [1, 1], [1, 1], [1, 1]))
 
 
-def test_words_of_other_sensors_are_counted(tmp_path: Path) -> None:
+def test_words_of_no_whole_frame_or_sample_are_counted(tmp_path: Path) -> None:
     aps, imu = 1 << 31, 1 << 31 | 0xC00
     words = [pixel(1, 2, 1, 10), word(aps | 5 << 12, 11), word(aps | 0x400, 11), word(imu, 12)]
     words += [word(0x400, 13), pixel(3, 4, 0, 14)]
@@ -117,7 +117,11 @@ def test_words_of_other_sensors_are_counted(tmp_path: Path) -> None:
         warnings.simplefilter("error")
         assert files.read(path).tolist() == [(10, 1, 2, 1), (14, 3, 4, 0)]
     found = files.summary(path)
-    assert found.left_out == {"APS words": 2, "IMU words": 1, "external input events": 1}
+    assert found.left_out == {
+        "frames that are not whole": 1,
+        "IMU words of no whole sample": 1,
+        "external input events": 1,
+    }
     assert (found.stream.width, found.stream.height, found.stream.sensor) == (346, 260, "davis346")
 
 

@@ -13,7 +13,7 @@ from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
 
 STREAM = StreamInfo(346, 260, camera="eye", sensor="davis346", seed=9, config={"a": [1]})
-FOREIGN = ("evt3", "evt2", "dat", "hdf5", "rosbag2", "rosbag1")
+FOREIGN = ("evt3", "evt2", "evt21", "dat", "hdf5", "rosbag2", "rosbag1")
 ENDINGS = {one.name: one.suffixes[0] for one in FORMATS}
 
 

@@ -17,6 +17,7 @@ from evs.msgs.encodings import encode_evt2, encode_evt3
 NAMES = {
     "evt3": "a.raw",
     "evt2": "a.raw",
+    "evt21": "a.raw",
     "dat": "a.dat",
     "hdf5": "a.h5",
     "rosbag1": "a.bag",
@@ -68,7 +69,7 @@ def test_a_header_without_a_size_gives_what_the_events_need(tmp_path: Path) -> N
     [
         (b"", "does not say its EVT"),
         (b"\x00\x80\x05\x60", "does not say its EVT"),
-        (b"% format EVT21;height=720;width=1280\n% end\n", "is EVT '2.1'"),
+        (b"% evt 4.0\n% end\n", "is EVT '4.0' in its header; EVT 2.0, 2.1 and 3.0 are read"),
         (b"% evt 3.0\n% end\n", "neither says the size"),
         (b"% evt 3.0\n", "neither says the size"),
     ],

@@ -34,11 +34,13 @@ class RawHeader:
     """stamp of the stream's time zero"""
     size: int
     """its bytes"""
+    upper_first: bool | None = None
+    """of EVT2.1: an IMX636 sends the upper half of each word first; None: it does not say"""
 
 
 def header_bytes(stream: StreamInfo, version: str, time_origin_us: int) -> bytes:
     """The header of a file of ours: what Prophesee's SDK asks for, then our own two lines."""
-    name = f"EVT{version[0]}"
+    name = {"2.1": "EVT21;endianness=little"}.get(version, f"EVT{version[0]}")
     lines = {
         "evt": version,
         "format": f"{name};height={stream.height};width={stream.width}",
@@ -70,7 +72,9 @@ def parse_header(head: bytes) -> RawHeader:
     stream = said_stream(said, plain)
     # frames and IMU samples went elsewhere
     stream = dataclasses.replace(stream, frames=False, imu=False, triggers=False)
-    return RawHeader(version, stream, int(origin) if known else 0, size)
+    order = parts.get("endianness")
+    upper_first = None if order is None else order == "legacy"
+    return RawHeader(version, stream, int(origin) if known else 0, size, upper_first)
 
 
 def _lines(head: bytes) -> tuple[dict[str, str], int]:

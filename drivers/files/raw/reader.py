@@ -1,4 +1,4 @@
-"""RawFile: any RAW file of EVT2 or EVT3 words as a stream of events, in whatever state."""
+"""RawFile: any RAW file of EVT2, EVT2.1 or EVT3 words as a stream of events, in whatever state."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import dataclasses
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -16,11 +17,15 @@ from evs.drivers.files.raw.header import MAX_HEADER_BYTES, parse_header
 from evs.drivers.files.recorded import EventsFile
 from evs.drivers.files.recording import existing
 from evs.msgs import Events, EvsError
-from evs.msgs.encodings import decode_evt2, decode_evt3
+from evs.msgs.encodings import decode_evt2, decode_evt3, decode_evt21
 
 _PIECE_BYTES = 1 << 18
 _UNTOLD = "events before the first time stamp, or too far right for the format,"
-_DECODERS: dict[str, tuple[Any, int]] = {"2.0": (decode_evt2, 4), "3.0": (decode_evt3, 2)}
+_DECODERS: dict[str, tuple[Any, int]] = {
+    "2.0": (decode_evt2, 4),
+    "2.1": (decode_evt21, 8),
+    "3.0": (decode_evt3, 2),
+}
 """version -> how its words are decoded, and bytes of a word"""
 
 
@@ -29,7 +34,9 @@ class RawFile(EventsFile):
     """One RAW file, opened with `RawFile.at(path)`. Triggers and counters are passed over."""
 
     version: str = ""
-    """2.0 or 3.0"""
+    """2.0, 2.1 or 3.0"""
+    upper_first: bool = False
+    """of EVT2.1: the upper half of each word comes first"""
     time_origin_us: int = 0
     """stamp of its time zero"""
     begin: int = 0
@@ -47,7 +54,7 @@ class RawFile(EventsFile):
             raise EvsError(f"cannot read {found}: {reason.strerror}") from None
         if header.version not in _DECODERS:
             said = f"is EVT {header.version[:20]!r}" if header.version else "does not say its EVT"
-            raise EvsError(f"{found} {said} in its header; EVT 2.0 and 3.0 are read")
+            raise EvsError(f"{found} {said} in its header; EVT 2.0, 2.1 and 3.0 are read")
         opened = cls(
             found,
             header.stream,
@@ -56,6 +63,9 @@ class RawFile(EventsFile):
             time_origin_us=header.time_origin_us,
             begin=header.size,
         )
+        if header.version == "2.1":
+            told = header.upper_first
+            opened.upper_first = opened._is_swapped() if told is None else told
         if not opened.stream.width:
             opened._find_size()
         return opened
@@ -68,6 +78,16 @@ class RawFile(EventsFile):
             yield from order.feed(piece, np.broadcast_to(np.int64(at), len(piece)))
         yield from order.rest()
         self.damage = damage
+
+    def _is_swapped(self) -> bool:
+        """Whether the first words of EVT2.1 tell the time in what should be their lower half."""
+        with self.path.open("rb") as file:
+            file.seek(self.begin)
+            data = file.read(_PIECE_BYTES)
+        halves = np.frombuffer(data, "<u4", len(data) // 8 * 2).reshape(-1, 2)
+        is_time = (halves >> 28 == 8) & (halves[:, ::-1] == 0)
+        usual, swapped = np.count_nonzero(is_time[:, 1]), np.count_nonzero(is_time[:, 0])
+        return bool(swapped > usual)
 
     def _find_size(self) -> None:
         """As large as its events need."""
@@ -82,6 +102,8 @@ class RawFile(EventsFile):
     def _pieces(self, damage: Damage) -> Iterator[tuple[int, Events]]:
         """Where each piece of the file begins, and its events, as unsorted as they are."""
         decode, word = _DECODERS[self.version]
+        if self.upper_first:
+            decode = partial(decode, upper_first=True)
         state, at = None, self.begin
         width, height = self.stream.width or MAX_STAMP_US, self.stream.height or MAX_STAMP_US
         with self.path.open("rb") as file:

@@ -1,11 +1,11 @@
-"""Evt2Recorder and Evt3Recorder: one camera's packets into a RAW file as Prophesee's cameras'."""
+"""One camera's packets into a RAW file of EVT2, EVT2.1 or EVT3, as Prophesee's cameras'."""
 
 from __future__ import annotations
 
 from evs.drivers.files.appending import AppendingRecorder
 from evs.drivers.files.raw.header import header_bytes
 from evs.msgs import Events, EvsError, StreamInfo
-from evs.msgs.encodings import TIME_ORIGIN_US, encode_evt2, encode_evt3
+from evs.msgs.encodings import TIME_ORIGIN_US, encode_evt2, encode_evt3, encode_evt21
 
 
 class _RawRecorder(AppendingRecorder):
@@ -50,3 +50,12 @@ class Evt2Recorder(_RawRecorder):
 
     def _words(self, events: Events) -> bytes:
         return encode_evt2(events, after_us=self._after_us)
+
+
+class Evt21Recorder(_RawRecorder):
+    """EVT2.1: 8 bytes for up to 32 events of one instant and row, and 8 for each new 64 us."""
+
+    NAME, _VERSION = "evt21", "2.1"
+
+    def _words(self, events: Events) -> bytes:
+        return encode_evt21(events, after_us=self._after_us)

@@ -1,0 +1,175 @@
+"""A DAVIS's frames and IMU samples, from the words of an AEDAT2 file.
+
+A frame is every pixel's reset read and then its signal read; the light is their difference. It
+begins where a pixel is reset that the frame before has reset already. Its exposure begins with the
+last reset read, or, where signal reads come between them (rolling shutter), with the first.
+
+An IMU sample is seven words: acceleration x y z, temperature, angular velocity x y z. The IMU is
+turned by half a turn about y against the camera's axes (x right, y down, z forward). jAER does not
+write the IMU's ranges into every file: read is what it sets (4 g, 500 degrees/s).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from evs.drivers.files.aedat2.layout import Bits, place
+from evs.msgs import DEGREE, STANDARD_GRAVITY, Frame, ImuSamples, empty_imu
+
+G_PER_STEP = 1 / 8192
+DEGREES_S_PER_STEP = 1 / 65.5
+DEGREES_C_PER_STEP, DEGREES_C_AT_0 = 1 / 340, 35.0
+"""Scales of an InvenSense MPU-6150, as jAER has them."""
+
+_TURNED = np.array([-1.0, 1.0, -1.0])
+_MAX_ADC, _WHITE = 1023, 65535
+_RESET, _SIGNAL = 0, 1
+
+
+@dataclass
+class ImuWords:
+    """Puts IMU words together; those of no whole sample are counted in `lost`."""
+
+    lost: int = 0
+    _kept: tuple[Bits, Bits] = (np.zeros(0, np.int64), np.zeros(0, np.int64))
+
+    def feed(self, address: Bits, t_us: Bits) -> ImuSamples:
+        """The samples, (m,) sorted, that the next words, (n,), complete."""
+        address = np.concatenate([self._kept[0], address])
+        t_us = np.concatenate([self._kept[1], t_us])
+        codes, count = address >> 28 & 7, len(address)
+        whole = np.arange(max(0, count - 6))
+        for code in range(7):
+            whole = whole[codes[whole + code] == code]
+        # what may go on in the next words
+        begins = np.flatnonzero(codes[-6:] == 0) + max(0, count - 6)
+        inside = begins[-1:] if len(begins) and begins[-1] + 7 > count else begins[:0]
+        end = int(inside[0]) if len(inside) else count
+        self._kept = address[end:], t_us[end:]
+        self.lost += end - 7 * len(whole)
+        values = (address[whole[:, np.newaxis] + np.arange(7)] >> 12).astype(np.int16)
+        samples = empty_imu(len(whole))
+        samples["t"] = t_us[whole]
+        samples["acceleration"] = values[:, :3] * _TURNED * G_PER_STEP * STANDARD_GRAVITY
+        samples["temperature"] = values[:, 3] * DEGREES_C_PER_STEP + DEGREES_C_AT_0
+        samples["angular_velocity"] = values[:, 4:] * _TURNED * DEGREES_S_PER_STEP * DEGREE
+        return samples[np.argsort(samples["t"], kind="stable")]
+
+    def rest(self) -> None:
+        """Nothing follows: what waits is lost."""
+        self.lost += len(self._kept[0])
+
+
+@dataclass
+class ApsWords:
+    """Puts a DAVIS's frames together; those that lack a pixel are counted in `torn`."""
+
+    width: int
+    height: int
+    camera: str
+    frames: int = 0
+    torn: int = 0
+    lost: int = 0
+    """words that are of no pixel, of a read that is neither, or of a frame before the first"""
+    _reads: Bits = field(init=False)
+    """(2, h * w) the reset and signal reads of the frame at hand, -1: nothing yet"""
+    _words: int = 0
+    """of the frame at hand"""
+    _stamps: dict[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._reads = np.full((2, self.height * self.width), -1, np.int64)
+
+    def feed(self, address: Bits, t_us: Bits) -> Iterator[Frame]:
+        """The frames that the next words, (n,), complete."""
+        x, y = place(address)
+        kind = address >> 10 & 3
+        right = (x < self.width) & (y < self.height) & (kind <= _SIGNAL)
+        self.lost += len(right) - int(np.count_nonzero(right))
+        pixel = ((self.height - 1 - y) * self.width + x)[right]
+        adc, kind, t_us = address[right] & _MAX_ADC, kind[right], t_us[right]
+        begin = 0
+        for end in self._begins(pixel, kind):
+            part = slice(begin, end)
+            # a frame that cannot be whole costs no more than a look
+            if self._words + end - begin < self._reads.size:
+                self._drop(end > begin)
+            else:
+                self._take(pixel[part], adc[part], kind[part], t_us[part])
+                yield from self._end()
+            begin = end
+        self._take(pixel[begin:], adc[begin:], kind[begin:], t_us[begin:])
+        if self._is_whole:
+            yield from self._end()
+
+    def rest(self) -> Iterator[Frame]:
+        """Nothing follows: the frame at hand."""
+        yield from self._end()
+
+    def _begins(self, pixel: Bits, kind: Bits) -> list[int]:
+        """Where frames begin, but the one at hand: at resets of pixels that it has reset."""
+        resets = np.flatnonzero(kind == _RESET)
+        places = pixel[resets]
+        order = np.argsort(places, kind="stable")
+        again = places[order[1:]] == places[order[:-1]]
+        # where the same pixel was reset before, counted from 1; 0: earlier in the frame at hand
+        before = np.where(self._reads[_RESET, places] >= 0, 0, -1)
+        before[order[1:][again]] = resets[order[:-1][again]] + 1
+        latest = np.maximum.accumulate(before)
+        begins, begin = [], 0
+        while (at := int(np.searchsorted(latest, begin))) < len(latest):
+            begins.append(int(resets[at]))
+            begin = begins[-1] + 1
+        return begins
+
+    def _take(self, pixel: Bits, adc: Bits, kind: Bits, t_us: Bits) -> None:
+        said = self._stamps
+        if "begin" not in said:
+            # signals of a frame that began before the file did
+            first = int(np.argmax(kind == _RESET)) if (kind == _RESET).any() else len(kind)
+            self.lost += first
+            pixel, adc, kind, t_us = pixel[first:], adc[first:], kind[first:], t_us[first:]
+        self._reads[kind, pixel] = adc
+        self._words += len(pixel)
+        resets, signals = np.flatnonzero(kind == _RESET), np.flatnonzero(kind == _SIGNAL)
+        if len(resets):
+            said.setdefault("begin", int(t_us[resets[0]]))
+            said["last_reset"] = int(t_us[resets[-1]])
+            between = len(signals) and signals[0] < resets[-1]
+            if "exposed" in said or between:
+                said["rolling"] = 1
+        if len(signals):
+            said.setdefault("exposed", int(t_us[signals[0]]))
+            said["end"] = int(t_us[signals[-1]])
+
+    @property
+    def _is_whole(self) -> bool:
+        return self._words >= self._reads.size and bool((self._reads >= 0).all())
+
+    def _end(self) -> Iterator[Frame]:
+        """The frame at hand, if it is whole; then it is none."""
+        if not self._is_whole:
+            self._drop()
+            return
+        light = np.clip(self._reads[_RESET] - self._reads[_SIGNAL], 0, _MAX_ADC)
+        pixels = ((light * _WHITE + _MAX_ADC // 2) // _MAX_ADC).astype(np.uint16)
+        said = self._stamps
+        exposed = said["begin"] if "rolling" in said else said["last_reset"]
+        stamps = said["begin"], exposed, said["exposed"], said["end"]
+        self._drop(torn=list(stamps) != sorted(stamps))
+        if list(stamps) == sorted(stamps):
+            shaped = pixels.reshape(self.height, self.width)
+            yield Frame(self.frames, *stamps, shaped, self.camera)
+            self.frames += 1
+
+    def _drop(self, torn: bool = False) -> None:
+        """Begin with nothing; what was there, or `torn`, counts as torn unless it was whole."""
+        if self._words:
+            self.torn += torn or not self._is_whole
+            self._reads[:] = -1
+        else:
+            self.torn += torn
+        self._words, self._stamps = 0, {}

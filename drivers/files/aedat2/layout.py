@@ -1,0 +1,50 @@
+"""AEDAT2's bytes: header lines, then 8 bytes a word: big-endian u32 address, i32 time stamp (us).
+
+Addresses count from the lower left, and x of events from the right:
+
+    DAVIS    bit 31 clear: an event: 30-22 y, 21-12 x, 11 polarity, 10 external input
+             bit 31 set: bits 11-10 say 0: a pixel's reset read, 1: its signal read (30-22 y, 21-12
+             x from the left, 9-0 what the ADC said); 3: a value of the IMU (30-28 which, 27-12 it)
+    DVS128   bit 15 sync, 14-8 y, 7-1 x, 0 polarity (0 is ON)
+
+Source: iniVation's description of the format, and jAER's DAVIS classes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+MAGIC = b"#!AER-DAT2"
+END = "#End Of ASCII Header"
+SAID = "# evs "
+MAX_WIDTH, MAX_HEIGHT = 1 << 10, 1 << 9
+SPAN_US = 1 << 31
+
+WORD = np.dtype([("address", ">u4"), ("stamp", ">i4")])
+
+APS, IMU, EXTERNAL = 0x80000000, 0xC00, 0x400
+
+Bits = npt.NDArray[np.int64]
+"""(n,) addresses, or what is in them"""
+
+
+def place(address: Bits) -> tuple[Bits, Bits]:
+    """x and y of a DAVIS's addresses, as they count."""
+    return address >> 12 & 0x3FF, address >> 22 & 0x1FF
+
+
+def header_lines(data: bytes) -> tuple[list[str], int]:
+    """The header's lines, and where the words begin."""
+    lines, at = [], 0
+    while data[at : at + 1] == b"#":
+        end = data.find(b"\n", at)
+        text = data[at:end].rstrip(b"\r") if end >= 0 else b"\0"
+        # the first word may begin with the byte of a '#' too; a line of text has no such bytes
+        if any(byte < 32 and byte != 9 for byte in text):
+            break
+        lines.append(text.decode(errors="replace"))
+        at = end + 1
+        if lines[-1].strip() == END:
+            break
+    return lines, at

@@ -1,0 +1,218 @@
+"""Aedat2File: any AEDAT2 file as events, and a DAVIS's frames and IMU samples."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import BinaryIO
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.drivers.files.aedat2.davis import ApsWords, ImuWords
+from evs.drivers.files.aedat2.layout import (
+    APS,
+    EXTERNAL,
+    IMU,
+    MAGIC,
+    MAX_HEIGHT,
+    MAX_WIDTH,
+    SAID,
+    WORD,
+    Bits,
+    header_lines,
+    place,
+)
+from evs.drivers.files.damage import Damage
+from evs.drivers.files.formats import AnyPath
+from evs.drivers.files.header_text import head_of, said_of, stream_from
+from evs.drivers.files.interleaved import Interleaved
+from evs.drivers.files.ordered import InOrder, Unwrap
+from evs.drivers.files.recorded import MixedFile, by_tick
+from evs.msgs import Events, EvsError, Frame, ImuSamples, make_events
+
+_CHUNK_WORDS = 1 << 16
+
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass
+class Aedat2File(MixedFile):
+    """One AEDAT2 file, ours or jAER's."""
+
+    words_at: int = 0
+    """where the words begin, bytes"""
+    base_us: int = 0
+    """what its stamps count from"""
+    is_davis: bool = True
+    """else it is a DVS128"""
+
+    @classmethod
+    def at(cls, path: AnyPath) -> Aedat2File:
+        """Read the header. EvsError: no such file, not AEDAT2."""
+        found, data = head_of(path)
+        if not data.startswith(MAGIC):
+            raise EvsError(
+                f"{found} is not a readable AEDAT2 file: it does not begin with {MAGIC.decode()}; "
+                "older files than version 2 are not read"
+            )
+        lines, words_at = header_lines(data)
+        if not lines:
+            raise EvsError(f"{found} is not a readable AEDAT2 file: its first line is damaged")
+        said, text = said_of(lines, SAID)
+        base = (said or {}).get("time_base_us", 0)
+        opened = cls(
+            path=found,
+            stream=stream_from(said, text),
+            size=found.stat().st_size,
+            words_at=words_at,
+            base_us=base if isinstance(base, int) and 0 <= base < 1 << 61 else 0,
+            is_davis=said is not None or "DVS128" not in text.upper().replace("DAVIS128", ""),
+        )
+        stream = opened.stream
+        fits = 0 < stream.width <= MAX_WIDTH and 0 < stream.height <= MAX_HEIGHT
+        if not fits or (opened.is_davis and said is None):
+            opened._look(sized=fits)
+        return opened
+
+    def _walked(self, events: bool, beside: bool) -> Iterator[Events | Frame | ImuSamples]:
+        """What is asked for; external inputs, and what is not whole, are in `left_out`."""
+        damage, left_out = Damage(what="words"), dict[str, int]()
+        bad, together = _BadWords(self.words_at), Interleaved()
+        order, unwrap = InOrder(damage, self.stream.tick_us), Unwrap(self.base_us)
+        aps = ApsWords(self.stream.width, self.stream.height, self.stream.camera)
+        imu = ImuWords()
+        with self.path.open("rb") as file:
+            for at, words in self._words(file):
+                address = words["address"].astype(np.int64)
+                kinds = self._kinds(address)
+                is_event = ~np.logical_or.reduce(list(kinds.values()))
+                x, y, p = self._fields(address)
+                off = is_event & ((x < 0) | (y < 0))
+                bad.meet(off, address, at, damage)
+                # the clock of damaged words is not to be trusted, that of APS and IMU is
+                t = np.zeros(len(words), np.int64)
+                t[~off] = unwrap(words["stamp"][~off].astype(np.int64))
+                if beside:
+                    which = kinds["IMU words"]
+                    for part in by_tick(imu.feed(address[which], t[which]), self.stream.tick_us):
+                        yield from together.put(int(part["t"][-1]), part)
+                    which = kinds["APS words"]
+                    for frame in aps.feed(address[which], t[which]):
+                        yield from together.put(frame.end_us, frame)
+                for name, which in kinds.items():
+                    if not (beside and name in ("APS words", "IMU words")):
+                        _count(left_out, name, int(np.count_nonzero(which)))
+                if events:
+                    kept = np.flatnonzero(is_event & ~off)
+                    found = make_events(t[kept], x[kept], y[kept], p[kept])
+                    for part in order.feed(found, at + 8 * kept):
+                        yield from together.between(part)
+        for part in order.rest():
+            yield from together.between(part)
+        imu.rest()
+        for frame in aps.rest():
+            yield from together.put(frame.end_us, frame)
+        yield from together.rest()
+        _count(left_out, "frames that are not whole", aps.torn)
+        _count(left_out, "APS words of no frame", aps.lost)
+        _count(left_out, "IMU words of no whole sample", imu.lost)
+        damage.tail(bad.sound_end, self.size)
+        self.damage, self.left_out = damage, left_out
+
+    def _words(self, file: BinaryIO) -> Iterator[tuple[int, npt.NDArray[np.void]]]:
+        """(byte offset, words) of each chunk; a torn last word is not in it."""
+        at = self.words_at
+        file.seek(at)
+        while len(chunk := file.read(8 * _CHUNK_WORDS)) >= 8:
+            words = np.frombuffer(chunk, WORD, len(chunk) // 8)
+            self.position = at
+            yield at, words
+            at += len(chunk)
+
+    def _kinds(self, address: Bits) -> dict[str, Mask]:
+        """What is no pixel's event -> which words, (n,) each, are it."""
+        if not self.is_davis:
+            none = np.zeros(len(address), np.bool_)
+            return {
+                "sync words": (address & ~0x7FFF) != 0,
+                "APS words": none,
+                "IMU words": none,
+            }
+        high = (address & APS) != 0
+        imu = high & ((address & IMU) == IMU)
+        return {
+            "APS words": high & ~imu,
+            "IMU words": imu,
+            "external input events": ~high & ((address & EXTERNAL) != 0),
+        }
+
+    def _fields(self, address: Bits) -> tuple[Bits, Bits, Bits]:
+        """x, y (negative: outside the sensor), p of each address."""
+        if self.is_davis:
+            (x, y), p = place(address), address >> 11 & 1
+        else:
+            x, y, p = address >> 1 & 0x7F, address >> 8 & 0x7F, 1 - (address & 1)
+        return self.stream.width - 1 - x, self.stream.height - 1 - y, p
+
+    def _look(self, sized: bool) -> None:
+        """Find out what is beside the events; the smallest DAVIS that has all addresses, too.
+
+        In: sized, the size is known.
+        """
+        x_most = y_most = 0
+        has = {"frames": False, "imu": False}
+        with self.path.open("rb") as file:
+            for _, words in self._words(file):
+                address = words["address"].astype(np.int64)
+                kinds = self._kinds(address)
+                has["frames"] |= bool(kinds["APS words"].any())
+                has["imu"] |= bool(kinds["IMU words"].any())
+                if sized and all(has.values()):
+                    break
+                if not sized:
+                    others = [which for name, which in kinds.items() if name != "APS words"]
+                    x, y = place(address[~np.logical_or.reduce(others)])
+                    x_most = max(x_most, int(x.max(initial=0)))
+                    y_most = max(y_most, int(y.max(initial=0)))
+        sides = MAX_WIDTH, MAX_HEIGHT
+        for width, height in ((640, 480), (346, 260), (240, 180)):
+            if x_most < width and y_most < height:
+                sides = width, height
+        if not sized:
+            self.stream = replace(self.stream, width=sides[0], height=sides[1])
+        self.stream = replace(self.stream, frames=has["frames"], imu=has["imu"])
+
+
+class _BadWords:
+    """Words that no pixel has; behind the last sound word they are part of a torn tail."""
+
+    def __init__(self, begin: int) -> None:
+        self.sound_end = begin
+        """where the last sound word ends, bytes"""
+        self._waiting: list[tuple[int, str, int]] = []
+
+    def meet(self, off: Mask, address: Bits, at: int, damage: Damage) -> None:
+        """Look at the next words, (n,). In: which are bad, their addresses, their byte offset."""
+        sound = np.flatnonzero(~off)
+        whole = int(sound[-1]) + 1 if len(sound) else 0
+        if whole:
+            # a sound word follows all that waited
+            for found in self._waiting:
+                damage.packet(*found)
+            self._waiting = []
+            self.sound_end = at + 8 * whole
+        for begin, end in ((0, whole), (whole, len(off))):
+            bad = np.flatnonzero(off[begin:end]) + begin
+            if len(bad):
+                reason = f"address {int(address[bad[0]]):#010x} lies outside the sensor"
+                found = at + 8 * int(bad[0]), reason, len(bad)
+                if end == whole:
+                    damage.packet(*found)
+                else:
+                    self._waiting.append(found)
+
+
+def _count(left_out: dict[str, int], what: str, count: int) -> None:
+    if count:
+        left_out[what] = left_out.get(what, 0) + count

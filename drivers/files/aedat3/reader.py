@@ -1,0 +1,246 @@
+"""Aedat3File: any AEDAT3.1 file as events, frames and IMU samples, in whatever state it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import BinaryIO
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.drivers.files.aedat3.beside import BadEventError, ColouredError, frames_in, samples_in
+from evs.drivers.files.aedat3.compressed import FORMATS, expanded
+from evs.drivers.files.aedat3.layout import (
+    END,
+    EVENT,
+    FRAME,
+    IMU,
+    IMU9,
+    MAGIC,
+    MARK,
+    MARK_AT,
+    NUMBERS,
+    OTHER_KINDS,
+    OTHERS,
+    POLARITY,
+    SAID,
+    Head,
+    read_head,
+)
+from evs.drivers.files.damage import Damage
+from evs.drivers.files.formats import AnyPath
+from evs.drivers.files.header_text import head_of, said_of, stream_from
+from evs.drivers.files.interleaved import Interleaved
+from evs.drivers.files.ordered import InOrder
+from evs.drivers.files.recorded import MixedFile
+from evs.msgs import Events, EvsError, Frame, ImuSamples, make_events
+
+_CHUNK_EVENTS = 1 << 17
+_CHUNK_BYTES = 1 << 20
+_COLOURED = "frames that are not grey"
+
+Raw = npt.NDArray[np.void]
+
+
+@dataclass
+class Aedat3File(MixedFile):
+    """One AEDAT3.1 file, ours, cAER's or jAER's."""
+
+    packets_at: int = 0
+    """where the packets begin, bytes"""
+    _frames: int = field(default=0, repr=False)
+
+    @classmethod
+    def at(cls, path: AnyPath) -> Aedat3File:
+        """Read the header. EvsError: no such file, not AEDAT3.1, of an unknown compression."""
+        found, data = head_of(path)
+        at = data.find(END)
+        if not data.startswith(MAGIC) or at < 0:
+            lacks = END if data.startswith(MAGIC) else MAGIC
+            raise EvsError(f"{found} is not a readable AEDAT3.1 file: it has no {lacks.decode()}")
+        at = data.find(b"\n", at) + 1 or len(data)
+        lines = [line.rstrip("\r") for line in data[:at].decode(errors="replace").split("\n")]
+        compression = "RAW"
+        for line in lines:
+            form = line.removeprefix("#Format: ")
+            compression = compression if form == line else form.strip()
+        if compression not in FORMATS:
+            shown = "".join(letter if letter.isprintable() else "?" for letter in compression[:40])
+            raise EvsError(
+                f"{found} is compressed in a way that we do not know ({shown}; known: "
+                f"{', '.join(FORMATS)}): write it again as RAW"
+            )
+        said, text = said_of(lines, SAID)
+        opened = cls(
+            path=found,
+            stream=stream_from(said, text, frames=True, imu=True),
+            size=found.stat().st_size,
+            compression="none" if compression == "RAW" else compression,
+            packets_at=at,
+        )
+        if not (said and opened.stream.width):
+            opened._look()
+        return opened
+
+    def _walked(self, events: bool, beside: bool) -> Iterator[Events | Frame | ImuSamples]:
+        """What is asked for; special events and colour frames are counted in `left_out`."""
+        damage, left_out = Damage(), dict[str, int]()
+        order, together = InOrder(damage, self.stream.tick_us), Interleaved()
+        self._frames = 0
+        with self.path.open("rb") as file:
+            for at, head in self._packets(file, damage, left_out):
+                if head.kind == POLARITY:
+                    if events:
+                        for place, raw in self._parts(file, at, head, damage):
+                            found, where = self._events(place, head, raw, damage, left_out)
+                            for part in order.feed(found, where):
+                                yield from together.between(part)
+                elif beside:
+                    for t_us, message in self._beside(file, at, head, damage, left_out):
+                        yield from together.put(t_us, message)
+        for part in order.rest():
+            yield from together.between(part)
+        yield from together.rest()
+        self.damage, self.left_out = damage, left_out
+
+    def _packets(
+        self, file: BinaryIO, damage: Damage, left_out: dict[str, int]
+    ) -> Iterator[tuple[int, Head]]:
+        """(byte offset, header) of each packet that we read; then of one that the file ends in."""
+        at, broken = self.packets_at, -1
+        while at < self.size:
+            self.position = at
+            head = read_head(file, at)
+            if head is None or not head.fits(at, self.size):
+                broken = at if broken < 0 else broken
+                at = self._next_packet(file, at + 1)
+                continue
+            if broken >= 0:
+                damage.packet(broken, "no packet begins here")
+                broken = -1
+            if head.kind == POLARITY or head.kind == FRAME or head.kind in IMU:
+                yield at, head
+            else:
+                count(left_out, OTHERS.get(head.kind, OTHER_KINDS), head.number)
+            at += NUMBERS.size + head.length
+        if broken >= 0:
+            torn = self._torn(file, broken)
+            damage.tail(broken if torn is None else broken + NUMBERS.size + torn.length, self.size)
+            if torn is not None:
+                yield broken, torn
+
+    def _torn(self, file: BinaryIO, at: int) -> Head | None:
+        """The header of a torn packet, of its whole events; None where there are none."""
+        head = read_head(file, at)
+        room = self.size - at - NUMBERS.size
+        if head is None or not head.sound or head.compressed or head.kind not in (POLARITY, *IMU):
+            return None
+        whole = room // head.size
+        return head._replace(number=whole, valid=0) if whole > 0 else None
+
+    def _parts(
+        self, file: BinaryIO, at: int, head: Head, damage: Damage
+    ) -> Iterator[tuple[int, Raw]]:
+        """(byte offset, events) of a polarity packet, so many at a time."""
+        place = at + NUMBERS.size
+        if head.compressed:
+            file.seek(place)
+            raw = expanded(file.read(head.length), head.number)
+            if raw is None:
+                damage.packet(at, f"its {head.length} bytes are no {head.number} events")
+            else:
+                yield place, raw
+            return
+        end = place + head.length
+        while place < end:
+            file.seek(place)
+            raw = np.frombuffer(file.read(min(8 * _CHUNK_EVENTS, end - place)), EVENT)
+            yield place, raw
+            place += 8 * max(1, len(raw))
+
+    def _events(
+        self, at: int, head: Head, raw: Raw, damage: Damage, left_out: dict[str, int]
+    ) -> tuple[Events, npt.NDArray[np.int64]]:
+        """The sound events of a part, (n,), and their byte offsets."""
+        data, stream = raw["data"].astype(np.int64), self.stream
+        x, y = data >> 17, data >> 2 & 0x7FFF
+        valid = (data & 1).astype(np.bool_)
+        count(left_out, "invalid events", int(np.count_nonzero(~valid)))
+        off = valid & ((x >= stream.width) | (y >= stream.height) | (raw["stamp"] < 0))
+        step = 0 if head.compressed else EVENT.itemsize
+        if off.any():
+            first = int(off.argmax())
+            where = f"an event at ({x[first]}, {y[first]}), {raw['stamp'][first]} us,"
+            wrong = f"{where} is outside the sensor or its time"
+            damage.packet(at + step * first, wrong, int(np.count_nonzero(off)))
+            damage.what = "events"
+        kept = np.flatnonzero(valid & ~off)
+        t = (head.overflow << 31) + raw["stamp"][kept].astype(np.int64)
+        return make_events(t, x[kept], y[kept], data[kept] >> 1 & 1), at + step * kept
+
+    def _beside(
+        self, file: BinaryIO, at: int, head: Head, damage: Damage, left_out: dict[str, int]
+    ) -> Iterator[tuple[int, Frame | ImuSamples]]:
+        """(time, message) of what a packet of frames or IMU samples holds."""
+        if head.kind != FRAME:
+            file.seek(at + NUMBERS.size)
+            samples, invalid, bad = samples_in(file.read(head.length), head)
+            count(left_out, "invalid IMU samples", invalid)
+            if head.kind == IMU9:
+                count(left_out, "compass readings", len(samples))
+            if bad:
+                damage.packet(at, "an IMU sample has a value that is not finite, or no time", bad)
+            if len(samples):
+                yield int(samples["t"][-1]), samples
+            return
+        for found in frames_in(file, at + NUMBERS.size, head):
+            if isinstance(found, ColouredError):
+                count(left_out, _COLOURED, 1)
+            elif isinstance(found, BadEventError):
+                damage.packet(at, str(found))
+            elif found is None:
+                count(left_out, "invalid frames", 1)
+            else:
+                yield found.end_us, replace(found, seq=self._frames, camera=self.stream.camera)
+                self._frames += 1
+
+    def _next_packet(self, file: BinaryIO, start: int) -> int:
+        """Offset at or after `start` at which a whole packet may begin; else the end."""
+        at = start
+        while at + NUMBERS.size <= self.size:
+            file.seek(at)
+            chunk = file.read(_CHUNK_BYTES)
+            for found in MARK.finditer(chunk, MARK_AT):
+                begin = found.start() - MARK_AT
+                if begin + NUMBERS.size > len(chunk):
+                    break
+                if Head(*NUMBERS.unpack_from(chunk, begin)).fits(at + begin, self.size):
+                    return at + begin
+            # a head that the chunk's end cuts is in the next one
+            at += max(1, len(chunk) - NUMBERS.size + 1)
+        return self.size
+
+    def _look(self) -> None:
+        """Find out what a file that is not ours holds; its size, where the header says none."""
+        width = height = 1
+        kinds = set()
+        with self.path.open("rb") as file:
+            for at, head in self._packets(file, Damage(), {}):
+                kinds.add(head.kind)
+                if self.stream.width or head.kind != POLARITY:
+                    continue
+                for _, raw in self._parts(file, at, head, Damage()):
+                    data = raw["data"][(raw["data"] & 1).astype(np.bool_)]
+                    width = max(width, 1 + int((data >> 17).max(initial=0)))
+                    height = max(height, 1 + int((data >> 2 & 0x7FFF).max(initial=0)))
+        if not self.stream.width:
+            self.stream = replace(self.stream, width=width, height=height)
+        imu = not kinds.isdisjoint(IMU)
+        self.stream = replace(self.stream, frames=FRAME in kinds, imu=imu)
+
+
+def count(left_out: dict[str, int], what: str, number: int) -> None:
+    """So many more of what is sound but not read."""
+    if number:
+        left_out[what] = left_out.get(what, 0) + number
