@@ -27,7 +27,7 @@ EXTRAS = {
     "video": ("imageio-ffmpeg",),
     "train": ("jax", "optax"),
     "view": ("rerun-sdk",),
-    "formats": ("faery", "h5py", "hdf5plugin"),
+    "formats": ("h5py", "hdf5plugin"),
     "ros2": ("rosbags", "cyclonedds"),
 }
 """extra -> its distributions; pyproject.toml's `optional-dependencies` for users."""
@@ -38,7 +38,7 @@ USES = {
     "video": ".mp4 films",
     "train": "evs train fit",
     "view": "Rerun's viewer and .rrd files",
-    "formats": ".dat and .h5 recordings",
+    "formats": ".h5 recordings",
     "ros2": ".mcap and .bag recordings, ROS 2",
 }
 """extra -> what it is for"""

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evs.msgs import EvsError, unknown
-from evs.msgs.encodings import LONGEST_US, MAX_SIDE_EVT_PX, TIME_ORIGIN_US
+from evs.msgs.encodings import LONGEST_US, MAX_SIDE_DAT_PX, MAX_SIDE_EVT_PX, TIME_ORIGIN_US
 
 if TYPE_CHECKING:
     from evs.drivers.files.recorded import RecordedFile
@@ -277,11 +277,10 @@ FORMATS: tuple[Format, ...] = (
     Format(
         name="dat",
         suffixes=(".dat",),
-        title="DAT: Prophesee's 8 bytes an event",
+        title="DAT: Prophesee's 8 bytes an event; survives a kill at any moment",
         open=_open_dat,
         record=_record_dat,
-        holds=Holds((1 << 14) - 1, (1 << 14) - 1, 0),
-        extra="formats",
+        holds=Holds(MAX_SIDE_DAT_PX, MAX_SIDE_DAT_PX, 0),
     ),
     Format(
         name="hdf5",

@@ -1,5 +1,6 @@
 """Event encodings of cameras and of ROS, in NumPy: arrays in, bytes out, and back."""
 
+from evs.msgs.encodings.dat import MAX_SIDE_DAT_PX, DatState, decode_dat, encode_dat
 from evs.msgs.encodings.evt2 import Evt2State, decode_evt2, encode_evt2
 from evs.msgs.encodings.evt3 import Evt3State, decode_evt3, encode_evt3
 from evs.msgs.encodings.evt21 import Evt21State, decode_evt21, encode_evt21
@@ -21,9 +22,11 @@ from evs.msgs.encodings.table import PAYLOADS, PayloadReader, PayloadWriter
 
 __all__ = [
     "LONGEST_US",
+    "MAX_SIDE_DAT_PX",
     "MAX_SIDE_EVT_PX",
     "PAYLOADS",
     "TIME_ORIGIN_US",
+    "DatState",
     "EncodingLimits",
     "Evt2State",
     "Evt3State",
@@ -32,11 +35,13 @@ __all__ = [
     "PayloadReader",
     "PayloadWriter",
     "check_fits",
+    "decode_dat",
     "decode_evt2",
     "decode_evt3",
     "decode_evt21",
     "decode_libcaer",
     "decode_mono",
+    "encode_dat",
     "encode_evt2",
     "encode_evt3",
     "encode_evt21",

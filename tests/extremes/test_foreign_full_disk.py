@@ -14,7 +14,7 @@ from evs.drivers.files import room
 from evs.drivers.sink import SinkStoppedError
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
 
-NAMES = ["a.dat", "a.h5", "a.mcap", "a.db3", "a.bag"]
+NAMES = ["a.h5", "a.mcap", "a.db3", "a.bag"]
 DISK_BYTES = 9_700_000
 
 

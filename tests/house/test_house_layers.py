@@ -18,7 +18,6 @@ DOORS = {
     "mujoco": ("emulator/world/",),
     "msgpack": ("msgs/packet.py",),
     "zmq": ("drivers/bus/",),
-    "faery": ("drivers/files/dat/",),
     "h5py": ("drivers/files/hdf5/",),
     "hdf5plugin": ("drivers/files/hdf5/",),
     "rosbags": ("drivers/files/bags/",),

@@ -39,7 +39,7 @@ def streams(draw: st.DrawFn, side: int, kind: str) -> tuple[StreamInfo, list[Eve
         config={draw(st.text(max_size=4)): draw(st.integers() | st.text(max_size=5) | st.none())},
     )
     edges = [0, 999, 2**24, 2**31, 2**32, 2**33, 2**34 - 1_000_000]
-    at = draw(st.sampled_from(edges[: 5 if kind == "dat" else None]))
+    at = draw(st.sampled_from(edges[: 4 if kind == "dat" else None]))
     at = max(0, at - draw(st.integers(1, 2000)))
     # a mono packet is 4.29 s long at most
     step = 300_000 if kind.endswith("mono") else 2**29
@@ -71,7 +71,7 @@ def test_events_come_back_as_they_were(kind: str, data: st.DataObject) -> None:
         recording, whole = files.read(path), join_events(packets)
         assert recording.tobytes() == whole.tobytes()
         assert (report["events"], report["bytes"]) == (len(whole), path.stat().st_size)
-        assert kind == "dat" or recording.stream == stream
+        assert recording.stream == stream
         found = files.summary(path)
         assert (found.format, found.torn_at, found.damaged_packets) == (name, None, 0)
         assert found.backwards == ""

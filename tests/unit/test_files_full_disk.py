@@ -35,7 +35,7 @@ print(written, report["bytes"])
 """
 
 
-@pytest.mark.parametrize("name", ["a.aedat", "a.aedat3", "a.csv"])
+@pytest.mark.parametrize("name", ["a.aedat", "a.aedat3", "a.csv", "a.dat", "a.evt21"])
 def test_what_came_before_is_whole(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     words = [sys.executable, "-c", PROGRAM, str(path)]

@@ -192,7 +192,6 @@ def test_encodings_of_bags_that_do_not_work(
 @pytest.mark.parametrize(
     ("kind", "library", "extra"),
     [
-        ("dat", "faery", "formats"),
         ("hdf5", "h5py", "formats"),
         ("rosbag1", "rosbags.rosbag1", "ros2"),
         ("rosbag2", "rosbags.rosbag1", "ros2"),

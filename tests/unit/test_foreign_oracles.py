@@ -26,7 +26,7 @@ STREAM = StreamInfo(
     config={"scene": {"file": 'a "b"\n% end\n.xml'}, "spp": [1, 2.5, None]},
     camera_info={"k": [300.0, 0, 173]},
 )
-KEEPS_STREAM = ("evt3", "evt2", "hdf5", "rosbag2", "rosbag1")
+KEEPS_STREAM = ("evt3", "evt2", "dat", "hdf5", "rosbag2", "rosbag1")
 
 
 def random_events(count: int, start_us: int, span_us: int) -> Events:

@@ -1,4 +1,4 @@
-"""DAT files of Prophesee's cameras: recorder and reader. The door to faery (extra `formats`)."""
+"""DAT files of Prophesee's cameras: recorder and reader."""
 
 from evs.drivers.files.dat.reader import DatFile
 from evs.drivers.files.dat.recorder import DatRecorder

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,90 +10,109 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.drivers.files.damage import Damage, on_sensor
-from evs.drivers.files.dat.library import is_fault, load
+from evs.drivers.files.dat.recorder import CHANGE_EVENTS, EVENT_BYTES, STREAM
+from evs.drivers.files.formats import MAX_SIDE_PX
+from evs.drivers.files.header_text import head_of, said_in, stream_from
 from evs.drivers.files.ordered import InOrder
-from evs.drivers.files.raw.header import MAX_HEADER_BYTES
 from evs.drivers.files.recorded import EventsFile
-from evs.drivers.files.recording import existing
-from evs.msgs import Events, EvsError, StreamInfo, make_events
+from evs.msgs import Events, EvsError, StreamInfo
+from evs.msgs.encodings import DatState, decode_dat
 
-_EVENT_BYTES = 8
-_FALLBACK = (1280, 720)
-"""Size of the sensor where the header says none."""
+_PIECE_BYTES = 1 << 20
+_KINDS = {0x00: "change events", CHANGE_EVENTS: "change events", 0x0E: "trigger events"}
+_VERSIONS = ("1", "2")
 
 
 @dataclass
 class DatFile(EventsFile):
-    """One DAT file, opened with `DatFile.at(path)`; faery decodes it."""
+    """One DAT file, opened with `DatFile.at(path)`."""
 
     begin: int = 0
     """where its events begin, bytes"""
+    version: int = 2
+    ordered: bool = False
+    """it is ours: each fall of the time is a wrap"""
 
     @classmethod
     def at(cls, path: str | os.PathLike[str]) -> DatFile:
-        """Read the header. EvsError: no such file, no faery, no DAT file of events."""
-        found = existing(path)
-        faery = load()
-        try:
-            size = found.stat().st_size
-            with found.open("rb") as file:
-                begin = _header_bytes(file.read(MAX_HEADER_BYTES))
-            with faery.dat.Decoder(found, _FALLBACK, "dat2") as decoder:
-                kind, sides = decoder.event_type, decoder.dimensions
-        except OSError as reason:
-            raise EvsError(f"cannot read {found}: {reason.strerror}") from None
-        except BaseException as reason:
-            if not is_fault(reason):
-                raise
-            said = " ".join(str(reason).split())
-            raise EvsError(f"{found} is not a readable DAT file: {said}") from None
-        if kind != "cd" or sides is None:
-            raise EvsError(f"{found} holds no change events but {kind!r}")
-        stream = StreamInfo(sides[0], sides[1], sensor="unknown")
-        return cls(found, stream, size, begin=begin)
+        """Read the header. EvsError: no such file, no DAT file of change events."""
+        found, head = head_of(path)
+        lines, begin = _lines(head)
+        kinds = head[begin : begin + 2]
+        if not lines or len(kinds) < 2:
+            raise EvsError(f"{found} is not a readable DAT file: it has no header of lines with %")
+        version = lines.get("version", "2")
+        if version not in _VERSIONS:
+            raise EvsError(f"{found} is of DAT version {version[:20]!r}; 1 and 2 are read")
+        if kinds[1] != EVENT_BYTES or _KINDS.get(kinds[0]) != "change events":
+            what = _KINDS.get(kinds[0], f"events of kind {kinds[0]}")
+            raise EvsError(f"{found} holds no change events but {what} of {kinds[1]} bytes")
+        said = said_in(lines[STREAM]) if STREAM in lines else None
+        stream = stream_from(said, "")
+        opened = cls(
+            found,
+            stream,
+            found.stat().st_size,
+            begin=begin + 2,
+            version=int(version),
+            ordered=said is not None,
+        )
+        if not stream.width:
+            sides = [_side(lines.get(key, "")) for key in ("width", "height")]
+            opened.stream = StreamInfo(sides[0], sides[1], sensor="unknown")
+            if not all(sides):
+                opened._find_size()
+        return opened
 
     def events(self) -> Iterator[Events]:
-        """The events of each ms that has any."""
+        """The events of each tick that has any (of 1 ms, where the file says none)."""
         damage = Damage(what="events")
         order = InOrder(damage, self.stream.tick_us)
-        for at, piece in self._pieces(damage):
-            yield from order.feed(piece, np.broadcast_to(np.int64(at), len(piece)))
+        for at, piece in self._pieces():
+            sound, outside = on_sensor(piece, self.stream.width, self.stream.height)
+            if outside:
+                sides = f"{self.stream.width} x {self.stream.height}"
+                damage.packet(at, f"outside of {sides} px", outside)
+            yield from order.feed(sound, np.broadcast_to(np.int64(at), len(sound)))
         yield from order.rest()
+        damage.tail(self.size - (self.size - self.begin) % EVENT_BYTES, self.size)
         self.damage = damage
 
-    def _pieces(self, damage: Damage) -> Iterator[tuple[int, Events]]:
-        """Where each piece of the file begins, and its events."""
-        read = 0
-        width, height = self.stream.width, self.stream.height
-        with load().dat.Decoder(self.path, _FALLBACK, "dat2") as decoder:
-            while True:
-                at = self.begin + read * _EVENT_BYTES
-                try:
-                    rows = next(decoder, None)
-                except BaseException as reason:
-                    if not is_fault(reason):
-                        raise
-                    damage.packet(at, str(reason))
-                    break
-                if rows is None:
-                    break
-                read += len(rows)
-                t = rows["t"].astype(np.int64)
-                piece = make_events(t, rows["x"], rows["y"], rows["payload"] > 0)
-                piece, outside = on_sensor(piece, width, height)
-                if outside:
-                    damage.packet(at, f"outside of {width} x {height} px", outside)
-                self.position = at
+    def _pieces(self) -> Iterator[tuple[int, Events]]:
+        """Where each piece of the file begins, and its events, as unsorted as they are."""
+        state, at = DatState(), self.begin
+        with self.path.open("rb") as file:
+            file.seek(at)
+            while len(data := file.read(_PIECE_BYTES)) >= EVENT_BYTES:
+                piece, state = decode_dat(data, state, version=self.version, ordered=self.ordered)
                 yield at, piece
-        damage.tail(self.begin + read * _EVENT_BYTES, self.size)
+                at += len(data)
+                self.position = at
+
+    def _find_size(self) -> None:
+        """As large as its events need."""
+        width = height = 1
+        for _, piece in self._pieces():
+            width = max(width, 1 + int(piece["x"].max(initial=0)))
+            height = max(height, 1 + int(piece["y"].max(initial=0)))
+        self.stream = dataclasses.replace(self.stream, width=width, height=height)
 
 
-def _header_bytes(head: bytes) -> int:
-    """Where the events begin: behind the lines of text, and two bytes that say what events are."""
+def _lines(head: bytes) -> tuple[dict[str, str], int]:
+    """Key to value, and where the lines end."""
+    lines: dict[str, str] = {}
     at = 0
     while head.startswith(b"%", at):
         end = head.find(b"\n", at)
         if end < 0:
             break
+        key, _, value = head[at + 1 : end].decode(errors="replace").strip().partition(" ")
+        lines.setdefault(key.lower().rstrip(":"), value.strip())
         at = end + 1
-    return at + 2
+    return lines, at
+
+
+def _side(text: str) -> int:
+    """Pixels; 0 where the text is no size."""
+    known = text.isascii() and text.isdigit() and len(text) < 6
+    return int(text) if known and 0 < int(text) <= MAX_SIDE_PX else 0

@@ -2,54 +2,48 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from evs.drivers.files.appending import AppendingRecorder
+from evs.drivers.files.header_text import stream_json
+from evs.msgs import Events, EvsError, StreamInfo
+from evs.msgs.encodings import encode_dat
+from evs.msgs.encodings.dat import WRAP_US
 
-import numpy as np
-
-from evs.drivers.files.dat.library import load
-from evs.drivers.files.formats import AnyPath
-from evs.drivers.files.whole import WholeRecorder
-from evs.msgs import EventPacket, Events, EvsError
-
-WRAP_US = 1 << 32
-"""Stamps have 32 bits; readers count on from one that is smaller than the last."""
-
-_ROWS = np.dtype([("t", "=u8"), ("x", "=u2"), ("y", "=u2"), ("payload", "u1")])
+STREAM = "evs_stream"
+CHANGE_EVENTS, EVENT_BYTES = 0x0C, 8
+"""The two bytes between the header's lines and the events."""
 
 
-class DatRecorder(WholeRecorder):
-    """A Sink that writes DAT by faery. Nothing but the sensor's size is kept beside the events."""
+class DatRecorder(AppendingRecorder):
+    """A Sink that writes DAT, version 2; the StreamInfo is a line of the header."""
 
     NAME = "dat"
-    FAULTS = (OSError, RuntimeError)
 
-    def __init__(self, path: AnyPath) -> None:
-        super().__init__(path)
-        self._faery = load()
-        self._encoder: Any = None
+    def _header(self, stream: StreamInfo) -> bytes:
+        self._after_us = 0
+        lines = {
+            "Version": "2",
+            "Width": str(stream.width),
+            "Height": str(stream.height),
+            STREAM: stream_json(stream),
+        }
+        text = "".join(f"% {key} {value}\n" for key, value in lines.items())
+        return text.encode() + bytes([CHANGE_EVENTS, EVENT_BYTES])
 
-    def _begin(self, path: Path) -> None:
-        sides = self.stream.width, self.stream.height
-        self._encoder = self._faery.dat.Encoder(path, "dat2", "cd", False, sides)
-        self._encoder.__enter__()
-
-    def _check(self, events: Events) -> None:
-        """A reader sees a wrap only where the stamp falls: never at the begin, or a wrap later."""
-        super()._check(events)
-        gaps = np.diff(events["t"], prepend=max(0, self._last_us))
-        if int(gaps.max()) >= WRAP_US:
+    def _encoded(self, events: Events) -> bytes:
+        first_us = int(events["t"][0])
+        if first_us < self._after_us:
             raise EvsError(
-                f"cannot record nothing for {gaps.max()} us to {self._path}: DAT needs an event "
+                f"{self._path}: events at {first_us} us come after {self._after_us} us, and DAT "
+                "has no way back in time; record to .aedat4"
+            )
+        # a reader sees a wrap only where the stamp falls: never at the begin, or a wrap later
+        stamps = events["t"]
+        longest = max(first_us - self._after_us, int((stamps[1:] - stamps[:-1]).max(initial=0)))
+        if longest >= WRAP_US:
+            raise EvsError(
+                f"cannot record nothing for {longest} us to {self._path}: DAT needs an event "
                 "every 4294 s; record to .aedat4"
             )
-
-    def _take(self, packet: EventPacket) -> None:
-        rows = np.empty(len(packet.events), _ROWS)
-        for ours, theirs in zip("txyp", _ROWS.names or (), strict=True):
-            rows[theirs] = packet.events[ours]
-        self.meter.lap("pack")
-        self._encoder.write(rows)
-
-    def _end(self) -> None:
-        self._encoder.__exit__(None, None, None)
+        data = encode_dat(events, after_us=self._after_us)
+        self._after_us = int(stamps[-1])
+        return data
