@@ -166,6 +166,18 @@ def _record_hdf5(path: Path) -> Sink:
     return Hdf5Recorder(path)
 
 
+def _repair_hdf5(path: Path) -> Repair:
+    from evs.drivers.files.hdf5 import repair
+
+    return repair(path)
+
+
+def _repair_bag(path: Path) -> Repair:
+    from evs.drivers.files.bags import repair
+
+    return repair(path)
+
+
 def _open_bag(path: Path) -> RecordedFile:
     from evs.drivers.files.bags import BagFile
 
@@ -287,6 +299,7 @@ FORMATS: tuple[Format, ...] = (
         suffixes=(".h5", ".hdf5"),
         title="HDF5: the layout of the DSEC data set",
         open=_open_hdf5,
+        repair=_repair_hdf5,
         record=_record_hdf5,
         extra="formats",
     ),
@@ -295,6 +308,7 @@ FORMATS: tuple[Format, ...] = (
         suffixes=(".mcap", ".db3"),
         title="rosbag2: a recording of event_camera_msgs for ROS 2",
         open=_open_bag,
+        repair=_repair_bag,
         record=_record_rosbag2,
         holds=_ROS,
         keys=("encoding",),
@@ -305,6 +319,7 @@ FORMATS: tuple[Format, ...] = (
         suffixes=(".bag",),
         title="Bag: a ROS 1 recording of dvs_msgs",
         open=_open_bag,
+        repair=_repair_bag,
         record=_record_rosbag1,
         holds=_ROS,
         keys=("encoding",),

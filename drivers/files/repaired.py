@@ -23,11 +23,13 @@ class Repair:
     """size of the file now, bytes"""
     pointer_reset: bool
     """the header pointed to a data table that is not there"""
+    done: str = ""
+    """what else was done, in words"""
 
     @property
     def needed(self) -> bool:
         """Whether anything was changed."""
-        return bool(self.cut_bytes) or self.pointer_reset
+        return bool(self.cut_bytes) or self.pointer_reset or bool(self.done)
 
     def __str__(self) -> str:
         """One line for people."""
@@ -38,6 +40,8 @@ class Repair:
             done.append(f"cut {self.cut_bytes} bytes at offset {self.cut_at}")
         if self.pointer_reset:
             done.append("took out the pointer to a data table that is not there")
+        if self.done:
+            done.append(self.done)
         return f"{self.path}: {' and '.join(done)}; every whole packet is kept"
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 from pathlib import Path
 
@@ -17,7 +16,7 @@ STEP_BYTES = 2 << 20
 
 
 class Room:
-    """A file of nothing beside a recording, which grows to ask for room and goes before the end.
+    """A file of nothing, without a name, which grows to ask for room and goes before the end.
 
     Libraries that write a file in many places leave it unreadable where the disk is full; so they
     are only called when there is room for everything that they have been given.
@@ -25,11 +24,12 @@ class Room:
 
     def __init__(self, path: Path) -> None:
         """In: where the file may come about; OSError if there is no room for it."""
-        self._path = path
         self._kept = RESERVED_BYTES
         self._ahead = 0
         self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
+            # a process that is killed leaves nothing of it
+            path.unlink()
             os.posix_fallocate(self._file, 0, self._kept)
         except OSError:
             self.close()
@@ -57,5 +57,3 @@ class Room:
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
-        with contextlib.suppress(OSError):
-            self._path.unlink()

@@ -102,6 +102,15 @@ def survives(kind: str, data: bytes) -> None:
             assert recording["x"].max() < recording.stream.width
             assert recording["y"].max() < recording.stream.height
             assert set(recording["p"].tolist()) <= {0, 1}
+        # a repaired file holds what was readable before
+        try:
+            files.repair(path)
+        except EvsError as error:
+            refused = str(error)
+        assert "\n" not in refused
+        assert files.read(path).tobytes() == recording.tobytes()
+        if not refused:
+            assert not files.repair(path).needed
 
 
 @pytest.mark.parametrize("kind", KINDS)

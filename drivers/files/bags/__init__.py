@@ -2,5 +2,6 @@
 
 from evs.drivers.files.bags.reader import BagFile
 from evs.drivers.files.bags.recorder import Ros1Recorder, Ros2Recorder
+from evs.drivers.files.bags.repair import repair
 
-__all__ = ["BagFile", "Ros1Recorder", "Ros2Recorder"]
+__all__ = ["BagFile", "Ros1Recorder", "Ros2Recorder", "repair"]

@@ -23,8 +23,9 @@ from evs.drivers.files.bags.beside import (
 )
 from evs.drivers.files.bags.library import ARRAY, PACKET, TEXT, load, typestore
 from evs.drivers.files.bags.messages import array_bytes
+from evs.drivers.files.bags.storage import Chunks, Database, Ros1Chunks, Storage
 from evs.drivers.files.formats import AnyPath
-from evs.drivers.files.whole import WholeRecorder
+from evs.drivers.files.guarded import GuardedRecorder
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, unknown
 from evs.msgs.encodings import PAYLOADS, TIME_ORIGIN_US, PayloadWriter
 
@@ -35,7 +36,7 @@ STREAM_TOPIC = "evs_stream"
 """A std_msgs/String with the StreamInfo as JSON, behind the namespace of the events."""
 
 
-class _BagRecorder(WholeRecorder):
+class _BagRecorder(GuardedRecorder):
     """Topics as the real drivers have them: NAMESPACE/events; stamps are simulated time."""
 
     ROS: int
@@ -45,7 +46,7 @@ class _BagRecorder(WholeRecorder):
     def __init__(self, path: AnyPath, encoding: str | None = None) -> None:
         """In: encoding, evt3, libcaer or mono (event_camera_msgs), or dvs (dvs_msgs)."""
         super().__init__(path)
-        self._rosbags = load()
+        load()
         self._encoding = encoding
         self._payloads: PayloadWriter | None = None
         self._store: Any = None
@@ -55,8 +56,8 @@ class _BagRecorder(WholeRecorder):
         self._frames = 0
         self._imu_samples = 0
 
-    def _open_writer(self, path: Path) -> Any:
-        """The library's writer, not yet open."""
+    def _opened(self, path: Path) -> Storage:
+        """A file of the library's, open."""
         raise NotImplementedError
 
     def _usual(self) -> str:
@@ -77,8 +78,8 @@ class _BagRecorder(WholeRecorder):
                 )
             self._payloads = PayloadWriter(encoding)
         self._store = typestore(self.ROS)
-        self._writer = self._open_writer(path)
-        self._writer.open()
+        self._storage = self._opened(path)
+        self._writer = self._storage.writer
         kind = ARRAY if encoding == DVS else PACKET
         self._topic = self._connect("events", kind)
         said = {
@@ -156,7 +157,7 @@ class _BagRecorder(WholeRecorder):
             raise EvsError(f"cannot record {key} at {t_us} us to {self._path}: .aedat4 holds them")
 
     def close(self) -> dict[str, Any]:
-        """As WholeRecorder's, with the frames and samples beside."""
+        """As GuardedRecorder's, with the frames and samples beside."""
         told = {"frames": self._frames, "imu_samples": self._imu_samples}
         return super().close() | told
 
@@ -175,8 +176,19 @@ class _BagRecorder(WholeRecorder):
         data: memoryview = serialise(message, kind)
         return data
 
+    def _keep(self) -> None:
+        self._storage.keep()
+
+    def _settle(self, path: Path) -> None:  # noqa: ARG002 - it knows where it is
+        self._storage.settle(self._path)
+
     def _end(self) -> None:
-        self._writer.close()
+        self._storage.close()
+
+    def _discard(self) -> None:
+        super()._discard()
+        with contextlib.suppress(OSError):
+            shutil.rmtree(self._temporary)
 
 
 class Ros1Recorder(_BagRecorder):
@@ -187,12 +199,12 @@ class Ros1Recorder(_BagRecorder):
     def _usual(self) -> str:
         return DVS
 
-    def _open_writer(self, path: Path) -> Any:
-        return self._rosbags.rosbag1.Writer(path)
+    def _opened(self, path: Path) -> Storage:
+        return Ros1Chunks(path)
 
 
 class Ros2Recorder(_BagRecorder):
-    """A rosbag2 MCAP file: /event_camera/events of event_camera_msgs/EventPacket.
+    """A rosbag2 file, MCAP or SQLite: /event_camera/events of event_camera_msgs/EventPacket.
 
     EVT3, as real drivers record it, or libcaer where the sensor is too large for that.
     """
@@ -204,18 +216,7 @@ class Ros2Recorder(_BagRecorder):
         fits = self.stream.width <= limits.width and self.stream.height <= limits.height
         return "evt3" if fits else "libcaer"
 
-    def _open_writer(self, path: Path) -> Any:
-        # the library makes a folder: an MCAP file, which alone will do, and a description
-        plugins = self._rosbags.rosbag2.StoragePlugin
-        plugin = plugins.SQLITE3 if self._path.suffix.lower() == ".db3" else plugins.MCAP
-        folder = path / self._path.stem
-        path.mkdir()
-        return self._rosbags.rosbag2.Writer(folder, version=9, storage_plugin=plugin)
-
-    def _written(self, path: Path) -> Path:
-        return path / self._path.stem / f"{self._path.stem}{self._path.suffix.lower()}"
-
-    def _discard(self) -> None:
-        super()._discard()
-        with contextlib.suppress(OSError):
-            shutil.rmtree(self._temporary)
+    def _opened(self, path: Path) -> Storage:
+        if self._path.suffix.lower() == ".db3":
+            return Database(path, self._path.stem)
+        return Chunks(path, self._path.stem)

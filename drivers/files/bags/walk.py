@@ -129,16 +129,16 @@ def walk_ros1(walk: Walk) -> Iterator[Found]:
         op = fields.get(b"op", b"")
         try:
             if op == b"\x07":
-                topic, said = fields[b"topic"].decode(), _ros1_fields(data)
+                topic, said = fields[b"topic"].decode(), ros1_fields(data)
                 package, _, name = said[b"type"].decode().partition("/")
                 connections[_u32(fields[b"conn"], 0)] = topic, f"{package}/msg/{name}"
                 walk.kinds[topic] = f"{package}/msg/{name}"
             elif op == b"\x02" and _u32(fields[b"conn"], 0) in connections:
                 yield Found(*connections[_u32(fields[b"conn"], 0)], data, at)
             elif op == b"\x05":
-                for inner, part in _ros1_records(_ros1_chunk(fields, data)):
+                for _, inner, _, part in ros1_records(ros1_chunk(fields, data)):
                     if inner.get(b"op") != b"\x05":
-                        yield from take(inner, part, at)
+                        yield from take(inner, part[4:], at)
         except (struct.error, KeyError, UnicodeDecodeError, DamageError) as reason:
             walk.damage.packet(at, f"a record lacks {reason}")
 
@@ -150,7 +150,7 @@ def walk_ros1(walk: Walk) -> Iterator[Found]:
         if head is None or data is None:
             walk.damage.tail(at, walk.size)
             return
-        yield from take(_ros1_fields(head), data, at)
+        yield from take(ros1_fields(head), data, at)
         at += 8 + len(head) + len(data)
 
 
@@ -160,7 +160,7 @@ def _ros1_part(read: Callable[[int], bytes], room: int) -> bytes | None:
     return read(length) if room >= 4 and length <= room - 4 else None
 
 
-def _ros1_fields(head: bytes) -> dict[bytes, bytes]:
+def ros1_fields(head: bytes) -> dict[bytes, bytes]:
     """name=value of a record's header."""
     fields, at = {}, 0
     while at + 4 <= len(head):
@@ -170,18 +170,19 @@ def _ros1_fields(head: bytes) -> dict[bytes, bytes]:
     return fields
 
 
-def _ros1_records(records: bytes) -> Iterator[tuple[dict[bytes, bytes], bytes]]:
+def ros1_records(records: bytes) -> Iterator[tuple[int, dict[bytes, bytes], bytes, bytes]]:
+    """(offset, fields, header, data, each with its length) of each record in a chunk."""
     at = 0
     while at < len(records):
         middle = at + 4 + _u32(records, at)
         end = middle + 4 + _u32(records, middle)
         if end > len(records):
             raise DamageError("whole records in its chunk")
-        yield _ros1_fields(records[at + 4 : middle]), records[middle + 4 : end]
+        yield at, ros1_fields(records[at + 4 : middle]), records[at:middle], records[middle:end]
         at = end
 
 
-def _ros1_chunk(fields: dict[bytes, bytes], data: bytes) -> bytes:
+def ros1_chunk(fields: dict[bytes, bytes], data: bytes) -> bytes:
     """The records in a chunk."""
     compression, size = fields[b"compression"], _u32(fields[b"size"], 0)
     if compression == b"bz2":

@@ -2,5 +2,6 @@
 
 from evs.drivers.files.hdf5.reader import Hdf5File
 from evs.drivers.files.hdf5.recorder import Hdf5Recorder
+from evs.drivers.files.hdf5.repair import repair
 
-__all__ = ["Hdf5File", "Hdf5Recorder"]
+__all__ = ["Hdf5File", "Hdf5Recorder", "repair"]

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.files.damage import MAX_STAMP_US, Damage, on_sensor
-from evs.drivers.files.hdf5.library import load
-from evs.drivers.files.hdf5.recorder import STREAM
+from evs.drivers.files.hdf5.library import load, opened
+from evs.drivers.files.hdf5.recorder import STREAM, WHOLE
 from evs.drivers.files.ordered import InOrder
 from evs.drivers.files.recorded import EventsFile, said_stream
 from evs.drivers.files.recording import existing
@@ -39,16 +39,18 @@ class Hdf5File(EventsFile):
     columns: tuple[str, ...] = LAYOUTS["DSEC"]
     """names of its data sets"""
     events_there: int = 0
+    lacking: int = 0
+    """rows behind them that not every column has, as a kill may leave them"""
     offset_us: int = 0
 
     @classmethod
     def at(cls, path: str | os.PathLike[str]) -> Hdf5File:
         """Look at its data sets. EvsError: no such file, h5py is not installed, no recording."""
         found = existing(path)
-        h5py = load()
+        load()
         try:
-            with h5py.File(found, "r") as file:
-                columns, count, compression = _columns(file)
+            with opened(found) as file:
+                columns, count, lacking, compression = _columns(file)
                 offset = file.get("t_offset")
                 offset_us = 0 if offset is None or offset.size != 1 else int(offset[()])
                 stream, stated = _stream(file)
@@ -57,18 +59,19 @@ class Hdf5File(EventsFile):
         except Exception as reason:  # damaged bytes make h5py raise a dozen kinds
             said = (str(reason) or type(reason).__name__).splitlines()[0]
             raise EvsError(f"cannot read {found}: {said}") from None
-        opened = cls(
+        recording = cls(
             found,
             stream,
             found.stat().st_size,
             compression,
             columns=columns,
             events_there=count,
+            lacking=lacking,
             offset_us=offset_us if abs(offset_us) < MAX_STAMP_US else 0,
         )
         if not stated:
-            opened._find_size()
-        return opened
+            recording._find_size()
+        return recording
 
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any (of 1 ms, where the file says none)."""
@@ -77,6 +80,9 @@ class Hdf5File(EventsFile):
         for at, piece in self._pieces(damage):
             yield from order.feed(piece, at + np.arange(len(piece)))
         yield from order.rest()
+        if self.lacking:
+            where = f"from event {self.events_there} on"
+            damage.lost(where, "not every column has them", self.lacking)
         self.damage = damage
 
     def _find_size(self) -> None:
@@ -90,7 +96,7 @@ class Hdf5File(EventsFile):
     def _pieces(self, damage: Damage, limited: bool = True) -> Iterator[tuple[int, Events]]:
         """The number of each piece's first event, and its events."""
         width, height = self.stream.width, self.stream.height
-        with load().File(self.path, "r") as file:
+        with opened(self.path) as file:
             group = file["events"]
             for begin in range(0, self.events_there, _PIECE):
                 rows = slice(begin, min(begin + _PIECE, self.events_there))
@@ -109,8 +115,8 @@ class Hdf5File(EventsFile):
                 yield begin, piece
 
 
-def _columns(file: Any) -> tuple[tuple[str, ...], int, str]:
-    """Names of the data sets, how many events, and how they are compressed."""
+def _columns(file: Any) -> tuple[tuple[str, ...], int, int, str]:
+    """Names of the data sets, how many events, how many rows behind them, how compressed."""
     group = file.get("events")
     for names in LAYOUTS.values():
         if group is not None and hasattr(group, "keys") and set(names) <= set(group.keys()):
@@ -122,11 +128,15 @@ def _columns(file: Any) -> tuple[tuple[str, ...], int, str]:
     for name, one in zip(names, sets, strict=True):
         if getattr(one, "ndim", -1) != 1 or one.dtype.kind not in "iufb":
             raise _OtherError(f"events/{name} is no column of numbers")
-        if len(one) != len(sets[0]):
+        if len(one) != len(sets[0]) and WHOLE not in file:
             raise _OtherError(f"{', '.join(names)} are not of one length")
         if one.nbytes > _MAX_RATIO * (one.id.get_storage_size() + 64):
             raise _OtherError(f"events/{name} states {one.nbytes} bytes, which cannot be in it")
-    return names, len(sets[0]), sets[0].compression or "none"
+    lengths = [len(one) for one in sets]
+    count = min(lengths)
+    with suppress(Exception):
+        count = max(0, min(count, int(file[WHOLE][()])))
+    return names, count, max(lengths) - count, sets[0].compression or "none"
 
 
 def _stream(file: Any) -> tuple[StreamInfo, bool]:

@@ -5,6 +5,10 @@ events/x, y   (n,) uint16 px; events/p (n,) uint8, 1 ON, 0 OFF
 ms_to_idx     (m,) uint64: the first event at or after each ms, counted from t_offset
 t_offset      int64 us
 evs_stream    the StreamInfo as JSON; attribute sensor_resolution: height, width
+evs_whole     int64: so many events are whole in every column
+
+The file is in HDF5's mode of one writer and many readers (SWMR) while it is open: what was flushed
+can be read at any time, and after a kill.
 """
 
 from __future__ import annotations
@@ -17,12 +21,12 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.files.formats import AnyPath
+from evs.drivers.files.guarded import GuardedRecorder
 from evs.drivers.files.hdf5.library import load
-from evs.drivers.files.whole import WholeRecorder
 from evs.msgs import EventPacket, Events, EvsError, join_events
 
 COLUMNS = {"t": "<i8", "x": "<u2", "y": "<u2", "p": "u1"}
-STREAM = "evs_stream"
+STREAM, WHOLE = "evs_stream", "evs_whole"
 LONGEST_US = 1 << 37
 """From the first event to the last, 38 hours: each ms has an index."""
 
@@ -30,10 +34,12 @@ _CHUNK = 1 << 16
 """Events that are compressed together."""
 
 
-class Hdf5Recorder(WholeRecorder):
+class Hdf5Recorder(GuardedRecorder):
     """A Sink that writes DSEC's layout; compressed as every HDF5 library reads it (deflate)."""
 
     NAME = "hdf5"
+    # a column's last chunk is compressed anew each time
+    KEEP_US = 10_000_000
     FAULTS = (OSError, RuntimeError, ValueError)
 
     def __init__(self, path: AnyPath) -> None:
@@ -42,13 +48,14 @@ class Hdf5Recorder(WholeRecorder):
         self._file: Any = None
         self._columns: dict[str, Any] = {}
         self._index: Any = None
+        self._numbers: dict[str, Any] = {}
         self._parts: list[Events] = []
         self._waiting = 0
         self._length = 0
         self._offset_us: int | None = None
 
     def _begin(self, path: Path) -> None:
-        self._file = self._h5py.File(path, "w", libver="earliest")
+        self._file = self._h5py.File(path, "w", libver=("v110", "v110"))
         kinds: dict[str, Any] = {"maxshape": (None,), "compression": 1, "shuffle": True}
         for name, dtype in COLUMNS.items():
             self._columns[name] = self._file.create_dataset(
@@ -58,6 +65,9 @@ class Hdf5Recorder(WholeRecorder):
         said = json.dumps(dataclasses.asdict(self.stream), default=str)
         self._file.create_dataset(STREAM, data=said)
         self._file.attrs["sensor_resolution"] = (self.stream.height, self.stream.width)
+        for name in ("t_offset", WHOLE):
+            self._numbers[name] = self._file.create_dataset(name, data=np.int64(0))
+        self._file.swmr_mode = True
 
     def _check(self, events: Events) -> None:
         super()._check(events)
@@ -72,12 +82,22 @@ class Hdf5Recorder(WholeRecorder):
     def _take(self, packet: EventPacket) -> None:
         if self._offset_us is None:
             self._offset_us = int(packet.events["t"][0]) // 1000 * 1000
+            self._numbers["t_offset"][()] = self._offset_us
         self._parts.append(packet.events.copy())
         self._waiting += len(packet.events)
         if self._waiting >= _CHUNK:
             self._put(self._waiting // _CHUNK * _CHUNK)
-            # whole chunks are on the disk then, and nothing is held back
-            self._file.flush()
+            self._flush()
+
+    def _keep(self) -> None:
+        self._put(self._waiting)
+        self._flush()
+
+    def _flush(self) -> None:
+        """All that was put goes to the system; then how much that is."""
+        self._file.flush()
+        self._numbers[WHOLE][()] = self._length
+        self._file.flush()
 
     def _put(self, count: int) -> None:
         """Write the first events that wait, and the index of the ms that begin in them."""
@@ -104,8 +124,6 @@ class Hdf5Recorder(WholeRecorder):
 
     def _end(self) -> None:
         try:
-            self._put(self._waiting)
-            offset = np.array(self._offset_us or 0, np.int64)
-            self._file.create_dataset("t_offset", data=offset)
+            self._keep()
         finally:
             self._file.close()

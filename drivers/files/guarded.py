@@ -1,4 +1,4 @@
-"""WholeRecorder: what recorders share whose libraries end a file before it can be read."""
+"""GuardedRecorder: what recorders share whose libraries write a file in many places."""
 
 from __future__ import annotations
 
@@ -26,16 +26,19 @@ _INDEX_BYTES = 64
 """What a packet adds to an index that is written at the end."""
 
 
-class WholeRecorder(ABC):
-    """A Sink that writes beside its target; the file appears whole when closed, or not at all.
+class GuardedRecorder(ABC):
+    """A Sink over a library that holds back what it is given.
 
-    A process that is killed leaves nothing: record to .aedat4 where that may happen. A disk that
-    is full stops the recording; what came before is kept, since room for it was (room.Room). A
-    format gives `_begin`, `_take` and `_end`; its limits are those of its entry in the table.
+    Every KEEP_US of the stream's time, all of it is handed to the system: a process that is killed
+    leaves what came before that, readable. A disk that is full stops the recording; what came
+    before is kept, since room for it was (room.Room). A format gives `_begin`, `_take`, `_keep` and
+    `_end`; its limits are those of its entry in the table.
     """
 
     NAME: str
     """of the format in the table"""
+    KEEP_US = 100_000
+    """of the stream's time; what came later a kill may lose"""
     FAULTS: tuple[type[BaseException], ...] = (OSError,)
     """what the library raises where the disk does not take it"""
 
@@ -52,7 +55,7 @@ class WholeRecorder(ABC):
         self._packets = 0
         self._events = 0
         self._bytes = 0
-        self._last_us = -(1 << 62)
+        self._last_us = self._kept_us = -(1 << 62)
         self._failure = ""
 
     @abstractmethod
@@ -64,12 +67,16 @@ class WholeRecorder(ABC):
         """Write one packet with events, within the format's limits."""
 
     @abstractmethod
+    def _keep(self) -> None:
+        """Hand everything to the system, so that it can be read."""
+
+    @abstractmethod
     def _end(self) -> None:
         """End the file and let go of it."""
 
-    def _written(self, path: Path) -> Path:
-        """The file that was written for `_begin(path)`."""
-        return path
+    def _settle(self, path: Path) -> None:
+        """Put the file that `_begin(path)` created into its place; it stays open."""
+        path.replace(self._path)
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
         """Create the file. EvsError: a stream that does not fit, no place to write."""
@@ -83,6 +90,8 @@ class WholeRecorder(ABC):
         try:
             with self._faults():
                 self._begin(self._temporary)
+                self._keep()
+                self._settle(self._temporary)
         except EvsError:
             self._discard()
             raise
@@ -100,9 +109,13 @@ class WholeRecorder(ABC):
             self._packets += 1
             self._events += len(packet.events)
             self._last_us = int(packet.events["t"][-1])
+            if self._last_us - self._kept_us >= self.KEEP_US:
+                with self._faults():
+                    self._keep()
+                self._kept_us = self._last_us
 
     def close(self) -> dict[str, Any]:
-        """End the file and put it in its place. EvsError where the disk does not take the end."""
+        """End the file. EvsError where the disk does not take the end."""
         if self._is_open:
             self._is_open = False
             try:
@@ -110,9 +123,7 @@ class WholeRecorder(ABC):
                     self._room.close()
                 with self._faults():
                     self._end()
-                    written = self._written(self._temporary)
-                    self._bytes = written.stat().st_size
-                    written.replace(self._path)
+                    self._bytes = self._path.stat().st_size
             finally:
                 self._discard()
         return {

@@ -1,0 +1,203 @@
+"""Bags whose recorder was killed, made as readers that want an index expect them.
+
+MCAP: what follows the last whole record is cut, and the file's end is written; a summary is
+optional. ROS 1: the index of the chunks is made anew. SQLite: the transaction that was cut off is
+taken back.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+from evs.drivers.files.aedat4.layout import DamageError
+from evs.drivers.files.bags.database import journal_of, opened
+from evs.drivers.files.bags.reader import BagFile
+from evs.drivers.files.bags.walk import (
+    MCAP_MAGIC,
+    ROS1_MAGIC,
+    ros1_chunk,
+    ros1_fields,
+    ros1_records,
+)
+from evs.drivers.files.recording import target_error
+from evs.drivers.files.repaired import Repair
+from evs.msgs import EvsError
+
+_DATA_END = b"\x0f" + struct.pack("<QI", 4, 0)
+_FOOTER = b"\x02" + struct.pack("<QQQI", 20, 0, 0, 0)
+MCAP_END = _DATA_END + _FOOTER + MCAP_MAGIC
+"""The end of a file without a summary."""
+
+_BAG_HEADER_BYTES = 4096
+
+
+def repair(path: Path) -> Repair:
+    """Cut a torn tail and give the file its end. EvsError: no bag, or not writable."""
+    file = BagFile.at(path)
+    try:
+        if path.suffix.lower() == ".db3":
+            return _repair_database(path)
+        with path.open("r+b") as target:
+            return (_repair_ros1 if file.ros == 1 else _repair_mcap)(path, target, file.size)
+    except OSError as reason:
+        raise target_error(path, reason) from None
+
+
+def _repair_database(path: Path) -> Repair:
+    there = journal_of(path) is not None
+    with closing(opened(path)) as bag:
+        bag.execute("SELECT count(*) FROM topics").fetchone()
+    if journal_of(path) is not None:
+        raise EvsError(f"cannot take back the journal beside {path}: make both writable")
+    done = "took back what was not complete" if there else ""
+    return Repair(path, 0, path.stat().st_size, False, done)
+
+
+def _repair_mcap(path: Path, target: BinaryIO, size: int) -> Repair:
+    at = len(MCAP_MAGIC)
+    while at < size:
+        target.seek(at)
+        head = target.read(9)
+        length = int.from_bytes(head[1:], "little")
+        if head[:1] == b"\x0f" or len(head) < 9 or length > size - at - 9:
+            break
+        at += 9 + length
+    target.seek(max(0, size - len(MCAP_MAGIC)))
+    if target.read() == MCAP_MAGIC and at < size:
+        return Repair(path, 0, size, False)
+    target.truncate(at)
+    target.seek(at)
+    target.write(MCAP_END)
+    return Repair(path, size - at, at + len(MCAP_END), False, "wrote the file's end")
+
+
+@dataclass
+class _Chunk:
+    """A chunk of a ROS 1 bag: connection -> (time as it stands there, offset) of its messages."""
+
+    at: int
+    end: int
+    messages: dict[int, list[tuple[bytes, int]]] = field(default_factory=dict)
+
+
+def _repair_ros1(path: Path, target: BinaryIO, size: int) -> Repair:
+    connections: dict[int, bytes] = {}
+    chunks: list[_Chunk] = []
+    indexed = whole = len(ROS1_MAGIC)
+    for at, fields, head, data, end in _ros1_top(target, size):
+        whole = end
+        if fields.get(b"op") == b"\x03":
+            indexed = int.from_bytes(fields.get(b"index_pos", b"")[:8], "little")
+        elif fields.get(b"op") == b"\x05":
+            chunk = _Chunk(at, end)
+            try:
+                _look_into(chunk, fields, data, connections)
+            except (DamageError, struct.error, KeyError):
+                # what cannot be read is not in the index
+                continue
+            chunks.append(chunk)
+        elif fields.get(b"op") == b"\x07":
+            connections.setdefault(_u32(fields[b"conn"]), head + data)
+    if 0 < indexed < size == whole:
+        return Repair(path, 0, size, False)
+    end = chunks[-1].end if chunks else len(ROS1_MAGIC) + _BAG_HEADER_BYTES
+    target.truncate(end)
+    target.seek(end)
+    if chunks:
+        target.write(_index_data(chunks[-1]))
+    index_at = target.tell()
+    target.write(b"".join(connections.values()) + b"".join(_chunk_info(one) for one in chunks))
+    after = target.tell()
+    target.seek(len(ROS1_MAGIC))
+    target.write(_bag_header(index_at, len(connections), len(chunks)))
+    return Repair(path, size - end, after, False, "made the index anew")
+
+
+def _ros1_top(
+    file: BinaryIO, size: int
+) -> Iterator[tuple[int, dict[bytes, bytes], bytes, bytes, int]]:
+    """(offset, header's fields, header and data with their lengths, end) of each whole record."""
+    at = len(ROS1_MAGIC)
+    while at < size:
+        file.seek(at)
+        parts = []
+        for _ in range(2):
+            told = file.read(4)
+            length = int.from_bytes(told, "little")
+            if len(told) < 4 or length > size - file.tell():
+                return
+            parts.append(told + file.read(length))
+        end = at + len(parts[0]) + len(parts[1])
+        yield at, ros1_fields(parts[0][4:]), parts[0], parts[1], end
+        at = end
+
+
+def _look_into(
+    chunk: _Chunk, fields: dict[bytes, bytes], data: bytes, connections: dict[int, bytes]
+) -> None:
+    """What is in a chunk, for the index. In: data, with its length before it."""
+    records = ros1_chunk(fields, data[4:])
+    for at, said, head, body in ros1_records(records):
+        number = _u32(said.get(b"conn", b""))
+        if said.get(b"op") == b"\x07":
+            connections.setdefault(number, head + body)
+        elif said.get(b"op") == b"\x02":
+            chunk.messages.setdefault(number, []).append((said[b"time"], at))
+
+
+def _index_data(chunk: _Chunk) -> bytes:
+    out = b""
+    for number, messages in chunk.messages.items():
+        fields = _fields(op=b"\x04", ver=_four(1), conn=_four(number), count=_four(len(messages)))
+        body = b"".join(time + _four(at) for time, at in messages)
+        out += fields + _four(len(body)) + body
+    return out
+
+
+def _chunk_info(chunk: _Chunk) -> bytes:
+    times = [time for messages in chunk.messages.values() for time, _ in messages]
+    times.sort(key=lambda time: struct.unpack("<II", time))
+    first, last = (times[0], times[-1]) if times else (bytes(8), bytes(8))
+    fields = _fields(
+        op=b"\x06",
+        ver=_four(1),
+        chunk_pos=chunk.at.to_bytes(8, "little"),
+        start_time=first,
+        end_time=last,
+        count=_four(len(chunk.messages)),
+    )
+    body = b"".join(_four(number) + _four(len(told)) for number, told in chunk.messages.items())
+    return fields + _four(len(body)) + body
+
+
+def _bag_header(index_at: int, connections: int, chunks: int) -> bytes:
+    fields = _fields(
+        op=b"\x03",
+        index_pos=index_at.to_bytes(8, "little"),
+        conn_count=_four(connections),
+        chunk_count=_four(chunks),
+    )
+    padding = _BAG_HEADER_BYTES - 4 - len(fields)
+    return fields + _four(padding) + b" " * padding
+
+
+def _fields(**fields: bytes) -> bytes:
+    """A record's header, with its length."""
+    told = b"".join(
+        _four(len(name) + 1 + len(value)) + name.encode() + b"=" + value
+        for name, value in fields.items()
+    )
+    return _four(len(told)) + told
+
+
+def _four(number: int) -> bytes:
+    return number.to_bytes(4, "little")
+
+
+def _u32(data: bytes) -> int:
+    return int(struct.unpack_from("<I", data)[0])
