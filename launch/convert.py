@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Callable
 
 from evs.launch.again import command
+from evs.launch.single import add_single
 
 HELP = "write a recording in another format: IN and OUT go by their endings"
 
@@ -38,6 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="leave out frames, IMU, triggers and labels that OUT cannot hold",
     )
+    add_single(parser)
     parser.add_argument(
         "--quiet", action="store_true", help="print nothing but warnings and errors"
     )
@@ -59,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
             args.target,
             args.format,
             events_only=args.events_only,
+            single=args.single,
             progress=_step_by_step(moved, steps),
             **options,
         )

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from evs.launch.again import command
+from evs.launch.single import add_single
 
 if TYPE_CHECKING:
     from evs.drivers.files import Summary
@@ -24,6 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--repair", action="store_true", help="first cut a torn tail, in place; no packet is lost"
     )
+    add_single(parser)
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="one JSON object instead of lines")
     form.add_argument(
@@ -35,22 +37,24 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Repair if asked to, then print the summary."""
-    from evs.drivers.files import calibration_yaml, repair, stream_of, summary
+    from evs.drivers.files import calibration_yaml, parts, repair, stream_of, summary
 
-    repaired = repair(args.file) if args.repair else None
+    paths = [args.file] if args.single or not args.repair else parts(args.file)
+    repaired = [repair(path) for path in paths] if args.repair else []
     if args.camera_info:
         print(calibration_yaml(stream_of(args.file)), end="")
         return 0
-    found = summary(args.file)
+    found = summary(args.file, single=args.single)
     if args.json:
         said = dataclasses.asdict(found)
         said |= {"duration_s": found.duration_s, "rate_hz": found.rate_hz}
-        if repaired is not None:
-            said |= {"repaired": repaired.needed, "cut_bytes": repaired.cut_bytes}
+        if repaired:
+            cut = sum(one.cut_bytes for one in repaired)
+            said |= {"repaired": any(one.needed for one in repaired), "cut_bytes": cut}
         print(json.dumps(said, default=str))
         return 0
-    if repaired is not None:
-        print(repaired)
+    for one in repaired:
+        print(one)
     for name, value in _lines(found):
         print(f"{name:11s} {value}")
     return 0
@@ -77,7 +81,9 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
         ("seed", str(stream.seed)),
         ("versions", versions or "not told"),
     ]
-    later = later_parts(Path(found.path))
+    if found.files:
+        lines.insert(1, ("files", f"{len(found.files)}, up to {found.files[-1]}"))
+    later = [path for path in later_parts(Path(found.path)) if str(path) not in found.files]
     if later:
         more = f" and {len(later) - 1} more" if len(later) > 1 else ""
         lines.append(("goes on in", f"{later[0]}{more}"))

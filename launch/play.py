@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from evs.launch.single import add_single
 from evs.msgs import DEFAULT_ADDRESS, EvsError, Frame, ImuPacket, TriggerPacket
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="ADDR",
         help="where to publish (default: %(default)s)",
     )
+    add_single(parser)
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument(
         "--speed",
@@ -78,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             publisher.open([stream])
             print(f"playing {args.file} on {args.address} (Ctrl-C ends)", file=sys.stderr)
-            played = _play(args.file, pacer.wait_until, publisher, stopped)
+            played = _play(args.file, args.single, pacer.wait_until, publisher, stopped)
         finally:
             report = publisher.close()
     for warning in caught:
@@ -89,13 +91,17 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _play(
-    file: str, wait_until: Callable[[int], None], publisher: Publisher, stopped: list[str]
+    file: str,
+    single: bool,
+    wait_until: Callable[[int], None],
+    publisher: Publisher,
+    stopped: list[str],
 ) -> str:
     """Every message at its time; what was played, in words."""
     from evs.drivers.files import messages
 
     count = events = frames = samples = triggers = 0
-    for message in messages(file):
+    for message in messages(file, single=single):
         if stopped or publisher.stop_wanted:
             break
         if isinstance(message, Frame):

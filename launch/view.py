@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from evs.launch import options
+from evs.launch.single import add_single
 from evs.msgs import Events, EvsError
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--start", metavar="S", type=float, help="from this time on (default: the first event)")
     add("--stop", metavar="S", type=float, help="up to this time (default: the last event)")
     add("--scale", metavar="N", type=int, help="picture pixels per sensor pixel (default: by size)")
+    add_single(parser)
     live = parser.add_argument_group("live")
     live.add_argument("--live", metavar="ADDRESS", help="listen to a publisher instead")
     live.add_argument("--camera", default="", metavar="NAME", help="only this camera")
@@ -80,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
         need_video()
     if args.scale is not None and not 1 <= args.scale <= MAX_SCALE:
         raise EvsError(f"--scale is {args.scale}: give a whole number from 1 to {MAX_SCALE}")
-    recording = _read(args.file)
+    recording = _read(args.file, args.single)
     playback = _playback(args, recording)
     if suffix == ".png":
         said = _still(out, recording, playback, args.scale, Path(args.file).name)
@@ -97,12 +99,12 @@ def _only(what: str, args: argparse.Namespace, others: tuple[str, ...]) -> None:
             raise EvsError(f"--{name} is for recordings: leave it out with {what}")
 
 
-def _read(file: str) -> Recording:
+def _read(file: str, single: bool) -> Recording:
     from evs.drivers.files import read
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        recording = read(file)
+        recording = read(file, single=single)
     for warning in caught:
         print(f"evs: warning: {warning.message}", file=sys.stderr)
     if not len(recording):

@@ -15,6 +15,7 @@ from evs.drivers.files.formats import AnyPath, Format, Holds, to_read, to_write
 from evs.drivers.files.reading import messages_of, recorder_for
 from evs.drivers.files.recorded import RecordedFile
 from evs.drivers.files.recording import check_stamps, one_stream, target_error
+from evs.drivers.files.series import SeriesFile, opened_series
 from evs.drivers.sink import FrameSink, ImuSink, Sink, TriggerSink
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Labels, StreamInfo, TriggerPacket
 
@@ -57,21 +58,25 @@ def convert(
     kind: str | None = None,
     *,
     events_only: bool = False,
+    single: bool = False,
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> Converted:
     """Write all of `source` anew as `target`, whose ending (or `kind`) says the format.
 
     In: events_only, leave out what lies beside the events where the target cannot hold it;
-    progress, called with the share of the source that is read; options of the target's recorder.
+    single, only this file, where the recording goes on in further ones; progress, called with the
+    share of the source that is read; options of the target's recorder.
 
     What the target cannot hold is refused before anything is written. The target appears once it is
     complete: an earlier file of that name stays until then, and for good where an error ends it.
     Warns of damage as read does.
     """
     found, wanted = to_read(source), to_write(target, kind)
-    file, target = found.open(Path(source)), Path(target)
-    _check_place(file.path, target)
+    file = found.open(Path(source)) if single else opened_series(source, found)
+    target = Path(target)
+    for path in file.paths if isinstance(file, SeriesFile) else [file.path]:
+        _check_place(path, target)
     stream, lacking = _fitting(file, wanted.holds)
     if lacking and not events_only:
         words = " and ".join(BESIDE[name] for name in lacking)

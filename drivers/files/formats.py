@@ -11,8 +11,9 @@ import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from evs.drivers.files import kinds
 from evs.msgs import EvsError, unknown
 from evs.msgs.encodings import LONGEST_US, MAX_SIDE_DAT_PX, MAX_SIDE_EVT_PX, TIME_ORIGIN_US
 
@@ -88,153 +89,8 @@ class Format:
         return self.title.partition(":")[0]
 
 
-def _open_aedat4(path: Path) -> RecordedFile:
-    from evs.drivers.files.aedat4 import Aedat4File
-
-    return Aedat4File.at(path)
-
-
-def _record_aedat4(path: Path, **options: Any) -> Sink:
-    from evs.drivers.files.aedat4 import Aedat4Recorder
-
-    return Aedat4Recorder(path, **options)
-
-
-def _repair_aedat4(path: Path) -> Repair:
-    from evs.drivers.files.aedat4 import repair
-
-    return repair(path)
-
-
-def _open_npz(path: Path) -> RecordedFile:
-    from evs.drivers.files.npz import NpzFile
-
-    return NpzFile.at(path)
-
-
-def _record_npz(path: Path) -> Sink:
-    from evs.drivers.files.npz import NpzRecorder
-
-    return NpzRecorder(path)
-
-
-def _open_raw(path: Path) -> RecordedFile:
-    from evs.drivers.files.raw import RawFile
-
-    return RawFile.at(path)
-
-
-def _record_evt3(path: Path) -> Sink:
-    from evs.drivers.files.raw import Evt3Recorder
-
-    return Evt3Recorder(path)
-
-
-def _record_evt21(path: Path) -> Sink:
-    from evs.drivers.files.raw import Evt21Recorder
-
-    return Evt21Recorder(path)
-
-
-def _record_evt2(path: Path) -> Sink:
-    from evs.drivers.files.raw import Evt2Recorder
-
-    return Evt2Recorder(path)
-
-
-def _open_dat(path: Path) -> RecordedFile:
-    from evs.drivers.files.dat import DatFile
-
-    return DatFile.at(path)
-
-
-def _record_dat(path: Path) -> Sink:
-    from evs.drivers.files.dat import DatRecorder
-
-    return DatRecorder(path)
-
-
-def _open_hdf5(path: Path) -> RecordedFile:
-    from evs.drivers.files.hdf5 import Hdf5File
-
-    return Hdf5File.at(path)
-
-
-def _record_hdf5(path: Path) -> Sink:
-    from evs.drivers.files.hdf5 import Hdf5Recorder
-
-    return Hdf5Recorder(path)
-
-
-def _repair_hdf5(path: Path) -> Repair:
-    from evs.drivers.files.hdf5 import repair
-
-    return repair(path)
-
-
-def _repair_bag(path: Path) -> Repair:
-    from evs.drivers.files.bags import repair
-
-    return repair(path)
-
-
-def _open_bag(path: Path) -> RecordedFile:
-    from evs.drivers.files.bags import BagFile
-
-    return BagFile.at(path)
-
-
-def _record_rosbag1(path: Path, **options: str) -> Sink:
-    from evs.drivers.files.bags import Ros1Recorder
-
-    return Ros1Recorder(path, **options)
-
-
-def _record_rosbag2(path: Path, **options: str) -> Sink:
-    from evs.drivers.files.bags import Ros2Recorder
-
-    return Ros2Recorder(path, **options)
-
-
 _ROS = Holds(first_us=0, last_us=LONGEST_US - TIME_ORIGIN_US - 1, frames=True, imu=True)
 _EVT = Holds(MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, 0, LONGEST_US - TIME_ORIGIN_US - 1)
-
-
-def _open_aedat2(path: Path) -> RecordedFile:
-    from evs.drivers.files.aedat2 import Aedat2File
-
-    return Aedat2File.at(path)
-
-
-def _record_aedat2(path: Path) -> Sink:
-    from evs.drivers.files.aedat2 import Aedat2Recorder
-
-    return Aedat2Recorder(path)
-
-
-def _open_aedat3(path: Path) -> RecordedFile:
-    from evs.drivers.files.aedat3 import Aedat3File
-
-    return Aedat3File.at(path)
-
-
-def _record_aedat3(path: Path) -> Sink:
-    from evs.drivers.files.aedat3 import Aedat3Recorder
-
-    return Aedat3Recorder(path)
-
-
-def _open_csv(path: Path) -> RecordedFile:
-    from evs.drivers.files.csv import CsvFile
-
-    return CsvFile.at(path)
-
-
-def _record_csv(path: Path) -> Sink:
-    from evs.drivers.files.csv import CsvRecorder
-
-    return CsvRecorder(path)
-
 
 FORMATS: tuple[Format, ...] = (
     Format(
@@ -242,27 +98,27 @@ FORMATS: tuple[Format, ...] = (
         suffixes=(".aedat4",),
         also=(".aedat",),
         title="AEDAT4: DV's own; survives a kill at any moment",
-        open=_open_aedat4,
-        record=_record_aedat4,
+        open=kinds.open_aedat4,
+        record=kinds.record_aedat4,
         holds=Holds(frames=True, imu=True, triggers=True),
         keys=("compression", "rotate_mb", "rotate_s"),
         begins=lambda head: head.startswith(b"#!AER-DAT4"),
-        repair=_repair_aedat4,
+        repair=kinds.repair_aedat4,
     ),
     Format(
         name="npz",
         suffixes=(".npz",),
         title="NPZ: arrays t, x, y, p that numpy.load reads",
-        open=_open_npz,
-        record=_record_npz,
+        open=kinds.open_npz,
+        record=kinds.record_npz,
         holds=Holds(frames=True, imu=True, triggers=True, labels=True),
     ),
     Format(
         name="evt3",
         suffixes=(".raw",),
         title="EVT3: RAW files of Prophesee's cameras; survives a kill at any moment",
-        open=_open_raw,
-        record=_record_evt3,
+        open=kinds.open_raw,
+        record=kinds.record_evt3,
         holds=_EVT,
         begins=lambda head: b"% evt 3" in head or b"% format EVT3" in head,
     ),
@@ -271,8 +127,8 @@ FORMATS: tuple[Format, ...] = (
         suffixes=(".evt2",),
         also=(".raw",),
         title="EVT2: RAW files of older Prophesee cameras; survives a kill at any moment",
-        open=_open_raw,
-        record=_record_evt2,
+        open=kinds.open_raw,
+        record=kinds.record_evt2,
         holds=_EVT,
         begins=lambda head: b"% evt 2.0" in head or b"% format EVT2;" in head,
     ),
@@ -281,8 +137,8 @@ FORMATS: tuple[Format, ...] = (
         suffixes=(".evt21",),
         also=(".raw",),
         title="EVT2.1: RAW files of Prophesee's cameras, in vectors; survives a kill at any moment",
-        open=_open_raw,
-        record=_record_evt21,
+        open=kinds.open_raw,
+        record=kinds.record_evt21,
         holds=_EVT,
         begins=lambda head: b"% evt 2.1" in head or b"% format EVT21" in head,
     ),
@@ -290,26 +146,26 @@ FORMATS: tuple[Format, ...] = (
         name="dat",
         suffixes=(".dat",),
         title="DAT: Prophesee's 8 bytes an event; survives a kill at any moment",
-        open=_open_dat,
-        record=_record_dat,
+        open=kinds.open_dat,
+        record=kinds.record_dat,
         holds=Holds(MAX_SIDE_DAT_PX, MAX_SIDE_DAT_PX, 0),
     ),
     Format(
         name="hdf5",
         suffixes=(".h5", ".hdf5"),
         title="HDF5: the layout of the DSEC data set",
-        open=_open_hdf5,
-        repair=_repair_hdf5,
-        record=_record_hdf5,
+        open=kinds.open_hdf5,
+        repair=kinds.repair_hdf5,
+        record=kinds.record_hdf5,
         extra="formats",
     ),
     Format(
         name="rosbag2",
         suffixes=(".mcap", ".db3"),
         title="rosbag2: a recording of event_camera_msgs for ROS 2",
-        open=_open_bag,
-        repair=_repair_bag,
-        record=_record_rosbag2,
+        open=kinds.open_bag,
+        repair=kinds.repair_bag,
+        record=kinds.record_rosbag2,
         holds=_ROS,
         keys=("encoding",),
         extra="ros2",
@@ -318,9 +174,9 @@ FORMATS: tuple[Format, ...] = (
         name="rosbag1",
         suffixes=(".bag",),
         title="Bag: a ROS 1 recording of dvs_msgs",
-        open=_open_bag,
-        repair=_repair_bag,
-        record=_record_rosbag1,
+        open=kinds.open_bag,
+        repair=kinds.repair_bag,
+        record=kinds.record_rosbag1,
         holds=_ROS,
         keys=("encoding",),
         extra="ros2",
@@ -329,8 +185,8 @@ FORMATS: tuple[Format, ...] = (
         name="aedat2",
         suffixes=(".aedat", ".aedat2"),
         title="AEDAT2: a DAVIS's files, which jAER reads",
-        open=_open_aedat2,
-        record=_record_aedat2,
+        open=kinds.open_aedat2,
+        record=kinds.record_aedat2,
         holds=Holds(width=1 << 10, height=1 << 9, first_us=0),
     ),
     Format(
@@ -338,8 +194,8 @@ FORMATS: tuple[Format, ...] = (
         suffixes=(".aedat3",),
         also=(".aedat",),
         title="AEDAT3.1: cAER's and jAER's",
-        open=_open_aedat3,
-        record=_record_aedat3,
+        open=kinds.open_aedat3,
+        record=kinds.record_aedat3,
         holds=Holds(first_us=0, frames=True, imu=True),
         begins=lambda head: head.startswith(b"#!AER-DAT3"),
     ),
@@ -347,8 +203,8 @@ FORMATS: tuple[Format, ...] = (
         name="csv",
         suffixes=(".csv", ".txt"),
         title="CSV: lines of t,x,y,p",
-        open=_open_csv,
-        record=_record_csv,
+        open=kinds.open_csv,
+        record=kinds.record_csv,
     ),
 )
 """Every format."""

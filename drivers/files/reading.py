@@ -11,6 +11,7 @@ from evs.drivers.files.formats import AnyPath, to_read, to_write
 from evs.drivers.files.recorded import RecordedFile
 from evs.drivers.files.recording import Beside, Recording, as_packet
 from evs.drivers.files.repaired import Repair, cut
+from evs.drivers.files.series import SeriesFile, opened_series
 from evs.drivers.sink import Sink
 from evs.msgs import (
     IMU_DTYPE,
@@ -32,16 +33,18 @@ class LeftOutWarning(UserWarning):
     """A recording holds sound data that we do not read, such as frames in colour."""
 
 
-def read(path: AnyPath) -> Recording:
+def read(path: AnyPath, *, single: bool = False) -> Recording:
     """All events of a recording, with `.stream`, `.frames`, `.imu`, `.triggers` for the rest.
+
+    In: single, only this file, where the recording goes on in further ones (series.py).
 
     A torn tail or damaged packets are left out, with a TornTailWarning or DamagedPacketWarning.
     EvsError: no such file, unknown ending, not a recording.
     """
-    file = opened(path)
+    file = opened(path, single=single)
     events = _joined(file.events())
     file.damage.warn(file.path)
-    return Recording.of(events, file.stream, Beside(lambda: _beside(path), file.labels))
+    return Recording.of(events, file.stream, Beside(lambda: _beside(path, single), file.labels))
 
 
 _GROWTH = 8
@@ -61,20 +64,22 @@ def _joined(parts: Iterator[Events]) -> Events:
     return joined
 
 
-def packets(path: AnyPath) -> Iterator[EventPacket]:
+def packets(path: AnyPath, *, single: bool = False) -> Iterator[EventPacket]:
     """The recording's packets one by one, numbered from 0; their events are read-only.
 
-    Ticks without events were not recorded and do not come back. Warns like read, at the end.
+    Ticks without events were not recorded and do not come back. In and warnings: as read.
     """
-    file = opened(path)
+    file = opened(path, single=single)
     for seq, events in enumerate(file.events()):
         yield as_packet(seq, events, file.stream)
     file.damage.warn(file.path)
 
 
-def messages(path: AnyPath) -> Iterator[EventPacket | Frame | ImuPacket | TriggerPacket]:
-    """Everything recorded, message by message, in the order recorded. Warns like read."""
-    yield from messages_of(opened(path))
+def messages(
+    path: AnyPath, *, single: bool = False
+) -> Iterator[EventPacket | Frame | ImuPacket | TriggerPacket]:
+    """Everything recorded, message by message, in the order recorded. In, warnings: as read."""
+    yield from messages_of(opened(path, single=single))
 
 
 def messages_of(file: RecordedFile) -> Iterator[EventPacket | Frame | ImuPacket | TriggerPacket]:
@@ -95,9 +100,9 @@ def messages_of(file: RecordedFile) -> Iterator[EventPacket | Frame | ImuPacket 
     _warn(file)
 
 
-def _beside(path: AnyPath) -> Iterator[Frame | ImuSamples | Triggers]:
+def _beside(path: AnyPath, single: bool) -> Iterator[Frame | ImuSamples | Triggers]:
     """What lies beside the events; where damage was met, reading those warned of it."""
-    file = opened(path)
+    file = opened(path, single=single)
     if file.stream.frames or file.stream.imu or file.stream.triggers:
         yield from file.beside()
         _warn_left_out(file)
@@ -116,7 +121,7 @@ def _warn_left_out(file: RecordedFile) -> None:
 
 def stream_of(path: AnyPath) -> StreamInfo:
     """What a recording says of its stream: resolution, camera, seed, configuration, ..."""
-    return opened(path).stream
+    return opened(path, single=True).stream
 
 
 def repair(path: AnyPath) -> Repair:
@@ -143,6 +148,12 @@ def recorder_for(
     return chosen.record(Path(path), **options)
 
 
-def opened(path: AnyPath) -> RecordedFile:
-    """The recording at a path, its header read."""
-    return to_read(path).open(Path(path))
+def opened(path: AnyPath, *, single: bool = False) -> RecordedFile:
+    """The recording at a path, its header read. In: single, as read."""
+    return to_read(path).open(Path(path)) if single else opened_series(path)
+
+
+def parts(path: AnyPath) -> list[Path]:
+    """The files of the recording that begins at a path."""
+    file = opened(path)
+    return file.paths if isinstance(file, SeriesFile) else [file.path]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from evs.drivers.files.formats import AnyPath, to_read
+from evs.drivers.files.series import SeriesFile, opened_series
 from evs.msgs import IMU_DTYPE, TRIGGER_DTYPE, Frame, StreamInfo
 
 
@@ -52,6 +53,8 @@ class Summary:
     imu_rate_hz: float | None
     """mean of them per second; None for fewer than two"""
     triggers: int
+    files: list[str]
+    """where it lies, if it goes on in several files"""
 
     @property
     def duration_s(self) -> float:
@@ -64,10 +67,13 @@ class Summary:
         return self.events / self.duration_s if self.duration_s else None
 
 
-def summary(path: AnyPath) -> Summary:
-    """Walk over a whole recording and count. Damage is told, not warned of."""
+def summary(path: AnyPath, *, single: bool = False) -> Summary:
+    """Walk over a whole recording and count. Damage is told, not warned of.
+
+    In: single, only this file, where the recording goes on in further ones (series.py).
+    """
     kind = to_read(path)
-    file = kind.open(Path(path))
+    file = kind.open(Path(path)) if single else opened_series(path, kind)
     count = packets_seen = on = first_us = last_us = triggers = 0
     frame_stamps: list[int] = []
     imu_stamps: list[int] = []
@@ -112,6 +118,7 @@ def summary(path: AnyPath) -> Summary:
         imu_samples=len(imu_stamps),
         imu_rate_hz=_rate_hz(imu_stamps),
         triggers=triggers,
+        files=[str(one) for one in file.paths] if isinstance(file, SeriesFile) else [],
     )
 
 

@@ -57,7 +57,7 @@ def test_after_kill_9_every_packet_of_every_file_is_read(tmp_path: Path, compres
             del parts[-1]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", TornTailWarning)
-            recordings = [read(part) for part in parts]
+            recordings = [read(part, single=True) for part in parts]
         whole = join_events(recordings)
         count = len(whole) // 120
         assert told <= count <= told + 1

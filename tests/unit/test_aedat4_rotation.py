@@ -57,7 +57,7 @@ def test_no_file_grows_over_its_size_and_nothing_is_lost(
     parts = parts_of(path)
     assert len(parts) == count > 1
     assert [part.name for part in parts[:2]] == ["run.aedat4", "run-001.aedat4"]
-    whole = join_events([read(part) for part in parts])
+    whole = join_events([read(part, single=True) for part in parts])
     assert whole.tobytes() == join_events([one.events for one in packets]).tobytes()
     for number, part in enumerate(parts):
         file = Aedat4File.at(part)
@@ -72,7 +72,7 @@ def test_a_single_packet_over_the_size_has_a_file_of_its_own(tmp_path: Path) -> 
     path = tmp_path / "run.aedat4"
     packets = [packet(0, 10), packet(1, 5000), packet(2, 10)]
     assert record(path, packets, "none", rotate_mb=0.01) == 3
-    assert [len(read(part)) for part in parts_of(path)] == [10, 5000, 10]
+    assert [len(read(part, single=True)) for part in parts_of(path)] == [10, 5000, 10]
 
 
 def test_a_file_ends_with_the_tick_that_ends_its_time(tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_a_file_ends_with_the_tick_that_ends_its_time(tmp_path: Path) -> None:
     # the camera starts late; nothing is seen from tick 60 to 95
     packets = [packet(seq, 0 if 60 <= seq < 95 else 5) for seq in range(3, 120)]
     record(path, packets, "lz4", rotate_s=0.02)
-    stamps = [read(part)["t"] for part in parts_of(path)]
+    stamps = [read(part, single=True)["t"] for part in parts_of(path)]
     assert [int(-(-t[0] // 1000)) - 1 for t in stamps] == [3, 23, 43, 95, 103]
     assert [int(-(-t[-1] // 1000)) - 1 for t in stamps] == [22, 42, 59, 102, 119]
 
@@ -101,7 +101,7 @@ def test_frames_and_triggers_go_into_the_file_of_their_tick(tmp_path: Path) -> N
         sink.write(packet(seq, 3))
     said = sink.close()
     assert (said["files"], said["frames"], said["triggers"]) == (4, 10, 40)
-    found = [read(part) for part in parts_of(path)]
+    found = [read(part, single=True) for part in parts_of(path)]
     assert [len(part.frames) for part in found] == [2, 3, 2, 3]
     assert [len(part.triggers) for part in found] == [8, 12, 8, 12]
     pixels = [frame.pixels[0, 0] for part in found for frame in part.frames]

@@ -205,4 +205,6 @@ def test_a_recording_of_many_files_comes_out_whole(tmp_path: Path) -> None:
     given.write_text(f'# evs {{"width": 9, "height": 9}}\n{wrap - 1},1,1,1\n{wrap},2,2,1\n')
     done = convert(given, tmp_path / "b.aedat")
     assert [path.name for path in done.files] == ["b-001.aedat", "b.aedat"]
-    assert [files.read(path)["t"].tolist() for path in done.files] == [[wrap], [wrap - 1]]
+    alone = [files.read(path, single=True)["t"].tolist() for path in done.files]
+    assert alone == [[wrap], [wrap - 1]]
+    assert files.read(tmp_path / "b.aedat")["t"].tolist() == [wrap - 1, wrap]

@@ -70,7 +70,7 @@ def test_a_recording_is_split_where_the_clock_wraps(
     stream = StreamInfo(346, 260, tick_us=1 << 40)
     assert record(path, events, stream)["files"] == 4
     parts = [path, *(tmp_path / f"a-00{k}.aedat" for k in (1, 2, 3))]
-    assert [files.read(part)["t"].tolist() for part in parts] == [
+    assert [files.read(part, single=True)["t"].tolist() for part in parts] == [
         stamps[:2],
         stamps[2:5],
         stamps[5:6],
@@ -78,7 +78,8 @@ def test_a_recording_is_split_where_the_clock_wraps(
     ]
     raw = np.frombuffer(parts[1].read_bytes().partition(b"Header\r\n")[2], ">i4")
     assert raw[1::2].tolist() == [0, 1, wrap - 1]
-    assert main(["info", str(path)]) == 0
+    assert files.read(path)["t"].tolist() == stamps
+    assert main(["info", str(path), "--single"]) == 0
     assert f"goes on in  {parts[1]} and 2 more" in capsys.readouterr().out
     # the next recording would mix with those parts
     with pytest.raises(EvsError, match="of an earlier recording would mix"):

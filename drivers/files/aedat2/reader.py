@@ -46,6 +46,8 @@ class Aedat2File(MixedFile):
     """what its stamps count from"""
     is_davis: bool = True
     """else it is a DVS128"""
+    part: int | None = None
+    """which file of a recording in several ones this is, from 0; None: it says nothing"""
 
     @classmethod
     def at(cls, path: AnyPath) -> Aedat2File:
@@ -60,13 +62,14 @@ class Aedat2File(MixedFile):
         if not lines:
             raise EvsError(f"{found} is not a readable AEDAT2 file: its first line is damaged")
         said, text = said_of(lines, SAID)
-        base = (said or {}).get("time_base_us", 0)
+        base, part = (said or {}).get("time_base_us", 0), (said or {}).get("part")
         opened = cls(
             path=found,
             stream=stream_from(said, text),
             size=found.stat().st_size,
             words_at=words_at,
             base_us=base if isinstance(base, int) and 0 <= base < 1 << 61 else 0,
+            part=part - 1 if isinstance(part, int) and part > 0 else None,
             is_davis=said is not None or "DVS128" not in text.upper().replace("DAVIS128", ""),
         )
         stream = opened.stream

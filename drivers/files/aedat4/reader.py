@@ -111,6 +111,13 @@ class Aedat4File:
                     yield message
 
     @property
+    def part(self) -> int | None:
+        """Which file of a recording in several ones this is, from 0; None: it says nothing."""
+        said = self.streams[self.event_id].info if self.event_id in self.streams else {}
+        text = said.get("part", "")
+        return int(text) if text.isascii() and text.isdigit() and len(text) < 10 else None
+
+    @property
     def broken_pointer(self) -> bool:
         """The header points to a data table that is not there: dv-processing refuses the file."""
         return self.header.table_position > 0 and self.table_packets is None

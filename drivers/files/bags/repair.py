@@ -8,8 +8,7 @@ taken back.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
@@ -20,9 +19,10 @@ from evs.drivers.files.bags.reader import BagFile
 from evs.drivers.files.bags.walk import (
     MCAP_MAGIC,
     ROS1_MAGIC,
+    Ros1Record,
     ros1_chunk,
-    ros1_fields,
     ros1_records,
+    ros1_top,
 )
 from evs.drivers.files.recording import target_error
 from evs.drivers.files.repaired import Repair
@@ -89,23 +89,24 @@ def _repair_ros1(path: Path, target: BinaryIO, size: int) -> Repair:
     connections: dict[int, bytes] = {}
     chunks: list[_Chunk] = []
     indexed = whole = len(ROS1_MAGIC)
-    for at, fields, head, data, end in _ros1_top(target, size):
-        whole = end
+    messages_end = len(ROS1_MAGIC) + _BAG_HEADER_BYTES
+    for record in ros1_top(target, size):
+        whole, fields = record.end, record.fields
         if fields.get(b"op") == b"\x03":
             indexed = int.from_bytes(fields.get(b"index_pos", b"")[:8], "little")
         elif fields.get(b"op") == b"\x05":
-            chunk = _Chunk(at, end)
-            try:
-                _look_into(chunk, fields, data, connections)
-            except (DamageError, struct.error, KeyError):
-                # what cannot be read is not in the index
-                continue
-            chunks.append(chunk)
+            chunks.append(_Chunk(record.at, record.end))
+            # what cannot be read is not in the index
+            with suppress(DamageError, struct.error, KeyError):
+                _look_into(chunks[-1], record, connections)
         elif fields.get(b"op") == b"\x07":
-            connections.setdefault(_u32(fields[b"conn"]), head + data)
+            with suppress(struct.error, KeyError):
+                connections.setdefault(_u32(fields[b"conn"]), record.head + record.data)
+        elif fields.get(b"op") == b"\x02":
+            messages_end = record.end
     if 0 < indexed < size == whole:
         return Repair(path, 0, size, False)
-    end = chunks[-1].end if chunks else len(ROS1_MAGIC) + _BAG_HEADER_BYTES
+    end = max(messages_end, chunks[-1].end if chunks else 0)
     target.truncate(end)
     target.seek(end)
     if chunks:
@@ -118,30 +119,9 @@ def _repair_ros1(path: Path, target: BinaryIO, size: int) -> Repair:
     return Repair(path, size - end, after, False, "made the index anew")
 
 
-def _ros1_top(
-    file: BinaryIO, size: int
-) -> Iterator[tuple[int, dict[bytes, bytes], bytes, bytes, int]]:
-    """(offset, header's fields, header and data with their lengths, end) of each whole record."""
-    at = len(ROS1_MAGIC)
-    while at < size:
-        file.seek(at)
-        parts = []
-        for _ in range(2):
-            told = file.read(4)
-            length = int.from_bytes(told, "little")
-            if len(told) < 4 or length > size - file.tell():
-                return
-            parts.append(told + file.read(length))
-        end = at + len(parts[0]) + len(parts[1])
-        yield at, ros1_fields(parts[0][4:]), parts[0], parts[1], end
-        at = end
-
-
-def _look_into(
-    chunk: _Chunk, fields: dict[bytes, bytes], data: bytes, connections: dict[int, bytes]
-) -> None:
-    """What is in a chunk, for the index. In: data, with its length before it."""
-    records = ros1_chunk(fields, data[4:])
+def _look_into(chunk: _Chunk, record: Ros1Record, connections: dict[int, bytes]) -> None:
+    """What is in a chunk, for the index."""
+    records = ros1_chunk(record.fields, record.data[4:])
     for at, said, head, body in ros1_records(records):
         number = _u32(said.get(b"conn", b""))
         if said.get(b"op") == b"\x07":

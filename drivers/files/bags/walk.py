@@ -5,7 +5,7 @@ from __future__ import annotations
 import bz2
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import BinaryIO
 
@@ -142,22 +142,50 @@ def walk_ros1(walk: Walk) -> Iterator[Found]:
         except (struct.error, KeyError, UnicodeDecodeError, DamageError) as reason:
             walk.damage.packet(at, f"a record lacks {reason}")
 
+    end = len(ROS1_MAGIC)
+    for record in ros1_top(walk.file, walk.size):
+        yield from take(record.fields, record.data[4:], record.at)
+        end = record.end
+    walk.damage.tail(end, walk.size)
+
+
+@dataclass(frozen=True)
+class Ros1Record:
+    """One record of a ROS 1 bag, not of a chunk."""
+
+    at: int
+    """byte offset"""
+    head: bytes
+    """with its length"""
+    data: bytes
+    """with its length"""
+
+    @property
+    def end(self) -> int:
+        """Byte offset."""
+        return self.at + len(self.head) + len(self.data)
+
+    @property
+    def fields(self) -> dict[bytes, bytes]:
+        """name -> value of its header."""
+        return ros1_fields(self.head[4:])
+
+
+def ros1_top(file: BinaryIO, size: int) -> Iterator[Ros1Record]:
+    """Each whole record of a bag of so many bytes, up to the first that is torn."""
     at = len(ROS1_MAGIC)
-    while at < walk.size:
-        walk.file.seek(at)
-        head = _ros1_part(walk.file.read, walk.size - at)
-        data = head and _ros1_part(walk.file.read, walk.size - at - 4 - len(head))
-        if head is None or data is None:
-            walk.damage.tail(at, walk.size)
-            return
-        yield from take(ros1_fields(head), data, at)
-        at += 8 + len(head) + len(data)
-
-
-def _ros1_part(read: Callable[[int], bytes], room: int) -> bytes | None:
-    """Some bytes behind their number; None if they do not fit."""
-    length = int.from_bytes(read(4), "little")
-    return read(length) if room >= 4 and length <= room - 4 else None
+    while at < size:
+        file.seek(at)
+        parts = []
+        for _ in range(2):
+            told = file.read(4)
+            length = int.from_bytes(told, "little")
+            if len(told) < 4 or length > size - file.tell():
+                return
+            parts.append(told + file.read(length))
+        record = Ros1Record(at, *parts)
+        yield record
+        at = record.end
 
 
 def ros1_fields(head: bytes) -> dict[bytes, bytes]:
