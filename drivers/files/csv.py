@@ -135,6 +135,9 @@ class CsvFile(EventsFile):
                 self.delimiter = next((one for one in (b",", b";") if one in text), b"")
                 words = text.split(self.delimiter or None)
                 self.columns = len(words)
+                if said and self.columns < 4 and not line.endswith(b"\n"):
+                    # ours, killed in its first event
+                    break
                 if _NUMBER.fullmatch(words[0].strip()):
                     self._take_form([word.strip() for word in words])
                     break

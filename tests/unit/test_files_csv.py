@@ -125,3 +125,19 @@ def test_an_empty_file_has_no_events(tmp_path: Path) -> None:
     for text in ("", "t,x,y,p\n", "# nothing\n"):
         path.write_text(text)
         assert len(files.read(path)) == 0
+
+
+@pytest.mark.parametrize("kept", ["7", "7,1", "7,1,1", "7,1,1\r"])
+def test_a_recorder_killed_in_its_first_event_leaves_a_file_without_events(
+    tmp_path: Path, kept: str
+) -> None:
+    path = tmp_path / "a.csv"
+    sink = files.recorder_for(path)
+    sink.open([StreamInfo(9, 9)])
+    sink.close()
+    whole = path.read_bytes()
+    path.write_bytes(whole + kept.encode())
+    with pytest.warns(TornTailWarning):
+        assert len(files.read(path)) == 0
+    assert files.repair(path).cut_bytes == len(kept)
+    assert path.read_bytes() == whole
