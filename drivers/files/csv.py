@@ -137,6 +137,7 @@ class CsvFile(EventsFile):
                 self.columns = len(words)
                 if said and self.columns < 4 and not line.endswith(b"\n"):
                     # ours, killed in its first event
+                    self.columns = 4
                     break
                 if _NUMBER.fullmatch(words[0].strip()):
                     self._take_form([word.strip() for word in words])
