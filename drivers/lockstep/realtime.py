@@ -66,12 +66,11 @@ class RealtimeServer(LockstepServer):
         if not isinstance(decision, Step):
             super()._decide(identity, decision)
             return
-        if not self._going:
+        if not self._going and not self._view(identity).seen:
             over = f"the episode is over ({self._loop.done})" if self._loop.done else ""
             raise EvsError(f"{over or 'the loop has not begun'}: call reset")
-        seat = self._seats.taken[identity]
+        view, seat = self._view(identity), self._seats.taken[identity]
         self._round.check(seat, decision)
-        view = self._view(identity)
         self.waits.add(monotonic_s() - view.answered_s)
         self.counts["steps"] += 1
         view.step = decision

@@ -115,7 +115,8 @@ class StandIn:
 @contextmanager
 def serving(loop: Any, **options: Any) -> Iterator[LockstepServer]:
     """A server of the loop in a thread, at any free port unless told."""
-    server = LockstepServer(loop, options.pop("address", "tcp://127.0.0.1:0"), **options)
+    kind: type[LockstepServer] = options.pop("kind", LockstepServer)
+    server = kind(loop, options.pop("address", "tcp://127.0.0.1:0"), **options)
     server.open()
     stopped: list[str] = []
     failures: list[BaseException] = []

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lockstep_stand_in import StandIn, serving
 
-from evs.drivers.lockstep import connect
+from evs.drivers.lockstep import LockstepServer, connect
+from evs.drivers.lockstep.realtime import RealtimeServer
 from evs.drivers.pace import sleep_s
 from evs.msgs import EvsError, MessageError
 from evs.msgs.lockstep import (
@@ -97,13 +98,14 @@ def joined(raw: Any) -> bool:
     return bool(number_of(raw.recv_multipart()[0])[1]["ok"])
 
 
-def test_ten_thousand_bad_requests_upset_nobody() -> None:
+@pytest.mark.parametrize("kind", [LockstepServer, RealtimeServer])
+def test_ten_thousand_bad_requests_upset_nobody(kind: type[LockstepServer]) -> None:
     random = np.random.default_rng(7)
     loop = StandIn()
     loop.last_tick = 200
     each = 100
     refused = done = 0
-    with serving(loop, timeout_s=30) as server:
+    with serving(loop, timeout_s=30, kind=kind) as server:
         for _ in range(CASES // each):
             with zmq.Context() as context, context.socket(zmq.DEALER) as raw:
                 raw.set(zmq.LINGER, 100)
@@ -129,7 +131,9 @@ def test_ten_thousand_bad_requests_upset_nobody() -> None:
             try:
                 with connect(server.address) as good:
                     assert good.reset(1).t_us == 0
-                    assert good.step([1.0, 2.0]).position.tolist() == [1.0, 2.0]
+                    seen = good.step([1.0, 2.0], 3)
+                    assert kind is RealtimeServer or seen.position.tolist() == [3.0, 6.0]
+                    assert seen.t_us >= 3000
                 break
             except EvsError as reason:
                 if "every seat is taken" not in str(reason):

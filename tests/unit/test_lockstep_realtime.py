@@ -200,6 +200,20 @@ def test_an_episode_that_ends_is_told_to_who_waits_and_stands_until_a_reset() ->
         assert made.loop.tick == 2
 
 
+def test_an_end_that_came_between_two_decisions_is_seen_with_all_that_led_to_it() -> None:
+    with hand() as (made, client):
+        made.loop.last_tick = 4
+        made.ticks(9)
+        made.ask(client, Step(1, np.array([1.0, 1.0])))
+        made.ticks(1)
+        seen = made.heard(client)
+        assert (seen.t_us, seen.done, len(seen.packets)) == (4000, "it is over", 4)
+        made.ask(client, Step(1, None))
+        made.ticks(1)
+        with pytest.raises(EvsError, match="the episode is over"):
+            made.heard(client)
+
+
 def test_a_bad_control_is_refused_and_time_goes_on() -> None:
     with hand() as (made, client):
         made.ask(client, Step(1, np.array([1.0])))
