@@ -19,7 +19,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "the worst node's. config/launch/stereo.toml shows every key; evs launch stereo runs it."
     )
     parser.add_argument("file", metavar="FILE.toml", help="a launch file, or one of evs by name")
-    parser.add_argument("given", nargs="*", metavar="NAME:=VALUE", help="an argument of the file")
+    parser.add_argument(
+        "given", nargs="*", default=[], metavar="NAME:=VALUE", help="an argument of the file"
+    )
     parser.add_argument(
         "--show", action="store_true", help="print what would be run, in order, and run nothing"
     )

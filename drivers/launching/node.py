@@ -10,12 +10,16 @@ import sys
 import threading
 from collections.abc import Callable
 
+from evs.drivers.launching.guard import Guard
 from evs.drivers.launching.plan import NodeConfig
 from evs.drivers.pace import monotonic_s
 from evs.msgs import EvsError
 
 LONGEST_LINE = 64 * 1024
 """A longer one is cut in two."""
+
+LAST_PACKETS_S = 3.0
+"""how long a subscriber may take to end by itself once its publishers have"""
 
 _ASKED = {0, 128 + signal.SIGINT, 128 + signal.SIGTERM}
 """exit codes of a program that stopped because it was asked to"""
@@ -26,9 +30,13 @@ _READ_ON_S = 2.0
 class Node:
     """A program that may be started, stopped and started again. One thread uses it."""
 
-    def __init__(self, config: NodeConfig, say: Callable[[str, str], None]) -> None:
+    def __init__(
+        self, config: NodeConfig, say: Callable[[str, str], None], guard: Guard | None = None
+    ) -> None:
         """In: say(name, line) is called from another thread with each line of the program."""
         self.config = config
+        self.alone_s = LAST_PACKETS_S if config.subscribes and not config.publishes else 0.0
+        """How long it may take to end by itself once its publishers have, s."""
         self.restarts = 0
         """How often it was started again."""
         self.code: int | None = None
@@ -39,7 +47,7 @@ class Node:
         """When it is to start again, on the monotonic clock."""
         self.since_s = 0.0
         """When it started; 0: it did not, or its end has been told."""
-        self._say = say
+        self._say, self._guard = say, guard
         self._process: subprocess.Popen[bytes] | None = None
         self._reader: threading.Thread | None = None
 
@@ -55,6 +63,8 @@ class Node:
         if self._reader is not None:
             self._reader.join(_READ_ON_S)
         self.code = code if code >= 0 else 128 - code
+        if self._guard is not None:
+            self._guard.ended(self._process.pid)
         self._process = None
         return False
 
@@ -71,7 +81,12 @@ class Node:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
-                env={**os.environ, "PYTHONUNBUFFERED": "1"},
+                env={
+                    **os.environ,
+                    "PYTHONUNBUFFERED": "1",
+                    **dict(word.split("=", 1) for word in self.config.env),
+                },
+                cwd=self.config.folder or None,
                 # Ctrl-C is for the launch, which stops its nodes in order
                 start_new_session=True,
             )
@@ -80,6 +95,10 @@ class Node:
                 f"node '{self.config.name}': cannot run '{self.config.run[0]}': {reason.strerror}"
             ) from None
         self.code, self.again_s, self.since_s = None, None, monotonic_s()
+        if self._guard is not None:
+            assert self._process.stdout is not None
+            output = self._process.stdout.fileno()
+            self._guard.watch(self._process.pid, output, self.alone_s, self.config.stop_s)
         self._reader = threading.Thread(target=self._read, args=(self._process,), daemon=True)
         self._reader.start()
 
@@ -106,7 +125,8 @@ def command_of(run: tuple[str, ...]) -> list[str]:
     """The words as a command. `evs` and `python` are those that run now."""
     program, *words = run
     if program == "evs":
-        return [sys.executable, "-m", "evs.launch.main", *words]
+        # as the installed command: nothing that lies where it runs is imported by mistake
+        return [sys.executable, "-P", "-m", "evs.launch.main", *words]
     if program == "python":
         return [sys.executable, *words]
     return [shutil.which(program) or program, *words]

@@ -1,7 +1,8 @@
 """A launch file: which programs run together, in what order, and what happens when one ends.
 
 TOML: [arg] names with defaults, [need] names that have none, [bus] addresses, [[node]] programs. In
-a node's words {NAME} stands for an argument or an address, {{ and }} for braces.
+a node's words {NAME} stands for an argument or an address, {NAME...} for as many words as it has,
+{{ and }} for braces.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from evs.drivers.checkup.loopback import free_address
+from evs.drivers.launching.words import filled, filled_words, holds
 from evs.drivers.pipeline import settings
 from evs.msgs import EvsError, nearest_first, unknown
 
@@ -26,7 +28,6 @@ ANY_PORT = "auto"
 """a bus at this address gets a port of this machine that is free"""
 
 _NAME = re.compile(r"[A-Za-z_]\w*")
-_PLACE = re.compile(r"\{\{|\}\}|\{([^{}]*)\}")
 _OWN = ("here",)
 """names that every file has: here, its folder"""
 _WAITING = {
@@ -53,7 +54,13 @@ class NodeConfig:
     remap: tuple[str, ...] = ()
     """names that mean others in this node, as in events:=left"""
     when: str = "true"
-    """true or false, often an argument: false leaves it out"""
+    """a condition, often an argument: X, not X, A == B or A != B; false leaves it out"""
+    env: tuple[str, ...] = ()
+    """NAME=VALUE each: added to its environment"""
+    folder: str = ""
+    """where it runs; empty: where the launch does"""
+    delay_s: float = 0.0
+    """how long after the launch it starts, s"""
     on_exit: str = "go_on"
     """when it ends: go_on | restart it if it failed | end the launch"""
     restarts: int = 3
@@ -122,7 +129,7 @@ def _plan(tables: dict[str, Any], path: Path, given: Iterable[str]) -> Plan:
     if missing:
         raise EvsError(f"it needs {missing[0]}:=VALUE: {names['need'][missing[0]]}")
     # an address may be made of arguments
-    buses = {name: _filled(text, values, f"bus.{name}") for name, text in names["bus"].items()}
+    buses = {name: filled(text, values, f"bus.{name}") for name, text in names["bus"].items()}
     values |= {n: free_address() if text == ANY_PORT else text for n, text in buses.items()}
     rest = {key: value for key, value in tables.items() if key not in names}
     nodes = settings.build(_File, rest).node
@@ -151,10 +158,7 @@ def _resolved(
     """The node with every name replaced by what it stands for; None if it is left out."""
     meant = {name: name for name in buses} | _remapped(node, at, values)
     own = {**values, **{name: values[other] for name, other in meant.items()}}
-    when = _filled(node.when, own, f"{at}.when")
-    if when not in ("true", "false"):
-        raise EvsError(f"at {at}.when: '{when}' is not true or false")
-    if when == "false":
+    if not holds(node.when, own, f"{at}.when"):
         return None
     _check_node(node, at)
     ends = []
@@ -163,10 +167,22 @@ def _resolved(
             if meant.get(name) not in buses:
                 raise _at(f"{at}.{key}", unknown("bus", name, buses))
         ends.append(tuple(meant[name] for name in getattr(node, key)))
-    run = tuple(_filled(word, own, f"{at}.run.{i}") for i, word in enumerate(node.run))
-    name = _filled(node.name, own, f"{at}.name") or Path(run[0]).name
+    run = filled_words(node.run, own, f"{at}.run")
+    if not run or not run[0]:
+        raise EvsError(f"at {at}.run: missing; give the program and its words")
+    env = filled_words(node.env, own, f"{at}.env")
+    folder = filled(node.folder, own, f"{at}.folder")
+    _check_surroundings(env, folder, at)
     publishes, subscribes = ends
-    return replace(node, name=name, run=run, when=when, publishes=publishes, subscribes=subscribes)
+    return replace(
+        node,
+        name=filled(node.name, own, f"{at}.name") or Path(run[0]).name,
+        run=run,
+        env=env,
+        folder=folder,
+        publishes=publishes,
+        subscribes=subscribes,
+    )
 
 
 def _remapped(node: NodeConfig, at: str, values: Mapping[str, str]) -> dict[str, str]:
@@ -183,26 +199,20 @@ def _remapped(node: NodeConfig, at: str, values: Mapping[str, str]) -> dict[str,
 
 
 def _check_node(node: NodeConfig, at: str) -> None:
-    if not node.run or not node.run[0]:
-        raise EvsError(f"at {at}.run: missing; give the program and its words")
     if node.on_exit not in ON_EXIT:
         raise _at(f"{at}.on_exit", unknown("on_exit", node.on_exit, ON_EXIT))
-    for key in ("restarts", "restart_s", "stop_s"):
+    for key in ("restarts", "restart_s", "stop_s", "delay_s"):
         if getattr(node, key) < 0:
             raise EvsError(f"at {at}.{key}: give 0 or more")
 
 
-def _filled(text: str, values: Mapping[str, str], at: str) -> str:
-    """The text with every {NAME} replaced."""
-
-    def one(found: re.Match[str]) -> str:
-        if found[0] in ("{{", "}}"):
-            return found[0][0]
-        if found[1] not in values:
-            raise _at(at, unknown("argument or bus", found[1], values))
-        return values[found[1]]
-
-    return _PLACE.sub(one, text)
+def _check_surroundings(env: tuple[str, ...], folder: str, at: str) -> None:
+    for i, word in enumerate(env):
+        name, separator, _ = word.partition("=")
+        if not separator or not _NAME.fullmatch(name):
+            raise EvsError(f"at {at}.env.{i}: '{word}' is not NAME=VALUE")
+    if folder and not Path(folder).is_dir():
+        raise EvsError(f"at {at}.folder: there is no folder '{folder}'")
 
 
 def _waiting(node: NodeConfig, nodes: list[NodeConfig]) -> NodeConfig:
@@ -236,7 +246,9 @@ def _in_order(nodes: list[NodeConfig]) -> list[NodeConfig]:
 
 def _check_names(names: list[str]) -> None:
     for name in names:
-        if not name.isprintable() or names.count(name) > 1:
+        if not name.isprintable():
+            raise EvsError(f"{name!r} is no name of a node: give it one that can be printed")
+        if names.count(name) > 1:
             raise EvsError(f"two nodes are named '{name}': give each its own name")
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import shutil
 import signal
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
+from evs.drivers.launching.guard import Guard
 from evs.drivers.launching.node import Node, command_of
 from evs.drivers.launching.plan import Plan
 from evs.drivers.pace import monotonic_s, sleep_s
@@ -16,8 +18,6 @@ INTERRUPTED = {"interrupted": 130, "terminated": 143}
 """how the launch was told to stop -> exit code, as shells count signals"""
 
 _LOOK_S = 0.05
-_LAST_PACKETS_S = 3.0
-"""how long a subscriber may take to end by itself once its publishers have"""
 _AFTER_TERM_S = 2.0
 
 
@@ -28,7 +28,8 @@ class Launch:
         self, plan: Plan, say: Callable[[str, str], None], tell: Callable[[str], None]
     ) -> None:
         """In: say(node, line), what a node said; tell(line), what became of one."""
-        self.nodes = [Node(config, say) for config in plan.nodes]
+        self._guard = Guard()
+        self.nodes = [Node(config, say, self._guard) for config in plan.nodes]
         self._tell = tell
         self._ending = ""
 
@@ -53,11 +54,15 @@ class Launch:
             for node in self.nodes:
                 if node.running:
                     node.signal(signal.SIGKILL)
+            self._guard.close()
         code = INTERRUPTED.get(stopped[0], 0) if stopped else 0
         return max([code, *(node.code or 0 for node in self.nodes if node.failed)])
 
     def _start(self) -> None:
         for node in self.nodes:
+            if node.config.delay_s > 0:
+                node.again_s = monotonic_s() + node.config.delay_s
+                continue
             node.start()
             self._tell(f"{node.config.name} started")
 
@@ -69,7 +74,8 @@ class Launch:
         for node in self.nodes:
             if node.again_s is not None and monotonic_s() >= node.again_s:
                 node.start()
-                self._tell(f"{node.config.name} started again")
+                again = " again" if node.restarts else ""
+                self._tell(f"{node.config.name} started{again}")
             elif node.again_s is None and node.since_s and not node.running:
                 node.since_s = 0.0
                 self._ended(node)
@@ -95,8 +101,7 @@ class Launch:
             # what was to start again does not
             node.again_s = None
         for node in reversed(self.nodes):
-            if node.config.subscribes and not node.config.publishes:
-                _wait([node], _LAST_PACKETS_S)
+            _wait([node], node.alone_s)
             was_running = node.running
             for number, patience_s in (
                 (signal.SIGINT, node.config.stop_s),
@@ -139,7 +144,8 @@ def check_programs(plan: Plan) -> None:
     """Refuse what could not start, before anything does. Raises EvsError."""
     for config in plan.nodes:
         program = command_of(config.run)[0]
-        if shutil.which(program) is None:
+        # a path is one in the folder where it runs
+        if shutil.which(str(Path(config.folder, program)) if "/" in program else program) is None:
             raise EvsError(
                 f"node '{config.name}': there is no program '{config.run[0]}': check node.run"
             )

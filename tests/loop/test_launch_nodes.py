@@ -61,6 +61,21 @@ def test_the_worst_exit_code_is_told_and_the_others_go_on(tmp_path: Path) -> Non
     assert told[-1] == "good ended"
 
 
+def test_a_node_has_its_own_folder_environment_and_time(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    program = "import os; print(os.getcwd()[-3:], os.environ['A'])"
+    late = node("late", program, "folder = '{here}/sub'", "env = ['A=b c']", "delay_s = 0.5")
+    code, out, told = Launched(tmp_path, late + node("prompt", "print('x')")).end()
+    assert (code, out) == (0, ["[prompt] x", "[late] sub b c"])
+    assert told == ["prompt started", "prompt ended", "late started", "late ended"]
+    text = "[[node]]\nname = 'own'\nrun = ['./own.sh']\nfolder = '{here}/sub'\n"
+    script = tmp_path / "sub" / "own.sh"
+    script.write_text("#!/bin/sh\necho here\n")
+    script.chmod(0o755)
+    code, out, _ = Launched(tmp_path, text).end()
+    assert (code, out) == (0, ["[own] here"])
+
+
 def test_all_well_is_nought(tmp_path: Path) -> None:
     code, out, _ = Launched(tmp_path, node("a", "print('x')") + node("b", "print('y')")).end()
     assert (code, sorted(out)) == (0, ["[a] x", "[b] y"])
@@ -161,6 +176,60 @@ def test_nothing_stays_behind(tmp_path: Path) -> None:
         sleep_s(0.02)
     with pytest.raises(ProcessLookupError):
         os.kill(child, 0)
+
+
+def gone(pid: int) -> bool:
+    """It does not run: a zombie that nobody waits for is gone, too."""
+    try:
+        return re.search(r"^State:\s+Z", Path(f"/proc/{pid}/status").read_text(), re.M) is not None
+    except FileNotFoundError:
+        return True
+
+
+def test_a_launcher_that_is_killed_leaves_nothing_behind(tmp_path: Path) -> None:
+    """kill -9: the nodes are stopped in their order, by their ordinary signal, and may say so."""
+    log = tmp_path / "log"
+    program = (
+        "import os, signal, sys, time; "
+        "print('up', os.getpid(), flush=True); "
+        "f = open(sys.argv[1], 'a', buffering=1)\n"
+        "try:\n    time.sleep(60)\n"
+        "except KeyboardInterrupt:\n"
+        "    time.sleep(0.2); print('x' * 200000, flush=True); f.write(sys.argv[2] + '\\n')"
+    )
+    script = tmp_path / "node.py"
+    script.write_text(program)
+    words = {
+        name: f"run = ['python', '{script}', '{log}', '{name}']"
+        for name in ("listener", "camera", "other")
+    }
+    text = "[bus]\nx = 'auto'\n"
+    text += f"[[node]]\nname = 'camera'\npublishes = ['x']\n{words['camera']}\n"
+    text += f"[[node]]\nname = 'listener'\nsubscribes = ['x']\n{words['listener']}\n"
+    text += f"[[node]]\nname = 'other'\n{words['other']}\n" + node("shut", SHUT, "stop_s = 0.1")
+    launched = Launched(tmp_path, text)
+    assert launched.process.stdout is not None
+    pids = []
+    while len(pids) < 3:
+        words_said = launched.process.stdout.readline().split()
+        pids += [int(words_said[2])] if len(words_said) == 3 else []
+    launched.process.kill()
+    # its standard error is the guard's, too: closed when all is over
+    _, error = launched.process.communicate(timeout=60)
+    assert all(gone(pid) for pid in pids)
+    assert log.read_text().split() == ["other", "camera", "listener"]
+    assert error.splitlines()[-1] == "launch: the launcher was killed: stopping every node"
+
+
+def test_who_closes_the_terminal_stops_all(tmp_path: Path) -> None:
+    launched = Launched(
+        tmp_path, node("one", "import os, time; print(os.getpid()); time.sleep(60)")
+    )
+    assert launched.process.stdout is not None
+    pid = int(launched.process.stdout.readline().split()[1])
+    launched.process.send_signal(signal.SIGHUP)
+    launched.process.communicate(timeout=60)
+    assert gone(pid)
 
 
 def test_a_camera_and_its_listeners_lose_nothing(tmp_path: Path) -> None:

@@ -106,6 +106,15 @@ def test_what_is_left_out_is_waited_for_by_nobody(tmp_path: Path) -> None:
         (('when = "{on}"', 'on_exit = "restrat"'), [], "no on_exit 'restrat'; there is: restart"),
         (('when = "{on}"', "restarts = -1"), [], "restarts: give 0 or more"),
         (('when = "{on}"', 'whne = "x"'), [], r"at node\.2\.whne: unknown key; nearest.*when"),
+        (('when = "{on}"', "delay_s = -1.0"), [], "delay_s: give 0 or more"),
+        (('when = "{on}"', 'env = ["X"]'), [], r"at node\.2\.env\.0: 'X' is not NAME=VALUE"),
+        (('when = "{on}"', 'env = ["1=2"]'), [], "'1=2' is not NAME=VALUE"),
+        (('when = "{on}"', 'folder = "{word}"'), [], "folder: there is no folder 'hello'"),
+        (('when = "{on}"', 'when = "not {word}"'), [], "'not hello' is not true or false; or comp"),
+        (('when = "{on}"', 'when = "{wrod} == a"'), [], "no argument or bus 'wrod'.*word"),
+        (('"{count}"', '"{wrod...}"'), [], r"at node\.1\.run\.4: no argument or bus 'wrod'"),
+        (('"{count}"', '"{word...}"'), ["word:='"], "cannot be split into words: No closing"),
+        (('name = "other"', 'name = "a\\tb"'), [], "no name of a node: give it one that can be pr"),
         (("[arg]", "[args]"), [], "at args: unknown key"),
         (('word = "hello"', "word = [1]"), [], r"at arg\.word: expected one value"),
         (('word = "hello"', 'left = "hello"'), [], "'left' is no name of its own"),
@@ -125,6 +134,41 @@ def test_what_is_wrong_is_one_line(
         plan(tmp_path, WHOLE.replace(*change, 1), *given)
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith(f"{tmp_path}/launch.toml: ")
+
+
+@pytest.mark.parametrize(
+    ("when", "given", "runs"),
+    [
+        ("{on}", [], True),
+        ("{on}", ["on:=False"], False),
+        ("{on}", ["on:=0"], False),
+        ("not {on}", [], False),
+        ("not {on}", ["on:=off"], True),
+        ("{word} == hello", [], True),
+        ("{word}==hello", ["word:=bye"], False),
+        ("{word} != hello", [], False),
+        ("{word} != ", ["word:="], False),
+        ("{count} == 3", [], True),
+    ],
+)
+def test_a_condition_leaves_a_node_out(
+    tmp_path: Path, when: str, given: list[str], runs: bool
+) -> None:
+    nodes = plan(tmp_path, WHOLE.replace('when = "{on}"', f'when = "{when}"'), *given).nodes
+    assert ("other" in [node.name for node in nodes]) is runs
+
+
+def test_one_argument_may_be_many_words_or_none(tmp_path: Path) -> None:
+    text = (
+        '[arg]\nmore = ""\nwho = "x"\n[[node]]\nname = "n"\nenv = ["A={who}", "{more...}"]\n'
+        'run = ["echo", "{more...}", "end"]\n'
+    )
+    assert plan(tmp_path, text).nodes[0].run == ("echo", "end")
+    node = plan(tmp_path, text, "more:=B=1 'C=2 3'").nodes[0]
+    assert node.run == ("echo", "B=1", "C=2 3", "end")
+    assert node.env == ("A=x", "B=1", "C=2 3")
+    with pytest.raises(EvsError, match=r"at node\.0\.run: missing"):
+        plan(tmp_path, text.replace('"echo", ', "").replace(', "end"', ""))
 
 
 def test_a_file_without_nodes_is_refused(tmp_path: Path) -> None:
