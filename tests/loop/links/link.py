@@ -9,11 +9,15 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import socket
 import subprocess
+import sys
 from collections.abc import Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+_ROUGH = Path(__file__).with_name("rough_program.py")
 _HOLD = "echo ready; exec cat"
 _CARD = "evs0"
 """the network card at each end"""
@@ -125,6 +129,29 @@ class Link:
         """As before."""
         for side in self.sides:
             side.bring_up()
+
+    def add_rough_line(self, delay_ms: float, jitter_ms: float, loss: float) -> tuple[str, str]:
+        """A second way between the ends, a bad one; its addresses at the near and the far end.
+
+        In: delay_ms and jitter_ms, each way (packets overtake each other); loss, share of packets.
+        """
+        ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        addresses = []
+        for number, (side, end) in enumerate(zip(self.sides, ends, strict=True), start=1):
+            addresses.append(f"10.78.0.{number}")
+            words = [str(end.fileno()), "evs1", f"{addresses[-1]}/24"]
+            words += [str(one) for one in (delay_ms, jitter_ms, loss, number)]
+            program = side.run(
+                [sys.executable, str(_ROUGH), *words],
+                pass_fds=[end.fileno()],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            end.close()
+            if not program.stdout.readline():
+                raise NoLinkError(program.stderr.read().strip().rpartition("\n")[2])
+        return addresses[0], addresses[1]
 
     def close(self) -> None:
         """Kill what runs at both ends; the namespaces go with it. Safe to call twice."""
