@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from evs.drivers.pace import Pacer, StopWatch
+from evs.drivers.pace import Pacer, StopWatch, sleep_s
 from evs.drivers.pipeline.report import STAGES, Report
 from evs.drivers.pipeline.run import Progress, run, tick_count
 from evs.emulator.stages import Meter, NoMeter
@@ -299,6 +299,8 @@ def test_a_signal_in_the_last_tick_changes_nothing() -> None:
 def test_who_insists_is_obeyed_inside_the_tick() -> None:
     def twice() -> None:
         signal.raise_signal(signal.SIGINT)
+        # as long as a person takes to press it again
+        sleep_s(0.3)
         signal.raise_signal(signal.SIGINT)
         raise AssertionError("still in the tick")
 
@@ -306,6 +308,18 @@ def test_who_insists_is_obeyed_inside_the_tick() -> None:
     report = run(FakeWorld(t4=twice), [FakeSink("one", diary)], 1.0)
     assert (report.ticks, report.ended) == (4, "interrupted at 0.004 s")
     assert diary[-1] == "one close"
+
+
+def test_a_signal_that_comes_twice_at_once_is_one() -> None:
+    """`timeout` sends it to a program and to its process group."""
+
+    def twice() -> None:
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+
+    report = run(FakeWorld(t4=twice), [], 1.0)
+    # its tick is whole
+    assert (report.ticks, report.ended) == (5, "interrupted at 0.005 s")
 
 
 def test_ctrl_c_while_a_sink_opens_ends_the_run() -> None:
