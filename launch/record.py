@@ -38,7 +38,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Record; a line says what came of it. 1 if packets were lost."""
     from evs.drivers.bus import subscribe
-    from evs.drivers.files import to_write
     from evs.drivers.pipeline.stopping import stop_signals
     from evs.drivers.pipeline.taking import Taking
 
@@ -46,7 +45,6 @@ def run(args: argparse.Namespace) -> int:
         value = getattr(args, option)
         if value is not None and not value > 0:
             raise EvsError(f"--{option} {value} is not possible: give more than 0 seconds")
-    to_write(args.file)
     listening = subscribe(
         args.address,
         args.camera,
@@ -58,8 +56,9 @@ def run(args: argparse.Namespace) -> int:
         key=args.key,
     )
     with listening as stream, stop_signals() as stopped:
+        taking = Taking(stream, args.file, warn=_warn)
         print(f"recording {stream.address} to {args.file} (Ctrl-C ends)", file=sys.stderr)
-        taken = Taking(stream, args.file, warn=_warn).run(stopped, args.duration, args.timeout)
+        taken = taking.run(stopped, args.duration, args.timeout)
     told = f"{taken.packets:,} packets, {taken.events:,} events"
     told += f", {taken.frames:,} frames" if taken.frames else ""
     told += f", {taken.imu_samples:,} IMU samples" if taken.imu_samples else ""

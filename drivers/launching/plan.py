@@ -35,6 +35,8 @@ _WAITING = {
     "play": ("--wait-for", "{count}", "--wait", "60"),
 }
 """commands of ours that publish -> how they are told to wait for their subscribers"""
+_PUBLISHING = ("--publish", "publish")
+"""evs emulate: where a node has none of these, its pipeline publishes, and says how it waits"""
 _WAITS = ("--wait-for", "publish_wait_for")
 """where a node has one of these, it says itself how many it waits for"""
 
@@ -220,7 +222,8 @@ def _waiting(node: NodeConfig, nodes: list[NodeConfig]) -> NodeConfig:
     count = sum(bool(set(node.publishes) & set(other.subscribes)) for other in nodes)
     command = node.run[1] if node.run[0] == "evs" and len(node.run) > 1 else ""
     told = _WAITING.get(command, ())
-    if not count or any(word.partition("=")[0] in _WAITS for word in node.run):
+    keys = {word.partition("=")[0] for word in node.run}
+    if not count or keys & set(_WAITS) or (command == "emulate" and not keys & set(_PUBLISHING)):
         return node
     return replace(node, run=(*node.run, *(word.format(count=count) for word in told)))
 

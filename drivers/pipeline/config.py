@@ -223,6 +223,9 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
             "at duration_s: a closed loop goes on until it is told to end; loop.max_s bounds an "
             "episode"
         )
+    for key in ("wait_for", "control", "key", "allow", "insecure"):
+        if getattr(config, f"publish_{key}") and not config.publish:
+            raise EvsError(f"at publish_{key}: of no use without publish (--publish ADDRESS)")
     seeds = SEEDS.get(config.render.renderer, ())
     if seeds and config.render.seeds not in seeds:
         raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))

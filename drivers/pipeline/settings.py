@@ -199,6 +199,9 @@ def _read_text(text: str, annotation: Any) -> Any:
     value = _toml_value(text)
     if isinstance(value, (bool, int, float, list)) and _fits_shape(value, kinds):
         return value
+    # a,b for ["a", "b"]
+    if any(typing.get_args(kind)[:1] == (str,) for kind in kinds):
+        return [word.strip() for word in text.split(",") if word.strip()]
     # 1,2,3 for [1,2,3]
     if any(typing.get_origin(kind) is tuple for kind in kinds):
         several = _toml_value(f"[{text}]")
@@ -259,7 +262,8 @@ def _said(kind: Any) -> str:
     if kind is type(None):
         return "none"
     inner = typing.get_args(kind)
-    return "numbers" if inner[1:] == (...,) else f"{len(inner)} numbers"
+    several = "strings" if inner[:1] == (str,) else "numbers"
+    return several if inner[1:] == (...,) else f"{len(inner)} {several}"
 
 
 def _shown(value: Any) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 from evs.drivers.bus import Connection, Subscription
 from evs.drivers.files import to_write
 from evs.drivers.files.formats import Format
+from evs.drivers.files.recording import target_error
 from evs.drivers.pipeline.missing import Gap, Missing
 from evs.drivers.pipeline.outlets import Outlets
 from evs.drivers.pipeline.report import check_targets, report_beside, versions, write_whole
@@ -90,6 +91,8 @@ class Taking:
         wanted: Format = to_write(file)
         self._stream, self._file, self._holds = stream, file, wanted.holds
         tell = warn or (lambda _: None)
+        if not Path(file).parent.is_dir():
+            raise target_error(Path(file), FileNotFoundError())
         check_targets([report_beside(file)])
         self._outlets = Outlets([sink or wanted.record(Path(file))], NoMeter(), tell)
         self._connection = Connection(stream, tell)

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evs.drivers.pipeline import settings
-from evs.drivers.pipeline.config import PipelineConfig, SinkConfig
-from evs.emulator.config import FlickerConfig, RunConfig
+from evs.drivers.pipeline.config import PipelineConfig
+from evs.emulator.config import RunConfig
 from evs.msgs import EvsError
 
 
@@ -22,7 +22,7 @@ def plain_keys(cls: type, prefix: str = "") -> list[tuple[str, Any]]:
     for name, annotation in typing.get_type_hints(cls).items():
         if isinstance(annotation, type) and hasattr(annotation, "__dataclass_fields__"):
             found += plain_keys(annotation, f"{prefix}{name}.")
-        elif annotation in (tuple[SinkConfig, ...], tuple[FlickerConfig, ...]):
+        elif hasattr((*typing.get_args(annotation), None)[0], "__dataclass_fields__"):
             found += plain_keys(typing.get_args(annotation)[0], f"{prefix}{name}.0.")
         else:
             found.append((prefix + name, annotation))

@@ -170,6 +170,12 @@ key = "camera.secret.key"
 allow = ["."]
 """
     )
+    words = [("publish_allow", f"{keys}/friend.key, {written_out}"), ("sink.0.allow", "none")]
+    given = pipeline.load(str(file), words)
+    assert given.publish_allow == (f"{keys}/friend.key", written_out)
+    assert given.sink[0].allow is None
+    with pytest.raises(EvsError, match="at publish_key: of no use without publish"):
+        pipeline.load(str(file), [("publish", "")])
     first, second = pipeline.load(str(file)).sinks()
     assert (first.key, first.allow) == (str(keys / "camera.secret.key"), (str(keys / "."),))
     assert second.key == str(keys / "camera.secret.key")

@@ -60,6 +60,10 @@ def test_a_camera_waits_for_as_many_as_subscribe(tmp_path: Path) -> None:
     own = WHOLE.replace('"--publish", "{left}"', '"--publish", "{left}", "--wait-for", "0"')
     nodes = {node.name: node for node in plan(tmp_path, own).nodes}
     assert nodes["camera_hello"].run[5:] == ("--wait-for", "0")
+    # its pipeline says where it publishes, and for whom it waits
+    piped = WHOLE.replace('"x.xml", "--publish", "{left}"', '"pipeline.toml"')
+    nodes = {node.name: node for node in plan(tmp_path, piped).nodes}
+    assert nodes["camera_hello"].run == ("evs", "emulate", "pipeline.toml")
     played = WHOLE.replace('remap = ["events:=left"]', 'remap = ["events:=right"]')
     nodes = {node.name: node for node in plan(tmp_path, played).nodes}
     assert nodes["other"].run[5:] == ("--wait-for", "1", "--wait", "60")
