@@ -17,7 +17,15 @@ from evs.drivers.bus import Latest, Publisher, discover, request, subscribe
 from evs.drivers.bus.keys import write_keys
 from evs.drivers.pace import monotonic_s, sleep_s
 from evs.launch.main import main
-from evs.msgs import EventPacket, EvsError, Pose, StreamInfo, empty_imu, make_events
+from evs.msgs import (
+    EventPacket,
+    EvsError,
+    Pose,
+    StreamInfo,
+    decode_status,
+    empty_imu,
+    make_events,
+)
 from evs.msgs.imu import ImuPacket
 
 ANY = "tcp://127.0.0.1:0"
@@ -106,6 +114,9 @@ def test_status_and_calibration_are_told_on_request(running: Running) -> None:
         3 * left["packets"],
     )
     assert left["last"]["imu"] >= 0
+    # a status as on the wire, but for the names of the others
+    assert decode_status(msgpack.packb({**left, "cameras": ["left", "right"]})).camera == "left"
+    assert "time_end_us" not in left
     assert right["width"] == 128
     (info,) = request(control, "camera_info")["cameras"]
     assert info == {**INFO, "camera": "left"}

@@ -310,18 +310,6 @@ def test_who_insists_is_obeyed_inside_the_tick() -> None:
     assert diary[-1] == "one close"
 
 
-def test_a_signal_that_comes_twice_at_once_is_one() -> None:
-    """`timeout` sends it to a program and to its process group."""
-
-    def twice() -> None:
-        signal.raise_signal(signal.SIGINT)
-        signal.raise_signal(signal.SIGINT)
-
-    report = run(FakeWorld(t4=twice), [], 1.0)
-    # its tick is whole
-    assert (report.ticks, report.ended) == (5, "interrupted at 0.005 s")
-
-
 def test_ctrl_c_while_a_sink_opens_ends_the_run() -> None:
     diary = list[str]()
     report = run(FakeWorld(), [FakeSink("one", diary, open=KeyboardInterrupt())], 1.0)
