@@ -179,7 +179,8 @@ class Ports:
             del fields["cameras"]
             if fields["pace"] is None:
                 del fields["pace"]
-            statuses.append({**fields, "time_end": fields.pop("time_end_us")})
+            time_end_us = fields.pop("time_end_us")
+            statuses.append({**fields, "time_end": time_end_us})
         return {"cameras": statuses}
 
     def _camera_info(self) -> Answer:
