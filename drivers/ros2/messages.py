@@ -96,7 +96,7 @@ class Messages:
         return self._store.types["std_msgs/msg/Header"](stamp=_time(t_us), frame_id=name)
 
     def _bytes(self, message: Any, kind: str) -> bytes:
-        return bytes(self._store.serialize_cdr(message, kind))
+        return _padded(self._store.serialize_cdr(message, kind))
 
 
 @cache
@@ -120,7 +120,12 @@ def rehearse() -> None:
 def clock_message(t_us: int) -> bytes:
     """rosgraph_msgs/Clock."""
     store = typestore(2)
-    return bytes(store.serialize_cdr(store.types[CLOCK](clock=_time(t_us)), CLOCK))
+    return _padded(store.serialize_cdr(store.types[CLOCK](clock=_time(t_us)), CLOCK))
+
+
+def _padded(data: memoryview) -> bytes:
+    """Whole words, as DDS has them."""
+    return b"".join((data, bytes(-len(data) % 4)))
 
 
 def _time(t_us: int) -> Any:

@@ -33,6 +33,12 @@ def load() -> Any:
     return cyclonedds
 
 
+class _Bytes(ctypes.Structure):
+    """What the types of the library's Python face take for a message: its CDR."""
+
+    _fields_ = (("data", ctypes.c_void_p), ("size", ctypes.c_size_t))
+
+
 class Writer:
     """Writes the messages of one topic, each as the bytes of its CDR."""
 
@@ -40,32 +46,36 @@ class Writer:
         """In: name, as ROS has it (/camera/events); kind, as in sensor_msgs/msg/Imu."""
         dds = load()
         policy = dds.core.Policy
-        self._failures = (dds.core.DDSException,)
         self._is_reliable = reliable
+        self.readers = 0
+        """that are matched now"""
         quality = dds.core.Qos(
             # a writer that waited would hold up all others
             policy.Reliability.Reliable(0) if reliable else policy.Reliability.BestEffort,
             policy.Durability.Volatile,
             policy.History.KeepLast(depth),
         )
-        type_ = topic_type(kind)
-        topic = dds.topic.Topic(participant, f"rt{name}", type_, qos=quality)
-        self._writer: Any = dds.pub.DataWriter(participant, topic, qos=quality)
-        self._message = type_.__new__(type_)
-
-    @property
-    def readers(self) -> int:
-        """Readers that are matched now; half a microsecond if there are none."""
-        return len(self._writer.get_matched_subscriptions()) if self._writer else 0
+        # asking would wait for a write that is under way
+        told = dds.core.Listener(on_publication_matched=self._matched)
+        topic = dds.topic.Topic(participant, f"rt{name}", topic_type(kind), qos=quality)
+        self._writer: Any = dds.pub.DataWriter(participant, topic, qos=quality, listener=told)
+        self._failures = (dds.core.DDSException,)
+        self._write = dds.internal.DDS._dll_handle.dds_write
+        self._write.argtypes, self._write.restype = (
+            [ctypes.c_int32, ctypes.c_void_p],
+            ctypes.c_int32,
+        )
 
     def write(self, data: bytes) -> bool:
-        """Hand one message over; False where the middleware does not take it."""
-        self._message.wire = data
-        try:
-            self._writer.write(self._message)
-        except self._failures:
+        """Hand one message over; False where the middleware does not take it.
+
+        It waits where a slow link has filled the socket, but without Python's lock: the library's
+        own `write` keeps that, and turns bytes into CDR one by one besides (2 ms for 100 kB).
+        """
+        if self._writer is None:
             return False
-        return True
+        message = _Bytes(ctypes.cast(ctypes.c_char_p(data), ctypes.c_void_p), len(data))
+        return int(self._write(self._writer._ref, ctypes.byref(message))) == 0
 
     def wait(self, seconds: float) -> bool:
         """Until every reliable reader has confirmed what was written; False: not in that time."""
@@ -81,6 +91,10 @@ class Writer:
         """Leave the topic. Safe to call twice."""
         # the library ends an entity with the last reference to it
         self._writer = None
+        self.readers = 0
+
+    def _matched(self, _writer: Any, status: Any) -> None:
+        self.readers = int(status.current_count)
 
 
 class Participant:
@@ -105,21 +119,10 @@ class Participant:
 
 @cache
 def topic_type(kind: str) -> Any:
-    """The DDS type of a ROS message, from the definition that bags use; its `wire` is written."""
-    type_ = _struct(kind)
+    """The DDS struct of a ROS message, from the definition that bags use.
 
-    def wire(self: Any, *_: Any, **__: Any) -> bytes:
-        data: bytes = self.wire
-        return data
-
-    # the library itself turns bytes into CDR one by one: 2 ms for 100 kB
-    type_.serialize = wire
-    return type_
-
-
-@cache
-def _struct(kind: str) -> Any:
-    """A struct of the name that ROS gives it: sensor_msgs::msg::dds_::Imu_."""
+    Its name is the one that ROS gives it: sensor_msgs::msg::dds_::Imu_.
+    """
     package, name = kind.split("/msg/")
     _, fields = typestore(2).fielddefs[kind]
     members = {field: _member(described) for field, described in fields}
@@ -132,7 +135,7 @@ def _member(described: Any) -> Any:
     types = load().idl.types
     node, what = described
     if node.name == "NAME":
-        return _struct(what)
+        return topic_type(what)
     if node.name == "BASE":
         own = {"string": str, "bool": bool, "byte": types.uint8}
         return own.get(what[0]) or getattr(types, what[0])

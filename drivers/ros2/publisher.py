@@ -91,6 +91,11 @@ class Ros2Publisher:
         self._clock_us = -(2**62)
         self._unread = 0
 
+    @property
+    def readers(self) -> int:
+        """Readers of events at the last look, which is at each packet."""
+        return sum(node.topics["events"].readers for node in self._nodes.values())
+
     def open(self, streams: Sequence[StreamInfo]) -> None:
         """Enter the domain and wait for readers. EvsError: names, sizes, interface; nobody came."""
         if self._participant is not None:
@@ -264,7 +269,8 @@ class Ros2Publisher:
 
     def _await_readers(self) -> None:
         deadline_s = monotonic_s() + self._wait_s
-        while (came := self._event_readers()) < self._wait_for:
+        self._look()
+        while (came := self.readers) < self._wait_for:
             if monotonic_s() >= deadline_s:
                 names = ", ".join(node.topics["events"].name for node in self._nodes.values())
                 raise EvsError(
@@ -273,14 +279,11 @@ class Ros2Publisher:
                     "interface, or give wait_s more"
                 )
             sleep_s(_LOOK_S)
+            self._look()
         if self._wait_for:
             # they may know of us a little later than we of them
             sleep_s(_SETTLE_S)
             self._look()
-
-    def _event_readers(self) -> int:
-        self._look()
-        return sum(node.topics["events"].readers for node in self._nodes.values())
 
     def _release(self) -> None:
         self._sender.close(self._linger_s)

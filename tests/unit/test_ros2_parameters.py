@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from typing import Any
 
 import pytest
 
+from evs.drivers.launching.plan import read_plan
 from evs.drivers.pipeline import config as pipeline
 from evs.drivers.ros2 import Ros2Publisher
 from evs.msgs import EventPacket, EvsError, StreamInfo
@@ -105,3 +107,13 @@ def test_without_the_library_one_line_says_what_to_install(
     monkeypatch.setitem(sys.modules, "cyclonedds.core", None)
     with pytest.raises(EvsError, match=r"pip install 'evs\[ros2\]'"):
         Ros2Publisher()
+
+
+def test_the_launch_file_runs_what_a_driver_would() -> None:
+    given = ["domain_id:=7", "event_message_time_threshold:=0.005", "robot:=robot.xml"]
+    (driver,) = read_plan("ros2", given).nodes
+    words = [word.split("=", 1) for word in driver.run if re.match(r"[\w.]+=", word)]
+    config = pipeline.load(overrides=[("scene.file", "robot.xml"), *map(tuple, words)])
+    (sink,) = config.sinks()
+    assert (sink.type, sink.domain_id, sink.event_message_time_threshold) == ("ros2", 7, 0.005)
+    assert isinstance(pipeline.make_sink(sink), Ros2Publisher)

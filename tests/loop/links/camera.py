@@ -17,7 +17,7 @@ class Camera:
     """A sink in a process at one end, fed a thousand packets a second."""
 
     def __init__(self, side: Side, kind: str, *, events: int = 3000, **options: Any) -> None:
-        """In: kind, bus or dv; events in a packet; options of the sink, its address too."""
+        """In: kind, bus, dv or ros2; events in a packet; options of the sink, its address too."""
         command = [sys.executable, "-W", "error", str(PROGRAM), kind, str(events)]
         self.program = side.run([*command, json.dumps(options)], stdin=-1, stdout=-1, text=True)
         self.where: dict[str, Any] = self._said()

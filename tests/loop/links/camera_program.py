@@ -1,6 +1,6 @@
 """A camera for the far end to listen to: a sink, a thousand packets a second, until it is told.
 
-    python camera_program.py bus|dv EVENTS '{"address": ..., options of the sink}'
+    python camera_program.py bus|dv|ros2 EVENTS '{"address": ..., options of the sink}'
 
 Says in one line of JSON where it is, then to each line on its standard input how it goes; ends
 with its report after the line `stop`, or with its input.
@@ -19,9 +19,11 @@ import numpy as np
 from evs.drivers.bus import Publisher
 from evs.drivers.dv import DvServer
 from evs.drivers.pace import Pacer, monotonic_s
+from evs.drivers.ros2 import Ros2Publisher
 from evs.msgs import EventPacket, StreamInfo, make_events
 
 WIDTH, HEIGHT = 346, 260
+SINKS = {"bus": Publisher, "dv": DvServer, "ros2": Ros2Publisher}
 
 
 def body(count: int) -> Any:
@@ -38,13 +40,13 @@ def memory_kb() -> int:
 
 def main() -> None:
     kind, count, options = sys.argv[1], int(sys.argv[2]), json.loads(sys.argv[3])
-    sink: Any = Publisher(**options) if kind == "bus" else DvServer(**options)
+    sink: Any = SINKS[kind](**options)
     sink.open([StreamInfo(WIDTH, HEIGHT, "cam")])
     if kind == "bus":
         where = {"events": sink.address, "control": sink.control_address}
         where["latest"] = sink.latest_address
     else:
-        where = sink.ports
+        where = sink.ports if kind == "dv" else {}
     print(json.dumps(where), flush=True)
     events, pacer = body(count), Pacer(1.0)
     seq, slowest_s = 0, 0.0
@@ -53,7 +55,11 @@ def main() -> None:
             if sys.stdin.readline() in ("stop\n", ""):
                 break
             told = {"seq": seq, "late_s": pacer.late_s, "slowest_s": slowest_s}
-            listening = sink.subscribers if kind == "bus" else listeners(sink)
+            listening = {
+                "bus": lambda: sink.subscribers,
+                "dv": lambda: listeners(sink),
+                "ros2": lambda: sink.readers,
+            }[kind]()
             print(json.dumps({**told, "memory_kb": memory_kb(), "here": listening}), flush=True)
         pacer.wait_until(1000 * seq)
         now = events.copy()

@@ -79,6 +79,14 @@ class Side:
         """Switch it off."""
         self.ip("link", "set", _CARD, "down")
 
+    def shape(self, rate: str) -> None:
+        """Let no more than so much leave, as in 2mbit. Raises NoLinkError."""
+        words = ["qdisc", "add", "dev", _CARD, "root", "tbf", "rate", rate]
+        words += ["burst", "32kbit", "latency", "5s"]
+        done = subprocess.run([*self.enter, "tc", *words], capture_output=True, text=True)
+        if done.returncode:
+            raise NoLinkError(f"tc {' '.join(words)}: {done.stderr.strip()}")
+
     def close(self) -> None:
         """Kill what runs here, and let go of the namespace."""
         for program in self.programs:

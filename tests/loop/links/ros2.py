@@ -1,0 +1,58 @@
+"""A node of ROS 2 on other people's middleware: Fast DDS, built here from ros2_listener.cpp."""
+
+from __future__ import annotations
+
+import functools
+import json
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+SOURCE = Path(__file__).with_name("ros2_listener.cpp")
+LIBRARIES = ("-lfastrtps", "-lfastcdr")
+FLAGS = ("-std=c++17", "-O1", "-Wall", "-Wextra", "-Werror")
+
+Run = Callable[..., "subprocess.Popen[Any]"]
+
+
+@functools.cache
+def _built() -> tuple[str, tempfile.TemporaryDirectory[str]]:
+    """The program; a few seconds. It lies in a folder that goes with this process."""
+    compiler = shutil.which("c++") or "g++"
+    probe = [compiler, "-E", "-x", "c++", "-include", "fastdds/dds/subscriber/DataReader.hpp"]
+    if subprocess.run([*probe, "/dev/null"], capture_output=True).returncode:
+        pytest.skip("Fast DDS is not installed: apt install libfastrtps-dev")
+    folder = tempfile.TemporaryDirectory()
+    program = f"{folder.name}/ros2_listener"
+    subprocess.run([compiler, *FLAGS, str(SOURCE), "-o", program, *LIBRARIES], check=True)
+    return program, folder
+
+
+class Listener:
+    """Hears every topic of one node."""
+
+    def __init__(self, run: Run, domain_id: int, path: str, *, reliable: bool = False) -> None:
+        """In: run, starts a program, as subprocess.Popen or a Side's does. It is ready then."""
+        words = [_built()[0], str(domain_id), str(int(reliable)), path]
+        # what it hears is more than a pipe holds
+        self._out = tempfile.TemporaryFile("w+")  # noqa: SIM115
+        self.program = run(words, stdin=-1, stdout=self._out, stderr=subprocess.PIPE, text=True)
+        assert self.program.stderr is not None
+        assert self.program.stderr.readline() == "ready\n"
+
+    def heard(self) -> dict[str, list[dict[str, Any]]]:
+        """topic -> its messages, those under way too; it ends."""
+        _, errors = self.program.communicate(timeout=120)
+        assert (self.program.returncode, errors) == (0, ""), (self.program.returncode, errors)
+        self._out.seek(0)
+        found: dict[str, list[dict[str, Any]]] = {}
+        for line in self._out:
+            message = json.loads(line)
+            found.setdefault(message.pop("topic"), []).append(message)
+        self._out.close()
+        return found

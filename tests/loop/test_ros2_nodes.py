@@ -1,0 +1,156 @@
+"""A camera heard by a node of ROS 2 that shares nothing with us, as on another machine.
+
+Fast DDS is the middleware that ROS 2 comes with. The camera is in one network namespace, the node
+in another; a recording of the same run says what it has to hear.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import evs
+from evs.drivers.files.bags.library import typestore
+from evs.drivers.files.bags.walk import Walk, walk_mcap
+from evs.msgs.encodings import PayloadReader
+from links.link import Link
+from links.ros2 import Listener
+
+pytest.importorskip("cyclonedds")
+
+DOMAIN = 1 + os.getpid() % 200
+"""other runs of this test on this machine have theirs"""
+
+TICKS = 300
+EVS = [sys.executable, "-W", "error", "-m", "evs.launch.main"]
+SCENE = ["--scene", "gymnasium:envs/mujoco/assets/humanoid.xml", "render.spp=1"]
+CAMERA = [
+    *("--sensor", "davis346", "sensor.width=128", "sensor.height=96", "name=event_camera"),
+    *("sensor.aps.enabled=true", "sensor.imu.enabled=true", "scene.control=random"),
+    *("--duration", str(TICKS / 1000), "--pace", "realtime", "--quiet"),
+]
+
+
+def emulate(folder: Path, **sink: Any) -> list[str]:
+    """The command: for ROS 2, and into a bag and an AEDAT4 file."""
+    more = {"type": "ros2", "domain_id": DOMAIN, "wait_for": 1, "wait_s": 60, **sink}
+    words = [f"sink.0.{key}={value}" for key, value in more.items()]
+    words += ["sink.1.type=rosbag2", f"sink.1.file={folder}/run.mcap"]
+    encoding = [f"sink.1.encoding={sink['encoding']}"] if "encoding" in sink else []
+    return [*EVS, "emulate", *SCENE, *CAMERA, *words, *encoding, "--record", f"{folder}/run.aedat4"]
+
+
+def plain(message: Any) -> dict[str, Any]:
+    """A message of the bag as the listener prints it, without its frame, which bags call else."""
+    told: dict[str, Any] = {}
+    for key, value in vars(message).items():
+        if key == "header":
+            told["stamp"] = value.stamp.sec * 10**9 + value.stamp.nanosec
+        elif key == "roi":
+            told |= {"x_offset": 0, "y_offset": 0, "roi_height": 0, "roi_width": 0}
+            told["do_rectify"] = 0
+        elif key in ("events", "data"):
+            told[key] = value.tobytes().hex()
+        elif isinstance(value, np.ndarray):
+            told[key] = value.tolist()
+        elif hasattr(value, "z"):
+            told[key] = [getattr(value, axis) for axis in "xyzw" if hasattr(value, axis)]
+        elif not key.startswith("_"):
+            told[key] = int(value) if isinstance(value, bool) else value
+    return told
+
+
+def recorded(file: Path) -> dict[str, list[dict[str, Any]]]:
+    """topic -> its messages."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    with file.open("rb") as opened:
+        for one in walk_mcap(Walk(opened, file.stat().st_size)):
+            if one.kind.startswith("std_msgs"):
+                continue
+            message = typestore(2).deserialize_cdr(one.data, one.kind)
+            found.setdefault(one.topic, []).append(plain(message))
+    return found
+
+
+def without_frames(messages: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    assert {one["frame_id"] for one in messages} == {"event_camera_optical_frame"}
+    return [{k: v for k, v in one.items() if k != "frame_id"} for one in messages]
+
+
+def check(heard: dict[str, list[dict[str, Any]]], folder: Path, encoding: str) -> None:
+    """All of it, to the last bit."""
+    wanted = recorded(folder / "run.mcap")
+    # the first look for readers is at the first packet: what came beside it is gone
+    for name, first in (("events", 0), ("imu", 1), ("image_raw", 0)):
+        topic = f"/event_camera/{name}"
+        assert without_frames(heard[topic]) == wanted[topic][-len(heard[topic]) :]
+        assert len(wanted[topic]) - len(heard[topic]) <= first
+    (calibration,) = wanted["/event_camera/camera_info"]
+    images = heard["/event_camera/image_raw"]
+    assert without_frames(heard["/event_camera/camera_info"]) == [
+        {**calibration, "stamp": one["stamp"]} for one in images
+    ]
+    assert len(images) >= 5
+    # the events themselves, against a recording in another format
+    reader = PayloadReader(encoding)
+    packets = heard["/event_camera/events"]
+    events = [reader.events(bytes.fromhex(one["events"]), one["time_base"]) for one in packets]
+    truth = evs.read(folder / "run.aedat4")
+    assert len(truth) > 10_000
+    assert np.array_equal(np.concatenate(events), truth)
+    check_time_and_place(heard)
+
+
+def check_time_and_place(heard: dict[str, list[dict[str, Any]]]) -> None:
+    """A clock of every tick; a pose of each, also for tf, of a camera that stands."""
+    clock = [one["stamp"] for one in heard["/clock"]]
+    assert clock == [10**6 * (k + 1) for k in range(TICKS)]
+    poses, transforms = heard["/event_camera/pose"], heard["/tf"]
+    assert [one["stamp"] for one in poses] == clock[-len(poses) :]
+    assert len(poses) >= TICKS - 1
+    for pose, moved in zip(poses, transforms, strict=True):
+        assert pose["frame_id"] == moved["frame_id"] == "world"
+        assert moved["child_frame_id"] == "event_camera_optical_frame"
+        assert (moved["translation"], moved["rotation"]) == (pose["position"], pose["orientation"])
+        assert np.linalg.norm(pose["orientation"]) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "reliable"),
+    [
+        ("evt3", True),
+        pytest.param("libcaer", False, marks=pytest.mark.slow),
+        pytest.param("mono", True, marks=pytest.mark.slow),
+    ],
+)
+def test_another_machine_hears_every_topic_to_the_last_bit(
+    link: Link, tmp_path: Path, encoding: str, reliable: bool
+) -> None:
+    far = Listener(link.far.run, DOMAIN, "/event_camera", reliable=reliable)
+    words = emulate(
+        tmp_path, interface="evs0", insecure="true", encoding=encoding, reliable=reliable
+    )
+    camera = link.near.run(words, stdout=-1, stderr=-1, text=True)
+    out, errors = camera.communicate(timeout=120)
+    # a busy machine may be late, and says so
+    others = [line for line in errors.splitlines() if "late, the pace was too much" not in line]
+    assert (camera.returncode, out, others) == (0, "", [])
+    check(far.heard(), tmp_path, encoding)
+
+
+def test_this_machine_hears_it_without_being_told_where_and_others_do_not(
+    link: Link, tmp_path: Path
+) -> None:
+    """By default on the loopback interface, which other machines do not reach."""
+    near = Listener(link.near.run, DOMAIN, "/event_camera")
+    far = Listener(link.far.run, DOMAIN, "/event_camera")
+    camera = link.near.run(emulate(tmp_path), stdout=-1, stderr=-1, text=True)
+    camera.communicate(timeout=120)
+    assert camera.returncode == 0
+    check(near.heard(), tmp_path, "evt3")
+    assert far.heard() == {}
