@@ -18,6 +18,14 @@ QUEUE_BYTES = "1 GB"
 _LOOPBACK_FRAGMENTS = "<MaxMessageSize>65000B</MaxMessageSize><FragmentSize>60000B</FragmentSize>"
 """A datagram on the loopback interface may be as large as UDP permits."""
 
+_LOOPBACK_PEERS = (
+    "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
+    "<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
+    '<Peers><Peer address="localhost"/></Peers></Discovery>'
+)
+"""Nodes that are told to stay on this machine may do without multicast: 32 places of them are asked
+where ROS's own middleware looks for its like."""
+
 
 def load() -> Any:
     """The library; EvsError says how to install it."""
@@ -183,11 +191,13 @@ def _configuration(interface: Interface) -> str:
         chosen = 'autodetermine="true"'
     # the loopback interface does not say that it carries multicast, but it does
     chosen += ' multicast="true"' if interface.is_loopback else ""
-    fragments = _LOOPBACK_FRAGMENTS if interface.is_loopback else ""
+    fragments, peers = "", ""
+    if interface.is_loopback:
+        fragments, peers = _LOOPBACK_FRAGMENTS, _LOOPBACK_PEERS
     return (
         "<CycloneDDS><Domain><General>"
         f"<Interfaces><NetworkInterface {chosen}/></Interfaces>{fragments}"
-        "</General><Internal><Watermarks>"
+        f"</General>{peers}<Internal><Watermarks>"
         f"<WhcHigh>{QUEUE_BYTES}</WhcHigh><WhcHighInit>{QUEUE_BYTES}</WhcHighInit>"
         "<WhcAdaptive>false</WhcAdaptive></Watermarks></Internal></Domain></CycloneDDS>"
     )

@@ -55,6 +55,26 @@ for _ in range(1000):
         time.sleep(0.02)
 while link.recv(1 << 20): pass
 """,
+    "ros2": """
+import sys, time
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from reference.ros_readers import EVENTS
+one = '<Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>'
+domain = Domain(int(sys.argv[1]), "<CycloneDDS><Domain><General>" + one +
+                "</General></Domain></CycloneDDS>")
+participant = DomainParticipant(int(sys.argv[1]))
+quality = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(10))
+reader = DataReader(participant, Topic(participant, "rt/eye/events", EVENTS, qos=quality),
+                    qos=quality)
+came = False
+while not came or reader.get_matched_publications():
+    came = came or bool(reader.get_matched_publications())
+    time.sleep(0.05)
+    reader.take(10)
+""",
 }
 
 CAMERA = """
@@ -65,6 +85,7 @@ import evs
 from evs.drivers.bus import Publisher
 from evs.drivers.checkup.loopback import free_address
 from evs.drivers.dv import DvServer
+from evs.drivers.ros2 import Ros2Publisher
 from evs.drivers.pipeline.config import SinkConfig, make_sink
 from evs.msgs import EventPacket, make_events
 
@@ -87,7 +108,9 @@ def start(name, where):
 
 publisher = Publisher("tcp://127.0.0.1:0", wait_for=2)
 server = DvServer("tcp://127.0.0.1:0", wait_for=2)
-processes = []
+domains = 1 + os.getpid() % 100, 101 + os.getpid() % 100
+ros2 = Ros2Publisher(domain_id=domains[0], node="eye", wait_for=1, wait_s=30.0)
+processes = [start("ros2", domain) for domain in domains]
 
 # open waits for listeners, whose address is known once it is bound
 def later(names, where):
@@ -101,6 +124,7 @@ later(("echo", "recorder"), lambda: not publisher.address.endswith(":0") and pub
 publisher.open([info])
 later(("dv", "dv"), lambda: server.ports.get(f"{info.camera}/events", 0))
 server.open([info])
+ros2.open([info])
 
 def aside(**given):
     return make_sink(SinkConfig(aside=True, aside_cores=tuple(others), **given))
@@ -109,17 +133,22 @@ bus, dv = free_address(), free_address()
 bus_aside = aside(type="zmq", address=bus, wait_for=2, wait_s=30.0)
 dv_aside = aside(type="dv", address=dv, wait_for=2, wait_s=30.0)
 file_aside = aside(type="aedat4", file=folder + "/camera.aedat4")
+ros2_aside = aside(type="ros2", domain_id=domains[1], node="eye", wait_for=1, wait_s=30.0)
 ports = {"echo": bus, "recorder": bus, "dv": dv.rpartition(":")[2]}
-for sink, names in ((bus_aside, ("echo", "recorder")), (dv_aside, ("dv", "dv")), (file_aside, ())):
+for sink, names in ((bus_aside, ("echo", "recorder")), (dv_aside, ("dv", "dv")), (file_aside, ()),
+                    (ros2_aside, ())):
     sink.prepare()
     processes += [start(name, ports[name]) for name in names]
     # who came before the port was there has to come again
     sink.open([info])
 sets = {"no sink": (), "bus, listener and recorder": (publisher,), "DV, two clients": (server,),
         "bus and DV, all of these": (publisher, server),
+        "ROS 2, a reader of the events": (ros2,),
+        "aside: ROS 2, a reader of the events": (ros2_aside,),
         "aside: bus, listener and recorder": (bus_aside,),
         "aside: bus and the camera's own file": (bus_aside, file_aside),
-        "aside: bus, file and DV, two clients": (bus_aside, file_aside, dv_aside)}
+        "aside: bus, file and DV, two clients": (bus_aside, file_aside, dv_aside),
+        "aside: bus, file, DV and ROS 2": (bus_aside, file_aside, dv_aside, ros2_aside)}
 taken = {name: [] for name in sets}
 seq = 0
 for lap in range(rounds + 1):
@@ -139,8 +168,8 @@ for lap in range(rounds + 1):
             time.sleep(max(0.0, ends - time.monotonic()))
         if lap:
             taken[name].append(1e3 * (time.process_time() - begin) / ticks)
-said = {"bus": publisher.close(), "dv": server.close()}
-waited = [sink.close() for sink in (dv_aside, file_aside, bus_aside)]
+said = {"bus": publisher.close(), "dv": server.close(), "ros2": ros2.close()}
+waited = [sink.close() for sink in (ros2_aside, dv_aside, file_aside, bus_aside)]
 for process in processes: process.wait(30)
 spread = {k: np.quantile(v, (0.5, 0.25, 0.75)).tolist() for k, v in taken.items()}
 print(json.dumps({"taken": spread, "dropped": said["dv"]["packets_dropped"],
@@ -180,6 +209,7 @@ def test_what_sinks_cost_a_tick(tmp_path: Path) -> None:
         ("5 Mev/s", "aside: bus, listener and recorder"),
         ("5 Mev/s", "aside: bus and the camera's own file"),
         ("1 Mev/s", "aside: bus, file and DV, two clients"),
+        ("1 Mev/s", "aside: bus, file, DV and ROS 2"),
         ("5 Mev/s", "bus, listener and recorder"),
         ("1 Mev/s", "bus and DV, all of these"),
     ):

@@ -7,6 +7,7 @@ in another; a recording of the same run says what it has to hear.
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,9 @@ import pytest
 import evs
 from evs.drivers.files.bags.library import typestore
 from evs.drivers.files.bags.walk import Walk, walk_mcap
+from evs.drivers.pace import sleep_s
+from evs.drivers.ros2 import Ros2Publisher
+from evs.msgs import EventPacket, StreamInfo, make_events
 from evs.msgs.encodings import PayloadReader
 from links.link import Link
 from links.ros2 import Listener
@@ -143,14 +147,63 @@ def test_another_machine_hears_every_topic_to_the_last_bit(
     check(far.heard(), tmp_path, encoding)
 
 
+@pytest.mark.parametrize("aside", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_this_machine_hears_it_without_being_told_where_and_others_do_not(
-    link: Link, tmp_path: Path
+    link: Link, tmp_path: Path, aside: bool
 ) -> None:
-    """By default on the loopback interface, which other machines do not reach."""
+    """By default on the loopback interface, which other machines do not reach.
+
+    So it is too where the sink has a process of its own.
+    """
     near = Listener(link.near.run, DOMAIN, "/event_camera")
     far = Listener(link.far.run, DOMAIN, "/event_camera")
-    camera = link.near.run(emulate(tmp_path), stdout=-1, stderr=-1, text=True)
+    camera = link.near.run(emulate(tmp_path, aside=aside), stdout=-1, stderr=-1, text=True)
     camera.communicate(timeout=120)
     assert camera.returncode == 0
     check(near.heard(), tmp_path, "evt3")
     assert far.heard() == {}
+
+
+NODE = """
+import sys
+from cyclonedds.domain import Domain, DomainParticipant
+from evs.drivers.pace import monotonic_s, sleep_s
+from reference.ros_readers import Ears
+domain = Domain(int(sys.argv[1]), sys.argv[2])
+ears, found, ends_s = Ears(int(sys.argv[1]), "/eye", ("events",)), [], monotonic_s() + 30
+print("ready", flush=True)
+while not found and monotonic_s() < ends_s:
+    sleep_s(0.01)
+    found += ears.take("events")
+print(len(found) > 0)
+"""
+ON_LO = '<Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>'
+STAYING = """<Discovery><ParticipantIndex>auto</ParticipantIndex><Peers>
+<Peer address="localhost"/></Peers></Discovery>"""
+
+
+@pytest.mark.parametrize(
+    ("general", "discovery"),
+    [(ON_LO, ""), ("<AllowMulticast>false</AllowMulticast>", STAYING)],
+    ids=["ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE"],
+)
+def test_nodes_on_cyclone_dds_that_stay_on_this_machine_find_it(
+    general: str, discovery: str
+) -> None:
+    """Configured as ROS 2 configures them: by one interface, or without multicast."""
+    domain = DOMAIN + 1
+    text = f"<CycloneDDS><Domain><General>{general}</General>{discovery}</Domain></CycloneDDS>"
+    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
+    node = subprocess.Popen(
+        [sys.executable, "-W", "error", "-c", NODE, str(domain), text],
+        env={**os.environ, "PYTHONPATH": search},
+        stdout=-1,
+        text=True,
+    )
+    sink = Ros2Publisher(domain_id=domain, node="eye", wait_for=1, wait_s=30.0)
+    sink.open([StreamInfo(9, 9)])
+    while node.poll() is None:
+        sink.write(EventPacket(0, 0, 1000, 9, 9, make_events([5], [1], [2], [1])))
+        sleep_s(0.01)
+    sink.close()
+    assert node.communicate()[0].split() == ["ready", "True"]
