@@ -62,6 +62,19 @@ def test_events_of_a_ball_say_where_it_will_cross() -> None:
     assert crossing.t_s == pytest.approx(0.2, abs=0.004)
 
 
+def test_a_cluster_that_was_none_is_given_up() -> None:
+    random, ball = np.random.default_rng(9), EventBall()
+    wrong = np.zeros(8, EVENT_DTYPE)
+    wrong["x"], wrong["y"], wrong["t"] = 50, 100, np.arange(1, 9)
+    ball.see(wrong, 1000)
+    assert ball.path.at(1000) is not None
+    for tick in range(1, 120):
+        ball.see(ball_events(tick, random), 1000 * (tick + 1))
+    crossing = ball.path.crossing(120_000)
+    assert crossing is not None
+    assert crossing.y_m == pytest.approx(CROSSES_Y, abs=0.01)
+
+
 def test_noise_alone_is_no_ball() -> None:
     random, ball = np.random.default_rng(4), EventBall()
     for tick in range(100):
@@ -103,7 +116,7 @@ def test_an_empty_frame_says_nothing() -> None:
 
 def test_a_path_goes_through_its_samples_at_any_time_of_day() -> None:
     for day_us in (0, 86_400_000_000):
-        path, t_us = Path(), day_us + np.array([1000, 2000, 7000])
+        path, t_us = Path(1e-6), day_us + np.array([1000, 2000, 7000])
         place = BEGIN[:, np.newaxis] + SPEED[:, np.newaxis] * (t_us - day_us) * 1e-6
         path.add(*pixel(place), t_us)
         found = path.at(day_us + 20_000)

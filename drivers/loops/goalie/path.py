@@ -26,6 +26,10 @@ PADDLE_X_M = 0.05
 """What is nearer to the goal is paddle and posts."""
 
 
+LIKELY_M_S = 20.0
+"""Balls are about so fast."""
+
+
 @dataclass(frozen=True)
 class Crossing:
     """Where and when a ball will cross the goal's line, x = 0."""
@@ -37,8 +41,11 @@ class Crossing:
 class Path:
     """The straight line of a ball over time, in metres of the table."""
 
-    def __init__(self) -> None:
+    def __init__(self, noise_m: float) -> None:
+        """In: noise_m, standard deviation of a sample: what few of them say of speed is doubted."""
         self._sums = np.zeros((2, 5))
+        # a speed is a normal number of LIKELY_M_S before anything is known of it
+        self._doubt = (noise_m / LIKELY_M_S) ** 2
         # times count from the first sample: squares of whole microseconds would lose digits
         self._begin_us: int | None = None
 
@@ -51,16 +58,11 @@ class Path:
             self._sums[axis] += len(t), t.sum(), t @ t, place.sum(), place @ t
 
     def at(self, t_us: int) -> tuple[F64, F64] | None:
-        """Place and speed (2,) at that time, m, m/s; None before there is a sample.
-
-        While all samples are of the same time it stands still.
-        """
+        """Place and speed (2,) at that time, m, m/s; None before there is a sample."""
         if self._begin_us is None:
             return None
         n, st, stt, sx, sxt = self._sums.T
-        spread = n * stt - st * st
-        known = spread > 1e-9 * n * n
-        speed = np.where(known, (n * sxt - st * sx) / np.where(known, spread, 1.0), 0.0)
+        speed = (n * sxt - st * sx) / (n * stt - st * st + n * self._doubt)
         return (sx - speed * st) / n + speed * (t_us - self._begin_us) * 1e-6, speed
 
     def crossing(self, t_us: int) -> Crossing | None:
@@ -92,12 +94,19 @@ class EventBall:
     ENOUGH = 5
     """events of one packet in one cell that begin a cluster; noise has about one in the picture"""
     RADIUS_PX = 6.0
+    LOST_US = 20_000
+    """without an event near its path the cluster is given up"""
+    NOISE_M = 0.014
+    """an event is of the ball's rim"""
 
     def __init__(self) -> None:
-        self.path = Path()
+        self.path = Path(self.NOISE_M)
+        self._last_us = 0
 
     def see(self, events: Events, t_us: int) -> None:
         """A packet's events, (n,), that ends at t_us. All at once, no loop."""
+        if t_us - self._last_us > self.LOST_US:
+            self.path, self._last_us = Path(self.NOISE_M), t_us
         events = events[events["x"] > GOAL_COLUMN]
         x, y = events["x"].astype(np.float64), events["y"].astype(np.float64)
         middle = self._middle(events, t_us)
@@ -106,6 +115,7 @@ class EventBall:
         near = (x - middle[0]) ** 2 + (y - middle[1]) ** 2 < self.RADIUS_PX**2
         if near.any():
             self.path.add(x[near], y[near], events["t"][near])
+            self._last_us = t_us
 
     def _middle(self, events: Events, t_us: int) -> tuple[float, float] | None:
         """Where the cluster should be, px; None: there is none."""
@@ -128,9 +138,10 @@ class FrameBall:
 
     ENOUGH = 3.0
     """dark pixels that are a ball"""
+    NOISE_M = 0.0005
 
     def __init__(self) -> None:
-        self.path = Path()
+        self.path = Path(self.NOISE_M)
 
     def see(self, frame: Frame) -> None:
         """One frame: it is of the middle of its exposure."""
