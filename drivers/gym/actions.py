@@ -2,47 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from evs.drivers.gym.library import spaces
-from evs.emulator.world import MjModel
 from evs.msgs import EvsError, unknown
+
+F64 = npt.NDArray[np.float64]
 
 
 class Actions:
     """Box (nu,) float32 of -1 ... 1, spread over each actuator's range of control."""
 
     def __init__(
-        self, model: MjModel, ranges: Mapping[str, tuple[float, float]] | None = None
+        self,
+        names: Sequence[str],
+        limits: F64,
+        ranges: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
-        """In: ranges, name of an actuator -> (low, high), instead of the model's ctrlrange.
+        """In: limits, (nu, 2) of the model; ranges, name of an actuator -> (low, high) instead.
 
         Raises EvsError for an actuator that has no range, or does not exist, or for none at all.
         """
-        if not model.nu:
+        if not names:
             raise EvsError("the scene has no actuators, so there is nothing to act with: add some")
-        names = [model.actuator(index).name or str(index) for index in range(model.nu)]
         given = dict(ranges or {})
         for name in given:
             if name not in names:
-                raise unknown("actuator", name, names)
-        low, high = np.empty(model.nu), np.empty(model.nu)
-        for index, name in enumerate(names):
-            if name not in given and not model.actuator_ctrllimited[index]:
-                raise EvsError(
-                    f"actuator '{name}' has no ctrlrange: give it one in the model, or "
-                    f"control_range={{'{name}': (-1, 1)}}"
-                )
-            low[index], high[index] = given.get(name, model.actuator_ctrlrange[index])
-            if not (np.isfinite([low[index], high[index]]).all() and low[index] < high[index]):
-                raise EvsError(f"the range of actuator '{name}' is not (low, high): mend it")
+                raise unknown("actuator", str(name), names)
+        pairs = [
+            _range(name, given.get(name, limit)) for name, limit in zip(names, limits, strict=True)
+        ]
+        low, high = np.array(pairs, np.float64).T
         self._middle, self._half = (low + high) / 2, (high - low) / 2
-        self.space = spaces.Box(-1.0, 1.0, (model.nu,), np.float32)
+        self.space = spaces.Box(-1.0, 1.0, (len(names),), np.float32)
 
-    def control(self, action: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def control(self, action: npt.ArrayLike) -> F64:
         """(nu,) float64 for an action; what is over 1 counts as 1. EvsError for another shape."""
         values = np.asarray(action, np.float64)
         if values.shape != self._middle.shape:
@@ -51,3 +48,18 @@ class Actions:
                 "give one number for each actuator"
             )
         return np.asarray(self._middle + self._half * np.clip(values, -1.0, 1.0), np.float64)
+
+
+def _range(name: str, value: Sequence[float] | F64) -> tuple[float, float]:
+    try:
+        low, high = (float(end) for end in value)
+    except (TypeError, ValueError):
+        raise EvsError(f"the range of actuator '{name}' is {value!r}; give (low, high)") from None
+    if np.isinf(low) or np.isinf(high):
+        raise EvsError(
+            f"actuator '{name}' has no ctrlrange: give it one in the model, or "
+            f"control_range={{'{name}': (-1, 1)}}"
+        )
+    if not low < high:
+        raise EvsError(f"the range of actuator '{name}' is {low:g} ... {high:g}: turn it round")
+    return low, high

@@ -12,13 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.drivers.gym.actions import Actions
-from evs.drivers.gym.episodes import Reward, Start, begin, check_reward, check_start, reward_of
 from evs.drivers.gym.library import gymnasium, spaces
 from evs.drivers.gym.picture import SCENE_PX, draw
+from evs.drivers.gym.rewards import Reward, check_reward, reward_of
 from evs.drivers.gym.views import Step, make_view
 from evs.drivers.pictures import U8
 from evs.drivers.pipeline.paths import in_package
 from evs.emulator import Loop, Observation
+from evs.emulator.closed.starts import Start, begin, check_start
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.loop_config import DelayConfig
 from evs.emulator.plain_config import plain_integer
@@ -140,7 +141,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             if render_mode
             else None
         )
-        self._actions = Actions(world.model, control_range)
+        self._actions = Actions(self.loop.actuators, self.loop.ctrl_range, control_range)
         self.action_space = self._actions.space
         self.observation_space = self._space()
         self.seen: Observation | None = None

@@ -20,7 +20,7 @@ from evs.emulator.world.gauges import Gauges
 from evs.emulator.world.kinematics import gravity_of
 from evs.emulator.world.left_out import LeftOutWarning
 from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model, load_spec
-from evs.emulator.world.named_sensors import NamedSensors
+from evs.emulator.world.named_sensors import NamedSensors, add_joint_sensors
 from evs.emulator.world.physics import Physics
 from evs.emulator.world.poses import Poser
 from evs.emulator.world.ticks import Substeps, fill_tick
@@ -42,6 +42,7 @@ __all__ = [
     "Substeps",
     "UnstableError",
     "actuator_names",
+    "add_joint_sensors",
     "bind_camera",
     "check_control",
     "control_range",

@@ -6,12 +6,29 @@ Rewards and tests may. A controller may not: it has events and its actuators' en
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import mujoco
 
 from evs.emulator.scene import F64
 from evs.emulator.world.gauges import Gauges
+from evs.msgs import unknown
+
+
+def add_joint_sensors(spec: mujoco.MjSpec, joints: Mapping[str, str]) -> None:
+    """Give a robot that has no sensors some. In: name of a new <jointpos> -> its joint. EvsError.
+
+    Limits, rewards and claims go by names of sensors; they change nothing of how a robot moves.
+    """
+    for name, joint in joints.items():
+        if spec.joint(joint) is None:
+            raise unknown("joint", joint, (one.name for one in spec.joints if one.name))
+        spec.add_sensor(
+            name=name,
+            type=mujoco.mjtSensor.mjSENS_JOINTPOS,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            objname=joint,
+        )
 
 
 class NamedSensors:
