@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -87,9 +88,10 @@ class RealtimeServer(LockstepServer):
         super()._break(line)
         self._fault = ""
 
-    def _lose(self, identity: bytes, why: str) -> None:
-        super()._lose(identity, why)
-        self._views.pop(identity, None)
+    def _lose(self, identities: Sequence[bytes], why: str) -> None:
+        super()._lose(identities, why)
+        for identity in identities:
+            self._views.pop(identity, None)
 
     def _withdraw(self, identity: bytes) -> None:
         """Its control acts all the same: it has arrived."""
@@ -136,11 +138,11 @@ class RealtimeServer(LockstepServer):
         """Take out who is gone, or has asked for nothing for too long."""
         assert self._end is not None
         for identity in self._end.gone():
-            self._lose(identity, "has gone (its connection closed)")
+            self._lose([identity], "has gone (its connection closed)")
         now_s = monotonic_s()
         for identity, view in list(self._views.items()):
             if view.step is None and now_s - view.answered_s > self._timeout_s:
-                self._lose(identity, f"asked for nothing for {self._timeout_s:g} s")
+                self._lose([identity], f"asked for nothing for {self._timeout_s:g} s")
         since_s = self._round.since_s
         if since_s is not None and now_s - since_s > self._timeout_s:
             self._give_up()

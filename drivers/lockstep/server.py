@@ -109,7 +109,7 @@ class LockstepServer:
         if came is not None:
             self._take(*came)
         for identity in self._end.gone():
-            self._lose(identity, "has gone (its connection closed)")
+            self._lose([identity], "has gone (its connection closed)")
         since_s = self._round.since_s
         if since_s is not None and monotonic_s() - since_s > self._timeout_s:
             self._give_up()
@@ -176,9 +176,10 @@ class LockstepServer:
             self._answer(seat, self._answers[type(request)](seat, request))
 
     def _join(self, peer: Peer, number: int, join: Join) -> None:
+        before = len(self._seats.taken)
         seat = self._seats.take(peer, join)
         seat.number, seat.peer = number, peer
-        self.counts["controllers"] += 1
+        self.counts["controllers"] += len(self._seats.taken) - before
         told = description(self._loop, self._seats)
         mine = [self._seats.actuators[place] for place in seat.actuators]
         told |= {"actuators": mine, "timeout_s": self._timeout_s}
@@ -234,10 +235,10 @@ class LockstepServer:
             seen = self._loop.step(ctrl, decision.ticks)
             self.counts["steps"] += 1
         elif isinstance(decision, Reset):
-            for one, each in decisions.items():
-                seats[one].wants_state = isinstance(each, Reset) and each.state
-            wants_state = any(seat.wants_state for seat in seats.values())
-            seen = self._loop.reset(decision.seed, decision.keyframe, wants_state)
+            wants = {one: isinstance(it, Reset) and it.state for one, it in decisions.items()}
+            seen = self._loop.reset(decision.seed, decision.keyframe, any(wants.values()))
+            for one, wanted in wants.items():
+                seats[one].wants_state = wanted
             self._fault = ""
             self.counts["episodes"] += 1
         else:
@@ -262,22 +263,26 @@ class LockstepServer:
 
     def _give_up(self) -> None:
         """Somebody has kept the others waiting for too long."""
-        for identity in self._round.missing:
-            self._lose(identity, f"gave no decision for {self._timeout_s:g} s")
-        if self._round.decisions:
-            here, wanted = len(self._seats.taken), self._seats.controllers
-            self._break(
-                f"{here} of {wanted} controllers are here ({self._seats.names}) after "
-                f"{self._timeout_s:g} s: start the others"
-            )
-
-    def _lose(self, identity: bytes, why: str) -> None:
-        seat = self._seats.taken.pop(identity, None)
-        self._round.withdraw(identity)
-        if seat is None:
+        if self._seats.full:
+            self._lose(self._round.missing, f"gave no decision for {self._timeout_s:g} s")
             return
-        self.counts["controllers_lost"] += 1
-        line = f"controller '{seat.name}' {why}"
+        # those who are here may wait for the others, too
+        here, wanted = len(self._seats.taken), self._seats.controllers
+        self._break(
+            f"{here} of {wanted} controllers are here ({self._seats.names}) after "
+            f"{self._timeout_s:g} s: start the others"
+        )
+
+    def _lose(self, identities: Sequence[bytes], why: str) -> None:
+        """Take their seats from controllers; from strangers nothing."""
+        lost = [seat for one in identities if (seat := self._seats.taken.pop(one, None))]
+        for identity in identities:
+            self._round.withdraw(identity)
+        if not lost:
+            return
+        self.counts["controllers_lost"] += len(lost)
+        names = ", ".join(f"'{seat.name}'" for seat in lost)
+        line = f"controller{'s' if len(lost) > 1 else ''} {names} {why}"
         if self._warn is not None:
             self._warn(line)
         self._break(line)

@@ -218,6 +218,20 @@ def test_a_controller_that_does_not_decide_loses_its_seat() -> None:
     assert server.report()["controllers_lost"] == 1
 
 
+def test_several_that_do_not_decide_are_named_together() -> None:
+    loop = StandIn(("a", "b", "c"))
+    with serving(loop, controllers=3, timeout_s=0.3) as server:
+        three = [connect(server.address, name, actuators=(name,)) for name in "abc"]
+        with pytest.raises(EvsError, match="controllers 'b', 'c' gave no decision for 0"):
+            three[0].reset()
+        # it waits for others to come, and so may they
+        with pytest.raises(EvsError, match=r"1 of 3 controllers are here \('a'\) after 0"):
+            three[0].reset()
+        for one in three:
+            one.close()
+    assert server.report()["controllers_lost"] == 2
+
+
 def test_a_controller_whose_connection_closes_is_noticed_at_once() -> None:
     loop, warned = StandIn(), []
     with serving(loop, controllers=2, timeout_s=60, warn=warned.append) as server:
