@@ -206,6 +206,26 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
     """
     if not config.scene.file:
         raise EvsError('no scene: give --scene FILE.xml, or file = "FILE.xml" under [scene]')
+    _check_pace(config)
+    for key in ("wait_for", "control", "key", "allow", "insecure"):
+        if getattr(config, f"publish_{key}") and not config.publish:
+            raise EvsError(f"at publish_{key}: of no use without publish (--publish ADDRESS)")
+    seeds = SEEDS.get(config.render.renderer, ())
+    if seeds and config.render.seeds not in seeds:
+        raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))
+    for place, sink in enumerate(config.sink):
+        _check_sink(sink, f"sink.{place}")
+        if not (config.aside if sink.aside is None else sink.aside):
+            for key in ASIDE_KEYS[1:]:
+                if getattr(sink, key) is not None:
+                    raise EvsError(f"at sink.{place}.{key}: of use only with aside = true")
+    config.emulation()
+    _check_held(config)
+    _check_outputs(config, pipeline)
+
+
+def _check_pace(config: PipelineConfig) -> None:
+    """A table of another pace would be of no use."""
     if config.pace not in (*PACES, LOCKSTEP):
         raise _at("pace", unknown("pace", config.pace, (*PACES, LOCKSTEP)))
     if config.pace != "realtime" and config.realtime != RealtimeConfig():
@@ -223,21 +243,6 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
             "at duration_s: a closed loop goes on until it is told to end; loop.max_s bounds an "
             "episode"
         )
-    for key in ("wait_for", "control", "key", "allow", "insecure"):
-        if getattr(config, f"publish_{key}") and not config.publish:
-            raise EvsError(f"at publish_{key}: of no use without publish (--publish ADDRESS)")
-    seeds = SEEDS.get(config.render.renderer, ())
-    if seeds and config.render.seeds not in seeds:
-        raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))
-    for place, sink in enumerate(config.sink):
-        _check_sink(sink, f"sink.{place}")
-        if not (config.aside if sink.aside is None else sink.aside):
-            for key in ASIDE_KEYS[1:]:
-                if getattr(sink, key) is not None:
-                    raise EvsError(f"at sink.{place}.{key}: of use only with aside = true")
-    config.emulation()
-    _check_held(config)
-    _check_outputs(config, pipeline)
 
 
 def make_sink(config: SinkConfig) -> Sink:
