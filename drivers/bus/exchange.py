@@ -7,6 +7,9 @@ connection that closes; one that comes back within RETURN_S was never away.
 from __future__ import annotations
 
 import os
+import socket
+import stat
+from pathlib import Path
 from typing import Any
 
 import zmq
@@ -18,6 +21,7 @@ from evs.drivers.bus.keys import Keys, guard, new_keys, present
 from evs.drivers.bus.ports import ServerKeys, bind_error
 from evs.drivers.bus.sockets import Context, Handshakes, Socket, notice_death, readable
 from evs.drivers.pace import monotonic_s
+from evs.msgs import EvsError
 
 RETURN_S = 1.0
 """How long a connection that closed may take to come back before its other end counts as gone."""
@@ -29,8 +33,26 @@ _MOST_PARTS = 2
 _ANSWERS = 64
 """Answers held for a client that does not take them."""
 
+IPC = "ipc://"
+"""An address that begins so is a path of this machine."""
+
 Peer = tuple[bytes, ...]
 """Where a request came from and its answer goes to: identity, and REQ's empty frame."""
+
+
+def check_free(path: str) -> None:
+    """EvsError where somebody serves there, or a file lies there: ZeroMQ would take its place."""
+    if not path or not os.path.lexists(path):
+        return
+    if not stat.S_ISSOCK(os.lstat(path).st_mode):
+        raise EvsError(f"'{path}' is a file: give another path")
+    with socket.socket(socket.AF_UNIX) as probe:
+        try:
+            probe.connect(path)
+        except OSError:
+            # left behind by somebody who was killed
+            return
+    raise EvsError(f"'{path}' is in use: end the program that serves there, or give another path")
 
 
 class ServerEnd:
@@ -58,6 +80,13 @@ class ServerEnd:
         if keys.own is not None:
             guard(server, keys.own)
         self._monitor = server.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        self._path = address.removeprefix(IPC) if address.startswith(IPC) else ""
+        try:
+            check_free(self._path)
+        except EvsError:
+            self._path = ""
+            self.close()
+            raise
         try:
             server.bind(address)
         except zmq.ZMQError as reason:
@@ -133,6 +162,10 @@ class ServerEnd:
         if self._gate is not None:
             self._gate.close()
         self._context.term()
+        if self._path:
+            # ZeroMQ leaves it lying there
+            Path(self._path).unlink(missing_ok=True)
+            self._path = ""
 
     def _look(self, now_s: float) -> None:
         self._looked_s = now_s

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -195,3 +197,26 @@ def test_a_port_that_is_taken() -> None:
         with pytest.raises(EvsError, match="is in use"):
             second.open()
         second.close()
+
+
+def test_a_path_that_is_taken(tmp_path: Path) -> None:
+    address, file = f"ipc://{tmp_path}/loop", tmp_path / "file"
+    with serving(StandIn(), address=address), connect(address) as client:
+        second = LockstepServer(StandIn(), address)
+        with pytest.raises(EvsError, match="/loop' is in use: end the program that serves there"):
+            second.open()
+        second.close()
+        client.reset()
+    assert not (tmp_path / "loop").exists()
+    file.write_text("precious")
+    with pytest.raises(EvsError, match="is a file: give another path"):
+        LockstepServer(StandIn(), f"ipc://{file}").open()
+    assert file.read_text() == "precious"
+
+
+def test_a_path_that_a_killed_server_left_is_taken_over(tmp_path: Path) -> None:
+    address = f"ipc://{tmp_path}/loop"
+    with socket.socket(socket.AF_UNIX) as left:
+        left.bind(str(tmp_path / "loop"))
+    with serving(StandIn(), address=address), connect(address) as client:
+        client.reset()
