@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import resource
+import struct
 import tempfile
 import warnings
+from io import BytesIO
 from pathlib import Path
 from random import Random
 
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from evs.drivers import files
 from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning, TornTailWarning
@@ -38,13 +41,57 @@ KINDS = [
     ("a.aedat", "none"),
     ("a.aedat3", "none"),
     ("a.csv", "none"),
+    ("davis.aedat", "none"),
+    ("packed.aedat3", "none"),
 ]
 QUICK = 120
 LONG = 15_000
 """Of each kind: 1e5 in all."""
 
 
+def davis() -> bytes:
+    """What jAER makes of a DAVIS: events, reads of some pixels twice over, IMU words."""
+    head = b"#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n"
+    words = []
+    for stamp in range(0, 4000, 40):
+        words.append(stamp % 180 << 22 | stamp % 240 << 12 | (stamp & 8) << 8)
+        words.append(1 << 31 | stamp % 180 << 22 | stamp % 7 << 12 | (stamp & 64) << 4 | 99)
+        if stamp % 400 == 0:
+            words += [1 << 31 | 0xC00 | code << 28 | (code * 999) << 12 for code in range(7)]
+    return head + b"".join(
+        struct.pack(">Ii", word, 25 * number) for number, word in enumerate(words)
+    )
+
+
+def packed() -> bytes:
+    """What cAER makes with compression: runs of one stamp, a PNG frame, a plain one, IMU9."""
+
+    def packet(kind: int, size: int, stamp_at: int, count: int, body: bytes) -> bytes:
+        capacity = len(body) if kind & 0x8000 else count
+        return struct.pack("<HhiiiIii", kind, 1, size, stamp_at, 0, capacity, count, count) + body
+
+    out = b"#!AER-DAT3.1\r\n#Format: Compressed\r\n#Source 1: DVS128\r\n#!END-HEADER\r\n"
+    picture = BytesIO()
+    pixels = np.arange(24, dtype=np.uint16).reshape(4, 6) * 2000
+    Image.fromarray(pixels).save(picture, "PNG")
+    for tick in range(4):
+        run = [(x << 17 | x << 2 | 3) for x in range(20)]
+        words = [run[0], tick | 1 << 31, run[1], 18, *run[2:], run[3], tick, run[4], tick + 1]
+        out += packet(0x8001, 8, 4, 22, struct.pack("<26I", *words))
+        head = [tick + 1, tick + 9, tick + 2, tick + 3, 6, 4, 0, 0]
+        frames = struct.pack("<I8i", 1 << 31 | 3, *head) + struct.pack(
+            "<i", len(picture.getvalue())
+        )
+        frames += picture.getvalue() + struct.pack("<I8i", 3, *head) + pixels.tobytes()
+        out += packet(0x8002, 84, 12, 2, frames)
+        out += packet(4, 48, 4, 1, struct.pack("<Ii10f", 1, tick, *range(10)))
+    return out
+
+
 def recorded(folder: Path, name: str, compression: str) -> bytes:
+    by_hand = {"davis.aedat": davis, "packed.aedat3": packed}
+    if name in by_hand:
+        return by_hand[name]()
     path = folder / name
     sink = files.recorder_for(path, compression)
     sink.open([StreamInfo(64, 48, config={"a": 1}, frames=True, imu=True, triggers=True)])

@@ -6,6 +6,7 @@ import resource
 import tempfile
 import warnings
 from pathlib import Path
+from random import Random
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ from evs.msgs import (
     empty_imu,
     make_events,
 )
-from reference.mutations import mutations
+from reference.mutations import changed_by, mutations
 
 KINDS = {
     "evt3": "a.raw",
@@ -130,6 +131,16 @@ def test_very_many_changed_files_are_read_or_refused(
     kind: str, data: st.DataObject, originals: dict[str, bytes]
 ) -> None:
     survives(kind, data.draw(mutations(originals[kind])))
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    # a chunk that is damaged within, a record without a header, two records of one connection; a
+    # file that ends before its first word
+    [("rosbag1", 4), ("rosbag1", 666), ("rosbag1", 9257), ("evt21", 3045)],
+)
+def test_what_was_once_repaired_wrongly(kind: str, seed: int, originals: dict[str, bytes]) -> None:
+    survives(kind, changed_by(Random(seed), originals[kind]))
 
 
 @pytest.mark.parametrize("kind", ["evt3", "evt2", "evt21", "dat"])

@@ -8,7 +8,7 @@ from typing import BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.files.aedat3.compressed import MAX_DEFLATE, PNG_BIT
+from evs.drivers.files.aedat3.compressed import MAX_DEFLATE, MAX_PICTURE_BYTES, PNG_BIT
 from evs.drivers.files.aedat3.layout import FRAME_HEAD, IMU, SPAN_US, Head
 from evs.drivers.files.formats import MAX_SIDE_PX
 from evs.msgs import DEGREE, STANDARD_GRAVITY, Frame, ImuSamples, empty_imu
@@ -103,6 +103,6 @@ def _frame(
 def _unpacked(data: bytes, width: int, height: int) -> npt.NDArray[np.uint16] | None:
     from evs.drivers.pictures.grey import grey_png
 
-    if 2 * width * height > MAX_DEFLATE * (len(data) + 64):
+    if 2 * width * height > min(MAX_PICTURE_BYTES, MAX_DEFLATE * (len(data) + 64)):
         return None
     return grey_png(data, width, height)

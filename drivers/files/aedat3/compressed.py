@@ -20,6 +20,9 @@ FORMATS = ("RAW", "Serial-TS", "Compressed", "PNG", "Serial-TS,PNG")
 PNG_BIT = 1 << 31
 _RUN = 1 << 31
 _TIME = _RUN - 1
+MAX_PICTURE_BYTES = 1 << 26
+"""Of a frame, unpacked: 32 megapixels."""
+
 MAX_DEFLATE = 1100
 """Deflate expands 1032 times at most: a picture that states more is damaged."""
 

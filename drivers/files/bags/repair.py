@@ -86,7 +86,8 @@ class _Chunk:
 
 
 def _repair_ros1(path: Path, target: BinaryIO, size: int) -> Repair:
-    connections: dict[int, bytes] = {}
+    # each record once, in their order: a damaged one may have the number of another
+    connections: dict[bytes, None] = {}
     chunks: list[_Chunk] = []
     indexed = whole = len(ROS1_MAGIC)
     messages_end = len(ROS1_MAGIC) + _BAG_HEADER_BYTES
@@ -100,8 +101,7 @@ def _repair_ros1(path: Path, target: BinaryIO, size: int) -> Repair:
             with suppress(DamageError, struct.error, KeyError):
                 _look_into(chunks[-1], record, connections)
         elif fields.get(b"op") == b"\x07":
-            with suppress(struct.error, KeyError):
-                connections.setdefault(_u32(fields[b"conn"]), record.head + record.data)
+            connections[record.head + record.data] = None
         elif fields.get(b"op") == b"\x02":
             messages_end = record.end
     if 0 < indexed < size == whole:
@@ -112,22 +112,21 @@ def _repair_ros1(path: Path, target: BinaryIO, size: int) -> Repair:
     if chunks:
         target.write(_index_data(chunks[-1]))
     index_at = target.tell()
-    target.write(b"".join(connections.values()) + b"".join(_chunk_info(one) for one in chunks))
+    target.write(b"".join(connections) + b"".join(_chunk_info(one) for one in chunks))
     after = target.tell()
     target.seek(len(ROS1_MAGIC))
     target.write(_bag_header(index_at, len(connections), len(chunks)))
     return Repair(path, size - end, after, False, "made the index anew")
 
 
-def _look_into(chunk: _Chunk, record: Ros1Record, connections: dict[int, bytes]) -> None:
+def _look_into(chunk: _Chunk, record: Ros1Record, connections: dict[bytes, None]) -> None:
     """What is in a chunk, for the index."""
     records = ros1_chunk(record.fields, record.data[4:])
     for at, said, head, body in ros1_records(records):
-        number = _u32(said.get(b"conn", b""))
         if said.get(b"op") == b"\x07":
-            connections.setdefault(number, head + body)
+            connections[head + body] = None
         elif said.get(b"op") == b"\x02":
-            chunk.messages.setdefault(number, []).append((said[b"time"], at))
+            chunk.messages.setdefault(_u32(said[b"conn"]), []).append((said[b"time"], at))
 
 
 def _index_data(chunk: _Chunk) -> bytes:

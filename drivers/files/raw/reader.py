@@ -93,6 +93,8 @@ class RawFile(EventsFile):
         """As large as its events need."""
         width = height = 0
         for _, piece in self._pieces(Damage()):
+            if not len(piece):
+                continue
             width = max(width, 1 + int(piece["x"].max(initial=0)))
             height = max(height, 1 + int(piece["y"].max(initial=0)))
         if not width:
