@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -12,6 +13,7 @@ from evs.emulator.config import RenderConfig, SceneConfig
 from evs.emulator.optics import camera_info
 from evs.emulator.pixels import DoneTick, Pixels
 from evs.emulator.pose import pose_message
+from evs.emulator.saving import Saved, joined, number, numbers, part
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.sensor import (
     Aps,
@@ -19,6 +21,7 @@ from evs.emulator.sensor import (
     completed,
     resolve_sensor,
 )
+from evs.emulator.sensor.beside.imu import ImuState
 from evs.emulator.stages import Meter, NoMeter
 from evs.emulator.truth import GroundTruth
 from evs.emulator.versions import versions
@@ -127,6 +130,59 @@ class Camera:
         # a world of one pipeline has the run's whole configuration there, seed included
         config = {**self._info.config, "seed": seed}
         self._info = replace(self._info, seed=seed, config=config)
+
+    def save(self) -> Saved:
+        """Named arrays of all that the next tick needs, which `restoring` takes back."""
+        begun = [] if self._t_us is None else [self._t_us]
+        return {
+            **joined(pixels=self._pixels.save()),
+            **(joined(aps=self._aps_state.save()) if self._aps_state is not None else {}),
+            **(joined(imu=self._imu_state.save()) if self._imu_state is not None else {}),
+            **numbers(seq=self._seq, seen=self._seen, imu_seq=self._imu_seq, events=self.events),
+            **numbers(instants=(self._now is not None) + (self._previous is not None)),
+            "t_us": np.array(begun, np.int64),
+        }
+
+    def restoring(
+        self, saved: Saved, seed: int, now: SceneSnapshot | None, previous: SceneSnapshot | None
+    ) -> Callable[[], None]:
+        """Checks what `save` gave; what comes back puts it in place. Raises EvsError.
+
+        In: seed, that of the camera that was saved; now and previous, what it saw last and before.
+        """
+        pixels = self._pixels.restoring(part(saved, "pixels"), seed)
+        aps = None if self._aps is None else self._aps.restore(part(saved, "aps"))
+        imu = None if self._imu is None else ImuState.restore(part(saved, "imu"))
+        counts = [number(saved, name, 0) for name in ("seq", "seen", "imu_seq", "events")]
+        instants = number(saved, "instants", 0, 2)
+        t_us = saved.get("t_us", np.zeros(2, np.int64)).tolist()
+        needed = [now, previous][:instants]
+        if None in needed or (t_us != ([] if now is None or not instants else [now.t_us])):
+            raise EvsError("saved state is damaged: a camera's time cannot be; save it again")
+
+        def put() -> None:
+            self.reset(seed)
+            pixels()
+            self._aps_state, self._imu_state = aps, imu
+            self._seq, self._seen, self._imu_seq, self.events = counts
+            self._t_us = t_us[0] if t_us else None
+            seen = [(one, one.cameras[self._place]) for one in needed if one is not None]
+            self._now, self._previous = (*seen, None, None)[:2]
+            # the same light again: not saved, since it is found again
+            self._luminance = self._renderer.render(*self._now) if self._now else None
+
+        return put
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What shapes its events, seed aside, in plain values: where a saved state belongs."""
+        tables = {
+            key: dict(self._info.config[key]) for key in ("camera", "sensor", "render", "model")
+        }
+        for key in ("isa", "incremental"):
+            # the same bytes
+            del tables["render"][key]
+        return {"of": self._plan.camera, **tables, **self._pixels.versions}
 
     def refresh(self, world: MjModel, scene: SceneModel) -> None:
         """Look at a changed world through the same pixels: their state stays."""

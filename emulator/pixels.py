@@ -6,14 +6,17 @@ full, then the events of all its ticks come out, tick by tick, the same as with 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from evs.emulator.config import ModelConfig
+from evs.emulator.saving import Saved, joined, number, numbers, part
 from evs.emulator.scene import F32
 from evs.emulator.sensor import SensorParameters, make_event_model, make_readout
+from evs.emulator.sensor.readout.state import ReadoutState
 from evs.emulator.stages import ChunkedModel
 from evs.msgs import Events, EvsError
 
@@ -47,6 +50,7 @@ class Pixels:
         """
         self._model = make_event_model(sensor, model, threads, spp)
         self._readout = make_readout(sensor)
+        self._shape = (int(sensor.height), int(sensor.width))
         self._seed = seed
         check_chunk(model)
         self._chunk = model.chunk
@@ -59,6 +63,47 @@ class Pixels:
         self._read = None if self._readout is None else self._readout.init(self._seed)
         self._waiting: list[tuple[F32, int, int]] = []
         self._lit = False
+
+    def save(self) -> Saved:
+        """Named arrays of all that they remember, which `restoring` takes back."""
+        light = [luminance for luminance, _, _ in self._waiting]
+        ticks = [(begin_us, end_us) for _, begin_us, end_us in self._waiting]
+        return {
+            **joined(state=self._state.save()),
+            **(joined(readout=self._read.save()) if self._read is not None else {}),
+            **numbers(lit=self._lit),
+            "waiting_light": np.array(light, np.float32).reshape(-1, *self._shape),
+            "waiting_us": np.array(ticks, np.int64).reshape(-1, 2),
+        }
+
+    def restoring(self, saved: Saved, seed: int) -> Callable[[], None]:
+        """Checks what `save` gave; what comes back puts it in place. Raises EvsError.
+
+        In: seed, from now on, that of the pixels that were saved.
+        """
+        state = self._model.restore(part(saved, "state"))
+        read = None if self._readout is None else ReadoutState.restore(part(saved, "readout"))
+        lit = bool(number(saved, "lit", 0, 1))
+        light, ticks = saved.get("waiting_light"), saved.get("waiting_us")
+        if (
+            light is None
+            or ticks is None
+            or light.dtype != np.float32
+            or ticks.dtype != np.int64
+            or ticks.shape != (len(light), 2)
+            or light.shape != (len(ticks), *self._shape)
+            or len(ticks) >= self._chunk
+        ):
+            raise EvsError("saved state is damaged: the light that waits cannot be; save it again")
+
+        def put() -> None:
+            self._seed, self._state, self._read, self._lit = seed, state, read, lit
+            self._waiting = [
+                (frame, int(begin_us), int(end_us))
+                for frame, (begin_us, end_us) in zip(light, ticks, strict=True)
+            ]
+
+        return put
 
     def see(self, luminance: F32, begin_us: int, end_us: int) -> list[DoneTick]:
         """The light at the end of a tick; ticks whose events are known now, in order.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
 from evs.emulator.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
@@ -79,6 +80,9 @@ class EventModel(Protocol):
 
     def init(self, seed: int) -> Any:
         """The state before the first tick."""
+
+    def restore(self, saved: Mapping[str, Any]) -> Any:
+        """The state whose `save()` gave these arrays. EvsError where they do not fit the model."""
 
     def step(
         self, luminance: F32, state: Any, t_begin_us: int, t_end_us: int

@@ -55,6 +55,18 @@ class VirtualCamera:
         (packet,) = self.world.step(ctrl)
         return packet
 
+    def reset(self, seed: int | None = None, keyframe: str = "") -> None:
+        """Back to the beginning; see World.reset."""
+        self.world.reset(seed, keyframe)
+
+    def save(self, compress: bool = False) -> bytes:
+        """Everything that the next tick follows from; see World.save."""
+        return self.world.save(compress)
+
+    def restore(self, blob: bytes) -> None:
+        """Go on from where `save` was called; see World.restore."""
+        self.world.restore(blob)
+
     def run(self, duration_s: float) -> Iterator[EventPacket]:
         """The packets of `duration_s` simulated seconds."""
         return (packet for packets in self.world.run(duration_s) for packet in packets)

@@ -6,10 +6,14 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
+import numpy as np
+
 from evs.emulator.closed.chance import Chance
-from evs.emulator.closed.link import Link
+from evs.emulator.closed.link import Link, OnTheWay
+from evs.emulator.closed.stored import read_waiting, save_waiting
 from evs.emulator.loop_config import DelayConfig
 from evs.emulator.plain_config import plain_config
+from evs.emulator.saving import Saved, joined, number, numbers, part
 from evs.emulator.scene import F64
 from evs.emulator.sensor.random import Term
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket
@@ -24,9 +28,9 @@ MAX_DELAY_US = 10**9
 class Channels:
     """The links of some cameras, one for each of their streams, and that of the controls."""
 
-    def __init__(self, delays: DelayConfig, cameras: Sequence[str], seed: int) -> None:
-        """In: cameras, their names; seed, jitter and losses follow from it."""
-        self.delays, self.seed, self.cameras = delays, seed, tuple(cameras)
+    def __init__(self, delays: DelayConfig, cameras: Sequence[str], nu: int, seed: int) -> None:
+        """In: cameras, their names; nu, how many controls; seed, jitter and losses follow."""
+        self.delays, self.cameras, self.nu = delays, tuple(cameras), nu
         jitters, drops = delays.transport_jitter_us > 0.0, delays.drop_share > 0.0
         self.links: dict[tuple[str, int], Link[Any]] = {}
         for camera in range(len(self.cameras)):
@@ -74,6 +78,43 @@ class Channels:
         came = self.controls.take(t_us)
         return came[-1].message if came else None
 
+    def save(self) -> Saved:
+        """Named arrays that `read` takes back."""
+        saved: Saved = numbers(events_dropped=self.events_dropped)
+        for (stream, camera), link in self.links.items():
+            name = f"{stream}.{camera}"
+            saved |= joined(**{name: save_waiting(link.waiting)})
+            saved[f"{name}.counts"] = _counts(link)
+        controls = self.controls
+        times = [(one.sent_us, one.arrives_us) for one in controls.waiting]
+        saved["controls.counts"] = _counts(controls)
+        saved["controls.times"] = np.array(times, np.int64).reshape(-1, 2)
+        values = np.array([one.message for one in controls.waiting], np.float64)
+        saved["controls.values"] = values.reshape(len(times), self.nu)
+        return saved
+
+    def read(self, saved: Saved, seed: int) -> Channels:
+        """Those that were saved. In: seed, theirs. Raises EvsError."""
+        other = Channels(self.delays, self.cameras, self.nu, seed)
+        other.events_dropped = number(saved, "events_dropped", 0)
+        for (stream, camera), link in other.links.items():
+            kept = part(saved, f"{stream}.{camera}")
+            link.waiting = read_waiting(kept, stream, self.cameras[camera])
+            _set_counts(link, kept)
+        controls = part(saved, "controls")
+        _set_counts(other.controls, controls)
+        times, values = controls["times"], controls["values"]
+        if (
+            (times.shape, values.shape) != ((len(times), 2), (len(times), self.nu))
+            or not np.isfinite(values).all()
+            or (times[:, 1] < times[:, 0]).any()
+            or (np.diff(times, axis=0) < 0).any()
+        ):
+            raise EvsError("saved state is damaged: its controls cannot be; save it again")
+        for (sent_us, arrives_us), ctrl in zip(times.tolist(), values, strict=True):
+            other.controls.waiting.append(OnTheWay(sent_us, arrives_us, ctrl.copy()))
+        return other
+
     @property
     def dropped(self) -> dict[str, int]:
         """Messages of each camera that got lost, by its name."""
@@ -94,3 +135,14 @@ def check_delays(delays: DelayConfig) -> DelayConfig:
         if not 0 <= value <= most:
             raise EvsError(f"loop.delays.{field.name} is {value}; give 0 ... {most}{unit}")
     return delays
+
+
+def _counts(link: Link[Any]) -> np.ndarray[Any, Any]:
+    return np.array([link.sent, link.dropped, link.last_us], np.int64)
+
+
+def _set_counts(link: Link[Any], saved: Saved) -> None:
+    counts = saved["counts"]
+    if counts.shape != (3,) or (counts[:2] < 0).any():
+        raise EvsError("saved state is damaged: the counts of a link cannot be; save it again")
+    link.sent, link.dropped, link.last_us = counts.tolist()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +15,20 @@ from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneCo
 from evs.emulator.loop import World
 from evs.emulator.loop_config import DelayConfig
 from evs.emulator.plain_config import plain_integer
+from evs.emulator.saving import (
+    Saved,
+    check_identity,
+    check_like,
+    joined,
+    number,
+    numbers,
+    pack,
+    part,
+    unpack,
+    whole,
+    word,
+    words,
+)
 from evs.emulator.scene import F64
 from evs.emulator.world import (
     Gauges,
@@ -109,7 +125,7 @@ class Loop:
 
     def _new_channels(self) -> Channels:
         names = [camera.name for camera in self.world.cameras]
-        return Channels(self._delays, names, self.world.seed)
+        return Channels(self._delays, names, self.nu, self.world.seed)
 
     def reset(
         self,
@@ -171,6 +187,43 @@ class Loop:
                 channels.send(place, camera.imu_packet, world.t_us)
         self._look()
         return not self._done
+
+    def save(self, compress: bool = False) -> bytes:
+        """Everything that the next step follows from: world, delays, what is on its way, counts.
+
+        In: compress, as of World.save. Raises EvsError before the first reset.
+        """
+        if self._done is None:
+            raise EvsError("the loop has not begun: call reset before save")
+        return pack(self._identity(), self._arrays(), compress)
+
+    def restore(self, blob: bytes) -> Observation:
+        """Go on from where `save` was called, in this process or another, with the same bytes.
+
+        Out: the encoders there, and no packets: those that had arrived were handed out. Raises
+        EvsError where the blob is damaged, or of another model or configuration, and then nothing
+        has changed. A loop need not have been reset before.
+        """
+        about, saved = unpack(blob)
+        check_identity(about, self._identity())
+        check_like(saved, self._arrays())
+        done, wants_state = word(saved, "done"), bool(number(saved, "wants_state", 0, 1))
+        inner = part(saved, "world")
+        put = self.world.restoring(inner)
+        channels = self._channels.read(part(saved, "channels"), whole(inner, "seed"))
+        put()
+        self._channels, self._done, self._wants_state = channels, done, wants_state
+        self._gauges.read(self.world.data)
+        return self._seen()
+
+    def _arrays(self) -> Saved:
+        saved = joined(world=self.world.arrays(), channels=self._channels.save())
+        return saved | numbers(wants_state=self._wants_state) | words(done=self._done or "")
+
+    def _identity(self) -> dict[str, Any]:
+        limits = {limit.name: f"{limit.low:g} ... {limit.high:g}" for limit in self._gauges.limits}
+        own = {"max_s": self._max_s, "limits": limits, "delays": asdict(self._delays)}
+        return {"kind": "loop", **self.world.identity, "loop": own}
 
     def _check_going(self) -> None:
         if self._done is None:

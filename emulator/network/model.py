@@ -12,6 +12,7 @@ from evs.emulator.network.state import MAX_TICKS, NetworkState, identity
 from evs.emulator.scene import F32
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.random import Term, pixel_uniforms
+from evs.emulator.sensor.saved import Arrays
 from evs.msgs import Events, EvsError, unknown
 
 INITIAL_STATES = ("random", "zero")
@@ -96,6 +97,12 @@ class EvsNetModel:
         return NetworkState.dark(
             seed, self.runtime.name, self._network, self._membranes(seed), self.runtime.own_arrays()
         )
+
+    def restore(self, saved: Arrays) -> NetworkState:
+        """EventModel.restore."""
+        state = NetworkState.restore(saved)
+        self._check_state(state, 1)
+        return state
 
     def step(
         self, luminance: F32, state: NetworkState, t_begin_us: int, t_end_us: int

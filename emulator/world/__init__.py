@@ -15,6 +15,7 @@ from evs.emulator.world.controls import (
     find_keyframe,
     make_control,
 )
+from evs.emulator.world.digest import digest_of
 from evs.emulator.world.extraction import extract_scene, visible_geoms
 from evs.emulator.world.gauges import Gauges
 from evs.emulator.world.kinematics import gravity_of
@@ -46,6 +47,7 @@ __all__ = [
     "bind_camera",
     "check_control",
     "control_range",
+    "digest_of",
     "extract_scene",
     "fill_tick",
     "find_keyframe",

@@ -17,7 +17,7 @@ import numpy as np
 from evs.emulator.scene import F64
 from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.names import find
-from evs.emulator.world.physics import STATE
+from evs.emulator.world.saved_physics import STATE
 from evs.msgs import EvsError
 
 Stages = mujoco.mjtStage

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from evs.emulator.scene import F64
 from evs.emulator.world.names import name_of, one_line
+from evs.emulator.world.saved_physics import (
+    STATE,
+    Arrays,
+    check_physics,
+    put_physics,
+    save_physics,
+    state_of,
+)
 from evs.emulator.world.ticks import Substeps, fill_tick
 from evs.emulator.world.unstable import (
     UnstableError,
@@ -29,8 +39,8 @@ FATAL = {
 }
 """The warnings after which the motion is not the model's any more."""
 
-STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
-"""Everything that the next step follows from."""
+MAX_TICKS = 2**52
+"""1 us each: 142 years"""
 
 SILENT = 1
 """MuJoCo prints a warning whose count is 0. Counts begin here, the error says it instead."""
@@ -74,9 +84,25 @@ class Physics:
     @property
     def state(self) -> F64:
         """(n,) everything that the next tick follows from, as mjSTATE_INTEGRATION; a copy."""
-        out = np.zeros_like(self._before)
-        mujoco.mj_getState(self.model, self.data, out, STATE)
-        return out
+        return state_of(self.model, self.data)
+
+    def save(self) -> dict[str, np.ndarray[Any, Any]]:
+        """Named arrays that `restoring` takes back."""
+        return {**save_physics(self.model, self.data), "tick": np.array(self.tick, np.int64)}
+
+    def restoring(self, saved: Arrays) -> Callable[[], None]:
+        """Checks what `save` gave; what comes back puts it in place. Raises EvsError."""
+        check_physics(self.model, self.data, saved)
+        tick = saved.get("tick")
+        if tick is None or tick.dtype != np.int64 or tick.shape or not 0 <= tick <= MAX_TICKS:
+            raise EvsError("saved state is damaged: the number of ticks cannot be; save it again")
+        number = int(tick)
+
+        def put() -> None:
+            put_physics(self.model, self.data, saved)
+            self.tick = number
+
+        return put
 
     def advance(self) -> None:
         """One tick. Raises UnstableError; the state then is again that of the tick before."""

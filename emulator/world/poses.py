@@ -12,7 +12,7 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
-from evs.emulator.scene import SceneSnapshot
+from evs.emulator.scene import F64, SceneSnapshot
 from evs.emulator.world.cameras import BoundCamera
 from evs.emulator.world.deforming import Deforming
 from evs.emulator.world.extraction import visible_geoms
@@ -66,6 +66,30 @@ class Poser:
         own.qpos[:] = data.qpos
         own.mocap_pos[:] = data.mocap_pos
         own.mocap_quat[:] = data.mocap_quat
+        return self._look(t_us, exposure_us)
+
+    @property
+    def places(self) -> F64:
+        """(n,) all that the last snapshot followed from: qpos, mocap_pos, mocap_quat. A copy."""
+        own = self._data
+        return np.concatenate([own.qpos, own.mocap_pos.ravel(), own.mocap_quat.ravel()])
+
+    def again(self, places: F64, t_us: int, exposure_us: int = 0) -> SceneSnapshot:
+        """The snapshot of that time, from its `places`. EvsError where they are of another model.
+
+        The other arguments as of `snapshot`.
+        """
+        own = self._data
+        bodies = len(own.mocap_pos)
+        if places.shape != (own.qpos.size + 7 * bodies,) or not np.isfinite(places).all():
+            raise EvsError("saved positions are of another model; restore them into their own")
+        own.qpos[:], rest = places[: own.qpos.size], places[own.qpos.size :]
+        own.mocap_pos[:] = rest[: 3 * bodies].reshape(bodies, 3)
+        own.mocap_quat[:] = rest[3 * bodies :].reshape(bodies, 4)
+        return self._look(t_us, exposure_us)
+
+    def _look(self, t_us: int, exposure_us: int) -> SceneSnapshot:
+        model, own = self._model, self._data
         update_poses(model, own)
 
         # the headlight's row keeps a unit direction that nobody uses

@@ -122,6 +122,13 @@ class Aps:
         """The state before the first tick."""
         return ApsState(seed, np.zeros(self._shape, np.float32))
 
+    def restore(self, saved: Mapping[str, np.ndarray[Any, Any]]) -> ApsState:
+        """ApsState.restore, of a state of these pixels. Raises EvsError."""
+        state = ApsState.restore(saved)
+        if state.luminance.shape != self._shape:
+            raise EvsError("saved APS state is of another sensor; restore it into its own")
+        return state
+
     def step(
         self, luminance: F32, state: ApsState, t_begin_us: int, t_end_us: int
     ) -> tuple[tuple[Frame, ...], ApsState]:

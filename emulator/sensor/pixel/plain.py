@@ -16,6 +16,7 @@ from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.pixel.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants
 from evs.emulator.sensor.pixel.state import PlainState, check_tick
+from evs.emulator.sensor.saved import Arrays
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 
 
@@ -68,6 +69,15 @@ class PlainModel:
     def init(self, seed: int) -> PlainState:
         """The state before the first tick."""
         return PlainState.dark(seed, self.sensor, self._average is not None)
+
+    def restore(self, saved: Arrays) -> PlainState:
+        """EventModel.restore."""
+        state = PlainState.restore(saved)
+        fresh = self.init(state.seed).arrays()
+        ours = {name: array.shape for name, array in state.arrays().items()}
+        if ours != {name: array.shape for name, array in fresh.items()}:
+            raise EvsError("saved sensor state is of another sensor; restore it into its own")
+        return state
 
     def step(
         self, luminance: F32, state: PlainState, t_begin_us: int, t_end_us: int

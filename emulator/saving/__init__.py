@@ -1,0 +1,31 @@
+"""Saved states: named arrays in bytes, checked; and whether they belong to this world."""
+
+from evs.emulator.saving.blob import MAX_BYTES, pack, unpack
+from evs.emulator.saving.identity import check_identity
+from evs.emulator.saving.tree import (
+    Saved,
+    check_like,
+    joined,
+    number,
+    numbers,
+    part,
+    whole,
+    word,
+    words,
+)
+
+__all__ = [
+    "MAX_BYTES",
+    "Saved",
+    "check_identity",
+    "check_like",
+    "joined",
+    "number",
+    "numbers",
+    "pack",
+    "part",
+    "unpack",
+    "whole",
+    "word",
+    "words",
+]
