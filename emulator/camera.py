@@ -155,9 +155,9 @@ class Camera:
         imu = None if self._imu is None else ImuState.restore(part(saved, "imu"))
         counts = [number(saved, name, 0) for name in ("seq", "seen", "imu_seq", "events")]
         instants = number(saved, "instants", 0, 2)
-        t_us = saved.get("t_us", np.zeros(2, np.int64)).tolist()
+        t_us = saved["t_us"].tolist()
         needed = [now, previous][:instants]
-        if None in needed or (t_us != ([] if now is None or not instants else [now.t_us])):
+        if None in needed or (needed and now is not None and t_us != [now.t_us]):
             raise EvsError("saved state is damaged: a camera's time cannot be; save it again")
 
         def put() -> None:

@@ -106,7 +106,7 @@ class World:
         self._physics = Physics(model, settings.tick_us, self._control.keyframe)
         self._scene = extract_scene(model)
         self._poser = Poser(model)
-        self._moments = Moments(self._poser, self.substeps.tick_us)
+        self._moments = Moments(self._poser)
         self._cameras: list[Camera] = []
         self._views: list[View] = []
         self._posed = 0
@@ -187,7 +187,7 @@ class World:
         self._posed += 1
 
     def _snapshot(self) -> SceneSnapshot:
-        return self._poser.snapshot(self.data, self.t_us, self.substeps.tick_us)
+        return self._moments.look(self.data, self.t_us, self.substeps.tick_us)
 
     def save(self, compress: bool = False) -> bytes:
         """Everything that the next tick follows from, of physics and cameras, as bytes.
@@ -277,7 +277,8 @@ class World:
         if values is not None:
             self.data.ctrl[:] = values
         self._physics.advance()
-        snapshot = self._moments.next(self.data, self.t_us)
+        snapshot = self._snapshot()
+        self._moments.keep(snapshot)
         for view in self._views:
             view.move(snapshot)
         self._meter.lap("world")
@@ -326,7 +327,8 @@ class World:
         """Cameras that have seen nothing yet take the light before this tick as their reference."""
         new = [camera for camera in self._cameras if not camera.started]
         if new:
-            snapshot = self._moments.first(self.data, self.t_us)
+            snapshot = self._snapshot()
+            self._moments.keep(snapshot, only_first=True)
             for camera in new:
                 camera.start(snapshot)
         for view in self._views:

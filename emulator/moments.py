@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from evs.emulator.saving import Saved
@@ -10,36 +12,44 @@ from evs.emulator.world import MjData, Poser
 from evs.msgs import EvsError
 
 
-class Moments:
-    """Takes snapshots, and remembers where everything was in the last two."""
+@dataclass(frozen=True)
+class Moment:
+    """What a snapshot follows from."""
 
-    def __init__(self, poser: Poser, tick_us: int) -> None:
-        self._poser, self._tick_us = poser, tick_us
-        self._kept: tuple[tuple[int, F64], ...] = ()
+    t_us: int
+    exposure_us: int
+    places: F64
+    """(n,) as of Poser.places"""
+
+
+class Moments:
+    """Takes snapshots, and remembers what the last two of them followed from."""
+
+    def __init__(self, poser: Poser) -> None:
+        self._poser = poser
+        self._kept: tuple[Moment, ...] = ()
 
     def reset(self) -> None:
         """Forget them."""
         self._kept = ()
 
-    def first(self, data: MjData, t_us: int) -> SceneSnapshot:
-        """A snapshot before a tick; remembered if there is none before it."""
-        snapshot = self._poser.snapshot(data, t_us, self._tick_us)
-        if not self._kept:
-            self._kept = ((t_us, self._poser.places),)
-        return snapshot
+    def look(self, data: MjData, t_us: int, exposure_us: int) -> SceneSnapshot:
+        """A snapshot, of which nothing is remembered yet."""
+        return self._poser.snapshot(data, t_us, exposure_us)
 
-    def next(self, data: MjData, t_us: int) -> SceneSnapshot:
-        """The snapshot after a tick."""
-        snapshot = self._poser.snapshot(data, t_us, self._tick_us)
-        self._kept = ((t_us, self._poser.places), *self._kept[:1])
-        return snapshot
+    def keep(self, snapshot: SceneSnapshot, only_first: bool = False) -> None:
+        """Remember the snapshot that was just taken. In: only_first, unless there is one before."""
+        if not (only_first and self._kept):
+            moment = Moment(snapshot.t_us, snapshot.exposure_us, self._poser.places)
+            self._kept = (moment, *self._kept[:1])
 
     def save(self) -> Saved:
         """Named arrays that `read` takes back."""
-        places = np.array([one for _, one in self._kept], np.float64)
+        times = [(moment.t_us, moment.exposure_us) for moment in self._kept]
+        places = np.array([moment.places for moment in self._kept], np.float64)
         return {
-            "t_us": np.array([t_us for t_us, _ in self._kept], np.int64),
-            "places": places.reshape(len(self._kept), self._poser.places.size),
+            "times": np.array(times, np.int64).reshape(len(times), 2),
+            "places": places.reshape(len(times), self._poser.places.size),
         }
 
     def read(self, saved: Saved, now_us: int) -> tuple[Moments, list[SceneSnapshot]]:
@@ -47,11 +57,18 @@ class Moments:
 
         Raises EvsError.
         """
-        t_us, places = saved["t_us"], saved["places"]
-        sound = len(places) == len(t_us) <= 2 and not (np.diff(t_us) >= 0).any()
-        if not sound or (len(t_us) and t_us[0] != now_us):
+        times, places = saved["times"], saved["places"]
+        sound = (
+            len(places) == len(times) <= 2
+            and times.shape[1] == 2
+            and not (np.diff(times[:, 0]) >= 0).any()
+            and not (times[:, 1] < 0).any()
+        )
+        if not sound or (len(times) and times[0, 0] != now_us):
             raise EvsError("saved state is damaged: its times cannot be; save it again")
-        other = Moments(self._poser, self._tick_us)
-        other._kept = tuple(zip(t_us.tolist(), places, strict=True))
-        seen = [self._poser.again(places, t_us, self._tick_us) for t_us, places in other._kept]
-        return other, seen
+        other = Moments(self._poser)
+        other._kept = tuple(
+            Moment(t_us, exposure_us, place)
+            for (t_us, exposure_us), place in zip(times.tolist(), places, strict=True)
+        )
+        return other, [self._poser.again(m.places, m.t_us, m.exposure_us) for m in other._kept]

@@ -3,13 +3,29 @@
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
 
 from evs.emulator.camera import Camera
 from evs.emulator.camera_plan import plan_camera
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.moments import Moments
+from evs.emulator.saving import (
+    Saved,
+    check_identity,
+    check_like,
+    joined,
+    pack,
+    part,
+    unpack,
+    whole,
+    words,
+)
 from evs.emulator.scene import F32
 from evs.emulator.truth import GroundTruth
-from evs.emulator.world import MjData, MjModel, Poser, extract_scene
+from evs.emulator.versions import versions
+from evs.emulator.world import MjData, MjModel, Poser, digest_of, extract_scene
 from evs.msgs import (
     EventPacket,
     Events,
@@ -62,8 +78,14 @@ class Sensor:
         self._camera = Camera(model, extract_scene(model), plan, tick_us=tick_us)
         self._tick_us = tick_us
         self._t_us: int | None = None
-        self._poser = Poser(model, [self._camera.bound])
+        self._stand()
         self._packet: EventPacket | None = None
+
+    def _stand(self) -> None:
+        """Where it stands in the model as that is now."""
+        self._poser = Poser(self._model, [self._camera.bound])
+        self._moments = Moments(self._poser)
+        self._digest: str | None = None
 
     def observe(self, data: MjData) -> Events:
         """Events since the last call, (n,) EVENT_DTYPE, sorted by t in us of `data.time`.
@@ -80,18 +102,64 @@ class Sensor:
             raise EvsError(f"data.time is {data.time}: the simulation is unstable")
         t_us = round(data.time * 1e6)
         passed_us = self._tick_us if self._t_us is None else max(t_us - self._t_us, 0)
-        snapshot = self._poser.snapshot(data, t_us, passed_us)
+        snapshot = self._moments.look(data, t_us, passed_us)
         self._t_us = t_us
         if not self._camera.started:
             self._camera.start(snapshot)
+            self._moments.keep(snapshot)
             return empty_events()
         (self._packet,) = self._camera.observe(snapshot)
+        self._moments.keep(snapshot)
         return self._packet.events
 
     def reset(self) -> None:
         """As new: call it after the data was reset. The next observe sets the reference again."""
         self._camera.reset()
+        self._moments.reset()
         self._packet, self._t_us = None, None
+
+    def save(self, compress: bool = False) -> bytes:
+        """Everything that the next observe follows from, but for the data that it is given.
+
+        In: compress, a third of the size for some 15 times the time.
+        """
+        return pack(self._identity(), self._arrays(), compress)
+
+    def restore(self, blob: bytes) -> None:
+        """Go on from where `save` was called, in this process or another, with the same bytes.
+
+        Put the data back as well. Raises EvsError where the blob is damaged, or of another model or
+        configuration, and then nothing has changed.
+        """
+        about, saved = unpack(blob)
+        check_identity(about, self._identity())
+        check_like(saved, self._arrays())
+        t_us = saved["t_us"].tolist()
+        if len(t_us) > 1:
+            raise EvsError("saved state is damaged: its time cannot be; save it again")
+        moments, seen = self._moments.read(part(saved, "moments"), t_us[0] if t_us else 0)
+        now, previous = (*seen, None, None)[:2]
+        seed = whole(saved, "seed")
+        self._camera.restoring(part(saved, "camera"), seed, now, previous)()
+        self._moments, self._packet = moments, None
+        self._t_us = t_us[0] if t_us else None
+
+    def _arrays(self) -> Saved:
+        return {
+            **joined(camera=self._camera.save(), moments=self._moments.save()),
+            **words(seed=str(self._camera.info.seed)),
+            "t_us": np.array([] if self._t_us is None else [self._t_us], np.int64),
+        }
+
+    def _identity(self) -> dict[str, Any]:
+        if self._digest is None:
+            self._digest = digest_of(self._model)
+        return {
+            "kind": "sensor",
+            "versions": {key: versions()[key] for key in ("evs", "mujoco")},
+            "model": self._digest,
+            "camera": {"name": self._camera.name, **self._camera.identity},
+        }
 
     def refresh(self) -> None:
         """Read the model again, after its colours, lights, sizes or cameras were changed.
@@ -99,7 +167,7 @@ class Sensor:
         The pixels keep their state, so they see the change as they would see any other.
         """
         self._camera.refresh(self._model, extract_scene(self._model))
-        self._poser = Poser(self._model, [self._camera.bound])
+        self._stand()
 
     @property
     def packet(self) -> EventPacket | None:
