@@ -17,7 +17,6 @@ from evs.emulator import Loop
 from evs.emulator.config import SensorConfig
 from evs.emulator.loop_config import DelayConfig
 
-pytestmark = pytest.mark.statistical
 TICK_US = 1000
 GEAR = 1e9
 """encoders say the joint's way times the gear"""
