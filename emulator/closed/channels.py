@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.closed.chance import Chance
-from evs.emulator.closed.link import Link, OnTheWay
+from evs.emulator.closed.link import NEVER, Link, OnTheWay
 from evs.emulator.closed.stored import read_waiting, save_waiting
 from evs.emulator.loop_config import DelayConfig
 from evs.emulator.plain_config import plain_config
-from evs.emulator.saving import Saved, joined, number, numbers, part
+from evs.emulator.saving import MOST, Saved, joined, number, numbers, part
 from evs.emulator.scene import F64
 from evs.emulator.sensor.random import Term
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket
@@ -109,6 +109,7 @@ class Channels:
             or not np.isfinite(values).all()
             or (times[:, 1] < times[:, 0]).any()
             or (np.diff(times, axis=0) < 0).any()
+            or (np.abs(times) > MOST).any()
         ):
             raise EvsError("saved state is damaged: its controls cannot be; save it again")
         for (sent_us, arrives_us), ctrl in zip(times.tolist(), values, strict=True):
@@ -143,6 +144,7 @@ def _counts(link: Link[Any]) -> np.ndarray[Any, Any]:
 
 def _set_counts(link: Link[Any], saved: Saved) -> None:
     counts = saved["counts"]
-    if counts.shape != (3,) or (counts[:2] < 0).any():
+    sound = counts.shape == (3,) and (counts <= MOST).all() and (counts >= (0, 0, NEVER)).all()
+    if not sound:
         raise EvsError("saved state is damaged: the counts of a link cannot be; save it again")
     link.sent, link.dropped, link.last_us = counts.tolist()

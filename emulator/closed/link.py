@@ -10,6 +10,9 @@ from evs.emulator.closed.chance import Chance
 
 T = TypeVar("T")
 
+NEVER = -(2**62)
+"""when the last message arrived where there was none, us"""
+
 
 @dataclass(frozen=True)
 class OnTheWay(Generic[T]):
@@ -42,7 +45,7 @@ class Link(Generic[T]):
     """messages so far, the lost ones included"""
     dropped: int = 0
     """how many were lost"""
-    last_us: int = -(2**62)
+    last_us: int = NEVER
     """when the last one arrives"""
 
     def send(self, message: T, t_us: int) -> bool:

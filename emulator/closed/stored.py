@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.closed.link import OnTheWay
-from evs.emulator.saving import Saved
+from evs.emulator.saving import MOST, Saved
 from evs.msgs import (
     LABEL_DTYPE,
     EventPacket,
@@ -56,6 +56,7 @@ def read_waiting(saved: Saved, stream: str, camera: str) -> deque[OnTheWay[Any]]
         or sizes.sum() != raw.size
         or (times[:, 1] < times[:, 0]).any()
         or (np.diff(times, axis=0) < 0).any()
+        or (np.abs(times) > MOST).any()
     ):
         raise EvsError(f"saved state is damaged: its {stream} cannot be; save it again")
     pieces, place = [], 0

@@ -18,6 +18,7 @@ from evs.msgs import EvsError
 
 MAX_TICKS = 2**52
 """How many ticks a sensor may live: 142 years of 1 ms are 2^42"""
+MAX_COUNT = 2**62
 MAX_V = 64.0
 MAX_LOG = 128.0
 """L_log of no float32 is larger"""
@@ -144,8 +145,11 @@ class NetworkState:
             for name, array in self.arrays.items()
             if array.dtype.kind == "f" and not _size(name, array) <= most.get(name, MAX_CURRENT)
         ]
+        counts = (self.clamped, self.x_clamped, self.v_clamped)
         if not 0 <= self.ticks <= MAX_TICKS:
             wrong.append("ticks")
+        elif not all(0 <= count <= MAX_COUNT for count in counts):
+            wrong.append("clamped")
         elif np.any(self.last < 0) or np.any(self.last > self.ticks):
             wrong.append("last")
         if wrong:

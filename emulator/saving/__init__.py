@@ -3,6 +3,7 @@
 from evs.emulator.saving.blob import MAX_BYTES, pack, unpack
 from evs.emulator.saving.identity import check_identity
 from evs.emulator.saving.tree import (
+    MOST,
     Saved,
     check_like,
     joined,
@@ -16,6 +17,7 @@ from evs.emulator.saving.tree import (
 
 __all__ = [
     "MAX_BYTES",
+    "MOST",
     "Saved",
     "check_identity",
     "check_like",

@@ -16,7 +16,8 @@ from evs.msgs import EvsError
 Saved = dict[str, np.ndarray[Any, Any]]
 """name -> array"""
 
-_LEAST, _MOST = -(2**63), 2**63 - 1
+MOST = 2**52
+"""of a counter or a time: 142 years in us"""
 
 
 def joined(**parts: Mapping[str, np.ndarray[Any, Any]]) -> Saved:
@@ -58,7 +59,7 @@ def words(**values: str) -> Saved:
 
 
 def number(
-    saved: Mapping[str, np.ndarray[Any, Any]], name: str, low: int = _LEAST, high: int = _MOST
+    saved: Mapping[str, np.ndarray[Any, Any]], name: str, low: int = -MOST, high: int = MOST
 ) -> int:
     """A whole number within low ... high. Raises EvsError."""
     value = saved.get(name)

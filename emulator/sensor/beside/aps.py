@@ -24,6 +24,9 @@ from evs.emulator.sensor.random import Term, indexed_normals
 from evs.emulator.sensor.saved import same_bytes
 from evs.msgs import EvsError, Frame
 
+MAX_INDEX = 2**52
+"""Frames of 142 years at one a us"""
+
 MAX_FRAMES = 1000
 """Most frames that may begin in one tick: they all lie in memory."""
 
@@ -88,6 +91,12 @@ class ApsState:
         shape = (len(indices), *state.luminance.shape)
         if state.luminance.ndim != 2 or light.shape != shape or due.shape != (*shape[:2], 1):
             raise EvsError("saved APS state has arrays of different shapes; save it again")
+        parts = (state.luminance, light, due)
+        if not all(((part >= 0.0) & (part < np.inf)).all() for part in parts):
+            raise EvsError("saved APS state is damaged: its light cannot be; save it again")
+        counts = [*indices, state.taken, state.next_index or 0]
+        if max(map(abs, counts)) > MAX_INDEX or state.taken < 0:
+            raise EvsError("saved APS state is damaged: its frames cannot be; save it again")
         return state
 
     def __eq__(self, other: object) -> bool:

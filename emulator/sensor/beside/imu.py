@@ -33,6 +33,9 @@ from evs.msgs import DEGREE, STANDARD_GRAVITY, EvsError, ImuSamples, empty_imu
 MAX_SAMPLES = 1_000_000
 """Most samples in one tick: they all lie in memory."""
 
+MAX_VALUE = 2.0**52
+"""Of a saved state: 142 years in us"""
+
 _UNITS = (STANDARD_GRAVITY, DEGREE)
 _NOISES = Term.ACCELEROMETER_NOISE, Term.GYROSCOPE_NOISE
 _WALKS = Term.ACCELEROMETER_WALK, Term.GYROSCOPE_WALK
@@ -77,6 +80,11 @@ class ImuState:
         for key, shape in _SHAPES.items():
             if arrays[key].shape[-len(shape) :] != shape or len(arrays[key]) > 2:
                 raise EvsError("saved IMU state has arrays of other shapes; save it again")
+            # positions and speeds of no robot, times of none
+            if not (np.abs(arrays[key]) <= MAX_VALUE).all():
+                raise EvsError(f"saved IMU state is damaged: {key} cannot be; save it again")
+        if abs(next_index) > MAX_VALUE or (np.diff(arrays["poses"][:, 0]) < 1.0).any():
+            raise EvsError("saved IMU state is damaged: its times cannot be; save it again")
         return cls(seed=seed, next_index=next_index, **arrays)
 
     def __eq__(self, other: object) -> bool:

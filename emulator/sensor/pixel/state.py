@@ -25,6 +25,11 @@ BLOCK = 64
 _LARGEST_LOG = 256.0
 """The logarithm of no float32 is larger, of either sign, nor is any reference."""
 
+_NEVER = 2**62
+"""A time that does not come: kNever of core/sensor/shot.h"""
+
+_LOGS = ("reference", "last_log", "filtered", "followed")
+
 I64 = np.ndarray[Any, np.dtype[np.int64]]
 
 _FRAMES = {
@@ -160,11 +165,31 @@ class PlainState:
             raise EvsError("saved sensor state has arrays of different shapes; save it again")
         if any(array.shape != (-(-reference.size // BLOCK),) for array in blocks.values()):
             raise EvsError("saved sensor state has arrays of different shapes; save it again")
-        if np.any(np.abs(reference) > _LARGEST_LOG):
+        logs = [frames[name] for name in _LOGS if name in frames]
+        if any(np.any(np.abs(log) > _LARGEST_LOG) for log in logs):
             raise EvsError(
                 "saved sensor state is damaged: no log light is that large; save it again"
             )
-        return cls(**frames, **blocks, **numbers)
+        state = cls(**frames, **blocks, **numbers)
+        if not state._is_possible():
+            raise EvsError("saved sensor state is damaged: its times cannot be; save it again")
+        return state
+
+    def _is_possible(self) -> bool:
+        """Whether its counters and times are such as a sensor can have."""
+        if not (0 <= self.clock_us <= MAX_CLOCK_US and 0 <= self.ticks <= MAX_CLOCK_US):
+            return False
+        if not 0 <= self.tick_us <= MAX_TICK_US:
+            return False
+        times = [self.blind_until, self.due_us, self.since_us, self.shot_next, self.shot_count]
+        if any(array is not None and np.any(np.abs(array) > _NEVER) for array in times):
+            return False
+        if np.any(np.isinf(self.last_luminance)) or not 0 <= self.clamped <= MAX_CLOCK_US * 2**11:
+            return False
+        # of shot noise nothing is left over from ticks that are done
+        due = self.shot_next is not None and bool(np.any(self.shot_next <= self.clock_us * 1024))
+        counts = self.shot_count
+        return not (due and self.clock_us) and not (counts is not None and bool((counts < 0).any()))
 
     def __eq__(self, other: object) -> bool:
         """Same bits everywhere; a NaN equals itself."""
