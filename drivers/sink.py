@@ -1,4 +1,4 @@
-"""The protocol of everything that packets leave through: bus, recorders, later ROS 2 and others."""
+"""The protocol of everything that packets leave through: bus, recorders, ROS 2 and others."""
 
 from __future__ import annotations
 

@@ -37,7 +37,10 @@ def load() -> Any:
         import cyclonedds.pub
         import cyclonedds.topic
     except ImportError:
-        raise EvsError("ROS 2 needs cyclonedds: pip install 'evs[ros2]'") from None
+        raise EvsError(
+            "ROS 2 needs cyclonedds (which has no wheel for aarch64, nor for Python 3.14): "
+            "pip install 'evs[ros2]'"
+        ) from None
     return cyclonedds
 
 

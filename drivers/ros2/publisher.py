@@ -104,6 +104,8 @@ class Ros2Publisher:
         if len(set(paths)) < len(paths):
             raise EvsError(f"two cameras would be one ROS node: {', '.join(paths)}; name them")
         rehearse()
+        self._sender, self._nodes, self._shared, self._pending = Sender(), {}, {}, []
+        self._clock_us = -(2**62)
         self._participant = Participant(self._domain_id, self._interface)
         try:
             for shared, kind in GLOBAL.items():
@@ -206,11 +208,12 @@ class Ros2Publisher:
         return transforms is not None and transforms.readers > 0
 
     def _path(self, stream: StreamInfo, count: int) -> str:
-        if self._node and count > 1:
-            raise EvsError(
-                f"node is '{self._node}', but there are {count} cameras: leave it out, then each "
-                "node has its camera's name, and give a namespace"
-            )
+        for key, name in (("node", self._node), ("frame_id", self._frame_id)):
+            if name and count > 1:
+                raise EvsError(
+                    f"{key} is '{name}', but there are {count} cameras: leave it out, then each "
+                    "has its own name, and give a namespace"
+                )
         check_size(self._encoding, stream.width, stream.height, stream.camera)
         return node_path(self._node, self._namespace, stream.camera)
 

@@ -31,6 +31,8 @@ DOMAIN = 1 + os.getpid() % 200
 """other runs of this test on this machine have theirs"""
 
 TICKS = 300
+Messages = dict[str, list[dict[str, Any]]]
+"""topic -> its messages"""
 EVS = [sys.executable, "-W", "error", "-m", "evs.launch.main"]
 SCENE = ["--scene", "gymnasium:envs/mujoco/assets/humanoid.xml", "render.spp=1"]
 CAMERA = [
@@ -69,9 +71,9 @@ def plain(message: Any) -> dict[str, Any]:
     return told
 
 
-def recorded(file: Path) -> dict[str, list[dict[str, Any]]]:
-    """topic -> its messages."""
-    found: dict[str, list[dict[str, Any]]] = {}
+def recorded(file: Path) -> Messages:
+    """What a bag holds."""
+    found: Messages = {}
     with file.open("rb") as opened:
         for one in walk_mcap(Walk(opened, file.stat().st_size)):
             if one.kind.startswith("std_msgs"):
@@ -86,49 +88,63 @@ def without_frames(messages: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [{k: v for k, v in one.items() if k != "frame_id"} for one in messages]
 
 
-def check(heard: dict[str, list[dict[str, Any]]], folder: Path, encoding: str) -> None:
-    """All of it, to the last bit."""
+def check(heard: Messages, folder: Path, encoding: str, reliable: bool) -> None:
+    """All of it, to the last bit, from when the node knew of the camera.
+
+    Best effort, a busy machine may lose some: what has come is right, and most has.
+    """
     wanted = recorded(folder / "run.mcap")
-    # the first look for readers is at the first packet: what came beside it is gone
-    for name, first in (("events", 0), ("imu", 1), ("image_raw", 0)):
-        topic = f"/event_camera/{name}"
-        assert without_frames(heard[topic]) == wanted[topic][-len(heard[topic]) :]
-        assert len(wanted[topic]) - len(heard[topic]) <= first
-    (calibration,) = wanted["/event_camera/camera_info"]
-    images = heard["/event_camera/image_raw"]
-    assert without_frames(heard["/event_camera/camera_info"]) == [
-        {**calibration, "stamp": one["stamp"]} for one in images
-    ]
-    assert len(images) >= 5
-    # the events themselves, against a recording in another format
-    reader = PayloadReader(encoding)
-    packets = heard["/event_camera/events"]
-    events = [reader.events(bytes.fromhex(one["events"]), one["time_base"]) for one in packets]
-    truth = evs.read(folder / "run.aedat4")
+    (calibration,) = wanted.pop("/event_camera/camera_info")
+    images = wanted["/event_camera/image_raw"]
+    wanted["/event_camera/camera_info"] = [{**calibration, "stamp": one["stamp"]} for one in images]
+    wanted["/clock"] = [{"stamp": 10**6 * (k + 1)} for k in range(TICKS)]
+    kept = {topic: heard[topic] for topic in ("/clock", "/event_camera/pose", "/tf")}
+    for name in ("events", "imu", "image_raw", "camera_info"):
+        kept[f"/event_camera/{name}"] = without_frames(heard[f"/event_camera/{name}"])
+    for topic, messages in wanted.items():
+        assert len(kept[topic]) > len(messages) / 2, topic
+        by_stamp = {one["stamp"]: one for one in messages}
+        assert kept[topic] == [by_stamp[one["stamp"]] for one in kept[topic]]
+        if reliable:
+            assert kept[topic] == messages[-len(kept[topic]) :], topic
+    check_events(kept["/event_camera/events"], folder, encoding)
+    check_places(kept["/event_camera/pose"], kept["/tf"], reliable)
+
+
+def check_events(packets: list[dict[str, Any]], folder: Path, encoding: str) -> None:
+    """The events themselves, against a recording in another format."""
+    truth, reader = evs.read(folder / "run.aedat4"), PayloadReader(encoding)
     assert len(truth) > 10_000
-    assert np.array_equal(np.concatenate(events), truth)
-    check_time_and_place(heard)
+    for one in packets:
+        events = reader.events(bytes.fromhex(one["events"]), one["time_base"])
+        assert one["stamp"] == 1000 * events["t"][0]
+        first = np.searchsorted(truth["t"], events["t"][0])
+        assert np.array_equal(events, truth[first : first + len(events)])
 
 
-def check_time_and_place(heard: dict[str, list[dict[str, Any]]]) -> None:
-    """A clock of every tick; a pose of each, also for tf, of a camera that stands."""
-    clock = [one["stamp"] for one in heard["/clock"]]
-    assert clock == [10**6 * (k + 1) for k in range(TICKS)]
-    poses, transforms = heard["/event_camera/pose"], heard["/tf"]
-    assert [one["stamp"] for one in poses] == clock[-len(poses) :]
-    assert len(poses) >= TICKS - 1
-    for pose, moved in zip(poses, transforms, strict=True):
-        assert pose["frame_id"] == moved["frame_id"] == "world"
-        assert moved["child_frame_id"] == "event_camera_optical_frame"
-        assert (moved["translation"], moved["rotation"]) == (pose["position"], pose["orientation"])
+def check_places(poses: list[Any], transforms: list[Any], reliable: bool) -> None:
+    """A pose of each tick, and the same for tf, of a camera that looks at a robot."""
+    moved = {one["stamp"]: one for one in transforms}
+    assert len(poses) > TICKS / 2
+    assert not reliable or len(moved) == len(transforms) >= len(poses) - 1
+    for pose in poses:
+        assert pose["frame_id"] == "world"
         assert np.linalg.norm(pose["orientation"]) == pytest.approx(1)
+        told = moved.get(pose["stamp"], {})
+        same = {"translation": pose["position"], "rotation": pose["orientation"]}
+        frames = {"frame_id": "world", "child_frame_id": "event_camera_optical_frame"}
+        assert told in ({}, {"stamp": pose["stamp"], **frames, **same})
+    stamps = [one["stamp"] for one in poses]
+    assert stamps == sorted(set(stamps))
+    assert not reliable or stamps == [10**6 * k for k in range(stamps[0] // 10**6, TICKS + 1)]
 
 
 @pytest.mark.parametrize(
     ("encoding", "reliable"),
     [
         ("evt3", True),
-        pytest.param("libcaer", False, marks=pytest.mark.slow),
+        pytest.param("evt3", False, marks=pytest.mark.slow),
+        pytest.param("libcaer", True, marks=pytest.mark.slow),
         pytest.param("mono", True, marks=pytest.mark.slow),
     ],
 )
@@ -142,9 +158,9 @@ def test_another_machine_hears_every_topic_to_the_last_bit(
     camera = link.near.run(words, stdout=-1, stderr=-1, text=True)
     out, errors = camera.communicate(timeout=120)
     # a busy machine may be late, and says so
-    others = [line for line in errors.splitlines() if "late, the pace was too much" not in line]
+    others = [line for line in errors.splitlines() if "pace free" not in line]
     assert (camera.returncode, out, others) == (0, "", [])
-    check(far.heard(), tmp_path, encoding)
+    check(far.heard(), tmp_path, encoding, reliable)
 
 
 @pytest.mark.parametrize("aside", [False, pytest.param(True, marks=pytest.mark.slow)])
@@ -160,7 +176,7 @@ def test_this_machine_hears_it_without_being_told_where_and_others_do_not(
     camera = link.near.run(emulate(tmp_path, aside=aside), stdout=-1, stderr=-1, text=True)
     camera.communicate(timeout=120)
     assert camera.returncode == 0
-    check(near.heard(), tmp_path, "evt3")
+    check(near.heard(), tmp_path, "evt3", False)
     assert far.heard() == {}
 
 

@@ -41,6 +41,7 @@ def test_values_that_cannot_be_are_refused_before_anything_opens(
         ([StreamInfo(346, 260, "left-eye")], {}, "set node = left_eye"),
         ([StreamInfo(2560, 1440, "eye")], {}, "set encoding = libcaer"),
         ([StreamInfo(9, 9, "a"), StreamInfo(9, 9, "b")], {"node": "x"}, "there are 2 cameras"),
+        ([StreamInfo(9, 9, "a"), StreamInfo(9, 9, "b")], {"frame_id": "x"}, "frame_id is 'x'"),
         ([StreamInfo(9, 9, "a"), StreamInfo(9, 9, "a")], {}, "two cameras would be one ROS node"),
     ],
 )

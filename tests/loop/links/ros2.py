@@ -38,10 +38,12 @@ class Listener:
 
     def __init__(self, run: Run, domain_id: int, path: str, *, reliable: bool = False) -> None:
         """In: run, starts a program, as subprocess.Popen or a Side's does. It is ready then."""
-        words = [_built()[0], str(domain_id), str(int(reliable)), path]
+        program, folder = _built()
+        words = [program, str(domain_id), str(int(reliable)), path]
         # what it hears is more than a pipe holds
-        self._out = tempfile.TemporaryFile("w+")  # noqa: SIM115
-        self.program = run(words, stdin=-1, stdout=self._out, stderr=subprocess.PIPE, text=True)
+        with tempfile.NamedTemporaryFile("w", dir=folder.name, delete=False) as out:
+            self.program = run(words, stdin=-1, stdout=out, stderr=subprocess.PIPE, text=True)
+        self._out = Path(out.name)
         assert self.program.stderr is not None
         assert self.program.stderr.readline() == "ready\n"
 
@@ -49,10 +51,10 @@ class Listener:
         """topic -> its messages, those under way too; it ends."""
         _, errors = self.program.communicate(timeout=120)
         assert (self.program.returncode, errors) == (0, ""), (self.program.returncode, errors)
-        self._out.seek(0)
         found: dict[str, list[dict[str, Any]]] = {}
-        for line in self._out:
-            message = json.loads(line)
-            found.setdefault(message.pop("topic"), []).append(message)
-        self._out.close()
+        with self._out.open() as lines:
+            for line in lines:
+                message = json.loads(line)
+                found.setdefault(message.pop("topic"), []).append(message)
+        self._out.unlink()
         return found

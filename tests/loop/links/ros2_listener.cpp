@@ -221,7 +221,7 @@ int main(int count, char** words) {
   // as ROS's own: tf2 asks for reliable writers, the clock never does; events last, so that
   // whoever waits for their reader has seen the others
   const std::vector<Wanted> all = {
-      {"/clock", "rosgraph_msgs::msg::dds_::Clock_", clock_time, false},
+      {"/clock", "rosgraph_msgs::msg::dds_::Clock_", clock_time, reliable},
       {"/tf", "tf2_msgs::msg::dds_::TFMessage_", transforms, true},
       {path + "/imu", "sensor_msgs::msg::dds_::Imu_", imu, reliable},
       {path + "/camera_info", "sensor_msgs::msg::dds_::CameraInfo_", camera_info, reliable},
