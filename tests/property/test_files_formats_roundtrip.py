@@ -5,43 +5,19 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evs.drivers import files
-from evs.msgs import EventPacket, Events, StreamInfo, make_events
+from evs.msgs import EventPacket
+from reference.streams import streams
 
-EDGES = [0, 1, 999, 1000, 2**24, 2**31, 2**32, 2**33 - 1]
 FORMATS = {
     "aedat2": (".aedat", 1024, 512),
     "aedat3": (".aedat3", 32_768, 32_768),
     "csv": (".csv", 32_768, 32_768),
 }
-
-
-@st.composite
-def streams(draw: st.DrawFn, width: int, height: int) -> tuple[StreamInfo, list[Events]]:
-    """A stream and its packets: sorted, near a stamp at which something wraps, or far from it."""
-    stream = StreamInfo(
-        draw(st.integers(1, width)),
-        draw(st.integers(1, height)),
-        camera=draw(st.text(min_size=1, max_size=8)),
-        tick_us=draw(st.sampled_from([1, 1000, 123_456])),
-        seed=draw(st.integers(0, 2**64)),
-        config={draw(st.text(max_size=4)): draw(st.integers() | st.text(max_size=5) | st.none())},
-    )
-    at = max(0, draw(st.sampled_from(EDGES)) - draw(st.integers(0, 2000)))
-    packets = []
-    for _ in range(draw(st.integers(0, 4))):
-        steps = draw(st.lists(st.integers(0, 700) | st.integers(0, 2**30), max_size=12))
-        t = at + np.cumsum(np.array(steps, np.int64))
-        at = int(t[-1]) if len(t) else at
-        seed = np.random.default_rng(draw(st.integers(0, 2**32)))
-        x, y = seed.integers(0, stream.width, len(t)), seed.integers(0, stream.height, len(t))
-        packets.append(make_events(t, x, y, seed.integers(0, 2, len(t))))
-    return stream, packets
 
 
 @pytest.mark.parametrize("kind", FORMATS)

@@ -27,10 +27,9 @@ from evs.drivers.files.bags.walk import Found, Walk, walk_mcap, walk_ros1
 from evs.drivers.files.damage import on_sensor
 from evs.drivers.files.formats import MAX_SIDE_PX
 from evs.drivers.files.ordered import in_order
-from evs.drivers.files.recorded import EventsFile, said_stream
+from evs.drivers.files.recorded import MixedFile, said_stream
 from evs.drivers.files.recording import existing
 from evs.msgs import (
-    IMU_DTYPE,
     Events,
     EvsError,
     Frame,
@@ -50,7 +49,7 @@ Message = Events | Frame | ImuSamples
 
 
 @dataclass
-class BagFile(EventsFile):
+class BagFile(MixedFile):
     """One bag, opened with `BagFile.at(path)`; packets come back as they were packed."""
 
     ros: int = 2
@@ -76,24 +75,8 @@ class BagFile(EventsFile):
             raise EvsError(f"{found} is not a readable bag: {reason}") from None
         return opened
 
-    def events(self) -> Iterator[Events]:
-        """The events of each message that has any, those of one message sorted."""
-        for message in self._walked(beside=False):
-            assert isinstance(message, np.ndarray)
-            yield message
-
-    def messages(self) -> Iterator[Message]:
-        """Events, images and IMU samples, in the order recorded."""
-        yield from self._walked(beside=self.stream.frames or self.stream.imu)
-
-    def beside(self) -> Iterator[Frame | ImuSamples]:
-        """Images and IMU samples alone."""
-        for message in self._walked(beside=True, events=False):
-            assert not isinstance(message, np.ndarray) or message.dtype == IMU_DTYPE
-            yield message
-
-    def _walked(self, beside: bool, events: bool = True) -> Iterator[Message]:
-        """What is asked for; sets `damage` and `left_out` at its end."""
+    def _walked(self, events: bool, beside: bool) -> Iterator[Message]:
+        """What is asked for, the events of one message sorted."""
         left_out: dict[str, int] = {}
         readers: dict[str, PayloadReader] = {}
         pictures = Beside(self.topic.rpartition("/")[0], self.stream.camera, self.ros)
