@@ -40,8 +40,11 @@ def link(checkout: Path, packages: Path, scripts: Path) -> None:
     (metadata / "METADATA").write_text(
         f"Metadata-Version: 2.1\nName: evs\nVersion: {project['version']}\n"
     )
-    commands = [f"{name} = {target}" for name, target in project["scripts"].items()]
-    (metadata / "entry_points.txt").write_text("\n".join(["[console_scripts]", *commands, ""]))
+    groups = {"console_scripts": project["scripts"], **project["entry-points"]}
+    lines: list[str] = []
+    for group, entries in groups.items():
+        lines += [f"[{group}]", *(f"{name} = {target}" for name, target in entries.items()), ""]
+    (metadata / "entry_points.txt").write_text("\n".join(lines))
     (metadata / "RECORD").write_text("evs.pth,,\n")
 
 
