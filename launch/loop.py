@@ -10,13 +10,17 @@ from evs.launch import loop_tables
 from evs.msgs import EvsError, unknown
 
 if TYPE_CHECKING:
+    from evs.drivers.loops.cartpole.controller import Balancer
     from evs.drivers.loops.goalie.keeper import Keeper
     from evs.drivers.loops.pencil.controller import Controller
     from evs.emulator.closed import Loop
 
 HELP = "closed loops that show why: a pencil is balanced, a goal kept, by what event cameras see"
 
-LOOPS = ("pencil", "goalie")
+LOOPS = ("pencil", "goalie", "cartpole")
+
+PUSH_MNS = {"pencil": 2.0, "cartpole": 3000.0}
+"""What --push is where it is not given."""
 
 EPILOG = """\
 examples:
@@ -25,6 +29,7 @@ examples:
   evs loop pencil --table out/pencil.json --jobs 2   events beside frames, to their limits
   evs loop goalie --gif goalie.gif --speed 8         four shots, in slow motion
   evs loop goalie --table out/goalie.json            balls saved over their speed: .md and .png too
+  evs loop cartpole --seeds 20                       gymnasium's cart-pole, its camera on the cart
   evs launch pencil                                  world and controller, each in a process
 --table writes FILE.json, which a second run goes on with, and the table beside it as FILE.md; with
 --tracker of that tracker alone. With --quick it takes a minute, and its numbers mean nothing."""
@@ -34,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """The command line of `evs loop`."""
     parser.epilog = EPILOG
     add = parser.add_argument
-    add("name", metavar="NAME", help="pencil or goalie")
+    add("name", metavar="NAME", help="pencil, goalie or cartpole")
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--table", metavar="FILE.json", help="measure every tracker")
     what.add_argument("--gif", metavar="FILE.gif", help="film it")
@@ -42,12 +47,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--connect", metavar="ADDRESS", help="only the controller of such a world")
     add("--tracker", metavar="NAME", help="events (default), or frames: 60 FPS, 200 FPS ...")
     add("--seed", type=int, default=0, metavar="N", help="start, pushes, shots, noise (0)")
-    add("--seconds", type=float, metavar="S", help="pencil: how long it has to stand (30)")
-    add("--push", type=float, default=2.0, metavar="mNs", help="pencil: push of every second (2)")
-    add("--delay", type=float, default=0.0, metavar="MS", help="pencil: until a force acts (0)")
+    add("--seconds", type=float, metavar="S", help="how long it has to stand (30; cartpole: 10)")
+    add("--push", type=float, metavar="mNs", help="of a push (pencil: 2, cartpole: 3000)")
+    add("--delay", type=float, default=0.0, metavar="MS", help="until a force acts (0)")
     add("--length", type=float, default=0.2, metavar="M", help="pencil: of the stick (0.2)")
     add("--speed", type=float, default=5.0, metavar="M/S", help="goalie: of the ball (5)")
-    add("--seeds", type=int, metavar="N", help="--table: trials of each value")
+    add("--seeds", type=int, metavar="N", help="cartpole, --table: how many trials")
     add("--jobs", type=int, default=1, metavar="N", help="--table: processes at work (1)")
     add("--quick", action="store_true", help="--table: a rehearsal")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
@@ -57,8 +62,11 @@ def run(args: argparse.Namespace) -> int:
     """Play a loop; the exit code: 0, 1 where the stick fell or the ball went in."""
     if args.name not in LOOPS:
         raise unknown("loop", args.name, LOOPS)
+    args.push = PUSH_MNS.get(args.name) if args.push is None else args.push
     if args.tracker is not None:
         _check_tracker(args)
+    if args.table is not None and args.name == "cartpole":
+        raise EvsError("the cart-pole has no --table: give --seeds")
     if args.table is not None:
         table = loop_tables.pencil if args.name == "pencil" else loop_tables.goalie
         return table(args)
@@ -67,14 +75,15 @@ def run(args: argparse.Namespace) -> int:
         return _connect(args)
     if args.serve is not None:
         return _serve(args)
-    return _pencil(args) if args.name == "pencil" else _goalie(args)
+    play = {"pencil": _pencil, "goalie": _goalie, "cartpole": _cartpole}[args.name]
+    return play(args)
 
 
 def _check_tracker(args: argparse.Namespace) -> None:
     # here, so that --help is quick
-    from evs.drivers.loops import goalie, pencil
+    from evs.drivers.loops import cartpole, goalie, pencil
 
-    known = pencil.TRACKERS if args.name == "pencil" else goalie.TRACKERS
+    known = {"pencil": pencil, "goalie": goalie, "cartpole": cartpole}[args.name].TRACKERS
     if args.tracker not in known:
         raise unknown("tracker", args.tracker, known)
 
@@ -83,9 +92,7 @@ def _pencil(args: argparse.Namespace) -> int:
     from evs.drivers.loops.pencil.arena import Arena, Trial
     from evs.drivers.loops.pencil.film import film
 
-    seconds = args.seconds if args.seconds is not None else (4.0 if args.gif else 30.0)
-    if not seconds > 0.0:
-        raise EvsError(f"--seconds is {seconds:g}: give a number over 0")
+    seconds = _seconds(args, 4.0 if args.gif else 30.0)
     trial = Trial(args.length, args.push, args.delay, seconds, args.seed)
     if args.gif is not None:
         outcome = film(Path(args.gif), trial, args.tracker)
@@ -113,6 +120,39 @@ def _goalie(args: argparse.Namespace) -> int:
     return int(miss_m > SAVES_M)
 
 
+def _cartpole(args: argparse.Namespace) -> int:
+    from evs.drivers.loops.cartpole.arena import CartPoleLoop, Trial, play
+    from evs.drivers.loops.cartpole.film import film
+
+    seconds = _seconds(args, 4.0 if args.gif else 10.0)
+    count = 1 if args.seeds is None else args.seeds
+    if count < 1:
+        raise EvsError(f"--seeds is {count}: give 1 or more")
+    trials = [
+        Trial(args.seed + number, args.push * 1e-3, args.delay, seconds) for number in range(count)
+    ]
+    if args.gif is not None:
+        outcomes = [film(Path(args.gif), trials[0])]
+    else:
+        loop = CartPoleLoop(delay_ms=args.delay)
+        outcomes = [play(loop, trial) for trial in trials]
+    stood = sum(not outcome.ended for outcome in outcomes)
+    if not args.quiet:
+        lean = max(outcome.lean_rad for outcome in outcomes)
+        print(f"{stood} of {len(outcomes)} stood for {seconds:g} s, {lean:.3f} rad rms at most")
+        for trial, outcome in zip(trials, outcomes, strict=False):
+            if outcome.ended:
+                print(f"seed {trial.seed}: {outcome.stood_s:g} s, {outcome.ended}")
+    return int(stood < len(outcomes))
+
+
+def _seconds(args: argparse.Namespace, default: float) -> float:
+    seconds = default if args.seconds is None else float(args.seconds)
+    if not seconds > 0.0:
+        raise EvsError(f"--seconds is {seconds:g}: give a number over 0")
+    return seconds
+
+
 def _serve(args: argparse.Namespace) -> int:
     from evs.drivers.lockstep import LockstepServer
     from evs.drivers.pipeline.stopping import stop_signals
@@ -136,6 +176,12 @@ def _loop(args: argparse.Namespace) -> Loop:
         from evs.drivers.loops.goalie.shots import GoalieLoop
 
         return GoalieLoop(goalie.TRACKERS[args.tracker], speed_m_s=args.speed)
+    if args.name == "cartpole":
+        from evs.drivers.loops.cartpole.arena import CartPoleLoop
+
+        return CartPoleLoop(
+            push_ns=args.push * 1e-3, delay_ms=args.delay, max_s=_seconds(args, 10.0)
+        )
     from evs.drivers.loops.pencil.arena import PencilLoop
 
     return PencilLoop(
@@ -143,7 +189,7 @@ def _loop(args: argparse.Namespace) -> Loop:
         args.length,
         push_mns=args.push,
         delay_ms=args.delay,
-        max_s=30.0 if args.seconds is None else args.seconds,
+        max_s=_seconds(args, 30.0),
     )
 
 
@@ -158,16 +204,20 @@ def _connect(args: argparse.Namespace) -> int:
             seen = loop.step(controller.decide(seen))
     if not args.quiet:
         print(f"{seen.t_us / 1e6:g} s: {seen.done}")
-    return int(args.name == "pencil" and "left" in seen.done)
+    return int(args.name != "goalie" and "left" in seen.done)
 
 
-def _controller(args: argparse.Namespace) -> Controller | Keeper:
+def _controller(args: argparse.Namespace) -> Controller | Keeper | Balancer:
     from evs.drivers.loops import goalie, pencil
 
     if args.name == "goalie":
         from evs.drivers.loops.goalie.keeper import Keeper
 
         return Keeper(frames=goalie.TRACKERS[args.tracker] > 0)
+    if args.name == "cartpole":
+        from evs.drivers.loops.cartpole.controller import Balancer
+
+        return Balancer()
     from evs.drivers.loops.pencil.controller import Controller, make_tracker
 
     return Controller(make_tracker(pencil.TRACKERS[args.tracker], args.length), args.length)

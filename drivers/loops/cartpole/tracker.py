@@ -1,0 +1,91 @@
+"""The pole's angle from events: a camera that rides on the cart sees the hinge at a fixed place.
+
+So every pixel has one angle about the hinge, known beforehand, and an event there says that an edge
+of the pole is at that angle now. The pole's two edges lie on either side of its axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.msgs import Events
+
+F64 = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Mount:
+    """The camera on the cart, beside the pole's plane and looking straight at it."""
+
+    width: int = 128
+    """px"""
+    height: int = 128
+    """px"""
+    fovy_deg: float = 40.0
+    """vertical field of view"""
+    distance_m: float = 1.1
+    """from the plane in which the pole turns"""
+    height_m: float = 0.35
+    """above the hinge"""
+
+
+@dataclass(frozen=True)
+class Pole:
+    """What is known of the pole; gymnasium's inverted pendulum."""
+
+    length_m: float = 0.6
+    """from hinge to tip"""
+    half_width_m: float = 0.049
+
+
+class PoleTracker:
+    """Follows the pole's angle. Without events it stays: nothing moved then."""
+
+    def __init__(
+        self,
+        mount: Mount | None = None,
+        pole: Pole | None = None,
+        gate_rad: float = 0.1,
+        memory: float = 20.0,
+        inset_px: float = 0.45,
+    ) -> None:
+        """Begin with an upright pole.
+
+        In: gate_rad, an event farther from the nearer edge is of something else; memory, so many
+        events count as much as all that was seen before; inset_px, how far inside the edge its
+        events seem to be, since they are late.
+        """
+        mount, pole = mount or Mount(), pole or Pole()
+        self._gate, self._memory = gate_rad, memory
+        self.angle = 0.0
+        m_per_px = 2.0 * mount.distance_m * np.tan(np.radians(mount.fovy_deg) / 2.0) / mount.height
+        x = (np.arange(mount.width) + 0.5 - mount.width / 2.0) * m_per_px
+        z = mount.height_m - (np.arange(mount.height) + 0.5 - mount.height / 2.0) * m_per_px
+        right, up = np.meshgrid(x, z)
+        radius = np.hypot(right, up)
+        self._angles: F64 = np.arctan2(right, up)
+        self._half: F64 = np.arcsin(
+            np.clip((pole.half_width_m - inset_px * m_per_px) / radius, 0.0, 1.0)
+        )
+        # the cart below hides the lower end, and the tip is round
+        self._counts = (radius > 0.35 * pole.length_m) & (radius < 0.95 * pole.length_m)
+
+    def see(self, events: Events) -> float:
+        """The angle after these events, (n,) EVENT_DTYPE, all of them at once: rad to the right.
+
+        ON events alone: the pole is brighter than what is behind it, and what grows darker tells it
+        late, since a photoreceptor is slow in the dark.
+        """
+        events = events[events["p"] == 1]
+        y, x = events["y"], events["x"]
+        off = self._angles[y, x] - self.angle
+        # an event is of the edge on its side of the axis
+        off -= np.copysign(self._half[y, x], off)
+        of_pole = self._counts[y, x] & (np.abs(off) < self._gate)
+        count = int(np.count_nonzero(of_pole))
+        if count:
+            self.angle += count / (count + self._memory) * float(off[of_pole].mean())
+        return self.angle
