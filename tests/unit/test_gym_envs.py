@@ -160,6 +160,18 @@ def test_a_left_limit_terminates_and_the_clock_truncates() -> None:
         short.step(short.action_space.sample())
 
 
+def test_physics_that_breaks_down_terminates() -> None:
+    def start(random: np.random.Generator, data: Any) -> None:
+        data.qvel[:] = 1e12
+
+    env = make(start=start, limits={})
+    env.reset(seed=1)
+    *_, worth, terminated, truncated, info = env.step(np.zeros(1, np.float32))
+    assert (terminated, truncated) == (True, False)
+    assert info["done"].startswith("unstable at t = 0.000")
+    assert np.isfinite(worth)
+
+
 def test_actions_are_spread_over_the_ranges_of_control() -> None:
     env = make("evs/Reach-v0", control_range={"tilt": (1.0, 2.0)})
     env.reset(seed=1)
