@@ -18,13 +18,16 @@ QUEUE_BYTES = "1 GB"
 _LOOPBACK_FRAGMENTS = "<MaxMessageSize>65000B</MaxMessageSize><FragmentSize>60000B</FragmentSize>"
 """A datagram on the loopback interface may be as large as UDP permits."""
 
+PLACES = 32
+"""Programs that find each other in a domain of the loopback interface without multicast."""
+
 _LOOPBACK_PEERS = (
     "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
-    "<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
+    f"<MaxAutoParticipantIndex>{PLACES}</MaxAutoParticipantIndex>"
     '<Peers><Peer address="localhost"/></Peers></Discovery>'
 )
-"""Nodes that are told to stay on this machine may do without multicast: 32 places of them are asked
-where ROS's own middleware looks for its like."""
+"""Nodes that are told to stay on this machine may do without multicast. So the places are asked, one
+by one, at which ROS's own middleware looks for its like."""
 
 
 def load() -> Any:
@@ -116,7 +119,11 @@ class Participant:
         dds = load()
         _silence(dds)
         self._domain: Any = _domain(dds, domain_id, _configuration(interface), interface)
-        self._participant: Any = dds.domain.DomainParticipant(domain_id)
+        try:
+            self._participant: Any = dds.domain.DomainParticipant(domain_id)
+        except dds.core.DDSException:
+            self._domain = None
+            raise _refused(domain_id, interface) from None
 
     def writer(self, name: str, kind: str, *, reliable: bool, depth: int) -> Writer:
         """A writer for a topic; it has to be closed before the participant is."""
@@ -177,11 +184,18 @@ def _domain(dds: Any, number: int, configuration: str, interface: Interface) -> 
                 f"DDS domain {number} is in use by this process already: open the sink first, or "
                 "give it another domain_id"
             ) from None
-        raise EvsError(
-            f"cannot enter DDS domain {number} on {interface}: is it up? ip link set NAME up"
-        ) from None
+        raise _refused(number, interface) from None
     _domains[number] = configuration, weakref.ref(made)
     return made
+
+
+def _refused(number: int, interface: Interface) -> EvsError:
+    """The library says no more than that it cannot."""
+    places = f", or {PLACES} programs are in it: give another domain_id"
+    return EvsError(
+        f"cannot enter DDS domain {number} on {interface}: the interface is down (ip link set NAME "
+        f"up){places if interface.is_loopback else ''}"
+    )
 
 
 def _configuration(interface: Interface) -> str:
