@@ -192,7 +192,7 @@ class World:
     def save(self, compress: bool = False) -> bytes:
         """Everything that the next tick follows from, of physics and cameras, as bytes.
 
-        In: compress, a third of the size for some 15 times the time. A control function of the
+        In: compress, half the size for some 6 times the time. A control function of the
         caller's own is not in it, and has no memory if it follows from its arguments alone.
         """
         return pack({"kind": "world", **self.identity}, self.arrays(), compress)

@@ -121,7 +121,7 @@ class Sensor:
     def save(self, compress: bool = False) -> bytes:
         """Everything that the next observe follows from, but for the data that it is given.
 
-        In: compress, a third of the size for some 15 times the time.
+        In: compress, half the size for some 6 times the time.
         """
         return pack(self._identity(), self._arrays(), compress)
 

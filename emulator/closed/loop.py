@@ -142,6 +142,8 @@ class Loop:
         Raises EvsError.
         """
         self.world.reset(seed, keyframe)
+        # not begun, should `start` raise
+        self._done = None
         if start is not None:
             start(self.world.data)
         self._channels = self._new_channels()
@@ -226,6 +228,8 @@ class Loop:
         return {"kind": "loop", **self.world.identity, "loop": own}
 
     def _check_going(self) -> None:
+        if len(self.world.cameras) != len(self._channels.cameras):
+            raise EvsError("the world has another camera since the last reset: call reset")
         if self._done is None:
             raise EvsError("the loop has not begun: call reset first")
         if self._done:

@@ -41,8 +41,8 @@ _DAMAGED = "saved state is damaged: {}; save it again"
 def pack(about: Mapping[str, Any], arrays: Mapping[str, Array], compress: bool = False) -> bytes:
     """The bytes. In: about, plain values (JSON); arrays of numbers or text.
 
-    compress deflates every array, about 15 times as slow, for a third of the size; else only what
-    is quickly made much smaller is.
+    compress deflates every array, about 6 times as slow, for half the size; else only what is
+    quickly made much smaller is.
     """
     rows: list[list[Any]] = []
     parts: list[bytes | memoryview] = []

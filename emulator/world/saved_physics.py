@@ -71,7 +71,7 @@ def put_physics(model: mujoco.MjModel, data: mujoco.MjData, saved: Arrays) -> No
     mujoco.mj_setState(model, data, saved["state"], STATE)
     # what a caller may read before the next step
     mujoco.mj_forward(model, data)
-    # forward has moved the solver's starting point on
+    # and whatever forward has moved on
     mujoco.mj_setState(model, data, saved["state"], STATE)
     if "tree_asleep" in saved:
         for name in _COUNTS:

@@ -364,3 +364,25 @@ def test_an_observation_is_its_own_copy(cart):
     assert seen == alone
     for before, packet in zip(events, seen.packets, strict=True):
         np.testing.assert_array_equal(before, packet.events)
+
+
+def test_a_camera_that_came_later_is_there_after_a_reset(cart):
+    loop = make(cart)
+    loop.reset()
+    loop.world.add_camera("left", sensor=SMALL, name="third")
+    with pytest.raises(EvsError, match="another camera since the last reset: call reset"):
+        loop.step()
+    loop.reset()
+    assert [packet.camera for packet in loop.step().packets] == ["left", "right", "third"]
+
+
+def test_a_start_that_fails_leaves_a_loop_that_has_not_begun(cart):
+    def start(_):
+        raise EvsError("no")
+
+    loop = make(cart)
+    loop.reset()
+    with pytest.raises(EvsError, match=r"^no$"):
+        loop.reset(start=start)
+    with pytest.raises(EvsError, match="call reset first"):
+        loop.step()
