@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from evs.drivers.pipeline import config as pipeline
 from evs.drivers.pipeline import settings
 from evs.launch import options
 from evs.launch.again import command
-from evs.msgs import EvsError
-
-if TYPE_CHECKING:
-    from evs.drivers.pipeline.report import Report
 
 HELP = "run a scene through the event camera: publish it, record it"
 
@@ -59,7 +53,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the pipeline; the exit code."""
     config = pipeline.load(*options.given(args, OPTIONS))
-    return (_serve if config.is_closed else _emulate)(config, args)
+    if config.is_closed:
+        from evs.launch.serving import serve
+
+        return serve(config, args.quiet)
+    return _emulate(config, args)
 
 
 def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
@@ -71,6 +69,7 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     from evs.drivers.pipeline.run import tick_count
     from evs.emulator import World
     from evs.launch import terminal
+    from evs.launch.keeper import Keeper
 
     tables = config.sinks()
     recordings = [table.file for table in tables if table.file]
@@ -102,60 +101,6 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     # a recording that stopped has been warned of, but it is not what was asked for
     stopped = any(said.get("error") for said in report.sinks)
     return STOPPED.get(report.ended.split()[0], 2 if stopped or keep.unkept else 0)
-
-
-def _serve(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
-    """The loop for controllers elsewhere, until it is told to end."""
-    from evs.drivers.lockstep.running import serve
-    from evs.drivers.pipeline.report import check_targets
-    from evs.launch import terminal
-
-    targets = [Path(config.report)] if config.report else []
-    check_targets(targets)
-    keep = Keeper(targets)
-
-    def ready(address: str) -> None:
-        if not args.quiet:
-            print(
-                f'evs: the loop waits for evs.connect("{address}") (Ctrl-C ends)',
-                file=sys.stderr,
-                flush=True,
-            )
-
-    report, files = serve(
-        config,
-        warn=terminal.warn,
-        ready=ready,
-        on_report=keep,
-        said_config=settings.to_plain(config),
-    )
-    terminal.summary(report, args.quiet, [command("info", file) for file in files[:1]])
-    stopped = any(said.get("error") for said in report.sinks)
-    # whoever ends a server ends it well
-    return 2 if stopped or keep.unkept else 0
-
-
-class Keeper:
-    """Writes the report where it is wanted."""
-
-    def __init__(self, targets: list[Path]) -> None:
-        self.unkept: list[EvsError] = []
-        """why it could not be written somewhere"""
-        self._targets = targets
-
-    def __call__(self, report: Report) -> None:
-        """Write it everywhere."""
-        from evs.drivers.pipeline.report import report_beside, write_report
-        from evs.launch import terminal
-
-        beside = [report_beside(file) for file in report.loop.get("files", ())]
-        for target in [*self._targets, *beside]:
-            try:
-                write_report(report, target)
-            except EvsError as error:
-                # a full disk: the others, and what ended the run, matter more
-                self.unkept.append(error)
-                terminal.warn(str(error))
 
 
 def next_commands(

@@ -4,16 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from evs.launch import loop_tables
+from evs.launch import loop_tables, loop_wire, options
 from evs.msgs import EvsError, unknown
-
-if TYPE_CHECKING:
-    from evs.drivers.loops.cartpole.controller import Balancer
-    from evs.drivers.loops.goalie.keeper import Keeper
-    from evs.drivers.loops.pencil.controller import Controller
-    from evs.emulator.closed import Loop
 
 HELP = "closed loops that show why: a pencil is balanced, a goal kept, by what event cameras see"
 
@@ -31,6 +24,7 @@ examples:
   evs loop goalie --table out/goalie.json            balls saved over their speed: .md and .png too
   evs loop cartpole --seeds 20                       gymnasium's cart-pole, its camera on the cart
   evs launch pencil                                  world and controller, each in a process
+  evs loop pencil --serve tcp://127.0.0.1:5570 publish=tcp://127.0.0.1:5560 record=run.aedat4
 --table writes FILE.json, which a second run goes on with, and the table beside it as FILE.md; with
 --tracker of that tracker alone. With --quick it takes a minute, and its numbers mean nothing."""
 
@@ -40,6 +34,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EPILOG
     add = parser.add_argument
     add("name", metavar="NAME", help="pencil, goalie or cartpole")
+    add(
+        "words", metavar="key=value", nargs="*", help="--serve: publish=, record=, sink.0.type= ..."
+    )
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--table", metavar="FILE.json", help="measure every tracker")
     what.add_argument("--gif", metavar="FILE.gif", help="film it")
@@ -55,6 +52,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--seeds", type=int, metavar="N", help="cartpole, --table: how many trials")
     add("--jobs", type=int, default=1, metavar="N", help="--table: processes at work (1)")
     add("--quick", action="store_true", help="--table: a rehearsal")
+    options.declare_keys(parser)
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
 
 
@@ -62,6 +60,12 @@ def run(args: argparse.Namespace) -> int:
     """Play a loop; the exit code: 0, 1 where the stick fell or the ball went in."""
     if args.name not in LOOPS:
         raise unknown("loop", args.name, LOOPS)
+    if args.words and args.serve is None:
+        raise EvsError(f"'{args.words[0]}' is for --serve ADDRESS only")
+    if args.connect is None and (args.server_key or args.key):
+        raise EvsError(
+            "--server-key and --key are for --connect ADDRESS (--serve: lockstep.key=FILE)"
+        )
     args.push = PUSH_MNS.get(args.name) if args.push is None else args.push
     if args.tracker is not None:
         _check_tracker(args)
@@ -72,9 +76,9 @@ def run(args: argparse.Namespace) -> int:
         return table(args)
     args.tracker = args.tracker or "events"
     if args.connect is not None:
-        return _connect(args)
+        return loop_wire.connect(args)
     if args.serve is not None:
-        return _serve(args)
+        return loop_wire.serve(args)
     play = {"pencil": _pencil, "goalie": _goalie, "cartpole": _cartpole}[args.name]
     return play(args)
 
@@ -92,7 +96,7 @@ def _pencil(args: argparse.Namespace) -> int:
     from evs.drivers.loops.pencil.arena import Arena, Trial
     from evs.drivers.loops.pencil.film import film
 
-    seconds = _seconds(args, 4.0 if args.gif else 30.0)
+    seconds = loop_wire.seconds(args, 4.0 if args.gif else 30.0)
     trial = Trial(args.length, args.push, args.delay, seconds, args.seed)
     if args.gif is not None:
         outcome = film(Path(args.gif), trial, args.tracker)
@@ -124,7 +128,7 @@ def _cartpole(args: argparse.Namespace) -> int:
     from evs.drivers.loops.cartpole.arena import CartPoleLoop, Trial, play
     from evs.drivers.loops.cartpole.film import film
 
-    seconds = _seconds(args, 4.0 if args.gif else 10.0)
+    seconds = loop_wire.seconds(args, 4.0 if args.gif else 10.0)
     count = 1 if args.seeds is None else args.seeds
     if count < 1:
         raise EvsError(f"--seeds is {count}: give 1 or more")
@@ -144,80 +148,3 @@ def _cartpole(args: argparse.Namespace) -> int:
             if outcome.ended:
                 print(f"seed {trial.seed}: {outcome.stood_s:g} s, {outcome.ended}")
     return int(stood < len(outcomes))
-
-
-def _seconds(args: argparse.Namespace, default: float) -> float:
-    seconds = default if args.seconds is None else float(args.seconds)
-    if not seconds > 0.0:
-        raise EvsError(f"--seconds is {seconds:g}: give a number over 0")
-    return seconds
-
-
-def _serve(args: argparse.Namespace) -> int:
-    from evs.drivers.lockstep import LockstepServer
-    from evs.drivers.pipeline.stopping import stop_signals
-
-    server = LockstepServer(_loop(args), args.serve)
-    server.open()
-    try:
-        if not args.quiet:
-            print(f"a {args.name} at {server.address}", flush=True)
-        with stop_signals() as stopped:
-            server.serve(stopped)
-    finally:
-        server.close()
-    return 0
-
-
-def _loop(args: argparse.Namespace) -> Loop:
-    from evs.drivers.loops import goalie, pencil
-
-    if args.name == "goalie":
-        from evs.drivers.loops.goalie.shots import GoalieLoop
-
-        return GoalieLoop(goalie.TRACKERS[args.tracker], speed_m_s=args.speed)
-    if args.name == "cartpole":
-        from evs.drivers.loops.cartpole.arena import CartPoleLoop
-
-        return CartPoleLoop(
-            push_ns=args.push * 1e-3, delay_ms=args.delay, max_s=_seconds(args, 10.0)
-        )
-    from evs.drivers.loops.pencil.arena import PencilLoop
-
-    return PencilLoop(
-        pencil.TRACKERS[args.tracker],
-        args.length,
-        push_mns=args.push,
-        delay_ms=args.delay,
-        max_s=_seconds(args, 30.0),
-    )
-
-
-def _connect(args: argparse.Namespace) -> int:
-    """A controller in a process that imports no simulator."""
-    from evs.drivers.lockstep import connect
-
-    controller = _controller(args)
-    with connect(args.connect, args.name) as loop:
-        seen = loop.reset(args.seed)
-        while not seen.done:
-            seen = loop.step(controller.decide(seen))
-    if not args.quiet:
-        print(f"{seen.t_us / 1e6:g} s: {seen.done}")
-    return int(args.name != "goalie" and "left" in seen.done)
-
-
-def _controller(args: argparse.Namespace) -> Controller | Keeper | Balancer:
-    from evs.drivers.loops import goalie, pencil
-
-    if args.name == "goalie":
-        from evs.drivers.loops.goalie.keeper import Keeper
-
-        return Keeper(frames=goalie.TRACKERS[args.tracker] > 0)
-    if args.name == "cartpole":
-        from evs.drivers.loops.cartpole.controller import Balancer
-
-        return Balancer()
-    from evs.drivers.loops.pencil.controller import Controller, make_tracker
-
-    return Controller(make_tracker(pencil.TRACKERS[args.tracker], args.length), args.length)

@@ -32,11 +32,12 @@ _OWN = ("here",)
 """names that every file has: here, its folder"""
 _WAITING = {
     "emulate": ("publish_wait_for={count}", "publish_wait_s=60"),
+    "loop": ("publish_wait_for={count}", "publish_wait_s=60"),
     "play": ("--wait-for", "{count}", "--wait", "60"),
 }
 """commands of ours that publish -> how they are told to wait for their subscribers"""
 _PUBLISHING = ("--publish", "publish")
-"""evs emulate: where a node has none of these, its pipeline publishes, and says how it waits"""
+"""emulate, loop: where a node has none of these, its pipeline publishes, and says how it waits"""
 _WAITS = ("--wait-for", "publish_wait_for")
 """where a node has one of these, it says itself how many it waits for"""
 
@@ -223,7 +224,11 @@ def _waiting(node: NodeConfig, nodes: list[NodeConfig]) -> NodeConfig:
     command = node.run[1] if node.run[0] == "evs" and len(node.run) > 1 else ""
     told = _WAITING.get(command, ())
     keys = {word.partition("=")[0] for word in node.run}
-    if not count or keys & set(_WAITS) or (command == "emulate" and not keys & set(_PUBLISHING)):
+    if (
+        not count
+        or keys & set(_WAITS)
+        or (command in ("emulate", "loop") and not keys & set(_PUBLISHING))
+    ):
         return node
     return replace(node, run=(*node.run, *(word.format(count=count) for word in told)))
 

@@ -42,6 +42,7 @@ def loop_of(config: PipelineConfig, meter: Meter | None = None) -> Loop:
 def serve(
     config: PipelineConfig,
     *,
+    make_loop: Callable[[Meter], Loop] | None = None,
     meter: StopWatch | None = None,
     warn: Callable[[str], None] | None = None,
     ready: Callable[[str], None] | None = None,
@@ -50,8 +51,9 @@ def serve(
 ) -> tuple[Report, list[str]]:
     """Serve until Ctrl-C, SIGTERM or a `stop` at a control port; the report, the files recorded.
 
-    In: ready is called with the address once controllers may connect; said_config stands in the
-    report; the others as of pipeline.run. Raises EvsError as that does.
+    In: make_loop, where the loop is another than the pipeline's; ready is called with the address
+    once controllers may connect; said_config stands in the report; the others as of pipeline.run.
+    Raises EvsError as that does.
     """
     watch = meter or StopWatch()
     warnings: list[str] = []
@@ -61,7 +63,7 @@ def serve(
         if warn is not None:
             warn(line)
 
-    loop = loop_of(config, watch)
+    loop = make_loop(watch) if make_loop is not None else loop_of(config, watch)
     warnings += loop.world.left_out
     pacer = Pacer(PACES.get(config.pace, 0.0), catch_up_s=config.realtime.catch_up_s)
     beside = LoopWithSinks(loop, Segments(config.sinks(), watch, tell), watch, pacer, tell)

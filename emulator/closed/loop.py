@@ -30,6 +30,7 @@ from evs.emulator.saving import (
     words,
 )
 from evs.emulator.scene import F64
+from evs.emulator.stages import Meter
 from evs.emulator.world import (
     Gauges,
     MjData,
@@ -67,6 +68,7 @@ class Loop:
         limits: Mapping[str, tuple[float, float]] | None = None,
         max_s: float | None = None,
         delays: DelayConfig | None = None,
+        meter: Meter | None = None,
     ) -> None:
         """A world with these cameras, all of the same kind, and a loop around it.
 
@@ -75,7 +77,7 @@ class Loop:
         simulated seconds after which it ends; delays, None: there are none; the others as of
         World and World.add_camera. Raises EvsError with one line for whatever cannot be.
         """
-        world = World(scene, tick_us=tick_us, seed=seed, threads=threads)
+        world = World(scene, tick_us=tick_us, seed=seed, threads=threads, meter=meter)
         several = (cameras,) if isinstance(cameras, str | CameraConfig) else tuple(cameras)
         for camera in several:
             world.add_camera(camera, sensor=sensor, render=render, model=model)

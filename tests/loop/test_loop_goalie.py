@@ -15,6 +15,7 @@ from evs.drivers.loops.goalie.keeper import FORCE_N, MASS_KG
 from evs.drivers.loops.goalie.path import CENTRE_PX, FOCAL_PX
 from evs.drivers.loops.goalie.shots import SAVES_M, Goal, GoalieLoop
 from evs.launch.main import main
+from evs.msgs import EventPacket
 
 
 @pytest.mark.parametrize("tracker", list(TRACKERS))
@@ -70,6 +71,26 @@ def test_over_the_wire_it_is_the_same(capsys: pytest.CaptureFixture[str]) -> Non
     assert "ball_x left" in capsys.readouterr().out
     goal = Goal("events")
     assert goal.shoot(8.0, 7) == loop.miss_m <= SAVES_M
+
+
+def test_the_launch_file_runs_world_keeper_and_recorder(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "run.aedat4"
+    assert main(["launch", "goalie", "speed:=8", "seed:=7", f"record:={file}"]) == 0
+    assert "ball_x left" in capfd.readouterr().out
+    told = json.loads(Path(f"{file}.report.json").read_text())
+    goal = Goal("events")
+    events = 0
+
+    def count(packets: tuple[EventPacket, ...]) -> None:
+        nonlocal events
+        events += sum(map(len, packets))
+
+    goal.loop.on_tick = count
+    goal.shoot(8.0, 7)
+    assert (told["events"], told["lost"]) == (events, 0)
+    assert events > 1000
 
 
 def test_the_command_shoots_films_and_measures(

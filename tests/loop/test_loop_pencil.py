@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 import threading
@@ -12,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evs.drivers import files
+from evs.drivers.checkup.loopback import free_address
 from evs.drivers.lockstep import LockstepServer
 from evs.drivers.loops.pencil import TRACKERS
 from evs.drivers.loops.pencil.arena import Arena, PencilLoop, Trial, pencil_model
@@ -20,7 +23,7 @@ from evs.drivers.loops.pencil.controller import CAMERAS, Controller, make_tracke
 from evs.drivers.loops.pencil.line import Origin
 from evs.drivers.loops.pencil.views import DISTANCE_M, FOCAL_PX
 from evs.launch.main import main
-from evs.msgs import EvsError, Observation
+from evs.msgs import EventPacket, EvsError, Observation
 
 FAR_S = 30.0
 
@@ -168,9 +171,57 @@ def test_a_process_that_has_no_simulator_balances_it() -> None:
     np.testing.assert_array_equal(again.world.data.qpos, loop.world.data.qpos)
 
 
-def test_the_launch_file_runs_both_halves(capfd: pytest.CaptureFixture[str]) -> None:
-    assert main(["launch", "pencil", "seconds:=0.5", "seed:=4"]) == 0
-    assert "[controller] 0.5 s: 0.5 s are over" in capfd.readouterr().out
+def test_the_launch_file_runs_world_controller_and_recorders(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    words = ["seconds:=1", "push:=3", "seed:=4", f"record:={tmp_path / 'run'}"]
+    assert main(["launch", "pencil", *words]) == 0
+    assert "[controller] 1 s: 1 s are over" in capfd.readouterr().out
+    # what the recorders, each in a process of its own, have is what happens in process
+    loop = PencilLoop(push_mns=3.0, max_s=1.0)
+    packets: list[EventPacket] = []
+    loop.on_tick = packets.extend
+    controller, seen = Controller(make_tracker(0, 0.2)), loop.reset(4)
+    while not seen.done:
+        seen = loop.step(controller.decide(seen))
+    for camera in CAMERAS:
+        file = tmp_path / f"run-{camera}.aedat4"
+        told = json.loads(Path(f"{file}.report.json").read_text())
+        assert (told["packets"], told["lost"]) == (1000, 0)
+        sent = np.concatenate([packet.events for packet in packets if packet.camera == camera])
+        np.testing.assert_array_equal(files.read(file), sent)
+
+
+def test_the_launch_file_tells_that_it_fell(capfd: pytest.CaptureFixture[str]) -> None:
+    # pushed over; exit code 1 is the controller's
+    assert main(["launch", "pencil", "push:=300", "seconds:=3"]) == 1
+    assert "[controller] 0." in (said := capfd.readouterr().out)
+    assert "left -0.7 ... 0.7" in said
+
+
+def test_the_world_in_real_time(tmp_path: Path) -> None:
+    """The same controller; the clock moves the stick, and the report says how late it was."""
+    address, report = free_address(), tmp_path / "report.json"
+    command = [sys.executable, "-m", "evs.launch.main", "loop", "pencil", "--serve", address]
+    command += ["--seconds", "1", "pace=realtime", "realtime.serve=true", f"report={report}"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as world:
+        assert main(["loop", "pencil", "--connect", address]) in (0, 1)
+        world.send_signal(signal.SIGINT)
+        out, _ = world.communicate(timeout=60)
+    assert world.returncode == 0
+    assert "next:" not in out
+    told = json.loads(report.read_text())
+    assert told["config"] == {
+        "loop": "pencil",
+        "tracker": "events",
+        "seconds": 1.0,
+        "push": 2.0,
+        "delay": 0.0,
+        "length": 0.2,
+        "keys": {"pace": "realtime", "realtime.serve": "true", "report": str(report)},
+    }
+    assert told["pace"]["late_ms"]["worst"] >= 0
+    assert {"world", "render", "sensor"} <= set(told["stage_ms"])
 
 
 def test_the_command_measures_films_and_refuses(
@@ -187,6 +238,11 @@ def test_the_command_measures_films_and_refuses(
         (["loop", "pencil", "--table", str(tmp_path / "a.txt")], "end it in .json"),
         (["loop", "pencil", "--gif", str(tmp_path / "a.png")], "end it in .gif"),
         (["loop", "pencil", "--length", "1"], "0.005 ... 0.22"),
+        (["loop", "pencil", "record=run.aedat4"], "for --serve"),
+        (["loop", "pencil", "--key", "a.key"], "for --connect"),
+        (["loop", "pencil", "--serve", "tcp://127.0.0.1:0", "scene.file=a.xml"], "scene.file is"),
+        (["loop", "pencil", "--serve", "tcp://127.0.0.1:0", "lockstep.cameras=a"], "is not for"),
+        (["loop", "pencil", "--serve", "tcp://127.0.0.1:0", "pace=free"], "at lockstep"),
     ):
         assert main(words) == 2
         assert said in capsys.readouterr().err

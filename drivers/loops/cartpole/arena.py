@@ -13,6 +13,7 @@ from evs.drivers.pipeline.paths import in_package
 from evs.emulator.closed import Loop
 from evs.emulator.config import CameraConfig
 from evs.emulator.loop_config import DelayConfig
+from evs.emulator.stages import Meter
 from evs.emulator.world import MjData, MjModel, add_joint_sensors, load_model, load_spec
 from evs.msgs import Observation
 
@@ -36,6 +37,7 @@ class CartPoleLoop(Loop):
         delay_ms: float = 0.0,
         max_s: float | None = None,
         threads: int = 1,
+        meter: Meter | None = None,
     ) -> None:
         """In: as of Trial; threads, that find light."""
         self.push_ns = push_ns
@@ -44,6 +46,7 @@ class CartPoleLoop(Loop):
             camera_on_cart(),
             sensor="dvs128",
             threads=threads,
+            meter=meter,
             limits={"angle": (-FALLEN_RAD, FALLEN_RAD), "place": (-RAIL_M, RAIL_M)},
             max_s=max_s,
             delays=DelayConfig(control_us=round(1000 * delay_ms)),

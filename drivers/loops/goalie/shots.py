@@ -11,6 +11,7 @@ from evs.drivers.loops.goalie import TRACKERS
 from evs.drivers.loops.goalie.keeper import Keeper
 from evs.drivers.loops.sensing import sensor_of
 from evs.emulator.closed import Loop
+from evs.emulator.stages import Meter
 from evs.emulator.world import MjData
 from evs.msgs import EvsError, Observation, unknown
 
@@ -28,7 +29,14 @@ Watch = Callable[[Observation, Keeper], None]
 class GoalieLoop(Loop):
     """The loop: a seed says from where and to where the ball is shot."""
 
-    def __init__(self, fps: int = 0, *, speed_m_s: float = 3.0, threads: int = 1) -> None:
+    def __init__(
+        self,
+        fps: int = 0,
+        *,
+        speed_m_s: float = 3.0,
+        threads: int = 1,
+        meter: Meter | None = None,
+    ) -> None:
         """In: fps, the camera's frames per second, 0: events alone; speed_m_s, of the ball."""
         self.speed_m_s = speed_m_s
         super().__init__(
@@ -36,6 +44,7 @@ class GoalieLoop(Loop):
             ("above",),
             sensor=sensor_of(fps),
             threads=threads,
+            meter=meter,
             limits={"ball_x": (0.0, 2.0)},
             max_s=10.0,
         )

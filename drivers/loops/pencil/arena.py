@@ -14,6 +14,7 @@ from evs.drivers.loops.pencil.controller import CAMERAS, Controller, make_tracke
 from evs.drivers.loops.sensing import sensor_of
 from evs.emulator.closed import Loop
 from evs.emulator.loop_config import DelayConfig
+from evs.emulator.stages import Meter
 from evs.emulator.world import MjData, MjModel, load_model, load_spec
 from evs.msgs import EvsError, Observation, unknown
 
@@ -40,6 +41,7 @@ class PencilLoop(Loop):
         delay_ms: float = 0.0,
         max_s: float | None = None,
         threads: int = 1,
+        meter: Meter | None = None,
     ) -> None:
         """In: fps, the cameras' frames per second, 0: events alone; the rest as of Trial."""
         self.push_mns = push_mns
@@ -49,6 +51,7 @@ class PencilLoop(Loop):
             CAMERAS,
             sensor=sensor_of(fps),
             threads=threads,
+            meter=meter,
             limits=dict.fromkeys(("tilt_x", "tilt_y"), (-FALLEN_RAD, FALLEN_RAD)),
             max_s=max_s,
             delays=DelayConfig(control_us=round(1000 * delay_ms)),
