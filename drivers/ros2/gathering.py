@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from evs.msgs import EventPacket, EvsError
 from evs.msgs.encodings import PAYLOADS, PayloadWriter
 
+LONGEST_S = 1000.0
+"""A message in `libcaer` has 31 bits for the us, which wrap; its decoders take it to be shorter."""
+
 MOST_MONO_S = 4.0
 """A message in `mono` has 32 bits for the ns since its first event."""
 
@@ -29,10 +32,10 @@ class Gatherer:
 
     def __init__(self, encoding: str, time_threshold_s: float, size_threshold: int) -> None:
         """In: what a message spans at least, s, unless it reaches so many bytes before."""
-        if not 0 <= time_threshold_s <= 3600:
+        if not 0 <= time_threshold_s <= LONGEST_S:
             raise EvsError(
                 f"event_message_time_threshold is {time_threshold_s:g} s: give 0 (a message a "
-                "tick) ... 3600"
+                f"tick) ... {LONGEST_S:g}"
             )
         if encoding == "mono" and time_threshold_s > MOST_MONO_S:
             raise EvsError(
@@ -56,14 +59,10 @@ class Gatherer:
         return self._writer.encoding
 
     def add(self, packet: EventPacket) -> list[EventMessage]:
-        """Take one packet; Out: the messages that it completes, 0 to 2."""
-        done = []
+        """Take one packet; Out: the message that it completes, if it does."""
         if len(packet):
             base_us = self._first_us if self._parts else None
             base_ns, data = self._writer.payload(packet.events, base_us)
-            # libcaer counts anew after 2147 s
-            if self._parts and base_ns != self._base_ns:
-                done += self.rest()
             if not self._parts:
                 self._begin_us = packet.time_base_us
                 self._first_us = int(packet.events["t"][0])
@@ -73,9 +72,7 @@ class Gatherer:
             self._bytes += len(data)
             self._events += len(packet)
         is_long = packet.time_end_us - self._begin_us >= self._time_us
-        if self._parts and (is_long or self._bytes >= self._size):
-            done += self.rest()
-        return done
+        return self.rest() if is_long or self._bytes >= self._size else []
 
     def rest(self) -> list[EventMessage]:
         """What is gathered so far, as a message; none if nothing is."""

@@ -26,8 +26,8 @@ _LOOPBACK_PEERS = (
     f"<MaxAutoParticipantIndex>{PLACES}</MaxAutoParticipantIndex>"
     '<Peers><Peer address="localhost"/></Peers></Discovery>'
 )
-"""Nodes that are told to stay on this machine may do without multicast. So the places are asked, one
-by one, at which ROS's own middleware looks for its like."""
+"""Nodes that are told to stay on this machine may do without multicast. So they are asked one by
+one, at the places where ROS's own middleware looks for its like."""
 
 
 def load() -> Any:

@@ -35,9 +35,10 @@ class PayloadWriter:
     def payload(self, events: Events, time_base_us: int | None = None) -> Payload:
         """The payload of the next packet. In: events (n,), sorted, none before the last packet's.
 
-        Payloads of one time base may be joined. That of mono is time_base_us, the first event's
-        time if None; libcaer's changes every 2147 s; evt3's is 0, as real drivers have it: the
-        words tell the time. MessageError: what the encoding does not hold.
+        Payloads that follow one another may be joined under the first one's time base, those of
+        mono if time_base_us (the first event's time if None) is the same for all, those of libcaer
+        up to 2147 s. That of evt3 is 0, as real drivers have it: the words tell the time.
+        MessageError: what the encoding does not hold.
         """
         if self.encoding == "mono":
             return encode_mono(events, time_base_us)

@@ -233,6 +233,22 @@ def test_nothing_is_made_for_topics_that_nobody_reads(
     assert said["messages_sent"]["/eye/events"] == 5
 
 
+def test_who_comes_back_gets_nothing_from_before(opened: Any) -> None:
+    sink = opened(event_message_time_threshold=5e-3)
+    ears = Ears(DOMAIN, "/eye", ("events",))
+    for tick in range(3):
+        sink.write(packet(tick))
+    del ears
+    sink.write(packet(3))
+    ears = Ears(DOMAIN, "/eye", ("events",))
+    for tick in range(4, 9):
+        sink.write(packet(tick))
+    sink.flush(30.0)
+    (one,) = ears.take("events")
+    truth = np.concatenate([packet(tick).events for tick in range(4, 9)])
+    assert np.array_equal(PayloadReader("evt3").events(bytes(one.events), 0), truth)
+
+
 def test_the_calibration_is_told_without_frames_too(opened: Any) -> None:
     sink = opened(replace(STREAM, frames=False, imu=False))
     ears = Ears(DOMAIN, "/eye", ("camera_info",))
