@@ -118,7 +118,7 @@ def _record(folder: Path, loop: Loop, file: Path, seed: int) -> list[Path]:
     sinks = [Aedat4Recorder(path) for path in paths]
     for sink, stream in zip(sinks, loop.streams, strict=True):
         sink.open([stream])
-    episode = replay(file, loop)
+    before, episode = loop.on_tick, replay(file, loop)
     next(episode)
     pushing = loop.on_tick
 
@@ -133,7 +133,7 @@ def _record(folder: Path, loop: Loop, file: Path, seed: int) -> list[Path]:
         for _ in episode:
             pass
     finally:
-        loop.on_tick = None
+        loop.on_tick = before
         for sink in sinks:
             sink.close()
     return paths

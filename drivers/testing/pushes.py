@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from evs.emulator import Loop
-from evs.msgs import EvsError, unknown
+from evs.msgs import EventPacket, EvsError, unknown
 
 Vector = tuple[float, float, float]
 
@@ -39,6 +39,7 @@ class Pushes:
         model = loop.world.model
         bodies = [model.body(index).name for index in range(model.nbody)]
         self._loop, self._when = loop, []
+        self._before = loop.on_tick
         for push in pushes:
             if not isinstance(push, Push):
                 raise EvsError(f"pushes holds {push!r}; give evs.drivers.testing.Push(...)")
@@ -54,14 +55,22 @@ class Pushes:
 
     def begin(self) -> None:
         """An episode has begun: from now on forces follow the loop's clock."""
-        if self._when:
-            self._loop.on_tick = lambda _packets: self._act()
+        if not self._when:
+            return
+        before = self._before = self._loop.on_tick
+
+        def on_tick(packets: tuple[EventPacket, ...]) -> None:
+            if before is not None:
+                before(packets)
             self._act()
 
+        self._loop.on_tick = on_tick
+        self._act()
+
     def end(self) -> None:
-        """Leave the loop alone."""
+        """Leave the loop alone, as it was."""
         if self._when:
-            self._loop.on_tick = None
+            self._loop.on_tick = self._before
             self._loop.world.data.xfrc_applied[:] = 0.0
 
     def _act(self) -> None:

@@ -19,7 +19,7 @@ from evs.drivers.testing.trace import Trace
 from evs.emulator import Loop
 from evs.emulator.closed.starts import Start, begin, check_start
 from evs.emulator.plain_config import plain_integer
-from evs.emulator.world import NamedSensors, Scene
+from evs.emulator.world import MjData, NamedSensors, Scene
 from evs.msgs import EvsError, Observation
 
 Decide = Callable[[Observation], npt.ArrayLike | None]
@@ -71,7 +71,7 @@ class LoopRunner:
         if decisions < 1:
             raise EvsError(f"seconds={seconds}, ticks={ticks}: that is not one decision")
         named = NamedSensors(loop.world.model, sensors)
-        begins = check_start(loop.world.model, start or {})
+        begins = None if start is None else check_start(loop.world.model, start)
         forces = Pushes(loop, pushes)
         self._runs += 1
         folder = self._folder / f"evs_loop-{self._runs}"
@@ -82,13 +82,7 @@ class LoopRunner:
         traces = []
         for seed in _seeds_of(seeds):
             decide = _made(controller)
-            seen = loop.reset(
-                seed,
-                keyframe,
-                start=lambda data, seed=seed: begin(  # type: ignore[misc]
-                    begins, np.random.default_rng(seed), data
-                ),
-            )
+            seen = loop.reset(seed, keyframe, start=_starter(begins, seed))
             episode = _Episode(loop, named, seed, seen)
             forces.begin()
             try:
@@ -165,6 +159,13 @@ def _loop_of(scene: Scene | Loop, options: dict[str, Any]) -> tuple[Loop, Origin
         return Loop(file or scene, **options), Origin(file, plain_options(options))
     except TypeError as reason:
         raise EvsError(f"evs_loop: {reason}; see help(evs.Loop)") from None
+
+
+def _starter(start: Start | None, seed: int) -> Callable[[MjData], None] | None:
+    """What puts an episode's beginning somewhere; None: the loop knows by itself."""
+    if start is None:
+        return None
+    return lambda data: begin(start, np.random.default_rng(seed % 2**64), data)
 
 
 def _seeds_of(seeds: int | Iterable[int]) -> list[int]:

@@ -30,6 +30,8 @@ def test_it_stands_though_it_is_pushed(tmp_path: Path) -> None:
     # 3 N s on the middle of a pole of 5 kg set it off with 1.4 rad/s
     run.settles("angle", within=0.35, after_s=0.5)
     assert all(len(trace.ctrl) == 2500 for trace in run.traces)
+    # from the starts that the loop draws
+    assert len({trace.value("angle")[0] for trace in run.traces}) == 2
 
 
 @pytest.mark.slow

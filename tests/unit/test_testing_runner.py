@@ -201,6 +201,24 @@ def test_a_loop_of_ones_own_is_taken(runner: LoopRunner, tmp_path: Path) -> None
     assert len(list(replay(evidence, loop))) == 51
 
 
+def test_a_recorder_beside_ones_own_loop_stays(runner: LoopRunner) -> None:
+    loop = evs.Loop(Path(evs.__file__).parent / "config/scenes/cartpole.xml", **OPTIONS)
+    ticks: list[int] = []
+
+    def beside(packets: tuple[evs.EventPacket, ...]) -> None:
+        ticks.append(packets[0].time_end_us)
+
+    loop.on_tick = beside
+    run = runner(loop, Swing, seconds=0.02, pushes=[Push("pole", 0.005, (1.0, 0.0, 0.0))])
+    assert ticks == list(range(1000, 20_001, 1000))
+    with pytest.raises(AssertionError):
+        run.never_leaves("position", 1, 2)
+    # the episode was run again for its recording
+    assert len(ticks) == 40
+    assert loop.on_tick is beside
+    assert not loop.world.data.xfrc_applied.any()
+
+
 def test_options_survive_as_json() -> None:
     options = {
         "cameras": ("left", evs.CameraConfig(body="hand", pos=(0, 0, 0.1))),
