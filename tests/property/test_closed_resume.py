@@ -137,7 +137,7 @@ def test_a_loop_goes_on_where_it_was_saved(cameras, delays, cut, seed, compress)
     blob = loop.save(compress)
     # saving again gives the same, and changes nothing
     assert loop.save(compress) == blob
-    flows = [one.ground_truth().flow for one in loop.world.cameras] if cut else []
+    seen = [(one.luminance, one.ground_truth().flow) for one in loop.world.cameras if cut]
     rest = drive(loop, cut, 14 - cut)
 
     # another loop, of another seed, that has been elsewhere, with other threads
@@ -147,7 +147,8 @@ def test_a_loop_goes_on_where_it_was_saved(cameras, delays, cut, seed, compress)
     here = other.restore(blob)
     assert here.packets == ()
     assert other.save(compress) == blob
-    for one, flow in zip(other.world.cameras, flows, strict=cut > 0):
+    for one, (light, flow) in zip(other.world.cameras, seen, strict=cut > 0):
+        np.testing.assert_array_equal(one.luminance, light)
         np.testing.assert_array_equal(one.ground_truth().flow, flow)
     assert drive(other, cut, 14 - cut) == rest
     assert (other.dropped, other.events_dropped) == (loop.dropped, loop.events_dropped)
