@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import evs
 from evs.drivers.lockstep import LockstepServer
 from evs.drivers.loops.cartpole import SEEDS
 from evs.drivers.loops.cartpole.arena import CartPoleLoop, Trial, play
@@ -17,7 +18,7 @@ from evs.drivers.loops.cartpole.controller import Balancer, Gains, Plant, feedba
 from evs.drivers.loops.cartpole.tracker import Mount, Pole, PoleTracker
 from evs.drivers.testing import LoopRunner
 from evs.launch.main import main
-from evs.msgs import Observation, make_events
+from evs.msgs import Observation, join_events, make_events
 
 
 def test_it_stands_though_it_is_pushed(tmp_path: Path) -> None:
@@ -159,9 +160,19 @@ def test_a_process_that_has_no_simulator_balances_it() -> None:
     np.testing.assert_array_equal(again.world.data.qpos, loop.world.data.qpos)
 
 
-def test_the_launch_file_runs_both_halves(capfd: pytest.CaptureFixture[str]) -> None:
-    assert main(["launch", "cartpole", "seconds:=0.5", "seed:=4"]) == 0
+def test_the_launch_file_runs_world_controller_and_recorder(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    record = tmp_path / "run.aedat4"
+    assert main(["launch", "cartpole", "seconds:=0.5", "seed:=4", f"record:={record}"]) == 0
     assert "[controller] 0.5 s: 0.5 s are over" in capfd.readouterr().out
+    # what was recorded from the bus is what the loop makes in process
+    controller, loop = Balancer(), CartPoleLoop(push_ns=3.0, max_s=0.5)
+    seen, parts = loop.reset(4), []
+    while not seen.done:
+        seen = loop.step(controller.decide(seen))
+        parts += [packet.events for packet in seen.packets]
+    np.testing.assert_array_equal(evs.read(record), join_events(parts))
 
 
 def test_the_command_plays_films_and_refuses(
