@@ -15,9 +15,9 @@ from evs.drivers.pipeline.aside import memory, messages
 from evs.drivers.pipeline.aside.memory import SharedMemory, fence
 from evs.drivers.pipeline.aside.ring import RingReader
 
-_NAP_S = 0.00025
+_NAP_S = 0.0004
 """A wake-up costs the camera 8 us, a nap costs it nothing and comes this much later at most."""
-_NAPS = 12
+_NAPS = 25
 """So many in vain, and it is left to the camera to wake us."""
 _SLEEP_MS = 100
 """After this it is looked around all the same."""
