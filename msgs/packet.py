@@ -62,8 +62,10 @@ def encode(packet: EventPacket) -> tuple[bytes, memoryview]:
     """
     if not _is_event_array(packet.events):
         raise MessageError("packet events are not an (n,) array of EVENT_DTYPE: use make_events")
+    events = np.ascontiguousarray(packet.events, EVENT_DTYPE)
     # whatever numpy's copies and masks left in the padding stays here
-    events = clean_events(packet.events)
+    if events.view(_UNSIGNED)["p"].max(initial=0) > 1:
+        events = clean_events(events)
     header: dict[str, Any] = {
         "seq": packet.seq,
         "time_base": packet.time_base_us,
@@ -119,29 +121,36 @@ def check_events(events: Events, header: dict[str, Any]) -> None:
     if len(events) == 0:
         return
     t, base, end = events["t"], header["time_base"], header["time_end"]
-    if (t[1:] < t[:-1]).any():
-        raise MessageError("events are not sorted by t")
+    # in blocks, so that no large array comes and goes
+    for begin in range(0, len(t), _BLOCK):
+        block = t[begin : begin + _BLOCK + 1]
+        if (block[1:] < block[:-1]).any():
+            raise MessageError("events are not sorted by t")
     if t[0] <= base or t[-1] > end:
         raise MessageError(
             f"events of {t[0]} ... {t[-1]} us lie outside the packet's ({base}, {end}] us"
         )
     # read as unsigned, a negative coordinate is too large as well; p and the padding are one word
     words = events.view(_UNSIGNED)
-    if (words["x"] >= header["width"]).any() or (words["y"] >= header["height"]).any():
+    # the largest of all is found twice as fast as whether any is too large
+    if words["x"].max() >= header["width"] or words["yx"].max() >> 16 >= header["height"]:
         raise MessageError(f"events lie outside the {header['width']}x{header['height']} sensor")
-    if (words["p"] > 1).any():
+    if words["p"].max() > 1:
         raise MessageError("an event's polarity is not 0 or 1, or its padding is not zero")
 
 
 _FIELDS = [(name, EVENT_DTYPE[name]) for name in EVENT_DTYPE.names or ()]
 _UNSIGNED = np.dtype(
     {
-        "names": ["x", "y", "p"],
-        "formats": ["<u2", "<u2", "<u4"],
-        "offsets": [8, 10, 12],
+        "names": ["x", "yx", "p"],
+        "formats": ["<u2", "<u4", "<u4"],
+        "offsets": [8, 8, 12],
         "itemsize": 16,
     }
 )
+"""y is the upper half of yx: the largest yx has the largest y"""
+
+_BLOCK = 16_384
 
 
 def plain_integers(header: dict[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import zmq
 
-from evs.drivers.bus.address import connectable, is_ipv6
+from evs.drivers.bus.address import connectable, is_ipc, is_ipv6
 from evs.drivers.bus.control import MAX_ANSWER_BYTES, PROTOCOL
 from evs.drivers.bus.keys import new_keys, present, read_public, read_secret
 from evs.drivers.bus.sockets import Context, Socket
@@ -99,8 +99,10 @@ def _answer(client: Socket, address: str, timeout_s: float) -> dict[str, Any]:
 def _reachable(answer: dict[str, Any], field: str, control: str) -> str:
     """An address as it is bound, from here: every address of its machine means the one we asked."""
     told = answer.get(field)
-    if not isinstance(told, str) or not (told.startswith("tcp://") or told == ""):
+    if not isinstance(told, str) or not (told.startswith(("tcp://", "ipc://")) or told == ""):
         raise MessageError(f"field {field!r} is {shown(told)}, not an address")
+    if is_ipc(told):
+        return told
     host, _, port = told.removeprefix("tcp://").rpartition(":")
     if host in _WILDCARDS:
         return f"{connectable(control).rpartition(':')[0]}:{port}"

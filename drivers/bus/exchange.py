@@ -7,15 +7,12 @@ connection that closes; one that comes back within RETURN_S was never away.
 from __future__ import annotations
 
 import os
-import socket
-import stat
-from pathlib import Path
 from typing import Any
 
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
-from evs.drivers.bus.address import is_ipv6
+from evs.drivers.bus.address import check_unused, is_ipv6, leave
 from evs.drivers.bus.gate import Gate
 from evs.drivers.bus.keys import Keys, guard, new_keys, present
 from evs.drivers.bus.ports import ServerKeys, bind_error
@@ -33,26 +30,8 @@ _MOST_PARTS = 2
 _ANSWERS = 64
 """Answers held for a client that does not take them."""
 
-IPC = "ipc://"
-"""An address that begins so is a path of this machine."""
-
 Peer = tuple[bytes, ...]
 """Where a request came from and its answer goes to: identity, and REQ's empty frame."""
-
-
-def check_free(path: str) -> None:
-    """EvsError where somebody serves there, or a file lies there: ZeroMQ would take its place."""
-    if not path or not os.path.lexists(path):
-        return
-    if not stat.S_ISSOCK(os.lstat(path).st_mode):
-        raise EvsError(f"'{path}' is a file: give another path")
-    with socket.socket(socket.AF_UNIX) as probe:
-        try:
-            probe.connect(path)
-        except OSError:
-            # left behind by somebody who was killed
-            return
-    raise EvsError(f"'{path}' is in use: end the program that serves there, or give another path")
 
 
 class ServerEnd:
@@ -66,6 +45,8 @@ class ServerEnd:
         self._monitor: Socket | None = None
         self._links: dict[bytes, int] = {}
         """identity -> its connection"""
+        self._bound = ""
+        self.address = ""
         self._away: dict[bytes, float] = {}
         """identity whose connection closed -> when"""
         self._looked_s = monotonic_s()
@@ -80,18 +61,16 @@ class ServerEnd:
         if keys.own is not None:
             guard(server, keys.own)
         self._monitor = server.get_monitor_socket(zmq.EVENT_DISCONNECTED)
-        self._path = address.removeprefix(IPC) if address.startswith(IPC) else ""
         try:
-            check_free(self._path)
+            check_unused(address)
+            server.bind(address)
         except EvsError:
-            self._path = ""
             self.close()
             raise
-        try:
-            server.bind(address)
         except zmq.ZMQError as reason:
             self.close()
             raise bind_error(address, reason) from None
+        self._bound = address
         self.address = bytes(server.get(zmq.LAST_ENDPOINT)).rstrip(b"\0").decode()
 
     def receive(self) -> tuple[Peer, list[Any]] | None:
@@ -162,10 +141,8 @@ class ServerEnd:
         if self._gate is not None:
             self._gate.close()
         self._context.term()
-        if self._path:
-            # ZeroMQ leaves it lying there
-            Path(self._path).unlink(missing_ok=True)
-            self._path = ""
+        leave(self._bound)
+        self._bound = ""
 
     def _look(self, now_s: float) -> None:
         self._looked_s = now_s

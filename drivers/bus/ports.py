@@ -9,7 +9,7 @@ from typing import Any
 
 import zmq
 
-from evs.drivers.bus.address import bindable, is_ipv6
+from evs.drivers.bus.address import bindable, check_unused, is_ipc, is_ipv6, leave
 from evs.drivers.bus.channels import Audience
 from evs.drivers.bus.control import (
     MAX_REQUEST_BYTES,
@@ -49,13 +49,15 @@ class Ports:
         """In: control, latest: addresses; empty: none, and for latest any free one of control's."""
         self.control_address = bindable(control, open_to_others) if control else ""
         if control and not latest:
-            latest = f"{self.control_address.rpartition(':')[0]}:0"
+            control = self.control_address
+            latest = f"{control}.latest" if is_ipc(control) else f"{control.rpartition(':')[0]}:0"
         self.latest_address = bindable(latest, open_to_others) if latest else ""
         self.stop_wanted = False
         self._keys = keys
         self._context: Context | None = None
         self._gate: Gate | None = None
         self._sockets: list[Socket] = []
+        self._bound: list[str] = []
         self._poller = zmq.Poller()
         self._control: Control | None = None
         self._latest: Socket | None = None
@@ -93,10 +95,12 @@ class Ports:
 
     def bind(self, server: Socket, address: str) -> str:
         """Bind it, and listen to it in `poll`; the address with the real port."""
+        check_unused(address)
         try:
             server.bind(address)
         except zmq.ZMQError as reason:
             raise bind_error(address, reason) from None
+        self._bound.append(address)
         if server.get(zmq.TYPE) != zmq.PUB:
             self._poller.register(server, zmq.POLLIN)
         return bytes(server.get(zmq.LAST_ENDPOINT)).rstrip(b"\0").decode()
@@ -151,7 +155,9 @@ class Ports:
             self._gate.close()
         if self._context is not None:
             self._context.term()
-        self._sockets, self._poller = [], zmq.Poller()
+        for address in self._bound:
+            leave(address)
+        self._sockets, self._bound, self._poller = [], [], zmq.Poller()
         self._context = self._gate = self._watchers = self._control = self._latest = None
 
     def _describe(self) -> Answer:

@@ -8,6 +8,7 @@ from typing import Any
 import zmq
 
 from evs.drivers.bus.address import bindable, is_ipv6
+from evs.drivers.bus.buffers import Buffers
 from evs.drivers.bus.channels import Audience, Channel, make_channels
 from evs.drivers.bus.ports import Ports, ServerKeys
 from evs.drivers.bus.sockets import Socket, readable, receive_parts
@@ -62,7 +63,7 @@ _MOST_REQUESTS = 1000
 
 
 class Publisher:
-    """Publishes the packets of one or more cameras on tcp://HOST:PORT. One thread uses it.
+    """Publishes the packets of cameras on tcp://HOST:PORT or ipc:///PATH. One thread uses it.
 
     Nothing is encoded or sent while nobody subscribes. A subscriber that is too slow loses the
     newest packets once `queue` of them wait for it, and can count them; nobody else notices. `open`
@@ -109,6 +110,7 @@ class Publisher:
         self._queue, self._truth_us = queue, max(1, round(1e6 / truth_hz))
         self._socket: Socket | None = None
         self._audience = Audience({})
+        self._buffers = Buffers()
         self._address = address
         self._clock_us: int | None = None
         self._has_beside = False
@@ -292,7 +294,8 @@ class Publisher:
     ) -> None:
         self.meter.lap("pack")
         # a full queue drops it for that subscriber only; copied, since the sender goes on
-        server.send_multipart([channel.topics[topic], header, *raw], zmq.NOBLOCK)
+        copies = map(self._buffers.copied, raw)
+        server.send_multipart([channel.topics[topic], header, *copies], zmq.NOBLOCK)
         size = len(channel.topics[topic]) + len(header) + sum(one.nbytes for one in raw)
         self._sent["bytes_sent"] += size
 

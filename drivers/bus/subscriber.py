@@ -71,7 +71,7 @@ def subscribe(
     server_key: str = "",
     key: str = "",
 ) -> Subscription:
-    """Listen to a publisher at tcp://HOST:PORT, to one camera or (empty) to all of them.
+    """Listen to a publisher at tcp://HOST:PORT or ipc:///PATH, to one camera or (empty) to all.
 
     With `frames`, `imu`, `poses` and `truths` (ground truth), the result's attributes of these
     names hold what came with a packet; with `camera_info` and `clock` the newest of these. A

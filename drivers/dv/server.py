@@ -7,7 +7,7 @@ import selectors
 from collections.abc import Sequence
 from typing import Any
 
-from evs.drivers.bus.address import bindable
+from evs.drivers.bus.address import bindable, is_ipc
 from evs.drivers.dv.clients import PATIENCE_S
 from evs.drivers.dv.port import Port
 from evs.drivers.files.aedat4 import compression as compressions
@@ -247,7 +247,10 @@ class DvServer:
 
 def _place(address: str, insecure: bool) -> tuple[str, int]:
     """Host and port of tcp://HOST:PORT; EvsError for a host that others reach, unless so wanted."""
-    host, _, port = bindable(address, True).removeprefix("tcp://").rpartition(":")
+    bound = bindable(address, True)
+    if is_ipc(bound):
+        raise EvsError(f"DV needs an address of the form tcp://HOST:PORT, not '{address}'")
+    host, _, port = bound.removeprefix("tcp://").rpartition(":")
     host = host.strip("[]")
     try:
         is_local = ipaddress.ip_address(host).is_loopback
