@@ -4,23 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from types import TracebackType
 from typing import Any
 
 import zmq
 
-from evs.drivers.bus.address import connectable, is_ipv6
 from evs.drivers.bus.beside import Beside, of_kind
-from evs.drivers.bus.keys import new_keys, present, read_public, read_secret
+from evs.drivers.bus.listening import Listener
 from evs.drivers.bus.losses import Gaps, Tally
-from evs.drivers.bus.sockets import (
-    Context,
-    Handshakes,
-    Socket,
-    notice_death,
-    readable,
-    receive_parts,
-)
+from evs.drivers.bus.sockets import readable, receive_parts
 from evs.drivers.pace import monotonic_s
 from evs.msgs import (
     CAMERA_INFO,
@@ -51,7 +42,6 @@ from evs.msgs.status import MAX_CAMERAS
 END_GRACE_S = 0.5
 """Nothing for this long after the end was announced: what is missing will not come."""
 
-_LONGEST_POLL_MS = 1000
 _LATE_SKIPS = 1000
 _MOST_PARTS = 3
 
@@ -100,7 +90,7 @@ def subscribe(
     )
 
 
-class Subscription:
+class Subscription(Listener):
     """A stream of packets from another process. One thread uses it; close it, or use `with`.
 
     Two connections: one for packets and statuses in their order, one for statuses alone, so that
@@ -129,11 +119,7 @@ class Subscription:
             raise EvsError(f"timeout_s is {timeout_s}: give seconds, 0 or more, or None")
         if camera:
             check_name(camera, "camera name")
-        if key and not server_key:
-            raise EvsError("key is of no use without server_key: give the publisher's public key")
-        self._server_key = read_public(server_key, "server_key") if server_key else ""
-        self._keys = read_secret(key) if key else new_keys() if server_key else None
-        self.address = connectable(address)
+        super().__init__(address, server_key, key)
         self.camera = camera
         self.timeout_s = timeout_s
         self.status: Status | None = None
@@ -156,17 +142,13 @@ class Subscription:
         self._cameras: tuple[str, ...] = (camera,) if camera else ()
         self._end_heard_s: float | None = None
         self._ended = False
-        self._context: Context | None = Context()
         asked = {FRAMES: frames, IMU: imu, POSE: poses, TRUTH: truths}
         asked |= {CAMERA_INFO: camera_info, CLOCK: clock}
         wanted = [EVENTS, *(topic for topic, yes in asked.items() if yes), STATUS]
         topics = [topic.of(camera) for topic in wanted]
-        self._handshakes: Handshakes
-        self._main = self._connect(self._context, topics, queue)
-        self._side = self._connect(self._context, topics[-1:], STATUS.queue)
-        self._poller = zmq.Poller()
-        for heard in (self._main, self._side, self._handshakes.socket):
-            self._poller.register(heard, zmq.POLLIN)
+        # they travel in alphabetical order: once a status comes, packets are subscribed to as well
+        self._main = self._listen(topics, MAX_FRAME_BYTES, {zmq.RCVHWM: queue})
+        self._side = self._listen(topics[-1:], MAX_FRAME_BYTES, {zmq.RCVHWM: STATUS.queue})
 
     @property
     def packets(self) -> int:
@@ -226,14 +208,6 @@ class Subscription:
         self.poses, self.truths = of_kind(came, Pose), of_kind(came, Truth)
 
     @property
-    def connected(self) -> bool:
-        """Whether the publisher is there, as `receive` last saw while it waited.
-
-        A publisher that ends is noticed at once, a link that is cut after half a minute.
-        """
-        return self._handshakes.connected
-
-    @property
     def gaps(self) -> dict[tuple[str, str], Gaps]:
         """The account of the topics beside the events: (topic, camera) -> Gaps."""
         return self._beside.gaps
@@ -264,15 +238,6 @@ class Subscription:
             "status": None if self.status is None else asdict(self.status),
         }
 
-    def close(self) -> None:
-        """Stop listening. The counts stay. Safe to call twice."""
-        if self._context is not None:
-            self._handshakes.close()
-            self._main.close(linger=0)
-            self._side.close(linger=0)
-            self._context.term()
-            self._context = None
-
     def __iter__(self) -> Subscription:
         return self
 
@@ -282,44 +247,12 @@ class Subscription:
             raise StopIteration
         return packet
 
-    def __enter__(self) -> Subscription:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
-    def _connect(self, context: Context, topics: list[bytes], queue: int) -> Socket:
-        client = context.socket(zmq.SUB)
-        client.set(zmq.RCVHWM, queue)
-        notice_death(client)
-        # a stranger at that address may not make us hold whatever he likes
-        client.set(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)
-        client.set(zmq.IPV6, int(is_ipv6(self.address)))
-        # they travel in alphabetical order: once a status comes, packets are subscribed to as well
-        for topic in topics:
-            client.subscribe(topic)
-        if self._keys is not None:
-            present(client, self._server_key, self._keys)
-        if len(topics) > 1:
-            self._handshakes = Handshakes(client)
-        client.connect(self.address)
-        return client
-
     def _wait(self, deadline_s: float) -> None:
         """Until a message comes, the deadline, or the end of the grace after the end was heard."""
         until_s = deadline_s
         if self._end_heard_s is not None:
             until_s = min(until_s, self._end_heard_s + END_GRACE_S)
-        wait_ms = math.ceil(min(1000 * (until_s - monotonic_s()), _LONGEST_POLL_MS))
-        self._poller.poll(max(1, wait_ms))
-        self._handshakes.look()
-        if self._handshakes.refused:
-            raise EvsError(_refusal(self.address, bool(self._server_key)))
+        self._poll(until_s)
 
     def _take(self, parts: list[Any], *, aside: bool) -> EventPacket | None:
         """Count one message; its packet, if it is one."""
@@ -388,11 +321,3 @@ class Subscription:
         # the publisher waits for its listeners to go
         self.close()
         return True
-
-
-def _refusal(address: str, has_key: bool) -> str:
-    if has_key:
-        why = "server_key is not its public key, or it does not allow yours, or it has no keys"
-    else:
-        why = "it wants keys (give server_key, its public key), or it is no publisher"
-    return f"the program at {address} does not let us in: {why}"
