@@ -62,7 +62,7 @@ class Latest(Listener):
         super().__init__(address, server_key, key)
         self.bad_messages = 0
         """Messages that were not of our format; they were skipped."""
-        newest = {zmq.CONFLATE: 1, zmq.RCVBUF: _KERNEL_BYTES}
+        newest: dict[int, int] = {zmq.CONFLATE: 1, zmq.RCVBUF: _KERNEL_BYTES}
         self._client = self._listen([STATE_PREFIX], MAX_STATE_BYTES + len(STATE_PREFIX), newest)
 
     def get(self, timeout_s: float | None = 0.0) -> State | None:
