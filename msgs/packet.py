@@ -121,22 +121,25 @@ def check_events(events: Events, header: dict[str, Any]) -> None:
     if len(events) == 0:
         return
     t, base, end = events["t"], header["time_base"], header["time_end"]
-    # in blocks, so that no large array comes and goes
-    for begin in range(0, len(t), _BLOCK):
-        block = t[begin : begin + _BLOCK + 1]
-        if (block[1:] < block[:-1]).any():
-            raise MessageError("events are not sorted by t")
     if t[0] <= base or t[-1] > end:
         raise MessageError(
             f"events of {t[0]} ... {t[-1]} us lie outside the packet's ({base}, {end}] us"
         )
     # read as unsigned, a negative coordinate is too large as well; p and the padding are one word
     words = events.view(_UNSIGNED)
-    # the largest of all is found twice as fast as whether any is too large
-    if words["x"].max() >= header["width"] or words["yx"].max() >> 16 >= header["height"]:
-        raise MessageError(f"events lie outside the {header['width']}x{header['height']} sensor")
-    if words["p"].max() > 1:
-        raise MessageError("an event's polarity is not 0 or 1, or its padding is not zero")
+    x, yx, p = words["x"], words["yx"], words["p"]
+    width, height = header["width"], header["height"]
+    # in blocks that stay in the cache until the last look, without large arrays that come and go
+    for begin in range(0, len(t), _BLOCK):
+        block = slice(begin, begin + _BLOCK)
+        stamps = t[begin : begin + _BLOCK + 1]
+        if (stamps[1:] < stamps[:-1]).any():
+            raise MessageError("events are not sorted by t")
+        # the largest of all is found twice as fast as whether any is too large
+        if x[block].max() >= width or yx[block].max() >> 16 >= height:
+            raise MessageError(f"events lie outside the {width}x{height} sensor")
+        if p[block].max() > 1:
+            raise MessageError("an event's polarity is not 0 or 1, or its padding is not zero")
 
 
 _FIELDS = [(name, EVENT_DTYPE[name]) for name in EVENT_DTYPE.names or ()]
@@ -150,7 +153,8 @@ _UNSIGNED = np.dtype(
 )
 """y is the upper half of yx: the largest yx has the largest y"""
 
-_BLOCK = 16_384
+_BLOCK = 32_768
+"""events: half a MB"""
 
 
 def plain_integers(header: dict[str, Any]) -> dict[str, Any]:

@@ -83,7 +83,7 @@ def test_a_publisher_that_forgets_its_frames_closes_all_the_same() -> None:
         server.close(linger=0)
 
 
-@pytest.mark.parametrize("place", [0, 1, 16_383, 16_384, 16_385, 39_999])
+@pytest.mark.parametrize("place", [0, 1, 32_767, 32_768, 32_769, 39_999])
 @pytest.mark.parametrize("what", ["t", "x", "y", "p", "padding"])
 def test_one_bad_event_of_many_is_found_wherever_it_stands(place: int, what: str) -> None:
     t = np.arange(40_000) // 40 + 1
@@ -95,8 +95,7 @@ def test_one_bad_event_of_many_is_found_wherever_it_stands(place: int, what: str
     one = body[place]
     if what == "t":
         # before the event that precedes it; the first one: after the next
-        one[:8] = np.array([1 if place else 900], "<i8").view(np.uint8)
-        one[:8] = one[:8] if place > 40 or not place else np.array([0], "<i8").view(np.uint8)
+        one[:8] = np.array([0 if place else 900], "<i8").view(np.uint8)
     elif what == "x":
         one[8:10] = np.array([346], "<u2").view(np.uint8)
     elif what == "y":
