@@ -111,11 +111,12 @@ def decode_evt21(
     ).astype(np.int64)
     numbers = np.cumsum(is_high, dtype=np.int32)[is_vector]
     taken, high = upper[is_vector], highs[numbers]
-    # one row a word, one column a pixel
-    bytes_of = np.ascontiguousarray(valid[is_vector], "<u4").view(np.uint8).reshape(-1, 4)
-    word, pixel = np.nonzero(np.unpackbits(bytes_of, axis=1, bitorder="little"))
+    # one bit a pixel, word after word
+    bits = np.unpackbits(valid[is_vector].astype("<u4").view(np.uint8), bitorder="little")
+    pixels = np.flatnonzero(bits.view(np.bool_))
+    word = pixels >> 5
     taken, high = taken[word], high[word]
-    x = (taken >> 11 & 0x7FF) + pixel.astype(np.uint32)
+    x = (taken >> 11 & 0x7FF) + (pixels & _VECTOR - 1).astype(np.uint32)
     told = (high >= 0) & (x < MAX_SIDE_EVT_PX)
     taken, high = taken[told], high[told]
     events = empty_events(len(taken))

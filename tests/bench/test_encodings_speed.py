@@ -1,4 +1,4 @@
-"""EVT3, EVT2, mono and libcaer beside faery's EVT3 encoder (Rust), in packets of 1 ms and large.
+"""Our encodings beside faery's EVT3 encoder (Rust), in packets of 1 ms and large.
 
 faery, which has another licence, runs in a process of its own and times itself, in the same turn.
 """
@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,10 +19,14 @@ from evs.msgs import Events, make_events
 from evs.msgs.encodings import (
     PayloadReader,
     PayloadWriter,
+    decode_dat,
     decode_evt2,
     decode_evt3,
+    decode_evt21,
+    encode_dat,
     encode_evt2,
     encode_evt3,
+    encode_evt21,
 )
 from speed.turns import Time, spread, target
 
@@ -87,7 +92,7 @@ def test_encodings_are_fast(tmp_path: Path) -> None:
         print(f"\n{title}: Mev per CPU second (times faery's EVT3), bytes an event")
         for key, time_ms in said.items():
             print(f"  {'faery EVT3':20s} {key:7s} {_mev(time_ms):6.1f}")
-        for name in ("EVT3", "EVT2", "mono", "libcaer"):
+        for name in ("EVT3", "EVT2", "EVT2.1", "DAT", "mono", "libcaer"):
             found = _ours(name, parts)
             for key, time_ms in found[0].items():
                 ratio = said[key].median / time_ms.median
@@ -97,19 +102,25 @@ def test_encodings_are_fast(tmp_path: Path) -> None:
                 print(target(f"EVT3 written, of {TARGET_MEV:g} Mev/s", share, 1.0, "x"))
 
 
+_CODECS: dict[str, tuple[Any, Any]] = {
+    "EVT3": (encode_evt3, decode_evt3),
+    "EVT2": (encode_evt2, decode_evt2),
+    "EVT2.1": (encode_evt21, decode_evt21),
+    "DAT": (encode_dat, decode_dat),
+}
+
+
 def _mev(time_ms: Time) -> float:
     return COUNT / time_ms.median / 1e3
 
 
 def _ours(name: str, parts: list[Events]) -> tuple[dict[str, Time], float]:
     """CPU times to write and read all packets, and bytes an event."""
-    if name in ("EVT3", "EVT2"):
-        encode, decode = {"EVT3": (encode_evt3, decode_evt3), "EVT2": (encode_evt2, decode_evt2)}[
-            name
-        ]
-        written = [encode(part) for part in parts]  # type: ignore[operator]
-        write = times(lambda: [encode(part) for part in parts])  # type: ignore[operator]
-        read = times(lambda: [decode(data) for data in written])  # type: ignore[operator]
+    if name in _CODECS:
+        encode, decode = _CODECS[name]
+        written = [encode(part) for part in parts]
+        write = times(lambda: [encode(part) for part in parts])
+        read = times(lambda: [decode(data) for data in written])
         return {"write": write, "read": read}, sum(map(len, written)) / COUNT
     writer, reader = PayloadWriter(name), PayloadReader(name)
     payloads = [writer.payload(part) for part in parts]
