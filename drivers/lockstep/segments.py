@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,10 @@ from evs.drivers.pipeline.config import SinkConfig, make_sink
 from evs.drivers.pipeline.outlets import Beside, Outlets
 from evs.drivers.sink import SinkStoppedError
 from evs.emulator.stages import Meter
-from evs.msgs import EventPacket, Pace, StreamInfo
+from evs.msgs import EventPacket, EvsError, Pace, StreamInfo
+
+_NO_NAME = re.compile(r"[^\w.-]")
+"""what names of cameras have and names of files should not"""
 
 
 def segment_path(file: str, number: int) -> str:
@@ -24,11 +28,30 @@ def segment_path(file: str, number: int) -> str:
     )
 
 
+def camera_path(file: str, camera: str) -> str:
+    """run-left.aedat4: where one of several cameras is recorded."""
+    path = Path(file)
+    return str(path.with_name(f"{path.stem}-{_NO_NAME.sub('_', camera)}{path.suffix}"))
+
+
+@dataclass(frozen=True)
+class _Share:
+    """Recorders, with the cameras that are theirs."""
+
+    outlets: Outlets
+    infos: tuple[StreamInfo, ...]
+
+    def takes(self, camera: str) -> bool:
+        """Whether that one is."""
+        return any(info.camera == camera for info in self.infos)
+
+
 class Segments:
     """All sinks of a run whose time may jump.
 
-    A file holds time that runs forward, so each reset and each restore begins another one. A sink
-    that stops (its disk is full) is warned of and left out: the controllers go on.
+    A file holds one camera and time that runs forward: each of several cameras has its own, and
+    each reset and each restore begins another. A sink that stops (its disk is full) is warned of
+    and left out: the controllers go on.
     """
 
     def __init__(
@@ -38,8 +61,8 @@ class Segments:
         self._meter, self._warn = meter, warn
         live = [make_sink(table) for table in tables if table not in self._files]
         self._live = Outlets(live, meter, warn)
-        self._kept: Outlets | None = None
-        self._number = 0
+        self._kept: list[_Share] | None = None
+        self._number, self._begun = 0, 0
         self._written = False
         self._infos: Sequence[StreamInfo] = ()
         self._said: list[dict[str, Any]] = []
@@ -60,10 +83,16 @@ class Segments:
         if self._written or not self._number:
             self._number += 1
         self._written = False
-        tables = [self._of_segment(table) for table in self._files]
-        self.files += [name for table in tables if (name := table.file or table.rrd or "")]
-        self._kept = Outlets([make_sink(table) for table in tables], self._meter, self._warn)
-        self._kept.open(infos)
+        shares = [share for table in self._files for share in self._shares(table)]
+        names = [name for name, _ in shares]
+        if len(set(names)) < len(names):
+            told = ", ".join(names)
+            raise EvsError(f"two of {told} are one file: give each sink a name of its own")
+        self.files += names
+        self._kept, self._begun = [], len(names)
+        for _, share in shares:
+            self._kept.append(share)
+            share.outlets.open(share.infos)
 
     def write(
         self,
@@ -74,17 +103,11 @@ class Segments:
     ) -> None:
         """What a tick brought, to all. In: pace, where there is news of it."""
         self._written = True
-        for outlets in (self._live, self._kept):
-            if outlets is None:
-                continue
-            try:
-                if pace is not None:
-                    outlets.write_pace(pace)
-                outlets.write_beside(cameras, t_us)
-                outlets.write(packets)
-            except SinkStoppedError as error:
-                # it was the last of its kind, of which the others are told by a warning
-                self._warn(str(error))
+        self._give(self._live, cameras, packets, t_us, pace)
+        for share in self._kept or ():
+            mine = [camera for camera in cameras if share.takes(camera.info.camera)]
+            sent = [packet for packet in packets if share.takes(packet.camera)]
+            self._give(share.outlets, mine, sent, t_us, pace)
 
     @property
     def stop_wanted(self) -> bool:
@@ -98,27 +121,59 @@ class Segments:
 
     def close(self) -> BaseException | None:
         """Close every sink that was opened; the first error, if any."""
-        first = self._close(self._kept)
+        first = self._close()
         return first or self._live.close()
 
+    def _give(
+        self,
+        outlets: Outlets,
+        cameras: Sequence[Beside],
+        packets: Sequence[EventPacket],
+        t_us: int,
+        pace: Pace | None,
+    ) -> None:
+        try:
+            if pace is not None:
+                outlets.write_pace(pace)
+            outlets.write_beside(cameras, t_us)
+            outlets.write(packets)
+        except SinkStoppedError as error:
+            # it was the last of its kind, of which the others are told by a warning
+            self._warn(str(error))
+
     def _close_files(self) -> None:
-        error = self._close(self._kept)
+        error = self._close()
         if error is not None:
             raise error
 
-    def _close(self, outlets: Outlets | None) -> BaseException | None:
-        if outlets is None:
+    def _close(self) -> BaseException | None:
+        """Close what is recorded now; the first error, if any."""
+        if self._kept is None:
             return None
-        self._kept = None
-        error = outlets.close()
+        shares, self._kept = self._kept, None
+        errors = [share.outlets.close() for share in shares]
+        error = next((one for one in errors if one is not None), None)
         # a file that was begun and not written is begun again under its name
         if self._written or error is not None:
-            self._said += outlets.said
+            self._said += [one for share in shares for one in share.outlets.said]
         else:
-            del self.files[len(self.files) - len(self._files) :]
+            del self.files[len(self.files) - self._begun :]
         return error
 
-    def _of_segment(self, table: SinkConfig) -> SinkConfig:
-        if table.file:
-            return replace(table, file=segment_path(table.file, self._number))
-        return replace(table, rrd=segment_path(table.rrd or "", self._number))
+    def _shares(self, table: SinkConfig) -> list[tuple[str, _Share]]:
+        """Each file of a table in this segment: its name, and what records it."""
+        infos = tuple(self._infos)
+        if table.rrd:
+            name = segment_path(table.rrd, self._number)
+            return [(name, self._share(replace(table, rrd=name), infos))]
+        made = []
+        for info in infos:
+            file = table.file or ""
+            name = segment_path(
+                camera_path(file, info.camera) if len(infos) > 1 else file, self._number
+            )
+            made.append((name, self._share(replace(table, file=name), (info,))))
+        return made
+
+    def _share(self, table: SinkConfig, infos: tuple[StreamInfo, ...]) -> _Share:
+        return _Share(Outlets([make_sink(table)], self._meter, self._warn), infos)

@@ -6,15 +6,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from evs.drivers import files
 from evs.drivers.lockstep import segments
 from evs.drivers.lockstep.running import LoopWithSinks
-from evs.drivers.lockstep.segments import Segments, segment_path
+from evs.drivers.lockstep.segments import Segments, camera_path, segment_path
 from evs.drivers.pace import Pacer, StopWatch
 from evs.drivers.pipeline.config import PIPELINES, SinkConfig
 from evs.drivers.sink import SinkStoppedError
 from evs.emulator import Loop
+from evs.emulator.config import ApsConfig, SensorConfig
 from evs.msgs import EventPacket, EvsError, StreamInfo
 
 SCENE = str(Path(PIPELINES).parent / "scenes" / "cartpole.xml")
@@ -136,3 +139,50 @@ def test_what_the_loop_refuses_changes_nothing(monkeypatch: pytest.MonkeyPatch) 
 def test_names_of_segments() -> None:
     assert segment_path("a/b.c.npz", 1) == "a/b.c.npz"
     assert segment_path("a/b.c.npz", 12) == "a/b.c-episode-012.npz"
+    assert camera_path("a/b.c.npz", "left") == "a/b.c-left.npz"
+    assert camera_path("run.raw", "walker/ego centric") == "run-walker_ego_centric.raw"
+
+
+def test_each_of_two_cameras_has_files_of_its_own(tmp_path: Path) -> None:
+    sensor = SensorConfig("dvs128", aps=ApsConfig(enabled=True))
+    loop = Loop(SCENE, ("watch", "onboard"), sensor=sensor, threads=1)
+    watch, lines = StopWatch(), list[str]()
+    tables = [
+        SinkConfig(type="aedat4", file=str(tmp_path / "run.aedat4")),
+        SinkConfig(type="npz", file=str(tmp_path / "run.npz")),
+    ]
+    beside = LoopWithSinks(loop, Segments(tables, watch, lines.append), watch, Pacer(), print)
+    beside.segments.open(loop.streams)
+    beside.reset(seed=1)
+    seen = beside.step([0.5], 60)
+    beside.reset(seed=2)
+    beside.step([0.5], 3)
+    assert beside.segments.close() is None
+    assert lines == []
+    names = [f"run-{name}{end}" for end in (".aedat4", ".npz") for name in ("watch", "onboard")]
+    later = [name.replace(".", "-episode-002.") for name in names]
+    assert [Path(name).name for name in beside.segments.files] == [*names, *later]
+    for name in ("watch", "onboard"):
+        sent = np.concatenate([one.events for one in seen.packets if one.camera == name])
+        frames = [one for one in seen.frames if one.camera == name]
+        assert len(sent) > 100
+        assert frames
+        for end in (".aedat4", ".npz"):
+            stored = files.read(tmp_path / f"run-{name}{end}")
+            np.testing.assert_array_equal(stored, sent)
+            assert [one.pixels.tobytes() for one in stored.frames] == [
+                one.pixels.tobytes() for one in frames
+            ]
+
+
+def test_two_cameras_that_would_share_a_file_are_refused(tmp_path: Path) -> None:
+    tables = [
+        SinkConfig(type="aedat4", file=str(tmp_path / name))
+        for name in ("run.aedat4", "run-left.aedat4")
+    ]
+    infos = [StreamInfo(8, 8, "left"), StreamInfo(8, 8, "left/left")]
+    with pytest.raises(EvsError, match="are one file"):
+        Segments([tables[0], tables[0]], StopWatch(), print).open(infos)
+    beside = Segments(tables, StopWatch(), print)
+    beside.open(infos)
+    assert beside.close() is None
