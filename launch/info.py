@@ -98,6 +98,8 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
     repair = command("info", "--repair", str(found.path))
     if found.broken_pointer:
         lines.append(("pointer", f"to a data table that is not there; {repair} takes it out"))
+    if found.unfinished:
+        lines.append(("unfinished", f"other programs want the end that {repair} gives it"))
     if found.torn_at is not None:
         where = f"{found.torn_bytes:,} bytes at offset {found.torn_at:,}"
         lines.append(("torn", f"{where}; {repair} cuts them"))

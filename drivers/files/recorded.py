@@ -93,6 +93,8 @@ class EventsFile(ABC):
     labels: Labels | None = None
     table_packets: int | None = None
     broken_pointer: bool = False
+    unfinished: bool = False
+    """its recorder was killed: we read it, others want what `repair` gives it"""
 
     @abstractmethod
     def events(self) -> Iterator[Events]:

@@ -53,6 +53,8 @@ class Summary:
     imu_rate_hz: float | None
     """mean of them per second; None for fewer than two"""
     triggers: int
+    unfinished: bool
+    """its recorder was killed: other programs want what `evs info --repair` gives it"""
     files: list[str]
     """where it lies, if it goes on in several files"""
 
@@ -118,6 +120,7 @@ def summary(path: AnyPath, *, single: bool = False) -> Summary:
         imu_samples=len(imu_stamps),
         imu_rate_hz=_rate_hz(imu_stamps),
         triggers=triggers,
+        unfinished=getattr(file, "unfinished", False),
         files=[str(one) for one in file.paths] if isinstance(file, SeriesFile) else [],
     )
 

@@ -108,12 +108,14 @@ def test_what_was_written_before_a_kill_is_read(
     # nothing but the recording is left, and a journal that is taken back
     left = {one.name for one in tmp_path.iterdir()}
     assert left <= {name, f"{name}-journal"}
+    assert found.unfinished == (name in ("a.h5", "a.mcap", "a.bag"))
     repaired = files.repair(path)
     # a bag and an HDF5 file always lack their end
     assert repaired.needed or name in ("a.dat", "a.raw", "a.db3")
     assert not files.repair(path).needed
     assert {one.name for one in tmp_path.iterdir()} == {name}
-    assert files.summary(path).torn_at is None
+    after_all = files.summary(path)
+    assert (after_all.torn_at, after_all.unfinished) == (None, False)
     again = files.read(path)
     assert again.tobytes() == recording.tobytes()
     assert again.frames == frames

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.files.aedat4.layout import DamageError
-from evs.drivers.files.bags.database import walk_database
+from evs.drivers.files.bags.database import journal_of, walk_database
 from evs.drivers.files.bags.library import ARRAY, PACKET, TEXT, load
 from evs.drivers.files.bags.messages import (
     ArrayMessage,
@@ -23,7 +23,15 @@ from evs.drivers.files.bags.messages import (
 )
 from evs.drivers.files.bags.pictures import Beside, count, has_beside
 from evs.drivers.files.bags.recorder import STREAM_TOPIC
-from evs.drivers.files.bags.walk import Found, Walk, walk_mcap, walk_ros1
+from evs.drivers.files.bags.walk import (
+    MCAP_MAGIC,
+    ROS1_MAGIC,
+    Found,
+    Walk,
+    ros1_top,
+    walk_mcap,
+    walk_ros1,
+)
 from evs.drivers.files.damage import on_sensor
 from evs.drivers.files.formats import MAX_SIDE_PX
 from evs.drivers.files.ordered import in_order
@@ -68,6 +76,7 @@ class BagFile(MixedFile):
         ros = 1 if found.suffix.lower() == ".bag" else 2
         opened = cls(found, StreamInfo(0, 0), found.stat().st_size, ros=ros)
         try:
+            opened.unfinished = opened._lacks_its_end()
             opened._look()
         except OSError as reason:
             raise EvsError(f"cannot read {found}: {reason.strerror or reason}") from None
@@ -116,6 +125,18 @@ class BagFile(MixedFile):
             walk.damage.backwards(back, 0, found.at)
             events = in_order(events)
         return events
+
+    def _lacks_its_end(self) -> bool:
+        """Whether there is no end of an MCAP file, no index, or a transaction that was cut off."""
+        if self.path.suffix.lower() == ".db3":
+            return journal_of(self.path) is not None
+        with self.path.open("rb") as file:
+            if self.ros == 2:
+                file.seek(max(0, self.size - len(MCAP_MAGIC)))
+                return file.read() != MCAP_MAGIC
+            file.seek(len(ROS1_MAGIC))
+            first = next(ros1_top(file, self.size), None)
+        return first is None or not any(first.fields.get(b"index_pos", b""))
 
     def _look(self) -> None:
         """Find the first events, and what their stream is."""

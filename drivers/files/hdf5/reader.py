@@ -15,6 +15,7 @@ import numpy as np
 from evs.drivers.files.damage import MAX_STAMP_US, Damage, on_sensor
 from evs.drivers.files.hdf5.library import load, opened
 from evs.drivers.files.hdf5.recorder import STREAM, WHOLE
+from evs.drivers.files.hdf5.superblock import BYTES, unmarked
 from evs.drivers.files.ordered import InOrder
 from evs.drivers.files.recorded import EventsFile, said_stream
 from evs.drivers.files.recording import existing
@@ -69,6 +70,8 @@ class Hdf5File(EventsFile):
             lacking=lacking,
             offset_us=offset_us if abs(offset_us) < MAX_STAMP_US else 0,
         )
+        with found.open("rb") as begin:
+            recording.unfinished = unmarked(begin.read(BYTES), recording.size) is not None
         if not stated:
             recording._find_size()
         return recording
