@@ -32,7 +32,7 @@ TICKS = 256
 
 @dataclass(frozen=True)
 class Gains:
-    """What is tuned, for every tracker alike; these are the event tracker's.
+    """What the table tunes, for every tracker alike; these are calm ones for events.
 
     Poles are in units of the stick's own rate w, so that they serve sticks of any length.
     """
