@@ -49,10 +49,13 @@ class LoopConfig:
     delays: DelayConfig = field(default_factory=DelayConfig)
 
     def options(self) -> dict[str, Any]:
-        """What Loop and Loop.around take: limits, max_s, delays. EvsError: a sensor twice."""
+        """What Loop and Loop.around take: limits, max_s, delays. EvsError: no range, one twice."""
         names = [limit.sensor for limit in self.limits]
         for place, name in enumerate(names):
             if name in names[:place]:
                 raise EvsError(f"at loop.limits.{place}.sensor: '{name}' has two limits; give one")
+        for place, limit in enumerate(self.limits):
+            if (limit.low, limit.high) == (LimitConfig.low, LimitConfig.high):
+                raise EvsError(f"at loop.limits.{place}: no end; give low, high or both")
         limits = {limit.sensor: (limit.low, limit.high) for limit in self.limits}
         return {"limits": limits, "max_s": self.max_s, "delays": self.delays}

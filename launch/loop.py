@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 
 from evs.launch import loop_tables, loop_wire, options
@@ -11,9 +12,6 @@ from evs.msgs import EvsError, unknown
 HELP = "closed loops that show why: a pencil is balanced, a goal kept, by what event cameras see"
 
 LOOPS = ("pencil", "goalie", "cartpole")
-
-PUSH_MNS = {"pencil": 2.0, "cartpole": 3000.0}
-"""What --push is where it is not given."""
 
 EPILOG = """\
 examples:
@@ -46,11 +44,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=int, default=0, metavar="N", help="start, pushes, shots, noise (0)")
     add("--seconds", type=float, metavar="S", help="how long it has to stand (30; cartpole: 10)")
     add("--push", type=float, metavar="mNs", help="of a push (pencil: 2, cartpole: 3000)")
-    add("--delay", type=float, default=0.0, metavar="MS", help="until a force acts (0)")
-    add("--length", type=float, default=0.2, metavar="M", help="pencil: of the stick (0.2)")
-    add("--speed", type=float, default=5.0, metavar="M/S", help="goalie: of the ball (5)")
+    add("--delay", type=float, metavar="MS", help="until a force acts (0)")
+    add("--length", type=float, metavar="M", help="pencil: of the stick (0.2)")
+    add("--speed", type=float, metavar="M/S", help="goalie: of the ball (5)")
     add("--seeds", type=int, metavar="N", help="cartpole, --table: how many trials")
-    add("--jobs", type=int, default=1, metavar="N", help="--table: processes at work (1)")
+    add("--jobs", type=int, metavar="N", help="--table: processes at work (1)")
     add("--quick", action="store_true", help="--table: a rehearsal")
     options.declare_keys(parser)
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
@@ -60,17 +58,7 @@ def run(args: argparse.Namespace) -> int:
     """Play a loop; the exit code: 0, 1 where the stick fell or the ball went in."""
     if args.name not in LOOPS:
         raise unknown("loop", args.name, LOOPS)
-    if args.words and args.serve is None:
-        raise EvsError(f"'{args.words[0]}' is for --serve ADDRESS only")
-    if args.connect is None and (args.server_key or args.key):
-        raise EvsError(
-            "--server-key and --key are for --connect ADDRESS (--serve: lockstep.key=FILE)"
-        )
-    args.push = PUSH_MNS.get(args.name) if args.push is None else args.push
-    if args.tracker is not None:
-        _check_tracker(args)
-    if args.table is not None and args.name == "cartpole":
-        raise EvsError("the cart-pole has no --table: give --seeds")
+    _check(args)
     if args.table is not None:
         table = loop_tables.pencil if args.name == "pencil" else loop_tables.goalie
         return table(args)
@@ -81,6 +69,33 @@ def run(args: argparse.Namespace) -> int:
         return loop_wire.serve(args)
     play = {"pencil": _pencil, "goalie": _goalie, "cartpole": _cartpole}[args.name]
     return play(args)
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Refuse what would change nothing here, or cannot be; then set what is not given."""
+    if args.words and args.serve is None:
+        raise EvsError(f"'{args.words[0]}' is for --serve ADDRESS only")
+    if args.connect is None and (args.server_key or args.key):
+        raise EvsError(
+            "--server-key and --key are for --connect ADDRESS (--serve: lockstep.key=FILE)"
+        )
+    if args.table is not None and args.name == "cartpole":
+        raise EvsError("the cart-pole has no --table: give --seeds")
+    if args.table is None:
+        for option in ("jobs", "quick", *(() if args.name == "cartpole" else ("seeds",))):
+            if getattr(args, option):
+                raise EvsError(f"--{option} is for --table FILE.json only")
+    for option, defaults in loop_wire.WORLD.items():
+        value = getattr(args, option)
+        if value is None:
+            setattr(args, option, defaults.get(args.name))
+        elif args.name not in defaults:
+            raise EvsError(f"--{option} is for {' and '.join(defaults)}, not for the {args.name}")
+        elif not math.isfinite(value):
+            raise EvsError(f"--{option} is {value}: give a finite number")
+    args.jobs = 1 if args.jobs is None else args.jobs
+    if args.tracker is not None:
+        _check_tracker(args)
 
 
 def _check_tracker(args: argparse.Namespace) -> None:

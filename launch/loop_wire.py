@@ -14,12 +14,14 @@ if TYPE_CHECKING:
     from evs.emulator.closed import Loop
     from evs.emulator.stages import Meter
 
-OF_THE_LOOP = {
-    "pencil": ("seconds", "push", "delay", "length"),
-    "goalie": ("speed",),
-    "cartpole": ("seconds", "push", "delay"),
+WORLD: dict[str, dict[str, float | None]] = {
+    "seconds": {"pencil": None, "cartpole": None},
+    "push": {"pencil": 2.0, "cartpole": 3000.0},
+    "delay": {"pencil": 0.0, "cartpole": 0.0},
+    "length": {"pencil": 0.2},
+    "speed": {"goalie": 5.0},
 }
-"""options that say what the world is like"""
+"""option -> the loops that it is for, and what it is there where it is not given"""
 
 SERVED = ("record", "publish", "sink", "aside", "report", "lockstep", "pace", "realtime")
 """keys of a pipeline that --serve takes, by how they begin"""
@@ -48,7 +50,7 @@ def serve(args: argparse.Namespace) -> int:
     scene = {"pencil": PENCIL, "goalie": GOALIE, "cartpole": CARTPOLE}[args.name]
     own = [("pace", "lockstep"), ("scene.file", str(scene)), ("lockstep.address", args.serve)]
     config = pipeline.load(None, [*own, *keys])
-    world = {name: getattr(args, name) for name in OF_THE_LOOP[args.name]}
+    world = {name: getattr(args, name) for name, loops in WORLD.items() if args.name in loops}
     said = {"loop": args.name, "tracker": args.tracker, **world, "keys": dict(keys)}
     return serving.serve(config, args.quiet, lambda meter: _loop(args, meter), said)
 
