@@ -32,7 +32,8 @@ class Guard:
         self._line, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with other:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "evs.drivers.launching.guard", str(other.fileno())],
+                # nothing that lies where it runs is imported by mistake
+                [sys.executable, "-P", "-m", "evs.drivers.launching.guard", str(other.fileno())],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 pass_fds=[other.fileno()],

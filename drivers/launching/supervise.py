@@ -54,6 +54,8 @@ class Launch:
             for node in self.nodes:
                 if node.running:
                     node.signal(signal.SIGKILL)
+            # the guard is told of each end, or it would take this for ours
+            _wait(self.nodes, _AFTER_TERM_S)
             self._guard.close()
         code = INTERRUPTED.get(stopped[0], 0) if stopped else 0
         return max([code, *(node.code or 0 for node in self.nodes if node.failed)])
