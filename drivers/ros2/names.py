@@ -35,7 +35,7 @@ def node_path(node: str, namespace: str, camera: str) -> str:
     name = node or camera
     if _TOKEN.fullmatch(name) is None or "__" in name:
         key = "node" if node else "camera"
-        fix = re.sub(r"\W+", "_", name).strip("_") or "camera"
+        fix = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_") or "camera"
         fix = fix if fix[0].isalpha() else f"camera_{fix}"
         raise EvsError(
             f"the {key} '{name}' is no name of a ROS node (letters, digits and single _, a letter "
