@@ -47,10 +47,18 @@ def test_a_recorder_is_waited_for_and_loses_nothing(
     tmp_path: Path, stopped_sink: AsideSink
 ) -> None:
     process = stopped_sink.process
-    threading.Timer(0.3, os.kill, (process, signal.SIGCONT)).start()
     sent = [packet(seq, 1000) for seq in range(30)]
+
+    def go_on() -> None:
+        soon(lambda: stopped_sink._ring.free == 0)
+        time.sleep(0.3)
+        os.kill(process, signal.SIGCONT)
+
+    freeing = threading.Thread(target=go_on)
+    freeing.start()
     for one in sent:
         stopped_sink.write(one)
+    freeing.join()
     said = stopped_sink.close()
     assert said["events"] == 30_000
     assert said["aside_waits"] >= 1
@@ -177,5 +185,7 @@ def test_a_wait_that_is_interrupted_leaves_the_recording_whole(
     with pytest.raises(SinkStoppedError, match="interrupted in the middle of a packet"):
         stopped_sink.write(packet(taken))
     os.kill(stopped_sink.process, signal.SIGCONT)
-    assert stopped_sink.close()["events"] == 1000 * taken
+    said = stopped_sink.close()
+    assert said["events"] == 1000 * taken
+    assert "was interrupted in the middle of a packet" in said["error"]
     assert len(read(tmp_path / "run.aedat4")) == 1000 * taken

@@ -31,6 +31,7 @@ from reference.aside_packets import (
     feed,
     is_there,
     packet,
+    soon,
     write_on,
 )
 
@@ -163,7 +164,8 @@ def test_what_a_sink_wants_comes_back() -> None:
             assert not sink.wants_light("eye", t_us)
             sink.write_pace(Pace(1.0, 5, 6, 7, seq))
             sink.write(packet(seq, 10))
-            time.sleep(0.001)
+            # it has taken all but is perhaps not done with the last
+            soon(lambda: sink._ring.free == sink._ring.capacity)
         assert not sink.stop_wanted
         assert poses > 300
         # 40 are due in 400 ms; each is asked for when a packet says that it is
@@ -209,6 +211,35 @@ def test_one_that_is_never_opened_leaves_no_process(tmp_path: Path) -> None:
     sink.close()
     assert not is_there(process)
     assert not (tmp_path / "run.aedat4").exists()
+
+
+def test_one_that_is_closed_says_so() -> None:
+    sink = aside(type="zmq", address="tcp://127.0.0.1:0")
+    pace = Pace(1.0, 0, 0, 0, 0)
+    with pytest.raises(EvsError, match="not open"):
+        sink.write_pace(pace)
+    sink.open([INFO])
+    sink.write_pace(pace)
+    sink.close()
+    with pytest.raises(EvsError, match="not open"):
+        sink.write_pace(pace)
+    assert not sink.stop_wanted
+    assert not sink.wants_pose("eye")
+
+
+def test_no_process_to_be_had_leaves_nothing_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr("evs.drivers.pipeline.aside.process.subprocess.Popen", refuse)
+    before = sorted(Path("/proc/self/fd").iterdir())
+    sink = aside(type="npz", file=str(tmp_path / "a.npz"))
+    with pytest.raises(EvsError, match=r"cannot start a process .*: Resource temporarily"):
+        sink.open([INFO])
+    assert sink.close() == {"type": "npz"}
+    assert sorted(Path("/proc/self/fd").iterdir()) == before
 
 
 def test_the_run_wide_word_is_every_sink_that_says_nothing_else() -> None:

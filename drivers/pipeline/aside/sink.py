@@ -92,6 +92,7 @@ class AsideSink:
         self._news = 0
         self._unlooked = 0
         self._error: EvsError | None = None
+        self._torn = ""
         self._said: dict[str, Any] = {"type": config["type"]}
         self._waits, self._waited_s = 0, 0.0
         self._dropped = {"aside_packets_dropped": 0, "aside_others_dropped": 0}
@@ -105,8 +106,9 @@ class AsideSink:
     @property
     def stop_wanted(self) -> bool:
         """Whether somebody asked the sink for the end of the run."""
-        if self._memory is None or not self._may_stop:
+        if self._process is None or not self._may_stop:
             return False
+        assert self._memory is not None
         return bool(self._memory.slots[memory.STOP])
 
     def prepare(self) -> None:
@@ -114,8 +116,12 @@ class AsideSink:
         if self._process is None:
             self._memory = SharedMemory.make(self._ring_bytes)
             self._ring = RingWriter(self._memory)
-            self._process = SinkProcess(self._memory, self._name)
-            self._error, self._news = None, 0
+            try:
+                self._process = SinkProcess(self._memory, self._name)
+            except BaseException:
+                self._memory.close()
+                raise
+            self._error, self._torn, self._news = None, "", 0
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
         """Have the sink opened there. Raises EvsError with the line that it said there."""
@@ -163,6 +169,7 @@ class AsideSink:
     def write_pace(self, pace: Pace) -> None:
         """Hand over how the run keeps its pace, if the sink takes that. Errors as write."""
         if self._takes_pace:
+            self._check_open()
             self._put_other(messages.of_pace(pace))
 
     def wants_truth(self, camera: str, t_us: int) -> bool:  # noqa: ARG002
@@ -209,7 +216,7 @@ class AsideSink:
     def _report(self, said: Mapping[str, Any]) -> dict[str, Any]:
         found = dict(said.get("said", {"type": self._config["type"]}))
         if not found.get("error") and (
-            error := said.get("failed") or said.get("stopped") or said.get("died")
+            error := said.get("failed") or said.get("stopped") or said.get("died") or self._torn
         ):
             found["error"] = error
         if self._lossless:
@@ -222,9 +229,12 @@ class AsideSink:
         own = found.get("events_dropped", 0)
         return {**found, **self._dropped, "events_dropped": own + self._events_dropped}
 
-    def _place(self, camera: str) -> int:
+    def _check_open(self) -> None:
         if self._process is None:
             raise EvsError("this sink is not open: call open(streams) first")
+
+    def _place(self, camera: str) -> int:
+        self._check_open()
         place = self._places.get(camera)
         if place is None:
             raise unknown("camera of this sink", camera, self._places)
@@ -282,10 +292,12 @@ class AsideSink:
                             raise self._error
         except BaseException:
             # nothing can follow the begin of a message, which the other side throws away
-            self._error = self._error or SinkStoppedError(
-                f"the {self._name} was interrupted in the middle of a packet: what came before is "
-                "there; start the run again to have it all"
-            )
+            if self._error is None:
+                self._torn = (
+                    f"the {self._name} was interrupted in the middle of a packet: what came before "
+                    "is there; start the run again to have it all"
+                )
+                self._error = SinkStoppedError(self._torn)
             raise
         finally:
             self._waits += 1
