@@ -161,8 +161,11 @@ def facts(report: Report) -> list[tuple[str, str]]:
     if report.loop:
         loop = report.loop
         waits = loop["decision_ms"]
-        told = f"{loop['steps']:,} steps in {loop['episodes']} episodes"
-        lines.append(("loop", f"{told}, {loop['controllers']} controllers"))
+        steps, episodes, controllers = (
+            f"{loop[key]:,} {key if loop[key] != 1 else key[:-1]}"
+            for key in ("steps", "episodes", "controllers")
+        )
+        lines.append(("loop", f"{steps} in {episodes}, {controllers}"))
         waited = ", ".join(f"{waits[key]:.3g} ms {key}" for key in ("median", "p99"))
         lines.append(("decisions", waited))
     if report.pace:

@@ -51,6 +51,8 @@ def connectable(address: str) -> str:
     if is_ipc(address):
         return _checked_path(address)
     host, port = _parts(address)
+    if host == "*":
+        raise EvsError(f"address '{address}' is every machine: give the one to connect to")
     if port in ("*", "0"):
         raise EvsError(f"address '{address}' has no port to connect to: give the publisher's")
     try:
@@ -68,7 +70,9 @@ def is_ipv6(address: str) -> bool:
 
 
 def is_ipc(address: str) -> bool:
-    """Whether it is a socket in the file system."""
+    """Whether it is a socket in the file system. EvsError where it is no text at all."""
+    if not isinstance(address, str):
+        raise EvsError(f"an address is text, as in {DEFAULT_ADDRESS}, not {address!r}")
     return address.startswith(_IPC)
 
 

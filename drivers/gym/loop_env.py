@@ -123,6 +123,8 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._max_us = _microseconds(max_s)
         self._sensors = NamedSensors(world.model)
         self._reward = check_reward(reward or {}, self._sensors.names)
+        if not isinstance(alive, int | float):
+            raise EvsError(f"alive is {alive!r}; give what a step adds, a number")
         self._alive = float(alive)
         self._start = check_start(world.model, start or {})
         self._views = {

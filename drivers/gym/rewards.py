@@ -22,6 +22,8 @@ def check_reward(reward: Reward, sensors: tuple[str, ...]) -> Reward:
     """`reward` if every sensor exists and every weight is a number; else EvsError."""
     if callable(reward):
         return reward
+    if not isinstance(reward, Mapping):
+        raise EvsError(f"reward is {reward!r}; give {{sensor: weight}}, or a function")
     for name, weight in reward.items():
         if name not in sensors:
             raise unknown("sensor", str(name), sensors)

@@ -93,8 +93,8 @@ class RemoteLoop:
         server_key: str = "",
         key: str = "",
     ) -> None:
-        if not timeout_s > 0:
-            raise EvsError(f"timeout_s is {timeout_s}: give seconds, over 0")
+        if not isinstance(timeout_s, int | float) or not timeout_s > 0:
+            raise EvsError(f"timeout_s is {timeout_s!r}: give seconds, over 0")
         if key and not server_key:
             raise EvsError("key is of no use without server_key: give the server's public key")
         check_name(name, "name of the controller")
@@ -160,6 +160,8 @@ class RemoteLoop:
 
     def restore(self, blob: bytes) -> Observation:
         """Back to where it was saved, once every controller asks for it; see evs.Loop.restore."""
+        if not isinstance(blob, bytes | bytearray | memoryview) or not blob:
+            raise EvsError("these are no bytes of a saved state: give what save() gave")
         return self._seen(Restore(bytes(blob)))
 
     def close(self) -> None:

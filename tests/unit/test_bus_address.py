@@ -85,6 +85,10 @@ def test_connecting_needs_a_port_and_a_machine() -> None:
     for port in ("0", "*"):
         with pytest.raises(EvsError, match="no port to connect to"):
             connectable(f"tcp://127.0.0.1:{port}")
+    with pytest.raises(EvsError, match="every machine"):
+        connectable("tcp://*:5560")
+    with pytest.raises(EvsError, match="is text, as in tcp"):
+        connectable(None)  # type: ignore[arg-type]
     # a label of 64 letters can be no machine's name, so nobody is asked
     with pytest.raises(EvsError, match="no machine"):
         connectable(f"tcp://{'a' * 64}:5560")

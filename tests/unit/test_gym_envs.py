@@ -251,6 +251,8 @@ def test_the_picture_shows_scene_and_events() -> None:
         ({"max_s": 0.0}, "max_s is 0"),
         ({"size": 64}, "size is 64: give"),
         ({"reward": {"hight": 1.0}}, "no sensor 'hight'; there is: position, angle"),
+        ({"reward": 3}, "reward is 3; give {sensor: weight}"),
+        ({"alive": "much"}, "alive is 'much'"),
         ({"reward": {"angle": "much"}}, "reward.'angle'. is 'much'"),
         ({"start": {"hing": (0, 1)}}, "no joint 'hing'; there is: hinge"),
         ({"start": {"hinge": 0.1}}, "start.'hinge'. is 0.1"),

@@ -215,3 +215,17 @@ def test_a_second_close_and_a_use_after_it() -> None:
         loop.close()
         loop.close()
         in_time(loop.save, "this connection is closed: connect again")
+
+
+@pytest.mark.parametrize("blob", [b"", "abc", None, 3])
+def test_what_is_no_saved_state_is_refused_here(blob: Any) -> None:
+    with serving(StandIn()) as server, connect(server.address) as loop:
+        with pytest.raises(EvsError, match="no bytes of a saved state"):
+            loop.restore(blob)
+        assert loop.reset().t_us == 0
+
+
+@pytest.mark.parametrize("timeout_s", [0, -1.0, float("nan"), "3", None])
+def test_a_timeout_is_seconds(timeout_s: Any) -> None:
+    with pytest.raises(EvsError, match="give seconds, over 0"):
+        connect("tcp://127.0.0.1:1", timeout_s=timeout_s)
