@@ -84,7 +84,7 @@ def _loop(args: argparse.Namespace, meter: Meter) -> Loop:
 
 
 def connect(args: argparse.Namespace) -> int:
-    """A controller, in a process that imports no simulator; 1 where the stick fell."""
+    """A controller, in a process that imports no simulator; 1 where it ended before its time."""
     from evs.drivers import lockstep
 
     controller = _controller(args)
@@ -95,7 +95,7 @@ def connect(args: argparse.Namespace) -> int:
             seen = loop.step(controller.decide(seen))
     if not args.quiet:
         print(f"{seen.t_us / 1e6:g} s: {seen.done}")
-    return int(args.name != "goalie" and "left" in seen.done)
+    return int(args.name != "goalie" and not seen.done.endswith("are over"))
 
 
 def _controller(args: argparse.Namespace) -> Controller | Keeper | Balancer:

@@ -109,10 +109,14 @@ class GuardedRecorder(ABC):
             self._packets += 1
             self._events += len(packet.events)
             self._last_us = int(packet.events["t"][-1])
-            if self._last_us - self._kept_us >= self.KEEP_US:
-                with self._faults():
-                    self._keep()
-                self._kept_us = self._last_us
+            self._keep_by(self._last_us)
+
+    def _keep_by(self, t_us: int) -> None:
+        """The stream has come to this time: keep what was written, if it is time for that."""
+        if t_us - self._kept_us >= self.KEEP_US:
+            with self._faults():
+                self._keep()
+            self._kept_us = t_us
 
     def close(self) -> dict[str, Any]:
         """End the file. EvsError where the disk does not take the end."""

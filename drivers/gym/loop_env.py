@@ -172,6 +172,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         """Begin an episode. In: options, {"keyframe": name} starts from another one.
 
         Where it begins and all noise follow from `seed`, and from the one before where it is None.
+        Raises EvsError for another option, and where a limit is left already.
         """
         super().reset(seed=seed)
         wanted = dict(options or {})
@@ -185,6 +186,11 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self.seen = self.loop.reset(
             noise, keyframe, start=lambda data: begin(self._start, self.np_random, data)
         )
+        if self.seen.done:
+            raise EvsError(
+                f"the episode is over where it begins ({self.seen.done}): narrow start, or widen "
+                "limits"
+            )
         return self._observed(self.seen)
 
     def step(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,13 @@ from evs.msgs import EventPacket, EvsError, Observation
 
 KIND = "evs closed loop 1"
 """What the file is, with its version."""
+
+
+_NO_ARCHIVE = (
+    *(OSError, ValueError, KeyError, EOFError, TypeError, NotImplementedError, RuntimeError),
+    *(zipfile.BadZipFile, zlib.error),
+)
+"""What NumPy raises of a file that is none of its archives, or a damaged one."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +113,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Any, bytes]:
             ctrl, start = file["ctrl"], file["start"].tobytes()
     except FileNotFoundError:
         raise EvsError(f"no file '{path}': give one that a failed claim left behind") from None
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+    except _NO_ARCHIVE:
         about = None
     if not isinstance(about, dict) or about.get("kind") != KIND:
         raise EvsError(f"'{path}' is no {KIND} file: give one that a failed claim left behind")

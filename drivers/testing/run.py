@@ -139,7 +139,7 @@ class Run:
 def _outside(trace: Trace, sensor: str, low: float, high: float, after_s: float) -> Fault | None:
     """Where the sensor is outside low ... high from after_s on; a NaN is outside."""
     values, late = trace.values(sensor), trace.t_us >= round(after_s * 1e6)
-    excess = _excess(values, low, high).max(axis=1) * late
+    excess = np.where(late, _excess(values, low, high).max(axis=1), 0.0)
     wrong = np.flatnonzero(excess > 0.0)
     if not len(wrong):
         return None

@@ -140,7 +140,7 @@ class _Episode:
             seed=self._seed,
             t_us=np.array(self._t_us, np.int64),
             sensors={name: np.array(values) for name, values in self._sensed.items()},
-            ctrl=np.array(self._ctrl, np.float64).reshape(-1, nu),
+            ctrl=np.array(self._ctrl, np.float64).reshape(len(self._ctrl), nu),
             compute_s=np.array(self._took_s, np.float64),
             events=self._events,
             done=self._seen.done,

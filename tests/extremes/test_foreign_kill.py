@@ -48,6 +48,8 @@ for seq in range({PACKETS}):
         sink.write_imu(ImuPacket(seq, samples))
     sink.write(EventPacket(seq, 0, 0, 346, 260, packet(seq)))
     os.write(1, b"%d\\n" % seq)
+# one that is to be killed waits here, however late the kill comes
+sys.stdin.read()
 sink.close()
 os.write(1, b"closed\\n")
 """
@@ -71,7 +73,9 @@ def whole() -> Events:
 
 def killed(path: Path, after: int) -> int:
     """Kill -9 the recorder when it has said that so many packets are written; how many were."""
-    process = subprocess.Popen([sys.executable, "-c", RECORD, path], stdout=subprocess.PIPE)
+    program = [sys.executable, "-c", RECORD, path]
+    process = subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert process.stdin is not None
     assert process.stdout is not None
     said = b""
     while f"{after}\n".encode() not in said:
@@ -81,6 +85,7 @@ def killed(path: Path, after: int) -> int:
     process.send_signal(signal.SIGKILL)
     said += process.stdout.read()
     process.wait()
+    process.stdin.close()
     process.stdout.close()
     assert b"closed" not in said
     return int(said.split()[-1]) + 1
@@ -155,6 +160,7 @@ def test_a_closed_file_needs_no_repair(name: str, tmp_path: Path) -> None:
     subprocess.run(
         [sys.executable, "-c", RECORD.replace(str(PACKETS), "300"), path],
         check=True,
+        stdin=subprocess.DEVNULL,
         capture_output=True,
     )
     data = path.read_bytes()

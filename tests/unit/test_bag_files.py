@@ -178,6 +178,33 @@ def test_a_bag_that_was_cut_off_is_read_up_to_its_last_whole_chunk(
     assert len(seen) > 4
 
 
+@pytest.mark.parametrize("room", [0, 100, 4035, 5000])
+def test_a_bag_that_was_cut_off_keeps_the_length_of_its_first_record(
+    room: int, tmp_path: Path
+) -> None:
+    # ROS itself fills it with 8 bytes more than rosbags
+    path, parts = tmp_path / "a.bag", ticks()
+    foreign(path, "", packets_of(parts, "libcaer", "/dvx/events"))
+    data, begin = path.read_bytes(), len(b"#ROSBAG V2.0\n")
+    fields = data[begin : begin + 4 + int.from_bytes(data[begin : begin + 4], "little")]
+    rest = data[begin + 4096 : -9]
+    path.write_bytes(data[:begin] + fields + room.to_bytes(4, "little") + b" " * room + rest)
+    assert files.repair(path).needed
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert files.read(path).tobytes() == join_events(parts).tobytes()
+    with rosbag1.Reader(path) as bag:
+        assert bag.message_count == len(parts)
+    assert not files.repair(path).needed
+    # one without room for an index is left as it is
+    few = b"\x04\0\0\0op=\x03"
+    damaged = data[:begin] + len(few).to_bytes(4, "little") + few + bytes(4) + rest
+    path.write_bytes(damaged)
+    with pytest.raises(EvsError, match="no room for an index"):
+        files.repair(path)
+    assert path.read_bytes() == damaged
+
+
 def test_rosbag2s_older_storage(tmp_path: Path) -> None:
     parts = ticks()
     record(tmp_path / "a.db3", parts)

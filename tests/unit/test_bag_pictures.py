@@ -28,6 +28,7 @@ from evs.msgs import (
 )
 
 NAMES = ["a.bag", "a.mcap", "a.db3"]
+STAMPS = ("begin_us", "exposure_begin_us", "exposure_end_us", "end_us")
 K = [300.0, 0.0, 173.0, 0.0, 301.0, 130.0, 0.0, 0.0, 1.0]
 STREAM = StreamInfo(
     34,
@@ -91,6 +92,28 @@ def test_frames_and_imu_come_back(name: str, dtype: str, tmp_path: Path) -> None
         assert kinds == ["Frame", "ImuPacket", "EventPacket"] * 4
     summary = files.summary(tmp_path / name)
     assert (summary.frames, summary.imu_samples, summary.damaged_packets) == (4, 12, 0)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_kill_leaves_what_came_without_events(name: str, tmp_path: Path) -> None:
+    sink = files.recorder_for(tmp_path / name)
+    sink.open([STREAM])
+    assert isinstance(sink, FrameSink)
+    assert isinstance(sink, ImuSink)
+    for seq in range(9):
+        at = 50_000 * seq
+        sink.write_frame(dataclasses.replace(frame(seq, "u1"), **dict.fromkeys(STAMPS, at)))
+        sink.write_imu(ImuPacket(seq, samples(at), "eye"))
+    # what is on the disk now is what a kill leaves
+    left = tmp_path / f"left-{name}"
+    left.write_bytes((tmp_path / name).read_bytes())
+    sink.close()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = files.read(left)
+    # a tenth of a second may be lost
+    assert len(found.frames) >= 7
+    assert len(found.imu) >= 3 * 7
 
 
 @pytest.mark.parametrize("name", NAMES)

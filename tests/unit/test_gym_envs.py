@@ -224,6 +224,19 @@ def test_an_episode_begins_where_it_is_told_to() -> None:
     assert (env.loop.world.data.qpos > 0.1).all()
 
 
+def test_an_episode_that_begins_outside_its_limits_is_refused() -> None:
+    places = iter([0.2, 0.05])
+
+    def lean(random: np.random.Generator, data: Any) -> None:
+        data.joint("hinge").qpos[0] = next(places)
+
+    env = make(limits={"angle": (-0.1, 0.1)}, start=lean)
+    with pytest.raises(EvsError, match=r"\(angle left -0.1 ... 0.1\): narrow start, or widen"):
+        env.reset(seed=1)
+    env.reset(seed=2)
+    assert env.step(np.zeros(1, np.float32))[2:4] == (False, False)
+
+
 def test_the_picture_shows_scene_and_events() -> None:
     assert make().render() is None
     env = make(render_mode="rgb_array")

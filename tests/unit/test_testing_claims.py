@@ -79,6 +79,15 @@ def test_a_nan_is_outside_of_everything() -> None:
     fails(lambda: one.never_leaves("angle", -1, 1), "seed 0 is at nan at t = 0.001 s")
 
 
+def test_a_nan_before_its_time_is_no_matter() -> None:
+    before = [0.0, np.nan, np.inf, 0.0, 0.1]
+    run(trace(before), seconds=0.004).settles("angle", within=0.2, after_s=0.003)
+    fails(
+        lambda: run(trace(before), seconds=0.004).settles("angle", within=0.05, after_s=0.003),
+        "is at 0.1 at t = 0.004 s, 0.05 outside",
+    )
+
+
 def test_each_number_of_a_sensor_has_to_hold() -> None:
     one = run(trace([[0.0, 0.0], [0.0, 2.0], [0.0, 0.0]]), seconds=0.002)
     one.never_leaves("angle", 0, 2)

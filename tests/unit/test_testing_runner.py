@@ -176,6 +176,18 @@ def test_a_controller_that_breaks_down_is_told_and_left_behind(runner: LoopRunne
         runner(CART, lambda: lambda _seen: [1.0, 2.0], seconds=0.2, **OPTIONS)
 
 
+def test_a_scene_without_actuators_is_looked_at(runner: LoopRunner) -> None:
+    spec = mujoco.MjSpec.from_file(str(Path(evs.__file__).parent / "config/scenes/cartpole.xml"))
+    for actuator in list(spec.actuators):
+        spec.delete(actuator)
+    run = runner(spec, lambda: lambda _seen: None, seconds=0.02, **OPTIONS)
+    assert run.traces[0].ctrl.shape == (20, 0)
+    with pytest.raises(AssertionError) as caught:
+        run.never_leaves("angle", 1, 2)
+    (evidence, _) = files_of(caught.value)[:2]
+    assert len(list(replay(evidence, evs.Loop(spec, **OPTIONS)))) == 21
+
+
 def test_an_episode_that_ends_is_not_gone_on_with(runner: LoopRunner) -> None:
     run = swing(runner, limits={"angle": (-0.05, 0.05)}, start={"hinge": (0.04, 0.04)}, seconds=1.0)
     (trace,) = run.traces
@@ -273,6 +285,8 @@ def test_a_file_that_is_no_evidence_is_refused(tmp_path: Path) -> None:
         list(replay(tmp_path / "none.npz"))
     (tmp_path / "text.npz").write_text("hello")
     np.savez(tmp_path / "other.npz", ctrl=np.zeros(3))
-    for name in ("text.npz", "other.npz"):
+    (tmp_path / "empty.npz").touch()
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    for name in ("text.npz", "other.npz", "empty.npz", "array.npy"):
         with pytest.raises(EvsError, match="is no evs closed loop 1 file"):
             list(replay(tmp_path / name))

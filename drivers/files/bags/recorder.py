@@ -137,6 +137,7 @@ class _BagRecorder(GuardedRecorder):
                 data = self._serialised(message, kind)
                 self._send(self._others[kind], frame.end_us, data)
             self._frames += 1
+        self._keep_by(frame.end_us)
 
     def write_imu(self, packet: ImuPacket) -> None:
         """Take the samples of one packet. EvsError as write; also undeclared samples."""
@@ -148,6 +149,7 @@ class _BagRecorder(GuardedRecorder):
                 message = sample_message(self._store, self._header(t_us), sample)
                 self._send(self._others[SAMPLE], t_us, self._serialised(message, SAMPLE))
                 self._imu_samples += 1
+            self._keep_by(t_us)
 
     def _check_beside(self, kind: str, key: str, t_us: int) -> None:
         self._check_open()

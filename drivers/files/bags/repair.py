@@ -34,6 +34,7 @@ MCAP_END = _DATA_END + _FOOTER + MCAP_MAGIC
 """The end of a file without a summary."""
 
 _BAG_HEADER_BYTES = 4096
+"""Of the first record, where it is torn; in bags of ROS's own it has 8 more."""
 
 
 def repair(path: Path) -> Repair:
@@ -90,10 +91,11 @@ def _repair_ros1(path: Path, target: BinaryIO, size: int) -> Repair:
     connections: dict[bytes, None] = {}
     chunks: list[_Chunk] = []
     indexed = whole = len(ROS1_MAGIC)
-    messages_end = len(ROS1_MAGIC) + _BAG_HEADER_BYTES
+    header_end = messages_end = len(ROS1_MAGIC) + _BAG_HEADER_BYTES
     for record in ros1_top(target, size):
         whole, fields = record.end, record.fields
         if fields.get(b"op") == b"\x03":
+            header_end = messages_end = record.end
             indexed = int.from_bytes(fields.get(b"index_pos", b"")[:8], "little")
         elif fields.get(b"op") == b"\x05":
             chunks.append(_Chunk(record.at, record.end))
@@ -107,6 +109,8 @@ def _repair_ros1(path: Path, target: BinaryIO, size: int) -> Repair:
     if 0 < indexed < size == whole:
         return Repair(path, 0, size, False)
     end = max(messages_end, chunks[-1].end if chunks else 0)
+    if header_end < len(ROS1_MAGIC) + len(_bag_header(0, 0, 0, 0)):
+        raise EvsError(f"{path}: its first record has no room for an index: evs convert reads it")
     target.truncate(end)
     target.seek(end)
     if chunks:
@@ -115,7 +119,7 @@ def _repair_ros1(path: Path, target: BinaryIO, size: int) -> Repair:
     target.write(b"".join(connections) + b"".join(_chunk_info(one) for one in chunks))
     after = target.tell()
     target.seek(len(ROS1_MAGIC))
-    target.write(_bag_header(index_at, len(connections), len(chunks)))
+    target.write(_bag_header(header_end, index_at, len(connections), len(chunks)))
     return Repair(path, size - end, after, False, "made the index anew")
 
 
@@ -154,14 +158,15 @@ def _chunk_info(chunk: _Chunk) -> bytes:
     return fields + _four(len(body)) + body
 
 
-def _bag_header(index_at: int, connections: int, chunks: int) -> bytes:
+def _bag_header(end: int, index_at: int, connections: int, chunks: int) -> bytes:
+    """The first record, so long that what follows begins at `end`."""
     fields = _fields(
         op=b"\x03",
         index_pos=index_at.to_bytes(8, "little"),
         conn_count=_four(connections),
         chunk_count=_four(chunks),
     )
-    padding = _BAG_HEADER_BYTES - 4 - len(fields)
+    padding = max(0, end - len(ROS1_MAGIC) - 4 - len(fields))
     return fields + _four(padding) + b" " * padding
 
 
