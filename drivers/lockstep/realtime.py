@@ -7,10 +7,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from evs.drivers.lockstep.round import Decision, joint_controls
+from evs.drivers.lockstep.seats import Seat
 from evs.drivers.lockstep.server import LockstepServer, answer_of
 from evs.drivers.pace import monotonic_s
 from evs.msgs import EvsError, Observation
-from evs.msgs.lockstep import Step
+from evs.msgs.lockstep import Bye, Parts, Restore, Step
+from evs.msgs.lockstep.common import F64
 
 _MOST_AT_ONCE = 256
 """Requests taken between two ticks: who sends them without end does not stop the clock."""
@@ -23,12 +25,11 @@ class _View:
     answered_us: int
     """simulated time of its last answer"""
     answered_s: float
+    """when it was answered last, whatever it had asked"""
     seen: list[Observation] = field(default_factory=list)
     """of each tick since"""
     step: Step | None = None
     """that waits for its answer"""
-    ctrl: Step | None = None
-    """that has not acted yet"""
 
 
 class RealtimeServer(LockstepServer):
@@ -37,15 +38,18 @@ class RealtimeServer(LockstepServer):
     It stands still until the first reset, which every controller asks for, and after an episode's
     end. A step's control acts in the next tick, and for good: the latest wins. Its answer comes
     once `ticks` ticks have passed since the last answer, at once if they have, and has all that was
-    seen since. Who asks for nothing in `timeout_s` loses its seat; its last control goes on acting.
+    seen since. Who asks for nothing in `timeout_s` loses its seat; its last control goes on acting,
+    as does that of who leaves.
     """
 
     _views: dict[bytes, _View]
     _going: bool
+    _ctrl: F64 | None
+    """(nu,) what came since the last tick, as one; None: nothing"""
 
     def open(self) -> None:
         """As in lock-step."""
-        self._views, self._going = {}, False
+        self._views, self._going, self._ctrl = {}, False, None
         super().open()
 
     def look(self) -> bool:
@@ -75,12 +79,18 @@ class RealtimeServer(LockstepServer):
         self.waits.add(monotonic_s() - view.answered_s)
         self.counts["steps"] += 1
         view.step = decision
-        view.ctrl = decision if decision.ctrl is not None else view.ctrl
+        last, seats = self._ctrl, self._seats.taken
+        given = joint_controls(
+            {identity: decision}, seats, lambda: self._loop.ctrl if last is None else last
+        )
+        self._ctrl = last if given is None else given
         self._answer_due(identity)
 
     def _move(self, decisions: dict[bytes, Decision], decision: Decision) -> None:
         super()._move(decisions, decision)
-        self._views = {}
+        self._views, self._ctrl = {}, None
+        for identity in self._seats.taken:
+            self._view(identity)
         self._going = not self._loop.done
 
     def _break(self, line: str) -> None:
@@ -88,10 +98,36 @@ class RealtimeServer(LockstepServer):
         super()._break(line)
         self._fault = ""
 
+    @property
+    def _state_said(self) -> str:
+        return "time goes on" if self._going else super()._state_said
+
+    def _give_up(self) -> None:
+        """Who goes on by itself keeps nobody waiting but for a reset."""
+        if not self._going or not self._seats.full:
+            super()._give_up()
+            return
+        names = ", ".join(f"'{self._seats.taken[one].name}'" for one in self._round.missing)
+        what = (
+            "restore"
+            if any(isinstance(one, Restore) for one in self._round.decisions.values())
+            else "reset"
+        )
+        self._break(f"{names} asked for no {what} within {self._timeout_s:g} s")
+
     def _lose(self, identities: Sequence[bytes], why: str) -> None:
         super()._lose(identities, why)
         for identity in identities:
             self._views.pop(identity, None)
+
+    def _bye(self, seat: Seat, bye: Bye) -> Parts:
+        self._views.pop(seat.peer[0], None)
+        return super()._bye(seat, bye)
+
+    def _answer(self, seat: Seat, parts: Parts) -> None:
+        super()._answer(seat, parts)
+        if seat.peer[0] in self._views:
+            self._views[seat.peer[0]].answered_s = monotonic_s()
 
     def _withdraw(self, identity: bytes) -> None:
         """Its control acts all the same: it has arrived."""
@@ -100,17 +136,12 @@ class RealtimeServer(LockstepServer):
             self._views[identity].step = None
 
     def _tick(self) -> None:
-        seats = self._seats.taken
-        new: dict[bytes, Decision] = {
-            one: view.ctrl
-            for one, view in self._views.items()
-            if view.ctrl is not None and one in seats
-        }
-        ctrl = joint_controls(new, seats, lambda: self._loop.ctrl)
+        seats, ctrl = self._seats.taken, self._ctrl
+        # who has just joined counts from before this tick
+        views = [self._view(identity) for identity in seats]
+        self._ctrl = None
         seen = self._loop.step(ctrl, 1)
-        for identity in seats:
-            view = self._view(identity)
-            view.ctrl = None
+        for view in views:
             view.seen.append(seen)
         self._going = not seen.done
         for identity in seats:
@@ -126,7 +157,7 @@ class RealtimeServer(LockstepServer):
         if passed_us < view.step.ticks * self._loop.tick_us and not last.done:
             return
         answer = answer_of(seat, _together(view.seen))
-        self._views[identity] = _View(last.t_us, monotonic_s(), ctrl=view.ctrl)
+        self._views[identity] = _View(last.t_us, monotonic_s())
         self._answer(seat, answer)
 
     def _view(self, identity: bytes) -> _View:
@@ -141,7 +172,8 @@ class RealtimeServer(LockstepServer):
             self._lose([identity], "has gone (its connection closed)")
         now_s = monotonic_s()
         for identity, view in list(self._views.items()):
-            if view.step is None and now_s - view.answered_s > self._timeout_s:
+            waits = view.step is not None or identity in self._round.decisions
+            if not waits and now_s - view.answered_s > self._timeout_s:
                 self._lose([identity], f"asked for nothing for {self._timeout_s:g} s")
         since_s = self._round.since_s
         if since_s is not None and now_s - since_s > self._timeout_s:

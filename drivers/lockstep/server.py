@@ -292,8 +292,13 @@ class LockstepServer:
         self._fault = line
         for identity in self._round.clear():
             other = self._seats.taken[identity]
-            told = encode_error(other.number, f"{line}; nothing has moved: reset, or restore")
+            told = encode_error(other.number, f"{line}; {self._state_said}")
             self._answer(other, told)
+
+    @property
+    def _state_said(self) -> str:
+        """What who waited for nothing has to know."""
+        return "nothing has moved: reset, or restore"
 
     def _answer(self, seat: Seat, parts: Parts) -> None:
         seat.answer = parts

@@ -107,12 +107,6 @@ class Loop:
         max_s: float | None,
         delays: DelayConfig | None,
     ) -> None:
-        for camera in world.cameras:
-            if camera.chunk > 1:
-                raise EvsError(
-                    f"model.chunk is {camera.chunk}, but a decision needs the events of the tick "
-                    "before it: leave it 1"
-                )
         if max_s is not None and not (max_s > 0.0 and math.isfinite(max_s)):
             raise EvsError(f"max_s is {max_s}: give simulated seconds over 0, or None for no end")
         self.world = world
@@ -126,6 +120,12 @@ class Loop:
         """called after every tick with its packets, before any delay: for recorders beside"""
 
     def _new_channels(self) -> Channels:
+        for camera in self.world.cameras:
+            if camera.chunk > 1:
+                raise EvsError(
+                    f"model.chunk is {camera.chunk}, but a decision needs the events of the tick "
+                    "before it: leave it 1"
+                )
         names = [camera.name for camera in self.world.cameras]
         return Channels(self._delays, names, self.nu, self.world.seed)
 
@@ -241,7 +241,7 @@ class Loop:
         """Read the encoders and see whether the episode is over."""
         self._gauges.read(self.world.data)
         self._done = self._gauges.left()
-        if not self._done and self._max_s is not None and self.t_us >= self._max_s * 1e6:
+        if not self._done and self._max_s is not None and self.t_us >= max(1, round(self._max_s * 1e6)):
             self._done = f"{self._max_s:g} s are over"
 
     def _seen(self) -> Observation:

@@ -386,3 +386,20 @@ def test_a_start_that_fails_leaves_a_loop_that_has_not_begun(cart):
         loop.reset(start=start)
     with pytest.raises(EvsError, match="call reset first"):
         loop.step()
+
+
+def test_a_camera_that_came_later_cannot_keep_events_back(cart):
+    loop = make(cart)
+    loop.world.add_camera("left", sensor=SMALL, model=ModelConfig(name="evsnet", chunk=8))
+    with pytest.raises(EvsError, match=r"model.chunk is 8, .*leave it 1"):
+        loop.reset()
+
+
+@pytest.mark.parametrize(
+    ("max_s", "end_us"), [(2.007, 2_007_000), (1.001, 1_001_000), (1e-9, 1000)]
+)
+def test_time_is_over_in_the_tick_that_was_said(cart, max_s, end_us):
+    # 2.007 * 1e6 is a little over 2007000
+    loop = Loop(cart, cameras=(), max_s=max_s)
+    loop.reset()
+    assert loop.step(ticks=3000).t_us == end_us
