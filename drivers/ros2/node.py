@@ -34,6 +34,8 @@ class Node:
     topics: dict[str, Topic]
     """name behind the path -> topic; only those that the camera has something for"""
     info_due_us: int = -(2**62)
+    time_end_us: int = -(2**62)
+    """of its last packet"""
 
     def listened(self, name: str) -> bool:
         """Whether a reader of the topic was there at the last look."""

@@ -35,7 +35,8 @@ class Ros2Publisher:
     effort, volatile, keep last `send_queue_size`; `reliable` writers repeat what a reader lacks.
     Nothing is encoded for a topic without a reader. Messages leave by a thread, through a queue of
     `send_queue_size` a topic that drops its oldest: the camera never waits. Stamps are simulated
-    time, and none is later than the last /clock. Only this machine is served unless `insecure`.
+    time, and none is later than the last /clock, which runs back only where the run's own time
+    does (a loop's reset). Only this machine is served unless `insecure`.
     """
 
     def __init__(
@@ -123,6 +124,9 @@ class Ros2Publisher:
         """Publish the time, what came beside, and the events once enough are gathered."""
         node = self._of(packet.camera)
         end_us = packet.time_end_us
+        if end_us < node.time_end_us:
+            self._begin_anew(node, end_us)
+        node.time_end_us = end_us
         if end_us > self._clock_us:
             self._clock_us = end_us
             self._look()
@@ -181,10 +185,7 @@ class Ros2Publisher:
             try:
                 self._send_pending(2**62)
                 for node in self._nodes.values():
-                    events = node.topics["events"]
-                    for message in node.gatherer.rest():
-                        data = node.messages.events(message, self._encoding)
-                        self._send(events, data, message.events)
+                    self._send_gathered(node)
             finally:
                 self._release()
         topics = self._topics()
@@ -269,6 +270,25 @@ class Ros2Publisher:
     def _send(self, topic: Topic, data: bytes, elements: int = 1) -> None:
         self.meter.lap("pack")
         self._sender.put(topic.outlet, data, elements)
+
+    def _send_gathered(self, node: Node) -> None:
+        for message in node.gatherer.rest():
+            data = node.messages.events(message, self._encoding)
+            self._send(node.topics["events"], data, message.events)
+
+    def _begin_anew(self, node: Node, end_us: int) -> None:
+        """Time was set back, as by a loop's reset: what is of before leaves, the clock follows."""
+        self._send_gathered(node)
+        # the old one counts wraps of the sensor's clock since its last event
+        node.gatherer = Gatherer(self._encoding, *self._thresholds)
+        node.info_due_us = -(2**62)
+        # the first of several cameras sets it back for all
+        if self._clock_us >= node.time_end_us:
+            before = [one for one in self._pending if one[0] > end_us]
+            self._pending = [one for one in self._pending if one[0] <= end_us]
+            for _, topic, make in before:
+                self._send(topic, make())
+            self._clock_us = -(2**62)
 
     def _await_readers(self) -> None:
         deadline_s = monotonic_s() + self._wait_s

@@ -154,6 +154,7 @@ class Sender:
             except BaseException as error:  # whatever it is, the camera has to hear of it
                 with self._changed:
                     self._failure, self._busy = error, False
+                    _count(outlet.counts, False, len(data), elements)
                     self._changed.notify_all()
                 return
             with self._changed:

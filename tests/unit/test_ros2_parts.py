@@ -241,14 +241,19 @@ def test_a_failure_of_the_middleware_reaches_the_camera() -> None:
         def write(self, data: bytes) -> bool:
             raise RuntimeError("no such luck")
 
+    count = 0
+
     def put_for_ever(outlet: Outlet) -> None:
+        nonlocal count
         while True:
             sender.put(outlet, b"data")
+            count += 1
 
     sender, (outlet,) = started(Broken())
     with pytest.raises(EvsError, match="no such luck"):
         put_for_ever(outlet)
     sender.close(30.0)
+    assert outlet.counts.dropped == outlet.counts.elements_dropped == count > 0
 
 
 def test_the_line_of_statistics_is_the_drivers() -> None:

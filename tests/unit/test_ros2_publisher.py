@@ -183,6 +183,36 @@ def test_simulated_time_never_runs_back_and_nothing_comes_from_the_future(opened
         assert all(ns(one.transforms[0].header.stamp) <= now_ns for one in ears.take("/tf"))
 
 
+@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "mono"])
+def test_a_loop_that_is_reset_sets_the_clock_back(opened: Any, encoding: str) -> None:
+    streams = [StreamInfo(346, 260, name, camera_info=INFO) for name in ("left", "right")]
+    more = {"namespace": "rig", "encoding": encoding, "event_message_time_threshold": 1.0}
+    sink = opened(*streams, **more)
+    left = Ears(DOMAIN, "/rig/left", ("events", "camera_info", "/clock"))
+
+    def episode(ticks: int = 5, count: int = 10) -> None:
+        for seq in range(ticks):
+            for name in ("left", "right"):
+                sink.write(packet(seq, count, name))
+
+    episode()
+    # who comes between two episodes is seen, too
+    right = Ears(DOMAIN, "/rig/right", ("events",))
+    episode()
+    episode(1, 0)
+    sink.flush(30.0)
+    once = [10**6 * (k + 1) for k in range(5)]
+    assert [ns(one.clock) for one in left.take("/clock")] == [*once, *once, 10**6]
+    assert [ns(one.header.stamp) for one in left.take("camera_info")] == [10**6] * 3
+    truth = np.concatenate([packet(seq, 10).events for seq in range(5)])
+    for ears, episodes in ((left, 2), (right, 1)):
+        heard = ears.take("events")
+        assert len(heard) == episodes
+        for one in heard:
+            told = PayloadReader(encoding).events(bytes(one.events), one.time_base)
+            assert np.array_equal(told, truth)
+
+
 def test_packets_that_come_many_at_once_are_in_step_with_what_lies_beside(opened: Any) -> None:
     """A network that takes eight ticks at once hands over eight packets after eight ticks' IMU."""
     sink = opened()
