@@ -61,8 +61,8 @@ def decode_dat(
     """The events in a piece of a stream, and the state to decode the next piece with.
 
     In: data, any contiguous buffer of whole events (up to 7 last bytes are not looked at); ordered,
-    every fall of the time is a wrap, else one by more than half of the range: a real camera's
-    stamps step back at times.
+    every fall of the time is a wrap. Else one by more than half of the range is, and a rise by more
+    than that leads back over a wrap: a real camera's stamps step back at times.
     """
     last_us = 0 if state is None else state.last_us
     rows = np.frombuffer(data, _ROW, memoryview(data).nbytes // _ROW.itemsize)
@@ -71,7 +71,13 @@ def decode_dat(
         return events, DatState(last_us)
     raw = rows["t"].astype(np.int64)
     falls = np.diff(raw, prepend=last_us % WRAP_US)
-    wraps = np.cumsum(falls < (0 if ordered else -WRAP_US // 2)) + last_us // WRAP_US
+    if ordered:
+        wraps = np.cumsum(falls < 0) + last_us // WRAP_US
+    else:
+        steps = (falls < -WRAP_US // 2).astype(np.int64) - (falls > WRAP_US // 2)
+        wraps = np.cumsum(steps) + last_us // WRAP_US
+        # before the first wrap there is nothing to step back to
+        wraps -= np.minimum(np.minimum.accumulate(wraps), 0)
     events["t"] = raw + wraps * WRAP_US
     x_bits, y_bits = _BITS[version]
     word = rows["data"]

@@ -50,6 +50,20 @@ def test_a_small_fall_is_a_wrap_only_where_time_cannot_run_backwards() -> None:
     assert decode_dat(data, ordered=True)[0]["t"].tolist() == [WRAP - 5, 2 * WRAP - 6]
 
 
+def test_stamps_that_step_back_over_a_wrap_belong_before_it() -> None:
+    stamps = [2, WRAP - 3, WRAP - 5, WRAP + 4, WRAP - 2, WRAP + 6, 2 * WRAP - 1, 2 * WRAP + 1]
+    # nothing lies before the first wrap
+    stamps.insert(1, WRAP - 1)
+    # half of the range and less is a pause
+    stamps.insert(-2, WRAP + 6 + WRAP // 2)
+    data = b"".join(row(t % WRAP, 1, 1, 1) for t in stamps)
+    for cut in range(0, len(data), 8):
+        first, state = decode_dat(data[:cut])
+        second, end = decode_dat(data[cut:], state)
+        assert first["t"].tolist() + second["t"].tolist() == stamps
+        assert end == DatState(2 * WRAP + 1)
+
+
 def test_a_long_pause_across_the_wrap_comes_back_from_our_files(tmp_path: Path) -> None:
     path = tmp_path / "a.dat"
     sink = files.recorder_for(path)
