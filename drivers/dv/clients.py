@@ -16,6 +16,8 @@ PATIENCE_S = 300.0
 """How long a client may take nothing at all before it counts as gone: a cut cable says nothing,
 and somebody may be looking at his program in a debugger."""
 
+_MOST_PATIENCE_S = 5 * 32767.0
+"""the system counts no longer pauses"""
 _RECEIVE_BYTES = 4096
 
 
@@ -118,6 +120,7 @@ class Client:
 def _notice_death(link: socket.socket, patience_s: float) -> None:
     """Let the system find out that nobody is there any more: by itself it takes hours, or never."""
     link.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    patience_s = min(patience_s, _MOST_PATIENCE_S)
     pause_s = max(1, round(patience_s / 5))
     for name, value in (
         # nothing to send: ask after a pause, then four times

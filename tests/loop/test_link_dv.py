@@ -92,10 +92,16 @@ def test_a_client_whose_cable_is_out_for_good_is_given_up(link: Link, sends: boo
     if not sends:
         # a stream that is silent: of a camera that sees nothing
         camera = Camera(
-            link.near, "dv", events=0, address="tcp://0.0.0.0:0", insecure=True, patience_s=3
+            link.near,
+            "dv",
+            events=0,
+            address="tcp://0.0.0.0:0",
+            insecure=True,
+            patience_s=3,
+            linger_s=60,
         )
     else:
-        camera = serve(link, patience_s=3)
+        camera = serve(link, patience_s=3, linger_s=60)
     far = connect(link.far, camera, link.near.address, 2)
     camera.wait("here", 1)
     link.unplug()
@@ -106,5 +112,5 @@ def test_a_client_whose_cable_is_out_for_good_is_given_up(link: Link, sends: boo
     report = camera.stop()
     assert report["slowest_s"] < SLOWEST_S
     assert said(far)["why"] == "nothing came"
-    # nobody was there to wait for
-    assert report["closing_s"] < 2
+    # nobody was there to wait for, a minute long
+    assert report["closing_s"] < 20

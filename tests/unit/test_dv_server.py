@@ -117,6 +117,17 @@ def test_who_comes_late_gets_the_description_and_what_is_new() -> None:
         late.link.close()
 
 
+@pytest.mark.parametrize("patience_s", [1.0, 1e6, float("inf")])
+def test_any_patience_is_one_that_the_system_counts(patience_s: float) -> None:
+    server = DvServer("tcp://127.0.0.1:0", patience_s=patience_s, linger_s=0.0)
+    server.open([StreamInfo(346, 260, "eye")])
+    listener = Listener(server.ports["eye/events"])
+    came(server, 1)
+    assert listener.header().compression >= 0
+    listener.link.close()
+    server.close()
+
+
 def test_nothing_is_encoded_while_nobody_listens() -> None:
     laps: list[str] = []
 
