@@ -36,14 +36,20 @@ class Launch:
     def run(self) -> int:
         """Start, watch, stop. Out: the worst node's exit code; 130 after Ctrl-C if none is worse.
 
-        A second Ctrl-C kills what is left.
+        A second Ctrl-C kills what is left. EvsError: a node cannot be started; all have stopped.
         """
+        failure: EvsError | None = None
         try:
             with stop_signals() as stopped:
-                self._start()
-                while not stopped and not self._ending and self._alive():
-                    self._look()
-                    sleep_s(_LOOK_S)
+                try:
+                    self._start()
+                    while not stopped and not self._ending and self._alive():
+                        self._look()
+                        sleep_s(_LOOK_S)
+                except EvsError as error:
+                    # those that run have files to close
+                    failure = error
+                    self._ending = "a node cannot be started"
                 if stopped:
                     self._tell(f"{stopped[0]}: stopping every node, publishers first")
                 elif self._ending:
@@ -57,6 +63,8 @@ class Launch:
             # the guard is told of each end, or it would take this for ours
             _wait(self.nodes, _AFTER_TERM_S)
             self._guard.close()
+        if failure is not None:
+            raise failure
         code = INTERRUPTED.get(stopped[0], 0) if stopped else 0
         return max([code, *(node.code or 0 for node in self.nodes if node.failed)])
 

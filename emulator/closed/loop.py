@@ -241,7 +241,11 @@ class Loop:
         """Read the encoders and see whether the episode is over."""
         self._gauges.read(self.world.data)
         self._done = self._gauges.left()
-        if not self._done and self._max_s is not None and self.t_us >= max(1, round(self._max_s * 1e6)):
+        if (
+            not self._done
+            and self._max_s is not None
+            and self.t_us >= max(1, round(self._max_s * 1e6))
+        ):
             self._done = f"{self._max_s:g} s are over"
 
     def _seen(self) -> Observation:

@@ -164,6 +164,25 @@ def test_who_insists_is_obeyed_at_once(tmp_path: Path) -> None:
     assert launched.end()[2] == []
 
 
+def test_one_that_cannot_start_stops_the_others_as_well_as_ever(tmp_path: Path) -> None:
+    broken = tmp_path / "broken"
+    broken.write_bytes(b"\x7fELF")
+    broken.chmod(0o755)
+    closes = "import signal, sys, time; "
+    closes += "signal.signal(signal.SIGINT, lambda *_: sys.exit(print('closed'))); "
+    text = node("recorder", closes + "print('up', flush=True); time.sleep(60)")
+    text += f"[[node]]\nname = 'broken'\nrun = ['{broken}']\ndelay_s = 3\n"
+    launched = Launched(tmp_path, text)
+    out, told = launched.process.communicate(timeout=60)
+    assert (launched.process.returncode, out) == (2, "[recorder] up\n[recorder] closed\n")
+    assert told.splitlines() == [
+        "launch: recorder started",
+        "launch: a node cannot be started: stopping every node, publishers first",
+        "launch: recorder stopped",
+        f"evs: node 'broken': cannot run '{broken}': Exec format error",
+    ]
+
+
 def test_files_of_the_folder_are_not_imported_by_mistake(tmp_path: Path) -> None:
     (tmp_path / "socket.py").write_text("raise SystemExit('the wrong one')")
     (tmp_path / "launch.toml").write_text(node("good", "print('x')"))
