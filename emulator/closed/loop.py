@@ -112,6 +112,7 @@ class Loop:
         self.world = world
         self._gauges = Gauges(world.model, limits)
         self._max_s = max_s
+        self._end_us = math.inf if max_s is None else max(1, round(max_s * 1e6))
         self._delays = check_delays(delays or DelayConfig())
         self._channels = self._new_channels()
         self._wants_state = False
@@ -241,11 +242,7 @@ class Loop:
         """Read the encoders and see whether the episode is over."""
         self._gauges.read(self.world.data)
         self._done = self._gauges.left()
-        if (
-            not self._done
-            and self._max_s is not None
-            and self.t_us >= max(1, round(self._max_s * 1e6))
-        ):
+        if not self._done and self.t_us >= self._end_us:
             self._done = f"{self._max_s:g} s are over"
 
     def _seen(self) -> Observation:

@@ -21,6 +21,21 @@ from evs.emulator.world.saved_physics import STATE
 from evs.msgs import EvsError
 
 Stages = mujoco.mjtStage
+Kinds = mujoco.mjtSensor
+
+_NEEDS_ALL = {
+    int(kind)
+    for kind in (
+        Kinds.mjSENS_E_KINETIC,
+        Kinds.mjSENS_JOINTLIMITPOS,
+        Kinds.mjSENS_JOINTLIMITVEL,
+        Kinds.mjSENS_TENDONLIMITPOS,
+        Kinds.mjSENS_TENDONLIMITVEL,
+        Kinds.mjSENS_USER,
+        Kinds.mjSENS_PLUGIN,
+    )
+}
+"""Kinds that read inertias, constraints or who knows what, earlier though their stage is."""
 
 
 @dataclass(frozen=True)
@@ -113,5 +128,6 @@ def _limit(model: mujoco.MjModel, name: str, value: Any) -> Limit:
     if not low < high:
         raise EvsError(f"limits['{name}'] is {value!r}; give (low, high), for example (-0.5, 0.5)")
     begin = int(model.sensor_adr[index])
-    stage = int(model.sensor_needstage[index])
+    needs_all = int(model.sensor_type[index]) in _NEEDS_ALL
+    stage = int(Stages.mjSTAGE_ACC if needs_all else model.sensor_needstage[index])
     return Limit(str(name), low, high, begin, begin + int(model.sensor_dim[index]), stage)

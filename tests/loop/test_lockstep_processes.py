@@ -281,7 +281,8 @@ def test_a_controller_that_a_person_stops_frees_its_seat(tmp_path: Path) -> None
             while lines[-1] and monotonic_s() - begin_s < 20:
                 sleep_s(0.1)
                 lines.append(joined(address))
-            assert "every seat is taken" in lines[0]
+            # until the closed connection is known for one
+            assert all("every seat is taken" in line for line in lines[:-1])
             assert lines[-1] == ""
         _, err = ended(process)
     assert err.count("has gone (its connection closed)") == 3
@@ -293,8 +294,9 @@ def test_in_real_time_the_clock_moves_physics_and_nothing_is_missed(tmp_path: Pa
     words = (*words, "loop.delays.drop_share=0", "--publish", bus)
     with served(tmp_path, *words) as (address, process):
         with evs.subscribe(bus, "onboard", timeout_s=20) as stream, evs.connect(address) as loop:
-            seen = loop.reset(1)
+            # before it, so that no delay on the way makes simulated time look fast
             begin_s = monotonic_s()
+            seen = loop.reset(1)
             got = list(seen.packets)
             while seen.t_us < 600_000:
                 seen = loop.step([0.0], 5)

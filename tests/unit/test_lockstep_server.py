@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,16 @@ from evs.msgs.lockstep import Join, Reset, Save, encode_request
 def both(address: str, **options: Any) -> tuple[RemoteLoop, RemoteLoop]:
     one = connect(address, "one", actuators=("tilt",), **options)
     return one, connect(address, "two", actuators=("slide",), **options)
+
+
+@contextmanager
+def waits_only(server: LockstepServer, seconds: float) -> Iterator[None]:
+    """Meanwhile it is impatient: before and after it a slow machine has its time."""
+    before, server._timeout_s = server._timeout_s, seconds
+    try:
+        yield
+    finally:
+        server._timeout_s = before
 
 
 @pytest.mark.parametrize("kind", ["tcp", "ipc"])
@@ -161,14 +172,15 @@ def test_who_asks_for_something_else_is_refused(ask: Callable[[Any], Any], says:
 
 def test_a_new_request_withdraws_the_one_before() -> None:
     loop = StandIn()
-    with serving(loop, controllers=2, timeout_s=0.5) as server:
+    with serving(loop, controllers=2, timeout_s=60) as server:
         two = connect(server.address, "two", actuators=("slide",))
         with two, raw_client(server.address) as raw:
             answered(raw, encode_request(1, Join("one", ("tilt",))))
             raw.send_multipart(encode_request(2, Reset(1)))
             # it takes its reset back by asking for something else, and decides nothing
             assert answered(raw, encode_request(3, Save()))["number"] == 3
-            sleep_s(0.8)
+            with waits_only(server, 0.2):
+                sleep_s(0.5)
             assert loop.log == []
             # so nobody has kept anybody waiting
             assert server._seats.names == "'two', 'one'"
@@ -191,15 +203,14 @@ def test_more_than_travels_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_controller_that_does_not_decide_loses_its_seat() -> None:
     loop, warned = StandIn(), []
-    with serving(loop, controllers=2, timeout_s=0.3, warn=warned.append) as server:
+    with serving(loop, controllers=2, timeout_s=60, warn=warned.append) as server:
         one, two = both(server.address)
         with one, two:
             later = Later(one.reset)
             two.reset()
             later.get()
-            with pytest.raises(
-                EvsError, match=r"controller .two. gave no decision for 0\.3 s; noth"
-            ):
+            says = r"controller .two. gave no decision for 0\.3 s; noth"
+            with waits_only(server, 0.3), pytest.raises(EvsError, match=says):
                 one.step([1.0])
             assert loop.log == [("reset", None, "")]
             assert warned == ["controller 'two' gave no decision for 0.3 s"]
@@ -246,7 +257,7 @@ def test_a_controller_whose_connection_closes_is_noticed_at_once() -> None:
             begin_s = monotonic_s()
             with pytest.raises(EvsError, match="controller 'two' has gone"):
                 later.get()
-            assert monotonic_s() - begin_s < 5
+            assert monotonic_s() - begin_s < 20
     assert loop.log == [("reset", None, "")]
     assert warned == ["controller 'two' has gone (its connection closed)"]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 
 import mujoco
@@ -69,3 +70,55 @@ def test_a_stock_robot_can_be_given_some(robot_files: dict[str, Path]) -> None:
     assert (told["angle"][0], told["place"][0]) == (-0.1, 0.2)
     with pytest.raises(EvsError, match="no joint 'hing'; there is: hinge, slider"):
         add_joint_sensors(spec, {"angle": "hing"})
+
+
+KINDS = """
+<mujoco>
+  <worldbody>
+    <geom type="plane" size="3 3 1"/>
+    <site name="world"/>
+    <camera name="eye" pos="0 -2 1" xyaxes="1 0 0 0 0 1"/>
+    <body name="arm" pos="0 0 1"><joint name="h" axis="0 1 0"/>
+      <geom type="capsule" fromto="0 0 0 .3 0 0" size=".02"/><site name="s" pos=".3 0 0"/>
+      <body name="hand" pos=".3 0 0"><joint name="j" axis="0 1 0" range="-20 20"/>
+        <geom name="tip" type="capsule" fromto="0 0 0 .3 0 0" size=".02"/>
+      </body></body>
+    <body name="ball" pos="0 1 .09"><freejoint/><geom name="g" size=".1"/></body>
+  </worldbody>
+  <tendon><fixed name="t" limited="true" range="-.1 .1">
+    <joint joint="h" coef="1"/><joint joint="j" coef="1"/></fixed></tendon>
+  <actuator><motor name="m" joint="h"/></actuator>
+  <sensor>
+    <e_kinetic/><e_potential/><clock/>
+    <jointpos joint="j"/><jointvel joint="j"/><jointactuatorfrc joint="h"/>
+    <jointlimitpos joint="j"/><jointlimitvel joint="j"/><jointlimitfrc joint="j"/>
+    <tendonpos tendon="t"/><tendonvel tendon="t"/>
+    <tendonlimitpos tendon="t"/><tendonlimitvel tendon="t"/><tendonlimitfrc tendon="t"/>
+    <actuatorpos actuator="m"/><actuatorvel actuator="m"/><actuatorfrc actuator="m"/>
+    <subtreecom body="arm"/><subtreelinvel body="arm"/><subtreeangmom body="arm"/>
+    <framepos objtype="body" objname="hand"/><framequat objtype="body" objname="hand"/>
+    <framelinvel objtype="body" objname="hand"/><frameangvel objtype="body" objname="hand"/>
+    <framelinacc objtype="body" objname="hand"/>
+    <accelerometer site="s"/><velocimeter site="s"/><gyro site="s"/><force site="s"/>
+    <torque site="s"/><rangefinder site="s"/><camprojection site="s" camera="eye"/>
+    <distance geom1="tip" geom2="g" cutoff="5"/>
+  </sensor>
+</mujoco>"""
+
+
+def test_every_kind_says_what_mujoco_says_of_that_instant() -> None:
+    spec = mujoco.MjSpec.from_string(KINDS)
+    for place, sensor in enumerate(spec.sensors):
+        sensor.name = f"{place} {sensor.type}"
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 0.3
+    for _ in range(150):
+        mujoco.mj_step(model, data)
+    whole = copy.copy(data)
+    mujoco.mj_forward(model, whole)
+    for index in range(model.nsensor):
+        name = model.sensor(index).name
+        (said,) = NamedSensors(model, [name]).read(data).values()
+        np.testing.assert_allclose(said, whole.sensor(name).data, atol=1e-12, err_msg=name)
+    assert all(whole.sensor(index).data.any() for index in range(model.nsensor))
