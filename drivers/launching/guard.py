@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evs.drivers.pace import monotonic_s, sleep_s
+from evs.msgs import EvsError
 
 _LOOK_S = 0.05
 _AFTER_S = 2.0
@@ -29,8 +30,9 @@ class Guard:
     """The launcher's side: tells the guard who runs."""
 
     def __init__(self) -> None:
+        """Start it. EvsError: this machine has no room for another process."""
         self._line, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with other:
+        try:
             self._process = subprocess.Popen(
                 # nothing that lies where it runs is imported by mistake
                 [sys.executable, "-P", "-m", "evs.drivers.launching.guard", str(other.fileno())],
@@ -39,6 +41,13 @@ class Guard:
                 pass_fds=[other.fileno()],
                 start_new_session=True,
             )
+        except OSError as reason:
+            self._line.close()
+            raise EvsError(
+                f"cannot start a process that watches over the launch: {reason.strerror}"
+            ) from None
+        finally:
+            other.close()
 
     def watch(self, pid: int, output: int, alone_s: float, stop_s: float) -> None:
         """A node has started. In: output, where it is heard.

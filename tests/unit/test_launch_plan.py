@@ -203,3 +203,18 @@ def test_show_runs_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert "n: no-such-program 'a b'" in capsys.readouterr().out
     assert main(["launch", str(file)]) == 2
     assert "there is no program 'no-such-program'" in capsys.readouterr().err
+
+
+def test_no_process_to_be_had_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr("evs.drivers.launching.guard.subprocess.Popen", refuse)
+    file = tmp_path / "launch.toml"
+    file.write_text('[[node]]\nname = "n"\nrun = ["true"]\n')
+    assert main(["launch", str(file)]) == 2
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    assert "cannot start a process that watches over the launch: Resource temporarily" in line
