@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from evs.drivers.files.formats import AnyPath, Format, Holds, to_read, to_write
+from evs.drivers.files.numbered import check_not_continued, part_path
 from evs.drivers.files.reading import messages_of, recorder_for
 from evs.drivers.files.recorded import RecordedFile
 from evs.drivers.files.recording import check_stamps, one_stream, target_error
@@ -108,7 +109,7 @@ def convert(
             raise EvsError(place.named(str(error))) from None
         finally:
             sink.close()
-        done.files = place.settle()
+        done.files = place.settle(wanted)
     if file.labels is not None and "labels" in lacking:
         done.left_out["labels"] = len(file.labels)
     return done
@@ -208,9 +209,18 @@ class _Place:
         """A recorder's words, with the names that the user knows."""
         return text.replace(f"{self._folder}{os.sep}", f"{self._target.parent}{os.sep}")
 
-    def settle(self) -> list[Path]:
-        """Move what was written to where it belongs; the target itself last."""
+    def settle(self, kind: Format) -> list[Path]:
+        """Move what was written to where it belongs; the target itself last.
+
+        In: its format. EvsError where other recordings would be replaced, or taken for a part.
+        """
         made = sorted(self._folder.iterdir(), key=lambda path: (path == self.path, path.name))
+        for path in made[:-1]:
+            if (there := self._target.parent / path.name).exists():
+                raise EvsError(f"{there} is there already: move it, or choose another name")
+        after = part_path(self._target, len(made))
+        if after.is_file() and getattr(kind.open(self.path), "part", None) == 0:
+            check_not_continued(self._target, kind.open, len(made))
         try:
             return sorted(path.replace(self._target.parent / path.name) for path in made)
         except OSError as reason:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 from evs.msgs import EvsError
@@ -40,4 +41,23 @@ def check_no_parts(path: Path) -> None:
         raise EvsError(
             f"{there[0]}{others} of an earlier recording would mix with this one's: "
             "move them, or choose another name"
+        )
+
+
+def check_not_continued(path: Path, opened: Callable[[Path], object], parts: int = 1) -> None:
+    """EvsError where the file behind a recording of so many parts says that it is the next one.
+
+    A reader would take it for the new recording's. In: opened, what reads a file's header.
+    """
+    after = part_path(path, parts)
+    if not after.is_file():
+        return
+    try:
+        part = getattr(opened(after), "part", None)
+    except EvsError:
+        return
+    if part == parts:
+        raise EvsError(
+            f"{after} of an earlier recording would mix with this one's: move it, or choose "
+            "another name"
         )

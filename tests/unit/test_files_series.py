@@ -168,3 +168,29 @@ def test_aedat2s_files_are_one(tmp_path: Path) -> None:
     assert evs.read(path, single=True).tobytes() == events[:2].tobytes()
     assert evs.read(tmp_path / "run-001.aedat").tobytes() == events[2:3].tobytes()
     assert files.summary(path).files == [str(one) for one in files.parts(path)]
+
+
+def test_a_shorter_recording_does_not_go_on_with_an_older_one(tmp_path: Path) -> None:
+    path, source = tmp_path / "run.aedat", tmp_path / "source.aedat4"
+    span = 1 << 31
+    long = make_events([5, span + 9], [1, 2], [1, 2], [1, 0])
+    info = StreamInfo(346, 260, camera="eye")
+    for target, events in ((path, long), (source, long[:1]), (tmp_path / "two.aedat4", long)):
+        sink = files.recorder_for(target)
+        sink.open([info])
+        sink.write(EventPacket(0, 0, 0, 346, 260, events))
+        sink.close()
+    before = {one: one.read_bytes() for one in tmp_path.iterdir()}
+    says = r"run-001\.aedat of an earlier recording would mix"
+    with pytest.raises(EvsError, match=says):
+        files.recorder_for(path).open([info])
+    with pytest.raises(EvsError, match=says):
+        files.convert(source, path)
+    # and what a conversion would replace is not only its target
+    with pytest.raises(EvsError, match=r"run-001\.aedat is there already"):
+        files.convert(tmp_path / "two.aedat4", path)
+    assert {one: one.read_bytes() for one in tmp_path.iterdir()} == before
+    # another recording that only has such a name is nobody's part
+    (tmp_path / "run-001.aedat").write_bytes((tmp_path / "run.aedat").read_bytes())
+    files.convert(source, path)
+    assert evs.read(path).tobytes() == long[:1].tobytes()

@@ -6,16 +6,18 @@ run-001.aedat, ...; each says its `time_base_us`, so that each is read with its 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from evs.drivers.files.aedat2.layout import END, SAID, SPAN_US, WORD
+from evs.drivers.files.aedat2.reader import Aedat2File
 from evs.drivers.files.appending import AppendingRecorder
 from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.header_text import stream_json
-from evs.drivers.files.numbered import check_no_parts, part_path
+from evs.drivers.files.numbered import check_no_parts, check_not_continued, part_path
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo
 
 _AER_CHIPS = {(346, 260): "Davis346blue", (240, 180): "DAVIS240C"}
@@ -31,6 +33,11 @@ class Aedat2Recorder(AppendingRecorder):
         self._base_us = 0
         self._parts = 1
         self._written = 0
+
+    def open(self, streams: Sequence[StreamInfo]) -> None:
+        """As AppendingRecorder's. EvsError also where an earlier recording would go on behind."""
+        check_not_continued(self._path, Aedat2File.at)
+        super().open(streams)
 
     def write(self, packet: EventPacket) -> None:
         """Append one packet, over as many files as it needs. EvsError as AppendingRecorder's."""
