@@ -182,6 +182,22 @@ def test_aps_words_may_be_cut_anywhere(step: int) -> None:
         assert (got == 1000 - values).all()
 
 
+@pytest.mark.parametrize("step", [1, 7, 1000])
+def test_signals_of_a_frame_whose_resets_are_lost_leave_the_one_before_as_it_is(step: int) -> None:
+    places = [y << 22 | x << 12 for x in range(5) for y in range(4)]
+    resets = [APS | place | 1000 for place in places]
+    signals, others = ([APS | place | SIGNAL | adc for place in places] for adc in (400, 900))
+    words = np.array(resets + signals + others, np.int64)
+    taken, frames = ApsWords(5, 4, "eye"), []
+    for at in range(0, len(words), step):
+        part = slice(at, at + step)
+        frames += list(taken.feed(words[part], np.arange(len(words))[part]))
+    frames += list(taken.rest())
+    assert [(one.begin_us, one.end_us) for one in frames] == [(0, 39)]
+    assert (np.rint(frames[0].pixels / 65535 * 1023) == 600).all()
+    assert (taken.torn, taken.lost) == (0, 20)
+
+
 def test_resets_of_one_pixel_for_ever_take_no_time() -> None:
     words = np.full(200_000, APS, np.int64)
     taken = ApsWords(640, 480, "eye")

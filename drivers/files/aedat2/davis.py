@@ -132,6 +132,12 @@ class ApsWords:
             first = int(np.argmax(kind == _RESET)) if (kind == _RESET).any() else len(kind)
             self.lost += first
             pixel, adc, kind, t_us = pixel[first:], adc[first:], kind[first:], t_us[first:]
+        # a pixel's second read is of a frame whose begin is lost
+        fresh = np.zeros(len(pixel), np.bool_)
+        fresh[np.unique(kind * self._reads.shape[1] + pixel, return_index=True)[1]] = True
+        fresh &= self._reads[kind, pixel] < 0
+        self.lost += len(fresh) - int(np.count_nonzero(fresh))
+        pixel, adc, kind, t_us = pixel[fresh], adc[fresh], kind[fresh], t_us[fresh]
         self._reads[kind, pixel] = adc
         self._words += len(pixel)
         resets, signals = np.flatnonzero(kind == _RESET), np.flatnonzero(kind == _SIGNAL)
