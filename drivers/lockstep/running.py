@@ -22,6 +22,9 @@ from evs.emulator.stages import Meter
 from evs.msgs import EventPacket, EvsError, Observation, StreamInfo
 from evs.msgs.lockstep.common import F64
 
+_STEP_ENDS_S = 1.0
+"""A step that has taken longer does not keep a server from ending."""
+
 
 def loop_of(config: PipelineConfig, meter: Meter | None = None) -> Loop:
     """The closed loop that a pipeline describes."""
@@ -90,6 +93,7 @@ def serve(
             ready(server.address)
         begin_s = monotonic_s()
         with stop_signals() as stopped:
+            beside.stopped = stopped
             while not stopped and beside.failure is None and not beside.segments.stop_wanted:
                 server.look()
         failure = beside.failure
@@ -139,6 +143,9 @@ class LoopWithSinks:
         self.segments, self.account = segments, Account(loop.world, watch)
         self.failure: EvsError | None = None
         """of a sink: the run has to end"""
+        self.stopped: Sequence[str] = ()
+        """holds something once the run has to end"""
+        self._step_s, self._ticks_left = 0.0, 0
         self._loop, self._watch, self._warn = loop, watch, warn
         self._lost = Totals(
             lambda: {
@@ -161,6 +168,7 @@ class LoopWithSinks:
 
     def step(self, ctrl: npt.ArrayLike | None = None, ticks: int = 1) -> Observation:
         """As of the loop."""
+        self._step_s, self._ticks_left = monotonic_s(), ticks
         self._watch.begin_tick()
         return self._loop.step(ctrl, ticks)
 
@@ -233,6 +241,9 @@ class LoopWithSinks:
         watch.end_tick()
         # the step's next tick, if it has one
         watch.begin_tick()
+        self._ticks_left -= 1
+        if self.stopped and self._ticks_left > 0 and monotonic_s() - self._step_s > _STEP_ENDS_S:
+            raise EvsError("the server of the loop has ended")
 
     def _jump(self, move: Callable[[], Observation]) -> Observation:
         """Do what may set time back; what it refuses has changed nothing, here neither."""

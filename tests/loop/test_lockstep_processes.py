@@ -8,6 +8,7 @@ import math
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -119,7 +120,7 @@ def test_over_zeromq_the_loop_gives_the_bytes_that_it_gives_in_process(
                 assert (theirs, count) == (mine, events)
                 assert (end.t_us, end.done) == (last.t_us, last.done)
         out, _ = ended(process)
-    assert "1 controllers" in out
+    assert ", 1 controller\n" in out
     if seconds == 30.0:
         assert end.done == "30 s are over"
 
@@ -223,6 +224,30 @@ def test_a_server_that_is_killed_is_an_error_in_time(tmp_path: Path) -> None:
         with pytest.raises(EvsError, match=r"the server at ipc://.* has gone"):
             loop.step([0.0])
         assert monotonic_s() - begin_s < 10
+
+
+def test_a_step_that_takes_minutes_keeps_nobody_from_ending_it(tmp_path: Path) -> None:
+    lines: list[str] = []
+
+    def step(loop: RemoteLoop) -> None:
+        try:
+            loop.step([0.0], 1_000_000)
+        except EvsError as error:
+            lines.append(str(error))
+
+    record = tmp_path / "run.aedat4"
+    with served(tmp_path, "loop.max_s=2000.0", "--record", str(record)) as (address, process):
+        loop = evs.connect(address, timeout_s=600)
+        loop.reset()
+        asking = threading.Thread(target=step, args=(loop,))
+        asking.start()
+        sleep_s(2.0)
+        begin_s = monotonic_s()
+        ended(process, signal.SIGTERM)
+        assert monotonic_s() - begin_s < 20
+        asking.join(20)
+        loop.close()
+    assert lines == ["the server of the loop has ended"]
 
 
 CLIENT = """
