@@ -16,7 +16,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "Subscribers start before what they listen to, and a camera waits for them. One Ctrl-C\n"
         "stops every node, publishers first; a second one kills what is left. The exit code is\n"
-        "the worst node's. config/launch/stereo.toml shows every key; evs launch stereo runs it."
+        "the worst node's. config/launch/stereo.toml shows every key; evs launch stereo runs it.\n"
+        "pencil, goalie, cartpole: closed loops; controller: one with a program of yours; ros2."
     )
     parser.add_argument("file", metavar="FILE.toml", help="a launch file, or one of evs by name")
     parser.add_argument(

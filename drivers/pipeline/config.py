@@ -99,7 +99,7 @@ class PipelineConfig(RunConfig):
 
     sink: tuple[SinkConfig, ...] = ()
     pace: str = "free"
-    """free: as fast as it goes | realtime: no faster than the wall clock
+    """free: as fast as it goes | realtime: no faster than the wall clock |
     lockstep: when controllers decide (README, Closed loop)"""
     realtime: RealtimeConfig = dataclasses.field(default_factory=RealtimeConfig)
     lockstep: LockstepConfig = dataclasses.field(default_factory=LockstepConfig)
