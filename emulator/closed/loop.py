@@ -200,7 +200,7 @@ class Loop:
         """
         if self._done is None:
             raise EvsError("the loop has not begun: call reset before save")
-        return pack(self._identity(), self._arrays(), compress)
+        return pack(self._identity(), self._arrays(self._channels), compress)
 
     def restore(self, blob: bytes) -> Observation:
         """Go on from where `save` was called, in this process or another, with the same bytes.
@@ -211,18 +211,24 @@ class Loop:
         """
         about, saved = unpack(blob)
         check_identity(about, self._identity())
-        check_like(saved, self._arrays())
+        # the world may have got another camera since
+        like = self._channels if self._knows_cameras else self._new_channels()
+        check_like(saved, self._arrays(like))
         done, wants_state = word(saved, "done"), bool(number(saved, "wants_state", 0, 1))
         inner = part(saved, "world")
         put = self.world.restoring(inner)
-        channels = self._channels.read(part(saved, "channels"), whole(inner, "seed"))
+        channels = like.read(part(saved, "channels"), whole(inner, "seed"))
         put()
         self._channels, self._done, self._wants_state = channels, done, wants_state
         self._gauges.read(self.world.data)
         return self._seen()
 
-    def _arrays(self) -> Saved:
-        saved = joined(world=self.world.arrays(), channels=self._channels.save())
+    @property
+    def _knows_cameras(self) -> bool:
+        return len(self.world.cameras) == len(self._channels.cameras)
+
+    def _arrays(self, channels: Channels) -> Saved:
+        saved = joined(world=self.world.arrays(), channels=channels.save())
         return saved | numbers(wants_state=self._wants_state) | words(done=self._done or "")
 
     def _identity(self) -> dict[str, Any]:
@@ -231,7 +237,7 @@ class Loop:
         return {"kind": "loop", **self.world.identity, "loop": own}
 
     def _check_going(self) -> None:
-        if len(self.world.cameras) != len(self._channels.cameras):
+        if not self._knows_cameras:
             raise EvsError("the world has another camera since the last reset: call reset")
         if self._done is None:
             raise EvsError("the loop has not begun: call reset first")

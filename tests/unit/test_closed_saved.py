@@ -318,3 +318,14 @@ def test_a_network_is_known_by_its_weights():
     saved = one("evsnet_c8").save()
     with pytest.raises(EvsError, match=r"camera\.left\.model\.network was evsnet_c8, here"):
         one("evsnet_c4").restore(saved)
+
+
+def test_a_loop_whose_world_got_a_camera_since_takes_the_blob_of_its_like():
+    loops = [Loop.around(a_world(names=("left",))) for _ in range(2)]
+    for loop in loops:
+        loop.world.add_camera("right", sensor=SMALL)
+    loops[0].reset(seed=3)
+    loops[0].step([0.2], ticks=5)
+    # not reset since
+    loops[1].restore(loops[0].save())
+    assert loops[1].step([0.2], ticks=3) == loops[0].step([0.2], ticks=3)
