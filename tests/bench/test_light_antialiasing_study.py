@@ -1,8 +1,9 @@
 """Which antialiasing serves an event camera: events of each against those of 256 samples a pixel.
 
 Robots of gymnasium and dm_control; a camera that stands still, pans at 170 px/s or slides at half
-a metre a second. It takes a quarter of an hour, so `make bench` leaves it out; the table of the
-emulator/light/README.md is from `.venv/bin/pytest -m bench -s tests/bench/test_light_antialiasing_study.py`.
+a metre a second. It takes a quarter of an hour, so `make bench` leaves it out. The table of
+emulator/light/README.md is from
+`.venv/bin/pytest -m bench -s tests/bench/test_light_antialiasing_study.py`.
 """
 
 from __future__ import annotations
