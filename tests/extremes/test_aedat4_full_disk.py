@@ -115,7 +115,7 @@ def test_the_camera_goes_on(tmp_path: Path, compression: str, rotate: list[str])
     first = tmp_path / "kept" / "run.aedat4"
     parts = [first, *later_parts(first)]
     assert (len(parts) > 1) == ("sink.0.rotate_mb=0.02" in rotate)
-    assert sum(len(read(part)) for part in parts) == recorder["events"] > 1000
+    assert len(read(first)) == recorder["events"] > 1000
     assert recorder["events"] < report["events"]
     for part in parts:
         found = summary(part)
