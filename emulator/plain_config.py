@@ -42,6 +42,14 @@ def plain_integer(value: Any, name: str) -> int:
         raise EvsError(f"{name} is {value!r}; give a whole number") from None
 
 
+def plain_number(value: Any, name: str) -> float:
+    """`value` as a float; EvsError where it is no finite number."""
+    try:
+        return float(_plain(value, float))
+    except TypeError:
+        raise EvsError(f"{name} is {value!r}; give a number") from None
+
+
 def _plain(value: Any, hint: Any, name: str = "") -> Any:
     """`value` as `hint` has it; TypeError or ValueError where it does not fit.
 

@@ -14,7 +14,7 @@ from evs.emulator.closed.channels import Channels, check_delays
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.loop import World
 from evs.emulator.loop_config import DelayConfig
-from evs.emulator.plain_config import plain_integer
+from evs.emulator.plain_config import plain_integer, plain_number
 from evs.emulator.saving import (
     Saved,
     check_identity,
@@ -107,8 +107,8 @@ class Loop:
         max_s: float | None,
         delays: DelayConfig | None,
     ) -> None:
-        if max_s is not None and not (max_s > 0.0 and math.isfinite(max_s)):
-            raise EvsError(f"max_s is {max_s}: give simulated seconds over 0, or None for no end")
+        if max_s is not None and not (max_s := plain_number(max_s, "max_s")) > 0.0:
+            raise EvsError(f"max_s is {max_s:g}: give simulated seconds over 0, or None for no end")
         self.world = world
         self._gauges = Gauges(world.model, limits)
         self._max_s = max_s
