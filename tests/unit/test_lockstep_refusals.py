@@ -73,7 +73,7 @@ def test_a_seat_that_cannot_be(options: dict[str, Any], says: str) -> None:
         (lambda loop: loop.reset(keyframe="nowhere"), "no keyframe 'nowhere'; there is: home"),
         (lambda loop: loop.reset(2**70), "give an integer of 64 bits"),
         (lambda loop: loop.restore(b"rubbish"), "this is no saved loop"),
-        (lambda loop: loop.restore(b""), "has the saved bytes in a second frame"),
+        (lambda loop: loop.restore(b""), "no bytes of a saved state: give what save"),
     ],
 )
 def test_a_bad_request_is_one_line_and_moves_nothing(
