@@ -38,7 +38,8 @@ def plain_frames(words: list[tuple[int, int, int, int]]) -> list[Found]:
     for t, (x, y, read, adc) in enumerate(words):
         if read == 0 and (x, y) in resets:
             end()
-        if read == 1 and not resets:
+        # signals of a frame whose begin is lost
+        if read == 1 and (not resets or (x, y) in signals):
             continue
         (signals if read else resets)[x, y] = adc
         seen.append((t, read))
