@@ -19,10 +19,10 @@ from evs.msgs.encodings.limits import (
     TIME_ORIGIN_US,
     EncodingLimits,
     check_fits,
+    known_before_us,
 )
 from evs.msgs.encodings.wraps import told_between, unwrapped
 from evs.msgs.event import Events, empty_events
-from evs.msgs.fields import MessageError
 
 EVT2 = EncodingLimits("EVT2", MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, LONGEST_US)
 
@@ -46,9 +46,7 @@ def encode_evt2(
     if not len(events):
         return b""
     stamps = events["t"] + time_origin_us
-    known = int(stamps[0]) if after_us is None else after_us + time_origin_us
-    if not 0 <= known <= int(stamps[0]):
-        raise MessageError(f"events at {events['t'][0]} us do not follow {after_us} us")
+    known = known_before_us(events, time_origin_us, after_us)
     parts = [] if after_us is None else [_high_words(np.array([known >> _LOW_BITS]))]
     for start in range(0, len(events), _BLOCK):
         end = start + _BLOCK

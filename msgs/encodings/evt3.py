@@ -24,10 +24,10 @@ from evs.msgs.encodings.limits import (
     TIME_ORIGIN_US,
     EncodingLimits,
     check_fits,
+    known_before_us,
 )
 from evs.msgs.encodings.wraps import told_between, unwrapped
 from evs.msgs.event import Events, empty_events, join_events
-from evs.msgs.fields import MessageError
 
 EVT3 = EncodingLimits("EVT3", MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, LONGEST_US)
 
@@ -55,9 +55,7 @@ def encode_evt3(
     check_fits(events, EVT3, time_origin_us)
     if not len(events):
         return b""
-    known = int(events["t"][0] if after_us is None else after_us) + time_origin_us
-    if not 0 <= known <= int(events["t"][0]) + time_origin_us:
-        raise MessageError(f"events at {events['t'][0]} us do not follow {after_us} us")
+    known = known_before_us(events, time_origin_us, after_us)
     parts = [] if after_us is None else [_high_words(np.array([known >> _BITS]))]
     for start in range(0, len(events), _BLOCK):
         part = events[start : start + _BLOCK]

@@ -53,3 +53,15 @@ def check_fits(events: Events, limits: EncodingLimits, shift_us: int = 0) -> Non
             raise MessageError(
                 f"{limits.name} holds {axis} of 0 ... {side - 1} px, events have {low} ... {high}"
             )
+
+
+def known_before_us(events: Events, time_origin_us: int, after_us: int | None) -> int:
+    """What a decoder knows of the time before some events, (n > 0,), us after the origin.
+
+    In: after_us, the last stamp that it was told; None: nothing. MessageError: later than these.
+    """
+    first = int(events["t"][0])
+    known = (first if after_us is None else after_us) + time_origin_us
+    if not 0 <= known <= first + time_origin_us:
+        raise MessageError(f"events at {first} us do not follow {after_us} us")
+    return known

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
+from apart import controlled_apart
 
 import evs
-from evs.drivers.lockstep import LockstepServer
 from evs.drivers.loops.cartpole import SEEDS
 from evs.drivers.loops.cartpole.arena import CartPoleLoop, Trial, play
 from evs.drivers.loops.cartpole.controller import Balancer, Gains, Plant, feedback
@@ -120,38 +117,9 @@ def test_the_controllers_numbers_are_the_robots() -> None:
     assert stream.camera_info["k"][0] == pytest.approx(focal_px, rel=1e-6)
 
 
-PROCESS = """
-import sys
-from evs.launch.main import main
-code = main(["loop", "cartpole", "--connect", sys.argv[1], "--seed", "3"])
-simulator = "mujoco", "evs.emulator.world", "evs.emulator._core", "evs.emulator.closed"
-print("simulator:", [name for name in simulator if name in sys.modules])
-raise SystemExit(code)
-"""
-
-
 def test_a_process_that_has_no_simulator_balances_it() -> None:
     loop = CartPoleLoop(push_ns=3.0, max_s=1.2)
-    server = LockstepServer(loop, "tcp://127.0.0.1:0")
-    server.open()
-    stopped: list[str] = []
-    thread = threading.Thread(target=server.serve, args=(stopped,))
-    thread.start()
-    try:
-        done = subprocess.run(
-            [sys.executable, "-c", PROCESS, server.address],
-            capture_output=True,
-            text=True,
-            timeout=100,
-            check=False,
-        )
-    finally:
-        stopped.append("end")
-        thread.join()
-        server.close()
-    assert done.returncode == 0, done.stderr
-    assert "1.2 s are over" in done.stdout
-    assert "simulator: []" in done.stdout
+    assert "1.2 s are over" in controlled_apart("cartpole", loop)
     # and the same as in process, to the last bit
     controller, again = Balancer(), CartPoleLoop(push_ns=3.0, max_s=1.2)
     seen = again.reset(3)

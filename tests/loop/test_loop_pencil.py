@@ -6,16 +6,15 @@ import json
 import signal
 import subprocess
 import sys
-import threading
 from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
+from apart import controlled_apart
 
 from evs.drivers import files
 from evs.drivers.checkup.loopback import free_address
-from evs.drivers.lockstep import LockstepServer
 from evs.drivers.loops.pencil import TRACKERS
 from evs.drivers.loops.pencil.arena import Arena, PencilLoop, Trial, pencil_model
 from evs.drivers.loops.pencil.balance import FRICTION, MASS_KG
@@ -129,39 +128,9 @@ def test_the_controller_needs_events_and_encoders_only() -> None:
     assert seen.done
 
 
-PROCESS = """
-import sys
-from evs.launch.main import main
-code = main(["loop", "pencil", "--connect", sys.argv[1], "--seed", "3"])
-simulator = "mujoco", "evs.emulator.world", "evs.emulator._core", "evs.emulator.closed"
-known = [name for name in simulator if name in sys.modules]
-print("simulator:", known)
-raise SystemExit(code)
-"""
-
-
 def test_a_process_that_has_no_simulator_balances_it() -> None:
     loop = PencilLoop(push_mns=2.0, max_s=1.2)
-    server = LockstepServer(loop, "tcp://127.0.0.1:0")
-    server.open()
-    stopped: list[str] = []
-    thread = threading.Thread(target=server.serve, args=(stopped,))
-    thread.start()
-    try:
-        done = subprocess.run(
-            [sys.executable, "-c", PROCESS, server.address],
-            capture_output=True,
-            text=True,
-            timeout=100,
-            check=False,
-        )
-    finally:
-        stopped.append("end")
-        thread.join()
-        server.close()
-    assert done.returncode == 0, done.stderr
-    assert "1.2 s are over" in done.stdout
-    assert "simulator: []" in done.stdout
+    assert "1.2 s are over" in controlled_apart("pencil", loop)
     # and the same as in process, to the last bit
     here, seen = Controller(make_tracker(0, 0.2)), None
     again = PencilLoop(push_mns=2.0, max_s=1.2)

@@ -9,6 +9,7 @@ import numpy as np
 
 from evs.drivers.loops.cartpole.controller import Balancer
 from evs.drivers.loops.cartpole.tracker import Mount
+from evs.drivers.loops.pushes import Pushes
 from evs.drivers.pipeline.paths import in_package
 from evs.emulator.closed import Loop
 from evs.emulator.config import CameraConfig
@@ -24,7 +25,7 @@ FALLEN_RAD = 0.8
 RAIL_M = 0.98
 """The rail ends at 1 m."""
 
-FIRST_PUSH_TICK, PUSH_EVERY_TICKS, PUSH_TICKS = 1000, 2000, 10
+PUSHES = Pushes(first_tick=1000, every_ticks=2000)
 
 
 class CartPoleLoop(Loop):
@@ -71,12 +72,9 @@ class CartPoleLoop(Loop):
         return super().reset(seed, keyframe, state, start or drawn)
 
     def _tick(self) -> bool:
-        turn, since = divmod(self.world.tick - FIRST_PUSH_TICK, PUSH_EVERY_TICKS)
-        newton = 0.0
-        if turn >= 0 and since < PUSH_TICKS:
-            # from the seed and the count alone: a loop that was restored goes on with the same
-            random = np.random.default_rng((self.world.seed % 2**64, turn))
-            newton = self.push_ns / (PUSH_TICKS * 1e-3) * random.choice((-1.0, 1.0))
+        random, newton = PUSHES.random(self.world.tick, self.world.seed), 0.0
+        if random is not None:
+            newton = self.push_ns / PUSHES.seconds * random.choice((-1.0, 1.0))
         # in the middle of the pole
         self.world.data.xfrc_applied[self._body, 0] = newton
         return super()._tick()

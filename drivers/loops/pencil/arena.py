@@ -11,6 +11,7 @@ import numpy as np
 from evs.drivers.loops.pencil import TRACKERS
 from evs.drivers.loops.pencil.balance import Gains
 from evs.drivers.loops.pencil.controller import CAMERAS, Controller, make_tracker
+from evs.drivers.loops.pushes import Pushes
 from evs.drivers.loops.sensing import sensor_of
 from evs.emulator.closed import Loop
 from evs.emulator.loop_config import DelayConfig
@@ -26,7 +27,7 @@ LENGTH_M = 0.2
 FALLEN_RAD = 0.7
 """Nothing comes back from there."""
 
-FIRST_PUSH_TICK, PUSH_EVERY_TICKS, PUSH_TICKS = 500, 1000, 10
+PUSHES = Pushes(first_tick=500, every_ticks=1000)
 
 
 class PencilLoop(Loop):
@@ -76,12 +77,10 @@ class PencilLoop(Loop):
         return super().reset(seed, keyframe, state, start or drawn)
 
     def _tick(self) -> bool:
-        turn, since = divmod(self.world.tick - FIRST_PUSH_TICK, PUSH_EVERY_TICKS)
-        force = np.zeros(2)
-        if turn >= 0 and since < PUSH_TICKS:
-            # from the seed and the count alone: a loop that was restored goes on with the same
-            angle = np.random.default_rng((self.world.seed % 2**64, turn)).uniform(0.0, 2.0 * np.pi)
-            newton = push_ns(self.push_mns, self._length_m) / (PUSH_TICKS * 1e-3)
+        random, force = PUSHES.random(self.world.tick, self.world.seed), np.zeros(2)
+        if random is not None:
+            angle = random.uniform(0.0, 2.0 * np.pi)
+            newton = push_ns(self.push_mns, self._length_m) / PUSHES.seconds
             force[:] = newton * np.cos(angle), newton * np.sin(angle)
         # in the middle of the stick
         self.world.data.xfrc_applied[self._body, :2] = force
