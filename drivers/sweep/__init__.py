@@ -1,0 +1,1 @@
+"""The trade of speed for accuracy, measured: points, their cost, their error."""

@@ -1,0 +1,223 @@
+"""One measured point of a sweep: what was set, how fast it ran, how far off its events were.
+
+A sweep's file holds one such record a line, as JSON. A line may hold a speed, an error or both, so
+that errors can be worked out on a busy machine and timings on a quiet one: `merged` puts the lines
+of one point together.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from evs.msgs import EvsError, unknown
+
+OURS, FRAMES, PAPER = "ours", "frames", "paper"
+KINDS = (OURS, FRAMES, PAPER)
+"""Whose way: ours; frames first and events from frames, as v2e and ESIM; as in the paper."""
+
+CAMERAS = ("still", "pan", "slide")
+
+STAGES = ("world", "render", "sensor", "pack", "sink")
+
+Setting = str | int | float | bool
+"""what a key can be set to"""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A median of repeats and the 95 % confidence interval of it."""
+
+    median: float
+    low: float
+    high: float
+    n: int
+    """repeats"""
+
+
+@dataclass(frozen=True)
+class Speed:
+    """What a point costs: the whole run, full frame, bus and recorder on."""
+
+    real_time_factor: Interval
+    """simulated seconds per second of the wall clock"""
+    cpu_s_per_s: Interval
+    """CPU seconds per simulated second"""
+    yardstick_ratio: Interval
+    """wall clock of a tick over that of the yardstick, which ran just before and after"""
+    stage_ms: Mapping[str, Interval]
+    """world, render, sensor, pack, sink: ms of the wall clock a tick"""
+    rays_per_tick: float
+    """camera samples traced a tick; what follows from a hit (shadows, bounces) is not counted"""
+    ticks: int
+    """timed ticks of each repeat"""
+
+
+@dataclass(frozen=True)
+class Error:
+    """How far events are from those of converged light, as `evs evaluate` defines it.
+
+    NaN: not defined, as a ratio to no events at all.
+    """
+
+    emd: float
+    """events a pixel: the paper's equation (9)"""
+    emd_reference: float
+    """the same of one half of the converged light against the other"""
+    recall: float
+    """share of the reference's events found on their pixel within 3 ms, one to one"""
+    precision: float
+    """share of the events that have such a partner"""
+    spurious_hz: float
+    """events without one, per pixel and s"""
+    count_ratio_on: float
+    """ON events for each of the reference"""
+    count_ratio_off: float
+    delay_ms: float
+    """median over the pairs of stamp less stamp of the reference"""
+    timing_ms: float
+    """median over the pairs of its size"""
+    recall_reference: float
+    """recall of one half of the converged light against the other"""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One point on one scene under one camera motion."""
+
+    scene: str
+    camera: str
+    """still | pan | slide"""
+    preset: str
+    """the preset that it lies around"""
+    axis: str
+    """what is varied; empty: the preset itself"""
+    value: str
+    """of the axis, in words, as in `path 16` or `0.5 ms`"""
+    settings: Mapping[str, Setting]
+    """keys of a pipeline by their dotted names, those that differ from the preset's"""
+    kind: str = OURS
+    """ours | frames | paper"""
+    speed: Speed | None = None
+    error: Error | None = None
+
+    def __post_init__(self) -> None:
+        """Raises EvsError: unknown camera motion or kind."""
+        for what, name, known in (("camera", self.camera, CAMERAS), ("kind", self.kind, KINDS)):
+            if name not in known:
+                raise unknown(what, name, known)
+
+    @property
+    def point(self) -> tuple[str, str, str, str, str, str]:
+        """What tells it from other points: (scene, camera, kind, preset, axis, value)."""
+        return self.scene, self.camera, self.kind, self.preset, self.axis, self.value
+
+    @property
+    def label(self) -> str:
+        """The point in words, short: the preset, and what differs from it."""
+        return f"{self.preset}, {self.axis} {self.value}" if self.axis else self.preset
+
+    def to_json(self) -> str:
+        """One line of strict JSON; null is NaN."""
+        return json.dumps(_finite(dataclasses.asdict(self)), allow_nan=False)
+
+    @classmethod
+    def from_json(cls, line: str) -> Measured:
+        """The record of a line. Raises EvsError: one line that says what is wrong with it."""
+        try:
+            told = json.loads(line)
+        except ValueError as reason:
+            raise EvsError(f"no record of a sweep: {reason}; delete the line") from None
+        found = _made(cls, told, "")
+        settings = _table(found.settings, "settings")
+        for key, value in settings.items():
+            if not isinstance(value, str | int | float):
+                raise _wrong(f"settings.{key}", "a text, a number or true or false")
+        speed, error = found.speed, found.error
+        if speed is not None:
+            speed = _made(Speed, speed, "speed")
+            stages = _table(speed.stage_ms, "speed.stage_ms")
+            parts = {
+                name: _interval(getattr(speed, name), f"speed.{name}")
+                for name in ("real_time_factor", "cpu_s_per_s", "yardstick_ratio")
+            }
+            told_ms = {k: _interval(v, f"speed.stage_ms.{k}") for k, v in stages.items()}
+            rays = _number(speed.rays_per_tick, "speed.rays_per_tick")
+            ticks = _number(speed.ticks, "speed.ticks")
+            speed = Speed(**parts, stage_ms=told_ms, rays_per_tick=rays, ticks=int(ticks))
+        if error is not None:
+            error = _made(Error, error, "error")
+            values = dataclasses.asdict(error)
+            error = Error(**{name: _number(v, f"error.{name}") for name, v in values.items()})
+        for name in ("scene", "camera", "preset", "axis", "value", "kind"):
+            if not isinstance(getattr(found, name), str):
+                raise _wrong(name, "a text")
+        return dataclasses.replace(found, settings=settings, speed=speed, error=error)
+
+
+def merged(records: Iterable[Measured]) -> list[Measured]:
+    """Each point once, in the order in which it first came; of two speeds the later one counts."""
+    points: dict[tuple[str, ...], Measured] = {}
+    for one in records:
+        before = points.get(one.point)
+        if before is not None:
+            speed, error = one.speed or before.speed, one.error or before.error
+            one = dataclasses.replace(one, speed=speed, error=error)
+        points[one.point] = one
+    return list(points.values())
+
+
+_T = TypeVar("_T")
+
+
+def _made(cls: type[_T], told: Any, where: str) -> _T:
+    """The dataclass of a table, its values as they stand there."""
+    table = _table(told, where or "the line")
+    known = [field.name for field in dataclasses.fields(cls)]  # type: ignore[arg-type]
+    for key in table:
+        if key not in known:
+            raise EvsError(f"no record of a sweep: {unknown('key', key, known)}")
+    try:
+        return cls(**table)
+    except TypeError:
+        lacking = [f.name for f in dataclasses.fields(cls)  # type: ignore[arg-type]
+                   if f.name not in table and f.default is dataclasses.MISSING]  # fmt: skip
+        place = f"{where}." if where else ""
+        raise EvsError(
+            f"no record of a sweep: {place}{lacking[0]} is missing; delete the line"
+        ) from None
+
+
+def _table(told: Any, where: str) -> dict[str, Any]:
+    if not isinstance(told, dict):
+        raise _wrong(where, "a table")
+    return told
+
+
+def _interval(told: Any, where: str) -> Interval:
+    found = _made(Interval, told, where)
+    values = {name: _number(v, f"{where}.{name}") for name, v in dataclasses.asdict(found).items()}
+    return Interval(values["median"], values["low"], values["high"], int(values["n"]))
+
+
+def _number(told: Any, where: str) -> float:
+    if told is None:
+        return math.nan
+    if isinstance(told, bool) or not isinstance(told, int | float):
+        raise _wrong(where, "a number or null")
+    return float(told)
+
+
+def _wrong(where: str, wanted: str) -> EvsError:
+    return EvsError(f"no record of a sweep: {where} is not {wanted}; delete the line")
+
+
+def _finite(value: Any) -> Any:
+    """The same without NaN and infinity: None."""
+    if isinstance(value, Mapping):
+        return {key: _finite(inner) for key, inner in value.items()}
+    return None if isinstance(value, float) and not math.isfinite(value) else value
