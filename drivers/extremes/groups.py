@@ -1,0 +1,29 @@
+"""The groups of extremes, by name; a group's module is imported when it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from evs.drivers.extremes.extreme import Extreme
+from evs.msgs import unknown
+
+
+def _light() -> tuple[Extreme, ...]:
+    from evs.drivers.extremes.light import EXTREMES
+
+    return EXTREMES
+
+
+_LOADERS: dict[str, Callable[[], tuple[Extreme, ...]]] = {
+    "light": _light,
+}
+
+GROUPS = tuple(_LOADERS)
+"""every group, in the order of the table"""
+
+
+def extremes_of(group: str) -> tuple[Extreme, ...]:
+    """The extremes of a group, in the order of the table. EvsError for an unknown one."""
+    if group not in _LOADERS:
+        raise unknown("group of extremes", group, GROUPS)
+    return _LOADERS[group]()
