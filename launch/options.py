@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Collection, Mapping
 
 from evs.drivers.pipeline import config as pipeline
-from evs.drivers.pipeline import keys, settings
+from evs.drivers.pipeline import keys, settings, shipped
 from evs.msgs import EvsError
 
 Options = Mapping[str, tuple[str, str, str]]
@@ -71,7 +71,12 @@ def keys_text(without: Collection[str] = ()) -> str:
 
     In: without, first parts of the names of those that are left out.
     """
+    named = shipped.pipelines()
     lines = [
+        "Pipelines that come with evs; a preset wants a scene, as in",
+        f"`evs emulate {shipped.PRESETS[0]} --scene robot.xml`:",
+        *(f"  {name:12s}{shipped.about(file)}" for name, file in named.items()),
+        "",
         "Configuration: defaults < PIPELINE.toml < the command line. A key is set in the file,",
         "under its table, or here as key=value. Paths in a file are relative to that file, others",
         "to the working directory; package:path is a file inside an installed Python package.",

@@ -16,15 +16,13 @@ from evs.drivers.pipeline import parameters, settings
 from evs.drivers.pipeline.paces import LOCKSTEP, PACES, LockstepConfig, RealtimeConfig
 from evs.drivers.pipeline.parameters import DriverParameters
 from evs.drivers.pipeline.paths import beside, in_package, with_paths
+from evs.drivers.pipeline.shipped import pipelines
 from evs.drivers.sink import Sink
 from evs.emulator.config import SEEDS, RunConfig
 from evs.emulator.loop_config import LoopConfig
 from evs.msgs import EvsError, nearest_first, unknown
 
 T = TypeVar("T")
-
-PIPELINES = Path(__file__).parents[2] / "config" / "pipelines"
-"""the pipelines that come with evs; each is found by its bare name too"""
 
 _SCENE_SUFFIXES = (".xml", ".mjcf", ".mjb", ".urdf")
 
@@ -286,7 +284,7 @@ def find_pipeline(word: str) -> Path:
     path = Path(word)
     if path.suffix in _SCENE_SUFFIXES:
         raise EvsError(f"'{word}' is a scene, not a pipeline; give it as --scene {word}")
-    known = {file.stem: file for file in sorted(PIPELINES.glob("*.toml"))}
+    known = pipelines()
     if path.is_file():
         return path
     if word in known:

@@ -14,13 +14,14 @@ from evs.drivers.lockstep import segments
 from evs.drivers.lockstep.running import LoopWithSinks
 from evs.drivers.lockstep.segments import Segments, camera_path, segment_path
 from evs.drivers.pace import Pacer, StopWatch
-from evs.drivers.pipeline.config import PIPELINES, SinkConfig
+from evs.drivers.pipeline.config import SinkConfig
+from evs.drivers.pipeline.shipped import PIPELINES
 from evs.drivers.sink import SinkStoppedError
 from evs.emulator import Loop
 from evs.emulator.config import ApsConfig, SensorConfig
 from evs.msgs import EventPacket, EvsError, StreamInfo
 
-SCENE = str(Path(PIPELINES).parent / "scenes" / "cartpole.xml")
+SCENE = str(PIPELINES.parent / "scenes" / "cartpole.xml")
 FILE = SinkConfig(type="aedat4", file="run.aedat4")
 LIVE = SinkConfig(type="zmq", address="tcp://127.0.0.1:0")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 from threading import Thread
 
 import pytest
@@ -15,6 +14,7 @@ from evs.drivers.pace import Pacer
 from evs.drivers.pipeline import config as pipeline
 from evs.drivers.pipeline.lateness import Lateness
 from evs.drivers.pipeline.run import run
+from evs.drivers.pipeline.shipped import PIPELINES
 from evs.emulator import World
 from evs.msgs import EvsError, Pace, Status, StreamInfo, decode_status, encode_status
 from evs.msgs.packet import packb, unpackb
@@ -191,7 +191,7 @@ def test_a_pace_that_is_none_is_refused(pace: object) -> None:
 
 
 def test_a_run_publishes_its_lateness_and_reports_it() -> None:
-    world = World(str(Path(pipeline.PIPELINES).parent / "scenes" / "pendulum.xml"))
+    world = World(str(PIPELINES.parent / "scenes" / "pendulum.xml"))
     world.add_camera(sensor="ideal", name="cam")
     clock = Clock()
     pacer = Pacer(1.0, clock, clock.sleep, catch_up_s=0.005)

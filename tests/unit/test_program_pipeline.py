@@ -11,7 +11,6 @@ import pytest
 
 from evs.drivers.pipeline import settings
 from evs.drivers.pipeline.config import (
-    PIPELINES,
     PipelineConfig,
     SinkConfig,
     find_pipeline,
@@ -19,6 +18,7 @@ from evs.drivers.pipeline.config import (
     make_sink,
 )
 from evs.drivers.pipeline.keys import describe
+from evs.drivers.pipeline.shipped import PIPELINES, PRESETS, about, pipelines
 from evs.drivers.sink import MeteredSink
 from evs.emulator.config import RunConfig
 from evs.msgs import EvsError
@@ -236,3 +236,38 @@ def test_every_sink_is_made_unopened_and_tells_packing_from_sending(tmp_path: Pa
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(EvsError, match="compression"):
         make_sink(SinkConfig(type="aedat4", file="a.aedat4", compression="lzma"))
+
+
+def test_presets_want_a_scene_and_nothing_else() -> None:
+    assert tuple(pipelines())[: len(PRESETS)] == PRESETS
+    for name in PRESETS:
+        config = load(name, SCENE)
+        # they say how light becomes events, and nothing of where and what for
+        tables = settings.read_toml(pipelines()[name])
+        assert set(tables) <= {"render", "model", "scene"}
+        assert set(tables.get("scene", {})) <= {"tick_us"}
+        assert config.emulation().scene.file == "x.xml"
+        with pytest.raises(EvsError, match="no scene: give --scene"):
+            load(name)
+    with pytest.raises(EvsError, match="no pipeline file 'acurate'; evs itself comes with: acc"):
+        load("acurate", SCENE)
+
+
+def test_what_a_pipeline_is_for_stands_at_its_head(tmp_path: Path) -> None:
+    for name, file in pipelines().items():
+        assert 10 < len(about(file)) < 110, name
+        assert not about(file).startswith("[")
+    (tmp_path / "mine.toml").write_text("# One thing\n# over two lines. And another\nseed = 1\n")
+    assert about(tmp_path / "mine.toml") == "One thing over two lines"
+    (tmp_path / "bare.toml").write_text("seed = 1\n")
+    assert about(tmp_path / "bare.toml") == ""
+
+
+def test_help_tells_every_pipeline(capsys: pytest.CaptureFixture[str]) -> None:
+    from evs.launch.main import main
+
+    with pytest.raises(SystemExit):
+        main(["emulate", "--help"])
+    told = capsys.readouterr().out
+    for name, file in pipelines().items():
+        assert f"  {name:12s}{about(file)}\n" in told
