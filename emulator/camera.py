@@ -23,6 +23,7 @@ from evs.emulator.sensor import (
 )
 from evs.emulator.sensor.beside.imu import ImuState
 from evs.emulator.stages import Meter, NoMeter
+from evs.emulator.stamps import later_events, later_frame, later_imu
 from evs.emulator.truth import GroundTruth
 from evs.emulator.versions import versions
 from evs.emulator.world import BoundCamera, MjModel, gravity_of
@@ -87,9 +88,11 @@ class Camera:
             else None
         )
         self._imu = Imu(sensor.imu) if sensor.imu.enabled else None
+        scene_config = scene_config or SceneConfig(tick_us=tick_us)
+        self._start_us = scene_config.start_us
         if config is None:
-            scene_config = replace(scene_config or SceneConfig(tick_us=tick_us), camera=plan.camera)
-            config = {"scene": asdict(scene_config), **plain_plan(replace(plan, name=name))}
+            told = replace(scene_config, camera=plan.camera)
+            config = {"scene": asdict(told), **plain_plan(replace(plan, name=name))}
         config = {**config, "sensor": completed(config["sensor"], sensor)}
         self._info = StreamInfo(
             width=self._size[0],
@@ -246,11 +249,11 @@ class Camera:
         labelled = self._plan.model.labels
         packet = EventPacket(
             seq=self._seq,
-            time_base_us=tick.begin_us,
-            time_end_us=tick.end_us,
+            time_base_us=tick.begin_us + self._start_us,
+            time_end_us=tick.end_us + self._start_us,
             width=self._size[0],
             height=self._size[1],
-            events=tick.events,
+            events=later_events(tick.events, self._start_us),
             camera=self._info.camera,
             labels=take_labels(tick.events, self.ground_truth().geom_id) if labelled else None,
         )
@@ -273,16 +276,16 @@ class Camera:
     def _see_more(self, snapshot: SceneSnapshot, pose: CameraPose, begin_us: int) -> None:
         """Frames and IMU of the tick, where they were asked for."""
         if self._aps is not None and self._aps_state is not None and self._luminance is not None:
-            self.frames, self._aps_state = self._aps.step(
+            frames, self._aps_state = self._aps.step(
                 self._luminance, self._aps_state, begin_us, snapshot.t_us
             )
+            self.frames = tuple(later_frame(frame, self._start_us) for frame in frames)
         if self._imu is not None and self._imu_state is not None:
             samples, self._imu_state = self._imu.step(
                 pose, gravity_of(self._world), self._imu_state, snapshot.t_us
             )
-            self.imu_packet = (
-                ImuPacket(self._imu_seq, samples, self._info.camera) if len(samples) else None
-            )
+            packet = ImuPacket(self._imu_seq, samples, self._info.camera)
+            self.imu_packet = later_imu(packet, self._start_us) if len(samples) else None
             self._imu_seq += len(samples) > 0
 
     @property
@@ -291,7 +294,8 @@ class Camera:
         if self._now is None:
             return None
         snapshot, pose = self._now
-        return pose_message(pose, self._seen - 1, snapshot.t_us, self._info.camera)
+        t_us = snapshot.t_us + self._start_us
+        return pose_message(pose, self._seen - 1, t_us, self._info.camera)
 
     def ground_truth(self) -> GroundTruth:
         """Of the last tick's end: depth, normals, ids, ... and the flow during that tick.
@@ -300,7 +304,8 @@ class Camera:
         """
         if self._now is None:
             raise EvsError("the camera has seen nothing yet: step the world first")
-        return self._renderer.ground_truth(*self._now, self._previous)
+        truth = self._renderer.ground_truth(*self._now, self._previous)
+        return replace(truth, t_us=truth.t_us + self._start_us)
 
     @property
     def imu(self) -> ImuSamples:

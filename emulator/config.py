@@ -21,6 +21,8 @@ class SceneConfig:
     """name of a camera of the model; empty: [camera] says, or the model's first, or a free one"""
     tick_us: int = 1000
     """length of a tick, us; the model's time step is subdivided to fit it"""
+    start_us: int = 0
+    """what the stamps begin at, us, as a Unix time does: the same events, that much later"""
     control: str = "zero"
     """zero | keyframe | random | file"""
     control_file: str = ""

@@ -37,6 +37,7 @@ from evs.emulator.saving import (
 )
 from evs.emulator.scene import F64, SceneSnapshot
 from evs.emulator.stages import Meter, NoMeter
+from evs.emulator.stamps import check_start
 from evs.emulator.versions import versions
 from evs.emulator.view import View
 from evs.emulator.world import (
@@ -99,6 +100,7 @@ class World:
             )
             model, source = load_model(scene), control
         self._scene_config = settings
+        self._start_us = check_start(settings.start_us)
         self._seed = plain_integer(seed, "seed")
         self._threads, self._meter = threads, meter or NoMeter()
         self._control = ControlSource(model, settings, source)
@@ -176,7 +178,7 @@ class World:
         return self._add_view(plan, rgb)
 
     def _add_view(self, plan: CameraPlan, rgb: bool) -> View:
-        view = View(self.model, self._scene, plan, self._posed, self._snapshot, rgb)
+        view = View(self.model, self._scene, plan, self._posed, self._snapshot, rgb, self._start_us)
         self._pose(view.bound)
         self._views.append(view)
         return view
@@ -187,7 +189,7 @@ class World:
         self._posed += 1
 
     def _snapshot(self) -> SceneSnapshot:
-        return self._moments.look(self.data, self.t_us, self.substeps.tick_us)
+        return self._moments.look(self.data, self._physics.t_us, self.substeps.tick_us)
 
     def save(self, compress: bool = False) -> bytes:
         """Everything that the next tick follows from, of physics and cameras, as bytes.
@@ -254,7 +256,7 @@ class World:
         if self._digest is None:
             self._digest = digest_of(self.model)
         settings = asdict(self._scene_config)
-        keys = ("control", "control_file", "control_hz", "control_scale", "keyframe")
+        keys = ("start_us", "control", "control_file", "control_hz", "control_scale", "keyframe")
         return {
             "versions": {key: versions()[key] for key in ("evs", "mujoco")},
             "scene": {"tick_us": self.substeps.tick_us, **{key: settings[key] for key in keys}},
@@ -273,7 +275,9 @@ class World:
         if ctrl is not None:
             self._given = check_control(ctrl, self.model.nu, "step(ctrl)")
         self._start_cameras()
-        values = self._given if self._given is not None else self._control(self.t_us, self.data)
+        values = self._given
+        if values is None:
+            values = self._control(self._physics.t_us, self.data)
         if values is not None:
             self.data.ctrl[:] = values
         self._physics.advance()
@@ -356,8 +360,13 @@ class World:
 
     @property
     def t_us(self) -> int:
-        """Simulated time, us."""
-        return self._physics.t_us
+        """Simulated time, us, as the stamps have it: scene.start_us at the beginning."""
+        return self._start_us + self._physics.t_us
+
+    @property
+    def start_us(self) -> int:
+        """What its stamps begin at, us."""
+        return self._start_us
 
     @property
     def tick(self) -> int:

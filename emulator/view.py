@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,16 +27,17 @@ class View:
         place: int,
         present: Callable[[], SceneSnapshot],
         rgb: bool = False,
+        start_us: int = 0,
     ) -> None:
         """Build the renderer.
 
         In: place, which of a snapshot's cameras this is; present, takes a snapshot; rgb, colour is
-        wanted too.
+        wanted too; start_us, what stamps begin at.
         """
         sensor = resolve_sensor(plan.sensor)
         self.width, self.height = int(sensor.width), int(sensor.height)
         self.bound, self._renderer = plan.stand(world, scene, self.width, self.height, rgb)
-        self._place, self._present = place, present
+        self._place, self._present, self._start_us = place, present, start_us
         self._now: tuple[SceneSnapshot, CameraPose] | None = None
         self._previous: tuple[SceneSnapshot, CameraPose] | None = None
 
@@ -61,7 +63,8 @@ class View:
 
     def ground_truth(self) -> GroundTruth:
         """Of the present; its flow is the motion since the tick before."""
-        return self._renderer.ground_truth(*self._instant(), self._previous)
+        truth = self._renderer.ground_truth(*self._instant(), self._previous)
+        return replace(truth, t_us=truth.t_us + self._start_us)
 
     def _instant(self) -> tuple[SceneSnapshot, CameraPose]:
         if self._now is None:
@@ -72,7 +75,7 @@ class View:
     @property
     def t_us(self) -> int:
         """The instant that is seen, us."""
-        return self._instant()[0].t_us
+        return self._start_us + self._instant()[0].t_us
 
     @property
     def name(self) -> str:

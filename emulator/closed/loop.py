@@ -248,7 +248,7 @@ class Loop:
         """Read the encoders and see whether the episode is over."""
         self._gauges.read(self.world.data)
         self._done = self._gauges.left()
-        if not self._done and self.t_us >= self._end_us:
+        if not self._done and self.t_us - self.world.start_us >= self._end_us:
             self._done = f"{self._max_s:g} s are over"
 
     def _seen(self) -> Observation:

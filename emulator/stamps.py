@@ -1,0 +1,53 @@
+"""Stamps: streams whose time does not begin at 0 (scene.start_us).
+
+The emulator counts from 0 whatever the stamps say; what leaves a camera is stamped that much later.
+So the same events come out, to the bit, wherever time begins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from evs.msgs import Events, EvsError, Frame, ImuPacket
+
+MAX_START_US = 2**52
+"""In the year 2112 as a Unix time; the sum with the longest run is far inside int64."""
+
+
+def check_start(start_us: int) -> int:
+    """`start_us` itself; EvsError where it is no time to begin at."""
+    if not 0 <= start_us <= MAX_START_US:
+        raise EvsError(
+            f"at scene.start_us: {start_us} is no time to begin at; give 0 ... {MAX_START_US} us "
+            "(a Unix time in microseconds is possible)"
+        )
+    return start_us
+
+
+def later_events(events: Events, by_us: int) -> Events:
+    """The events `by_us` later; they themselves where that is 0."""
+    if not by_us:
+        return events
+    moved: Events = np.array(events)
+    moved["t"] += by_us
+    return moved
+
+
+def later_frame(frame: Frame, by_us: int) -> Frame:
+    """The frame `by_us` later."""
+    return replace(
+        frame,
+        begin_us=frame.begin_us + by_us,
+        exposure_begin_us=frame.exposure_begin_us + by_us,
+        exposure_end_us=frame.exposure_end_us + by_us,
+        end_us=frame.end_us + by_us,
+    )
+
+
+def later_imu(packet: ImuPacket, by_us: int) -> ImuPacket:
+    """The samples `by_us` later."""
+    moved = np.array(packet.samples)
+    moved["t"] += by_us
+    return replace(packet, samples=moved)
