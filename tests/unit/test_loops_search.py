@@ -10,7 +10,6 @@ import pytest
 from evs.drivers.loops.limits import limit
 from evs.drivers.loops.results import Results
 from evs.drivers.loops.search import Budget, Point, cross_entropy
-from evs.drivers.loops.work import work_off
 from evs.msgs import EvsError
 
 BOX = {"a": (0.1, 100.0), "b": (0.01, 10.0)}
@@ -59,21 +58,6 @@ def test_limits_both_ways_round() -> None:
     assert limit(lambda _: False, 1.0, 100.0, 5) is None
     with pytest.raises(EvsError, match="nothing to halve"):
         limit(lambda _: True, 1.0, 1.0, 5)
-
-
-def _square(number: int) -> int:
-    return number * number
-
-
-def test_work_may_make_more_work() -> None:
-    todo, values = [1, 2], {}
-    for unit, value in work_off(todo, _square):
-        values[unit] = value
-        if unit < 10:
-            todo.append(10 * unit)
-    assert values == {1: 1, 2: 4, 10: 100, 20: 400}
-    with pytest.raises(EvsError, match="jobs is 0"):
-        list(work_off([1], _square, 0))
 
 
 def test_results_are_taken_up_again(tmp_path: Path) -> None:

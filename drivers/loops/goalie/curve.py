@@ -14,7 +14,7 @@ import numpy as np
 from evs.drivers.loops.goalie import TRACKERS
 from evs.drivers.loops.goalie.shots import SAVES_M, Goal
 from evs.drivers.loops.results import Results
-from evs.drivers.loops.work import work_off
+from evs.drivers.runner import work_off
 
 SLOWEST_M_S, FASTEST_M_S = 1.0, 64.0
 

@@ -17,7 +17,7 @@ from evs.drivers.loops.pencil.arena import Arena, Trial
 from evs.drivers.loops.pencil.balance import Gains
 from evs.drivers.loops.results import Results
 from evs.drivers.loops.search import Budget, cross_entropy
-from evs.drivers.loops.work import work_off
+from evs.drivers.runner import work_off
 
 BOX = {"fast": (1.2, 8.0), "slow": (0.1, 1.5), "observer_hz": (1.0, 100.0), "lag_ms": (0.1, 20.0)}
 """Field of Gains -> where it is searched."""
