@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -63,39 +64,48 @@ class Durations:
         return 0.0
 
 
+class _Hands(threading.local):
+    """What a stopwatch knows of the tick that a thread is in."""
+
+    def __init__(self) -> None:
+        self.tick: dict[str, float] = {}
+        self.last_s = 0.0
+
+
 class StopWatch:
     """Per-stage, per-tick times. It is the Meter that the emulator laps.
 
     begin_tick, any number of laps (a stage may be lapped more than once a tick), end_tick.
-    Time between end_tick and begin_tick belongs to nobody.
+    Time between end_tick and begin_tick belongs to nobody. Each thread has a hand of its own; a
+    stage belongs to one thread.
     """
 
     def __init__(self, clock: Callable[[], float] = monotonic_s) -> None:
         self._clock = clock
-        self._last_s = clock()
-        self._tick: dict[str, float] = {}
+        self._hands = _Hands()
         self._stages: dict[str, Durations] = {}
 
     def begin_tick(self) -> None:
         """The tick's first stage starts now."""
-        self._tick = {}
-        self._last_s = self._clock()
+        self._hands.tick = {}
+        self._hands.last_s = self._clock()
 
     def lap(self, stage: str) -> None:
         """The time since the previous lap belongs to `stage`."""
+        hand = self._hands
         now_s = self._clock()
-        self._tick[stage] = self._tick.get(stage, 0.0) + (now_s - self._last_s)
-        self._last_s = now_s
+        hand.tick[stage] = hand.tick.get(stage, 0.0) + (now_s - hand.last_s)
+        hand.last_s = now_s
 
     def skip(self) -> None:
         """The time since the previous lap belongs to nobody (waiting for the pace)."""
-        self._last_s = self._clock()
+        self._hands.last_s = self._clock()
 
     def end_tick(self) -> None:
         """Count the tick. A stage that was not lapped in it has no sample."""
-        for stage, seconds in self._tick.items():
+        for stage, seconds in self._hands.tick.items():
             self._stages.setdefault(stage, Durations()).add(seconds)
-        self._tick = {}
+        self._hands.tick = {}
 
     def stage_ms(self, stages: Iterable[str] = ()) -> dict[str, StageTime]:
         """Median and 99th percentile, ms per tick: `stages` in their order, then all others."""

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from threading import Lock
 from typing import Any
 
 import numpy as np
 
-from evs.emulator.camera_plan import CameraPlan, free_name, plain_plan
-from evs.emulator.config import RenderConfig, SceneConfig
+from evs.emulator.camera_plan import CameraPlan, free_name, is_unlit, plain_plan
+from evs.emulator.config import SceneConfig
+from evs.emulator.lit import Lit
 from evs.emulator.optics import camera_info
 from evs.emulator.pixels import DoneTick, Pixels
 from evs.emulator.pose import pose_message
@@ -75,6 +77,7 @@ class Camera:
         the run's whole configuration, if there is one beyond the plan.
         """
         self._plan, self._place, self._meter = plan, place, meter or NoMeter()
+        self._tracing = Lock()
         sensor = resolve_sensor(plan.sensor)
         self._size = (int(sensor.width), int(sensor.height))
         self._stand(world, scene)
@@ -122,6 +125,7 @@ class Camera:
         self._imu_seq = 0
         self.frames, self.imu_packet = (), None
         self._luminance: F32 | None = None
+        self._traced = 0.0
         self._t_us: int | None = None
         self._forget_instants()
         self._seq = self._seen = 0
@@ -212,7 +216,7 @@ class Camera:
         if ticks:
             self._warm_up(snapshot, ticks)
         # the first tick has no events, so it may begin anywhere before its end
-        self._see(snapshot, snapshot.t_us - (self._info.tick_us if ticks else 1))
+        self._see(self.light(snapshot), snapshot.t_us - (self._info.tick_us if ticks else 1))
         self._pixels.finish()
 
     def _warm_up(self, snapshot: SceneSnapshot, ticks: int) -> None:
@@ -228,6 +232,31 @@ class Camera:
 
         One packet; with model.chunk over 1 none, or those of all ticks of the chunk.
         """
+        self._check_time(snapshot)
+        return self.observe_light(self.light(snapshot))
+
+    def light(self, snapshot: SceneSnapshot, into: F32 | None = None) -> Lit:
+        """What falls on the sensor at `snapshot`: the half of `observe` that remembers no event.
+
+        May be called in another thread than the rest, ahead of it, snapshot by snapshot. In: into,
+        (h, w) where to copy the light to; without it, it is valid until the next call.
+        """
+        pose = snapshot.cameras[self._place]
+        with self._tracing:
+            luminance = self._renderer.render(snapshot, pose)
+            traced = float(self._renderer.traced_fraction)
+        if into is not None:
+            np.copyto(into, luminance)
+            luminance = into
+        self._meter.lap("render")
+        return Lit(snapshot, pose, luminance, traced)
+
+    def observe_light(self, lit: Lit) -> tuple[EventPacket, ...]:
+        """The other half of `observe`: the events from the last light to this."""
+        return self._packets(self._see(lit, self._check_time(lit.snapshot)))
+
+    def _check_time(self, snapshot: SceneSnapshot) -> int:
+        """Where the tick that ends at `snapshot` begins, us. EvsError where it cannot."""
         begin_us = self._t_us
         if begin_us is None:
             raise EvsError("the camera has no reference yet: call start with the first snapshot")
@@ -236,7 +265,7 @@ class Camera:
                 f"time went from {begin_us} us to {snapshot.t_us} us, so there is nothing between: "
                 "step the physics first, or call reset() after a reset"
             )
-        return self._packets(self._see(snapshot, begin_us))
+        return begin_us
 
     def finish(self) -> tuple[EventPacket, ...]:
         """The packets of ticks that wait for the rest of their chunk, without it."""
@@ -261,13 +290,12 @@ class Camera:
         self.events += len(tick.events)
         return packet
 
-    def _see(self, snapshot: SceneSnapshot, begin_us: int) -> list[DoneTick]:
-        pose = snapshot.cameras[self._place]
+    def _see(self, lit: Lit, begin_us: int) -> list[DoneTick]:
+        snapshot, pose = lit.snapshot, lit.pose
         self._previous, self._now = self._now, (snapshot, pose)
         self._seen += 1
-        self._luminance = self._renderer.render(snapshot, pose)
-        self._meter.lap("render")
-        ticks = self._pixels.see(self._luminance, begin_us, snapshot.t_us)
+        self._luminance, self._traced = lit.luminance, lit.traced_fraction
+        ticks = self._pixels.see(lit.luminance, begin_us, snapshot.t_us)
         self._see_more(snapshot, pose, begin_us)
         self._t_us = snapshot.t_us
         self._meter.lap("sensor")
@@ -304,7 +332,8 @@ class Camera:
         """
         if self._now is None:
             raise EvsError("the camera has seen nothing yet: step the world first")
-        truth = self._renderer.ground_truth(*self._now, self._previous)
+        with self._tracing:
+            truth = self._renderer.ground_truth(*self._now, self._previous)
         return replace(truth, t_us=truth.t_us + self._start_us)
 
     @property
@@ -363,15 +392,4 @@ class Camera:
     @property
     def traced_fraction(self) -> float:
         """Share of the pixels that the last tick traced, 0 ... 1."""
-        return float(self._renderer.traced_fraction)
-
-
-def is_unlit(scene: SceneModel, render: RenderConfig) -> bool:
-    """Whether neither a light nor a glowing surface is left; a sky lights nothing."""
-    for light in scene.lights:
-        colours = (*light.ambient, *light.diffuse, *light.specular, light.intensity)
-        if any(colours) and (render.headlight == "model" or not light.headlight):
-            return False
-    return not any(
-        surface.emission > 0.0 or surface.emissive_map >= 0 for surface in scene.surfaces
-    )
+        return self._traced

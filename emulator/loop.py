@@ -274,6 +274,11 @@ class World:
         """
         if ctrl is not None:
             self._given = check_control(ctrl, self.model.nu, "step(ctrl)")
+        snapshot = self.advance()
+        return tuple(packet for camera in self._cameras for packet in camera.observe(snapshot))
+
+    def advance(self) -> SceneSnapshot:
+        """The physics of one tick, which no camera has seen yet: the first half of `step`."""
         self._start_cameras()
         values = self._given
         if values is None:
@@ -286,7 +291,7 @@ class World:
         for view in self._views:
             view.move(snapshot)
         self._meter.lap("world")
-        return tuple(packet for camera in self._cameras for packet in camera.observe(snapshot))
+        return snapshot
 
     def reset(self, seed: int | None = None, keyframe: str = "") -> None:
         """Back to the beginning, whatever happened before: time, physics, pixels and counters.

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from evs.msgs import Events, EvsError, Frame, ImuPacket
+from evs.msgs import EVENT_DTYPE, Events, EvsError, Frame, ImuPacket
 
 MAX_START_US = 2**52
 """In the year 2112 as a Unix time; the sum with the longest run is far inside int64."""
@@ -30,7 +30,8 @@ def later_events(events: Events, by_us: int) -> Events:
     """The events `by_us` later; they themselves where that is 0."""
     if not by_us:
         return events
-    moved: Events = np.array(events)
+    # as bytes: numpy's copy of fields would leave garbage in the padding
+    moved: Events = np.ascontiguousarray(events).view(np.uint8).copy().view(EVENT_DTYPE)
     moved["t"] += by_us
     return moved
 

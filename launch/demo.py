@@ -44,8 +44,6 @@ WINDOW_US = 4000
 SUBSCRIBER_S = 30.0
 """how long the second process may take to come"""
 
-"""where the commands to try next publish"""
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -129,19 +127,22 @@ def _emulate(
     from evs.drivers.checkup.counter import Counter
     from evs.drivers.pace import Pacer, StopWatch
     from evs.drivers.pictures import LightLog
+    from evs.drivers.pipeline.open_loop import open_world
     from evs.drivers.pipeline.paces import PACES
     from evs.drivers.pipeline.report import COMPLETE, write_report
     from evs.drivers.pipeline.run import run as run_loop
     from evs.drivers.pipeline.run import tick_count
-    from evs.emulator import World
     from evs.launch import terminal
 
     watch = StopWatch()
-    world = World.from_config(config.emulation(), meter=watch)
     light = LightLog.for_clip(config.scene.tick_us, lambda world: world.cameras[0].luminance)
     ticks = tick_count(config.duration_s, config.scene.tick_us)
     tables = config.sinks()
-    with Counter(str(tables[0].address)) as counter, terminal.progress(ticks) as moved:
+    with (
+        Counter(str(tables[0].address)) as counter,
+        open_world(config, watch) as world,
+        terminal.progress(ticks) as moved,
+    ):
         report = run_loop(
             world,
             [pipeline.make_sink(table) for table in tables],

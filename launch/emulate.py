@@ -63,11 +63,11 @@ def run(args: argparse.Namespace) -> int:
 def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.drivers.pace import Pacer, StopWatch
+    from evs.drivers.pipeline.open_loop import open_world
     from evs.drivers.pipeline.paces import PACES
     from evs.drivers.pipeline.report import check_targets, report_beside
     from evs.drivers.pipeline.run import run as run_loop
     from evs.drivers.pipeline.run import tick_count
-    from evs.emulator import World
     from evs.launch import terminal
     from evs.launch.keeper import Keeper
 
@@ -81,10 +81,11 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     ticks = tick_count(config.duration_s, config.scene.tick_us)
     sinks = [pipeline.make_sink(table) for table in tables]
     watch = StopWatch()
-    world = World.from_config(config.emulation(), meter=watch)
-
     keep = Keeper(targets)
-    with terminal.progress(ticks, args.quiet) as moved:
+    with (
+        open_world(config, watch) as world,
+        terminal.progress(ticks, args.quiet) as moved,
+    ):
         report = run_loop(
             world,
             sinks,

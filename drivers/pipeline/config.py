@@ -87,6 +87,9 @@ SINK_KEYS = {
 }
 """sink type -> the keys it has; the first is required, but for ros2"""
 
+MAX_AHEAD = 64
+"""ticks; the light of each is kept"""
+
 ASIDE_KEYS = ("aside", "aside_mb", "aside_cores")
 """keys that every sink has"""
 
@@ -120,6 +123,9 @@ class PipelineConfig(RunConfig):
     """true: other machines may listen to it although it has no key"""
     aside: bool = False
     """true: every sink that does not say otherwise runs in a process of its own"""
+    ahead: int = 2
+    """ticks whose physics and light may be made while pixels and sinks work on the present one, on
+    two cores or more; 0: one after the other. The same bytes, and with pace = realtime no later"""
     report: str = ""
     """where to write the run report (JSON); every recording has one beside it anyway"""
 
@@ -205,6 +211,10 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
     if not config.scene.file:
         raise EvsError('no scene: give --scene FILE.xml, or file = "FILE.xml" under [scene]')
     _check_pace(config)
+    if not 0 <= config.ahead <= MAX_AHEAD:
+        raise EvsError(
+            f"at ahead: {config.ahead} ticks; give 0 (one after the other) ... {MAX_AHEAD}"
+        )
     for key in ("wait_for", "control", "key", "allow", "insecure"):
         if getattr(config, f"publish_{key}") and not config.publish:
             raise EvsError(f"at publish_{key}: of no use without publish (--publish ADDRESS)")

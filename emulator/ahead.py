@@ -1,0 +1,158 @@
+"""Ahead: physics and light of the next ticks are made while pixels and sinks work on this one.
+
+Light does not depend on events unless a controller closes the loop, so in an open loop the two
+halves of a tick may overlap. The packets are the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from queue import Full, Queue
+from threading import Event, Thread
+from typing import Protocol
+
+import numpy as np
+
+from evs.emulator.camera import Camera
+from evs.emulator.lit import Lit
+from evs.emulator.loop import World
+from evs.emulator.scene import F32
+from evs.msgs import EventPacket, EvsError
+
+_LOOK_S = 0.1
+"""how often the thread looks whether it is wanted any more, while its light waits"""
+
+
+class TickMeter(Protocol):
+    """A Meter that is told where ticks begin and end, in each thread for itself."""
+
+    def begin_tick(self) -> None:
+        """The thread's next tick starts now."""
+
+    def end_tick(self) -> None:
+        """It is over."""
+
+
+@dataclass(frozen=True)
+class _Tick:
+    """The light of one tick, for each camera; or why there is none."""
+
+    t_us: int = 0
+    lit: tuple[Lit, ...] = ()
+    error: BaseException | None = None
+
+
+class Ahead:
+    """A world whose light is made in a thread of its own, up to `depth` ticks before it is needed.
+
+    It takes the place of the world in a run loop: step, finish, t_us, cameras. The live mujoco data
+    is then of a later tick, so nobody else may step, read or save the world meanwhile.
+    """
+
+    def __init__(self, world: World, ticks: int, meter: TickMeter, depth: int) -> None:
+        """In: ticks, no more than these are made; meter, the one that the world laps."""
+        self._world, self._meter = world, meter
+        self._ticks, self._done = ticks, 0
+        self._t_us = world.t_us
+        # what waits, what is being made and what was last handed out are never in one array
+        depth += max(camera.chunk for camera in world.cameras) - 1
+        self._slots = [_buffers(world.cameras) for _ in range(depth + 2)]
+        self._made: Queue[_Tick] = Queue(depth)
+        self._closing = Event()
+        self._thread: Thread | None = None
+
+    def step(self) -> tuple[EventPacket, ...]:
+        """The packets of the next tick. Raises what physics or renderer raised in it."""
+        if self._thread is None:
+            # cameras take their reference in the first, which is nobody else's yet
+            tick = self._light(self._slots[0])
+            self._thread = Thread(target=self._make, name="evs light", daemon=True)
+            self._thread.start()
+        elif self._done == self._ticks:
+            raise EvsError(f"all {self._ticks} ticks are done: make a longer run of it")
+        else:
+            tick = self._made.get()
+        if tick.error is not None:
+            raise tick.error
+        self._t_us = tick.t_us
+        self._done += 1
+        pairs = zip(self._world.cameras, tick.lit, strict=True)
+        return tuple(packet for camera, lit in pairs for packet in camera.observe_light(lit))
+
+    def finish(self) -> tuple[EventPacket, ...]:
+        """The packets of ticks that wait for the rest of their chunk (model.chunk), without it."""
+        return self._world.finish()
+
+    def close(self) -> None:
+        """End the thread; what it has made beyond the last step is forgotten."""
+        self._closing.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _make(self) -> None:
+        """What the thread does."""
+        for place in range(1, self._ticks):
+            try:
+                self._meter.begin_tick()
+                tick = self._light(self._slots[place % len(self._slots)])
+                self._meter.end_tick()
+            except BaseException as error:  # whatever it is, the run loop has to hear of it
+                tick = _Tick(error=error)
+            if not self._hand_over(tick) or tick.error is not None:
+                return
+
+    def _light(self, slot: list[F32]) -> _Tick:
+        snapshot = self._world.advance()
+        pairs = zip(self._world.cameras, slot, strict=True)
+        lit = tuple(camera.light(snapshot, into) for camera, into in pairs)
+        return _Tick(self._world.start_us + snapshot.t_us, lit)
+
+    def _hand_over(self, tick: _Tick) -> bool:
+        """Whether it is still wanted."""
+        while not self._closing.is_set():
+            try:
+                self._made.put(tick, timeout=_LOOK_S)
+            except Full:
+                continue
+            return True
+        return False
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """All cameras of the world, as they were at the end of the last step."""
+        return self._world.cameras
+
+    @property
+    def t_us(self) -> int:
+        """Simulated time at the end of the last step, us."""
+        return self._t_us
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """As of the world."""
+        return self._world.left_out
+
+    @property
+    def substeps(self) -> object:
+        """As of the world."""
+        return self._world.substeps
+
+
+@contextmanager
+def ahead(world: World, ticks: int, meter: TickMeter, depth: int) -> Iterator[World | Ahead]:
+    """The world, or with `depth` over 0 one whose light is made up to so many ticks ahead."""
+    if depth < 1:
+        yield world
+        return
+    running = Ahead(world, ticks, meter, depth)
+    try:
+        yield running
+    finally:
+        running.close()
+
+
+def _buffers(cameras: Sequence[Camera]) -> list[F32]:
+    """Room for the light of each."""
+    return [np.zeros((one.info.height, one.info.width), np.float32) for one in cameras]
