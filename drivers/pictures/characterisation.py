@@ -8,9 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.pictures.chart import RGB, Chart, Series, diverging, draw_chart
+from evs.drivers.pictures.chart import diverging, draw_chart
 from evs.drivers.pictures.colours import OFF_RGB, ON_RGB, PAPER, U8
+from evs.drivers.pictures.layout import Chart, Series
 from evs.drivers.pictures.lettering import paste, text_line
+from evs.drivers.pictures.pen import RGB
 from evs.drivers.pictures.scales import Scale, decades_around
 from evs.emulator.characterise import Characterisation, Result, SCurve, promised
 from evs.emulator.characterise.fit import normal_cdf

@@ -1,91 +1,59 @@
-"""A chart: lines and points between two axes. Arrays in, a picture out.
-
-It is drawn a few times larger and then made smaller, so that lines and letters are smooth.
-"""
+"""A chart: lines and points between two axes. Arrays in, a picture out."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from evs.drivers.pictures.colours import INK, PAPER, U8
-from evs.drivers.pictures.lettering import font
-from evs.drivers.pictures.scales import Scale
+from evs.drivers.pictures.colours import U8
+from evs.drivers.pictures.labels import Box
+from evs.drivers.pictures.layout import (
+    BOTTOM_PX,
+    LEFT_PX,
+    LETTER_PX,
+    NAME_PX,
+    RIGHT_PX,
+    TITLE_PX,
+    TOP_PX,
+    Chart,
+    Place,
+    Series,
+    frame_of,
+    levels,
+    place_of,
+)
+from evs.drivers.pictures.names import Name, names_of
+from evs.drivers.pictures.pen import FINE, GREY, INK_RGB, PAPER_RGB, RGB, Pen, text_width
 
-FINE = 3
-"""How many times larger a chart is drawn."""
+PICTURE_AT = (LEFT_PX - 58, TOP_PX)
+
+REACHED_PX = 18.0
+"""nearer than this a name is seen to belong to its point"""
 
 LEVELS = 8
 """Shades of each colour of a map: more cannot be told apart, and make files large."""
 
-RGB = tuple[int, int, int]
-GREY: RGB = (120, 120, 120)
 GRID: RGB = (232, 232, 232)
 FAINT_GRID: RGB = (244, 244, 244)
-INK_RGB: RGB = (INK, INK, INK)
-PAPER_RGB: RGB = (PAPER, PAPER, PAPER)
-
-LETTER_PX = 14
-TITLE_PX = 17
-POINT_PX = 4.0
-LEFT_PX, RIGHT_PX, TOP_PX, BOTTOM_PX = 76, 26, 62, 52
-PICTURE_AT = (LEFT_PX - 58, TOP_PX)
-"""Margins of the axes, px."""
-
-
-@dataclass(frozen=True)
-class Series:
-    """Values of y over x: points that were measured, or a line that was promised."""
-
-    x: Sequence[float]
-    y: Sequence[float]
-    colour: RGB
-    label: str = ""
-    """for the legend; empty: it has none"""
-    line: bool = False
-    """a line through them; else points"""
-    error: Sequence[float] = ()
-    """half the length of each point's bar"""
-    ring_px: float = 0.0
-    """points: rings of this radius around other points; 0: discs"""
-
-
-@dataclass(frozen=True)
-class Chart:
-    """What one panel shows."""
-
-    title: str
-    x: Scale
-    y: Scale
-    x_label: str
-    series: Sequence[Series] = ()
-    marks: Sequence[tuple[float, str]] = ()
-    """levels of y that have a dashed line and a word"""
-    empty: str = ""
-    """what to say where there is nothing to show"""
-    picture: U8 | None = None
-    """(h, w, 3) shown in place of the axes"""
-    below: str = ""
-    """words under the picture"""
 
 
 def draw_chart(chart: Chart, width: int, height: int) -> U8:
     """(height, width, 3)."""
     image = Image.new("RGB", (width * FINE, height * FINE), PAPER_RGB)
-    pen = _Pen(ImageDraw.Draw(image))
+    pen = Pen(ImageDraw.Draw(image))
     pen.text((LEFT_PX - 58, 10), chart.title, TITLE_PX, "la", INK_RGB)
-    frame = (LEFT_PX, TOP_PX, width - RIGHT_PX, height - BOTTOM_PX)
+    frame = frame_of(width, height)
     if chart.picture is not None:
         _frame_picture(pen, chart, _picture_size(chart, width, height))
     else:
         _axes(pen, chart, frame)
         for series in chart.series:
             _series(pen, chart, series, frame)
+        for name in names_of(chart, width, height):
+            _write(pen, name)
         _legend(pen, chart)
         if chart.empty:
             middle = (0.5 * (frame[0] + frame[2]), 0.5 * (frame[1] + frame[3]))
@@ -114,91 +82,50 @@ def diverging(share: npt.NDArray[np.float64]) -> U8:
     return np.where(there[..., np.newaxis], mixed, 150.0).astype(np.uint8)
 
 
-class _Pen:
-    """Draws in px of the finished chart."""
-
-    def __init__(self, draw: ImageDraw.ImageDraw) -> None:
-        self._draw = draw
-
-    def line(self, points: Sequence[tuple[float, float]], colour: RGB, width: float) -> None:
-        """Through all of them."""
-        if len(points) > 1:
-            large = [(FINE * x, FINE * y) for x, y in points]
-            self._draw.line(large, colour, max(1, round(FINE * width)), joint="curve")
-
-    def dot(self, at: tuple[float, float], colour: RGB) -> None:
-        """A disc with a little paper around it."""
-        for r, fill in ((POINT_PX + 1.0, PAPER_RGB), (POINT_PX, colour)):
-            self._draw.ellipse(self._box(at, r), fill)
-
-    def ring(self, at: tuple[float, float], radius: float, colour: RGB) -> None:
-        """A circle around a disc."""
-        self._draw.ellipse(self._box(at, radius), outline=colour, width=round(1.6 * FINE))
-
-    def _box(self, at: tuple[float, float], r: float) -> list[float]:
-        return [FINE * (at[0] - r), FINE * (at[1] - r), FINE * (at[0] + r), FINE * (at[1] + r)]
-
-    def text(
-        self, at: tuple[float, float], words: str, size: int, anchor: str, colour: RGB
-    ) -> None:
-        """Anchor as Pillow has it."""
-        place = (FINE * at[0], FINE * at[1])
-        self._draw.text(place, words, colour, font=font(FINE * size), anchor=anchor)
-
-    def width(self, words: str, size: int) -> float:
-        """Of a text, px."""
-        return font(FINE * size).getlength(words) / FINE
-
-
-Frame = tuple[float, float, float, float]
-
-
-def _at(chart: Chart, frame: Frame, x: float, y: float) -> tuple[float, float]:
-    left, top, right, bottom = frame
-    return (
-        left + chart.x.place(x) * (right - left),
-        bottom - chart.y.place(y) * (bottom - top),
-    )
-
-
-def _axes(pen: _Pen, chart: Chart, frame: Frame) -> None:
+def _axes(pen: Pen, chart: Chart, frame: Box) -> None:
     left, top, right, bottom = frame
     for values, vertical in ((chart.x.minor(), True), (chart.y.minor(), False)):
         for value in values:
             _grid_line(pen, chart, frame, value, vertical, FAINT_GRID)
     for value, words in chart.x.ticks():
         _grid_line(pen, chart, frame, value, True, GRID)
-        x = _at(chart, frame, value, chart.y.low)[0]
+        x = place_of(chart, frame, value, chart.y.low)[0]
         pen.text((x, bottom + 6), words, LETTER_PX, "ma", INK_RGB)
     for value, words in chart.y.ticks():
         _grid_line(pen, chart, frame, value, False, GRID)
-        y = _at(chart, frame, chart.x.low, value)[1]
+        y = place_of(chart, frame, chart.x.low, value)[1]
         pen.text((left - 7, y), words, LETTER_PX, "rm", INK_RGB)
     pen.line([(left, top), (left, bottom), (right, bottom)], GREY, 1.0)
     pen.text(((left + right) / 2, bottom + 26), chart.x_label, LETTER_PX, "ma", GREY)
-    for level, words in chart.marks:
-        y = _at(chart, frame, chart.x.low, level)[1]
-        for x in np.arange(left, right, 9.0):
-            pen.line([(x, y), (min(x + 5.0, right), y)], GREY, 1.0)
-        pen.text((right - 2, y - 3), words, LETTER_PX - 1, "rs", GREY)
+    for at, end, (word_at, words, anchor) in levels(chart, frame):
+        _dashes(pen, at, end)
+        pen.text(word_at, words, LETTER_PX - 1, anchor, GREY)
+
+
+def _dashes(pen: Pen, at: Place, end: Place) -> None:
+    length = math.dist(at, end)
+    for begin in np.arange(0.0, length, 9.0):
+        ends = [begin / length, min(begin + 5.0, length) / length]
+        pen.line([(at[0] + s * (end[0] - at[0]), at[1] + s * (end[1] - at[1])) for s in ends],
+                 GREY, 1.0)  # fmt: skip
 
 
 def _grid_line(
-    pen: _Pen, chart: Chart, frame: Frame, value: float, vertical: bool, colour: RGB
+    pen: Pen, chart: Chart, frame: Box, value: float, vertical: bool, colour: RGB
 ) -> None:
     left, top, right, bottom = frame
     if vertical:
-        x = _at(chart, frame, value, chart.y.low)[0]
+        x = place_of(chart, frame, value, chart.y.low)[0]
         pen.line([(x, top), (x, bottom)], colour, 1.0)
     else:
-        y = _at(chart, frame, chart.x.low, value)[1]
+        y = place_of(chart, frame, chart.x.low, value)[1]
         pen.line([(left, y), (right, y)], colour, 1.0)
 
 
-def _series(pen: _Pen, chart: Chart, series: Series, frame: Frame) -> None:
+def _series(pen: Pen, chart: Chart, series: Series, frame: Box) -> None:
     """Points outside the axes are left out, lines end where they leave them."""
     left, top, right, bottom = frame
-    places = [_at(chart, frame, x, y) for x, y in zip(series.x, series.y, strict=True)]
+    places = [place_of(chart, frame, x, y) for x, y in zip(series.x, series.y, strict=True)]
     inside = [
         math.isfinite(x + y) and left - 1 <= x <= right + 1 and top - 1 <= y <= bottom + 1
         for x, y in places
@@ -218,19 +145,23 @@ def _series(pen: _Pen, chart: Chart, series: Series, frame: Frame) -> None:
             continue
         if series.error and math.isfinite(series.error[k]):
             ends = [
-                _at(chart, frame, series.x[k], series.y[k] + sign * series.error[k])
+                place_of(chart, frame, series.x[k], series.y[k] + sign * series.error[k])
                 for sign in (-1.0, 1.0)
             ]
             if all(math.isfinite(y) for _, y in ends):
                 held = [(x, min(max(y, top), bottom)) for x, y in ends]
                 pen.line(held, series.colour, 1.5)
+        if series.x_range:
+            ends = [place_of(chart, frame, x, series.y[k]) for x in series.x_range[k]]
+            if all(math.isfinite(x) for x, _ in ends):
+                pen.line([(min(max(x, left), right), y) for x, y in ends], series.colour, 1.5)
         if series.ring_px:
             pen.ring(place, series.ring_px, series.colour)
         else:
-            pen.dot(place, series.colour)
+            pen.dot(place, series.colour, series.mark)
 
 
-def _legend(pen: _Pen, chart: Chart) -> None:
+def _legend(pen: Pen, chart: Chart) -> None:
     """Under the title, in one row."""
     x, y = LEFT_PX - 58.0, 44.0
     for series in chart.series:
@@ -240,10 +171,19 @@ def _legend(pen: _Pen, chart: Chart) -> None:
             pen.ring((x + series.ring_px, y), series.ring_px, series.colour)
             x += 2.0 * series.ring_px + 5
         else:
-            pen.dot((x + 5, y), series.colour)
+            pen.dot((x + 5, y), series.colour, series.mark)
             x += 14
         pen.text((x, y), series.label, LETTER_PX, "lm", INK_RGB)
-        x += pen.width(series.label, LETTER_PX) + 16
+        x += text_width(series.label, LETTER_PX) + 16
+
+
+def _write(pen: Pen, name: Name) -> None:
+    left, top, right, bottom = name.box
+    x, y = name.at
+    near = (min(max(x, left), right), min(max(y, top), bottom))
+    if math.dist(name.at, near) > REACHED_PX:
+        pen.line([name.at, near], name.colour, 0.7)
+    pen.text((left, 0.5 * (top + bottom)), name.words, NAME_PX, "lm", name.colour)
 
 
 def _picture_size(chart: Chart, width: int, height: int) -> tuple[int, int]:
@@ -256,7 +196,7 @@ def _picture_size(chart: Chart, width: int, height: int) -> tuple[int, int]:
     return max(1, round(columns * factor)), max(1, round(rows * factor))
 
 
-def _frame_picture(pen: _Pen, chart: Chart, size: tuple[int, int]) -> None:
+def _frame_picture(pen: Pen, chart: Chart, size: tuple[int, int]) -> None:
     left, top = PICTURE_AT[0] - 0.5, PICTURE_AT[1] - 0.5
     right, bottom = left + size[0] + 1, top + size[1] + 1
     pen.line([(left, top), (right, top), (right, bottom), (left, bottom), (left, top)], GREY, 1.0)

@@ -10,9 +10,11 @@ import numpy as np
 from evs.drivers.evaluation.pool import Row
 from evs.drivers.evaluation.table import Evaluation
 from evs.drivers.evaluation.verdict import NOTHING, REFERENCE
-from evs.drivers.pictures.chart import RGB, Chart, Series, draw_chart
+from evs.drivers.pictures.chart import draw_chart
 from evs.drivers.pictures.colours import PAPER, U8
+from evs.drivers.pictures.layout import Chart, Series
 from evs.drivers.pictures.lettering import paste, text_line
+from evs.drivers.pictures.pen import RGB
 from evs.drivers.pictures.scales import Scale, decades_around
 
 CHART_PX = (640, 400)

@@ -40,8 +40,8 @@ class Scale:
             return f"0 {self.unit}".strip()
         size = abs(value)
         factor, prefix = next((p for p in _PREFIXES if size >= 0.9999 * p[0]), _PREFIXES[-1])
-        # numbers without a unit, between 0.001 and 1, are easier as they are
-        if not self.unit and 0.00099 < size < 1.0:
+        # numbers without a unit, less than 1, are easier as they are
+        if not self.unit and size < 1.0:
             factor, prefix = 1.0, ""
         return f"{value / factor:.3g} {prefix}{self.unit}".strip()
 
@@ -83,3 +83,18 @@ def decades_around(values: list[float], least: float = 1.0) -> tuple[float, floa
     low = math.floor(math.log10(min(good)) + 1e-9)
     high = math.ceil(math.log10(max(good)) - 1e-9)
     return 10.0**low, 10.0 ** max(high, low + least)
+
+
+def steps_around(values: list[float]) -> tuple[float, float]:
+    """(low, high): 1, 2 or 5 times powers of ten around the positive ones, with room beside them.
+
+    At least a factor of 10 apart.
+    """
+    good = [value for value in values if math.isfinite(value) and value > 0.0]
+    if not good:
+        return 0.1, 10.0
+    below, above = min(good) / 1.15, max(good) * 1.15
+    first, last = math.floor(math.log10(below)), math.ceil(math.log10(above))
+    steps = [m * 10.0**e for e in range(first - 1, last + 2) for m in (1.0, 2.0, 5.0)]
+    low = max(step for step in steps if step <= below)
+    return low, min(step for step in steps if step >= max(above, 9.99 * low))

@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.pictures import U8, write_png
-from evs.drivers.pictures.chart import RGB, Chart, Series, draw_chart
+from evs.drivers.pictures.chart import draw_chart
+from evs.drivers.pictures.layout import Chart, Series
+from evs.drivers.pictures.pen import RGB
 from evs.drivers.pictures.scales import Scale, decades_around
 from evs.drivers.pipeline.report import write_whole
 from evs.drivers.training.export import export

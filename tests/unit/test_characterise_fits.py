@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from evs.drivers.pictures.chart import Chart, Series, diverging, draw_chart
+from evs.drivers.pictures.chart import diverging, draw_chart
+from evs.drivers.pictures.layout import Chart, Series
 from evs.drivers.pictures.scales import Scale, decades_around
 from evs.emulator.characterise import promised
 from evs.emulator.characterise.bench import Bench, corner

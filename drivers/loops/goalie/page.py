@@ -8,7 +8,8 @@ from typing import Any
 from evs.drivers.loops.goalie import TRACKERS
 from evs.drivers.loops.goalie.curve import FASTEST_M_S, SLOWEST_M_S, half_speed
 from evs.drivers.pictures import U8
-from evs.drivers.pictures.chart import Chart, Series, draw_chart
+from evs.drivers.pictures.chart import draw_chart
+from evs.drivers.pictures.layout import Chart, Series
 from evs.drivers.pictures.scales import Scale
 
 COLOURS = {"events": (0, 114, 255), "200 FPS": (30, 30, 30), "60 FPS": (200, 120, 0)}
