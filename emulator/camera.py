@@ -11,24 +11,20 @@ import numpy as np
 
 from evs.emulator.camera_plan import CameraPlan, free_name, is_unlit, plain_plan
 from evs.emulator.config import SceneConfig
+from evs.emulator.light import too_fast
 from evs.emulator.lit import Lit
 from evs.emulator.optics import camera_info
 from evs.emulator.pixels import DoneTick, Pixels
 from evs.emulator.pose import pose_message
 from evs.emulator.saving import Saved, joined, number, numbers, part
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
-from evs.emulator.sensor import (
-    Aps,
-    Imu,
-    completed,
-    resolve_sensor,
-)
+from evs.emulator.sensor import Aps, Imu, completed, resolve_sensor
 from evs.emulator.sensor.beside.imu import ImuState
 from evs.emulator.stages import Meter, NoMeter
 from evs.emulator.stamps import later_events, later_frame, later_imu
 from evs.emulator.truth import GroundTruth
 from evs.emulator.versions import versions
-from evs.emulator.world import BoundCamera, MjModel, gravity_of
+from evs.emulator.world import BoundCamera, MjModel, gravity_of, warn_left_out
 from evs.msgs import (
     EventPacket,
     EvsError,
@@ -53,6 +49,8 @@ class Camera:
     """the model's camera, or what describes it, with its optics"""
     _now: tuple[SceneSnapshot, CameraPose] | None
     _previous: tuple[SceneSnapshot, CameraPose] | None
+    left_out: tuple[str, ...]
+    """one line for each thing that its ticks do not show, with the fix; said as warnings too"""
     frames: tuple[Frame, ...]
     """intensity frames whose read-out ended in the last tick; none unless sensor.aps is enabled"""
     imu_packet: ImuPacket | None
@@ -80,6 +78,7 @@ class Camera:
         self._tracing = Lock()
         sensor = resolve_sensor(plan.sensor)
         self._size = (int(sensor.width), int(sensor.height))
+        self._tick_us = tick_us
         self._stand(world, scene)
         self._pixels = Pixels(
             sensor, plan.model, plan.seed, plan.threads, plan.render.noisy_samples
@@ -200,6 +199,8 @@ class Camera:
         self._world = world
         self.bound, self._renderer = self._plan.stand(world, scene, *self._size)
         self._unlit = is_unlit(scene, self._plan.render)
+        self.left_out = too_fast(scene.lights, self._plan.render, self._tick_us)
+        warn_left_out(self.left_out)
 
     @property
     def started(self) -> bool:

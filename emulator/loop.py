@@ -385,8 +385,9 @@ class World:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """One line for each thing of the model that is not shown; said as warnings at the start."""
-        return self._scene.left_out
+        """One line for each thing that is not shown, with the fix; said as warnings before."""
+        lines = (line for camera in self._cameras for line in camera.left_out)
+        return (*self._scene.left_out, *dict.fromkeys(lines))
 
     @property
     def cameras(self) -> tuple[Camera, ...]:

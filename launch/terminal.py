@@ -154,6 +154,7 @@ def facts(report: Report) -> list[tuple[str, str]]:
         ("real-time factor", f"{report.real_time_factor:.3g}"),
         ("events", f"{report.events:,} ({_si(rate)} events per simulated second)"),
         ("events dropped", _dropped(report)),
+        *([("values replaced", f"{report.clamps:,}")] if report.clamps else []),
         ("packets", f"{report.packets:,}"),
         ("physics", report.substeps),
         ("pixels traced", f"{100 * report.traced_fraction:.3g} %"),

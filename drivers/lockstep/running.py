@@ -234,9 +234,8 @@ class LoopWithSinks:
                 self.failure = error
         self.account.take(packets)
         self.account.tick()
-        if self.account.ticks == 1:
-            for line in self.account.dark():
-                self._warn(line)
+        for line in self.account.news():
+            self._warn(line)
         watch.lap("sink")
         watch.end_tick()
         # the step's next tick, if it has one

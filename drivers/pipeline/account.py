@@ -102,6 +102,7 @@ class Account:
         self.events: dict[str, int] = {}
         """of each camera"""
         self._traced = 0.0
+        self._told_clamps = set[str]()
         self.totals = Totals(self._counts)
 
     def tick(self) -> None:
@@ -116,14 +117,28 @@ class Account:
             self.events[packet.camera] = self.events.get(packet.camera, 0) + len(packet)
         self.packets += len(packets)
 
-    def dark(self) -> list[str]:
-        """A line for each camera that sees nothing lit."""
-        return [
-            f"camera '{camera.info.camera}' sees nothing lit, the picture is dark: give "
-            "the scene a light, or use its headlight (render.headlight=model)"
-            for camera in self._world.cameras
-            if camera.is_dark
-        ]
+    def news(self) -> list[str]:
+        """Lines that a user should be told now, each once a camera: ask after every tick.
+
+        After the first, that a camera sees nothing lit; later, that values had to be replaced.
+        """
+        lines = []
+        for camera in self._world.cameras:
+            name = camera.info.camera
+            if self.ticks == 1 and camera.is_dark:
+                lines.append(
+                    f"camera '{name}' sees nothing lit, the picture is dark: give "
+                    "the scene a light, or use its headlight (render.headlight=model)"
+                )
+            if camera.clamps and name not in self._told_clamps:
+                self._told_clamps.add(name)
+                lines.append(
+                    f"camera '{name}': {camera.clamps:,} values of tick {self.ticks:,} were "
+                    "impossible and were replaced or cut (light that is negative, NaN or infinite; "
+                    "a network's change or membrane out of its range); the report's clamps counts "
+                    "them: look for a material or a light that is far too strong"
+                )
+        return lines
 
     def report(
         self,

@@ -161,9 +161,8 @@ class _Loop:
                 self.wall_seconds = monotonic_s() - start_s
                 for observer in observers:
                     observer(self.done, self.world, packets)
-                if self.done == 1:
-                    for line in self.account.dark():
-                        self._warn(line)
+                for line in self.account.news():
+                    self._warn(line)
                 if progress is not None:
                     sofar = sum(self.account.events.values())
                     where = (self.done, ticks, self.sim_seconds, sofar, self.wall_seconds)

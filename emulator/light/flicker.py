@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from evs.emulator.config import FlickerConfig
+from evs.emulator.config import FlickerConfig, RenderConfig
 from evs.emulator.scene import F32, Light, SceneSnapshot
 from evs.msgs import EvsError, unknown
 
@@ -48,6 +48,36 @@ class Flicker:
             [1.0 if table is None else mean(table, begin_us, end_us) for table in self._tables],
             np.float32,
         )
+
+
+def too_fast(lights: Sequence[Light], config: RenderConfig, tick_us: int) -> tuple[str, ...]:
+    """One line for each table whose light pulses faster than half the ticks: what is lost, the fix.
+
+    By the sampling theorem; what the mean over a tick leaves of such a pulse beats with the ticks.
+    """
+    lit = {light.name for light in lights if config.headlight == "model" or not light.headlight}
+    own = {table.light for table in config.flicker}
+    return tuple(
+        f"light '{table.light}' pulses {pulse_hz(table):g} times a second, over half of the "
+        f"{1e6 / tick_us:g} ticks: a tick sees the mean, so the pulses give no events and what is "
+        f"left of them may beat; {_shorter(table)}"
+        for table in config.flicker
+        if (table.light in lit or (table.light == EVERY and lit - own))
+        and table.depth > 0.0
+        and not (table.waveform == "pwm" and table.duty == 1.0)
+        and 2.0 * pulse_hz(table) * tick_us > 1e6
+    )
+
+
+def pulse_hz(table: FlickerConfig) -> float:
+    """How often the light itself pulses."""
+    return table.hz * (2.0 if table.waveform == "mains" else 1.0)
+
+
+def _shorter(table: FlickerConfig) -> str:
+    """What would show it."""
+    longest = int(0.5e6 / pulse_hz(table))
+    return f"give scene.tick_us={longest} or less" if longest else "no tick is short enough"
 
 
 def mean(table: FlickerConfig, begin_us: int, end_us: int) -> float:

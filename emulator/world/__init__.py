@@ -19,7 +19,7 @@ from evs.emulator.world.digest import digest_of
 from evs.emulator.world.extraction import extract_scene, visible_geoms
 from evs.emulator.world.gauges import Gauges
 from evs.emulator.world.kinematics import gravity_of
-from evs.emulator.world.left_out import LeftOutWarning
+from evs.emulator.world.left_out import LeftOutWarning, warn_left_out
 from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model, load_spec
 from evs.emulator.world.named_sensors import NamedSensors, add_joint_sensors
 from evs.emulator.world.physics import Physics
@@ -56,4 +56,5 @@ __all__ = [
     "load_spec",
     "make_control",
     "visible_geoms",
+    "warn_left_out",
 ]

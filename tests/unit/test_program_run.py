@@ -27,7 +27,7 @@ class FakeCamera:
         )  # fmt: skip
         self.traced_fraction = 0.25
         self.is_dark = dark
-        self.clamps = 3
+        self.clamps = 0
         self.events_dropped: dict[str, int] = {}
         self.events_waiting = 0
         self.frames: tuple[Frame, ...] = ()
@@ -101,6 +101,7 @@ def full_disk() -> OSError:
 
 def test_a_whole_run() -> None:
     world, diary = FakeWorld(("a", "b")), list[str]()
+    world.cameras[0].clamps = world.cameras[1].clamps = 3
     sinks = [FakeSink("one", diary), FakeSink("two", diary)]
     watch = StopWatch()
     world.meter = watch
@@ -137,7 +138,10 @@ def test_a_whole_run() -> None:
     assert [camera["events"] for camera in report.cameras] == [42, 42]
     assert report.cameras[0]["camera_info"] == {"k": [1.0] * 9}
     assert [said["type"] for said in report.sinks] == ["one", "two"]
-    assert report.warnings == []
+    # each camera's once, when they begin
+    assert [line[:33] for line in report.warnings] == [
+        f"camera '{name}': 3 values of tick 1" for name in "ab"
+    ]
     assert kept == [report]
     for sink in sinks:
         assert [p.seq for p in sink.packets] == [k for k in range(21) for _ in "ab"]
