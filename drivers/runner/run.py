@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,13 +28,15 @@ def run_jobs(
     on_share: Callable[[JobT, float], None] = lambda _job, _share: None,
     on_lost: Callable[[str], None] = warnings.warn,
     stopped: Callable[[], bool] = lambda: False,
+    then: Callable[[JobT], Iterable[JobT]] = lambda _job: (),
 ) -> Ran:
     """Make the jobs whose `target/name` is not there yet. The same bytes, whoever makes them.
 
     In: workers, processes that work at once, 1: this one does; threads, of each job, 0: its share
     of the cores; on_done, told each job when it is there, and whether it is new; on_share, told how
     far a running job is, 0 ... 1; on_lost, told a line when a worker dies and its job is made
-    elsewhere; stopped, asked before each job: those that run are still brought home.
+    elsewhere; stopped, asked before each job: those that run are still brought home; then, the
+    jobs that can be made now that this one is there, which go before others.
     Raises EvsError, which names the job; the jobs that arrived before stay.
     """
     check_names(job.name for job in jobs)
@@ -45,14 +47,31 @@ def run_jobs(
         lost.append(line)
         on_lost(line)
 
-    todo, kept = [], 0
-    for job in jobs:
-        if goal.has(job.name):
-            on_done(job, False)
-            kept += 1
-        else:
-            todo.append(job)
-    made = 0
+    todo: list[JobT] = []
+    known, made, kept = list(jobs), 0, 0
+
+    def ready(job: JobT) -> Iterable[JobT]:
+        """The jobs that follow one which is there, none of them known before."""
+        found = list(then(job))
+        known.extend(found)
+        check_names(each.name for each in known)
+        return found
+
+    def todo_of(waiting: Iterable[JobT]) -> list[JobT]:
+        """Those of them, and of what follows them, that are not there."""
+        nonlocal kept
+        rest, missing = list(waiting), []
+        while rest:
+            job = rest.pop(0)
+            if goal.has(job.name):
+                on_done(job, False)
+                kept += 1
+                rest[:0] = ready(job)
+            else:
+                missing.append(job)
+        return missing
+
+    todo += todo_of(jobs)
     if todo:
         with (
             goal.making() as making,
@@ -74,7 +93,8 @@ def run_jobs(
                 shutil.rmtree(folder, ignore_errors=True)
                 made += 1
                 on_done(job, True)
-    return Ran(made, kept, len(jobs) - made - kept, tuple(lost))
+                todo[:0] = todo_of(ready(job))
+    return Ran(made, kept, len(known) - made - kept, tuple(lost))
 
 
 @dataclass(frozen=True)

@@ -58,6 +58,32 @@ def test_what_is_there_is_kept_and_the_rest_is_made(tmp_path: Path) -> None:
     assert run_jobs(todo, tmp_path) == Ran(0, 4, 0)
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_job_that_follows_another_is_made_once_that_one_is_there(
+    tmp_path: Path, workers: int
+) -> None:
+    """A chain, of which two links are there already, beside jobs that wait for nothing."""
+
+    def then(job: jobs.Noise) -> list[jobs.Noise]:
+        assert (tmp_path / job.name).is_dir()
+        return [jobs.Noise(job.number + 1)] if job.number < 4 else []
+
+    run_jobs([jobs.Noise(0), jobs.Noise(1)], tmp_path)
+    said: list[str] = []
+    ran = run_jobs(
+        [jobs.Noise(0), jobs.Noise(7)],
+        tmp_path,
+        workers=workers,
+        on_done=lambda job, is_new: said.append(job.name),
+        then=then,
+    )
+    assert ran == Ran(4, 2, 0)
+    assert sorted(said) == [f"noise/{number:03d}" for number in (0, 1, 2, 3, 4, 7)]
+    if workers == 1:
+        # what others wait for goes first
+        assert said[-1] == "noise/007"
+
+
 def test_a_file_of_the_jobs_name_arrives_itself(tmp_path: Path) -> None:
     shares: list[tuple[str, float]] = []
     todo = [jobs.One("00001.npz")]
