@@ -14,8 +14,15 @@ def _light() -> tuple[Extreme, ...]:
     return EXTREMES
 
 
+def _sensor() -> tuple[Extreme, ...]:
+    from evs.drivers.extremes.sensor import EXTREMES
+
+    return EXTREMES
+
+
 _LOADERS: dict[str, Callable[[], tuple[Extreme, ...]]] = {
     "light": _light,
+    "sensor": _sensor,
 }
 
 GROUPS = tuple(_LOADERS)

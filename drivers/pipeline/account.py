@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 from evs.drivers.pace import StopWatch
+from evs.drivers.pipeline.doubts import doubts
 from evs.drivers.pipeline.outlets import Beside
 from evs.drivers.pipeline.report import STAGES, Report, versions
 from evs.msgs import EventPacket
@@ -120,11 +121,14 @@ class Account:
     def news(self) -> list[str]:
         """Lines that a user should be told now, each once a camera: ask after every tick.
 
-        After the first, that a camera sees nothing lit; later, that values had to be replaced.
+        After the first, that a camera sees nothing lit, and which of its settings are hardly meant;
+        later, that values had to be replaced.
         """
         lines = []
         for camera in self._world.cameras:
             name = camera.info.camera
+            if self.ticks == 1:
+                lines += doubts(name, camera.info.config)
             if self.ticks == 1 and camera.is_dark:
                 lines.append(
                     f"camera '{name}' sees nothing lit, the picture is dark: give "

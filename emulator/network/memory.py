@@ -30,3 +30,15 @@ def check_dense(weights: Network, width: int, height: int) -> None:
             f"{free_gb:.3g} GB are free: use a smaller sensor, a network of fewer channels, or "
             "runtime native with a network without biases, which keeps only what moves"
         )
+
+
+def check_growth(more_bytes: int, t_us: int, width: int, height: int) -> None:
+    """Raise EvsError where what moves up to t_us is more than the memory that is free."""
+    needed_gb = more_bytes / 1e9
+    _, free_gb = memory_gb()
+    if needed_gb > free_gb:
+        raise EvsError(
+            f"what moves up to {t_us} us of {width}x{height} px is {needed_gb:.3g} GB of network "
+            f"state; {free_gb:.3g} GB are free: use a smaller sensor, a network of fewer channels, "
+            "or model plain"
+        )

@@ -14,6 +14,7 @@ import numpy as np
 
 from evs.emulator import _core
 from evs.emulator.network.decay import decay_tables
+from evs.emulator.network.memory import check_growth
 from evs.emulator.network.state import NetworkState, check_arrays
 from evs.emulator.network.weights import TAPS, NetworkWeights
 from evs.emulator.scene import F32
@@ -115,7 +116,10 @@ class NativeRuntime:
         """
 
         def grow(rows: int) -> F32:
-            larger = np.zeros((self._capacity(rows), self._array.row_floats), np.float32)
+            shape = (self._capacity(rows), self._array.row_floats)
+            # the system would grant it, and end the process when it is filled
+            check_growth(4 * shape[0] * shape[1], begin_us, *self._shape[::-1])
+            larger = np.zeros(shape, np.float32)
             larger[: len(state.arrays["fifo"])] = state.arrays["fifo"]
             state.arrays["fifo"] = larger
             return larger

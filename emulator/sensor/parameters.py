@@ -25,8 +25,8 @@ WHITE_DN = 255.0
 # lowest and highest value that makes sense, both allowed; the width of the ranges keeps every
 # intermediate of the log map a normal float32
 _RANGES = {
-    "pos_thres": (0.01, 20.0),
-    "neg_thres": (0.01, 20.0),
+    "pos_thres": (0.001, 20.0),
+    "neg_thres": (0.001, 20.0),
     "sigma_thres": (0.0, 10.0),
     "linlog_dn": (math.nextafter(1.0, 2.0), 1e6),
     "log_eps": (1e-9, 1e3),

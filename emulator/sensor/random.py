@@ -7,12 +7,15 @@ last bit between instruction sets, so the two series below stand in for them.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from enum import IntEnum
 
 import numpy as np
 import numpy.typing as npt
 
 _LN2 = 0.6931471805599453
+_PIXELS_AT_ONCE = 8192
+"""64 kB a temporary array"""
 
 F64 = npt.NDArray[np.float64]
 U64 = npt.NDArray[np.uint64]
@@ -53,12 +56,12 @@ def pixel_normals(seed: int, term: Term, width: int, height: int) -> F64:
 
     A pixel's number does not depend on the size of the sensor. Seeds count modulo 2^64.
     """
-    return _normals(*_pixel_bits(seed, term, width, height))
+    return _by_rows(lambda rows: _normals(*_pixel_bits(seed, term, width, rows)), width, height)
 
 
 def pixel_uniforms(seed: int, term: Term, width: int, height: int) -> F64:
     """One number of [0, 1) per pixel, (height, width) float64, as pixel_normals."""
-    return _uniform(_pixel_bits(seed, term, width, height)[0])
+    return _by_rows(lambda rows: _uniform(_pixel_bits(seed, term, width, rows)[0]), width, height)
 
 
 def indexed_normals(
@@ -95,10 +98,20 @@ def _key(seed: int, term: npt.ArrayLike) -> U64:
     return _hash(np.array([seed % 2**64], np.uint64), number + np.uint64(1))
 
 
-def _pixel_bits(seed: int, term: Term, width: int, height: int) -> tuple[U64, U64]:
-    rows = np.arange(height, dtype=np.uint64)[:, np.newaxis]
+def _by_rows(draw: Callable[[range], F64], width: int, height: int) -> F64:
+    """(height, width) of some rows at a time: what lies between stays in the cache."""
+    out = np.empty((height, width))
+    step = max(1, _PIXELS_AT_ONCE // width)
+    for first in range(0, height, step):
+        rows = range(first, min(first + step, height))
+        out[rows.start : rows.stop] = draw(rows)
+    return out
+
+
+def _pixel_bits(seed: int, term: Term, width: int, rows: range) -> tuple[U64, U64]:
+    lines = np.arange(rows.start, rows.stop, dtype=np.uint64)[:, np.newaxis]
     columns = np.arange(width, dtype=np.uint64)[np.newaxis, :]
-    counter = (rows << np.uint64(32)) | (columns << np.uint64(1))
+    counter = (lines << np.uint64(32)) | (columns << np.uint64(1))
     key = _key(seed, term)
     return _hash(key, counter + np.uint64(1)), _hash(key, counter + np.uint64(2))
 

@@ -11,8 +11,8 @@
 // In one microsecond the order is: blindness ends, levels, noise. Noise is lost while the pixel is
 // blind, not any more in the microsecond in which that ends. No stamp is before the one before it.
 //
-// References are float64 and multiples of 2^-43, and so are float32 thresholds from 2^-8 on and the
-// leak of a microsecond: adding and subtracting them is exact below 2^10, and a day of events
+// References are float64 and multiples of 2^-43, and so are float32 thresholds from 2^-20 on and
+// the leak of a microsecond: adding and subtracting them is exact below 2^10, and a day of events
 // drifts by nothing. In a tick they are told as they would be at its start, r + drift t / tick:
 // there levels stand still, and the signal moves by v = (to - from) + drift. The signal of an
 // instant is on_grid(from + v (t / tick)); a level is reached if it is within to + drift, so that

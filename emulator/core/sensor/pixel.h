@@ -41,8 +41,8 @@ struct PixelSettings {
 
 // The fixed pattern, row by row. Null: that term is off.
 struct PixelPattern {
-  const float* theta_on = nullptr;   // at least 2^-8
-  const float* theta_off = nullptr;  // at least 2^-8
+  const float* theta_on = nullptr;   // at least 2^-20
+  const float* theta_off = nullptr;  // at least 2^-20
   const float* leak = nullptr;       // log units per us, multiples of 2^-43
   const float* parasitic = nullptr;  // the same, of bright light
   const float* phase = nullptr;      // log units by which the first reference lies below the light

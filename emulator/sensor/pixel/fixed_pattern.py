@@ -17,7 +17,7 @@ from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.random import Term, exp10, pixel_normals, pixel_uniforms
 
 FLOOR = 0.01
-"""No threshold is lower (v2e's floor); over 2^-8, so that the pixel's arithmetic is exact."""
+"""No threshold that is drawn is lower (v2e's floor), but where the mean itself is."""
 
 GRID = 2.0**43
 """References and the leak of a microsecond are multiples of 1 / GRID: core/sensor/comparator.h."""
@@ -48,15 +48,22 @@ class FixedPattern:
     """(h, w) rate of OFF noise in the dark, Hz"""
 
 
+def floor(mean: float) -> float:
+    """The lowest threshold that pixels of this mean may have, log units."""
+    return min(FLOOR, mean)
+
+
 def draw_pattern(sensor: SensorParameters, seed: int) -> FixedPattern:
-    """theta = max(FLOOR, mean + sigma N); rates times 10^(cov N), scaled so that the mean is 1.
+    """theta = max(floor(mean), mean + sigma N); rates times 10^(cov N), so that their mean is 1.
 
     N is standard normal, one number per pixel and term.
     """
     size = (sensor.width, sensor.height)
 
     def threshold(mean: float, term: Term) -> F64:
-        return np.maximum(FLOOR, mean + sensor.sigma_thres * pixel_normals(seed, term, *size))
+        if sensor.sigma_thres == 0.0:
+            return np.full(size[::-1], mean)
+        return np.maximum(floor(mean), mean + sensor.sigma_thres * pixel_normals(seed, term, *size))
 
     def spread(term: Term) -> F64 | float:
         cov = sensor.noise_rate_cov_decades
@@ -103,10 +110,10 @@ def _ease(sensor: SensorParameters, nominal: float, theta: F64) -> F64:
 
 
 def _mean_ease(nominal: float, sigma: float) -> float:
-    """Mean of nominal / max(FLOOR, nominal + sigma N) over standard normal N."""
+    """Mean of nominal / max(floor, nominal + sigma N) over standard normal N."""
     points = [k / 64.0 for k in range(-8 * 64, 8 * 64 + 1)]
     weights = [math.exp(-0.5 * n * n) for n in points]
-    eases = [nominal / max(FLOOR, nominal + sigma * n) for n in points]
+    eases = [nominal / max(floor(nominal), nominal + sigma * n) for n in points]
     mean = math.fsum(w * e for w, e in zip(weights, eases, strict=True)) / math.fsum(weights)
     return round(mean, 9)  # the same on every machine, whose exp may differ in the last bit
 
