@@ -61,7 +61,8 @@ def state_bytes(pixels: int) -> int:
     network = load_network("evsnet_c8")
     if not isinstance(network, NetworkWeights):
         raise EvsError("evsnet_c8 is no network of ours; install evs again")
-    return pixels * 4 * 6 * sum(one.weight.shape[1] for one in network.convolutions)
+    inputs = sum(int(one.weight.shape[1]) for one in network.convolutions)
+    return pixels * 4 * 6 * inputs
 
 
 def _plain(width: int, height: int) -> Callable[[bool], Outcome]:

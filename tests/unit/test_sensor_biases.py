@@ -238,9 +238,9 @@ def test_a_parameter_that_is_given_wins_over_the_biases() -> None:
 def test_a_threshold_under_the_pixels_lowest_tells_that_a_bias_made_it(tmp_path: Path) -> None:
     own = tmp_path / "own.toml"
     text = (_PRESETS / "imx636.toml").read_text()
-    own.write_text(text.replace("pos_thres = 0.223", "pos_thres = 0.011"))
+    own.write_text(text.replace("pos_thres = 0.223", "pos_thres = 0.0011"))
     said = refusal(str(own), bias_diff_on=-85)
-    assert "sensor.pos_thres is 0.00514" in said
+    assert "sensor.pos_thres is 0.000514" in said
     assert "(sensor.biases has changed the preset)" in said
 
 

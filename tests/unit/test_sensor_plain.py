@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from evs.emulator.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
+from evs.emulator.sensor.pixel.fixed_pattern import draw_pattern
+from evs.emulator.sensor.random import Term, pixel_normals
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 
 KNEE = 8.61316967010498
@@ -132,3 +136,16 @@ def test_refusals() -> None:
         model.step(light, model.init(0), 0, 2**28)
     with pytest.raises(EvsError, match="init it anew"):
         model.step(light, PlainState.dark(0, linear_sensor(4, 5)), 0, 1000)
+
+
+def test_no_threshold_is_drawn_below_its_floor_or_its_mean() -> None:
+    for mean, lowest in ((0.2, 0.01), (0.01, 0.01), (0.002, 0.002)):
+        sensor = SensorParameters("test", 40, 30, mean, mean, sigma_thres=0.3)
+        assert draw_pattern(sensor, 1).on.min() == np.float32(lowest)
+    assert np.all(draw_pattern(replace(sensor, sigma_thres=0.0), 1).on == np.float32(0.002))
+
+
+def test_numbers_of_pixels_do_not_depend_on_how_many_rows_are_drawn_at_once() -> None:
+    wide = pixel_normals(3, Term.LEAK_RATE, 3000, 7)
+    assert np.array_equal(wide[:, :40], pixel_normals(3, Term.LEAK_RATE, 40, 7))
+    assert np.array_equal(wide[5:, :1], pixel_normals(3, Term.LEAK_RATE, 1, 9000)[5:7])
