@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.extremes.film import IDEAL, Film, film
+from evs.drivers.extremes.film import IDEAL, Act, Film, film
 from evs.emulator import World
 from evs.emulator.config import SensorConfig
 from evs.emulator.scene import F32, F64
@@ -90,12 +90,14 @@ def curtain(
     ticks: int,
     tables: Mapping[str, Any] | None = None,
     mjcf: str = WALL,
+    watch: Act | None = None,
 ) -> Shown:
     """Draw the curtain in front of a camera. Raises EvsError as film does.
 
     In: left, ticks done -> x of the curtain's left edge, m, OPEN or SHUT; it covers all on the
     right of it, and the camera sees some 1.7 m to either side. `left(0)` holds until the end of the
-    first tick: that light is the reference. tables, of the pipeline.
+    first tick: that light is the reference. tables, of the pipeline; watch, called after each tick,
+    before the curtain moves.
     """
     told = {key: dict(value) if isinstance(value, Mapping) else value
             for key, value in (tables or {}).items()}  # fmt: skip
@@ -105,6 +107,8 @@ def curtain(
     def draw(tick: int, world: World) -> None:
         if tick == 1:
             first.append(world.cameras[0].luminance)
+        if watch is not None and tick:
+            watch(tick, world)
         edge = left(tick)
         world.data.mocap_pos[0] = (0, 9, 0) if edge == OPEN else (edge + 20, 0, 0)
 

@@ -20,9 +20,16 @@ def _sensor() -> tuple[Extreme, ...]:
     return EXTREMES
 
 
+def _network() -> tuple[Extreme, ...]:
+    from evs.drivers.extremes.network import EXTREMES
+
+    return EXTREMES
+
+
 _LOADERS: dict[str, Callable[[], tuple[Extreme, ...]]] = {
     "light": _light,
     "sensor": _sensor,
+    "network": _network,
 }
 
 GROUPS = tuple(_LOADERS)
