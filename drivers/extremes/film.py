@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,7 +87,11 @@ def _film(
     )
     check(config)
     watch = StopWatch()
-    world = World.from_config(config.emulation(), meter=watch)
+    with warnings.catch_warnings(record=True) as loading:
+        warnings.simplefilter("always")
+        world = World.from_config(config.emulation(), meter=watch)
+    if [str(warning.message) for warning in loading] != list(world.left_out):
+        raise EvsError("what is left out is not what was warned of at loading")
     sent: list[Events] = []
     said: list[str] = []
 

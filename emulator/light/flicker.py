@@ -59,8 +59,8 @@ def too_fast(lights: Sequence[Light], config: RenderConfig, tick_us: int) -> tup
     own = {table.light for table in config.flicker}
     return tuple(
         f"light '{table.light}' pulses {pulse_hz(table):g} times a second, over half of the "
-        f"{1e6 / tick_us:g} ticks: a tick sees the mean, so the pulses give no events and what is "
-        f"left of them may beat; {_shorter(table)}"
+        f"{1e6 / tick_us:g} ticks: each tick sees a mean, so the events are not those of the pulses; "
+        f"{_shorter(table)}"
         for table in config.flicker
         if (table.light in lit or (table.light == EVERY and lit - own))
         and table.depth > 0.0

@@ -1,0 +1,114 @@
+"""A wall of glowing plates before a camera without perspective: light that is known to the bit.
+
+A plate is a whole number of pixels wide and the wall moves by whole pixels, so every sample of a
+pixel lies on one plate and its light is the plate's emission.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from evs.drivers.extremes.closed_form import NEAR, counts, seen_counts, untold
+from evs.drivers.extremes.film import Film, film
+from evs.emulator import World
+from evs.emulator.scene import F64
+
+HEIGHT_PX = 8
+"""of the picture; a pixel is 1 m"""
+
+FLASH_PX = 16
+"""width of a picture that shows one plate at a time"""
+
+
+def wall(levels: Sequence[float], plate_px: int, more: str = "") -> str:
+    """MJCF: the plates side by side on a mocap body, the first at its origin.
+
+    In: levels, what each emits; more, what else stands in the world.
+    """
+    materials = "".join(
+        f'<material name="level{k}" rgba="1 1 1 1" emission="{level!r}"/>'
+        for k, level in enumerate(map(float, levels))
+    )
+    plates = "".join(
+        f'<geom type="box" size="{plate_px / 2} {2 * HEIGHT_PX} .25" '
+        f'pos="{(k + 0.5) * plate_px} 0 0" material="level{k}"/>'
+        for k in range(len(levels))
+    )
+    return f"""<mujoco><option timestep="1000"/>
+<visual><headlight active="0"/></visual><asset>{materials}</asset>
+<worldbody><camera name="eye" pos="0 0 9" projection="orthographic" fovy="{HEIGHT_PX}"/>
+<body name="wall" mocap="true">{plates}</body>{more}</worldbody></mujoco>"""
+
+
+def place(world: World, first_px: int) -> None:
+    """Move the wall: the picture's left column shows its column `first_px`."""
+    half_px = world.cameras[0].info.width / 2
+    world.data.mocap_pos[0] = (-half_px - first_px, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A wall that was filmed."""
+
+    film: Film
+    light: F64
+    """(ticks + 1, h, w) what each pixel sees at the end of each tick, by the plates' emissions"""
+    tick_us: int
+
+    @property
+    def wrong(self) -> float:
+        """Events too many or too few in a pixel, tick and polarity, over all; doubtful ones not."""
+        owed, doubtful = counts(self.light)
+        found = seen_counts(
+            self.film.events, len(self.light) - 1, self.tick_us, self.light.shape[1:]
+        )
+        return max(0.0, float(np.abs(found - owed).sum()) - doubtful)
+
+    @property
+    def told(self) -> bool:
+        """Whether every pixel's events add up to its light at the end, within a threshold."""
+        return untold(self.film.events, self.light[0], self.light[-1]) < 1.0 + NEAR
+
+
+def show(
+    levels: Sequence[float],
+    firsts: Sequence[int],
+    width_px: int,
+    plate_px: int = 1,
+    tables: Mapping[str, Any] | None = None,
+    more: str = "",
+    first: Callable[[World], None] | None = None,
+) -> Shown:
+    """Film a wall, whose column firsts[k] is the picture's left one in tick k + 1.
+
+    In: tables, of the pipeline; first, called with the world before anything is seen; the others
+    as of wall. The reference is firsts[0] too.
+    """
+    given = dict(tables or {})
+    given["sensor"] = {"width": width_px, "height": HEIGHT_PX, **given.get("sensor", {})}
+    tick_us = int(given.get("scene", {}).get("tick_us", 1000))
+
+    def act(tick: int, world: World) -> None:
+        if tick == 0 and first is not None:
+            first(world)
+        place(world, firsts[min(tick, len(firsts) - 1)])
+
+    seen = film(wall(levels, plate_px, more), len(firsts) * tick_us / 1e6, given, act)
+    columns = np.repeat(np.asarray(levels, np.float64), plate_px)
+    rows = np.array([columns[first : first + width_px] for first in (firsts[0], *firsts)])
+    light = np.repeat(rows[:, np.newaxis], HEIGHT_PX, 1)
+    return Shown(seen, light, tick_us)
+
+
+def flash(
+    levels: Sequence[float],
+    tables: Mapping[str, Any] | None = None,
+    first: Callable[[World], None] | None = None,
+) -> Shown:
+    """Film light that fills the picture, another in each tick."""
+    firsts = [place * FLASH_PX for place in range(len(levels))]
+    return show(levels, firsts, FLASH_PX, FLASH_PX, tables, first=first)
