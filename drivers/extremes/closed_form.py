@@ -1,4 +1,4 @@
-"""What an ideal pixel must say of light that is known: written anew, in float64, from its definition.
+"""What an ideal pixel must say of known light: written anew, in float64, from its definition.
 
 A pixel fires ON each time its log light is a threshold above its reference, OFF a threshold below,
 and the reference goes along by that threshold.
@@ -24,8 +24,8 @@ NEAR = 1e-3
 log light of up to 21 to 2e-6, a hundredth of it."""
 
 SAME = 1e-6
-"""A step that misses whole thresholds by so little is the way back to light that was there before: it
-is as many thresholds exactly, and the threshold itself is reached."""
+"""A step that misses whole thresholds by so little is the way back to light that was there before:
+it is as many thresholds exactly, and the threshold itself is reached."""
 
 
 def log_light(luminance: F64) -> F64:

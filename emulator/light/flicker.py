@@ -59,7 +59,7 @@ def too_fast(lights: Sequence[Light], config: RenderConfig, tick_us: int) -> tup
     own = {table.light for table in config.flicker}
     return tuple(
         f"light '{table.light}' pulses {pulse_hz(table):g} times a second, over half of the "
-        f"{1e6 / tick_us:g} ticks: each tick sees a mean, so the events are not those of the pulses; "
+        f"{1e6 / tick_us:g} ticks: each tick sees a mean, its events are not the pulses'; "
         f"{_shorter(table)}"
         for table in config.flicker
         if (table.light in lit or (table.light == EVERY and lit - own))

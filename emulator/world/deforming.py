@@ -94,9 +94,11 @@ class Deforming:
 
     def _skin_look(self, skin: int) -> tuple[Rgba, int, bool]:
         material = int(self._model.skin_matid[skin])
-        return shown_rgba(self._model, self._model.skin_rgba[skin], material), material, True
+        rgba, kind = self._model.skin_rgba[skin], mujoco.mjtObj.mjOBJ_SKIN
+        return shown_rgba(self._model, kind, skin, rgba, material), material, True
 
     def _flex_look(self, flex: int) -> tuple[Rgba, int, bool]:
         material = int(self._model.flex_matid[flex])
         textured = bool(self._model.flex_texcoordadr[flex] >= 0)
-        return shown_rgba(self._model, self._model.flex_rgba[flex], material), material, textured
+        rgba, kind = self._model.flex_rgba[flex], mujoco.mjtObj.mjOBJ_FLEX
+        return shown_rgba(self._model, kind, flex, rgba, material), material, textured

@@ -33,6 +33,14 @@ MAP_ROLES = {
 UNSET = (0.5, 0.5, 0.5, 1.0)
 """A geom's rgba that means: take the material's."""
 
+WORDS = {
+    mujoco.mjtObj.mjOBJ_GEOM: "geom",
+    mujoco.mjtObj.mjOBJ_SKIN: "skin",
+    mujoco.mjtObj.mjOBJ_FLEX: "flex",
+    mujoco.mjtObj.mjOBJ_MATERIAL: "material",
+}
+"""What has a colour, as errors call it."""
+
 KTX_MAGIC = bytes([0xAB, 0x4B, 0x54, 0x58])
 """Compressed textures are stored as whole files that begin like this; they are not pixels."""
 
@@ -44,17 +52,23 @@ def is_shown(group: int, rgba: Rgba) -> bool:
 
 def geom_rgba(model: mujoco.MjModel, geom: int) -> Rgba:
     """The colour that MuJoCo shows of a geom."""
-    return shown_rgba(model, model.geom_rgba[geom], int(model.geom_matid[geom]))
+    kind = mujoco.mjtObj.mjOBJ_GEOM
+    return shown_rgba(model, kind, geom, model.geom_rgba[geom], int(model.geom_matid[geom]))
 
 
-def shown_rgba(model: mujoco.MjModel, rgba: npt.ArrayLike, material: int) -> Rgba:
-    """The colour MuJoCo shows: an object's own unless that is unset and it has a material."""
+def shown_rgba(
+    model: mujoco.MjModel, kind: mujoco.mjtObj, index: int, rgba: npt.ArrayLike, material: int
+) -> Rgba:
+    """The colour MuJoCo shows: an object's own unless that is unset and it has a material.
+
+    In: kind and index, whose colour it is.
+    """
     own = tuple(float(value) for value in np.asarray(rgba))
     if own == UNSET and material >= 0:
+        kind, index = mujoco.mjtObj.mjOBJ_MATERIAL, material
         own = tuple(float(value) for value in model.mat_rgba[material])
-    red, green, blue, alpha = (
-        bounded(value, 0.0, 1.0, "a geom's or material's rgba") for value in own
-    )
+    what = f"rgba of {WORDS[kind]} '{name_of(model, kind, index)}'"
+    red, green, blue, alpha = (bounded(value, 0.0, 1.0, what) for value in own)
     return red, green, blue, alpha
 
 

@@ -80,7 +80,8 @@ def _means(hz: float, waveform: str, depth: float, tick_us: int, ticks: int) -> 
         # on for half of each period, at twice the mean
         whole, rest = np.divmod(ends * hz + 1e-9, 1.0)
         integral = (1.0 - depth) * ends + depth * 2.0 * (whole / 2 + np.minimum(rest, 0.5)) / hz
-    return np.diff(integral) / (tick_us * 1e-6)
+    means: F64 = np.diff(integral) / (tick_us * 1e-6)
+    return means
 
 
 def _strobe(short: bool) -> Outcome:
