@@ -9,22 +9,23 @@ from typing import Any
 
 import numpy as np
 
-from evs.emulator.camera_plan import CameraPlan, free_name, is_unlit, plain_plan
+from evs.emulator.beside import Beside
+from evs.emulator.camera_plan import CameraPlan, free_name, identity_of, is_unlit, plain_plan
 from evs.emulator.config import SceneConfig
 from evs.emulator.light import too_fast
 from evs.emulator.lit import Lit
 from evs.emulator.optics import camera_info
 from evs.emulator.pixels import DoneTick, Pixels
+from evs.emulator.plan.scene_plan import ScenePlan, plan_scene
 from evs.emulator.pose import pose_message
 from evs.emulator.saving import Saved, joined, number, numbers, part
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
-from evs.emulator.sensor import Aps, Imu, completed, resolve_sensor
-from evs.emulator.sensor.beside.imu import ImuState
+from evs.emulator.sensor import SensorParameters, completed, resolve_sensor
 from evs.emulator.stages import Meter, NoMeter
-from evs.emulator.stamps import later_events, later_frame, later_imu
+from evs.emulator.stamps import later_events
 from evs.emulator.truth import GroundTruth
 from evs.emulator.versions import versions
-from evs.emulator.world import BoundCamera, MjModel, gravity_of, warn_left_out
+from evs.emulator.world import BoundCamera, MjModel, warn_left_out
 from evs.msgs import (
     EventPacket,
     EvsError,
@@ -33,6 +34,7 @@ from evs.msgs import (
     ImuSamples,
     Pose,
     StreamInfo,
+    clear_causes,
     empty_imu,
     take_labels,
 )
@@ -47,14 +49,12 @@ class Camera:
 
     bound: BoundCamera
     """the model's camera, or what describes it, with its optics"""
+    sensor: SensorParameters
+    """with every value of its preset"""
     _now: tuple[SceneSnapshot, CameraPose] | None
     _previous: tuple[SceneSnapshot, CameraPose] | None
     left_out: tuple[str, ...]
     """one line for each thing that its ticks do not show, with the fix; said as warnings too"""
-    frames: tuple[Frame, ...]
-    """intensity frames whose read-out ended in the last tick; none unless sensor.aps is enabled"""
-    imu_packet: ImuPacket | None
-    """what the IMU said in the last tick; None: nothing, as ever unless sensor.imu is enabled"""
 
     def __init__(
         self,
@@ -76,22 +76,19 @@ class Camera:
         """
         self._plan, self._place, self._meter = plan, place, meter or NoMeter()
         self._tracing = Lock()
-        sensor = resolve_sensor(plan.sensor)
+        self.sensor = sensor = resolve_sensor(plan.sensor)
+        switches = plan.switches
         self._size = (int(sensor.width), int(sensor.height))
         self._tick_us = tick_us
         self._stand(world, scene)
         self._pixels = Pixels(
-            sensor, plan.model, plan.seed, plan.threads, plan.render.noisy_samples
+            sensor, plan.model, plan.seed, plan.threads, plan.render.noisy_samples, switches
         )
         name = free_name(plan.name, self.bound.name, taken)
-        self._aps = (
-            Aps(sensor.aps, *self._size, float(sensor.exposure_dn), name)
-            if sensor.aps.enabled
-            else None
-        )
-        self._imu = Imu(sensor.imu) if sensor.imu.enabled else None
         scene_config = scene_config or SceneConfig(tick_us=tick_us)
         self._start_us = scene_config.start_us
+        self._beside = Beside(sensor, name, switches, self._start_us)
+        self._traces_truth = switches.decide("ground_truth", plan.model.labels)
         if config is None:
             told = replace(scene_config, camera=plan.camera)
             config = {"scene": asdict(told), **plain_plan(replace(plan, name=name))}
@@ -119,10 +116,7 @@ class Camera:
             self._reseed(seed)
         seed = self._plan.seed
         self._pixels.reset(seed)
-        self._aps_state = None if self._aps is None else self._aps.init(seed)
-        self._imu_state = None if self._imu is None else self._imu.init(seed)
-        self._imu_seq = 0
-        self.frames, self.imu_packet = (), None
+        self._beside.reset(seed)
         self._luminance: F32 | None = None
         self._traced = 0.0
         self._t_us: int | None = None
@@ -142,9 +136,8 @@ class Camera:
         begun = [] if self._t_us is None else [self._t_us]
         return {
             **joined(pixels=self._pixels.save()),
-            **(joined(aps=self._aps_state.save()) if self._aps_state is not None else {}),
-            **(joined(imu=self._imu_state.save()) if self._imu_state is not None else {}),
-            **numbers(seq=self._seq, seen=self._seen, imu_seq=self._imu_seq, events=self.events),
+            **self._beside.save(),
+            **numbers(seq=self._seq, seen=self._seen, events=self.events),
             **numbers(instants=(self._now is not None) + (self._previous is not None)),
             "t_us": np.array(begun, np.int64),
         }
@@ -157,9 +150,8 @@ class Camera:
         In: seed, that of the camera that was saved; now and previous, what it saw last and before.
         """
         pixels = self._pixels.restoring(part(saved, "pixels"), seed)
-        aps = None if self._aps is None else self._aps.restore(part(saved, "aps"))
-        imu = None if self._imu is None else ImuState.restore(part(saved, "imu"))
-        counts = [number(saved, name, 0) for name in ("seq", "seen", "imu_seq", "events")]
+        beside = self._beside.restoring(saved)
+        counts = [number(saved, name, 0) for name in ("seq", "seen", "events")]
         instants = number(saved, "instants", 0, 2)
         t_us = saved["t_us"].tolist()
         needed = [now, previous][:instants]
@@ -169,8 +161,8 @@ class Camera:
         def put() -> None:
             self.reset(seed)
             pixels()
-            self._aps_state, self._imu_state = aps, imu
-            self._seq, self._seen, self._imu_seq, self.events = counts
+            beside()
+            self._seq, self._seen, self.events = counts
             self._t_us = t_us[0] if t_us else None
             seen = [(one, one.cameras[self._place]) for one in needed if one is not None]
             self._now, self._previous = (*seen, None, None)[:2]
@@ -182,13 +174,7 @@ class Camera:
     @property
     def identity(self) -> dict[str, Any]:
         """What shapes its events, seed aside, in plain values: where a saved state belongs."""
-        tables = {
-            key: dict(self._info.config[key]) for key in ("camera", "sensor", "render", "model")
-        }
-        for key in ("isa", "incremental"):
-            # the same bytes
-            del tables["render"][key]
-        return {"of": self._plan.camera, **tables, **self._pixels.versions}
+        return {**identity_of(self._plan, self._info.config), **self._pixels.versions}
 
     def refresh(self, world: MjModel, scene: SceneModel) -> None:
         """Look at a changed world through the same pixels: their state stays."""
@@ -196,7 +182,7 @@ class Camera:
         self._stand(world, scene)
 
     def _stand(self, world: MjModel, scene: SceneModel) -> None:
-        self._world = world
+        self._world, self._scene = world, scene
         self.bound, self._renderer = self._plan.stand(world, scene, *self._size)
         self._unlit = is_unlit(scene, self._plan.render)
         self.left_out = too_fast(scene.lights, self._plan.render, self._tick_us)
@@ -276,7 +262,9 @@ class Camera:
         return tuple(self._packet(tick) for tick in ticks)
 
     def _packet(self, tick: DoneTick) -> EventPacket:
-        labelled = self._plan.model.labels
+        labelled = self._plan.model.labels and self._traces_truth
+        if not labelled and self._pixels.features.get("causes"):
+            clear_causes(tick.events)
         packet = EventPacket(
             seq=self._seq,
             time_base_us=tick.begin_us + self._start_us,
@@ -297,25 +285,23 @@ class Camera:
         self._seen += 1
         self._luminance, self._traced = lit.luminance, lit.traced_fraction
         ticks = self._pixels.see(lit.luminance, begin_us, snapshot.t_us)
-        self._see_more(snapshot, pose, begin_us)
+        self._beside.step(lit.luminance, pose, self._world, begin_us, snapshot.t_us)
+        if self._traces_truth and not self._plan.model.labels:
+            # asked for by [plan] alone: nobody takes it
+            self.ground_truth()
         self._t_us = snapshot.t_us
         self._meter.lap("sensor")
         return ticks
 
-    def _see_more(self, snapshot: SceneSnapshot, pose: CameraPose, begin_us: int) -> None:
-        """Frames and IMU of the tick, where they were asked for."""
-        if self._aps is not None and self._aps_state is not None and self._luminance is not None:
-            frames, self._aps_state = self._aps.step(
-                self._luminance, self._aps_state, begin_us, snapshot.t_us
-            )
-            self.frames = tuple(later_frame(frame, self._start_us) for frame in frames)
-        if self._imu is not None and self._imu_state is not None:
-            samples, self._imu_state = self._imu.step(
-                pose, gravity_of(self._world), self._imu_state, snapshot.t_us
-            )
-            packet = ImuPacket(self._imu_seq, samples, self._info.camera)
-            self.imu_packet = later_imu(packet, self._start_us) if len(samples) else None
-            self._imu_seq += len(samples) > 0
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """Intensity frames whose read-out ended in the last tick; none but with sensor.aps."""
+        return self._beside.frames
+
+    @property
+    def imu_packet(self) -> ImuPacket | None:
+        """What the IMU said in the last tick; None: nothing, as ever unless sensor.imu is on."""
+        return self._beside.imu_packet
 
     @property
     def pose(self) -> Pose | None:
@@ -394,3 +380,18 @@ class Camera:
     def traced_fraction(self) -> float:
         """Share of the pixels that the last tick traced, 0 ... 1."""
         return self._traced
+
+    @property
+    def features(self) -> dict[str, bool]:
+        """Which code paths it runs, by the names of evs.emulator.plan.FEATURES."""
+        with self._tracing:
+            light = dict(self._renderer.features)
+        truth = {"ground_truth": self._traces_truth}
+        return {**light, **truth, **self._pixels.features, **self._beside.features}
+
+    @property
+    def plan(self) -> ScenePlan:
+        """What its scene contains, which code paths are on, and why; worked out at each call."""
+        return plan_scene(
+            self._world, self._scene, self.bound, self.sensor, self._plan, self.features
+        )

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, RunConfig, SensorConfig
+from evs.emulator.config import (
+    CameraConfig,
+    ModelConfig,
+    PlanConfig,
+    RenderConfig,
+    RunConfig,
+    SensorConfig,
+)
 from evs.emulator.light import make_renderer
 from evs.emulator.plain_config import plain_config, plain_integer
+from evs.emulator.plan import Switches
 from evs.emulator.scene import SceneModel
 from evs.emulator.stages import Renderer
 from evs.emulator.world import BoundCamera, MjModel, bind_camera
@@ -28,6 +37,12 @@ class CameraPlan:
     """its name on the bus and in recordings; None: after the model's camera or the body"""
     seed: int = 0
     threads: int = 0
+    plan: PlanConfig = field(default_factory=PlanConfig)
+
+    @property
+    def switches(self) -> Switches:
+        """Code paths that are forced on or off. EvsError for names that are none."""
+        return Switches.of(self.plan)
 
     def stand(
         self, world: MjModel, scene: SceneModel, width: int, height: int, rgb: bool = False
@@ -37,7 +52,9 @@ class CameraPlan:
         In: rgb, colour is wanted too.
         """
         bound = bind_camera(world, self.camera, width, height, self.optics)
-        renderer = make_renderer(scene, bound.model, self.render, self.threads, rgb, self.seed)
+        renderer = make_renderer(
+            scene, bound.model, self.render, self.threads, rgb, self.seed, self.switches
+        )
         return bound, renderer
 
 
@@ -83,6 +100,7 @@ def plan_of(config: RunConfig) -> CameraPlan:
         name=config.name,
         seed=config.seed,
         threads=config.threads,
+        plan=config.plan,
     )
 
 
@@ -92,6 +110,21 @@ def plain_plan(plan: CameraPlan) -> dict[str, Any]:
     del values["camera"]
     values["camera"] = values.pop("optics")
     return values
+
+
+def identity_of(plan: CameraPlan, config: Mapping[str, Any]) -> dict[str, Any]:
+    """What shapes a camera's events, seed aside, in plain values.
+
+    In: config, as in its StreamInfo.
+    """
+    tables = {key: dict(config[key]) for key in ("camera", "sensor", "render", "model")}
+    for key in ("isa", "incremental"):
+        # the same bytes
+        del tables["render"][key]
+    if plan.plan != PlanConfig():
+        # the same events of other arrays
+        tables["plan"] = asdict(plan.plan)
+    return {"of": plan.camera, **tables}
 
 
 def free_name(wanted: str | None, usual: str, taken: tuple[str, ...]) -> str:

@@ -331,6 +331,18 @@ class ModelConfig:
 
 
 @dataclass(frozen=True)
+class PlanConfig:
+    """[plan]: code paths that run, or do not, whatever the scene needs (`evs plan` lists them)."""
+
+    everything: bool = False
+    """every code path that can runs although nothing needs it: the same events, only slower"""
+    on: tuple[str, ...] = ()
+    """these run although nothing needs them: the same events"""
+    off: tuple[str, ...] = ()
+    """for tests: these are left out although they are needed, and what needs them is wrong"""
+
+
+@dataclass(frozen=True)
 class RunConfig:
     """A whole pipeline. Top level: name, duration_s, seed, threads; then one table per stage."""
 
@@ -339,6 +351,7 @@ class RunConfig:
     sensor: SensorConfig = field(default_factory=SensorConfig)
     render: RenderConfig = field(default_factory=RenderConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
+    plan: PlanConfig = field(default_factory=PlanConfig)
     name: str = "camera"
     """the camera's name on the bus and in recordings"""
     duration_s: float = 1.0

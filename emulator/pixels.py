@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.config import ModelConfig
+from evs.emulator.plan import UNFORCED, Switches
 from evs.emulator.saving import Saved, joined, number, numbers, part
 from evs.emulator.scene import F32
 from evs.emulator.sensor import SensorParameters, make_event_model, make_readout
@@ -43,13 +44,15 @@ class Pixels:
         seed: int,
         threads: int = 0,
         spp: int = 0,
+        switches: Switches = UNFORCED,
     ) -> None:
-        """In: seed, their fixed pattern and noise follow from it; spp as make_event_model.
+        """In: seed, their fixed pattern and noise follow from it; spp, switches as
+        make_event_model.
 
         Raises EvsError.
         """
-        self._model = make_event_model(sensor, model, threads, spp)
-        self._readout = make_readout(sensor)
+        self._model = make_event_model(sensor, model, threads, spp, switches)
+        self._readout = make_readout(sensor, switches)
         self._shape = (int(sensor.height), int(sensor.width))
         self._seed = seed
         check_chunk(model)
@@ -148,6 +151,11 @@ class Pixels:
     def versions(self) -> dict[str, str]:
         """What shapes the events beside code: the network."""
         return self._model.versions
+
+    @property
+    def features(self) -> dict[str, bool]:
+        """Which code paths they run, by name."""
+        return {**self._model.features, "readout": self._readout is not None}
 
     @property
     def clamps(self) -> int:

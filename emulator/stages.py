@@ -52,6 +52,10 @@ class Renderer(Protocol):
     def traced_fraction(self) -> float:
         """Share of the pixels that the last `render` really traced, 0 ... 1."""
 
+    @property
+    def features(self) -> Mapping[str, bool]:
+        """Which code paths it runs, by the names of evs.emulator.plan.FEATURES."""
+
 
 class RendererFactory(Protocol):
     """Builds a renderer for one camera of one scene."""
@@ -77,6 +81,10 @@ class EventModel(Protocol):
     @property
     def versions(self) -> dict[str, str]:
         """What shapes its events beside code, by name: a network's weights."""
+
+    @property
+    def features(self) -> Mapping[str, bool]:
+        """Which code paths it runs, by the names of evs.emulator.plan.FEATURES."""
 
     def init(self, seed: int) -> Any:
         """The state before the first tick."""

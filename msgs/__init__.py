@@ -27,7 +27,7 @@ from evs.msgs.imu import (
     empty_imu,
     encode_imu,
 )
-from evs.msgs.labels import LABEL_DTYPE, Cause, Labels, take_labels
+from evs.msgs.labels import LABEL_DTYPE, Cause, Labels, clear_causes, take_labels
 from evs.msgs.observation import Observation
 from evs.msgs.packet import ENCODING, EventPacket, decode, encode
 from evs.msgs.pose import Clock, Pose, decode_clock, decode_pose, encode_clock, encode_pose
@@ -104,6 +104,7 @@ __all__ = [
     "Truth",
     "camera_info_of",
     "clean_events",
+    "clear_causes",
     "decode",
     "decode_camera_info",
     "decode_clock",

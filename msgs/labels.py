@@ -47,3 +47,11 @@ def take_labels(events: np.ndarray[Any, Any], geom_id: np.ndarray[Any, Any]) -> 
     causes[:] = 0
     labels["geom_id"] = geom_id[events["y"], events["x"]]
     return labels
+
+
+def clear_causes(events: np.ndarray[Any, Any]) -> None:
+    """Nobody wants to know the causes in the padding of events: it is zero afterwards.
+
+    In: events (n,) EVENT_DTYPE, contiguous, changed in place.
+    """
+    events.view(np.uint8).reshape(-1, events.dtype.itemsize)[:, CAUSE_BYTE] = 0

@@ -6,6 +6,7 @@ from evs.emulator import _core
 from evs.emulator.config import SEEDS, RenderConfig
 from evs.emulator.light.direct import DirectRenderer
 from evs.emulator.light.path import PathRenderer
+from evs.emulator.plan import UNFORCED, Switches
 from evs.emulator.scene import CameraModel, SceneModel
 from evs.emulator.stages import Renderer
 from evs.msgs import EvsError, unknown
@@ -24,10 +25,12 @@ def make_renderer(
     threads: int,
     rgb: bool = False,
     seed: int = 0,
+    switches: Switches = UNFORCED,
 ) -> Renderer:
     """The renderer of one camera. Raises EvsError where the configuration makes no sense.
 
-    In: rgb, colour is wanted beside the luminance; seed, what the noise of `path` follows from.
+    In: rgb, colour is wanted beside the luminance; seed, what the noise of `path` follows from;
+    switches, code paths that are forced on or off (not of raster).
     """
     check_render(config)
     if not 0 <= threads <= MAX_THREADS:
@@ -40,8 +43,8 @@ def make_renderer(
             raise EvsError("raster gives no colour, only luminance: take render.renderer=direct")
         return RasterRenderer(scene, camera, config)
     if config.renderer == "path":
-        return PathRenderer(scene, camera, config, threads, rgb, seed)
-    return DirectRenderer(scene, camera, config, threads, rgb)
+        return PathRenderer(scene, camera, config, threads, rgb, seed, switches)
+    return DirectRenderer(scene, camera, config, threads, rgb, switches)
 
 
 def check_render(config: RenderConfig) -> None:

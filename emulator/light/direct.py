@@ -11,6 +11,7 @@ from evs.emulator.config import RenderConfig
 from evs.emulator.light.flicker import Flicker
 from evs.emulator.light.truth import trace_hits, trace_truth
 from evs.emulator.optics import make_lens
+from evs.emulator.plan import UNFORCED, Switches
 from evs.emulator.scene import (
     F32,
     F64,
@@ -41,8 +42,13 @@ class DirectRenderer:
         config: RenderConfig,
         threads: int,
         rgb: bool = False,
+        switches: Switches = UNFORCED,
     ) -> None:
-        """Build the caster. In: rgb, colour is wanted too, and luminance keeps its bytes."""
+        """Build the caster.
+
+        In: rgb, colour is wanted too, and luminance keeps its bytes; switches, code paths that are
+        forced on or off.
+        """
         self._scene, self._camera = scene, camera
         self._lens = make_lens(camera)
         self._noise = 0
@@ -53,12 +59,21 @@ class DirectRenderer:
         ]
         self._lights = np.array(keep, np.intp)
         self._flicker = Flicker(scene.lights, config.flicker)
+        bent, share = self._lens.directions, self._lens.share
+        self._own = {
+            "sky": switches.decide("sky", scene.skybox >= 0),
+            "light_gains": switches.decide("light_gains", not self._flicker.steady),
+            "lens": switches.decide("lens", bent is not None),
+            "vignetting": switches.decide("vignetting", share is not None),
+        }
+        if self._own["vignetting"] and share is None:
+            share = np.ones((camera.height, camera.width), np.float32)
         self._deforming = scene.deforming
         shape = camera.height, camera.width
         self._luminance = np.zeros(shape, np.float32)
         self._rgb = np.zeros((*shape, 3), np.float32) if rgb else None
         self._caster = _core.Caster(
-            scene_data(scene, keep, config),
+            scene_data(scene, keep, config, self._own["sky"]),
             _core.Optics(
                 width=camera.width,
                 height=camera.height,
@@ -67,8 +82,8 @@ class DirectRenderer:
                 cx=camera.cx,
                 cy=camera.cy,
                 orthographic=camera.orthographic,
-                lens=self._lens.directions,
-                share=self._lens.share,
+                lens=bent if self._own["lens"] else None,
+                share=share if self._own["vignetting"] else None,
             ),
             _core.Tracing(
                 samples=config.samples,
@@ -79,6 +94,7 @@ class DirectRenderer:
                 integrator=self.integrator,
                 bounces=config.bounces,
                 sample_set=config.sampler,
+                forced=switches.told(),
             ),
             threads=threads,
             isa=config.isa,
@@ -131,13 +147,23 @@ class DirectRenderer:
         """Share of the pixels that the last call traced."""
         return self._caster.traced_fraction
 
+    @property
+    def features(self) -> dict[str, bool]:
+        """Which code paths it runs, by name: as of the last tick, where that decides."""
+        return {**self._own, **self._caster.features}
+
+    @property
+    def work(self) -> dict[str, int]:
+        """What it has done: ticks, packets of 4 x 4 pixels asked and traced, trees."""
+        return self._caster.work
+
     def _place(
         self, snapshot: SceneSnapshot, pose: CameraPose
     ) -> tuple[F64, F64, F64, F64, F64, F64]:
         for mesh, shape in zip(self._deforming, snapshot.deformed, strict=True):
             self._caster.deform(mesh, shape.vertices, shape.normals)
         lights = self._lights
-        if not self._flicker.steady:
+        if self._own["light_gains"]:
             self._caster.set_light_gains(self._flicker.gains(snapshot)[lights])
         return (
             snapshot.geom_pos,
@@ -149,8 +175,13 @@ class DirectRenderer:
         )
 
 
-def scene_data(scene: SceneModel, lights: list[int], config: RenderConfig) -> _core.SceneData:
-    """The native copy of a scene's constant part with the lights of these indices."""
+def scene_data(
+    scene: SceneModel, lights: list[int], config: RenderConfig, sky: bool = True
+) -> _core.SceneData:
+    """The native copy of a scene's constant part with the lights of these indices.
+
+    In: sky, there is one: the scene's, else a black one.
+    """
     data = _core.SceneData()
     for texture in scene.textures:
         flat = texture.kind is TextureKind.FLAT
@@ -198,7 +229,9 @@ def scene_data(scene: SceneModel, lights: list[int], config: RenderConfig) -> _c
             light.bulbradius_m,
         )
     data.set_geoms(scene.geom_type, scene.geom_size, scene.geom_mesh, scene.geom_surface)
-    data.skybox = scene.skybox
+    data.skybox = scene.skybox if sky else -1
+    if sky and scene.skybox < 0:
+        data.skybox = data.add_texture(np.zeros((6, 1, 1, 3), np.uint8), True)
     air = scene.air
     if air is not None and config.fog:
         data.set_fog(air.fog_start_m, air.fog_end_m, air.fog_rgb)

@@ -6,6 +6,7 @@ import numpy as np
 
 from evs.emulator.config import RenderConfig
 from evs.emulator.light.direct import DirectRenderer
+from evs.emulator.plan import UNFORCED, Switches
 from evs.emulator.scene import F32, I32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 
 
@@ -26,9 +27,10 @@ class PathRenderer(DirectRenderer):
         threads: int,
         rgb: bool = False,
         seed: int = 0,
+        switches: Switches = UNFORCED,
     ) -> None:
         """In: seed, what the noise follows from."""
-        super().__init__(scene, camera, config, threads, rgb)
+        super().__init__(scene, camera, config, threads, rgb, switches)
         self._seed, self._fresh = seed, config.seeds == "fresh"
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:

@@ -9,6 +9,7 @@ from evs.emulator.network.foreign import Network
 from evs.emulator.network.memory import check_dense
 from evs.emulator.network.runtime import make_runtime
 from evs.emulator.network.state import MAX_TICKS, NetworkState, identity
+from evs.emulator.plan import UNFORCED, Switches
 from evs.emulator.scene import F32
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.random import Term, pixel_uniforms
@@ -42,11 +43,13 @@ class EvsNetModel:
         initial: str = "random",
         sparse: bool = True,
         labels: bool = False,
+        switches: Switches = UNFORCED,
     ) -> None:
         """In: runtime, provider, threads, isa, sparse as make_runtime.
 
         initial: membranes at the start, "random" in (-V_off, V_on) or "zero". labels: refused,
-        a network cannot say why it fired. Raises EvsError.
+        a network cannot say why it fired. switches: cold tiles that are forced on or off. Raises
+        EvsError.
         """
         if initial not in INITIAL_STATES:
             raise unknown("initial state", initial, INITIAL_STATES)
@@ -64,7 +67,8 @@ class EvsNetModel:
         self._on = np.float32(sensor.pos_thres / weights.threshold)
         self._off = np.float32(sensor.neg_thres / weights.threshold)
         decay_tables(weights.tau_s, weights.tick_us)  # refuses what has none
-        if runtime != "native" or not sparse or not weights.is_still:
+        dense = switches.decide("cold_tiles", not sparse or not weights.is_still)
+        if runtime != "native" or dense:
             check_dense(weights, sensor.width, sensor.height)
         self.runtime = make_runtime(
             runtime,
@@ -73,8 +77,10 @@ class EvsNetModel:
             provider=provider,
             threads=threads,
             isa=isa,
-            sparse=sparse,
+            sparse=not dense,
         )
+        self.features = {"cold_tiles": runtime != "native" or dense}
+        """which code paths it runs, by name"""
         self._network = identity(weights)
 
     @property

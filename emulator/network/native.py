@@ -45,12 +45,16 @@ class NativeRuntime:
         isa: str = "auto",
         sparse: bool = True,
     ) -> None:
-        """In: threads, 0 is one a core; isa, auto, avx512, avx2 or portable; all the same bytes."""
+        """In: threads, 0 is one a core; isa, auto, avx512, avx2 or portable; all the same bytes.
+
+        sparse: tiles where nothing moves are left out. Where that would be wrong, as in a network
+        with a bias, EvsNetModel does not ask for it.
+        """
         if isa != "auto" and isa not in _core.isa_available():
             raise EvsError(f"this machine cannot run instruction set '{isa}'; use auto")
         self.weights = weights
         self._shape = (sensor.height, sensor.width)
-        self._dense = not (sparse and weights.is_still)
+        self._dense = not sparse
         decay = decay_tables(weights.tau_s, weights.tick_us)
         zeros = np.zeros(weights.channels, np.float32)
         biases = [zeros if c.bias is None else c.bias for c in weights.convolutions]

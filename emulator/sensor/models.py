@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from evs.emulator.config import ModelConfig
+from evs.emulator.plan import UNFORCED, Switches
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.pixel.plain import PlainModel
 from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants
@@ -16,12 +17,16 @@ MODELS = (*_AVERAGES, "evsnet")
 
 
 def make_event_model(
-    sensor: SensorParameters, model: ModelConfig, threads: int = 0, spp: int = 0
+    sensor: SensorParameters,
+    model: ModelConfig,
+    threads: int = 0,
+    spp: int = 0,
+    switches: Switches = UNFORCED,
 ) -> EventModel:
     """The event model that `model.name` names.
 
     In: threads, 0 is one a core; spp, samples a pixel of light with noise, 0 without: a family of
-    networks has a member for it. Raises EvsError.
+    networks has a member for it; switches, code paths that are forced on or off. Raises EvsError.
     """
     if model.name not in MODELS:
         raise unknown("model", model.name, MODELS)
@@ -38,5 +43,12 @@ def make_event_model(
             threads=threads,
             initial=model.initial_state,
             labels=model.labels,
+            switches=switches,
         )
-    return PlainModel(sensor, threads, average=_AVERAGES[model.name], causes=model.labels)
+    return PlainModel(
+        sensor,
+        threads,
+        average=_AVERAGES[model.name],
+        causes=model.labels,
+        switches=switches,
+    )

@@ -24,6 +24,7 @@ from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model, load_s
 from evs.emulator.world.named_sensors import NamedSensors, add_joint_sensors
 from evs.emulator.world.physics import Physics
 from evs.emulator.world.poses import Poser
+from evs.emulator.world.standing import Standing, moving_bodies, standing_of
 from evs.emulator.world.ticks import Substeps, fill_tick
 from evs.emulator.world.unstable import UnstableError
 
@@ -40,6 +41,7 @@ __all__ = [
     "Physics",
     "Poser",
     "Scene",
+    "Standing",
     "Substeps",
     "UnstableError",
     "actuator_names",
@@ -55,6 +57,8 @@ __all__ = [
     "load_model",
     "load_spec",
     "make_control",
+    "moving_bodies",
+    "standing_of",
     "visible_geoms",
     "warn_left_out",
 ]

@@ -4,6 +4,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/map.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
@@ -218,6 +219,15 @@ void trace_pixels(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> ge
   b.caster.trace_pixels(poses, x.data(), y.data(), static_cast<int>(count), luminance.data());
 }
 
+std::map<std::string, long> work_of(const BoundCaster& b) {
+  const Work& w = b.caster.work();
+  return {{"ticks", w.ticks},
+          {"packets_asked", w.packets_asked},
+          {"packets_traced", w.packets_traced},
+          {"trees_built", w.trees_built},
+          {"trees_refitted", w.trees_refitted}};
+}
+
 }  // namespace
 
 void bind_caster(nb::module_& m) {
@@ -277,7 +287,14 @@ void bind_caster(nb::module_& m) {
            "ray's direction.")
       .def_prop_ro("traced_fraction",
                    [](const BoundCaster& b) { return b.caster.traced_fraction(); })
-      .def_prop_ro("channels", [](const BoundCaster& b) { return b.caster.channels(); });
+      .def_prop_ro("channels", [](const BoundCaster& b) { return b.caster.channels(); })
+      .def_prop_ro(
+          "features", [](const BoundCaster& b) { return b.caster.features(); },
+          "Which code paths it runs, by name: as the last tick was placed, where that decides.")
+      .def_prop_ro("work", &work_of,
+                   "What it has done since it was made: ticks, packets of 4 x 4 pixels that were "
+                   "asked whether something that moved can touch them, packets that were traced, "
+                   "trees that were built and refitted.");
 }
 
 }  // namespace evs

@@ -3,6 +3,7 @@
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/map.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
@@ -45,14 +46,15 @@ Optics* make_optics(int width, int height, double fx, double fy, double cx, doub
 }
 
 Tracing* make_tracing(int samples, bool adaptive, bool shadows, bool incremental, bool rgb,
-                      const std::string& integrator, int bounces, const std::string& sample_set) {
+                      const std::string& integrator, int bounces, const std::string& sample_set,
+                      const FeatureFlags& forced) {
   require(samples >= 1 && samples <= 4096, "samples: 1 ... 4096");
   require(integrator == "direct" || integrator == "path", "the integrator is direct or path");
   bool path = integrator == "path";
   require(!path || !adaptive, "paths take all samples in every pixel");
   require(bounces >= 0 && bounces <= 1000, "bounces: 0 ... 1000");
-  return new Tracing{samples, adaptive, shadows, incremental,
-                     rgb,     path,     bounces, sample_set_of(sample_set)};
+  return new Tracing{samples, adaptive, shadows,  incremental,
+                     rgb,     path,     bounces, sample_set_of(sample_set), Forced(forced)};
 }
 
 }  // namespace
@@ -71,10 +73,11 @@ void bind_settings(nb::module_& m) {
           nb::new_(&make_tracing), nb::kw_only(), nb::arg("samples") = 1,
           nb::arg("adaptive") = false, nb::arg("shadows") = true, nb::arg("incremental") = false,
           nb::arg("rgb") = false, nb::arg("integrator") = "direct", nb::arg("bounces") = 0,
-          nb::arg("sample_set") = "owen",
+          nb::arg("sample_set") = "owen", nb::arg("forced") = FeatureFlags{},
           "samples of a pixel, adaptive: only where neighbours differ, one elsewhere; incremental: "
           "a still camera keeps what nothing that moved can touch; rgb: `render` can give colour; "
-          "integrator: direct or path, which alone has bounces and a sample_set.");
+          "integrator: direct or path, which alone has bounces and a sample_set; forced: code paths "
+          "by name that are on, with the same bytes, or off, for tests, whatever the scene needs.");
 }
 
 }  // namespace evs

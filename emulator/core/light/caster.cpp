@@ -40,8 +40,11 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
     : kernel_(kernel_of(isa)),
       pool_(threads),
       incremental_(tracing.incremental),
+      forced_(tracing.forced),
       mesh_data_(scene.meshes),
-      look_(make_appearance(scene, tracing.rgb, tracing.path)) {
+      look_(make_appearance(scene, tracing.rgb || tracing.forced.on(COLOUR), tracing.path,
+                            tracing.forced.off(COLOUR))) {
+  work_.trees_built = static_cast<long>(mesh_data_.size());
   for (const SceneData::MeshData& m : mesh_data_) {
     meshes_.push_back(mesh_view(m));
   }
@@ -87,8 +90,12 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   frame_.skybox = look_.skybox;
   frame_.channels = look_.channels;
   std::copy(look_.weights, look_.weights + MAX_CHANNELS, frame_.weights);
-  frame_.lobes = look_.layered || tracing.path;
-  frame_.bumpy = look_.bumpy;
+  frame_.lobes = forced_.decide(LOBES, look_.layered || tracing.path);
+  frame_.bumpy = forced_.decide(NORMAL_MAPS, look_.bumpy);
+  if (forced_.off(FOG)) look_.air.fog = false;
+  if (forced_.off(HAZE)) look_.air.haze = false;
+  // fog would hide a sky
+  if (forced_.on(FOG) && !look_.air.fog && look_.skybox < 0) add_clear_fog(look_.air);
   frame_.air = look_.air;
   // the first plane without bounds has the horizon
   for (int k = count - 1; k >= 0; k--) {
@@ -98,7 +105,7 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   full_lights_ = look_.lights;
   gains_.assign(look_.lights.size(), 1.0f);
   frame_.colour = frame_.channels == 3 ? 0 : 1;
-  frame_.shadows = tracing.shadows;
+  frame_.shadows = forced_.decide(SHADOWS, tracing.shadows);
   if (tracing.adaptive && !tracing.path && tracing.samples > 1) {
     antialiasing_.emplace(optics, sampling_, tracing.rgb);
   }
@@ -117,6 +124,8 @@ void Caster::set_paths() {
   f.bounces = paths_.bounces;
   f.sample_set = paths_.sample_set;
   f.digits = paths_.digits;
+  f.glowing = forced_.decide(GLOWING, f.glowing);
+  f.transparent = forced_.decide(TRANSPARENT, f.transparent);
   paths_ = f;
 }
 
@@ -137,10 +146,10 @@ void Caster::deform_mesh(int index, const float* vertices, const float* normals)
   // a body at rest costs a comparison
   size_t count = 3 * static_cast<size_t>(mesh.vertex_count);
   std::vector<float>& last = shapes_[index];
-  if (last.size() == 2 * count && std::equal(vertices, vertices + count, last.begin()) &&
-      std::equal(normals, normals + count, last.begin() + static_cast<long>(count))) {
-    return;
-  }
+  bool same = last.size() == 2 * count && std::equal(vertices, vertices + count, last.begin()) &&
+              std::equal(normals, normals + count, last.begin() + static_cast<long>(count));
+  if (!forced_.decide(REFITS, !same)) return;
+  work_.trees_refitted++;
   last.assign(vertices, vertices + count);
   last.insert(last.end(), normals, normals + count);
   deform(mesh, vertices, normals);
@@ -178,6 +187,8 @@ void Caster::place_geoms(const Poses& p) {
 
 uint32_t Caster::idle_planes(const Light& l) const {
   uint32_t idle = 0;
+  if (forced_.on(PLANE_SHADOWS)) return idle;
+  if (forced_.off(PLANE_SHADOWS)) return ~idle;
   for (size_t k = 0; k < std::min<size_t>(geoms_.size(), 32); k++) {
     const Geom& g = geoms_[k];
     if (g.shape != PLANE) break;
@@ -221,12 +232,15 @@ void Caster::set_light_gains(const float* gains) {
 // Haze is drawn from a camera above the plane only; an orthographic one has no horizon.
 void Caster::place_air() {
   Air& air = frame_.air;
+  air = look_.air;
   air.haze = look_.air.haze && haze_plane_ >= 0 && !frame_.orthographic;
-  if (!air.haze) return;
-  const Geom& plane = geoms_[haze_plane_];
-  air.haze_up = {plane.rotation[2], plane.rotation[5], plane.rotation[8]};
-  air.haze_elevation = plane.camera.z / air.haze_radius;
-  air.haze = air.haze_elevation > 0;
+  if (air.haze) {
+    const Geom& plane = geoms_[haze_plane_];
+    air.haze_up = {plane.rotation[2], plane.rotation[5], plane.rotation[8]};
+    air.haze_elevation = plane.camera.z / air.haze_radius;
+    air.haze = air.haze_elevation > 0;
+  }
+  if (!air.haze && forced_.on(HAZE)) add_clear_haze(air);
 }
 
 void Caster::render(const Poses& poses, float* luminance, float* rgb) {
@@ -245,7 +259,12 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
   bool same_lights =
       !first && (light_bytes == 0 ||
                  std::memcmp(look_.lights.data(), previous_lights_.data(), light_bytes) == 0);
-  bool selective = incremental_ && still && same_lights;
+  bool selective = incremental_ && still && same_lights && !forced_.on(FULL_RETRACE);
+  work_.ticks++;
+  if (!first && forced_.off(FULL_RETRACE)) {
+    traced_fraction_ = 0;
+    return;
+  }
 
   paths_.seed = poses.seed;
   bool path = emitters_.has_value();
@@ -293,8 +312,10 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
     });
     antialiasing_->next_tick();
   }
-  traced_fraction_ =
-      static_cast<double>(traced) / (static_cast<double>(sampling_.rows) * sampling_.columns);
+  long packets = static_cast<long>(sampling_.rows) * sampling_.columns;
+  if (selective && !path) work_.packets_asked += packets;
+  work_.packets_traced += traced;
+  traced_fraction_ = static_cast<double>(traced) / static_cast<double>(packets);
   previous_geoms_ = geoms_;
   previous_balls_ = balls_;
   deformed_.assign(deformed_.size(), false);

@@ -9,6 +9,7 @@
 #include "antialiasing.h"
 #include "appearance.h"
 #include "emitters.h"
+#include "code_paths.h"
 #include "optics.h"
 #include "pool.h"
 #include "scene.h"
@@ -32,6 +33,16 @@ struct Tracing {
   bool path = false;         // else: direct
   int bounces = 0;           // of paths
   SampleSet sample_set = SAMPLES_OWEN;
+  Forced forced;  // code paths that are on or off whatever the scene asks for
+};
+
+// What a caster has done since it was made.
+struct Work {
+  long ticks = 0;
+  long packets_asked = 0;   // whether something that moved can touch them
+  long packets_traced = 0;  // 4 x 4 pixels
+  long trees_built = 0;     // one for each mesh
+  long trees_refitted = 0;
 };
 
 class Caster {
@@ -76,6 +87,9 @@ class Caster {
 
   double traced_fraction() const { return traced_fraction_; }
   int channels() const { return frame_.channels; }
+  // Which code paths it runs: as the last tick was placed, where that decides.
+  FeatureFlags features() const;
+  const Work& work() const { return work_; }
 
  private:
   struct Spheres {  // structure of arrays behind a Bounds
@@ -98,6 +112,8 @@ class Caster {
   const Kernel* kernel_;
   Pool pool_;
   bool incremental_;
+  Forced forced_;
+  Work work_;
   std::vector<SceneData::MeshData> mesh_data_;
   Appearance look_;
   std::optional<Emitters> emitters_;  // of paths only

@@ -94,12 +94,13 @@ void spread(const float* linear, int channels, float* out) {
   out[channels] = luminance_of(linear);
 }
 
-void choose_channels(const SceneData& scene, bool rgb, bool mixing, Appearance& out) {
+void choose_channels(const SceneData& scene, bool rgb, bool mixing, bool as_grey, Appearance& out) {
   bool grey = !mixing;
   for (const SceneData::LightData& l : scene.lights) {
     grey = grey && is_grey(l.ambient) && is_grey(l.diffuse) && is_grey(l.specular);
     if (l.kind == IMAGE) grey = grey && is_grey(scene.textures[l.texture]);
   }
+  grey = grey || (as_grey && !mixing);
   out.channels = !grey ? 3 : rgb ? 4 : 1;
   out.weights[0] = 1.0f;
   if (!grey) std::copy(WEIGHTS, WEIGHTS + 3, out.weights);
@@ -229,9 +230,9 @@ void add_air(const SceneData::AirData& data, Appearance& look) {
 
 }  // namespace
 
-Appearance make_appearance(const SceneData& scene, bool rgb, bool mixing) {
+Appearance make_appearance(const SceneData& scene, bool rgb, bool mixing, bool grey) {
   Appearance look = {};
-  choose_channels(scene, rgb, mixing, look);
+  choose_channels(scene, rgb, mixing, grey, look);
   Bakery bakery(scene, look);
   add_lights(scene, bakery, look);
   add_surfaces(scene, bakery, look);

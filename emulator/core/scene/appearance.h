@@ -28,7 +28,8 @@ struct Appearance {
 };
 
 // rgb: colour is wanted, whatever the lights are; the luminance keeps its bytes. mixing: light goes
-// from surface to surface, which needs its colour: three channels.
-Appearance make_appearance(const SceneData& scene, bool rgb, bool mixing);
+// from surface to surface, which needs its colour: three channels. grey: lights lose their colour
+// instead (for tests).
+Appearance make_appearance(const SceneData& scene, bool rgb, bool mixing, bool grey = false);
 
 }  // namespace evs

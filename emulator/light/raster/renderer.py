@@ -109,6 +109,11 @@ class RasterRenderer:
         """1: every pixel is drawn every time."""
         return 1.0
 
+    @property
+    def features(self) -> dict[str, bool]:
+        """OpenGL has one code path for everything: none of ours."""
+        return {"full_retrace": True}
+
     def close(self) -> None:
         """Give the context back; nothing can be rendered afterwards."""
         self._close()

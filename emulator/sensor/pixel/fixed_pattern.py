@@ -15,6 +15,7 @@ import numpy as np
 from evs.emulator.scene import F32, F64
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.random import Term, exp10, pixel_normals, pixel_uniforms
+from evs.emulator.sensor.terms import SensorTerms
 
 FLOOR = 0.01
 """No threshold that is drawn is lower (v2e's floor), but where the mean itself is."""
@@ -53,21 +54,25 @@ def floor(mean: float) -> float:
     return min(FLOOR, mean)
 
 
-def draw_pattern(sensor: SensorParameters, seed: int) -> FixedPattern:
+def draw_pattern(
+    sensor: SensorParameters, seed: int, terms: SensorTerms | None = None
+) -> FixedPattern:
     """theta = max(floor(mean), mean + sigma N); rates times 10^(cov N), so that their mean is 1.
 
-    N is standard normal, one number per pixel and term.
+    N is standard normal, one number per pixel and term. In: terms, those the pixels have, else what
+    the sensor asks for.
     """
     size = (sensor.width, sensor.height)
+    terms = terms or SensorTerms.of(sensor)
 
     def threshold(mean: float, term: Term) -> F64:
-        if sensor.sigma_thres == 0.0:
+        if not terms.threshold_spread:
             return np.full(size[::-1], mean)
         return np.maximum(floor(mean), mean + sensor.sigma_thres * pixel_normals(seed, term, *size))
 
     def spread(term: Term) -> F64 | float:
         cov = sensor.noise_rate_cov_decades
-        if cov == 0.0:
+        if not terms.rate_spread:
             return 1.0
         mean = math.exp((cov * math.log(10.0)) ** 2 / 2.0)  # of a log-normal number
         return exp10(cov * pixel_normals(seed, term, *size)) / round(mean, 12)
@@ -76,26 +81,26 @@ def draw_pattern(sensor: SensorParameters, seed: int) -> FixedPattern:
     off = threshold(sensor.neg_thres, Term.THRESHOLD_OFF)
     values: dict[str, Any] = {}
     hot = dead = np.zeros((sensor.height, sensor.width), bool)
-    if sensor.hot_pixel_fraction or sensor.dead_pixel_fraction:
+    if terms.defects:
         lot = pixel_uniforms(seed, Term.DEFECT, *size)
         dead = lot < sensor.dead_pixel_fraction
         hot = lot >= 1.0 - sensor.hot_pixel_fraction
-    if sensor.shot_noise_rate_hz:
+    if terms.shot_noise:
         # half of it is ON; a pixel with a low threshold has more (v2e)
         rate = sensor.shot_noise_rate_hz / 2.0 * spread(Term.SHOT_RATE)
         values["shot_on"] = np.where(dead, 0.0, rate * _ease(sensor, sensor.pos_thres, on))
         values["shot_off"] = np.where(dead, 0.0, rate * _ease(sensor, sensor.neg_thres, off))
-    if sensor.leak_rate_hz or sensor.parasitic_leak_hz or sensor.has_hot_pixels:
+    if terms.leaks:
         one_hz = np.where(dead, 0.0, spread(Term.LEAK_RATE) * on * 1e-6)
         rate = np.where(hot, sensor.hot_pixel_rate_hz, sensor.leak_rate_hz)
         values["leak"] = np.round(one_hz * rate * GRID) / GRID
-        if sensor.parasitic_leak_hz:
+        if terms.parasitic_leak:
             values["parasitic"] = one_hz * sensor.parasitic_leak_hz
         leaks = (values["leak"] > 0.0) | (sensor.parasitic_leak_hz > 0.0)
         phase = pixel_uniforms(seed, Term.LEAK_PHASE, *size) * on
         values["phase"] = np.where(leaks & ~dead, phase, 0.0)
     arrays = {name: _constant(array, np.float32) for name, array in values.items()}
-    if sensor.has_hot_pixels:
+    if terms.hot_pixels:
         arrays["hot"] = _constant(hot, np.uint8)
     return FixedPattern(
         on=_constant(np.where(dead, np.inf, on), np.float32),

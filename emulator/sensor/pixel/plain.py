@@ -11,12 +11,14 @@ from functools import lru_cache
 import numpy as np
 
 from evs.emulator import _core
+from evs.emulator.plan import UNFORCED, Switches
 from evs.emulator.scene import F32
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.pixel.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants
 from evs.emulator.sensor.pixel.state import PlainState, check_tick
 from evs.emulator.sensor.saved import Arrays
+from evs.emulator.sensor.terms import SensorTerms, reduced
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 
 
@@ -34,13 +36,18 @@ class PlainModel:
         *,
         average: RunningMeanConstants | None = None,
         causes: bool = False,
+        switches: Switches = UNFORCED,
     ) -> None:
         """Threads: 0 is one a core. isa: auto, avx512, avx2, portable, all with the same bytes.
 
         causes: byte 13 of each event, zero elsewhere, is the msgs.Cause why it came about.
+        switches: terms that are forced on, with the same bytes, or off.
         """
-        self.sensor = sensor
-        self._threads, self._isa, self._average, self._causes = threads, isa, average, causes
+        self.sensor = reduced(sensor, switches)
+        average = average if switches.decide("running_mean", average) else None
+        self.terms = SensorTerms.of(self.sensor, average is not None, causes, switches)
+        """which terms the pixels have"""
+        self._threads, self._isa, self._average = threads, isa, average
         # the fixed pattern is a pure function of the seed; the last one is kept
         self._pattern = lru_cache(maxsize=1)(self._draw)
         self._pixels = lru_cache(maxsize=1)(self._build)
@@ -62,13 +69,18 @@ class PlainModel:
         """Code alone shapes its events."""
         return {}
 
+    @property
+    def features(self) -> dict[str, bool]:
+        """Which terms its pixels have, by name."""
+        return self.terms.features
+
     def pattern(self, seed: int) -> FixedPattern:
         """What every pixel has of its own under this seed."""
         return self._pattern(seed % 2**64)
 
     def init(self, seed: int) -> PlainState:
         """The state before the first tick."""
-        return PlainState.dark(seed, self.sensor, self._average is not None)
+        return PlainState.dark(seed, self.sensor, self._average is not None, self.terms)
 
     def restore(self, saved: Arrays) -> PlainState:
         """EventModel.restore."""
@@ -117,7 +129,7 @@ class PlainModel:
         return raw.view(EVENT_DTYPE), state
 
     def _draw(self, seed: int) -> FixedPattern:
-        return draw_pattern(self.sensor, seed)
+        return draw_pattern(self.sensor, seed, self.terms)
 
     def _build(self, seed: int) -> _core.PixelArray:
         sensor, pattern = self.sensor, self.pattern(seed)
@@ -135,10 +147,11 @@ class PlainModel:
             lowpass_low=turn * sensor.cutoff_hz * sensor.dim_lux / span_lux,
             lowpass_slope=turn * sensor.cutoff_hz * sensor.lux_per_dn / span_lux,
             follower=turn * sensor.follower_hz,
-            highpass=turn * sensor.highpass_hz,
+            # a rate of 0 that is asked for stands still all the same
+            highpass=turn * sensor.highpass_hz if sensor.highpass_hz else self.terms.idle_highpass,
             parasitic_slope=sensor.lux_per_dn / sensor.bright_lux,
             refractory_us=sensor.refractory_us,
-            causes=self._causes,
+            causes=self.terms.causes,
             noise_gain=average.noise_gain if average else 0.0,
             drift_gain=average.drift_gain if average else 0.0,
             least_gain=average.least_gain if average else 0.0,

@@ -11,6 +11,7 @@ import numpy as np
 from evs.emulator.scene import F32, F64
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.saved import same_bytes
+from evs.emulator.sensor.terms import SensorTerms
 from evs.msgs import EvsError
 
 MAX_TICK_US = 2**28 - 1
@@ -95,8 +96,18 @@ class PlainState:
     """(blocks,) how many were drawn"""
 
     @classmethod
-    def dark(cls, seed: int, sensor: SensorParameters, average: bool = False) -> PlainState:
-        """The state of pixels that have seen no light yet. In: average, the running mean is on."""
+    def dark(
+        cls,
+        seed: int,
+        sensor: SensorParameters,
+        average: bool = False,
+        terms: SensorTerms | None = None,
+    ) -> PlainState:
+        """The state of pixels that have seen no light yet.
+
+        In: average, the running mean is on; terms, those the pixels have, else what sensor asks.
+        """
+        terms = terms or SensorTerms.of(sensor, average)
         shape = (sensor.height, sensor.width)
         state = cls(
             seed=seed,
@@ -110,16 +121,16 @@ class PlainState:
                 setattr(state, name, zeros.copy())
 
         zeros = np.zeros(shape, np.float32)
-        leaks = sensor.leak_rate_hz or sensor.parasitic_leak_hz or sensor.has_hot_pixels
-        filters = sensor.cutoff_hz or sensor.follower_hz or sensor.highpass_hz
+        filters = terms.low_pass or terms.follower or terms.high_pass
         blocks = np.zeros(-(-zeros.size // BLOCK), np.int64)
-        add(sensor.cutoff_hz, zeros, "filtered")
-        add(sensor.follower_hz, zeros, "followed")
-        add(sensor.refractory_us, np.zeros(shape, np.int64), "blind_until")
-        add(average, zeros * np.float32(np.nan), "mean")
-        add(average, zeros, "noise", "drift")
-        add(leaks or filters or sensor.refractory_us or average, blocks, "due_us", "since_us")
-        add(sensor.shot_noise_rate_hz, blocks, "shot_next", "shot_count")
+        add(terms.low_pass, zeros, "filtered")
+        add(terms.follower, zeros, "followed")
+        add(terms.refractory, np.zeros(shape, np.int64), "blind_until")
+        add(terms.running_mean, zeros * np.float32(np.nan), "mean")
+        add(terms.running_mean, zeros, "noise", "drift")
+        lazy = terms.leaks or filters or terms.refractory or terms.running_mean
+        add(lazy, blocks, "due_us", "since_us")
+        add(terms.shot_noise, blocks, "shot_next", "shot_count")
         return state
 
     @property

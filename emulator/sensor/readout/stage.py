@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from evs.emulator import _core
+from evs.emulator.plan import UNFORCED, Switches
 from evs.emulator.sensor.readout.pixels import draw_fates
 from evs.emulator.sensor.readout.state import ReadoutState
 from evs.msgs import EVENT_DTYPE, Events, EvsError, join_events
@@ -21,10 +22,11 @@ MAX_TIME_US = 2**52
 """Times beyond, of either sign, are refused: 142 years, so that ns fit into int64."""
 
 
-def make_readout(sensor: SensorParameters) -> Readout | None:
+def make_readout(sensor: SensorParameters, switches: Switches = UNFORCED) -> Readout | None:
     """The readout of a sensor; None where every event passes at its own time."""
     late = sensor.latency_us > 0 or sensor.latency_sigma_us > 0
-    return None if sensor.readout.is_ideal and not late else Readout(sensor)
+    needed = late or not sensor.readout.is_ideal
+    return Readout(sensor) if switches.decide("readout", needed) else None
 
 
 class Readout:

@@ -1,0 +1,115 @@
+"""What a scene contains, counted: all that decides which code paths it needs."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from evs.emulator.config import RenderConfig
+from evs.emulator.scene import Light, LightKind, SceneModel, Shape
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Counts of what can be seen, by kind; 0 and empty where there is none."""
+
+    geoms: dict[str, int]
+    """by shape: plane, box, mesh, ..."""
+    meshes: int
+    triangles: int
+    height_fields: int
+    deforming: int
+    """skins and flexes"""
+    geoms_moving: int
+    geoms_still: int
+    lights: dict[str, int]
+    """by kind: headlight, directional, point, spot, image"""
+    casting: int
+    """lights that cast shadows"""
+    coloured: tuple[str, ...]
+    """names of the lights that are not grey"""
+    bulbs: int
+    """lights with a radius, which `path` sees as balls"""
+    surfaces: int
+    textured: int
+    """surfaces with an image"""
+    physical: int
+    """surfaces with metallic, roughness or any map"""
+    bumpy: int
+    """surfaces with a normal map"""
+    mirrors: int
+    transparent: int
+    glowing: int
+    textures: int
+    texels: int
+    planes: int
+    endless_planes: int
+    sky: bool
+    fog: bool
+    """it is asked for, and the model has it"""
+    haze: bool
+    """it is asked for, and the model has a sky and a plane without bounds"""
+
+
+def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
+    """Of a scene with the lights and the air that [render] leaves it."""
+    shapes = Counter(Shape(int(shape)).name.lower() for shape in scene.geom_type)
+    lights = [x for x in scene.lights if render.headlight == "model" or not x.headlight]
+    used = [scene.surfaces[index] for index in sorted(set(scene.geom_surface.tolist()))]
+    planes = scene.geom_type == Shape.PLANE
+    endless = planes & (scene.geom_size[:, 0] <= 0) & (scene.geom_size[:, 1] <= 0)
+    kinds = Counter("headlight" if x.headlight else x.kind.name.lower() for x in lights)
+    triangles = [len(mesh.faces) for mesh in scene.meshes]
+    seen = scene.geom_mesh[scene.geom_mesh >= 0]
+    maps = ("metallic", "roughness", "occlusion", "opacity", "normal", "emissive")
+    air = scene.air
+    return Contents(
+        geoms=dict(sorted(shapes.items())),
+        meshes=len(scene.meshes) - len(scene.deforming) - shapes["hfield"],
+        triangles=int(sum(triangles[int(mesh)] for mesh in seen)),
+        height_fields=shapes["hfield"],
+        deforming=len(scene.deforming),
+        geoms_moving=int((~scene.geom_static).sum()),
+        geoms_still=int(scene.geom_static.sum()),
+        lights=dict(sorted(kinds.items())),
+        casting=sum(x.castshadow and x.kind is not LightKind.IMAGE for x in lights),
+        coloured=tuple(x.name for x in lights if not _is_grey(scene, x)),
+        bulbs=sum(
+            x.bulbradius_m > 0 and x.kind in (LightKind.SPOT, LightKind.POINT) for x in lights
+        ),
+        surfaces=len(used),
+        textured=sum(surface.texture >= 0 for surface in used),
+        physical=sum(
+            surface.metallic >= 0
+            or surface.roughness >= 0
+            or any(getattr(surface, f"{name}_map") >= 0 for name in maps)
+            for surface in used
+        ),
+        bumpy=sum(surface.normal_map >= 0 for surface in used),
+        mirrors=sum(surface.reflectance > 0 and surface.rgba[3] >= 1 for surface in used),
+        transparent=sum(surface.rgba[3] < 1 or surface.opacity_map >= 0 for surface in used),
+        glowing=sum(surface.emission > 0 or surface.emissive_map >= 0 for surface in used),
+        textures=len(scene.textures),
+        texels=sum(int(np.prod(texture.data.shape[:-1])) for texture in scene.textures),
+        planes=int(planes.sum()),
+        endless_planes=int(endless.sum()),
+        sky=scene.skybox >= 0,
+        fog=air is not None and render.fog,
+        haze=air is not None
+        and render.haze
+        and air.haze_radius_m > 0
+        and air.haze_ratio > 0
+        and bool(endless.any()),
+    )
+
+
+def _is_grey(scene: SceneModel, light: Light) -> bool:
+    colours = (light.ambient, light.diffuse, light.specular)
+    if any(len(set(np.float32(colour).tolist())) > 1 for colour in colours):
+        return False
+    if light.kind is not LightKind.IMAGE:
+        return True
+    image = scene.textures[light.texture].data
+    return image.shape[-1] < 3 or bool(np.all(image[..., :3] == image[..., :1]))

@@ -1,0 +1,122 @@
+"""Every code path that a scene may need or not: its name, its stage, and whether it may run idle.
+
+This table is the one list of them. Who runs one asks Switches.decide with what the scene needs, or
+tells the native core what is forced; `evs plan` and the report read the answers from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from evs.emulator.config import PlanConfig
+from evs.msgs import EvsError, unknown
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A code path that runs where it is needed."""
+
+    name: str
+    stage: str
+    """render | truth | sensor | model | readout | beside"""
+    what: str
+    """what it does"""
+    idle: str = ""
+    """why it cannot run where nothing needs it; empty: it can, with the same bytes"""
+
+
+ROUNDS = "it would round the light once more"
+
+FEATURES = (
+    Feature("colour", "render", "light in three channels beside its luminance"),
+    Feature("physical_gloss", "render", "GGX gloss of physical materials, and maps"),
+    Feature("normal_maps", "render", "normals that an image bends"),
+    Feature("sky", "render", "an image where rays meet nothing"),
+    Feature("fog", "render", "fog between surface and camera"),
+    Feature("haze", "render", "haze below the horizon of a plane without bounds"),
+    Feature("shadows", "render", "shadow rays", "which light casts one is the scene's to say"),
+    Feature("plane_shadows", "render", "planes that stand between a light and what it lights"),
+    Feature("glowing", "render", "paths look for glowing surfaces after their last bounce"),
+    Feature("transparent", "render", "paths ask each layer how much it lets pass"),
+    Feature("light_gains", "render", "a strength of each light in each tick"),
+    Feature("lens", "render", "rays that a lens bends", ROUNDS),
+    Feature("vignetting", "render", "a share of the light for each pixel"),
+    Feature("full_retrace", "render", "every pixel is traced in every tick"),
+    Feature("refits", "render", "search trees of skins and flexes that hold still"),
+    Feature("ground_truth", "truth", "depth, flow and ids in every tick"),
+    Feature("threshold_spread", "sensor", "a threshold of its own for each pixel"),
+    Feature("rate_spread", "sensor", "noise rates of its own for each pixel"),
+    Feature("defects", "sensor", "hot and dead pixels"),
+    Feature("low_pass", "sensor", "bandwidth of the photoreceptor", ROUNDS),
+    Feature("follower", "sensor", "a second pole", ROUNDS),
+    Feature("high_pass", "sensor", "references that follow the light"),
+    Feature("leak", "sensor", "references that sink"),
+    Feature("parasitic_leak", "sensor", "references that sink faster in bright light"),
+    Feature("shot_noise", "sensor", "events out of nothing"),
+    Feature(
+        "refractory",
+        "sensor",
+        "pixels that are blind after an event",
+        "a period of 0 would sample the reference anew after each event",
+    ),
+    Feature(
+        "running_mean",
+        "model",
+        "a mean of the light in front of the pixel",
+        "it is another model: model.name=adaptive",
+    ),
+    Feature("cold_tiles", "model", "the network where nothing moves"),
+    Feature("causes", "model", "each event says why it came about"),
+    Feature("readout", "readout", "the way from pixel to packet"),
+    Feature("aps", "beside", "intensity frames"),
+    Feature("imu", "beside", "accelerometer and gyroscope"),
+)
+"""In the order of their stages."""
+
+NAMES = tuple(feature.name for feature in FEATURES)
+
+NATIVE = (
+    *("colour", "physical_gloss", "normal_maps", "fog", "haze", "shadows", "plane_shadows"),
+    *("full_retrace", "refits", "glowing", "transparent"),
+)
+"""Those that the native tracer decides: core/light/code_paths.h."""
+
+
+@dataclass(frozen=True)
+class Switches:
+    """What is forced on or off, whatever the scene needs."""
+
+    on: frozenset[str] = frozenset()
+    off: frozenset[str] = frozenset()
+
+    @classmethod
+    def of(cls, config: PlanConfig) -> Switches:
+        """What [plan] says. EvsError for unknown names, and for what cannot run idle."""
+        for key in ("on", "off"):
+            for name in getattr(config, key):
+                if name not in NAMES:
+                    raise EvsError(f"at plan.{key}: {unknown('code path', name, NAMES)}")
+        if both := sorted({*config.on} & {*config.off}):
+            raise EvsError(f"at plan.on: '{both[0]}' is in plan.off too; leave it out of one")
+        for feature in FEATURES:
+            if feature.idle and feature.name in config.on:
+                raise EvsError(
+                    f"at plan.on: '{feature.name}' cannot be on where nothing needs it: "
+                    f"{feature.idle}; leave it out"
+                )
+        idle = [feature.name for feature in FEATURES if not feature.idle]
+        on = {*config.on, *(idle if config.everything else ())} - {*config.off}
+        return cls(frozenset(on), frozenset(config.off))
+
+    def decide(self, name: str, needed: object) -> bool:
+        """Whether a code path runs. In: needed, true where the scene or the user needs it."""
+        return name in self.on or (bool(needed) and name not in self.off)
+
+    def told(self, names: Iterable[str] = NATIVE) -> dict[str, bool]:
+        """What is said of these: name -> on or off; the others are for the scene to decide."""
+        return {name: name in self.on for name in names if name in self.on | self.off}
+
+
+UNFORCED = Switches()
+"""The scene decides everything."""

@@ -1,0 +1,143 @@
+"""One reason for each code path that is on or off, from what the scene contains.
+
+The decision itself is made where the code path is, and read from there: a reason explains it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from evs.emulator.config import ModelConfig, RenderConfig
+from evs.emulator.plan.contents import Contents
+from evs.emulator.sensor import SensorParameters
+from evs.emulator.world import Standing
+
+
+@dataclass(frozen=True)
+class Why:
+    """Both reasons of a code path; the one that does not hold is never told."""
+
+    on: str
+    off: str
+
+
+def reasons(
+    has: Contents,
+    standing: Standing,
+    sensor: SensorParameters,
+    render: RenderConfig,
+    model: ModelConfig,
+) -> dict[str, Why]:
+    """name of the code path -> why it is on, or off."""
+    path = render.renderer == "path"
+    return {
+        **_surfaces(has, path),
+        **_air(has, render),
+        **_light(has, standing, render, path),
+        **_sensor(sensor),
+        **_beside(sensor, model),
+    }
+
+
+def _surfaces(has: Contents, path: bool) -> dict[str, Why]:
+    of_paths = "only renderer path has it"
+    lobes = "paths see every gloss as a GGX lobe" if path else f"of {has.physical} materials"
+    return {
+        "physical_gloss": Why(lobes, "no material is physical or has maps"),
+        "normal_maps": Why(f"of {has.bumpy} materials", "no material has a normal map"),
+        "glowing": Why(f"{has.glowing} surfaces glow", "no surface glows" if path else of_paths),
+        "transparent": Why(
+            f"{has.transparent} surfaces are transparent",
+            "no surface is transparent" if path else f"{of_paths}: direct looks at each pixel",
+        ),
+        "refits": Why(
+            "a skin or flex changed its shape",
+            "no skin or flex moves" if has.deforming else "the scene has no skin and no flex",
+        ),
+    }
+
+
+def _air(has: Contents, render: RenderConfig) -> dict[str, Why]:
+    without = "no plane without bounds" if has.sky else "no sky"
+    haze = "render.haze=false" if not render.haze else f"there is {without} and so no horizon"
+    if has.haze:
+        haze = "the camera sees no horizon"
+    return {
+        "sky": Why("the model has a sky", "the model has no sky"),
+        "fog": Why("render.fog=true", "render.fog=false"),
+        "haze": Why("a sky, and a plane without bounds", haze),
+    }
+
+
+def _light(has: Contents, standing: Standing, render: RenderConfig, path: bool) -> dict[str, Why]:
+    coloured = ", ".join(has.coloured[:3])
+    bent = "camera.distortion_model"
+    retrace = "render.incremental=false"
+    kept = "pixels that nothing that moved can touch are kept"
+    if path:
+        kept = "a picture in which nothing moved is kept"
+    if standing.camera_moves:
+        kept += f", while the camera rests ({standing.camera_moves})"
+    return {
+        "colour": Why(
+            "light goes from surface to surface" if path else f"lights not grey: {coloured}",
+            "every light is grey: luminance is enough",
+        ),
+        "shadows": Why(
+            f"{has.casting} lights cast them",
+            "render.shadows=false" if not render.shadows else "no light casts any",
+        ),
+        "plane_shadows": Why(
+            "a light is behind a plane",
+            f"the lights are on the front of every plane ({has.planes})"
+            if has.planes
+            else "there is no plane",
+        ),
+        "light_gains": Why("[[render.flicker]]", "no light flickers"),
+        "lens": Why(bent, f"{bent}=none: a pinhole"),
+        "vignetting": Why("camera.vignetting", "camera.vignetting=none"),
+        "full_retrace": Why(retrace, kept),
+    }
+
+
+def _sensor(sensor: SensorParameters) -> dict[str, Why]:
+    """The parameter that asks for each term."""
+    keys = {
+        "threshold_spread": ("sigma_thres",),
+        "rate_spread": ("noise_rate_cov_decades",),
+        "defects": ("hot_pixel_fraction", "dead_pixel_fraction"),
+        "low_pass": ("cutoff_hz",),
+        "follower": ("follower_hz",),
+        "high_pass": ("highpass_hz",),
+        "leak": ("leak_rate_hz",),
+        "parasitic_leak": ("parasitic_leak_hz",),
+        "shot_noise": ("shot_noise_rate_hz",),
+        "refractory": ("refractory_period_s",),
+    }
+
+    def told(names: tuple[str, ...]) -> str:
+        return ", ".join(f"sensor.{name}={getattr(sensor, name):g}" for name in names)
+
+    return {name: Why(told(parts), told(parts)) for name, parts in keys.items()}
+
+
+def _beside(sensor: SensorParameters, model: ModelConfig) -> dict[str, Why]:
+    readout = sensor.readout
+    asked = f"order {readout.order}"
+    if sensor.latency_us or sensor.latency_sigma_us:
+        asked = "sensor.latency_us"
+    elif readout.order == "ideal":
+        asked = "sensor.readout limits or masks events"
+    labels = "model.labels=true"
+    return {
+        "ground_truth": Why(labels, "traced when a listener asks"),
+        "causes": Why(labels, "model.labels=false"),
+        "running_mean": Why(f"model {model.name}", f"model {model.name}"),
+        "cold_tiles": Why(
+            "the network has a bias" if model.runtime == "native" else f"runtime {model.runtime}",
+            "tiles where nothing moves are left out",
+        ),
+        "readout": Why(asked, "every event passes at its own time"),
+        "aps": Why("sensor.aps.enabled=true", "sensor.aps.enabled=false"),
+        "imu": Why("sensor.imu.enabled=true", "sensor.imu.enabled=false"),
+    }

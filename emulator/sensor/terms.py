@@ -1,0 +1,85 @@
+"""Which terms the pixels have. What is not here has no memory, no loop and no number."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from evs.emulator.plan import UNFORCED, Switches
+from evs.emulator.sensor.parameters import SensorParameters
+
+IDLE_HIGHPASS = 1e-300
+"""2 pi f in 1 / us of a high pass that is there and does nothing"""
+
+_ZEROS: dict[str, dict[str, Any]] = {
+    "threshold_spread": {"sigma_thres": 0.0},
+    "rate_spread": {"noise_rate_cov_decades": 0.0},
+    "defects": {"hot_pixel_fraction": 0.0, "dead_pixel_fraction": 0.0},
+    "low_pass": {"cutoff_hz": 0.0},
+    "follower": {"follower_hz": 0.0},
+    "high_pass": {"highpass_hz": 0.0},
+    "leak": {"leak_rate_hz": 0.0},
+    "parasitic_leak": {"parasitic_leak_hz": 0.0},
+    "shot_noise": {"shot_noise_rate_hz": 0.0},
+    "refractory": {"refractory_period_s": 0.0},
+}
+"""term -> the parameters that are 0 where it is off"""
+
+
+def reduced(sensor: SensorParameters, switches: Switches) -> SensorParameters:
+    """The sensor without the terms that are forced off."""
+    zeros = [values for name, values in _ZEROS.items() if name in switches.off]
+    return replace(sensor, **{key: value for values in zeros for key, value in values.items()})
+
+
+@dataclass(frozen=True)
+class SensorTerms:
+    """Of a plain pixel; each name is one of evs.emulator.plan.FEATURES, but for the last two."""
+
+    threshold_spread: bool
+    rate_spread: bool
+    defects: bool
+    low_pass: bool
+    follower: bool
+    high_pass: bool
+    leak: bool
+    parasitic_leak: bool
+    shot_noise: bool
+    refractory: bool
+    running_mean: bool
+    causes: bool
+    hot_pixels: bool
+    """some defects are hot pixels, whose leak has a rate of its own"""
+    idle_highpass: float
+    """the high pass where its rate is 0: 2 pi f, 1 / us"""
+
+    @property
+    def leaks(self) -> bool:
+        """Whether any reference sinks."""
+        return self.leak or self.parasitic_leak or self.hot_pixels
+
+    @classmethod
+    def of(
+        cls,
+        sensor: SensorParameters,
+        average: bool = False,
+        causes: bool = False,
+        switches: Switches = UNFORCED,
+    ) -> SensorTerms:
+        """Those that the sensor asks for, or that are forced on."""
+        needed: dict[str, object] = {
+            name: any(getattr(sensor, key) for key in zeros) for name, zeros in _ZEROS.items()
+        }
+        needed |= {"refractory": sensor.refractory_us, "running_mean": average, "causes": causes}
+        on = {name: switches.decide(name, need) for name, need in needed.items()}
+        return cls(
+            **on,
+            hot_pixels=sensor.has_hot_pixels or "defects" in switches.on,
+            idle_highpass=IDLE_HIGHPASS if "high_pass" in switches.on else 0.0,
+        )
+
+    @property
+    def features(self) -> dict[str, bool]:
+        """Whether each is on, by its name."""
+        names = (*_ZEROS, "running_mean", "causes")
+        return {name: bool(getattr(self, name)) for name in names}
