@@ -1,6 +1,6 @@
 """The native core: ray caster, event pixel and event network."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated
 
 import numpy
@@ -18,9 +18,9 @@ class Optics:
 class Tracing:
     """How the light is found, and what is given of it."""
 
-    def __init__(self, *, samples: int = 1, adaptive: bool = False, shadows: bool = True, incremental: bool = False, rgb: bool = False, integrator: str = 'direct', bounces: int = 0, sample_set: str = 'owen') -> None:
+    def __init__(self, *, samples: int = 1, adaptive: bool = False, shadows: bool = True, incremental: bool = False, rgb: bool = False, integrator: str = 'direct', bounces: int = 0, sample_set: str = 'owen', forced: Mapping[str, bool] = {}) -> None:
         """
-        samples of a pixel, adaptive: only where neighbours differ, one elsewhere; incremental: a still camera keeps what nothing that moved can touch; rgb: `render` can give colour; integrator: direct or path, which alone has bounces and a sample_set.
+        samples of a pixel, adaptive: only where neighbours differ, one elsewhere; incremental: a still camera keeps what nothing that moved can touch; rgb: `render` can give colour; integrator: direct or path, which alone has bounces and a sample_set; forced: code paths by name that are on, with the same bytes, or off, for tests, whatever the scene needs.
         """
 
 def isa_available() -> list[str]:
@@ -99,6 +99,18 @@ class Caster:
 
     @property
     def channels(self) -> int: ...
+
+    @property
+    def features(self) -> dict[str, bool]:
+        """
+        Which code paths it runs, by name: as the last tick was placed, where that decides.
+        """
+
+    @property
+    def work(self) -> dict[str, int]:
+        """
+        What it has done since it was made: ticks, packets of 4 x 4 pixels that were asked whether something that moved can touch them, packets that were traced, trees that were built and refitted.
+        """
 
 class NetworkArray:
     """A network on an array of pixels: emulator/network/native.py."""

@@ -46,10 +46,9 @@ class Pixels:
         spp: int = 0,
         switches: Switches = UNFORCED,
     ) -> None:
-        """In: seed, their fixed pattern and noise follow from it; spp, switches as
-        make_event_model.
+        """In: seed, their fixed pattern and noise follow from it.
 
-        Raises EvsError.
+        spp and switches as of make_event_model. Raises EvsError.
         """
         self._model = make_event_model(sensor, model, threads, spp, switches)
         self._readout = make_readout(sensor, switches)

@@ -31,6 +31,7 @@ OPTIONS = {
     "allow": ("publish_allow", "KEYS", "public keys that may listen to --publish: files, folders"),
     "aside": ("aside", "", "every sink in a process of its own, so that it slows no tick"),
     "insecure": ("publish_insecure", "", "let other machines listen to --publish without a key"),
+    "model-everything": ("plan.everything", "", "run what the scene does not need, too: evs plan"),
     "threads": ("threads", "N", "worker threads; 0: one a core"),
     "seed": ("seed", "N", "every random number follows from it"),
 }

@@ -17,6 +17,7 @@ from evs.msgs import EvsError, unknown
 COMMANDS = {
     "demo": "evs.launch.demo",
     "emulate": "evs.launch.emulate",
+    "plan": "evs.launch.plan",
     "render": "evs.launch.render",
     "sensors": "evs.launch.sensors",
     "view": "evs.launch.view",

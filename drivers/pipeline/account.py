@@ -13,6 +13,13 @@ from evs.drivers.pipeline.report import STAGES, Report, versions
 from evs.msgs import EventPacket
 
 
+class Plan(Protocol):
+    """What the report tells of a camera's scene; evs.emulator's ScenePlan is one."""
+
+    def compact(self) -> dict[str, Any]:
+        """Contents, code paths that are on, and why the others are off, in plain values."""
+
+
 class RunCamera(Beside, Protocol):
     """What the loop wants to know of a camera."""
 
@@ -31,6 +38,10 @@ class RunCamera(Beside, Protocol):
     @property
     def events_waiting(self) -> int:
         """Events that are still on their way through its readout."""
+
+    @property
+    def plan(self) -> Plan:
+        """What its scene requires."""
 
     @property
     def is_dark(self) -> bool:
@@ -217,4 +228,5 @@ def _camera(
         "events_dropped": dict(dropped),
         "events_waiting": camera.events_waiting,
         "camera_info": info.camera_info,
+        "plan": camera.plan.compact(),
     }

@@ -289,10 +289,15 @@ def make_sink(config: SinkConfig) -> Sink:
     return formats.by_name(config.type).record(Path(options.pop("file")), **options)
 
 
+def is_scene(word: str) -> bool:
+    """Whether a file is a scene, and no pipeline, by its ending."""
+    return Path(word).suffix in _SCENE_SUFFIXES
+
+
 def find_pipeline(word: str) -> Path:
     """The file of a pipeline: a path, or the name of one that comes with evs."""
     path = Path(word)
-    if path.suffix in _SCENE_SUFFIXES:
+    if is_scene(word):
         raise EvsError(f"'{word}' is a scene, not a pipeline; give it as --scene {word}")
     known = pipelines()
     if path.is_file():

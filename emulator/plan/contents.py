@@ -107,7 +107,7 @@ def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
 
 def _is_grey(scene: SceneModel, light: Light) -> bool:
     colours = (light.ambient, light.diffuse, light.specular)
-    if any(len(set(np.float32(colour).tolist())) > 1 for colour in colours):
+    if any(np.unique(np.array(colour, np.float32)).size > 1 for colour in colours):
         return False
     if light.kind is not LightKind.IMAGE:
         return True

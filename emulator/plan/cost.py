@@ -45,8 +45,9 @@ STEP_US, FREEDOM_US, POSE_US = 12.0, 1.5, 0.35
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one tick, on one core. Where a camera rests, render and sensor cost between `still` and
-    `whole`, by what moves.
+    """Of one tick, on one core.
+
+    Where a camera rests, renderer and sensor cost between `still` and the rest, by what moves.
     """
 
     primary_rays: int

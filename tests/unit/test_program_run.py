@@ -8,6 +8,7 @@ import os
 import signal
 import threading
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -20,6 +21,8 @@ from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo, make_e
 
 
 class FakeCamera:
+    plan = SimpleNamespace(compact=lambda: {"on": ["sky"]})
+
     def __init__(self, name: str, dark: bool = False) -> None:
         self.info = StreamInfo(
             4, 3, camera=name, tick_us=1000, seed=5, versions={"mujoco": "4.0.0"},
@@ -137,6 +140,7 @@ def test_a_whole_run() -> None:
     assert [camera["name"] for camera in report.cameras] == ["a", "b"]
     assert [camera["events"] for camera in report.cameras] == [42, 42]
     assert report.cameras[0]["camera_info"] == {"k": [1.0] * 9}
+    assert report.cameras[0]["plan"] == {"on": ["sky"]}
     assert [said["type"] for said in report.sinks] == ["one", "two"]
     # each camera's once, when they begin
     assert [line.split(" were")[0] for line in report.warnings] == [
