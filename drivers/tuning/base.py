@@ -1,0 +1,93 @@
+"""What is tuned: the user's scene and pipeline, and which of its keys are not to be touched."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from evs.drivers.evaluation.scenes import FOLDERS, VIEWS
+from evs.drivers.evaluation.stage import Stage
+from evs.drivers.pipeline import config as pipeline
+from evs.drivers.pipeline import settings
+from evs.drivers.pipeline.config import PipelineConfig
+from evs.drivers.pipeline.shipped import pipelines
+from evs.drivers.sweep.measured import Setting
+from evs.drivers.tuning.space import NAMES
+from evs.emulator.world import load_model
+from evs.msgs import EvsError, unknown
+
+
+@dataclass(frozen=True)
+class Base:
+    """A pipeline to tune."""
+
+    config: PipelineConfig
+    pinned: Mapping[str, Setting]
+    """keys of the space that the command line sets: they stay"""
+
+    def with_settings(self, chosen: Mapping[str, Setting]) -> PipelineConfig:
+        """The pipeline with these keys."""
+        config = self.config
+        for key, value in chosen.items():
+            config = settings.override(config, key, settings.to_text(value))
+        return config
+
+    def stage(self) -> Stage:
+        """Its scene, to be filmed. Raises EvsError where it cannot be loaded."""
+        scene = self.config.scene
+        return Stage(
+            scene.file,
+            load_model(scene.file),
+            self.config.camera,
+            scene.camera,
+            keyframe=scene.keyframe,
+            bounces=self.config.render.bounces,
+            flicker=self.config.render.flicker,
+        )
+
+
+def base_of(name: str | None, keys: Sequence[tuple[str, str]] = ()) -> Base:
+    """What a command line says.
+
+    In: name, an MJCF or MJB file, package:path, a robot of `evs evaluate` (gymnasium/ant), or a
+    pipeline that has a scene; keys of the pipeline and their texts. Raises EvsError.
+    """
+    if name is None:
+        raise EvsError("no scene: give one, as in evs tune robot.xml --rtf 1.0")
+    file, keys = None, list(keys)
+    if Path(name).suffix == ".toml" or name in pipelines():
+        file = name
+    else:
+        keys = [*(_robot(name) or [("scene.file", name)]), *keys]
+    config = pipeline.load(file, keys)
+    if config.is_closed:
+        raise EvsError('only an open loop is tuned; leave pace = "lockstep" and realtime.serve out')
+    pinned = {key: _value(config, key) for key, _ in keys if key in NAMES.values()}
+    return Base(config, pinned)
+
+
+def _robot(name: str) -> list[tuple[str, str]] | None:
+    """The keys that are a robot of another package, seen as `evs evaluate` sees it."""
+    package, slash, robot = name.partition("/")
+    if not slash or package not in FOLDERS or Path(name).exists() or Path(name).suffix:
+        return None
+    if name not in VIEWS:
+        raise unknown("robot", name, VIEWS)
+    height, distance = VIEWS[name]
+    return [
+        ("scene.file", f"{package}:{FOLDERS[package]}/{robot}.xml"),
+        ("camera.lookat", f"0,0,{height:g}"),
+        ("camera.distance", f"{distance:g}"),
+        ("camera.azimuth", "90"),
+        ("camera.elevation", "-20"),
+    ]
+
+
+def _value(config: PipelineConfig, key: str) -> Setting:
+    """Of a dotted key."""
+    table: object = config
+    for part in key.split("."):
+        table = getattr(table, part)
+    assert isinstance(table, str | int | float | bool)
+    return table
