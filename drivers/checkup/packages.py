@@ -29,6 +29,7 @@ EXTRAS = {
     "view": ("rerun-sdk",),
     "formats": ("h5py", "hdf5plugin"),
     "ros2": ("rosbags", "cyclonedds"),
+    "cluster": ("ray",),
 }
 """extra -> its distributions; pyproject.toml's `optional-dependencies` for users."""
 
@@ -40,6 +41,7 @@ USES = {
     "view": "Rerun's viewer and .rrd files",
     "formats": ".h5 recordings",
     "ros2": ".mcap and .bag recordings, ROS 2",
+    "cluster": "jobs on a Ray cluster",
 }
 """extra -> what it is for"""
 

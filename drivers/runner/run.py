@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import shutil
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 from evs.drivers.runner.job import Job, Ran, check_names
+from evs.drivers.runner.make import MakeIn
 from evs.drivers.runner.target import Target
 from evs.drivers.runner.work import work_off
 from evs.msgs import EvsError
@@ -23,6 +23,7 @@ def run_jobs(
     target: Path,
     *,
     workers: int = 1,
+    ray: str = "",
     threads: int = 0,
     on_done: Callable[[JobT, bool], None] = lambda _job, _is_new: None,
     on_share: Callable[[JobT, float], None] = lambda _job, _share: None,
@@ -32,13 +33,16 @@ def run_jobs(
 ) -> Ran:
     """Make the jobs whose `target/name` is not there yet. The same bytes, whoever makes them.
 
-    In: workers, processes that work at once, 1: this one does; threads, of each job, 0: its share
-    of the cores; on_done, told each job when it is there, and whether it is new; on_share, told how
-    far a running job is, 0 ... 1; on_lost, told a line when a worker dies and its job is made
-    elsewhere; stopped, asked before each job: those that run are still brought home; then, the
-    jobs that can be made now that this one is there, which go before others.
+    In: workers, processes that work at once, 1: this one does; ray, address of a Ray cluster that
+    does it instead; threads, of each job, 0: its share of the cores, one on a cluster; on_done,
+    told each job when it is there, and whether it is new; on_share, told how far a running job is,
+    0 ... 1 (a cluster does not tell); on_lost, told a line when a worker or a node dies and its job
+    is made elsewhere; stopped, asked before each job: those that run are still brought home; then,
+    the jobs that can be made now that this one is there, which go before others.
     Raises EvsError, which names the job; the jobs that arrived before stay.
     """
+    if ray and workers != 1:
+        raise EvsError("a Ray cluster has workers of its own; give --workers or --ray, not both")
     check_names(job.name for job in jobs)
     goal = Target(target)
     lost: list[str] = []
@@ -53,8 +57,9 @@ def run_jobs(
     def ready(job: JobT) -> Iterable[JobT]:
         """The jobs that follow one which is there, none of them known before."""
         found = list(then(job))
-        known.extend(found)
-        check_names(each.name for each in known)
+        if found:
+            known.extend(found)
+            check_names(each.name for each in known)
         return found
 
     def todo_of(waiting: Iterable[JobT]) -> list[JobT]:
@@ -71,23 +76,27 @@ def run_jobs(
                 missing.append(job)
         return missing
 
+    def made_in(making: Path) -> Generator[tuple[JobT, Path], None, None]:
+        """Each job with the folder in which it was made."""
+        if ray:
+            # here, so that who needs no cluster imports none of it
+            from evs.drivers.runner.cluster import work_far
+
+            return work_far(todo, ray, making, threads=threads, stopped=stopped, on_lost=tell_lost)
+        return work_off(
+            todo,
+            MakeIn(making),
+            workers,
+            threads=threads,
+            stopped=stopped,
+            on_lost=tell_lost,
+            on_share=on_share,
+        )
+
     todo += todo_of(jobs)
     if todo:
-        with (
-            goal.making() as making,
-            # closed at once where on_done raises: no worker writes into what is removed
-            closing(
-                work_off(
-                    todo,
-                    MakeIn(making),
-                    workers,
-                    threads=threads,
-                    stopped=stopped,
-                    on_lost=tell_lost,
-                    on_share=on_share,
-                )
-            ) as done,
-        ):
+        # closed at once where on_done raises: no worker writes into what is removed
+        with goal.making() as making, closing(made_in(making)) as done:
             for job, folder in done:
                 goal.arrive(job.name, folder)
                 shutil.rmtree(folder, ignore_errors=True)
@@ -95,29 +104,3 @@ def run_jobs(
                 on_done(job, True)
                 todo[:0] = todo_of(ready(job))
     return Ran(made, kept, len(known) - made - kept, tuple(lost))
-
-
-@dataclass(frozen=True)
-class MakeIn:
-    """Makes a job in a new folder below `making`."""
-
-    making: Path
-
-    def __call__(self, job: Job) -> Path:
-        """That folder. Raises EvsError, which names the job."""
-        folder = self.making / job.name
-        # a worker that died may have left half of it
-        shutil.rmtree(folder, ignore_errors=True)
-        try:
-            folder.mkdir(parents=True)
-            job.make(folder)
-        except EvsError as reason:
-            raise EvsError(f"{job.name}: {reason}") from None
-        except OSError as reason:
-            told = reason.strerror or str(reason)
-            where = f": '{reason.filename}'" if reason.filename else ""
-            raise EvsError(f"{job.name}: {told}{where}") from None
-        except Exception as error:
-            error.add_note(f"in job {job.name}")
-            raise
-        return folder

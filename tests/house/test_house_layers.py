@@ -35,11 +35,12 @@ DOORS = {
     "optax": ("drivers/training/",),
     "onnxruntime": ("emulator/network/session.py",),
     "gymnasium": ("drivers/gym/",),
+    "ray": ("drivers/runner/cluster.py",),
     "pytest": ("drivers/testing/plugin.py",),
 }
 """Import name -> the only places that may import it. What is not listed may not be imported."""
 
-EXTRAS = ("raster", "gym", "video", "train", "view", "formats", "ros2")
+EXTRAS = ("raster", "gym", "video", "train", "view", "formats", "ros2", "cluster")
 """Whose libraries the package imports; those of the others are for tests and tools."""
 
 OUTSIDE = {

@@ -1,0 +1,125 @@
+"""A Ray cluster of several nodes on this machine: processes of `ray start`, each on a loopback
+address of its own, which end with the block."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+STORE_BYTES = 80_000_000
+"""of each node's object store; Ray takes no less than 75 MB"""
+
+
+class Nodes:
+    """The nodes. Each is one `ray start`, and all that came of it."""
+
+    def __init__(self, folder: str) -> None:
+        self.folder = folder
+        self.port = free_port()
+        self.groups: list[int] = []
+
+    @property
+    def address(self) -> str:
+        return f"127.0.0.2:{self.port}"
+
+    def add(self, cores: int = 1, before: str = "") -> int:
+        """Start a node; its place. In: before, a folder that its Python finds first."""
+        place = len(self.groups)
+        head = ["--head", "--port", str(self.port), "--include-dashboard", "false"]
+        words = [
+            *(sys.executable, "-c", "from ray.scripts.scripts import main; main()", "start"),
+            *(head if place == 0 else ["--address", self.address]),
+            *("--node-ip-address", f"127.0.0.{place + 2}", "--num-cpus", str(cores)),
+            *("--object-store-memory", str(STORE_BYTES), "--disable-usage-stats"),
+        ]
+        started = subprocess.Popen(
+            words if place == 0 else words[:-1],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+            env=self.environment(before),
+        )
+        said, _ = started.communicate(timeout=60)
+        assert started.returncode == 0, said
+        self.groups.append(started.pid)
+        return place
+
+    def environment(self, before: str = "") -> dict[str, str]:
+        """Of nodes, and of who connects to them."""
+        return {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(path for path in (before, *sys.path) if path),
+            # sockets have short names, and nothing is left elsewhere
+            "RAY_TMPDIR": self.folder,
+            "RAY_USAGE_STATS_ENABLED": "0",
+            # a node that is silent is dead after about 3 s, not half a minute
+            "RAY_health_check_initial_delay_ms": "1000",
+            "RAY_health_check_period_ms": "500",
+            "RAY_health_check_timeout_ms": "1000",
+            "RAY_health_check_failure_threshold": "3",
+        }
+
+    def kill(self, place: int) -> None:
+        """kill -9 of all of a node."""
+        for pid in self.processes(place):
+            try:
+                os.kill(pid, signal.SIGKILL)
+            except ProcessLookupError:
+                continue
+
+    def processes(self, place: int) -> list[int]:
+        """Of one node: the session of its `ray start`."""
+        found = []
+        for path in Path("/proc").glob("[0-9]*/stat"):
+            try:
+                fields = path.read_text().rpartition(")")[2].split()
+            except OSError:
+                continue
+            if int(fields[3]) == self.groups[place] and fields[0] != "Z":
+                found.append(int(path.parent.name))
+        return found
+
+    def end(self) -> None:
+        """Kill all, and wait until they are gone."""
+        until_s = time.monotonic() + 10
+        while any(self.processes(place) for place in range(len(self.groups))):
+            assert time.monotonic() < until_s
+            for place in range(len(self.groups)):
+                self.kill(place)
+            time.sleep(0.05)
+
+
+@contextmanager
+def nodes(count: int) -> Iterator[Nodes]:
+    """A cluster of so many, one core each."""
+    folder = tempfile.mkdtemp(prefix="evs-ray-", dir="/tmp")
+    cluster = Nodes(folder)
+    try:
+        for _ in range(count):
+            cluster.add()
+        yield cluster
+    finally:
+        cluster.end()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def free_port() -> int:
+    """One that nobody listens on, of those that the system does not give away by itself."""
+    for port in range(26379, 26479):
+        with socket.socket() as trial:
+            try:
+                trial.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return port
+    raise RuntimeError("no port is free")
