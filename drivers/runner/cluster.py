@@ -224,9 +224,11 @@ class _Far(Generic[JobT]):
         if isinstance(cause, EvsError):
             # without what Ray tells of its own
             cause = EvsError(str(cause))
-        elif isinstance(cause, ImportError) or "failed to import" in str(error):
+        elif isinstance(cause, ImportError | self.ray.exceptions.RayError):
+            # it came no further than reading the job
+            told = str(error).strip().splitlines()[-1].strip()
             cause = EvsError(
-                f"{job.name}: a node cannot import what it needs ({cause}); install evs "
+                f"{job.name}: a node cannot take the job ({told}); install evs "
                 f"{fingerprint()['evs']} with the same extras on every node"
             )
         else:
