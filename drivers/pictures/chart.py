@@ -154,11 +154,17 @@ def _series(pen: Pen, chart: Chart, series: Series, frame: Box) -> None:
         if series.x_range:
             ends = [place_of(chart, frame, x, series.y[k]) for x in series.x_range[k]]
             if all(math.isfinite(x) for x, _ in ends):
-                pen.line([(min(max(x, left), right), y) for x, y in ends], series.colour, 1.5)
+                pen.line([(min(max(x, left), right), y) for x, y in ends], _pale(series.colour), 1)
         if series.ring_px:
             pen.ring(place, series.ring_px, series.colour)
         else:
             pen.dot(place, series.colour, series.mark)
+
+
+def _pale(colour: RGB) -> RGB:
+    """Half way to the paper."""
+    red, green, blue = ((one + paper) // 2 for one, paper in zip(colour, PAPER_RGB, strict=True))
+    return red, green, blue
 
 
 def _legend(pen: Pen, chart: Chart) -> None:

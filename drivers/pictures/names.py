@@ -15,6 +15,7 @@ from evs.drivers.pictures.layout import (
     NAME_PX,
     Chart,
     Place,
+    Series,
     frame_of,
     levels,
     place_of,
@@ -49,6 +50,7 @@ def names_of(chart: Chart, width: int, height: int) -> list[Name]:
             taken += _along(inside)
             continue
         taken += [_around(place) for place in inside]
+        taken += [box for k in range(len(series.x_range)) for box in _bar(chart, series, k, frame)]
         for place, words in zip(places, series.names, strict=False):
             if words and math.isfinite(sum(place)):
                 size = (text_width(words, NAME_PX), 1.15 * NAME_PX)
@@ -68,6 +70,15 @@ def names_of(chart: Chart, width: int, height: int) -> list[Name]:
 
 def _around(place: Place) -> Box:
     return (place[0] - POINT_PX, place[1] - POINT_PX, place[0] + POINT_PX, place[1] + POINT_PX)
+
+
+def _bar(chart: Chart, series: Series, k: int, frame: Box) -> list[Box]:
+    """The bar along x of a point."""
+    ends = [place_of(chart, frame, x, series.y[k]) for x in series.x_range[k]]
+    if not all(math.isfinite(x + y) for x, y in ends):
+        return []
+    (left, y), (right, _) = ends
+    return [(left, y - 1.0, right, y + 1.0)]
 
 
 def _along(places: Sequence[Place]) -> list[Box]:

@@ -5,7 +5,8 @@ is slowest, and by its error on the mean of them. fast is the most accurate conf
 real time everywhere, balanced the most accurate at a tenth of it, accurate at a hundredth;
 reference is the most accurate of all, and of those that the reference cannot tell from itself the
 fastest. Where nothing is fast enough the fastest configuration stands in. A preset says how light
-becomes events, so points that change the sensor or the machine are not asked.
+becomes events, so points that change the sensor, the tick (which is the pace of a closed loop, too)
+or the machine are not asked.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ DEMANDS = dict(zip(PRESETS, (1.0, 0.1, 0.01, 0.0), strict=True))
 
 KEYS = (
     *("render.renderer", "render.spp", "render.antialiasing", "render.seeds", "render.bounces"),
-    *("render.sampler", "model.name", "model.network", "model.chunk", "scene.tick_us"),
+    *("render.sampler", "model.name", "model.network", "model.chunk"),
 )
 """what a preset may say"""
 

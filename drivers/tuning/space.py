@@ -150,7 +150,8 @@ def calibration(every: Iterable[Candidate]) -> list[Candidate]:
         if family[3] == "plain":
             chosen.append(_nearest(here, 16))
     for renderer in dict.fromkeys(c.renderer for c in chosen):
-        first = next(c for c in chosen if c.renderer == renderer)
+        # of the pixel alone where there is one: a running mean has a pace of its own
+        first = min((c for c in chosen if c.renderer == renderer), key=lambda c: c.model != "plain")
         longer = dataclasses.replace(first, tick_us=2 * first.tick_us)
         chosen += [longer] if longer in able else []
     single = dataclasses.replace(chosen[0], threads=1)

@@ -30,7 +30,8 @@ class Effect:
 
 EFFECTS = (
     *("all", "path", "direct samples", "path samples", "edges", "adaptive", "evsnet"),
-    *("adaptive samples", "evsnet samples", "tick", "longer", "path tick", "one thread"),
+    *("adaptive samples", "evsnet samples", "tick", "longer", "path tick", "adaptive tick"),
+    "one thread",
 )
 """the sum's terms, in the order of `effects_of`"""
 
@@ -55,6 +56,7 @@ def effects_of(one: Candidate) -> list[float]:
         ticks,
         max(0.0, ticks) ** 2,
         path * ticks,
+        adaptive * ticks,
         float(one.threads == 1),
     ]
 
@@ -72,6 +74,7 @@ COST = {
     "tick": Effect(-0.9, 0.2),
     "longer": Effect(0.0, 0.05),
     "path tick": Effect(0.0, 0.1),
+    "adaptive tick": Effect(0.0, 0.05),
     "one thread": Effect(0.6, 0.5),
 }
 """of a second of simulation: twice the samples cost nearly twice, a tick twice as long half"""
@@ -89,6 +92,7 @@ ERROR = {
     "tick": Effect(0.3, 0.4),
     "longer": Effect(0.1, 0.2),
     "path tick": Effect(0.0, 0.2),
+    "adaptive tick": Effect(0.3, 0.4),
     "one thread": Effect(0.0, 0.0),
 }
 """four times the samples about halve it; threads change no event"""

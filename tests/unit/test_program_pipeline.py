@@ -244,8 +244,7 @@ def test_presets_want_a_scene_and_nothing_else() -> None:
         config = load(name, SCENE)
         # they say how light becomes events, and nothing of where and what for
         tables = settings.read_toml(pipelines()[name])
-        assert set(tables) <= {"render", "model", "scene"}
-        assert set(tables.get("scene", {})) <= {"tick_us"}
+        assert set(tables) <= {"render", "model"}
         assert config.emulation().scene.file == "x.xml"
         with pytest.raises(EvsError, match="no scene: give --scene"):
             load(name)

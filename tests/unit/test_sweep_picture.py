@@ -72,6 +72,9 @@ def test_names_stay_inside_and_overlap_nothing() -> None:
             at = place_of(chart, frame_of(*CHART_PX), x, y)
             dot = (at[0] - POINT_PX, at[1] - POINT_PX, at[0] + POINT_PX, at[1] + POINT_PX)
             assert not any(overlap(name.box, dot) for name in names)
+        for y, ends in zip(series.y, series.x_range, strict=True):
+            (low, at), (high, _) = (place_of(chart, frame_of(*CHART_PX), x, y) for x in ends)
+            assert not any(overlap(name.box, (low, at, high, at)) for name in names)
 
 
 def test_what_matters_has_its_name_even_in_a_crowd() -> None:
