@@ -10,10 +10,12 @@ import numpy as np
 
 from evs.emulator.camera_plan import CameraPlan
 from evs.emulator.optics import camera_info
+from evs.emulator.pose import pose_message
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.sensor import resolve_sensor
 from evs.emulator.truth import GroundTruth
 from evs.emulator.world import MjModel
+from evs.msgs import Pose
 
 
 class View:
@@ -76,6 +78,11 @@ class View:
     def t_us(self) -> int:
         """The instant that is seen, us."""
         return self._start_us + self._instant()[0].t_us
+
+    @property
+    def pose(self) -> Pose:
+        """Where the camera is at that instant; numbered 0."""
+        return pose_message(self._instant()[1], 0, self.t_us, self.name)
 
     @property
     def name(self) -> str:

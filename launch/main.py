@@ -33,6 +33,7 @@ COMMANDS = {
     "characterise": "evs.launch.characterise",
     "evaluate": "evs.launch.evaluate",
     "train": "evs.launch.train",
+    "dataset": "evs.launch.dataset",
     "doctor": "evs.launch.doctor",
 }
 """Command -> module. Each has HELP (one line), configure(parser), run(args) -> exit code.

@@ -30,7 +30,7 @@ def channel_page(frame: Mapping[str, Values]) -> U8:
 
     What is not (h, w, ...) is left out; at least one channel must be.
     """
-    panels = {name: _panel(name, np.asarray(value)) for name, value in frame.items()
+    panels = {name: panel(name, np.asarray(value)) for name, value in frame.items()
               if np.ndim(value) > 1}  # fmt: skip
     height, width = next(iter(panels.values()))[0].shape[:2]
     factor = whole_factor(width, height, PANEL_PX)
@@ -53,8 +53,10 @@ def channel_page(frame: Mapping[str, Values]) -> U8:
     return page
 
 
-def _panel(name: str, value: Values) -> tuple[U8, str]:
-    """A channel in colour, (h, w, 3), and its caption."""
+def panel(name: str, value: Values) -> tuple[U8, str]:
+    """A channel in colour, (h, w, 3), and its caption; events are a picture already."""
+    if name == "events":
+        return np.asarray(value, np.uint8), "events until then: ON blue, OFF red"
     if name in ("luminance", "rgb"):
         coded = to_srgb8(value, exposure_for(value))
         return _three(coded), name

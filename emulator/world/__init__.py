@@ -15,7 +15,7 @@ from evs.emulator.world.controls import (
     find_keyframe,
     make_control,
 )
-from evs.emulator.world.digest import digest_of
+from evs.emulator.world.digest import bytes_of, digest_of
 from evs.emulator.world.extraction import extract_scene, visible_geoms
 from evs.emulator.world.gauges import Gauges
 from evs.emulator.world.kinematics import gravity_of
@@ -47,6 +47,7 @@ __all__ = [
     "actuator_names",
     "add_joint_sensors",
     "bind_camera",
+    "bytes_of",
     "check_control",
     "control_range",
     "digest_of",

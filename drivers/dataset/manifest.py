@@ -1,0 +1,114 @@
+"""The manifest: every file of a data set with its checksum; written last, so it says: whole."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from evs.msgs import EvsError
+
+MANIFEST, SETTINGS = "manifest.json", "settings.json"
+KIND = "evs dataset 1"
+
+_CHUNK = 1 << 22
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file, hexadecimal."""
+    made = hashlib.sha256()
+    with path.open("rb") as file:
+        while data := file.read(_CHUNK):
+            made.update(data)
+    return made.hexdigest()
+
+
+def claim(folder: Path, told: Mapping[str, Any]) -> None:
+    """Make the folder one of these settings; one of others is refused. EvsError in one line."""
+    path = folder / SETTINGS
+    there = read_json(path) if path.exists() else None
+    if there is None and folder.is_dir() and any(folder.iterdir()):
+        raise EvsError(f"'{folder}' holds something else ({SETTINGS} is not there); take another")
+    if there is None:
+        write_json(path, told)
+    elif there != json.loads(json.dumps(told)):
+        where = _difference(there, json.loads(json.dumps(told)), "")
+        raise EvsError(f"'{folder}' holds a data set of other settings: {where}; take another")
+
+
+def _difference(there: Any, asked: Any, path: str) -> str:
+    """The first place where two plain values differ, with both."""
+    if isinstance(there, dict) and isinstance(asked, dict):
+        for key in [*asked, *there]:
+            if there.get(key) != asked.get(key):
+                return _difference(there.get(key), asked.get(key), f"{path}.{key}".lstrip("."))
+    short = [text if len(text) < 60 else text[:57] + "..." for text in (f"{there}", f"{asked}")]
+    return f"{path} is {short[0]}, not {short[1]}"
+
+
+def write_json(path: Path, told: Mapping[str, Any]) -> None:
+    """A JSON file, whole or not at all. EvsError where the disk does not take it."""
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with part.open("w", encoding="utf-8") as file:
+            file.write(json.dumps(told, indent=1) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+    except OSError as reason:
+        raise EvsError(f"cannot write {path}: {reason.strerror}; take another folder") from None
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """What a JSON file of ours tells. EvsError where it is not there, or is something else."""
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as reason:
+        raise EvsError(
+            f"cannot read {path}: {reason.strerror}; is this the folder of a data set that is done?"
+        ) from None
+    except ValueError:
+        raise EvsError(f"{path} is damaged: it is no JSON; make the data set again") from None
+    if not isinstance(told, dict) or told.get("kind") != KIND:
+        raise EvsError(f"{path} is not of a data set ('{KIND}')")
+    return told
+
+
+def listed(folder: Path) -> dict[str, dict[str, Any]]:
+    """Every file below the folder but the manifest: path -> bytes, sha256, in order."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        # hidden: what a running or killed command has not brought home yet
+        if path.is_file() and name != MANIFEST and not any(p[0] == "." for p in name.split("/")):
+            found[name] = {"bytes": path.stat().st_size, "sha256": digest(path)}
+    return found
+
+
+def verify(folder: Path, moved: Callable[[int, str], None] = lambda _done, _name: None) -> int:
+    """Compare every file with the manifest. Out: how many there are.
+
+    EvsError names the files that are missing, changed, or not in it.
+    """
+    files: dict[str, dict[str, Any]] = read_json(folder / MANIFEST)["files"]
+    wrong = []
+    for done, (name, said) in enumerate(files.items()):
+        moved(done, name)
+        path = folder / name
+        if not path.is_file():
+            wrong.append(f"{name} is missing")
+        elif path.stat().st_size != said["bytes"]:
+            wrong.append(f"{name} has {path.stat().st_size} bytes, not {said['bytes']}")
+        elif digest(path) != said["sha256"]:
+            wrong.append(f"{name} has another checksum")
+    if wrong:
+        more = f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""
+        raise EvsError(
+            f"'{folder}': {'; '.join(wrong[:5])}{more}; remove their folders and give the command "
+            "that made it again"
+        )
+    return len(files)
