@@ -53,8 +53,9 @@ Tracing* make_tracing(int samples, bool adaptive, bool shadows, bool incremental
   bool path = integrator == "path";
   require(!path || !adaptive, "paths take all samples in every pixel");
   require(bounces >= 0 && bounces <= 1000, "bounces: 0 ... 1000");
-  return new Tracing{samples, adaptive, shadows,  incremental,
-                     rgb,     path,     bounces, sample_set_of(sample_set), Forced(forced)};
+  return new Tracing{samples,       adaptive, shadows, incremental,
+                     rgb,           path,     bounces, sample_set_of(sample_set),
+                     Forced(forced)};
 }
 
 }  // namespace
@@ -76,7 +77,8 @@ void bind_settings(nb::module_& m) {
           nb::arg("sample_set") = "owen", nb::arg("forced") = FeatureFlags{},
           "samples of a pixel, adaptive: only where neighbours differ, one elsewhere; incremental: "
           "a still camera keeps what nothing that moved can touch; rgb: `render` can give colour; "
-          "integrator: direct or path, which alone has bounces and a sample_set; forced: code paths "
+          "integrator: direct or path, which alone has bounces and a sample_set; forced: code "
+          "paths "
           "by name that are on, with the same bytes, or off, for tests, whatever the scene needs.");
 }
 

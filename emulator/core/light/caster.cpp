@@ -115,6 +115,7 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
     paths_.sample_set = tracing.sample_set;
     while ((1 << paths_.digits) < tracing.samples) paths_.digits++;
     set_paths();
+    if (incremental_) kept_.emplace(optics.width, optics.height, tracing.samples, geoms_.size());
   }
 }
 
@@ -266,23 +267,21 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
     return;
   }
 
-  paths_.seed = poses.seed;
-  bool path = emitters_.has_value();
-
-  if (selective) find_moved();
-  // a path may go anywhere: what is still is still as a whole, or not at all
-  if (path && selective && moved_.view().count == 0 && poses.seed == previous_seed_) {
-    traced_fraction_ = 0;
+  Outputs out = {luminance, rgb, nullptr, 0};
+  if (emitters_) {
+    paths_.seed = poses.seed;
+    trace_paths(first, selective && poses.seed == previous_seed_, out);
+    previous_seed_ = poses.seed;
+    end_tick();
     return;
   }
-  previous_seed_ = poses.seed;
+  if (selective) find_moved();
   // records pay off only while the camera stays
-  bool recording = incremental_ && !path && (first || still);
+  bool recording = incremental_ && (first || still);
   if (incremental_ && !recording) {
     for (Record& r : records_) r.count = -1;
   }
 
-  Outputs out = {luminance, rgb, nullptr, 0};
   Outputs first_out = antialiasing_ ? antialiasing_->base() : out;
   Frame first_frame = antialiasing_ ? antialiasing_->base_frame(frame_) : frame_;
   Bounds moved = moved_.view();
@@ -290,11 +289,6 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
   pool_.run(sampling_.rows, [&](int row, int) {
     long count = 0;
     for (int column = 0; column < sampling_.columns; column++) {
-      if (path) {
-        kernel_->trace_path(frame_, paths_, column, row, out);
-        count++;
-        continue;
-      }
       Record* record =
           incremental_ ? &records_[static_cast<size_t>(row) * sampling_.columns + column] : nullptr;
       if (selective && !kernel_->touched(frame_, column, row, *record, moved, around_moved_))
@@ -313,9 +307,13 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
     antialiasing_->next_tick();
   }
   long packets = static_cast<long>(sampling_.rows) * sampling_.columns;
-  if (selective && !path) work_.packets_asked += packets;
+  if (selective) work_.packets_asked += packets;
   work_.packets_traced += traced;
   traced_fraction_ = static_cast<double>(traced) / static_cast<double>(packets);
+  end_tick();
+}
+
+void Caster::end_tick() {
   previous_geoms_ = geoms_;
   previous_balls_ = balls_;
   deformed_.assign(deformed_.size(), false);

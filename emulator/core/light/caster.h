@@ -8,8 +8,9 @@
 
 #include "antialiasing.h"
 #include "appearance.h"
-#include "emitters.h"
 #include "code_paths.h"
+#include "emitters.h"
+#include "kept_paths.h"
 #include "optics.h"
 #include "pool.h"
 #include "scene.h"
@@ -107,6 +108,8 @@ class Caster {
   void place_lights(const Poses& poses);
   void place_air();
   void find_moved();
+  void trace_paths(bool first, bool same, const Outputs& out);
+  void end_tick();
   Ball sphere_of(const Geom& g) const;
 
   const Kernel* kernel_;
@@ -117,6 +120,7 @@ class Caster {
   std::vector<SceneData::MeshData> mesh_data_;
   Appearance look_;
   std::optional<Emitters> emitters_;  // of paths only
+  std::optional<KeptPaths> kept_;     // of paths that are traced only where something changed
   PathFrame paths_ = {};
   int previous_seed_ = 0;
   std::vector<Mesh> meshes_;

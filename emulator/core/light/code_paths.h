@@ -9,22 +9,22 @@
 namespace evs {
 
 enum Feature {
-  COLOUR = 0,      // three channels instead of luminance alone
-  LOBES,           // GGX gloss: physical materials, maps
-  NORMAL_MAPS,     // bent normals
+  COLOUR = 0,   // three channels instead of luminance alone
+  LOBES,        // GGX gloss: physical materials, maps
+  NORMAL_MAPS,  // bent normals
   FOG,
   HAZE,
-  SHADOWS,         // shadow rays
-  PLANE_SHADOWS,   // planes stand in the way of light that is on their front
-  FULL_RETRACE,    // pixels that nothing that moved can touch
-  REFITS,          // trees of deforming meshes that keep their shape
-  GLOWING,         // paths look for surfaces with light of their own after their last bounce
-  TRANSPARENT,     // paths ask each layer how much it lets pass
+  SHADOWS,        // shadow rays
+  PLANE_SHADOWS,  // planes stand in the way of light that is on their front
+  FULL_RETRACE,   // pixels that nothing that moved can touch
+  REFITS,         // trees of deforming meshes that keep their shape
+  GLOWING,        // paths look for surfaces with light of their own after their last bounce
+  TRANSPARENT,    // paths ask each layer how much it lets pass
   FEATURE_COUNT
 };
 
 constexpr const char* FEATURE_NAMES[FEATURE_COUNT] = {
-    "colour",        "physical_gloss", "normal_maps", "fog",     "haze",        "shadows",
+    "colour",        "physical_gloss", "normal_maps", "fog",     "haze",       "shadows",
     "plane_shadows", "full_retrace",   "refits",      "glowing", "transparent"};
 
 using FeatureFlags = std::map<std::string, bool>;
@@ -55,7 +55,8 @@ class Forced {
   std::array<int, FEATURE_COUNT> said_;
 };
 
-// Air that can be looked through as if it were not there: for a caster that has to have fog or haze.
+// Air that can be looked through as if it were not there: for a caster that has to have fog or
+// haze.
 struct Air;
 void add_clear_fog(Air& air);
 void add_clear_haze(Air& air);

@@ -18,7 +18,8 @@ constexpr int SURE_BOUNCES = 2;  // after these a path ends by chance
 
 // What share of the light arrives from `towards` of what is less than `limit` away.
 inline Float visibility(const Frame& f, const PathFrame& p, Vec origin, Vec towards, Float limit,
-                        Int self, Mask wanted) {
+                        Int self, Mask wanted, Clearance* clearance) {
+  if (clearance) note(*clearance, origin, towards, limit, wanted);
   Hull hull = hull_of(origin, towards, wanted, FAR);
   Float zero = splat(0.0f), one = splat(1.0f);
   if (!p.transparent) {
@@ -41,7 +42,7 @@ inline Float visibility(const Frame& f, const PathFrame& p, Vec origin, Vec towa
 // The light of MuJoCo's lights that leaves the surface along -d, each weighed by `weight`.
 inline void add_light(const Frame& f, const PathFrame& p, const Scattering& s, Vec d,
                       const Patch<3>& patch, Int self, Mask lit, const Light& light, Pair place,
-                      Float weight, Float* out) {
+                      Float weight, Clearance* clearance, Float* out) {
   Incidence in = incidence(light, patch.point);
   if (light.radius > 0 && light.kind != DIRECTIONAL) {
     // a bulb: as much light as a glowing ball gives, from somewhere on it
@@ -59,7 +60,7 @@ inline void add_light(const Frame& f, const PathFrame& p, const Scattering& s, V
   if (!any(facing)) return;
   Float arrives = select(facing, splat(1.0f), splat(0.0f));
   if (light.castshadow && f.shadows) {
-    arrives = visibility(f, p, patch.origin, in.towards, in.distance, self, facing);
+    arrives = visibility(f, p, patch.origin, in.towards, in.distance, self, facing, clearance);
     facing = facing & (arrives > 0.0f);
     if (!any(facing)) return;
   }
@@ -90,10 +91,10 @@ inline void add_sky(const Frame& f, const PathFrame& p, Vec d, Mask sure, Float 
   add_seen(carried, light, weight * arrives, lanes, out);
 }
 
-// Light of one sample along each ray of `active`. `first`: the hull of the rays. Out: how far away
-// the first surface is, FAR where there is none.
+// Light of one sample along each ray of `active`. `first`: the hull of the rays; `clearance`: which
+// learns of every ray, or null. Out: how far away the first surface is, FAR where there is none.
 inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hull& first,
-                         Sampler sampler, Mask active, Float* out) {
+                         Sampler sampler, Mask active, Clearance* clearance, Float* out) {
   Float zero = splat(0.0f), one = splat(1.0f);
   Float carried[3] = {one, one, one};
   for (int c = 0; c < 3; c++) out[c] = zero;
@@ -105,7 +106,8 @@ inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hu
     if (point > p.bounces && !p.glowing) {
       // the last rays can meet the sky or nothing
       if (!p.open) return away;
-      Float arrives = visibility(f, p, rays.origin, rays.direction, splat(FAR), left, active);
+      Float arrives =
+          visibility(f, p, rays.origin, rays.direction, splat(FAR), left, active, clearance);
       active = active & (arrives > 0.0f);
       if (any(active)) {
         add_sky(f, p, rays.direction, sure, density, carried, arrives, active, out);
@@ -135,6 +137,10 @@ inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hu
       }
     }
 
+    if (clearance) {
+      Float end = select(lit, hit.distance, splat(FAR));
+      note(*clearance, rays.origin, rays.direction, end, active);
+    }
     if (point == 0 && sampler.mode == SAMPLES_ANCHORED) {
       sampler.pixel = anchor_of(f, rays, hit, lit);
     }
@@ -173,7 +179,8 @@ inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hu
         if (f.lights[i].kind == IMAGE) continue;
         Pair place = {zero, zero};
         if (f.lights[i].radius > 0) place = pair_of(sampler, draws + DRAW_LIGHT + 1 + i);
-        add_light(f, p, s, rays.direction, patch, hit.geom, lit, f.lights[i], place, one, received);
+        add_light(f, p, s, rays.direction, patch, hit.geom, lit, f.lights[i], place, one, clearance,
+                  received);
       }
     } else if (count > 0) {
       Float chance = pair_of(sampler, draws + DRAW_LIGHT).x * static_cast<float>(count);
@@ -184,7 +191,7 @@ inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hu
         Mask here = lit & (chosen == splat(lamp++));
         if (!any(here)) continue;
         add_light(f, p, s, rays.direction, patch, hit.geom, here, f.lights[i], place,
-                  splat(static_cast<float>(count)), received);
+                  splat(static_cast<float>(count)), clearance, received);
       }
     }
     // glowing geoms and the sky
@@ -217,7 +224,8 @@ inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hu
       if (any(facing)) {
         // up to the glowing surface, not into it
         Float limit = aim.distance * 0.9999f;
-        Float arrives = visibility(f, p, patch.origin, aim.towards, limit, hit.geom, facing);
+        Float arrives =
+            visibility(f, p, patch.origin, aim.towards, limit, hit.geom, facing, clearance);
         Float weight = arrives / (v.density + aim.density);
         for (int c = 0; c < 3; c++) {
           received[c] = received[c] + select(facing, v.light[c] * aim.light[c] * weight, zero);
@@ -260,25 +268,33 @@ EVS_INLINE void veil(const Frame& f, Vec direction, Float away, Float* light) {
   }
 }
 
-// Mean of all samples of 16 pixels. `hull` null: pixels from anywhere, whose rays have a wide one.
+constexpr int SUM_BLOCK = 64;  // sums of sums, so that thousands of samples do not round away
+
+// Light of the sampler's sample of 16 pixels, and of the air in front of it. `hull` null: pixels
+// from anywhere, whose rays have a wide one.
+inline void trace_sample(const Frame& f, const PathFrame& p, const Sampler& sampler, Int column,
+                         Int row, const Hull* hull, Mask active, Clearance* clearance,
+                         Float* light) {
+  Pair in_pixel = pair_of(sampler, DRAW_PIXEL);
+  Rays rays = rays_through(f, to_float(column) + in_pixel.x, to_float(row) + in_pixel.y);
+  Hull own = hull ? *hull : hull_of(rays.origin, rays.direction, active, FAR);
+  Float away = follow_path(f, p, rays, own, sampler, active, clearance, light);
+  if (f.air.fog) fog<3>(f, away, light);
+  if (f.air.haze) veil(f, rays.direction, away, light);
+}
+
+// Mean of all samples of 16 pixels.
 inline void trace_paths(const Frame& f, const PathFrame& p, const int* x, const int* y,
                         const Hull* hull, Float* mean) {
-  constexpr int BLOCK = 64;  // sums of sums, so that thousands of samples do not round away
   Int column = load(x), row = load(y);
   Sampler sampler = {row * splat(f.width) + column, p.sample_set, p.seed, 0, p.digits};
-  Mask all = mask_of(0xffff);
   Float sum[3], part[3];
   for (int c = 0; c < 3; c++) sum[c] = part[c] = splat(0.0f);
   for (int s = 0; s < f.samples; s++) {
     sampler.index = s;
-    Pair in_pixel = pair_of(sampler, DRAW_PIXEL);
-    Rays rays = rays_through(f, to_float(column) + in_pixel.x, to_float(row) + in_pixel.y);
-    Hull own = hull ? *hull : hull_of(rays.origin, rays.direction, all, FAR);
     Float light[3];
-    Float away = follow_path(f, p, rays, own, sampler, all, light);
-    if (f.air.fog) fog<3>(f, away, light);
-    if (f.air.haze) veil(f, rays.direction, away, light);
-    bool full = s % BLOCK == BLOCK - 1 || s == f.samples - 1;
+    trace_sample(f, p, sampler, column, row, hull, mask_of(0xffff), nullptr, light);
+    bool full = s % SUM_BLOCK == SUM_BLOCK - 1 || s == f.samples - 1;
     for (int c = 0; c < 3; c++) {
       part[c] = part[c] + light[c];
       if (full) {

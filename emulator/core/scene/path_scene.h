@@ -34,6 +34,32 @@ struct SkyTable {
   const int32_t *row_guide, *cell_guide;
 };
 
+// A ball (half 0) or capsule around a geom that moves, camera frame.
+struct Rod {
+  V3 center, axis;  // axis: unit
+  float half, radius;
+  uint32_t bit;  // that stands for the geom
+};
+
+// What is kept of every unit of a pixel's samples while the camera stands: its light, and how far
+// everything may move until one of its rays could meet something else. A unit is one sample, or a
+// block of them whose light is added up before it joins the sum.
+struct KeptLight {
+  const Rod* rods;  // around everything that has ever moved
+  int rod_count;
+  int columns;  // of a row of units: the image's, rounded up to 16
+  int units;    // a pixel
+  int size;     // samples a unit, but for the last
+  // (height, units, columns) each
+  float* light[3];
+  float* until;       // to this much motion in all: before `travelled` is there, nothing changes
+  uint32_t* touched;  // bits of the rods that its rays met: what happens when one moves is unknown
+  uint8_t* changed;   // (packet rows, columns / 16) image rows of 16 pixels that were traced
+  float travelled;    // by the fastest of them, in all
+  uint32_t moved;     // bits of the rods that moved since the last tick
+  bool all;           // every unit is to be traced
+};
+
 struct PathFrame {
   int bounces;
   int sample_set;

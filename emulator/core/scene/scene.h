@@ -223,6 +223,7 @@ struct Truth {
   float* barycentric;  // (h, w, 2) shares of the triangle's second and third corner
 };
 
+struct KeptLight;
 struct PathFrame;
 struct ProbeLanes;
 struct ProbeSurface;  // path_scene.h
@@ -251,6 +252,8 @@ struct Kernel {
   void (*trace_path)(const Frame&, const PathFrame&, int column, int row, const Outputs&);
   void (*trace_path_pixels)(const Frame&, const PathFrame&, const int32_t* x, const int32_t* y,
                             int count, float* luminance);
+  // The units of packet row `row` that may have changed, and their pixels. Out: samples traced.
+  long (*retrace_paths)(const Frame&, const PathFrame&, const KeptLight&, int row, const Outputs&);
   // The samplers of paths for their tests, 16 draws at once: see probe.h.
   void (*probe_points)(int mode, int seed, int digits, int index, int dimension, const int* pixel,
                        float* x, float* y);

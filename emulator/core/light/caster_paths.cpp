@@ -1,0 +1,44 @@
+// A tick of the caster whose light comes along paths.
+#include <atomic>
+
+#include "caster.h"
+
+namespace evs {
+
+// In: whether camera, lights and seed are those of the last tick.
+void Caster::trace_paths(bool first, bool same, const Outputs& out) {
+  KeptPaths::Plan plan = KeptPaths::Plan::FORGET;
+  if (kept_ && !first) {
+    KeptPaths::Places places = {geoms_,          previous_geoms_, balls_,
+                                previous_balls_, deformed_,       paths_.emitter_of_geom};
+    find_moved();
+    if (same && moved_balls_.empty()) {
+      traced_fraction_ = 0;
+      return;
+    }
+    plan = kept_->plan(places, same);
+  }
+  long packets = static_cast<long>(sampling_.rows) * sampling_.columns;
+  traced_fraction_ = 1;
+  if (plan == KeptPaths::Plan::FORGET) {
+    pool_.run(sampling_.rows, [&](int row, int) {
+      for (int column = 0; column < sampling_.columns; column++) {
+        kernel_->trace_path(frame_, paths_, column, row, out);
+      }
+    });
+    work_.packets_traced += packets;
+    return;
+  }
+  std::atomic<long> traced{0};
+  pool_.run(sampling_.rows, [&](int row, int) {
+    traced += kernel_->retrace_paths(frame_, paths_, kept_->light(), row, out);
+  });
+  traced_fraction_ = static_cast<double>(traced) /
+                     (static_cast<double>(frame_.width) * frame_.height * frame_.samples);
+  kept_->traced(traced_fraction_);
+  // as many packets as those samples fill
+  if (plan == KeptPaths::Plan::SOME) work_.packets_asked += packets;
+  work_.packets_traced += static_cast<long>(static_cast<double>(packets) * traced_fraction_);
+}
+
+}  // namespace evs

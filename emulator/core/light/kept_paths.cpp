@@ -1,0 +1,160 @@
+#include "kept_paths.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+namespace evs {
+namespace {
+
+constexpr int BLOCK = 64;                  // samples that trace_paths adds up before they join
+constexpr int MOST_SINGLE = 32;            // samples a pixel that are kept one by one
+constexpr size_t MOST_BYTES = 256u << 20;  // that are kept
+constexpr size_t MOST_RODS = 128;          // more things that move are not followed
+constexpr int RECOUNT = 256;               // ticks; sums of motion stay small, and exact
+constexpr double TOO_MUCH = 0.75;          // share of samples at which keeping does not pay
+constexpr int PAUSE = 32;                  // ticks without it then
+constexpr int BITS = 32;
+
+// The smaller of the ball and a capsule along the longest axis.
+Rod rod_of(const Geom& g, const Ball& ball) {
+  const float* s = g.size;
+  float half = 0, radius = 0;
+  int axis = 2;
+  switch (g.shape) {
+    case CAPSULE:
+    case CYLINDER:
+      half = s[1];
+      radius = s[0];
+      break;
+    case ELLIPSOID:
+    case BOX: {
+      axis = s[0] > s[1] ? (s[0] > s[2] ? 0 : 2) : (s[1] > s[2] ? 1 : 2);
+      float a = s[(axis + 1) % 3], b = s[(axis + 2) % 3];
+      radius = g.shape == BOX ? std::hypot(a, b) : std::max(a, b);
+      half = g.shape == BOX ? s[axis] : s[axis] - radius;
+      break;
+    }
+    default:
+      return {ball.center, {0, 0, 1}, 0, ball.radius, 0};
+  }
+  auto cube = [](float x) { return x * x * x; };
+  if (radius * radius * half * 1.5f + cube(radius) >= cube(ball.radius)) {
+    return {ball.center, {0, 0, 1}, 0, ball.radius, 0};
+  }
+  // room for the rounding of its place, and for what `note` leaves out of nearly parallel lines
+  V3 c = g.position;
+  float away = std::abs(c.x) + std::abs(c.y) + std::abs(c.z);
+  radius = radius * 1.0001f + half * 0.007f + away * 5e-7f;
+  return {c, {g.rotation[axis], g.rotation[3 + axis], g.rotation[6 + axis]}, half, radius, 0};
+}
+
+// How far any point of the rod went, at most, and how much thicker it got.
+double moved_by(const Rod& a, const Rod& b) {
+  auto end = [&](double side) {
+    double x = (b.center.x + side * b.axis.x * b.half) - (a.center.x + side * a.axis.x * a.half);
+    double y = (b.center.y + side * b.axis.y * b.half) - (a.center.y + side * a.axis.y * a.half);
+    double z = (b.center.z + side * b.axis.z * b.half) - (a.center.z + side * a.axis.z * a.half);
+    return std::sqrt(x * x + y * y + z * z);
+  };
+  return std::max(end(1), end(-1)) + std::max(0.0, static_cast<double>(b.radius) - a.radius);
+}
+
+}  // namespace
+
+KeptPaths::KeptPaths(int width, int height, int samples, size_t geoms) : watched_(geoms) {
+  light_.columns = (width + 15) / 16 * 16;
+  size_t pixels = static_cast<size_t>(light_.columns) * height, bytes = 5 * sizeof(float);
+  bool singly = samples <= MOST_SINGLE && pixels * samples * bytes <= MOST_BYTES;
+  light_.size = singly ? 1 : BLOCK;
+  light_.units = (samples + light_.size - 1) / light_.size;
+  entries_ = pixels * light_.units;
+  rods_.reserve(MOST_RODS);
+  if (entries_ * bytes > MOST_BYTES) {
+    entries_ = 0;
+    return;
+  }
+  // not written, so that they take no memory until they are
+  numbers_ = std::make_unique_for_overwrite<float[]>(4 * entries_);
+  touched_ = std::make_unique_for_overwrite<uint32_t[]>(entries_);
+  int rows = (height + PACKET_HEIGHT - 1) / PACKET_HEIGHT;
+  changed_.resize(static_cast<size_t>(rows) * light_.columns / 16);
+  for (int c = 0; c < 3; c++) light_.light[c] = numbers_.get() + c * entries_;
+  light_.until = numbers_.get() + 3 * entries_;
+  light_.touched = touched_.get();
+  light_.changed = changed_.data();
+}
+
+// Find what moved, and put a rod around it. Out: how far the fastest went; whether something moved
+// for the first time. False: it cannot be followed.
+bool KeptPaths::follow(const Places& p, double& farthest, bool& is_new) {
+  rods_.clear();
+  light_.moved = 0;
+  farthest = 0;
+  is_new = false;
+  for (size_t k = 0; k < p.now.size(); k++) {
+    const Geom& g = p.now[k];
+    bool moved =
+        (g.mesh >= 0 && p.deformed[g.mesh]) || std::memcmp(&g, &p.before[k], sizeof(Geom)) != 0;
+    if (!moved && !watched_[k]) continue;
+    // a plane is everywhere, and an emitter is aimed at from everywhere
+    if (g.shape == PLANE || p.emitter_of_geom[k] >= 0 || rods_.size() == MOST_RODS) return false;
+    is_new = is_new || !watched_[k];
+    watched_[k] = true;
+    Rod rod = rod_of(g, p.balls[k]);
+    rod.bit = 1u << (k % BITS);
+    if (moved) {
+      light_.moved |= rod.bit;
+      double far = moved_by(rod_of(p.before[k], p.balls_before[k]), rod);
+      if (!std::isfinite(far)) return false;
+      farthest = std::max(farthest, far);
+    }
+    rods_.push_back(rod);
+  }
+  light_.rods = rods_.data();
+  light_.rod_count = static_cast<int>(rods_.size());
+  return true;
+}
+
+// `until` counted from 0 again, and no number larger than it was.
+void KeptPaths::start_again() {
+  float travelled = light_.travelled;
+  for (size_t i = 0; i < entries_; i++) {
+    float left = light_.until[i] - travelled;
+    light_.until[i] = left - (std::abs(left) + travelled) * 1e-6f;
+  }
+  travelled_ = 0;
+  light_.travelled = 0;
+  ticks_ = 0;
+}
+
+KeptPaths::Plan KeptPaths::plan(const Places& places, bool same) {
+  double farthest;
+  bool is_new;
+  if (pause_ > 0) pause_--;
+  // of a camera that moves everything seems to
+  if (!entries_ || !same || pause_ > 0 || !follow(places, farthest, is_new)) {
+    valid_ = false;
+    return Plan::FORGET;
+  }
+  light_.all = !valid_ || is_new;
+  if (light_.all) {
+    travelled_ = ticks_ = 0;
+    light_.travelled = 0;
+    valid_ = true;
+    return Plan::ALL;
+  }
+  if (ticks_++ == RECOUNT) start_again();
+  // and the rounding of the places
+  travelled_ += farthest * 1.00001;
+  light_.travelled = static_cast<float>(travelled_ * 1.000001);
+  return Plan::SOME;
+}
+
+void KeptPaths::traced(double share) {
+  if (share < TOO_MUCH || light_.all) return;
+  valid_ = false;
+  pause_ = PAUSE;
+}
+
+}  // namespace evs
