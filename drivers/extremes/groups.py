@@ -14,6 +14,18 @@ def _light() -> tuple[Extreme, ...]:
     return EXTREMES
 
 
+def _time() -> tuple[Extreme, ...]:
+    from evs.drivers.extremes.time import EXTREMES
+
+    return EXTREMES
+
+
+def _motion() -> tuple[Extreme, ...]:
+    from evs.drivers.extremes.motion import EXTREMES
+
+    return EXTREMES
+
+
 def _sensor() -> tuple[Extreme, ...]:
     from evs.drivers.extremes.sensor import EXTREMES
 
@@ -28,6 +40,8 @@ def _network() -> tuple[Extreme, ...]:
 
 _LOADERS: dict[str, Callable[[], tuple[Extreme, ...]]] = {
     "light": _light,
+    "time": _time,
+    "motion": _motion,
     "sensor": _sensor,
     "network": _network,
 }

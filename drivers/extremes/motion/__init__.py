@@ -1,0 +1,7 @@
+"""The extremes of motion."""
+
+from evs.drivers.extremes.motion import speeds
+
+EXTREMES = speeds.EXTREMES
+
+__all__ = ["EXTREMES"]
