@@ -265,15 +265,16 @@ class Camera:
         labelled = self._plan.model.labels and self._traces_truth
         if not labelled and self._pixels.features.get("causes"):
             clear_causes(tick.events)
+        events = later_events(tick.events, self._start_us)
         packet = EventPacket(
             seq=self._seq,
             time_base_us=tick.begin_us + self._start_us,
             time_end_us=tick.end_us + self._start_us,
             width=self._size[0],
             height=self._size[1],
-            events=later_events(tick.events, self._start_us),
+            events=events,
             camera=self._info.camera,
-            labels=take_labels(tick.events, self.ground_truth().geom_id) if labelled else None,
+            labels=take_labels(events, self.ground_truth().geom_id) if labelled else None,
         )
         self._seq += 1
         self.events += len(tick.events)

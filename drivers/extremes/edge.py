@@ -1,8 +1,8 @@
 """An edge that moves at a known speed: each pixel's events and their times in closed form.
 
-A bright half plane moves over a dim one to the right, seen without perspective, a pixel a metre. A
-pixel's light goes along with the share of it that the edge has passed, so its n-th event is due when
-ln(1 + share (bright / dim - 1)) = n thresholds.
+A bright half plane moves over a dim one to the right, seen without perspective, a pixel a metre.
+A pixel's light goes along with the share of it that the edge has passed, so its n-th event is due
+when ln(1 + share (bright / dim - 1)) = n thresholds.
 """
 
 from __future__ import annotations

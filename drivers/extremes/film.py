@@ -54,15 +54,17 @@ def film(
     act: Act | None = None,
     suffix: str = ".aedat4",
     files: Mapping[str, bytes] | None = None,
+    folder: Path | None = None,
 ) -> Film:
     """Emulate `seconds` of a scene as `evs emulate` would, recorder on.
 
     In: mjcf, its text; tables, of the pipeline, over the IDEAL sensor in one thread; act, what
-    moves it; suffix, of the recording; files, what stands beside the scene, by name. Raises
-    EvsError as the run does, and where the recording is not what left the camera.
+    moves it; suffix, of the recording; files, what stands beside the scene, by name; folder, where
+    scene and recording (run + suffix) are to stay. Raises EvsError as the run does, and where the
+    recording is not what left the camera.
     """
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+        folder = folder or Path(name)
         for beside, content in (files or {}).items():
             (folder / beside).write_bytes(content)
         scene = folder / "scene.xml"

@@ -60,6 +60,8 @@ def test_everything_is_the_same_and_later_by_the_start(start_us: int) -> None:
         assert np.array_equal(a.events["t"] + start_us, b.events["t"])
         for name in "xyp":
             assert np.array_equal(a.events[name], b.events[name])
+        # nothing else in the bytes that go over the bus
+        assert not b.events.view(np.uint8).reshape(-1, 16)[:, 13:].any()
         assert np.array_equal(a.labels, b.labels)
         for first, second in zip(one.frames, other.frames, strict=True):
             assert np.array_equal(first.pixels, second.pixels)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from evs.drivers.extremes.edge import EVENTS, HEIGHT_PX, filmed, told, worst_share
+from evs.drivers.extremes.edge import EVENTS, filmed, told, worst_share
 from evs.drivers.extremes.extreme import Extreme, Outcome
+from evs.drivers.extremes.wall import HEIGHT_PX
 
 SPEEDS = (
     (1e-6, 250_000_000, 1),

@@ -1,0 +1,131 @@
+"""Streams that begin at 2^31 us, at a Unix time, in the year 2112: files, bus, player."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from evs.drivers.bus import Publisher, subscribe
+from evs.drivers.checkup.loopback import free_address
+from evs.drivers.extremes.extreme import Extreme, Outcome
+from evs.drivers.extremes.film import film
+from evs.drivers.extremes.light.levels import USUAL
+from evs.drivers.extremes.wall import FLASH_PX, HEIGHT_PX, place, wall
+from evs.drivers.files import formats, messages, stream_of
+from evs.emulator import World
+from evs.emulator.stamps import MAX_START_US
+from evs.msgs import EventPacket, Events, EvsError, join_events
+
+UNIX_US = 1_795_305_600_000_000
+"""22 November 2026 as a Unix time"""
+
+STARTS_US = (2**31 - 4000, 2**31, 2**32 - 4000, UNIX_US, MAX_START_US)
+"""Two of them pass the ends of int32 and of uint32 in the middle of the film."""
+
+UNIX_LIMITED = {"dat", "evt2", "evt3", "evt21"}
+"""formats whose counters tell no Unix time: 71 minutes between events, or 203 days"""
+
+LEVELS = (*USUAL, *USUAL)
+
+
+def _film(start_us: int, suffix: str, folder: Path | None = None) -> Events:
+    """What leaves the camera, which `film` has found in the recording too."""
+
+    def act(tick: int, world: World) -> None:
+        place(world, min(tick, len(LEVELS) - 1) * FLASH_PX)
+
+    seen = film(
+        wall(LEVELS, FLASH_PX),
+        len(LEVELS) * 1e-3,
+        {
+            "sensor": {"width": FLASH_PX, "height": HEIGHT_PX},
+            "scene": {"start_us": start_us},
+        },
+        act,
+        suffix,
+        folder=folder,
+    )
+    return seen.events
+
+
+class _Listener:
+    """A subscriber in a thread of its own."""
+
+    def __init__(self, address: str) -> None:
+        self.heard: list[Events] = []
+        self.lost = -1
+        self._address = address
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def _listen(self) -> None:
+        with subscribe(self._address, timeout_s=20.0) as subscription:
+            self.heard += [packet.events for packet in subscription]
+            self.lost = subscription.lost
+
+    def events(self) -> Events:
+        """All that came until the publisher's end."""
+        self._thread.join(timeout=30.0)
+        return join_events(self.heard)
+
+
+def _played(file: Path) -> tuple[Events, int]:
+    """A recording played on the bus: what a subscriber hears, and how many packets it lost."""
+    address = free_address()
+    listener = _Listener(address)
+    publisher = Publisher(address, wait_for=1)
+    try:
+        publisher.open([stream_of(file)])
+        for message in messages(file):
+            if isinstance(message, EventPacket):
+                publisher.write(message)
+    finally:
+        publisher.close()
+    return listener.events(), listener.lost
+
+
+def _later(events: Events, by_us: int) -> Events:
+    moved = events.copy()
+    moved["t"] += by_us
+    return moved
+
+
+def _starts(short: bool) -> Outcome:
+    kinds = [kind for kind in formats.FORMATS if not kind.extra]
+    if short:
+        kinds = [kind for kind in kinds if kind.name in ("aedat4", "aedat2", "evt3", "npz")]
+    usual = _film(0, ".aedat4")
+    wrong, refusals = 0, []
+    for start_us in (STARTS_US[0], UNIX_US) if short else STARTS_US:
+        expected = _later(usual, start_us)
+        for kind in kinds:
+            cannot = kind.name in UNIX_LIMITED and start_us >= UNIX_US
+            try:
+                seen = _film(start_us, kind.suffixes[0])
+                wrong += len(np.setxor1d(seen, expected)) + cannot
+            except EvsError as refusal:
+                line = str(refusal)
+                wrong += not (cannot and ".aedat4" in line and "\n" not in line)
+                refusals.append(line.partition(" to /")[0] + "; " + line.partition("; ")[2])
+        with TemporaryDirectory() as name:
+            _film(start_us, ".aedat4", Path(name))
+            heard, lost = _played(Path(name) / "run.aedat4")
+        wrong += len(np.setxor1d(heard, expected)) + abs(lost)
+    again = _film(0, ".aedat4")
+    return Outcome(wrong, 0, "events", tuple(dict.fromkeys(refusals)), np.array_equal(again, usual))
+
+
+EXTREMES = (
+    Extreme(
+        "start-times",
+        "time",
+        "scene.start_us of 2^31 us, 2^32 us, a Unix time and the year 2112, into every format, "
+        "over the player and the bus",
+        "the same events, that much later, to the microsecond; a format whose counter cannot tell "
+        "the time refuses in one line with the format to take",
+        _starts,
+    ),
+)
