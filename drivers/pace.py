@@ -17,6 +17,11 @@ def monotonic_s() -> float:
     return time.monotonic()
 
 
+def process_cpu_s() -> float:
+    """CPU seconds of all threads of this process so far; only differences mean something."""
+    return time.process_time()
+
+
 def sleep_s(seconds: float) -> None:
     """Sleep; not at all for zero, negative or NaN."""
     if seconds > 0:

@@ -32,6 +32,7 @@ COMMANDS = {
     "convert": "evs.launch.convert",
     "characterise": "evs.launch.characterise",
     "evaluate": "evs.launch.evaluate",
+    "sweep": "evs.launch.sweep",
     "train": "evs.launch.train",
     "dataset": "evs.launch.dataset",
     "doctor": "evs.launch.doctor",

@@ -59,7 +59,7 @@ class Take:
     scene: SceneModel
     camera: CameraModel
     shots: tuple[Shot, ...]
-    """one a tick, at 0, 1, 2 ... ms"""
+    """one a tick, at 0, 1, 2 ... ticks"""
     pixels: I32
     """(n, 2) columns and rows: the sampled ones, then the patch row by row"""
     sampled: int
@@ -67,6 +67,7 @@ class Take:
     """side of the patch"""
     bounces: int
     flicker: tuple[FlickerConfig, ...]
+    tick_us: int = TICK_US
 
     @property
     def name(self) -> str:
@@ -77,7 +78,7 @@ class Take:
         """The same while it stood still at its first instant, so many ticks before it."""
         snapshot, pose = self.shots[0]
         earlier = tuple(
-            (dataclasses.replace(snapshot, t_us=snapshot.t_us - back * TICK_US), pose)
+            (dataclasses.replace(snapshot, t_us=snapshot.t_us - back * self.tick_us), pose)
             for back in range(ticks, 0, -1)
         )
         return dataclasses.replace(self, shots=earlier)
@@ -98,12 +99,14 @@ def film(
     size: tuple[int, int] = SIZE,
     seed: int = 0,
     look_ticks: int | None = None,
+    tick_us: int = TICK_US,
 ) -> Take:
     """Let the scene move and take down where everything is.
 
-    In: ticks, ms to film; seed, of the controls and of the sampled pixels; look_ticks, how many of
-    the ticks choose where the patch lies (all). Raises EvsError: unknown motion, too many pixels,
-    a scene that breaks down.
+    In: ticks to film, of tick_us; seed, of the controls and of the sampled pixels; look_ticks, how
+    many of the ticks choose where the patch lies (all). A scene that has to move first does so for
+    as long whatever the tick. Raises EvsError: unknown motion, too many pixels, a scene that breaks
+    down.
     """
     if motion not in MOTIONS:
         raise unknown("camera motion", motion, MOTIONS)
@@ -112,18 +115,19 @@ def film(
         raise EvsError(f"{sampled} pixels are asked for; give 1 ... {MAX_SAMPLED}")
     model = load_model(stage.model)
     start = find_keyframe(model, stage.keyframe) if stage.keyframe else -1
-    physics = Physics(model, TICK_US, start)
+    physics = Physics(model, tick_us, start)
     control = make_control(model, "random", seed=seed, scale=CONTROL_SCALE)
     bound = bind_camera(model, stage.camera, width, height, stage.view)
     poser = Poser(model, [bound])
-    moved = _motion(motion, bound.model)
+    moved = camera_motion(motion, bound.model)
+    warm = -(-stage.warm_ticks * TICK_US // tick_us)
     shots: list[Shot] = []
-    for tick in range(stage.warm_ticks + ticks):
-        k = tick - stage.warm_ticks
+    for tick in range(warm + ticks):
+        k = tick - warm
         if k >= 0:
-            snapshot = poser.snapshot(physics.data, TICK_US * k, TICK_US)
+            snapshot = poser.snapshot(physics.data, tick_us * k, tick_us)
             rest = shots[0][1] if stage.stands and shots else snapshot.cameras[0]
-            shots.append((snapshot, moved(rest, k)))
+            shots.append((snapshot, moved(rest, tick_us * k)))
         values = control(physics.t_us, physics.data)
         if values is not None:
             physics.data.ctrl[:] = values
@@ -144,28 +148,28 @@ def film(
         patch_px,
         stage.bounces,
         stage.flicker,
+        tick_us,
     )
 
 
-def _motion(name: str, camera: CameraModel) -> Callable[[CameraPose, int], CameraPose]:
-    """Where the camera is k ticks after the beginning, given where it would be if it stood still.
+def camera_motion(name: str, camera: CameraModel) -> Callable[[CameraPose, int], CameraPose]:
+    """Where the camera is t_us after the beginning, given where it would be if it stood still.
 
     A camera that the scene moves keeps its motion; this one is added.
     """
-    seconds = 1e-6 * TICK_US
 
-    def pan(rest: CameraPose, k: int) -> CameraPose:
-        angle = PAN_PX_S * seconds * k / camera.fx
+    def pan(rest: CameraPose, t_us: int) -> CameraPose:
+        angle = PAN_PX_S * 1e-6 * t_us / camera.fx
         cos, sin = np.cos(angle), np.sin(angle)
         turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
         return CameraPose(rest.pos, np.ascontiguousarray((turn @ rest.mat.reshape(3, 3)).ravel()))
 
-    def slide(rest: CameraPose, k: int) -> CameraPose:
+    def slide(rest: CameraPose, t_us: int) -> CameraPose:
         return CameraPose(
-            rest.pos + rest.mat.reshape(3, 3)[:, 0] * (SLIDE_M_S * seconds * k), rest.mat
+            rest.pos + rest.mat.reshape(3, 3)[:, 0] * (SLIDE_M_S * 1e-6 * t_us), rest.mat
         )
 
-    return {"still": lambda rest, _k: rest, "pan": pan, "slide": slide}[name]
+    return {"still": lambda rest, _t_us: rest, "pan": pan, "slide": slide}[name]
 
 
 def spread_pixels(size: tuple[int, int], count: int, seed: int) -> I32:

@@ -104,6 +104,8 @@ class Measured:
     """ours | frames | paper"""
     speed: Speed | None = None
     error: Error | None = None
+    digest: str = ""
+    """hash of the scene and the whole configuration: a record of another one is out of date"""
 
     def __post_init__(self) -> None:
         """Raises EvsError: unknown camera motion or kind."""
@@ -123,7 +125,7 @@ class Measured:
 
     def to_json(self) -> str:
         """One line of strict JSON; null is NaN."""
-        return json.dumps(_finite(dataclasses.asdict(self)), allow_nan=False)
+        return json.dumps(finite(dataclasses.asdict(self)), allow_nan=False)
 
     @classmethod
     def from_json(cls, line: str) -> Measured:
@@ -146,25 +148,28 @@ class Measured:
                 for name in ("real_time_factor", "cpu_s_per_s", "yardstick_ratio")
             }
             told_ms = {k: _interval(v, f"speed.stage_ms.{k}") for k, v in stages.items()}
-            rays = _number(speed.rays_per_tick, "speed.rays_per_tick")
-            ticks = _number(speed.ticks, "speed.ticks")
+            rays = number(speed.rays_per_tick, "speed.rays_per_tick")
+            ticks = number(speed.ticks, "speed.ticks")
             speed = Speed(**parts, stage_ms=told_ms, rays_per_tick=rays, ticks=int(ticks))
         if error is not None:
             error = _made(Error, error, "error")
             values = dataclasses.asdict(error)
-            error = Error(**{name: _number(v, f"error.{name}") for name, v in values.items()})
-        for name in ("scene", "camera", "preset", "axis", "value", "kind"):
+            error = Error(**{name: number(v, f"error.{name}") for name, v in values.items()})
+        for name in ("scene", "camera", "preset", "axis", "value", "kind", "digest"):
             if not isinstance(getattr(found, name), str):
                 raise _wrong(name, "a text")
         return dataclasses.replace(found, settings=settings, speed=speed, error=error)
 
 
 def merged(records: Iterable[Measured]) -> list[Measured]:
-    """Each point once, in the order in which it first came; of two speeds the later one counts."""
+    """Each point once, in the order in which it first came; of two speeds the later one counts.
+
+    A record with another digest takes the place of what came before it.
+    """
     points: dict[tuple[str, ...], Measured] = {}
     for one in records:
         before = points.get(one.point)
-        if before is not None:
+        if before is not None and before.digest == one.digest:
             speed, error = one.speed or before.speed, one.error or before.error
             one = dataclasses.replace(one, speed=speed, error=error)
         points[one.point] = one
@@ -200,11 +205,12 @@ def _table(told: Any, where: str) -> dict[str, Any]:
 
 def _interval(told: Any, where: str) -> Interval:
     found = _made(Interval, told, where)
-    values = {name: _number(v, f"{where}.{name}") for name, v in dataclasses.asdict(found).items()}
+    values = {name: number(v, f"{where}.{name}") for name, v in dataclasses.asdict(found).items()}
     return Interval(values["median"], values["low"], values["high"], int(values["n"]))
 
 
-def _number(told: Any, where: str) -> float:
+def number(told: Any, where: str) -> float:
+    """The number of a JSON value, NaN for null. In: where it stands. Raises EvsError."""
     if told is None:
         return math.nan
     if isinstance(told, bool) or not isinstance(told, int | float):
@@ -216,8 +222,8 @@ def _wrong(where: str, wanted: str) -> EvsError:
     return EvsError(f"no record of a sweep: {where} is not {wanted}; delete the line")
 
 
-def _finite(value: Any) -> Any:
-    """The same without NaN and infinity: None."""
+def finite(value: Any) -> Any:
+    """The same without NaN and infinity: None. In: plain values, nested."""
     if isinstance(value, Mapping):
-        return {key: _finite(inner) for key, inner in value.items()}
+        return {key: finite(inner) for key, inner in value.items()}
     return None if isinstance(value, float) and not math.isfinite(value) else value

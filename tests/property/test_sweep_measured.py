@@ -46,6 +46,7 @@ RECORD = st.builds(
     st.sampled_from(KINDS),
     st.none() | SPEED,
     st.none() | ERROR,
+    st.text(),
 )
 
 
@@ -102,3 +103,6 @@ def test_speed_and_error_of_a_point_are_put_together(
     near = Measured(**{**vars(record), "speed": None, "error": error})
     both = Measured(**{**vars(record), "speed": speed, "error": error})
     assert merged([bare, fast, near]) == [both] == merged([near, fast])
+    # of another configuration: nothing of it is kept
+    other = Measured(**{**vars(near), "digest": record.digest + "x"})
+    assert merged([fast, other]) == [other]
