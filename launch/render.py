@@ -78,7 +78,6 @@ def run(args: argparse.Namespace) -> int:
         overrides += _size(args.size)
     config = pipeline.load(file, overrides)
     # here, so that --help is quick
-    from evs.drivers.pictures import channel_page, suffix_of, write_png
     from evs.drivers.pipeline import rendering
     from evs.launch import terminal
     from evs.launch.emulate import STOPPED
@@ -87,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     ticks = rendering.instants(config.duration_s, _fps(args.fps), config.scene.tick_us)
     out = rendering.check_target(args.out, [config.scene.file, config.scene.control_file])
     preview = None if args.preview is None else Path(args.preview)
-    if preview is not None and suffix_of(preview) != ".png":
+    if preview is not None and preview.suffix.lower() != ".png":
         raise EvsError(f"--preview is '{preview}': end it in .png")
     with terminal.bar("rendering", len(ticks), args.quiet) as moved:
         done = rendering.render(
@@ -99,6 +98,8 @@ def run(args: argparse.Namespace) -> int:
             settings.to_plain(config),
         )
     if preview is not None and done.last is not None:
+        from evs.drivers.pictures import channel_page, write_png
+
         write_png(preview, channel_page(done.last))
     if not args.quiet:
         whole = "" if done.frames == len(ticks) else f" of {len(ticks)} ({done.ended})"

@@ -94,7 +94,7 @@ class DirectRenderer:
                 integrator=self.integrator,
                 bounces=config.bounces,
                 sample_set=config.sampler,
-                forced=switches.told(),
+                forced=_forced(scene, switches),
             ),
             threads=threads,
             isa=config.isa,
@@ -173,6 +173,15 @@ class DirectRenderer:
             pose.pos,
             pose.mat,
         )
+
+
+def _forced(scene: SceneModel, switches: Switches) -> dict[str, bool]:
+    """What the tracer is told of its code paths."""
+    told = switches.told()
+    # fog that nobody asked for would hide the sky
+    if scene.skybox >= 0 and told.get("fog"):
+        del told["fog"]
+    return told
 
 
 def scene_data(

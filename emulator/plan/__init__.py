@@ -1,5 +1,5 @@
-"""What a scene requires: the code paths that run, why, and what they cost."""
+"""What a scene requires: the code paths that run, why, and what they cost (scene_plan)."""
 
-from evs.emulator.plan.features import FEATURES, NAMES, UNFORCED, Feature, Switches
+from evs.emulator.plan.features import FEATURES, NAMES, NATIVE, UNFORCED, Feature, Switches
 
-__all__ = ["FEATURES", "NAMES", "UNFORCED", "Feature", "Switches"]
+__all__ = ["FEATURES", "NAMES", "NATIVE", "UNFORCED", "Feature", "Switches"]

@@ -1,13 +1,14 @@
-"""AEDAT4's compressions by name and number. The only door to lz4 and zstandard."""
+"""AEDAT4's compressions by name and number. The only door to lz4 and zstandard.
+
+Each is imported by what uses it: who writes LZ4 loads no ZSTD.
+"""
 
 from __future__ import annotations
 
 import io
 import struct
 from collections.abc import Callable
-
-import lz4.frame
-import zstandard
+from functools import partial
 
 from evs.drivers.files.aedat4.layout import DamageError
 from evs.msgs import unknown
@@ -45,7 +46,13 @@ def compressor(name: str) -> Callable[[bytes], bytes]:
     if name == "none":
         return _same
     if name == "lz4":
-        return _compress_lz4
+        import lz4.frame
+
+        return partial(
+            lz4.frame.compress, compression_level=0, content_checksum=True, store_size=False
+        )
+    import zstandard
+
     return zstandard.ZstdCompressor(
         level=_ZSTD_LEVEL, write_checksum=True, write_content_size=True
     ).compress
@@ -105,6 +112,8 @@ def _lz4_frame_bytes(body: bytes) -> int:
 
 
 def _zstd_frame_bytes(body: bytes) -> int:
+    import zstandard
+
     # RFC 8878, 3.1.1: header, blocks of a 3-byte header each, checksum
     try:
         at = zstandard.frame_header_size(body)
@@ -122,13 +131,6 @@ def _zstd_frame_bytes(body: bytes) -> int:
 
 def _same(body: bytes) -> bytes:
     return body
-
-
-def _compress_lz4(body: bytes) -> bytes:
-    compressed: bytes = lz4.frame.compress(
-        body, compression_level=0, content_checksum=True, store_size=False
-    )
-    return compressed
 
 
 def _bounded(read: Callable[[int], bytes]) -> bytes:
@@ -162,6 +164,8 @@ def _reader(body: bytes, name: str) -> Callable[[int], bytes]:
 
 
 def _read_lz4(body: bytes) -> Callable[[int], bytes]:
+    import lz4.frame
+
     frame = lz4.frame.LZ4FrameDecompressor()
     pending = [body]
 
@@ -181,6 +185,8 @@ def _read_lz4(body: bytes) -> Callable[[int], bytes]:
 
 
 def _read_zstd(body: bytes) -> Callable[[int], bytes]:
+    import zstandard
+
     reader = zstandard.ZstdDecompressor(max_window_size=_MAX_WINDOW_BYTES).stream_reader(body)
 
     def read(count: int) -> bytes:

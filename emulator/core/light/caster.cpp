@@ -94,8 +94,7 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   frame_.bumpy = forced_.decide(NORMAL_MAPS, look_.bumpy);
   if (forced_.off(FOG)) look_.air.fog = false;
   if (forced_.off(HAZE)) look_.air.haze = false;
-  // fog would hide a sky
-  if (forced_.on(FOG) && !look_.air.fog && look_.skybox < 0) add_clear_fog(look_.air);
+  if (forced_.on(FOG) && !look_.air.fog) add_clear_fog(look_.air);
   frame_.air = look_.air;
   // the first plane without bounds has the horizon
   for (int k = count - 1; k >= 0; k--) {

@@ -55,8 +55,8 @@ class Forced {
   std::array<int, FEATURE_COUNT> said_;
 };
 
-// Air that can be looked through as if it were not there: for a caster that has to have fog or
-// haze.
+// Air that can be looked through as if it were not there, for a caster that has to have fog or
+// haze. A sky, which fog hides, is black behind it.
 struct Air;
 void add_clear_fog(Air& air);
 void add_clear_haze(Air& air);
