@@ -73,9 +73,7 @@ def _light(has: Contents, standing: Standing, render: RenderConfig, path: bool) 
     coloured = ", ".join(has.coloured[:3])
     bent = "camera.distortion_model"
     retrace = "render.incremental=false"
-    kept = "pixels that nothing that moved can touch are kept"
-    if path:
-        kept = "a picture in which nothing moved is kept"
+    kept = f"{'samples' if path else 'pixels'} that nothing that moved can touch are kept"
     if standing.camera_moves:
         kept += f", while the camera rests ({standing.camera_moves})"
     return {
