@@ -140,7 +140,6 @@ def _make(args: argparse.Namespace, folder: Path, scenes: Mapping[str, SceneFile
 
     shard_s = SHORT_SHARD_S if args.short else SHARD_S
     total = 1000 * shard_count(scenes, shard_s)
-    cluster = {"ray": args.ray} if args.ray else {}
     with stop_signals() as stopped, terminal.bar("data set", total, args.quiet) as moved:
         made = make_dataset(
             folder,
@@ -149,7 +148,7 @@ def _make(args: argparse.Namespace, folder: Path, scenes: Mapping[str, SceneFile
             workers=args.workers,
             moved=lambda done, told: moved(round(1000 * done), told),
             stopped=lambda: bool(stopped),
-            **cluster,
+            ray=args.ray,
         )
     if not args.quiet:
         ended = "" if made.whole else f" ({stopped[0]}; give the command again to go on)"

@@ -51,14 +51,14 @@ def make_dataset(
     *,
     shard_s: float = SHARD_S,
     workers: int = 1,
+    ray: str = "",
     moved: Callable[[float, str], None] = lambda _done, _told: None,
     stopped: Callable[[], bool] = lambda: False,
-    **runner: Any,
 ) -> Made:
     """Make, or go on with, a data set of these scenes; the same bytes with any number of workers.
 
-    In: shard_s, simulated seconds of a shard; moved, told how many shards are done and which one
-    moves; stopped, asked before each shard; runner, what else run_jobs takes, as ray=.
+    In: shard_s, simulated seconds of a shard; workers, ray, as run_jobs takes them; moved, told how
+    many shards are done and which one moves; stopped, asked before each shard.
     Raises EvsError; what arrived before stays, and the same call goes on there.
     """
     takes = [take_of(name, scene) for name, scene in scenes.items()]
@@ -75,12 +75,12 @@ def make_dataset(
         jobs,
         folder,
         workers=workers,
+        ray=ray,
         threads=max((take.config.threads for take in takes), default=0),
         on_done=lambda job, _: tell(job, 1.0),
         on_share=tell,
         stopped=stopped,
         then=lambda job: _next(folder, job, shard_s),
-        **runner,
     )
     if ran.left or stopped():
         return Made(ran.made, ran.kept, False, ran.lost)
