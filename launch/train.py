@@ -6,8 +6,7 @@ import argparse
 from pathlib import Path
 
 from evs.drivers.training.settings import DataSettings
-from evs.launch import fit
-from evs.msgs import EvsError
+from evs.launch import fit, run_options
 
 HELP = "train the network: `data` makes scenes and their light, `fit` learns from them"
 
@@ -18,6 +17,8 @@ EXAMPLES = """\
 examples:
   evs train data out/data                                  200 scenes of 2048 pixels, seed 1
   evs train data out/small --scenes 20 --pixels 256 --truth-spp 128
+  evs train data out/data --workers 2                      two scenes at once; the same bytes
+  evs train data out/data --ray auto                       on the Ray cluster of this machine
   evs train data out/data --scenes 100 --from 100          the second half, on another machine
   evs train data out/data --describe                       light, events and speeds of what is there
   evs train fit out/data --recipe evsnet_c8 -o out/networks
@@ -31,8 +32,8 @@ What an ideal event pixel makes of the converged light is what the network shoul
 
 DIR gets data.json (the settings) and NNNNN.npz, one a scene, each whole or not there at all. Given
 again, the command goes on where it was; Ctrl-C ends it after the scene it is at, a second one at
-once. All follows from the seed, on any number of threads. No robot is among the scenes:
-gymnasium's and dm_control's are for tests only, so that tests are of other scenes."""
+once. All follows from the seed, on any number of threads, processes and machines. No robot is among
+the scenes: gymnasium's and dm_control's are for tests only, so that tests are of other scenes."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +82,7 @@ def _configure_data(parser: argparse.ArgumentParser) -> None:
     ):
         default = getattr(usual, key.replace("-", "_"))
         add(f"--{key}", type=int, default=default, metavar="N", help=f"{told} ({default})")
-    add("--threads", type=int, default=0, metavar="N", help="worker threads; 0: one a core")
+    run_options.configure(add, "scene")
     add("--describe", action="store_true", help="make nothing; say what DIR holds")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
 
@@ -100,8 +101,7 @@ def _data(args: argparse.Namespace) -> int:
         for name, value in describe(Shards(args.folder)):
             print(f"{name:30s}{value}")
         return 0
-    if not 0 <= args.threads <= 1024:
-        raise EvsError(f"--threads is {args.threads}; give 0 for one a core, or 1 ... 1024")
+    run_options.check(args)
     settings = DataSettings(
         seed=args.seed, pixels=args.pixels, truth_spp=args.truth_spp, ticks=args.ticks
     )
@@ -114,6 +114,8 @@ def _data(args: argparse.Namespace) -> int:
             args.threads,
             moved,
             lambda: bool(stopped),
+            workers=args.workers,
+            ray=args.ray,
         )
     if not args.quiet:
         ended = f" ({stopped[0]}; give the command again to go on)" if stopped else ""

@@ -17,6 +17,7 @@ from typing import Any, Generic, TypeVar
 
 from evs.drivers.runner.far import fingerprint, make_far
 from evs.drivers.runner.job import Job
+from evs.drivers.runner.make import mend_of
 from evs.drivers.runner.parcel import Parcel
 from evs.drivers.runner.work import TRIES, name_of
 from evs.msgs import EvsError
@@ -83,10 +84,13 @@ def connected(address: str) -> Iterator[Any]:
     finally:
         if is_main:
             signal.signal(signal.SIGTERM, before)
+    # it prints on stdout what nodes die of; we tell it where a job is lost
+    ray._private.worker._worker_logs_enabled = False
     try:
         yield ray
     finally:
         ray.shutdown()
+        ray._private.worker._worker_logs_enabled = True
 
 
 def _reach(address: str) -> None:
@@ -214,7 +218,8 @@ class _Far(Generic[JobT]):
             del self.trips[stream]
             self._lose(job, type(error).__name__)
         except OSError as reason:
-            raise EvsError(f"{job.name}: cannot write its files: {reason.strerror}") from None
+            told = f"{job.name}: cannot write its files: {reason.strerror}"
+            raise EvsError(told + mend_of(reason)) from None
 
     def _fail(self, job: JobT, error: Any) -> None:
         cause = error.cause

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,8 +30,15 @@ class MakeIn:
         except OSError as reason:
             told = reason.strerror or str(reason)
             where = f": '{reason.filename}'" if reason.filename else ""
-            raise EvsError(f"{job.name}: {told}{where}") from None
+            raise EvsError(f"{job.name}: {told}{where}{mend_of(reason)}") from None
         except Exception as error:
             error.add_note(f"in job {job.name}")
             raise
         return folder
+
+
+def mend_of(reason: OSError) -> str:
+    """What to do about a disk that is full; nothing for other faults."""
+    if reason.errno not in (errno.ENOSPC, errno.EDQUOT):
+        return ""
+    return "; the jobs before it are whole: free some space and give the command again"

@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from evs.drivers.runner.make import mend_of
 from evs.msgs import EvsError
 
 PREFIX = ".making-"
@@ -70,10 +71,7 @@ class Target:
                     raise
             _sync(target.parent)
         except OSError as reason:
-            raise EvsError(
-                f"cannot write {target}: {reason.strerror}; the jobs before it are whole: mend it "
-                "and give the command again"
-            ) from None
+            raise EvsError(f"cannot write {target}: {reason.strerror}{mend_of(reason)}") from None
 
 
 @contextlib.contextmanager

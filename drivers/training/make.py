@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from evs.drivers.runner import job_threads, run_jobs, tell_share
 from evs.drivers.training.pilot import WHITE_DN, Pilot, choose_pixels, look
 from evs.drivers.training.scenes import make_scene
 from evs.drivers.training.settings import DataSettings, Variant, claim_folder
-from evs.drivers.training.shards import Shard, read_meta, shard_path, write_shard
+from evs.drivers.training.shards import Shard, read_meta, shard_name, write_shard
 from evs.drivers.training.stage import Moved, Stage, set_up
 from evs.drivers.training.truth import IDEAL, NOISY, draw_phases, event_counts
 from evs.emulator.versions import versions
@@ -99,6 +100,31 @@ def work_of(settings: DataSettings) -> int:
     return spp * settings.pixels * settings.ticks
 
 
+@dataclass(frozen=True)
+class ShardJob:
+    """The shard of a scene, as a job of the runner."""
+
+    settings: DataSettings
+    number: int
+
+    @property
+    def name(self) -> str:
+        """Its file."""
+        return shard_name(self.number)
+
+    def make(self, folder: Path) -> None:
+        """Write it. Raises EvsError as make_shard, OSError where the disk is full."""
+        work, done = work_of(self.settings), 0
+
+        def traced(samples: int) -> None:
+            nonlocal done
+            done += samples
+            tell_share(done / work)
+
+        shard = make_shard(self.settings, self.number, job_threads(), traced)
+        write_shard(folder / self.name, shard)
+
+
 def make_data(
     folder: Path,
     settings: DataSettings,
@@ -106,11 +132,15 @@ def make_data(
     threads: int,
     moved: Callable[[int, str], None],
     stopped: Callable[[], bool],
+    *,
+    workers: int = 1,
+    ray: str = "",
 ) -> Made:
-    """Make the shards of these scenes that are not there yet.
+    """Make the shards of these scenes that are not there yet: the same bytes whoever makes them.
 
     In: moved, told how many scenes times `work_of` are done, and a word; stopped, asked before
-    each scene. Raises EvsError where the folder is of other settings or the disk is full.
+    each scene; threads, workers, ray: as run_jobs. Raises EvsError where the folder is of other
+    settings or the disk is full, and as run_jobs.
     """
     if not (0 <= numbers.start < numbers.stop <= MOST_SCENES):
         raise EvsError(
@@ -119,26 +149,31 @@ def make_data(
         )
     claim_folder(folder, settings)
     work = work_of(settings)
-    made = kept = 0
-    for place, number in enumerate(numbers):
-        if stopped():
-            break
-        path = shard_path(folder, number)
-        done, word = place * work, f"scene {number}"
-        moved(done, word)
-        if path.exists():
-            _check(path, settings)
-            kept += 1
-            continue
+    done = 0
+    shares: dict[int, float] = {}
 
-        def traced(samples: int, word: str = word) -> None:
-            nonlocal done
-            done += samples
-            moved(done, word)
+    def on_share(job: ShardJob, share: float) -> None:
+        shares[job.number] = share
+        moved(int((done + sum(shares.values())) * work), f"scene {job.number}")
 
-        write_shard(path, make_shard(settings, number, threads, traced))
-        made += 1
-    return Made(made, kept)
+    def on_done(job: ShardJob, is_new: bool) -> None:
+        nonlocal done
+        if not is_new:
+            _check(folder / job.name, settings)
+        done += 1
+        on_share(job, 0.0)
+
+    ran = run_jobs(
+        [ShardJob(settings, number) for number in numbers],
+        folder,
+        workers=workers,
+        ray=ray,
+        threads=threads,
+        on_done=on_done,
+        on_share=on_share,
+        stopped=stopped,
+    )
+    return Made(ran.made, ran.kept)
 
 
 def _check(path: Path, settings: DataSettings) -> None:

@@ -1,4 +1,4 @@
-"""Shards of training data: one .npz file a scene, written whole or not at all, read with checks."""
+"""Shards of training data: one .npz file a scene, read with checks."""
 
 from __future__ import annotations
 
@@ -102,34 +102,21 @@ class Shard:
         raise EvsError(f"there is no light of {spp} spp with {seeds} seeds; there is: {there}")
 
 
-def shard_path(folder: Path, number: int) -> Path:
-    """Where a scene's shard lies."""
-    return folder / f"{number:05d}.npz"
+def shard_name(number: int) -> str:
+    """The file of a scene's shard."""
+    return f"{number:05d}.npz"
 
 
 def write_shard(path: Path, shard: Shard) -> None:
-    """Write a shard: under another name first, so that it stands there whole or not at all.
+    """Write a shard: the same bytes for the same values. OSError where the disk does not take it.
 
-    Raises EvsError where the disk does not take it; what stood there before stays.
+    The runner sees to it that a folder of data holds whole ones only.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}")
     columns: dict[str, Any] = {name: getattr(shard, name) for name in ARRAYS}
     columns["variants"] = np.array(json.dumps([asdict(one) for one in shard.variants]))
     columns["meta"] = np.array(json.dumps(shard.meta, sort_keys=True))
-    try:
-        with part.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **columns)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    except OSError as reason:
-        raise EvsError(
-            f"cannot write {path}: {reason.strerror}; the shards before it are whole: free some "
-            "space and give the command again"
-        ) from None
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink()
+    with path.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **columns)
 
 
 def read_shard(path: str | os.PathLike[str]) -> Shard:

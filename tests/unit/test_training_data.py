@@ -163,6 +163,11 @@ def test_an_interrupted_folder_is_continued_with_the_same_bytes(tmp_path: Path) 
     assert (cut / "00000.npz").stat().st_mtime_ns == first
     for one, other in zip(Shards(whole), Shards(cut), strict=True):
         assert same(one, other)
+    # in processes beside each other, to the byte
+    made = make_data(tmp_path / "two", TINY, range(3), 0, lambda *_: None, lambda: False, workers=2)
+    assert (made.made, made.kept) == (3, 0)
+    for name in ("data.json", "00000.npz", "00001.npz", "00002.npz"):
+        assert (tmp_path / "two" / name).read_bytes() == (whole / name).read_bytes()
     # in two halves, on two machines
     make_all(tmp_path / "half", numbers=range(2, 3))
     assert same(read_shard(tmp_path / "half" / "00002.npz"), Shards(whole)[2])
@@ -224,6 +229,8 @@ def test_a_folder_is_described(tmp_path: Path, capsys: pytest.CaptureFixture[str
         (["data", "x", "--scenes", "0"], "give at least one"),
         (["data", "x", "--pixels", "0"], "pixels is 0"),
         (["data", "x", "--threads", "-1"], "threads is -1"),
+        (["data", "x", "--workers", "0"], "workers is 0"),
+        (["data", "x", "--ray", "auto", "--workers", "2"], "not both"),
         (["data", "x", "--truth-spp", "many"], "truth-spp"),
         (["data", "/dev/null/x"], "cannot write"),
     ],
@@ -252,7 +259,7 @@ def test_a_full_disk_is_one_line(
     monkeypatch.setattr(np, "savez_compressed", full)
     assert main(["train", "data", str(tmp_path / "data"), "--scenes", "2", *ARGUMENTS]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "No space left on device" in line
+    assert "00000.npz: No space left on device; the jobs before it are whole" in line
     assert [path.name for path in (tmp_path / "data").iterdir()] == ["data.json"]
 
 

@@ -99,25 +99,6 @@ def test_damaged_files_are_one_line(tmp_path: Path) -> None:
         read_shard(tmp_path / "00007.npz")
 
 
-def test_a_disk_that_is_full_is_one_line_and_leaves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "00000.npz"
-    first = synthetic_shard(1, pixels=4, ticks=30)
-    write_shard(path, first)
-
-    def full(file, **_columns: object) -> None:
-        file.write(b"half")
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(np, "savez_compressed", full)
-    with pytest.raises(EvsError, match="No space left on device; the shards before it are whole"):
-        write_shard(path, synthetic_shard(2, pixels=4, ticks=30))
-    monkeypatch.undo()
-    assert [entry.name for entry in tmp_path.iterdir()] == ["00000.npz"]
-    np.testing.assert_array_equal(read_shard(path).truth, first.truth)
-
-
 def test_a_folder_lists_its_shards_in_order(tmp_path: Path) -> None:
     folder = synthetic_data(tmp_path / "data", shards=3, pixels=4, ticks=20)
     (folder / ".00009.npz.77").write_bytes(b"half a shard")

@@ -61,6 +61,7 @@ class Nodes:
             "PYTHONPATH": os.pathsep.join(path for path in (before, *sys.path) if path),
             # sockets have short names, and nothing is left elsewhere
             "RAY_TMPDIR": self.folder,
+            "TMPDIR": self.folder,
             "RAY_USAGE_STATS_ENABLED": "0",
             # a node that is silent is dead after about 3 s, not half a minute
             "RAY_health_check_initial_delay_ms": "1000",

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from evs.drivers.training.settings import SETTINGS_FILE, DataSettings, Variant
-from evs.drivers.training.shards import Shard, shard_path, write_shard
+from evs.drivers.training.shards import Shard, shard_name, write_shard
 from evs.drivers.training.truth import IDEAL, NOISY, draw_phases, event_counts
 
 
@@ -53,5 +53,5 @@ def synthetic_data(folder: Path, shards: int = 3, pixels: int = 32, ticks: int =
     settings = DataSettings(pixels=pixels, ticks=ticks, variants=variants)
     (folder / SETTINGS_FILE).write_text(json.dumps(settings.plain()))
     for number in range(shards):
-        write_shard(shard_path(folder, number), synthetic_shard(number, pixels, ticks, variants))
+        write_shard(folder / shard_name(number), synthetic_shard(number, pixels, ticks, variants))
     return folder
