@@ -33,6 +33,7 @@ COMMANDS = {
     "characterise": "evs.launch.characterise",
     "evaluate": "evs.launch.evaluate",
     "sweep": "evs.launch.sweep",
+    "tune": "evs.launch.tune",
     "train": "evs.launch.train",
     "dataset": "evs.launch.dataset",
     "doctor": "evs.launch.doctor",

@@ -102,6 +102,8 @@ class Judge:
     cache: LightCache
     threads: int = 0
     moved: Moved = lambda _samples: None
+    lit: RenderConfig = field(default_factory=RenderConfig)
+    """what lights the scene, for the reference too: headlight, shadows, fog, haze, units"""
     _lights: dict[tuple[int, int], Lights] = field(default_factory=dict)
     _references: dict[str, _Reference] = field(default_factory=dict)
     _found: dict[str, Error] = field(default_factory=dict)
@@ -154,7 +156,14 @@ class Judge:
         sensor = dataclasses.replace(sensor, filter="exact")
         key = digest((lights.take.camera.width, sensor))
         if key not in self._references:
-            half = RenderConfig(renderer="path", spp=self.settings.reference_spp // 2)
+            half = dataclasses.replace(
+                self.lit,
+                renderer="path",
+                spp=self.settings.reference_spp // 2,
+                seeds="fixed",
+                antialiasing="fixed",
+                sampler=RenderConfig.sampler,
+            )
             every_ms = instants(TICK_US, self.settings.end_us)
             one, two = (lights.at(half, every_ms, seed) for seed in HALF_SEEDS)
             converged: F32 = (one + two) * np.float32(0.5)
