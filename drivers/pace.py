@@ -129,12 +129,19 @@ CATCH_UP_S = 0.1
 """How much lateness is caught up with if nothing else is said: a hiccup, not an overload."""
 
 
+_CLOCK_STEP_S = 1e-3
+"""A clock that goes back by less is as coarse as some are, and is simply waited for."""
+
+
 class Pacer:
     """Holds simulated time back to `speed` times the wall clock; 0 holds nothing back.
 
     A tick that is late by up to `catch_up_s` is not waited for and the next ones catch up, so that
     the mean speed holds. What is beyond that is given up: simulated time slips behind the wall
     clock, once and for all, and nobody races after it. It slows, and no tick is left out.
+
+    A clock that goes back, which none should, is not waited for: no wait is longer than the ticks
+    since the last one.
     """
 
     def __init__(
@@ -166,6 +173,9 @@ class Pacer:
         """by how much simulated time has slipped behind the wall clock so far, s of that clock"""
         self.slips = 0
         """in how many ticks"""
+        self.went_back_s = 0.0
+        """by how much the clock has gone back so far, s, at least"""
+        self._last_us = 0
 
     def now_s(self) -> float:
         """Its clock."""
@@ -178,7 +188,7 @@ class Pacer:
         first time): then time begins when it is over.
         """
         self._start_s, self._start_us, self._started = self._clock(), t_us, True
-        self._waited = False
+        self._last_us, self._waited = t_us, False
 
     def wait_until(self, t_us: int) -> None:
         """Return when the wall clock has reached simulated time t_us; the first starts it."""
@@ -188,6 +198,13 @@ class Pacer:
             self.start(t_us)
         due_s = self._start_s + (t_us - self._start_us) * 1e-6 / self.speed
         early_s = due_s - self._clock()
+        # the last wait ended when its own time had come, so at most this much is left
+        most_s = (t_us - self._last_us) * 1e-6 / self.speed
+        self._last_us = t_us
+        if early_s > most_s + _CLOCK_STEP_S:
+            self._start_s -= early_s - most_s
+            self.went_back_s += early_s - most_s
+            early_s = most_s
         if not self._waited:
             self._waited = True
             self._start_s += max(0.0, -early_s)
@@ -217,4 +234,5 @@ class Pacer:
             "late_ms": late_ms,
             "slipped_s": round(self.slipped_s, 6),
             "slips": self.slips,
+            "clock_back_s": round(self.went_back_s, 6),
         }

@@ -81,8 +81,15 @@ class Camera:
         self._size = (int(sensor.width), int(sensor.height))
         self._tick_us = tick_us
         self._stand(world, scene)
+        render = plan.render
         self._pixels = Pixels(
-            sensor, plan.model, plan.seed, plan.threads, plan.render.noisy_samples, switches
+            sensor,
+            plan.model,
+            plan.seed,
+            plan.threads,
+            render.noisy_samples,
+            switches,
+            render.isa,
         )
         name = free_name(plan.name, self.bound.name, taken)
         scene_config = scene_config or SceneConfig(tick_us=tick_us)

@@ -291,7 +291,8 @@ class RenderConfig:
     incremental: bool = True
     """trace again only what something moved can touch; the result is the same bit for bit"""
     isa: str = "auto"
-    """auto | avx512 | avx2 | portable: the instruction set; the result is the same bit for bit"""
+    """auto | avx512 | avx2 | portable: the instruction set, of pixels and networks too; the result
+    is the same bit for bit"""
     flicker: tuple[FlickerConfig, ...] = ()
 
     @property

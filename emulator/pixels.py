@@ -45,12 +45,13 @@ class Pixels:
         threads: int = 0,
         spp: int = 0,
         switches: Switches = UNFORCED,
+        isa: str = "auto",
     ) -> None:
         """In: seed, their fixed pattern and noise follow from it.
 
-        spp and switches as of make_event_model. Raises EvsError.
+        spp, switches and isa as of make_event_model. Raises EvsError.
         """
-        self._model = make_event_model(sensor, model, threads, spp, switches)
+        self._model = make_event_model(sensor, model, threads, spp, switches, isa)
         self._readout = make_readout(sensor, switches)
         self._shape = (int(sensor.height), int(sensor.width))
         self._seed = seed

@@ -58,6 +58,13 @@ EXAMPLES = """Examples:
 `evs COMMAND --help` says everything about a command; `evs doctor` checks this machine."""
 
 
+MORE_MEMORY = (
+    "take a smaller sensor, fewer threads or higher thresholds, or raise the limit of this shell "
+    "or container (ulimit -v)"
+)
+INSTALL = "install evs again, or raise the memory limit if there is one (ulimit -v)"
+
+
 class Parser(argparse.ArgumentParser):
     """argparse, but an error is an EvsError: one line that says how to get help."""
 
@@ -76,6 +83,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except EvsError as error:
         # libraries below may quote messages of many lines
         print("evs:", " ".join(str(error).split()), file=sys.stderr)
+        return 2
+    except MemoryError:
+        print(f"evs: out of memory; {MORE_MEMORY}", file=sys.stderr)
+        return 2
+    except ImportError as reason:
+        # a broken installation, or no memory left to map a library into
+        words = " ".join(str(reason).split())
+        print(f"evs: cannot load what it needs ({words}); {INSTALL}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.files import read
-from evs.drivers.pace import StopWatch
+from evs.drivers.pace import Pacer, StopWatch
 from evs.drivers.pipeline import settings
 from evs.drivers.pipeline.config import check, load, make_sink
 from evs.drivers.pipeline.report import Report
@@ -55,13 +55,14 @@ def film(
     suffix: str = ".aedat4",
     files: Mapping[str, bytes] | None = None,
     folder: Path | None = None,
+    pace: Pacer | None = None,
 ) -> Film:
     """Emulate `seconds` of a scene as `evs emulate` would, recorder on.
 
     In: mjcf, its text; tables, of the pipeline, over the IDEAL sensor in one thread; act, what
     moves it; suffix, of the recording; files, what stands beside the scene, by name; folder, where
-    scene and recording (run + suffix) are to stay. Raises EvsError as the run does, and where the
-    recording is not what left the camera.
+    scene and recording (run + suffix) are to stay; pace, None: free. Raises EvsError as the run
+    does, and where the recording is not what left the camera.
     """
     with tempfile.TemporaryDirectory() as name:
         folder = folder or Path(name)
@@ -69,11 +70,16 @@ def film(
             (folder / beside).write_bytes(content)
         scene = folder / "scene.xml"
         scene.write_text(mjcf, encoding="utf-8")
-        return _film(scene, seconds, dict(tables or {}), act, folder / f"run{suffix}")
+        return _film(scene, seconds, dict(tables or {}), act, folder / f"run{suffix}", pace)
 
 
 def _film(
-    scene: Path, seconds: float, tables: dict[str, Any], act: Act | None, target: Path
+    scene: Path,
+    seconds: float,
+    tables: dict[str, Any],
+    act: Act | None,
+    target: Path,
+    pace: Pacer | None,
 ) -> Film:
     own = {"file": str(scene), **tables.pop("scene", {})}
     sensor = {**IDEAL, **tables.pop("sensor", {})}
@@ -110,6 +116,7 @@ def _film(
         sinks,
         seconds,
         watch,
+        pace,
         observers=[keep],
         warn=said.append,
         config=settings.to_plain(config),

@@ -38,12 +38,19 @@ def _network() -> tuple[Extreme, ...]:
     return EXTREMES
 
 
+def _machine() -> tuple[Extreme, ...]:
+    from evs.drivers.extremes.machine import EXTREMES
+
+    return EXTREMES
+
+
 _LOADERS: dict[str, Callable[[], tuple[Extreme, ...]]] = {
     "light": _light,
     "time": _time,
     "motion": _motion,
     "sensor": _sensor,
     "network": _network,
+    "machine": _machine,
 }
 
 GROUPS = tuple(_LOADERS)

@@ -21,7 +21,7 @@ class Lateness:
 
     def __init__(self, pacer: Pacer, warn: Callable[[str], None]) -> None:
         self._pacer, self._warn = pacer, warn
-        self._told_s = 0.0
+        self._told_s = self._told_back_s = 0.0
         self._next_s = -1e300
         self._gap_s = _FIRST_GAP_S
         self._period = 0
@@ -29,6 +29,12 @@ class Lateness:
     def look(self) -> None:
         """After a tick was waited for: warn at once where time slips, then now and then."""
         pacer = self._pacer
+        if pacer.went_back_s > self._told_back_s:
+            self._warn(
+                f"this machine's clock went back by {pacer.went_back_s - self._told_back_s:.3g} s: "
+                "it is not waited for, packets go on as if it had not"
+            )
+            self._told_back_s = pacer.went_back_s
         if pacer.slipped_s <= self._told_s:
             return
         now_s = pacer.now_s()

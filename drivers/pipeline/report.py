@@ -61,7 +61,8 @@ class Report:
     """what each sink said when it was closed"""
     pace: dict[str, Any] = field(default_factory=dict)
     """held to the wall clock: speed, catch_up_s, late_ms {median, p99, worst} over all ticks,
-    slipped_s and slips: by how much simulated time fell behind for good, and in how many ticks"""
+    slipped_s and slips: by how much simulated time fell behind for good, and in how many ticks,
+    clock_back_s: by how much the machine's clock went back, which none should"""
     loop: dict[str, Any] = field(default_factory=dict)
     """lock-step: address, episodes, steps, restores, saves, controllers (that joined), ..._lost,
     refused and repeated requests, decision_ms {median, p99} that the world waited for each, and

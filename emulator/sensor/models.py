@@ -22,11 +22,13 @@ def make_event_model(
     threads: int = 0,
     spp: int = 0,
     switches: Switches = UNFORCED,
+    isa: str = "auto",
 ) -> EventModel:
     """The event model that `model.name` names.
 
     In: threads, 0 is one a core; spp, samples a pixel of light with noise, 0 without: a family of
-    networks has a member for it; switches, code paths that are forced on or off. Raises EvsError.
+    networks has a member for it; switches, code paths that are forced on or off; isa, auto, avx512,
+    avx2 or portable. Raises EvsError.
     """
     if model.name not in MODELS:
         raise unknown("model", model.name, MODELS)
@@ -41,6 +43,7 @@ def make_event_model(
             runtime=model.runtime,
             provider=model.provider,
             threads=threads,
+            isa=isa,
             initial=model.initial_state,
             labels=model.labels,
             switches=switches,
@@ -48,6 +51,7 @@ def make_event_model(
     return PlainModel(
         sensor,
         threads,
+        isa,
         average=_AVERAGES[model.name],
         causes=model.labels,
         switches=switches,

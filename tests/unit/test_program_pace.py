@@ -165,3 +165,31 @@ def test_the_first_wait_starts_a_pacer_that_was_not_started() -> None:
 def test_an_impossible_speed_is_refused(speed: float) -> None:
     with pytest.raises(EvsError, match="speed"):
         Pacer(speed)
+
+
+def test_a_clock_that_goes_back_is_not_waited_for() -> None:
+    clock = Clock()
+    pacer = Pacer(2.0, clock, clock.sleep)
+    pacer.start(0)
+    for tick in range(1, 301):
+        if tick == 100:
+            clock.now_s -= 3600.0
+        if tick == 200:
+            clock.now_s -= 0.5
+        pacer.wait_until(1000 * tick)
+    # no wait is longer than a tick, and all of them are as long as simulated time
+    assert max(clock.slept) == pytest.approx(0.0005)
+    assert sum(clock.slept) == pytest.approx(0.15)
+    assert pacer.went_back_s == pytest.approx(3600.5)
+    assert pacer.report()["clock_back_s"] == pytest.approx(3600.5)
+    assert (pacer.worst_late_s, pacer.slipped_s) == (pytest.approx(0.0, abs=1e-9), 0.0)
+
+
+def test_several_ticks_may_be_waited_for_at_once() -> None:
+    clock = Clock()
+    pacer = Pacer(1.0, clock, clock.sleep)
+    pacer.start(0)
+    pacer.wait_until(1000)
+    pacer.wait_until(9000)
+    assert clock.slept == [pytest.approx(0.001), pytest.approx(0.008)]
+    assert pacer.went_back_s == 0.0
