@@ -81,16 +81,8 @@ class Camera:
         self._size = (int(sensor.width), int(sensor.height))
         self._tick_us = tick_us
         self._stand(world, scene)
-        render = plan.render
-        self._pixels = Pixels(
-            sensor,
-            plan.model,
-            plan.seed,
-            plan.threads,
-            render.noisy_samples,
-            switches,
-            render.isa,
-        )
+        settings = (plan.seed, plan.threads, plan.render.noisy_samples)
+        self._pixels = Pixels(sensor, plan.model, *settings, switches, plan.render.isa)
         name = free_name(plan.name, self.bound.name, taken)
         scene_config = scene_config or SceneConfig(tick_us=tick_us)
         self._start_us = scene_config.start_us

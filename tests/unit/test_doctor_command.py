@@ -22,10 +22,11 @@ TRIAL = ("renderer", "sensor", "bus", "recorder", "timing")
 
 
 def checks_of(capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, dict[str, str]]]:
-    """Exit code of `evs doctor --json` and its checks by name."""
-    code = main(["doctor", "--json"])
+    """Exit code of `evs doctor --quick --json` and its checks by name."""
+    code = main(["doctor", "--quick", "--json"])
     said: dict[str, Any] = json.loads(capsys.readouterr().out)
-    assert set(said) == {"fit", "checks"}
+    assert set(said) == {"fit", "checks", "extremes"}
+    assert said["extremes"] == []
     for check in said["checks"]:
         assert set(check) == {"name", "verdict", "says", "fix"}
         assert check["verdict"] in (checkup.OK, checkup.NOTE, checkup.BAD)
@@ -124,7 +125,7 @@ def test_lines_for_people(
 ) -> None:
     quick(monkeypatch)
     monkeypatch.setattr(packages, "version_of", lambda name: None if name == "lz4" else "1.0")
-    assert doctor.run(argparse.Namespace(json=False)) == 1
+    assert doctor.run(argparse.Namespace(json=False, quick=False, markdown=None)) == 1
     lines = capsys.readouterr().out.splitlines()
     assert any(re.match(r"ok +numpy +1\.0$", line) for line in lines)
     assert any(re.match(r"BAD +lz4 +not installed; pip install lz4$", line) for line in lines)
