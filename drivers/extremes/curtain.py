@@ -70,7 +70,11 @@ class Shown:
 
     def rounding(self) -> float:
         """What two logarithms in float32 may add to that: each is right to a step of 2^-20."""
-        return float(2.0**-19 / min(theta.min() for theta in self._thresholds))
+        return 2.0**-19 / self.least_threshold()
+
+    def least_threshold(self) -> float:
+        """Of all pixels and both polarities, log units."""
+        return float(min(theta.min() for theta in self._thresholds))
 
     @cached_property
     def _thresholds(self) -> tuple[F64, F64]:

@@ -97,7 +97,7 @@ def _forgetful(short: bool) -> Outcome:
         on, off = seen.counts()
         wrong += int(np.abs(on + off - each * (ticks - 1)).sum())
         clamps += seen.film.report.clamps
-    return Outcome(wrong, 0, "events", (f"{clamps} values clamped",))
+    return Outcome(wrong, 0, "wrong events", (f"{clamps} values clamped",))
 
 
 def _left_over(tau_s: float, quiet: int, real: bool = False) -> tuple[F32, F64]:

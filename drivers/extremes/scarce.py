@@ -33,7 +33,9 @@ def _memory(short: bool) -> Outcome:
     calm = film(SPINNER, DOOM_TICK * 1e-3, {"scene": {"keyframe": "doom"}, "sensor": _BURST,
                                             "render": {"spp": 1}}).events  # fmt: skip
     right = "do not fit in memory" in said and 0 < len(calm) <= len(kept)
-    return Outcome(lost, 0, "events", (said,), right and bool((kept[: len(calm)] == calm).all()))
+    return Outcome(
+        lost, 0, "lost events", (said,), right and bool((kept[: len(calm)] == calm).all())
+    )
 
 
 def _disk(short: bool) -> Outcome:
@@ -47,7 +49,7 @@ def _disk(short: bool) -> Outcome:
     report = ended.report
     right = report["ended"] == "complete" and len(told) == 1 and ended.code == 2
     return Outcome(
-        lost, 0, "events", tuple(told), right and 0 < len(ended.recorded) < report["events"]
+        lost, 0, "lost events", tuple(told), right and 0 < len(ended.recorded) < report["events"]
     )
 
 

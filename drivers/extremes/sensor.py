@@ -66,9 +66,8 @@ def _spread(short: bool) -> Outcome:
     shown = _swept(5 if short else 40, 3, {"sigma_thres": 0.6, "pos_thres": 0.5, "neg_thres": 0.5})
     settled = not len(shown.film.within((shown.film.report.ticks - 2) * 1000, 10**9))
     named = any("sigma_thres" in line for line in shown.film.warnings)
-    return Outcome(
-        shown.untold(), 1.0 + shown.rounding(), "thresholds", _said(shown), settled and named
-    )
+    right = settled and named and shown.least_threshold() == np.float32(0.01)
+    return Outcome(shown.untold(), 1.0 + shown.rounding(), "thresholds", _said(shown), right)
 
 
 def _blind(short: bool) -> Outcome:
@@ -81,7 +80,7 @@ def _blind(short: bool) -> Outcome:
     for_long = _swept(length, length, {"refractory_period_s": length * 1e-3})
     again = for_long.counts(for_long.film.within(length * 1000, 10**9))[0].astype(bool)
     worst = float((on + off).max()) if on.any() or off.any() else math.nan
-    return Outcome(worst, 1, "events a pixel", _said(for_ever), named and bool(again.any()))
+    return Outcome(worst, 1, "event(s) a pixel", _said(for_ever), named and bool(again.any()))
 
 
 def _slow(short: bool) -> Outcome:
@@ -155,7 +154,7 @@ def _saturated(short: bool) -> Outcome:
     calm_us = rest * 1000
     after, expected = (film.within(calm_us, 10**9) for film in (ideal.film, chip.film))
     right = lost > 0 and busiest <= 12_001 and _same_pixels(after, expected)
-    return Outcome(missing, 0, "events", said, right)
+    return Outcome(missing, 0, "missing events", said, right)
 
 
 def _causes(dropped: Mapping[str, int]) -> str:
