@@ -89,8 +89,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     except ImportError as reason:
         # a broken installation, or no memory left to map a library into
-        words = " ".join(str(reason).split())
-        print(f"evs: cannot load what it needs ({words}); {INSTALL}", file=sys.stderr)
+        said = " ".join(str(reason).split())
+        print(f"evs: cannot load what it needs ({said}); {INSTALL}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130

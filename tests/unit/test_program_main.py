@@ -157,3 +157,28 @@ def test_help_imports_nothing_heavy() -> None:
     )
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MemoryError(), "evs: out of memory; take a smaller sensor"),
+        (
+            ImportError("x.so: failed to\n map"),
+            "evs: cannot load what it needs (x.so: failed to map)",
+        ),
+    ],
+)
+def test_no_memory_is_one_line(
+    error: Exception,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def fails(words: list[str]) -> int:
+        raise error
+
+    monkeypatch.setattr(main, "_dispatch", fails)
+    assert main.main(["emulate"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(said)
