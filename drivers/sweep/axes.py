@@ -146,6 +146,12 @@ def threads(base: PipelineConfig) -> Values:
     return [(f"{n} thread{'s' * (n > 1)}", {"threads": n}) for n in THREADS]
 
 
+def ahead(base: PipelineConfig) -> Values:
+    """Light of the next ticks made beside this one's events, or one after the other."""
+    del base
+    return [(f"{ticks} tick{'s' * (ticks != 1)}", {"ahead": ticks}) for ticks in (0, 2)]
+
+
 def incremental(base: PipelineConfig) -> Values:
     """Only what moved is traced again, or everything; the same bytes."""
     if base.render.renderer == "raster":
@@ -197,6 +203,7 @@ AXES: dict[str, Callable[[PipelineConfig], Values]] = {
     "resolution": resolution,
     "precision": precision,
     "threads": threads,
+    "ahead": ahead,
     "incremental": incremental,
     "frames": frames,
     "paper": paper,
@@ -207,7 +214,8 @@ KINDS = {"frames": FRAMES, "paper": PAPER}
 """axes that are other people's way"""
 
 DEFAULT: dict[str, tuple[str, ...]] = {
-    "fast": ("renderer", "samples", "model", "tick", "resolution", "threads", "incremental"),
+    "fast": ("renderer", "samples", "model", "tick", "resolution", "threads", "ahead",
+             "incremental"),
     "balanced": ("samples", "seeds", "model", "network", "chunk", "tick", "precision",
                  "incremental"),
     "accurate": ("samples", "seeds", "model", "frames", "paper"),

@@ -16,8 +16,8 @@ from evs.emulator.light.choose import check_render
 from evs.emulator.pixels import check_chunk
 from evs.msgs import EvsError
 
-SHAPING = ("seed", "threads", "scene", "camera", "sensor", "render", "model")
-"""tables and keys of a pipeline that a point may change: what shapes the events, and threads"""
+SHAPING = ("seed", "threads", "ahead", "scene", "camera", "sensor", "render", "model", "plan")
+"""tables and keys of a pipeline that a point may change: what shapes events or their cost"""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,14 @@ from typing import Any
 from evs.drivers.evaluation.stage import Stage
 from evs.drivers.pace import StopWatch, monotonic_s, process_cpu_s
 from evs.drivers.pipeline.config import PipelineConfig, SinkConfig, make_sink
+from evs.drivers.pipeline.open_loop import depth_of
 from evs.drivers.pipeline.report import COMPLETE, STAGES
 from evs.drivers.pipeline.run import run
 from evs.drivers.sweep.interval import interval
 from evs.drivers.sweep.measured import FRAMES, Speed
 from evs.drivers.sweep.peers import way_of
 from evs.drivers.sweep.points import Point
+from evs.drivers.sweep.stretches import Stretches
 from evs.drivers.sweep.world import SweepWorld
 from evs.drivers.sweep.yardstick import Yardstick
 from evs.emulator.sensor import resolve_sensor
@@ -150,14 +153,15 @@ class Timer:
             file = SinkConfig(type="aedat4", file=str(Path(folder) / "run.aedat4"))
             bus = SinkConfig(type="zmq", address=self.address, wait_for=1, wait_s=SUBSCRIBER_S)
             begin = _AtOpening(cutter.begin)
-            report = run(
-                world,
-                # the last one opened: what the others take for that is not counted
-                [make_sink(bus), make_sink(file), begin],
-                1e-6 * config.scene.tick_us * ticks * repeats,
-                watch,
-                observers=[cutter],
-            )
+            with closing(Stretches(world, ticks, watch, depth_of(config))) as running:
+                report = run(
+                    running,
+                    # the last one opened: what the others take for that is not counted
+                    [make_sink(bus), make_sink(file), begin],
+                    1e-6 * config.scene.tick_us * ticks * repeats,
+                    watch,
+                    observers=[cutter],
+                )
         if report.ended != COMPLETE:
             raise KeyboardInterrupt
         return speed_of(cutter.repeats, config, cutter.traced / (ticks * repeats))
