@@ -15,14 +15,18 @@ Options = Mapping[str, tuple[str, str, str]]
 a placeholder the option takes no value: it sets its key to true."""
 
 
-def declare(parser: argparse.ArgumentParser, options: Options) -> None:
+PIPELINE = (
+    "PIPELINE.toml, key=value",
+    "a pipeline file (or the name of one that comes with evs), then any keys",
+)
+"""the words of most programs, and their line of help"""
+
+
+def declare(
+    parser: argparse.ArgumentParser, options: Options, words: tuple[str, str] = PIPELINE
+) -> None:
     """Declare pipeline, keys and options. All stay text here; the configuration knows types."""
-    parser.add_argument(
-        "words",
-        nargs="*",
-        metavar="PIPELINE.toml, key=value",
-        help="a pipeline file (or the name of one that comes with evs), then any keys",
-    )
+    parser.add_argument("words", nargs="*", metavar=words[0], help=words[1])
     for option, (key, placeholder, line) in options.items():
         if placeholder:
             parser.add_argument(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -38,7 +39,11 @@ drivers/tuning/README.md says how."""
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    options.declare(parser, OPTIONS)
+    scene = (
+        "SCENE, key=value",
+        "the scene (or a pipeline that has one), then keys that stay as given",
+    )
+    options.declare(parser, OPTIONS, scene)
     parser.usage = "evs tune SCENE (--rtf R | --error E) [key=value ...] [options]"
     add = parser.add_argument
     add("--rtf", type=float, metavar="R", help="real-time factor to reach, as accurate as can be")
@@ -57,6 +62,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Tune; the exit code."""
     # here, so that --help is quick
+    from evs.drivers.checkup.machine import cpu_name
     from evs.drivers.evaluation.cache import LightCache, user_cache
     from evs.drivers.pace import monotonic_s
     from evs.drivers.pipeline.report import check_targets, write_whole
@@ -97,6 +103,7 @@ def run(args: argparse.Namespace) -> int:
         with gauge.opened(base, args.motion, figure, cache, effort, step) as measures:
             found = search.Search(able, goal, measures, left_s, begin).run()
     facts = words.facts(found, figure, measures.own, monotonic_s() - begin_s)
+    facts.append(("machine", f"{cpu_name()}, {os.cpu_count()} cores"))
     if found.reached or args.anyway:
         config = base.with_settings(found.winner.candidate.settings)
         why = [_command(args), *(f"{name}: {line}" for name, line in facts)]

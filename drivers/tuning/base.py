@@ -17,6 +17,9 @@ from evs.drivers.tuning.space import NAMES
 from evs.emulator.world import load_model
 from evs.msgs import EvsError, unknown
 
+OWN = (*NAMES.values(), "model.chunk")
+"""keys that tuning sets"""
+
 
 @dataclass(frozen=True)
 class Base:
@@ -27,10 +30,11 @@ class Base:
     """keys of the space that the command line sets: they stay"""
 
     def with_settings(self, chosen: Mapping[str, Setting]) -> PipelineConfig:
-        """The pipeline with these keys."""
+        """The pipeline with these keys, but for those that stay."""
         config = self.config
         for key, value in chosen.items():
-            config = settings.override(config, key, settings.to_text(value))
+            if key not in self.pinned:
+                config = settings.override(config, key, settings.to_text(value))
         return config
 
     def stage(self) -> Stage:
@@ -63,8 +67,8 @@ def base_of(name: str | None, keys: Sequence[tuple[str, str]] = ()) -> Base:
     config = pipeline.load(file, keys)
     if config.is_closed:
         raise EvsError('only an open loop is tuned; leave pace = "lockstep" and realtime.serve out')
-    pinned = {key: _value(config, key) for key, _ in keys if key in NAMES.values()}
-    return Base(config, pinned)
+    given = {key: _value(config, key) for key, _ in keys if key in OWN}
+    return Base(config, {key: value for key, value in given.items() if value is not None})
 
 
 def _robot(name: str) -> list[tuple[str, str]] | None:
@@ -84,10 +88,10 @@ def _robot(name: str) -> list[tuple[str, str]] | None:
     ]
 
 
-def _value(config: PipelineConfig, key: str) -> Setting:
+def _value(config: PipelineConfig, key: str) -> Setting | None:
     """Of a dotted key."""
     table: object = config
     for part in key.split("."):
         table = getattr(table, part)
-    assert isinstance(table, str | int | float | bool)
+    assert table is None or isinstance(table, str | int | float | bool)
     return table

@@ -204,7 +204,10 @@ class Search:
             self.errors[one.light] = max(self.gauge.error(one), self.gauge.own, LEAST_ERROR)
         rtf, error = self.gauge.rtf(one), self.errors[one.light]
         if not (math.isfinite(error) and math.isfinite(rtf) and rtf > 0.0):
-            raise EvsError("nothing happens in the scene: it has no events to be right or wrong")
+            raise EvsError(
+                "nothing happens in the scene, so there are no events to be right or wrong: let "
+                "something move, or the camera (--motion pan)"
+            )
         before = (math.nan, math.nan) if predicted is None else (predicted.rtf, predicted.error)
         self.known[one] = Outcome(one, rtf, error, True, 1.0, 1.0, *before)
 

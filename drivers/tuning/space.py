@@ -65,8 +65,7 @@ class Candidate:
     def settings(self) -> dict[str, Setting]:
         """Keys of a pipeline."""
         found: dict[str, Setting] = {key: getattr(self, name) for name, key in NAMES.items()}
-        if self.model == "evsnet":
-            found["model.chunk"] = CHUNK
+        found["model.chunk"] = CHUNK if self.model == "evsnet" else 1
         return found
 
     @property
@@ -129,6 +128,10 @@ def _with(values: tuple[int, ...], own: Setting | None, most: int = 4096) -> tup
 
 def _agrees(candidate: Candidate, pinned: Mapping[str, Setting]) -> bool:
     keys = {key: getattr(candidate, name) for name, key in NAMES.items()}
+    chunk = pinned.get("model.chunk", 1)
+    if isinstance(chunk, int) and chunk > 1 and candidate.model != "evsnet":
+        # only the network takes several ticks at once
+        return False
     return all(keys[key] == value for key, value in pinned.items() if key in keys)
 
 

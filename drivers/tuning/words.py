@@ -16,7 +16,7 @@ def facts(found: Found, figure: Figure, own: float, seconds: float) -> list[tupl
         ("found", str(winner.candidate)),
         ("real-time factor", _both(winner.rtf, winner.predicted_rtf)),
         ("error", f"{_both(winner.error, winner.predicted_error)}; {figure.words}"),
-        ("reference's own", f"{own:.3g}: less cannot be seen"),
+        ("reference's own", f"{own:.3g}: less cannot be seen" if own else "none can be seen"),
         ("less error", _step(found.better, winner)),
         ("more speed", _step(found.faster, winner)),
     ]

@@ -8,9 +8,13 @@ from dataclasses import dataclass, field
 
 import pytest
 
+from evs.drivers.pipeline.config import PipelineConfig
+from evs.drivers.pipeline.settings import override, to_text
+from evs.drivers.sweep.points import check
 from evs.drivers.tuning.search import MOST, Found, Goal, Search
 from evs.drivers.tuning.space import Candidate, calibration, candidates
 from evs.drivers.tuning.surface import COST, EFFECTS, ERROR, Surface, effects_of
+from evs.emulator.config import ModelConfig
 from evs.msgs import EvsError
 
 
@@ -216,16 +220,22 @@ def test_pinned_keys_are_kept() -> None:
         candidates({"render.renderer": "raster"})
 
 
-def test_settings_are_keys_of_a_pipeline() -> None:
-    from evs.drivers.pipeline.config import PipelineConfig
-    from evs.drivers.pipeline.settings import override, to_text
-
+def test_every_candidate_is_a_pipeline_that_runs() -> None:
+    """Even in place of one that takes 16 ticks at once."""
+    before = PipelineConfig(model=ModelConfig(name="evsnet", chunk=16))
     for one in candidates():
-        config = PipelineConfig()
+        config = before
         for key, value in one.settings.items():
             config = override(config, key, to_text(value))
+        check(config)
         assert config.render.samples == one.spp
-        assert config.model.name == one.model
+        assert (config.model.name, config.threads) == (one.model, one.threads)
+        assert config.model.chunk == (8 if one.model == "evsnet" else 1)
+
+
+def test_many_ticks_at_once_are_for_the_network_alone() -> None:
+    assert {c.model for c in candidates({"model.chunk": 16})} == {"evsnet"}
+    assert candidates({"model.chunk": 1}) == candidates()
 
 
 def test_a_surface_meets_what_was_measured_and_says_how_sure_it_is() -> None:

@@ -99,6 +99,10 @@ def test_a_pipeline_its_keys_and_a_robot_are_taken_too(tmp_path: Path) -> None:
     tuned = base.with_settings(candidates(base.pinned)[0].settings)
     assert tuned.render.headlight == "off"
     assert tuned.sensor.preset == "ideal"
+    # what stays is not set anew, and a key at `none` says nothing
+    kept = base_of(SCENE, [("model.name", "evsnet"), ("model.chunk", "16"), ("render.spp", "none")])
+    assert kept.pinned == {"model.name": "evsnet", "model.chunk": 16}
+    assert kept.with_settings(candidates(kept.pinned)[0].settings).model.chunk == 16
     with pytest.raises(EvsError, match=r"no scene: give one, as in evs tune robot\.xml"):
         base_of(None)
     with pytest.raises(EvsError, match="no scene: give --scene"):
