@@ -392,6 +392,5 @@ class Camera:
     @property
     def plan(self) -> ScenePlan:
         """What its scene contains, which code paths are on, and why; worked out at each call."""
-        return plan_scene(
-            self._world, self._scene, self.bound, self.sensor, self._plan, self.features
-        )
+        there = self._world, self._scene, self.bound, self.sensor
+        return plan_scene(*there, self._plan, self.features, self._tick_us)

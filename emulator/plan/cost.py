@@ -1,7 +1,8 @@
 """What a tick is expected to cost, from counts: a small model, fitted once, on one core.
 
-It is good to a factor of about two (tests/bench/test_plan_cost.py prints it beside what is
-measured): enough to see where the time goes and whether real time is near. `evs plan --measure`
+It is good to a factor of about two where there are no meshes and of four where there are, since it
+does not know how much of the picture they fill (tests/bench/test_plan_cost.py prints it beside what
+is measured): enough to see where the time goes and whether real time is near. `evs plan --measure`
 runs the scene instead.
 """
 
@@ -20,27 +21,29 @@ from evs.emulator.world import MjModel, Standing
 PACKET = 16
 """pixels that are traced together"""
 
-# ns, one core of a 2023 server with AVX-512
-PACKET_NS = 480.0
+# ns of CPU time, one core of a 2023 server with AVX-512: fitted by hand to ten robots
+PACKET_NS = 60.0
 """of a packet's sample: its rays and what they hit"""
-LIGHT_NS, SHADOW_NS = 70.0, 90.0
+LIGHT_NS, SHADOW_NS = 10.0, 15.0
 """of each light, and of one that casts shadows"""
-GEOM_NS = 2.0
-"""of each geom that a packet may hit, for its camera rays and for those to each light"""
-TRIANGLE_NS = 900.0
-"""of meshes: times the depth of their search tree over that of a thousand triangles"""
-TEXTURE_NS = 250.0
-PATH_NS = 3200.0
-"""of a packet's sample and point of a path"""
+GEOM_NS = 0.5
+"""of each geom, for the camera rays and for those to each light"""
+TRIANGLE_NS = 10.0
+"""of meshes, for the same rays: of each level of their search trees"""
+TEXTURE_NS, SKY_NS, MIRROR_NS = 40.0, 60.0, 60.0
+POINT_NS, SKY_POINT_NS = 100.0, 230.0
+"""of a point of a path, and more of it where a sky is aimed at"""
+RASTER_MS = 30.0
+"""of a picture by OpenGL in software; on a GPU a tenth of it"""
 ASK_NS = 25.0
 """of a packet that is asked whether something that moved can touch it"""
-PIXEL_NS, STILL_NS = 3.0, 0.15
+PIXEL_NS, STILL_NS = 1.9, 0.3
 """of a pixel whose light changes, and of one whose light stands still"""
-TERM_NS = {"low_pass": 3.0, "follower": 2.0, "high_pass": 2.0, "leak": 1.0, "running_mean": 3.0}
-NETWORK_NS = 55.0
-"""evsnet of 8 channels, of a pixel in a tick in which something moves"""
-STEP_US, FREEDOM_US, POSE_US = 12.0, 1.5, 0.35
-"""of a step of physics, of each degree of freedom in it, and of each geom that is placed"""
+TERM_NS = {"low_pass": 3.0, "follower": 2.0, "high_pass": 2.0, "leak": 1.0, "running_mean": 2.7}
+NETWORK_NS, CHUNKED_NS = 130.0, 60.0
+"""evsnet of 8 channels, of a pixel in a tick in which something moves; in chunks of 8 and more"""
+WORLD_US, STEP_US, FREEDOM_US, DEFORM_US = 100.0, 50.0, 4.0, 400.0
+"""of a tick; of a step of physics and each degree of freedom in it; of each skin or flex"""
 
 
 @dataclass(frozen=True)
@@ -81,8 +84,9 @@ def estimate(
     render: RenderConfig,
     model: ModelConfig,
     features: Mapping[str, bool],
+    steps: int = 1,
 ) -> Cost:
-    """The model's cost of a tick."""
+    """The model's cost of a tick. In: steps of physics in it."""
     width, height = int(sensor.width), int(sensor.height)
     pixels = width * height
     packets = math.ceil(width / 4) * math.ceil(height / 4)
@@ -90,19 +94,24 @@ def estimate(
     render_ns = packets * render.samples * _packet_ns(has, casting, render)
     if render.antialiasing == "adaptive" and render.renderer == "direct":
         render_ns *= 0.5
+    traces = render.renderer != "raster"
+    if not traces:
+        render_ns = 1e6 * RASTER_MS
     moves = bool(standing.camera_moves) or features.get("full_retrace", True)
     still_ns = render_ns if moves or render.seeds == "fresh" else packets * ASK_NS
     if has.lights and features.get("light_gains"):
         still_ns = render_ns
 
     terms_ns = sum(cost for name, cost in TERM_NS.items() if features.get(name))
-    pixel_ns = NETWORK_NS if model.name == "evsnet" else PIXEL_NS + terms_ns
+    pixel_ns = PIXEL_NS + terms_ns
+    if model.name == "evsnet":
+        pixel_ns = NETWORK_NS if model.chunk < 8 else CHUNKED_NS
     quiet_ns = pixel_ns if still_ns == render_ns else STILL_NS
     if features.get("cold_tiles"):
         quiet_ns = pixel_ns
-    geoms = has.geoms_moving + has.geoms_still
-    world_us = STEP_US + FREEDOM_US * world.nv + POSE_US * geoms
-    primary = packets * PACKET * render.samples
+    step_us = STEP_US + FREEDOM_US * world.nv
+    world_us = WORLD_US + step_us * steps + DEFORM_US * has.deforming
+    primary = packets * PACKET * render.samples * traces
     return Cost(
         primary_rays=primary,
         shadow_rays=primary * casting,
@@ -116,14 +125,12 @@ def estimate(
 
 def _packet_ns(has: Contents, casting: int, render: RenderConfig) -> float:
     """ns of a sample of 16 pixels."""
-    lights = sum(has.lights.values())
-    geoms = sum(has.geoms.values())
     rays = 1 + casting
-    ns = PACKET_NS + LIGHT_NS * lights + SHADOW_NS * casting + GEOM_NS * geoms * rays
-    if has.triangles:
-        ns += TRIANGLE_NS * math.log2(1 + has.triangles) / 10 * rays
-    if has.textured or has.sky:
-        ns += TEXTURE_NS
+    levels = math.log2(1 + has.triangles)
+    met = GEOM_NS * sum(has.geoms.values()) + TRIANGLE_NS * levels
+    ns = PACKET_NS + LIGHT_NS * sum(has.lights.values()) + SHADOW_NS * casting + met * rays
+    ns += TEXTURE_NS * (has.textured > 0) + SKY_NS * has.sky + MIRROR_NS * (has.mirrors > 0)
     if render.renderer == "path":
-        return ns + PATH_NS * (1 + render.bounces)
+        point_ns = POINT_NS + SKY_POINT_NS * has.sky + met * rays
+        return ns + point_ns * (1 + render.bounces)
     return ns

@@ -41,13 +41,19 @@ def reasons(
 
 def _surfaces(has: Contents, path: bool) -> dict[str, Why]:
     of_paths = "only renderer path has it"
-    lobes = "paths see every gloss as a GGX lobe" if path else f"of {has.physical} materials"
+    lobes = (
+        "paths see every gloss as a GGX lobe"
+        if path
+        else f"materials that ask for it: {has.physical}"
+    )
     return {
         "physical_gloss": Why(lobes, "no material is physical or has maps"),
-        "normal_maps": Why(f"of {has.bumpy} materials", "no material has a normal map"),
-        "glowing": Why(f"{has.glowing} surfaces glow", "no surface glows" if path else of_paths),
+        "normal_maps": Why(f"materials that have one: {has.bumpy}", "no material has a normal map"),
+        "glowing": Why(
+            f"surfaces that glow: {has.glowing}", "no surface glows" if path else of_paths
+        ),
         "transparent": Why(
-            f"{has.transparent} surfaces are transparent",
+            f"surfaces that are: {has.transparent}",
             "no surface is transparent" if path else f"{of_paths}: direct looks at each pixel",
         ),
         "refits": Why(
@@ -72,7 +78,7 @@ def _air(has: Contents, render: RenderConfig) -> dict[str, Why]:
 def _light(has: Contents, standing: Standing, render: RenderConfig, path: bool) -> dict[str, Why]:
     coloured = ", ".join(has.coloured[:3])
     bent = "camera.distortion_model"
-    retrace = "render.incremental=false"
+    retrace = "OpenGL draws it" if render.renderer == "raster" else "render.incremental=false"
     kept = f"{'samples' if path else 'pixels'} that nothing that moved can touch are kept"
     if standing.camera_moves:
         kept += f", while the camera rests ({standing.camera_moves})"
@@ -82,7 +88,7 @@ def _light(has: Contents, standing: Standing, render: RenderConfig, path: bool) 
             "every light is grey: luminance is enough",
         ),
         "shadows": Why(
-            f"{has.casting} lights cast them",
+            f"lights that cast them: {has.casting}",
             "render.shadows=false" if not render.shadows else "no light casts any",
         ),
         "plane_shadows": Why(

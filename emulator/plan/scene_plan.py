@@ -63,8 +63,10 @@ def plan_scene(
     sensor: SensorParameters,
     plan: CameraPlan,
     features: Mapping[str, bool],
+    tick_us: int,
 ) -> ScenePlan:
     """The plan of a camera. In: features, which code paths it runs, as these say themselves."""
+    steps = max(1, round(tick_us * 1e-6 / world.opt.timestep))
     render, model, switches = plan.render, plan.model, plan.switches
     has, standing = contents_of(scene, render), standing_of(world, bound)
     why = reasons(has, standing, sensor, render, model)
@@ -80,5 +82,5 @@ def plan_scene(
         elif feature.name in switches.on:
             told = CANNOT
         decisions.append(Decision(feature, on, told, forced))
-    cost = estimate(world, has, standing, sensor, render, model, features)
+    cost = estimate(world, has, standing, sensor, render, model, features, steps)
     return ScenePlan(has, standing, tuple(decisions), cost)
