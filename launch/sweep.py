@@ -70,10 +70,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Sweep; the exit code: 0, 1 where a point could not be measured."""
     # here, so that --help is quick
-    from evs.drivers.checkup.machine import cpu_name
     from evs.drivers.evaluation.cache import LightCache, user_cache
     from evs.drivers.pictures import suffix_of
-    from evs.drivers.pipeline.report import check_targets, versions
+    from evs.drivers.pipeline.report import check_targets
     from evs.drivers.sweep import sweep
     from evs.drivers.sweep.store import Store
     from evs.launch import terminal
@@ -91,9 +90,9 @@ def run(args: argparse.Namespace) -> int:
         raise EvsError(f"--json is '{file}', a folder; give a file, as in sweep.jsonl")
     # a scene that is not there is told before a file is begun
     cases = sweep.cases_of(settings)
-    header = sweep.header(settings, _command(args), cpu_name(), versions())
+    header = sweep.header(settings, _command(args))
     store = Store(file, header)
-    whole = sweep.Sweep(settings, cases, store, cache, warn=terminal.warn)
+    whole = sweep.Sweep(settings, cases, store, cache, header.about, warn=terminal.warn)
     try:
         with terminal.bar("sweeping", whole.total(), args.quiet) as moved:
             whole.moved = moved

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from evs.drivers.pipeline.report import write_whole
 from evs.drivers.sweep.measured import Measured, merged
 from evs.msgs import EvsError
 
@@ -64,6 +65,23 @@ class Store:
         """Append it; it is on the disk when this returns."""
         self._append(record.to_json())
         self._lines.append(record)
+
+    def begin_timings(self, about: Mapping[str, Any]) -> None:
+        """Timings come next, on this machine; before the first the file is told which that is.
+
+        Raises EvsError where it holds timings of another one.
+        """
+        there, here = self.header.about.get("machine"), about.get("machine")
+        if there == here:
+            return
+        if any(one.speed is not None for one in self._lines):
+            raise EvsError(
+                f"the timings of '{self.path}' are of another machine ({there}; here: {here}): "
+                "give another --json"
+            )
+        self.header = Header(self.header.settings, dict(about))
+        lines = [self.header.to_json(), *(one.to_json() for one in self._lines)]
+        write_whole("".join(f"{line}\n" for line in lines), self.path)
 
     def _append(self, line: str) -> None:
         try:

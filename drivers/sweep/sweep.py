@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from evs.drivers.checkup.machine import cpu_name
 from evs.drivers.evaluation.cache import LightCache
 from evs.drivers.evaluation.digest import digest
 from evs.drivers.evaluation.scenes import stage_of
 from evs.drivers.evaluation.stage import Stage
 from evs.drivers.evaluation.take import MOTIONS
+from evs.drivers.pipeline.report import versions
 from evs.drivers.runner import run_jobs
-from evs.drivers.runner.work import MOST_WORKERS
+from evs.drivers.runner.work import MOST_WORKERS, cores
 from evs.drivers.sweep.errors import ErrorSettings, Judge
 from evs.drivers.sweep.jobs import ErrorsJob
 from evs.drivers.sweep.listener import BusListener
@@ -124,6 +126,8 @@ class Sweep:
     cases: Sequence[Case]
     store: Store
     cache: LightCache
+    about: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """of the header, as it is here and now"""
     moved: Moved = lambda _done, _what: None
     warn: Callable[[str], None] = lambda _line: None
     done: int = 0
@@ -140,6 +144,7 @@ class Sweep:
                 for case in cases:
                     self._errors(case, points)
         if SPEEDS in self.settings.what:
+            self.store.begin_timings(self.about)
             yardstick = Yardstick()
             with BusListener() as listener:
                 for case in cases:
@@ -240,12 +245,12 @@ class Sweep:
         self.warn(f"{record.scene}, {record.camera}: {record.label} is left out: {error}")
 
 
-def header(settings: Settings, command: str, machine: str, versions: dict[str, str]) -> Header:
-    """The first line of a sweep's file."""
+def header(settings: Settings, command: str) -> Header:
+    """The first line of a sweep's file, on this machine."""
     about = {
         "command": command,
-        "machine": machine,
-        "versions": versions,
+        "machine": f"{cpu_name()}, {cores()} cores",
+        "versions": versions(),
         "yardstick": WORDS,
         "reference": (
             f"events of {settings.errors.reference_spp} samples a pixel every ms on "

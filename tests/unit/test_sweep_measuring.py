@@ -140,6 +140,18 @@ def test_a_network_is_for_ticks_of_a_ms(judge: Judge) -> None:
         judge.error(point)
 
 
+@pytest.mark.slow
+def test_pictures_of_opengl_have_an_error_too(judge: Judge) -> None:
+    raster, direct = (
+        judge.error(point_of("fast", "renderer", name, {"render.renderer": name, "render.spp": 4}))
+        for name in ("raster", "direct")
+    )
+    # the same hard light but for shadows, so events come at the same edges
+    assert raster.recall > 0.5 * direct.recall
+    assert 0.5 < raster.count_ratio_on / direct.count_ratio_on < 2.0
+    assert raster.emd_reference == direct.emd_reference
+
+
 # the world that is timed
 
 

@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 
 from evs.drivers.evaluation import models
 from evs.drivers.sweep import axes
+from evs.drivers.sweep import usable as usable_module
 from evs.drivers.sweep.errors import ErrorSettings, instants, times_of
 from evs.drivers.sweep.interval import STUDENT, interval, order
-from evs.drivers.sweep.measured import CAMERAS, Error, Measured
+from evs.drivers.sweep.measured import CAMERAS, Error, Interval, Measured, Speed
 from evs.drivers.sweep.peers import Way, between, coded, way_of
 from evs.drivers.sweep.pixels import events_of, judged_sensor
 from evs.drivers.sweep.points import Point, configured, differences, point_of, preset_of
@@ -327,6 +328,38 @@ def test_a_file_of_another_sweep_is_refused(tmp_path: Path) -> None:
 def test_a_store_on_a_full_disk_says_so() -> None:
     with pytest.raises(EvsError, match=r"cannot write ./dev/full"):
         Store(Path("/dev/full/sweep.jsonl"), HEADER)
+
+
+def test_timings_of_two_machines_do_not_stand_in_one_file(tmp_path: Path) -> None:
+    file = tmp_path / "sweep.jsonl"
+    store = Store(file, HEADER)
+    store.add(record("1 ms", error=Error(*[0.5] * 10)))
+    # errors may be of any machine
+    store.begin_timings({"machine": "two"})
+    assert Store(file, HEADER).header.about == {"machine": "two"}
+    assert Store(file, HEADER).records == store.records
+    one = Interval(1.0, 1.0, 1.0, 6)
+    store.add(record("1 ms", speed=Speed(one, one, one, {}, 1.0, 1)))
+    store.begin_timings({"machine": "two"})
+    with pytest.raises(EvsError, match=r"another machine \(two; here: one\): give another --json"):
+        store.begin_timings({"machine": "one"})
+
+
+def test_points_that_this_machine_cannot_draw_are_told_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def missing() -> None:
+        raise EvsError("the raster renderer needs pyrender")
+
+    monkeypatch.setattr(usable_module, "_draw_once", missing)
+    told: list[str] = []
+    points = [
+        Point("fast"),
+        point_of("fast", "renderer", "raster 4", {"render.renderer": "raster", "render.spp": 4}),
+        point_of("fast", "renderer", "raster 1", {"render.renderer": "raster", "render.spp": 1}),
+    ]
+    assert usable_module.usable(points, told.append) == points[:1]
+    assert told == ["fast, renderer raster 4 is left out: the raster renderer needs pyrender"]
 
 
 def test_motions_are_those_of_the_evaluation() -> None:
