@@ -32,8 +32,9 @@ PEERS: dict[str, tuple[str, RGB, str]] = {
 }
 """kind -> mark, colour, words"""
 
-PRESET_PX, FAR_PX, NEAR_PX = 120.0, 90.0, 14.0
-"""how far names may stand from presets, from points that matter and from the others"""
+PRESET_PX, FRONT_PX, PEER_PX, NEAR_PX = 120.0, 90.0, 80.0, 14.0
+"""how far names may stand from presets, the front, peers and all others; the first find room first
+"""
 
 
 def pareto_page(records: Sequence[Measured], figure: Figure = DEFAULT) -> U8:
@@ -70,8 +71,8 @@ def pareto_chart(records: Sequence[Measured], figure: Figure = DEFAULT) -> Chart
     heights = {id(p): max(p.error, low) for p in every}
     series = [
         Series([p.speed for p in best], [heights[id(p)] for p in best], INK_RGB, line=True),
-        *_ours(every, best, heights),
         *_peers(every, heights),
+        *_ours(every, best, heights),
     ]
     marks = [(o, "the reference's own error") for o in own[:1] if low <= o <= high]
     return Chart(
@@ -102,7 +103,7 @@ def _ours(every: Sequence[Spot], best: Sequence[Spot], heights: dict[int, float]
     found = []
     for mark, reach, some in (
         ("circle", NEAR_PX, off),
-        ("disc", FAR_PX, on),
+        ("disc", FRONT_PX, on),
         ("triangle", PRESET_PX, presets),
     ):
         for name in names:
@@ -117,7 +118,7 @@ def _peers(every: Sequence[Spot], heights: dict[int, float]) -> list[Series]:
     for kind, (mark, colour, words) in PEERS.items():
         here = [p for p in every if p.record.kind == kind]
         label = words if here else ""
-        found.append(_series(here, heights, colour, mark, FAR_PX, label=label))
+        found.append(_series(here, heights, colour, mark, PEER_PX, label=label))
     return found
 
 

@@ -138,7 +138,10 @@ def overview(records: Sequence[Measured], figure: Figure = DEFAULT) -> list[str]
 def peers(records: Sequence[Measured], figure: Figure = DEFAULT) -> list[str]:
     """The same of other people's ways; none where none was measured."""
     others = [r for r in records if r.kind != OURS]
-    return _short(others, [(r.value or r.preset, r) for r in others], "", figure)
+    # on the light of one preset its name says nothing
+    several = len({r.preset for r in others}) > 1
+    named = [(f"{r.preset}, {r.value}" if several else r.value, r) for r in others]
+    return _short(others, named, "", figure)
 
 
 def _short(

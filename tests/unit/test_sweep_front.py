@@ -11,7 +11,7 @@ from evs.drivers.pipeline.shipped import PRESETS
 from evs.drivers.sweep import choose as chosen
 from evs.drivers.sweep.front import FIGURES, figure_named, front, spots, unmatched
 from evs.drivers.sweep.measured import FRAMES, STAGES, Error, Interval, Measured, Speed
-from evs.drivers.sweep.table import About, case_table, in_order, markdown, with_interval
+from evs.drivers.sweep.table import About, case_table, in_order, markdown, peers, with_interval
 from evs.msgs import EvsError
 
 
@@ -230,6 +230,16 @@ def test_the_page_says_what_holds_for_all() -> None:
     assert "## b.xml, camera still" in page
     assert page.count("The reference's own error: unmatched 0.01, emd 0.01.") == 2
     assert "    fast      should be: fast, samples direct 4\n" in page
+
+
+def test_peers_on_the_light_of_several_presets_are_told_apart() -> None:
+    words = ("frames", "60 FPS")
+    one = record(0.5, 0.4, "accurate", *words, kind=FRAMES)
+    two = record(2.0, 0.6, "fast", *words, kind=FRAMES)
+    assert peers([one])[0] == "| scene | camera | 60 FPS |"
+    assert peers([one, two])[0] == "| scene | camera | accurate, 60 FPS | fast, 60 FPS |"
+    assert peers([one, two])[2:] == ["| a.xml | still | 0.5x, 0.4, 0.2 | 2x, 0.6, 0.3 |"]
+    assert peers([record(1.0, 0.1)]) == []
 
 
 def test_half_measured_records_are_shown_with_dashes() -> None:
