@@ -56,13 +56,15 @@ def film(
     files: Mapping[str, bytes] | None = None,
     folder: Path | None = None,
     pace: Pacer | None = None,
+    on_report: Callable[[Report], None] | None = None,
 ) -> Film:
     """Emulate `seconds` of a scene as `evs emulate` would, recorder on.
 
     In: mjcf, its text; tables, of the pipeline, over the IDEAL sensor in one thread; act, what
     moves it; suffix, of the recording; files, what stands beside the scene, by name; folder, where
-    scene and recording (run + suffix) are to stay; pace, None: free. Raises EvsError as the run
-    does, and where the recording is not what left the camera.
+    scene and recording (run + suffix) are to stay; pace, None: free; on_report, told of the report
+    of a run that ends in an error too. Raises EvsError as the run does, and where the recording is
+    not what left the camera.
     """
     with tempfile.TemporaryDirectory() as name:
         folder = folder or Path(name)
@@ -70,7 +72,14 @@ def film(
             (folder / beside).write_bytes(content)
         scene = folder / "scene.xml"
         scene.write_text(mjcf, encoding="utf-8")
-        return _film(scene, seconds, dict(tables or {}), act, folder / f"run{suffix}", pace)
+        target = folder / f"run{suffix}"
+        return _film(scene, seconds, dict(tables or {}), act, target, pace, on_report)
+
+
+def differing(one: Film, other: Film) -> int:
+    """Events of the one that the other lacks, and the other way round."""
+    a, b = one.events, other.events
+    return len(np.setxor1d(a, b)) + abs(len(a) - len(b))
 
 
 def _film(
@@ -80,6 +89,7 @@ def _film(
     act: Act | None,
     target: Path,
     pace: Pacer | None,
+    on_report: Callable[[Report], None] | None,
 ) -> Film:
     own = {"file": str(scene), **tables.pop("scene", {})}
     sensor = {**IDEAL, **tables.pop("sensor", {})}
@@ -119,6 +129,7 @@ def _film(
         pace,
         observers=[keep],
         warn=said.append,
+        on_report=on_report,
         config=settings.to_plain(config),
     )
     if [line for line in report.warnings if line not in world.left_out] != said:

@@ -74,6 +74,28 @@ class Shown:
         return untold(self.film.events, self.light[0], self.light[-1]) < 1.0 + NEAR
 
 
+def watch(
+    mjcf: str,
+    ticks: int,
+    act: Callable[[int, World], None],
+    sensor: Mapping[str, Any] | None = None,
+    files: Mapping[str, bytes] | None = None,
+) -> Shown:
+    """Film any scene in ticks of 1 ms; what each pixel sees is what the renderer says.
+
+    In: act, as of film; what it moves before the first tick is moved in the reference already.
+    """
+    light: list[F64] = []
+
+    def note(tick: int, world: World) -> None:
+        if tick:
+            light.append(np.asarray(world.cameras[0].luminance, np.float64))
+        act(tick, world)
+
+    seen = film(mjcf, ticks / 1e3, {"sensor": dict(sensor or {})}, note, files=files)
+    return Shown(seen, np.array([light[0], *light]), 1000)
+
+
 def show(
     levels: Sequence[float],
     firsts: Sequence[int],

@@ -12,6 +12,7 @@ from typing import TypeAlias
 import mujoco
 
 from evs.emulator.world.names import one_line
+from evs.emulator.world.offsets import keep_offsets
 from evs.msgs import EvsError, nearest_first
 
 Scene: TypeAlias = str | Path | mujoco.MjModel | mujoco.MjSpec
@@ -25,8 +26,15 @@ SUFFIXES = (".xml", ".mjcf", ".mjb", ".urdf")
 def load_model(scene: Scene) -> mujoco.MjModel:
     """The model of a scene: a path to MJCF, URDF or MJB, a MjModel (copied) or a MjSpec (compiled).
 
-    EvsError where there is no such file, MuJoCo refuses it, or `scene` is something else.
+    Offsets that MuJoCo takes for none stay (world/offsets.py). EvsError where there is no such
+    file, MuJoCo refuses it, or `scene` is something else.
     """
+    model = _load_any(scene)
+    keep_offsets(model)
+    return model
+
+
+def _load_any(scene: Scene) -> mujoco.MjModel:
     if isinstance(scene, mujoco.MjModel):
         return copy.copy(scene)
     if isinstance(scene, mujoco.MjSpec):

@@ -6,15 +6,18 @@ import mujoco
 import numpy as np
 
 from evs.emulator.scene import F32, F64, I32, Mesh
+from evs.emulator.world.names import name_of
+from evs.msgs import EvsError
 
 SMOOTH_COSINE = 0.8
 """Cosine to the face's normal from which on a corner keeps its own, without texture coordinates."""
 
 
 def extract_mesh(model: mujoco.MjModel, mesh: int) -> Mesh:
-    """One mesh of the model, in the frame of the geoms that use it."""
+    """One mesh of the model, in the frame of the geoms that use it. EvsError: not finite."""
     first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
     vertices = np.array(model.mesh_vert[first : first + count], np.float32)
+    _check_finite(vertices, "mesh", name_of(model, mujoco.mjtObj.mjOBJ_MESH, mesh))
     chosen = slice(
         model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + int(model.mesh_facenum[mesh])
     )
@@ -38,11 +41,13 @@ def extract_height_field(model: mujoco.MjModel, field: int) -> Mesh:
     """A height field as a closed mesh: surface, four sides and bottom, in its geom's frame.
 
     Each cell is cut from (column, row) to (column + 1, row + 1), as MuJoCo's rays and pictures do.
+    EvsError: not finite.
     """
     rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
     half_x, half_y, top, bottom = (float(length) for length in model.hfield_size[field])
     first = model.hfield_adr[field]
     height = np.asarray(model.hfield_data[first : first + rows * columns], np.float64) * top
+    _check_finite(height, "height field", name_of(model, mujoco.mjtObj.mjOBJ_HFIELD, field))
     x, y = np.meshgrid(np.linspace(-half_x, half_x, columns), np.linspace(-half_y, half_y, rows))
     surface = np.stack([x.ravel(), y.ravel(), height], axis=1)
 
@@ -67,6 +72,13 @@ def extract_height_field(model: mujoco.MjModel, field: int) -> Mesh:
     vertices = np.concatenate([surface, skirt, [[0.0, 0.0, -bottom]]])
     faces = np.concatenate([top_faces, sides, fan])
     return Mesh(vertices.astype(np.float32), faces.astype(np.int32))
+
+
+def _check_finite(values: F32 | F64, what: str, name: str) -> None:
+    """MuJoCo's parser refuses such values; a model may get them later."""
+    bad = int(np.count_nonzero(~np.isfinite(values)))
+    if bad:
+        raise EvsError(f"{what} '{name}' has {bad} values that are not finite; give it numbers")
 
 
 def face_normals(vertices: F32, faces: I32) -> F64:

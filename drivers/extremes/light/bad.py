@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.extremes.extreme import Extreme, Outcome
-from evs.drivers.extremes.film import film
-from evs.drivers.extremes.wall import FLASH_PX, Shown, flash
+from evs.drivers.extremes.film import differing, film
+from evs.drivers.extremes.wall import FLASH_PX, flash
 from evs.emulator import World
 from evs.emulator.scene import F32
 from evs.msgs import EvsError
@@ -89,19 +89,13 @@ def _broken_renderer(short: bool) -> Outcome:
         camera._renderer = _Spoiling(camera._renderer, lambda call: 2 <= call < 2 + ticks)
 
     clean, broken = flash(levels), flash(levels, first=spoil)
-    wrong = _differing(clean, broken)
+    wrong = differing(clean.film, broken.film)
     clamps = broken.film.report.clamps
     expected = ticks * len(NO_LIGHT) * FLASH_PX
     lines = [line for line in broken.film.warnings if "were impossible and were replaced" in line]
     value = wrong + abs(clamps - expected) + abs(len(lines) - 1) + clean.film.report.clamps
     said = (*broken.film.warnings, f"clamps {clamps:,}")
     return Outcome(value, 0, "events or clamps", said, broken.told)
-
-
-def _differing(one: Shown, other: Shown) -> int:
-    """Events of the one that the other lacks, or the other way round."""
-    a, b = (shown.film.events for shown in (one, other))
-    return len(np.setxor1d(a, b)) + abs(len(a) - len(b))
 
 
 EXTREMES = (

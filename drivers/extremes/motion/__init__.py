@@ -1,7 +1,7 @@
 """The extremes of motion."""
 
-from evs.drivers.extremes.motion import speeds
+from evs.drivers.extremes.motion import many, meshes, places, scales, speeds
 
-EXTREMES = speeds.EXTREMES
+EXTREMES = (*speeds.EXTREMES, *places.EXTREMES, *many.EXTREMES, *meshes.EXTREMES, *scales.EXTREMES)
 
 __all__ = ["EXTREMES"]
