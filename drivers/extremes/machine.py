@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -54,16 +55,16 @@ def _spun(seconds: float, tables: Mapping[str, Any] | None = None, **more: Any) 
 
 
 def _stolen(short: bool) -> Outcome:
-    """Eight others want this core while a run has to keep its pace; then they are gone."""
+    """Sixteen others want this core while a run has to keep its pace; then they are gone."""
     free = _spun(0.1)
-    # a quarter of what is possible: easy alone, out of reach with a ninth of the core
-    speed = free.report.real_time_factor / 4.0
-    ticks = int((0.4 if short else 2.0) * 1000 * speed)
+    # a third of what is possible: easy alone, out of reach with a seventeenth of the core
+    speed = free.report.real_time_factor / 3.0
+    ticks = int((0.4 if short else 1.0) * 1000 * speed)
     pacer = Pacer(speed)
     late_s: list[float] = []
     with ExitStack() as load:
         load.enter_context(_one_core())
-        load.enter_context(_busy(8))
+        load.enter_context(_busy(16))
 
         def watch(tick: int, _world: World) -> None:
             late_s.append(pacer.late_s)
@@ -95,19 +96,37 @@ def _one_core() -> Iterator[None]:
         os.sched_setaffinity(0, before)
 
 
+BUSY = """
+import os, signal, sys
+for _ in range(int(sys.argv[1]) - 1):
+    if not os.fork():
+        break
+else:
+    print(flush=True)
+signal.alarm(60)
+while True:
+    pass
+"""
+"""So many processes that do nothing but work; whatever becomes of us, they end in a minute."""
+
+
 @contextmanager
 def _busy(count: int) -> Iterator[None]:
-    """So many processes that do nothing but work, on the cores that this thread has."""
-    code = "print(flush=True)\nwhile True: pass"
-    command = [sys.executable, "-S", "-c", code]
-    with ExitStack() as all_of_them:
-        for _ in range(count):
-            one = subprocess.Popen(command, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL)
-            all_of_them.callback(one.communicate)
-            all_of_them.callback(one.kill)
-            if one.stdout is not None:
-                one.stdout.readline()
+    """So many of them, on the cores that this thread has."""
+    load = subprocess.Popen(
+        [sys.executable, "-S", "-c", BUSY, str(count)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        # no session of their own: Linux gives each session the same share, however many it holds
+        process_group=0,
+    )
+    try:
+        if load.stdout is not None:
+            load.stdout.readline()
         yield
+    finally:
+        os.killpg(load.pid, signal.SIGKILL)
+        load.communicate()
 
 
 class JumpingClock:
@@ -201,7 +220,7 @@ EXTREMES = (
     Extreme(
         "stolen-time",
         "machine",
-        "eight busy processes on the core of a run that is held to a quarter of its speed",
+        "sixteen busy processes on the core of a run that is held to a third of its speed",
         "the same events as undisturbed; a warning and the report tell by how much time slipped; "
         "when they are gone it catches up",
         _stolen,
