@@ -34,7 +34,7 @@ SLOW_REPEATS = 3
 MOST_SIM_S = 0.5
 """simulated time of all repeats together: fast points need not see another part of the scene"""
 SUBSCRIBER_S = 20.0
-_SLOW = 4.0
+_SLOW = 2.0
 """times as long as they should: repeats are fewer then"""
 STILL = "still"
 _LOOKS = 4
