@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.beside import Beside
-from evs.emulator.camera_plan import CameraPlan, free_name, identity_of, is_unlit, plain_plan
+from evs.emulator.camera_plan import CameraPlan, free_name, identity_of, plain_plan
 from evs.emulator.config import SceneConfig
 from evs.emulator.light import too_fast
 from evs.emulator.lit import Lit
 from evs.emulator.optics import camera_info
 from evs.emulator.pixels import DoneTick, Pixels
+from evs.emulator.plan.contents import is_unlit
 from evs.emulator.plan.scene_plan import ScenePlan, plan_scene
 from evs.emulator.pose import pose_message
 from evs.emulator.saving import Saved, joined, number, numbers, part

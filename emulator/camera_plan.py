@@ -137,14 +137,3 @@ def free_name(wanted: str | None, usual: str, taken: tuple[str, ...]) -> str:
     while (name := usual if number == 1 else f"{usual}_{number}") in taken:
         number += 1
     return name
-
-
-def is_unlit(scene: SceneModel, render: RenderConfig) -> bool:
-    """Whether neither a light nor a glowing surface is left; a sky lights nothing."""
-    for light in scene.lights:
-        colours = (*light.ambient, *light.diffuse, *light.specular, light.intensity)
-        if any(colours) and (render.headlight == "model" or not light.headlight):
-            return False
-    return not any(
-        surface.emission > 0.0 or surface.emissive_map >= 0 for surface in scene.surfaces
-    )

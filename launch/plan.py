@@ -126,7 +126,10 @@ def _contents(planned: PipelinePlan, contents: dict[str, Any]) -> list[tuple[str
         rows.append((key.replace("_", " "), told))
     if "camera_moves" not in contents:
         rows.append(("camera", "stands still"))
-    rows.append(("sensor", planned.sensor))
-    rows.append(("renderer", planned.renderer))
+    view = planned.plan.view
+    size = f"{view['width']} x {view['height']} px, {view['projection']}"
+    rows.append(("sensor", f"{planned.sensor}, {size}"))
+    rows.append(("renderer", f"{planned.renderer}, samples a pixel: {view['samples']}"))
+    rows.append(("event model", planned.model))
     rows.append(("sinks", ", ".join(planned.sinks) or "none"))
     return rows

@@ -51,6 +51,10 @@ class Contents:
     """it is asked for, and the model has it"""
     haze: bool
     """it is asked for, and the model has a sky and a plane without bounds"""
+    flickering: int
+    """tables of lights that pulse"""
+    unlit: bool
+    """neither a light nor a glowing surface is left"""
 
 
 def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
@@ -102,6 +106,19 @@ def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
         and air.haze_radius_m > 0
         and air.haze_ratio > 0
         and bool(endless.any()),
+        flickering=len(render.flicker),
+        unlit=is_unlit(scene, render),
+    )
+
+
+def is_unlit(scene: SceneModel, render: RenderConfig) -> bool:
+    """Whether neither a light nor a glowing surface is left; a sky lights nothing."""
+    for light in scene.lights:
+        colours = (*light.ambient, *light.diffuse, *light.specular, light.intensity)
+        if any(colours) and (render.headlight == "model" or not light.headlight):
+            return False
+    return not any(
+        surface.emission > 0.0 or surface.emissive_map >= 0 for surface in scene.surfaces
     )
 
 

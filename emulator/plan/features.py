@@ -38,7 +38,12 @@ FEATURES = (
     Feature("shadows", "render", "shadow rays", "which light casts one is the scene's to say"),
     Feature("plane_shadows", "render", "planes that stand between a light and what it lights"),
     Feature("glowing", "render", "paths look for glowing surfaces after their last bounce"),
-    Feature("transparent", "render", "paths ask each layer how much it lets pass"),
+    Feature(
+        "transparent",
+        "render",
+        "paths ask each layer how much it lets pass",
+        "what is nearest and whether anything is there are told apart by a rounding",
+    ),
     Feature("light_gains", "render", "a strength of each light in each tick"),
     Feature("lens", "render", "rays that a lens bends", ROUNDS),
     Feature("vignetting", "render", "a share of the light for each pixel"),

@@ -125,13 +125,21 @@ def _sensor(sensor: SensorParameters) -> dict[str, Why]:
     return {name: Why(told(parts), told(parts)) for name, parts in keys.items()}
 
 
-def _beside(sensor: SensorParameters, model: ModelConfig) -> dict[str, Why]:
+def _readout(sensor: SensorParameters) -> str:
+    """The stages between pixel and packet that the sensor has."""
     readout = sensor.readout
-    asked = f"order {readout.order}"
-    if sensor.latency_us or sensor.latency_sigma_us:
-        asked = "sensor.latency_us"
-    elif readout.order == "ideal":
-        asked = "sensor.readout limits or masks events"
+    stages = {
+        "a latency of the pixels": sensor.latency_us > 0 or sensor.latency_sigma_us > 0,
+        f"rows read by {readout.order}": readout.order != "ideal",
+        f"event rate control at {readout.erc_rate_mevs:g} Mev/s": readout.erc_rate_mevs > 0,
+        f"a link of {readout.bandwidth_mevs:g} Mev/s": readout.bandwidth_mevs > 0,
+        "a region of interest": bool(readout.roi),
+        "masked pixels": bool(readout.mask or readout.mask_file),
+    }
+    return ", ".join(stage for stage, there in stages.items() if there)
+
+
+def _beside(sensor: SensorParameters, model: ModelConfig) -> dict[str, Why]:
     labels = "model.labels=true"
     return {
         "ground_truth": Why(labels, "traced when a listener asks"),
@@ -141,7 +149,7 @@ def _beside(sensor: SensorParameters, model: ModelConfig) -> dict[str, Why]:
             "the network has a bias" if model.runtime == "native" else f"runtime {model.runtime}",
             "tiles where nothing moves are left out",
         ),
-        "readout": Why(asked, "every event passes at its own time"),
+        "readout": Why(_readout(sensor), "every event passes at its own time"),
         "aps": Why("sensor.aps.enabled=true", "sensor.aps.enabled=false"),
         "imu": Why("sensor.imu.enabled=true", "sensor.imu.enabled=false"),
     }

@@ -39,6 +39,8 @@ class ScenePlan:
 
     contents: Contents
     standing: Standing
+    view: dict[str, Any]
+    """pixels, projection, renderer, samples: what is asked of them"""
     decisions: tuple[Decision, ...]
     """of the code paths that the renderer and the event model know, in the order of the stages"""
     cost: Cost
@@ -49,6 +51,7 @@ class ScenePlan:
         moves = {key: value for key, value in asdict(self.standing).items() if value}
         return {
             "contents": {**has, **moves},
+            "view": self.view,
             "on": [each.feature.name for each in self.decisions if each.on],
             "off": {each.feature.name: each.why for each in self.decisions if not each.on},
             "forced": [each.feature.name for each in self.decisions if each.forced],
@@ -83,4 +86,20 @@ def plan_scene(
             told = CANNOT
         decisions.append(Decision(feature, on, told, forced))
     cost = estimate(world, has, standing, sensor, render, model, features, steps)
-    return ScenePlan(has, standing, tuple(decisions), cost)
+    return ScenePlan(has, standing, _view(bound, plan), tuple(decisions), cost)
+
+
+def _view(bound: BoundCamera, plan: CameraPlan) -> dict[str, Any]:
+    """How it is looked at."""
+    camera, render = bound.model, plan.render
+    asked = {
+        "width": camera.width,
+        "height": camera.height,
+        "projection": "orthographic" if camera.orthographic else "perspective",
+        "distortion_model": camera.distortion_model,
+        "renderer": render.renderer,
+        "samples": render.samples,
+        "antialiasing": render.antialiasing,
+        "model": plan.model.name,
+    }
+    return asked | ({"bounces": render.bounces} if render.renderer == "path" else {})

@@ -17,8 +17,8 @@ from reference.planned import IDEAL, NEEDS, PATH, PLAIN, SKY, Film, told
 TICKS = 10
 IDLE = [feature.name for feature in FEATURES if not feature.idle]
 
-# what has no place in the plain film: paths alone have these, and the network its tiles
-OWN = {"glowing": replace(PLAIN, render=PATH), "transparent": replace(PLAIN, render=PATH)}
+# what has no place in the plain film: paths alone have this, and the network its tiles
+OWN = {"glowing": replace(PLAIN, render=PATH)}
 NETWORK = {"name": "evsnet", "network": "evsnet_c8"}
 OWN["cold_tiles"] = replace(PLAIN, model=NETWORK)
 
@@ -47,7 +47,7 @@ def test_everything_is_as_the_scene_alone(name: str, integrator: str, tmp_path: 
     on = {x for x, runs in all_on.cameras[0].features.items() if runs}
     left = {*IDLE} - on - {"cold_tiles"}
     if integrator == "direct" and "renderer" not in film.render:
-        left -= {"glowing", "transparent"}
+        left -= {"glowing"}
     if film.xml.get("asset") == SKY:
         left -= {"fog"}  # it would hide the sky
     if "shadows" not in on:
