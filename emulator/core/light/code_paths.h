@@ -29,8 +29,8 @@ constexpr const char* FEATURE_NAMES[FEATURE_COUNT] = {
 
 using FeatureFlags = std::map<std::string, bool>;
 
-// What is forced on (but for TRANSPARENT its bytes stay the same) or off (for tests: what needs it then comes out
-// wrong).
+// What is forced on (but for TRANSPARENT its bytes stay the same) or off (for tests: what needs it
+// then comes out wrong).
 class Forced {
  public:
   Forced() { said_.fill(-1); }
