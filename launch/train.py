@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 
 from evs.drivers.training.settings import DataSettings
-from evs.launch import fit, run_options
+from evs.launch import fit
+from evs.msgs import EvsError
 
 HELP = "train the network: `data` makes scenes and their light, `fit` learns from them"
 
@@ -82,7 +83,11 @@ def _configure_data(parser: argparse.ArgumentParser) -> None:
     ):
         default = getattr(usual, key.replace("-", "_"))
         add(f"--{key}", type=int, default=default, metavar="N", help=f"{told} ({default})")
-    run_options.configure(add, "scene")
+    add("--workers", type=int, default=1, metavar="N", help="scenes at once, each a process (1)")
+    add("--ray", default="", metavar="ADDRESS", help="a Ray cluster makes them: HOST:PORT, or auto")
+    add(
+        "--threads", type=int, default=0, metavar="N", help="of each scene; 0: a share of the cores"
+    )
     add("--describe", action="store_true", help="make nothing; say what DIR holds")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
 
@@ -101,7 +106,8 @@ def _data(args: argparse.Namespace) -> int:
         for name, value in describe(Shards(args.folder)):
             print(f"{name:30s}{value}")
         return 0
-    run_options.check(args)
+    if not 0 <= args.threads <= 1024:
+        raise EvsError(f"--threads is {args.threads}; give 0 for one a core, or 1 ... 1024")
     settings = DataSettings(
         seed=args.seed, pixels=args.pixels, truth_spp=args.truth_spp, ticks=args.ticks
     )

@@ -19,7 +19,7 @@ from evs.drivers.dataset.take import Take, take_of
 from evs.drivers.files import messages, recorder_for, stream_of
 from evs.drivers.pictures import write_png
 from evs.drivers.pipeline import settings
-from evs.drivers.runner import run_jobs
+from evs.drivers.runner import check_workers, run_jobs
 from evs.emulator import World
 from evs.emulator.versions import versions
 from evs.emulator.world import digest_of
@@ -61,6 +61,7 @@ def make_dataset(
     many shards are done and which one moves; stopped, asked before each shard.
     Raises EvsError; what arrived before stays, and the same call goes on there.
     """
+    check_workers(workers, ray)
     takes = [take_of(name, scene) for name, scene in scenes.items()]
     told = told_of(takes, scenes, shard_s)
     claim(folder, told)

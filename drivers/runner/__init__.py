@@ -2,7 +2,7 @@
 
 from evs.drivers.runner.here import job_threads, tell_share
 from evs.drivers.runner.job import Job, Ran
-from evs.drivers.runner.run import run_jobs
+from evs.drivers.runner.run import check_workers, run_jobs
 from evs.drivers.runner.work import work_off
 
-__all__ = ["Job", "Ran", "job_threads", "run_jobs", "tell_share", "work_off"]
+__all__ = ["Job", "Ran", "check_workers", "job_threads", "run_jobs", "tell_share", "work_off"]

@@ -7,6 +7,7 @@ import os
 import platform
 import tempfile
 import warnings
+import zlib
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -25,7 +26,8 @@ SOURCES = "sources of evs"
 def fingerprint() -> dict[str, str]:
     """What must be the same on all machines for the same bytes."""
     python = ".".join(platform.python_version_tuple()[:2])
-    return {"Python": python, **versions(), SOURCES: _sources(Path(__file__).parents[2])}
+    told = {"Python": python, **versions(), "zlib": zlib.ZLIB_RUNTIME_VERSION}
+    return {**told, SOURCES: _sources(Path(__file__).parents[2])}
 
 
 def unlike(wanted: Mapping[str, str], found: Mapping[str, str]) -> str:

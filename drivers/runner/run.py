@@ -12,7 +12,7 @@ from typing import TypeVar
 from evs.drivers.runner.job import Job, Ran, check_names
 from evs.drivers.runner.make import MakeIn
 from evs.drivers.runner.target import Target
-from evs.drivers.runner.work import work_off
+from evs.drivers.runner.work import MOST_WORKERS, work_off
 from evs.msgs import EvsError
 
 JobT = TypeVar("JobT", bound=Job)
@@ -41,8 +41,7 @@ def run_jobs(
     the jobs that can be made now that this one is there, which go before others.
     Raises EvsError, which names the job; the jobs that arrived before stay.
     """
-    if ray and workers != 1:
-        raise EvsError("a Ray cluster has workers of its own; give --workers or --ray, not both")
+    check_workers(workers, ray)
     check_names(job.name for job in jobs)
     goal = Target(target)
     lost: list[str] = []
@@ -104,3 +103,11 @@ def run_jobs(
                 on_done(job, True)
                 todo[:0] = todo_of(ready(job))
     return Ran(made, kept, len(known) - made - kept, tuple(lost))
+
+
+def check_workers(workers: int, ray: str) -> None:
+    """EvsError where run_jobs could not begin with these."""
+    if not 1 <= workers <= MOST_WORKERS:
+        raise EvsError(f"{workers} workers cannot be: give 1 ... {MOST_WORKERS}")
+    if ray and workers != 1:
+        raise EvsError("a Ray cluster has workers of its own; give --workers or --ray, not both")

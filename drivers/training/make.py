@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.runner import job_threads, run_jobs, tell_share
+from evs.drivers.runner import check_workers, job_threads, run_jobs, tell_share
 from evs.drivers.training.pilot import WHITE_DN, Pilot, choose_pixels, look
 from evs.drivers.training.scenes import make_scene
 from evs.drivers.training.settings import DataSettings, Variant, claim_folder
@@ -147,6 +147,7 @@ def make_data(
             f"scenes {numbers.start} ... {numbers.stop - 1}: give at least one, all of them "
             f"0 ... {MOST_SCENES - 1}"
         )
+    check_workers(workers, ray)
     claim_folder(folder, settings)
     work = work_of(settings)
     done = 0

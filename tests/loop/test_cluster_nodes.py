@@ -137,33 +137,47 @@ def test_a_stop_brings_home_what_runs(cluster: Nodes, tmp_path: Path) -> None:
     assert len(digests(tmp_path / "far")) == 3 * made
 
 
-def test_training_data_completes_where_a_node_is_killed_midway(
-    cluster: Nodes, tmp_path: Path
-) -> None:
-    words = ["--scenes", "12", "--pixels", "8", "--ticks", "12", "--truth-spp", "64"]
-    far, here = tmp_path / "far", tmp_path / "here"
-    program = subprocess.Popen(
-        [sys.executable, "-m", "evs.launch.main", "train", "data", far, "--ray", cluster.address]
-        + words,
+def evs_command(cluster: Nodes, *words: str | Path) -> subprocess.Popen[str]:
+    """`evs ...` on the cluster."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "evs.launch.main", *words, "--ray", cluster.address],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         env=cluster.environment(),
     )
+
+
+def test_training_data_is_the_same_on_a_cluster(cluster: Nodes, tmp_path: Path) -> None:
+    words = ["--scenes", "3", "--pixels", "8", "--ticks", "12", "--truth-spp", "16"]
+    far, here = tmp_path / "far", tmp_path / "here"
+    assert said(evs_command(cluster, "train", "data", far, *words)) == [
+        f"{far}: 3 scenes made, 0 were there"
+    ]
+    assert main(["train", "data", str(here), "--quiet", *words]) == 0
+    assert digests(far) == digests(here)
+    assert len(digests(far)) == 4
+
+
+def test_a_data_set_completes_where_a_node_is_killed_midway(cluster: Nodes, tmp_path: Path) -> None:
+    words = ["--short", "--scenes", "street,tunnel", "duration_s=0.2"]
+    far, here = tmp_path / "far", tmp_path / "here"
+    program = evs_command(cluster, "dataset", far, *words)
     until_s = time.monotonic() + 60
-    while len(list(far.glob("*.npz"))) < 3 and time.monotonic() < until_s:
+    while len(list(far.glob("*/*/00*"))) < 3 and time.monotonic() < until_s:
         time.sleep(0.02)
     cluster.kill(1)
     out, err = program.communicate(timeout=100)
     assert program.returncode == 0, err
-    assert out == f"{far}: 12 scenes made, 0 were there\n"
-    # it was at one of the scenes; nothing else is said
+    # it was at one of the shards; nothing else is said
     assert re.fullmatch(
-        r"(evs: warning: 000\d\d\.npz: its node or worker died \(\w+\); it is made again\n)+", err
+        r"(evs: warning: [\w/]+: its node or worker died \(\w+\); it is made again\n)+", err
     )
-    assert main(["train", "data", str(here), "--threads", "1", "--quiet", *words]) == 0
+    assert main(["dataset", str(here), *words, "--quiet"]) == 0
+    assert out == f"{far}: {len(list(here.glob('*/*/00*')))} shards made, 0 were there\n"
     assert digests(far) == digests(here)
-    assert len(digests(far)) == 13
+    assert (far / "manifest.json").is_file()
+    assert main(["dataset", str(far), "--verify", "--quiet"]) == 0
 
 
 def test_nodes_that_are_not_like_this_machine_are_refused(cluster: Nodes, tmp_path: Path) -> None:

@@ -90,7 +90,7 @@ def test_a_job_has_the_threads_it_was_given() -> None:
 
 def test_a_node_that_is_another_is_named() -> None:
     wanted = fingerprint()
-    assert set(wanted) == {"Python", "evs", "mujoco", "numpy", "sources of evs"}
+    assert set(wanted) == {"Python", "evs", "mujoco", "numpy", "zlib", "sources of evs"}
     assert wanted["evs"] == evs.__version__
     assert unlike(wanted, wanted) == ""
     assert unlike({"evs": "1", "numpy": "2"}, {"evs": "1", "numpy": "3"}) == "numpy 3 (here 2)"
