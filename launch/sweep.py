@@ -14,7 +14,7 @@ HELP = "measure speed against error, around each preset, beside frame-based ways
 EXAMPLES = """\
 examples:
   evs sweep robot.xml --quick                     two presets, a first impression: two minutes
-  evs sweep --json all.jsonl --errors-only          what needs no quiet machine, first
+  evs sweep --json all.jsonl --errors-only        what needs no quiet machine, first
   evs sweep --json all.jsonl --markdown all.md --picture front.png    then the timings
   evs sweep gymnasium/ant --preset fast --axis samples,tick --camera pan
 
@@ -24,7 +24,11 @@ draws table and picture of all that the file holds. drivers/sweep/README.md says
 
 LISTS = {
     "preset": "presets (fast, balanced, accurate, reference) or pipeline files, with commas",
-    "axis": "axes to go along, around every preset; a table of the sweep's own if not given",
+    "axis": (
+        "axes to go along, around every preset: renderer, samples, seeds, model, network, chunk, "
+        "tick, resolution, precision, threads, ahead, incremental, frames, paper; some for each "
+        "preset if not given"
+    ),
     "camera": "how the camera moves: still, pan, slide",
 }
 NUMBERS: dict[str, tuple[type, str, str]] = {

@@ -334,6 +334,13 @@ def test_what_is_refused(
     assert len(said.splitlines()) == 1
 
 
+def test_help_names_every_axis(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["sweep", "--help"])
+    told = " ".join(capsys.readouterr().out.split())
+    assert f"every preset: {', '.join(axes.AXES)};" in told
+
+
 def test_records_are_json(tmp_path: Path, scene: Path) -> None:
     line, file = sweep_of(scene, tmp_path, "--axis", "model")
     assert main(line) == 0
