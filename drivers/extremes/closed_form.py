@@ -7,11 +7,14 @@ and the reference goes along by that threshold.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from evs.emulator.scene import F64
 from evs.msgs import Events
+
+Flags = np.ndarray[Any, np.dtype[np.bool_]]
 
 THETA = 0.2
 """both thresholds of the sensor preset `ideal`"""
@@ -19,9 +22,9 @@ THETA = 0.2
 WHITE_DN = 255.0
 """its exposure: DN of luminance 1"""
 
-NEAR = 1e-3
-"""A crossing that is nearer than this share of a threshold may fall on either side: float32 holds a
-log light of up to 21 to 2e-6, a hundredth of it."""
+NEAR = 3e-5
+"""A crossing that is nearer than this share of a threshold may fall on either side: the last bit of a
+float32 of 21, the log light of the sun, is 2e-6, which both ends of a step may be off by."""
 
 SAME = 1e-6
 """A step that misses whole thresholds by so little is the way back to light that was there before:
@@ -34,24 +37,37 @@ def log_light(luminance: F64) -> F64:
     return np.where(dn >= math.e, np.log(np.maximum(dn, math.e)), dn / math.e)
 
 
-def counts(luminance: F64) -> tuple[F64, int]:
-    """Events that each pixel owes, and how many of them are in doubt.
+def counts(luminance: F64) -> tuple[F64, Flags]:
+    """Events that each pixel owes, and which pixels are in no doubt.
 
     In: luminance (n, ...), one a tick; the first is the reference. Out: (n, 2, ...) OFF and ON in
-    each tick, none in the first; the number of crossings nearer than NEAR.
+    each tick, none in the first; (...) False where a crossing was nearer than NEAR.
     """
     light = log_light(luminance)
     reference = light[0].copy()
     owed = np.zeros((len(light), 2, *light.shape[1:]))
-    doubtful = 0
+    sure = np.ones(light.shape[1:], np.bool_)
     for tick, now in enumerate(light[1:], 1):
         steps = (now - reference) / THETA
         whole = np.trunc(steps + np.copysign(SAME, steps))
         beside = np.abs(steps - np.rint(steps))
-        doubtful += int(np.count_nonzero((beside < NEAR) & (beside > SAME) & (np.rint(steps) != 0)))
+        sure &= (beside > NEAR) | (beside < SAME) | (np.rint(steps) == 0)
         owed[tick, 1], owed[tick, 0] = np.maximum(whole, 0), np.maximum(-whole, 0)
         reference += whole * THETA
-    return owed, doubtful
+    return owed, sure
+
+
+def miscounted(events: Events, luminance: F64, tick_us: int, most_unsure: float = 0.25) -> float:
+    """Events too many or too few in a pixel, tick and polarity, over all pixels without a doubt.
+
+    In: luminance (ticks + 1, h, w), as of counts. inf where more of the picture than `most_unsure`
+    is in doubt: there is little to be compared then.
+    """
+    owed, sure = counts(luminance)
+    found = seen_counts(events, len(luminance) - 1, tick_us, sure.shape)
+    if sure.mean() < 1.0 - most_unsure:
+        return math.inf
+    return float(np.abs(found - owed)[..., sure].sum())
 
 
 def seen_counts(

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.extremes.closed_form import NEAR, counts, seen_counts, untold
+from evs.drivers.extremes.closed_form import NEAR, miscounted, untold
 from evs.drivers.extremes.film import Film, film
 from evs.emulator import World
 from evs.emulator.scene import F64
@@ -61,12 +61,8 @@ class Shown:
 
     @property
     def wrong(self) -> float:
-        """Events too many or too few in a pixel, tick and polarity, over all; doubtful ones not."""
-        owed, doubtful = counts(self.light)
-        found = seen_counts(
-            self.film.events, len(self.light) - 1, self.tick_us, self.light.shape[1:]
-        )
-        return max(0.0, float(np.abs(found - owed).sum()) - doubtful)
+        """Events too many or too few in a pixel, tick and polarity, over all."""
+        return miscounted(self.film.events, self.light, self.tick_us)
 
     @property
     def told(self) -> bool:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from evs.drivers.extremes.closed_form import counts, seen_counts, untold
+from evs.drivers.extremes.closed_form import miscounted, untold
 from evs.drivers.extremes.extreme import Extreme, Outcome
 from evs.drivers.extremes.film import film
 from evs.emulator import World
@@ -56,9 +56,7 @@ def _pulsing(
     for tick in range(ticks + 1, total + 1):
         level[tick] = GLOW[(tick - 1) // 3 % 2] + level[tick]
     light = np.repeat(np.repeat(level[:, None, None], SIDE_PX, 1), SIDE_PX, 2)
-    owed, doubtful = counts(light)
-    found = seen_counts(seen.events, total, tick_us, (SIDE_PX, SIDE_PX))
-    wrong = max(0.0, float(np.abs(found - owed).sum()) - doubtful)
+    wrong = miscounted(seen.events, light, tick_us)
     lines = [line for line in seen.warnings if "light 'lamp' pulses" in line]
     unsaid = abs(len(lines) - warned) + len(seen.warnings) - len(lines)
     return Outcome(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from evs.drivers.extremes.closed_form import counts, seen_counts, untold
+from evs.drivers.extremes.closed_form import miscounted, untold
 from evs.drivers.extremes.extreme import Extreme, Outcome
 from evs.drivers.extremes.film import Film, film
 from evs.drivers.extremes.light.levels import SUN
@@ -52,9 +52,7 @@ def _sun_disc(short: bool) -> Outcome:
     outside = np.setxor1d(
         *(film.events[~touched[film.events["y"], film.events["x"]]] for film in (shone, usual))
     )
-    owed, doubtful = counts(light)
-    found = seen_counts(shone.events, ticks, TICK_US, touched.shape)
-    wrong = max(0.0, float(np.abs(found - owed).sum()) - doubtful)
+    wrong = miscounted(shone.events, light, TICK_US)
     # a pixel in the middle of the disc sees the sun's own light, nothing is clipped
     clipped = not np.isclose(light.max(), SUN, rtol=1e-5)
     path = float(touched.mean())
