@@ -18,7 +18,7 @@ from evs.drivers.evaluation.evaluate import WARM, stands_still
 from evs.drivers.evaluation.light import HALF_SEEDS
 from evs.drivers.evaluation.measure import Mask, Measures, measure
 from evs.drivers.evaluation.stage import Stage
-from evs.drivers.evaluation.take import SIZE, TICK_US, Take, film
+from evs.drivers.evaluation.take import TICK_US, Take, film
 from evs.drivers.pipeline.config import PipelineConfig
 from evs.drivers.sweep.light import Lights, Moved
 from evs.drivers.sweep.measured import FRAMES, Error
@@ -112,9 +112,8 @@ class Judge:
         """Its error. Raises EvsError where it cannot be measured, as without its renderer."""
         config = point.config
         check_tick(config.model, config.scene.tick_us)
-        preset = preset_of(point.preset).sensor
-        sensor = judged_sensor(config.sensor, preset)
-        lights = self._of(size_of(config.sensor, preset))
+        sensor = judged_sensor(config.sensor, preset_of(point.preset).sensor)
+        lights = self._of(size_of(config.sensor))
         key = digest(
             (
                 lights.take.camera.width,
@@ -219,10 +218,8 @@ def times_of(shots: list[int]) -> list[int]:
     return [FINE_US * shot for shot in shots]
 
 
-def size_of(sensor: SensorConfig, preset: SensorConfig) -> tuple[int, int]:
-    """Width and height, px: a DAVIS346's unless the point has another than its preset."""
-    if (sensor.width, sensor.height) == (preset.width, preset.height):
-        return SIZE
+def size_of(sensor: SensorConfig) -> tuple[int, int]:
+    """Width and height, px."""
     found = resolve_sensor(sensor)
     return int(found.width), int(found.height)
 

@@ -19,6 +19,7 @@ from evs.drivers.pipeline.config import PipelineConfig, SinkConfig, make_sink
 from evs.drivers.pipeline.open_loop import depth_of
 from evs.drivers.pipeline.report import COMPLETE, STAGES
 from evs.drivers.pipeline.run import run
+from evs.drivers.sweep.errors import size_of
 from evs.drivers.sweep.interval import interval
 from evs.drivers.sweep.measured import FRAMES, Speed
 from evs.drivers.sweep.peers import way_of
@@ -26,7 +27,6 @@ from evs.drivers.sweep.points import Point
 from evs.drivers.sweep.stretches import Stretches
 from evs.drivers.sweep.world import SweepWorld
 from evs.drivers.sweep.yardstick import Yardstick
-from evs.emulator.sensor import resolve_sensor
 from evs.msgs import EvsError
 
 SLOW_REPEATS = 3
@@ -219,17 +219,13 @@ class _AtOpening:
 def speed_of(repeats: list[Repeat], config: PipelineConfig, traced: float) -> Speed:
     """The intervals of all repeats. In: traced, share of the pixels, mean of all ticks."""
     tick_s = 1e-6 * config.scene.tick_us
+    width, height = size_of(config.sensor)
     stages = {name: interval([one.stage_ms.get(name, 0.0) for one in repeats]) for name in STAGES}
     return Speed(
         real_time_factor=interval([one.ticks * tick_s / one.wall_s for one in repeats]),
         cpu_s_per_s=interval([one.cpu_s / (one.ticks * tick_s) for one in repeats]),
         yardstick_ratio=interval([one.wall_s / one.ticks / one.yardstick_s for one in repeats]),
         stage_ms=stages,
-        rays_per_tick=traced * _pixels(config) * config.render.samples,
+        rays_per_tick=traced * width * height * config.render.samples,
         ticks=repeats[0].ticks,
     )
-
-
-def _pixels(config: PipelineConfig) -> int:
-    sensor = resolve_sensor(config.sensor)
-    return int(sensor.width) * int(sensor.height)
