@@ -56,4 +56,4 @@ def test_paths(rich: bool) -> None:
 def test_many(decades: float, zoom: float) -> None:
     for renderer in ("direct", "path"):
         render: dict[str, object] = {"renderer": renderer}
-        assert check(range(9000, 9120), 3, render, decades=decades, zoom=zoom, rich=True) > 0
+        assert check(range(9000, 9060), 3, render, decades=decades, zoom=zoom, rich=True) > 0

@@ -34,7 +34,7 @@ struct Tracing {
   bool path = false;         // else: direct
   int bounces = 0;           // of paths
   SampleSet sample_set = SAMPLES_OWEN;
-  Forced forced;  // code paths that are on or off whatever the scene asks for
+  Forced forced = {};  // code paths that are on or off whatever the scene asks for
 };
 
 // What a caster has done since it was made.
