@@ -23,8 +23,8 @@ WHITE_DN = 255.0
 """its exposure: DN of luminance 1"""
 
 NEAR = 3e-5
-"""A crossing that is nearer than this share of a threshold may fall on either side: the last bit of a
-float32 of 21, the log light of the sun, is 2e-6, which both ends of a step may be off by."""
+"""A crossing that is nearer than this share of a threshold may fall on either side: the last bit of
+a float32 of 21, the log light of the sun, is 2e-6, which both ends of a step may be off by."""
 
 SAME = 1e-6
 """A step that misses whole thresholds by so little is the way back to light that was there before:
