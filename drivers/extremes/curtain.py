@@ -125,3 +125,20 @@ def curtain(
 
 def _sensor(tables: Mapping[str, Any]) -> dict[str, Any]:
     return {k: v for k, v in tables.get("sensor", {}).items() if not isinstance(v, Mapping)}
+
+
+def swept(begin: int, length: int, tick: int) -> float:
+    """Where the curtain is that is drawn from ticks `begin` on and drawn back, `length` each."""
+    shut = min(tick - begin, begin + 2 * length - tick) / length
+    return OPEN if shut <= 0 else 2.0 - 4.0 * shut
+
+
+def sweep(length: int, still: int, sensor: Mapping[str, Any]) -> Shown:
+    """The curtain drawn and drawn back, `length` ticks each; `still` ticks. In: its [sensor]."""
+    return curtain(lambda tick: swept(1, length, tick), 1 + 2 * length + still, {"sensor": sensor})
+
+
+def said_of(shown: Shown) -> tuple[str, ...]:
+    """Its warnings, or how many events its report counts."""
+    report = shown.film.report
+    return shown.film.warnings or (f"{report.events:,} events, {report.events_dropped:,} dropped",)

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
+
+from evs.drivers.extremes.film import Film, film
+from evs.msgs import Events
 
 SPINNER = """<mujoco><option gravity="0 0 0"/><visual><headlight active="0"/></visual><worldbody>
 <light directional="true" dir="0.3 1 -0.2" diffuse="1 1 1" specular="0 0 0"/>
@@ -23,3 +29,16 @@ TABLES: dict[str, Any] = {
     "sensor": {"preset": "davis346", "width": 96, "height": 72},
 }
 """of the pipeline: a DAVIS346's pixels with their noise, and its readout"""
+
+
+def spun(seconds: float, tables: Mapping[str, Any] | None = None, **more: Any) -> Film:
+    """A film of it. In: tables, over TABLES; more, for `film`."""
+    return film(SPINNER, seconds, {**TABLES, **(tables or {})}, **more)
+
+
+def differing(a: Events, b: Events) -> int:
+    """How many events of one are not those of the other; all are where there are none at all."""
+    if not (len(a) and len(b)):
+        return max(1, len(a), len(b))
+    both = min(len(a), len(b))
+    return int(np.count_nonzero(a[:both] != b[:both])) + abs(len(a) - len(b))

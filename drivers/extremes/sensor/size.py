@@ -74,7 +74,7 @@ _TOLD = (
     "there is one more event), and the same again backwards"
 )
 
-SIZES = (
+EXTREMES = (
     Extreme("size-1x1", "sensor", "a sensor of one pixel", _TOLD, _plain(1, 1)),
     Extreme("size-1x4096", "sensor", "a sensor of one column of 4096", _TOLD, _plain(1, 4096)),
     Extreme(

@@ -6,10 +6,10 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-from evs.drivers.extremes.child import Ended, emulate
 from evs.drivers.extremes.extreme import Extreme, Outcome
 from evs.drivers.extremes.film import film
-from evs.drivers.extremes.spinner import DOOM_TICK, SPINNER, TABLES
+from evs.drivers.extremes.machine.child import Ended, emulate
+from evs.drivers.extremes.machine.spinner import DOOM_TICK, SPINNER, TABLES
 from evs.msgs import EvsError
 
 _BURST = {"preset": "ideal", "width": 640, "height": 480, "pos_thres": 0.02, "neg_thres": 0.02}
@@ -78,7 +78,7 @@ def _check_ending(ended: Ended, limit: int) -> None:
         )
 
 
-SCARCE = (
+EXTREMES = (
     Extreme(
         "memory-limit",
         "machine",

@@ -1,4 +1,4 @@
-"""The extremes of the machine: threads, instruction sets, stolen time, clocks."""
+"""Time that others take, and clocks that jump."""
 
 from __future__ import annotations
 
@@ -6,57 +6,31 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from evs.drivers.extremes.child import Ended, emulate
 from evs.drivers.extremes.extreme import Extreme, Outcome
-from evs.drivers.extremes.film import Film, film
-from evs.drivers.extremes.scarce import SCARCE
-from evs.drivers.extremes.spinner import SPINNER, TABLES
+from evs.drivers.extremes.machine.spinner import differing, spun
 from evs.drivers.pace import Pacer, monotonic_s, sleep_s
 from evs.emulator import World
-from evs.msgs import Events
 
-NO_AVX = {
-    "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX,-AVX2,-FMA,-AVX512F,-AVX512VL,-AVX512BW,-AVX512DQ",
-    "NPY_DISABLE_CPU_FEATURES": "AVX AVX2 FMA3 AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL "
-    "AVX512_ICL AVX512_SPR X86_V3 X86_V4",
-}
-"""environment: instructions that the C library and NumPy are not to use"""
-
-
-def differing(a: Events, b: Events) -> int:
-    """How many events of one are not those of the other; all are where there are none at all."""
-    if not (len(a) and len(b)):
-        return max(1, len(a), len(b))
-    both = min(len(a), len(b))
-    return int(np.count_nonzero(a[:both] != b[:both])) + abs(len(a) - len(b))
-
-
-def _threads(short: bool) -> Outcome:
-    """One thread, two, and more than there are cores."""
-    seconds = 0.02 if short else 0.2
-    many = 4 * (os.cpu_count() or 1) + 1
-    one, *others = (_spun(seconds, {"threads": count}) for count in (1, 2, many))
-    wrong = sum(differing(one.events, other.events) for other in others)
-    return Outcome(
-        wrong, 0, "other events", (f"{len(one.events):,} events with 1, 2, {many} threads",)
-    )
-
-
-def _spun(seconds: float, tables: Mapping[str, Any] | None = None, **more: Any) -> Film:
-    return film(SPINNER, seconds, {**TABLES, **(tables or {})}, **more)
+BUSY = """
+import os, signal, sys
+for _ in range(int(sys.argv[1]) - 1):
+    if not os.fork():
+        break
+else:
+    print(flush=True)
+signal.alarm(60)
+while True:
+    pass
+"""
+"""So many processes that do nothing but work; whatever becomes of us, they end in a minute."""
 
 
 def _stolen(short: bool) -> Outcome:
     """Sixteen others want this core while a run has to keep its pace; then they are gone."""
-    free = _spun(0.1)
+    free = spun(0.1)
     # a third of what is possible: easy alone, out of reach with a seventeenth of the core
     speed = free.report.real_time_factor / 3.0
     ticks = int((0.4 if short else 1.0) * 1000 * speed)
@@ -71,8 +45,8 @@ def _stolen(short: bool) -> Outcome:
             if tick == ticks // 2:
                 load.close()
 
-        loaded = _spun(ticks * 1e-3, act=watch, pace=pacer)
-        undisturbed = _spun(ticks * 1e-3)
+        loaded = spun(ticks * 1e-3, act=watch, pace=pacer)
+        undisturbed = spun(ticks * 1e-3)
     caught_up = min(late_s[ticks // 2 + 1 :], default=1.0) == 0.0
     said = [line for line in loaded.warnings if "cannot keep up" in line]
     pace = loaded.report.pace
@@ -94,20 +68,6 @@ def _one_core() -> Iterator[None]:
         yield
     finally:
         os.sched_setaffinity(0, before)
-
-
-BUSY = """
-import os, signal, sys
-for _ in range(int(sys.argv[1]) - 1):
-    if not os.fork():
-        break
-else:
-    print(flush=True)
-signal.alarm(60)
-while True:
-    pass
-"""
-"""So many processes that do nothing but work; whatever becomes of us, they end in a minute."""
 
 
 @contextmanager
@@ -156,8 +116,8 @@ def _jumps(short: bool) -> Outcome:
         clock.ahead_s += {ticks // 3: 3600.0, 2 * ticks // 3: -7200.0}.get(tick, 0.0)
 
     pacer = Pacer(speed, clock, clock.sleep)
-    paced = _spun(ticks * 1e-3, act=jump, pace=pacer)
-    still = _spun(ticks * 1e-3)
+    paced = spun(ticks * 1e-3, act=jump, pace=pacer)
+    still = spun(ticks * 1e-3)
     report = paced.report.pace
     slipped = any("has slipped 3.6e+03 s" in line for line in paced.warnings)
     back = any("clock went back by 7.2e+03 s" in line for line in paced.warnings)
@@ -166,57 +126,7 @@ def _jumps(short: bool) -> Outcome:
     return Outcome(1e3 * clock.longest_s, 1.0 / speed, "ms", paced.warnings, right)
 
 
-def _portable(short: bool) -> Outcome:
-    """All models and renderers on the portable path, beside the fastest that this machine has."""
-    seconds = 0.01 if short else 0.05
-    wrong, made = 0, 0
-    for tables in _EVERYTHING:
-        auto, portable = (
-            _spun(seconds, {**tables, "render": {**tables["render"], "isa": isa}})
-            for isa in ("auto", "portable")
-        )
-        wrong += differing(auto.events, portable.events)
-        made += len(auto.events)
-    bare = _without_avx(seconds)
-    auto = _spun(seconds)
-    wrong += differing(auto.events, bare.recorded)
-    said = f"{made + len(auto.events):,} events, each the same"
-    return Outcome(wrong, 0, "other events", (said,), bare.code == 0)
-
-
-def _without_avx(seconds: float) -> Ended:
-    """A process in which NumPy and the C library are told that there is no AVX either."""
-    given = [f"sensor.{key}={value}" for key, value in TABLES["sensor"].items()]
-    given += ["scene.keyframe=calm", "threads=1", "render.isa=portable", f"duration_s={seconds}"]
-    with tempfile.TemporaryDirectory() as folder:
-        return emulate(Path(folder), SPINNER, given, environment=NO_AVX)
-
-
-_SMALL = {**TABLES["sensor"], "width": 24, "height": 18}
-_EVERYTHING: tuple[dict[str, Any], ...] = (
-    {"render": {}},
-    {"render": {"renderer": "path", "spp": 4}, "model": {"name": "adaptive"}},
-    {"render": {"spp": 1}, "model": {"name": "evsnet"}, "sensor": _SMALL},
-)
-"""what the portable path is tried with: direct and plain, path and adaptive, the network"""
-
-
 EXTREMES = (
-    Extreme(
-        "threads",
-        "machine",
-        "one thread, two, and four for each core and one more",
-        "the same bytes",
-        _threads,
-    ),
-    Extreme(
-        "no-avx",
-        "machine",
-        "no AVX: renderers, pixels and network on the portable path; NumPy and the C library "
-        "without it too",
-        "the same bytes as on the fastest instruction set",
-        _portable,
-    ),
     Extreme(
         "stolen-time",
         "machine",
@@ -233,5 +143,4 @@ EXTREMES = (
         "jumps are told",
         _jumps,
     ),
-    *SCARCE,
 )
