@@ -76,20 +76,21 @@ def _ticks(text: str | None) -> int:
 
 
 def _show(planned: PipelinePlan) -> None:
-    """Three tables: contents, code paths, cost."""
+    """Tables: contents, code paths that are on and off, cost."""
     from evs.launch import terminal
 
     plain = planned.plan.compact()
     scene = f"{planned.scene}, camera '{planned.camera}'"
-    terminal.table(scene, ("the scene has", ""), _contents(planned, plain["contents"]))
+    terminal.table(scene, ("the scene has", ""), _contents(planned, plain["contents"]), False)
     print()
-    decisions = sorted(planned.plan.decisions, key=lambda each: not each.on)
-    rows = [
-        (f"{each.feature.name.replace('_', ' ')}", "on" if each.on else "off", each.why)
-        for each in decisions
-    ]
-    terminal.table("code paths", ("code path", "is", "because"), rows)
-    print()
+    for on, title in ((True, "code paths that are on"), (False, "code paths that are off")):
+        rows = [
+            (each.feature.name.replace("_", " "), each.why)
+            for each in planned.plan.decisions
+            if each.on == on
+        ]
+        terminal.table(title, ("code path", "because"), rows, False)
+        print()
     cost = plain["cost"]
     costs = [
         ("world", cost["world_ms"], cost["world_ms"], "physics and poses"),
@@ -98,14 +99,16 @@ def _show(planned: PipelinePlan) -> None:
     ]
     shown = [(stage, f"{most:.3g}", f"{least:.3g}", of) for stage, most, least, of in costs]
     title = "a tick on one core, by the cost model (good to a factor of about two)"
-    terminal.table(title, ("stage", "ms, all moves", "ms, all rests", "of"), shown)
+    terminal.table(title, ("stage", "ms, all moves", "ms, all rests", "of"), shown, False)
     if planned.measured is not None:
         print()
         taken = planned.measured
         traced = f"{100 * taken.traced_fraction:.3g} % of the pixels traced"
         of = {"render": traced, "sensor": f"{taken.events:,} events in all"}
         measured = [(stage, f"{ms:.3g}", of.get(stage, "")) for stage, ms in taken.stage_ms.items()]
-        terminal.table(f"measured: {taken.ticks} ticks", ("stage", "median ms", "with"), measured)
+        terminal.table(
+            f"measured: {taken.ticks} ticks", ("stage", "median ms", "with"), measured, False
+        )
 
 
 def _rays(cost: dict[str, Any]) -> str:

@@ -118,8 +118,13 @@ def summary(report: Report, quiet: bool = False, next_commands: Sequence[str] = 
             console.print(f"  {escape(command)}", soft_wrap=True)
 
 
-def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Rows under headings, on stdout; all columns but the first and the last stand to the right."""
+def table(
+    title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], lines: bool = True
+) -> None:
+    """Rows under headings, on stdout; all columns but the first and the last stand to the right.
+
+    In: lines, on a terminal one is drawn before each row that has a name, and no row is wrapped.
+    """
     console = Console(highlight=False)
     if not console.is_terminal:
         # columns that a script can cut, as wide as they must be
@@ -135,10 +140,12 @@ def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) ->
     shown = Table(box=ROUNDED, border_style="dim", header_style="bold", title=escape(title))
     for k, heading in enumerate(headings):
         number = 0 < k < len(headings) - 1
-        shown.add_column(heading, justify="right" if number else "left", no_wrap=not number)
+        shown.add_column(
+            heading, justify="right" if number else "left", no_wrap=not k or (lines and not number)
+        )
     for k, row in enumerate(rows):
         # a line before each new name
-        if k and row[0]:
+        if k and row[0] and lines:
             shown.add_section()
         shown.add_row(*(escape(cell) for cell in row))
     console.print(shown)
