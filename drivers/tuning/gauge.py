@@ -85,8 +85,7 @@ class SceneGauge:
     def point(self, one: Candidate) -> Point:
         """The configuration as a point of a sweep: what differs from the defaults."""
         config = self.base.with_settings(one.settings)
-        sensor = resolve_sensor(config.sensor)
-        changed: dict[str, Any] = {"sensor.width": sensor.width, "sensor.height": sensor.height}
+        changed: dict[str, Any] = {}
         for key, value in differences(preset_of(DEFAULT), config).items():
             if key.partition(".")[0] in TABLES and key != "render.flicker":
                 changed[key] = value
