@@ -6,6 +6,7 @@ import math
 
 from evs.drivers.sweep.front import Figure
 from evs.drivers.tuning.search import Found, Outcome
+from evs.drivers.tuning.space import BASE_TICK_US
 
 
 def facts(found: Found, figure: Figure, own: float, seconds: float) -> list[tuple[str, str]]:
@@ -23,6 +24,14 @@ def facts(found: Found, figure: Figure, own: float, seconds: float) -> list[tupl
     wrong = worst_miss(found)
     count = f"{len(found.measured)} configurations in {seconds:.0f} s"
     lines.append(("measured", f"{count}{wrong}"))
+    tick_us = winner.candidate.tick_us
+    if tick_us > BASE_TICK_US:
+        lines.append(
+            (
+                "tick",
+                f"{tick_us / 1000:g} ms, so events come that late: scene.tick_us=1000 keeps 1 ms",
+            )
+        )
     if not found.verified:
         lines.append(
             ("not verified", "a better one is predicted, but --budget ended before it was measured")

@@ -139,4 +139,10 @@ def test_the_words_say_what_was_predicted_measured_and_what_more_would_cost() ->
     plain = dict(facts(dataclasses.replace(found, verified=True, measured=[outcome(2.0, 0.2)],
                                            reached=False), DEFAULT, 0.0, 1.0))  # fmt: skip
     assert "not verified" not in plain
+    assert "tick" not in told
+    late = dataclasses.replace(
+        winner, candidate=dataclasses.replace(winner.candidate, tick_us=4000)
+    )
+    slow = dict(facts(dataclasses.replace(found, winner=late), DEFAULT, 0.0, 1.0))
+    assert slow["tick"].startswith("4 ms, so events come that late")
     assert plain["goal"].endswith("NOT reached")
