@@ -372,7 +372,10 @@ def test_a_pace_that_cannot_be_held_is_warned_of() -> None:
     def slow() -> None:
         now[0] += 0.15
 
-    pacer = Pacer(1.0, lambda: now[0], lambda seconds: None)
+    def sleep(seconds: float) -> None:
+        now[0] += max(0.0, seconds)
+
+    pacer = Pacer(1.0, lambda: now[0], sleep)
     report = run(FakeWorld(t3=slow), [], 0.01, pace=pacer, warn=lines.append)
     assert (report.ticks, report.ended) == (10, "complete")
     assert len(lines) == 1
