@@ -372,10 +372,7 @@ def test_a_pace_that_cannot_be_held_is_warned_of() -> None:
     def slow() -> None:
         now[0] += 0.15
 
-    def sleep(seconds: float) -> None:
-        now[0] += max(0.0, seconds)
-
-    pacer = Pacer(1.0, lambda: now[0], sleep)
+    pacer = Pacer(1.0, lambda: now[0], lambda s: now.__setitem__(0, now[0] + max(0.0, s)))
     report = run(FakeWorld(t3=slow), [], 0.01, pace=pacer, warn=lines.append)
     assert (report.ticks, report.ended) == (10, "complete")
     assert len(lines) == 1
