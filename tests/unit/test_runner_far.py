@@ -130,6 +130,22 @@ def test_addresses_without_a_cluster(tmp_path: Path, address: str, says: str) ->
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_cluster_of_another_ray_is_told_in_what() -> None:
+    """With Ray's own words for it, which are several lines."""
+    pytest.importorskip("ray")
+    from ray._private.utils import check_version_info
+
+    from evs.drivers.runner.cluster import _unreached
+
+    with pytest.raises(RuntimeError) as caught:
+        check_version_info({"ray_version": "2.0.1", "python_version": "3.9.0"}, "here")
+    told = str(_unreached("10.0.0.1:6379", caught.value))
+    assert told.startswith("the Ray cluster at 10.0.0.1:6379 is another one than here: Version")
+    assert "Ray: 2.0.1" in told
+    assert "Python: 3.9.0" in told
+    assert "\n" not in told
+
+
 def test_workers_here_and_a_cluster_are_two_things(tmp_path: Path) -> None:
     with pytest.raises(EvsError, match="--workers or --ray, not both"):
         run_jobs([jobs.One("a")], tmp_path, ray="auto", workers=2)
