@@ -70,8 +70,8 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   spheres_.resize(count);
   balls_.resize(count);
   previous_balls_.resize(count);
-  moved_.reserve(2 * count);
-  moved_balls_.reserve(2 * static_cast<size_t>(count));
+  moved_.reserve(2 * MOST_LINKS * count);
+  moved_balls_.reserve(2 * MOST_LINKS * static_cast<size_t>(count));
   previous_lights_ = look_.lights;
   camera_.reserve(12);
   deformed_.resize(mesh_data_.size());
@@ -182,6 +182,7 @@ void Caster::place_geoms(const Poses& p) {
   frame_.bounds = spheres_.view();
   frame_.around = ball_around(balls_.data() + frame_.plane_count,
                               geoms_.size() - static_cast<size_t>(frame_.plane_count));
+  frame_.mirrored = mirrored_in_plane();
   for (int i = 0; i < 9; i++) frame_.sky_rotation[i] = static_cast<float>(cm[i]);
 }
 
@@ -275,8 +276,8 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
     return;
   }
   if (selective) find_moved();
-  // records pay off only while the camera stays
-  bool recording = incremental_ && (first || still);
+  // records pay off only while camera and lights stay
+  bool recording = incremental_ && (first || (still && same_lights));
   if (incremental_ && !recording) {
     for (Record& r : records_) r.count = -1;
   }

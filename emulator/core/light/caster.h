@@ -108,9 +108,13 @@ class Caster {
   void place_lights(const Poses& poses);
   void place_air();
   void find_moved();
+  void add_moved(const Rod& before, const Rod& now);
   void trace_paths(bool first, bool same, const Outputs& out);
   void end_tick();
   Ball sphere_of(const Geom& g) const;
+  Ball mirrored_in_plane() const;
+
+  static constexpr int MOST_LINKS = 5;  // balls around one long geom
 
   const Kernel* kernel_;
   Pool pool_;

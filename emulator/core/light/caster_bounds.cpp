@@ -95,6 +95,49 @@ Ball ball_around(const Ball* balls, size_t count) {
       static_cast<float>(radius * 1.0001)};
 }
 
+// The image of everything else in the only plane; more of them: too large to be anywhere.
+Ball Caster::mirrored_in_plane() const {
+  if (frame_.plane_count != 1) return {{0, 0, 0}, 1e30f};
+  const Geom& plane = geoms_[0];
+  Ball ball = frame_.around;
+  V3 n = {plane.rotation[2], plane.rotation[5], plane.rotation[8]}, c = ball.center;
+  V3 p = plane.position;
+  float height = (c.x - p.x) * n.x + (c.y - p.y) * n.y + (c.z - p.z) * n.z;
+  ball.center = {c.x - 2 * height * n.x, c.y - 2 * height * n.y, c.z - 2 * height * n.z};
+  // the rounding of the places, and of rays that leave the plane from afar
+  float away =
+      std::abs(c.x) + std::abs(c.y) + std::abs(c.z) + std::abs(height) + std::hypot(p.x, p.y, p.z);
+  if (ball.radius >= 0) ball.radius = ball.radius * 1.0001f + away * 1e-5f;
+  if (!(ball.radius < 1e28f)) ball.radius = 1e30f;
+  return ball;
+}
+
+// Balls in a row that hold a rod before and after it moved: together they are thinner than one.
+void Caster::add_moved(const Rod& before, const Rod& now) {
+  int links = 1;
+  if (now.half > 0) links += static_cast<int>(1.5f * now.half / now.radius);
+  links = std::min(links, MOST_LINKS);
+  float share = 1.0f / static_cast<float>(links);
+  auto link = [&](const Rod& rod, int i) -> Ball {
+    float at = rod.half * (static_cast<float>(2 * i + 1) * share - 1);
+    V3 c = rod.center, u = rod.axis;
+    return {{c.x + u.x * at, c.y + u.y * at, c.z + u.z * at}, rod.radius + rod.half * share};
+  };
+  for (int i = 0; i < links; i++) {
+    Ball a = link(before, i), b = link(now, i);
+    float x = b.center.x - a.center.x, y = b.center.y - a.center.y, z = b.center.z - a.center.z;
+    float apart = std::hypot(x, y, z), thickest = std::max(a.radius, b.radius);
+    if (apart < thickest) {
+      // a ball around both is hardly larger
+      V3 middle = {a.center.x + 0.5f * x, a.center.y + 0.5f * y, a.center.z + 0.5f * z};
+      moved_balls_.push_back({middle, (thickest + 0.5f * apart) * 1.00001f});
+    } else {
+      moved_balls_.push_back(a);
+      moved_balls_.push_back(b);
+    }
+  }
+}
+
 // Old and new bounds of every geom that moved, and a ball around them all.
 void Caster::find_moved() {
   std::vector<Ball>& balls = moved_balls_;
@@ -102,8 +145,7 @@ void Caster::find_moved() {
   for (size_t k = 0; k < geoms_.size(); k++) {
     bool deformed = geoms_[k].mesh >= 0 && deformed_[geoms_[k].mesh];
     if (!deformed && std::memcmp(&geoms_[k], &previous_geoms_[k], sizeof(Geom)) == 0) continue;
-    balls.push_back(previous_balls_[k]);
-    balls.push_back(balls_[k]);
+    add_moved(rod_of(previous_geoms_[k], previous_balls_[k]), rod_of(geoms_[k], balls_[k]));
   }
   moved_.resize(static_cast<int>(balls.size()));
   for (size_t i = 0; i < balls.size(); i++) moved_.set(static_cast<int>(i), balls[i]);

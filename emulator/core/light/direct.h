@@ -38,10 +38,11 @@ void shade_image(const Frame& f, const Light& light, const Rays& rays, const Pat
   }
 }
 
-// Light that leaves the surface towards the ray's origin. `region`: where the points of `lit` are.
+// Light that leaves the surface towards the ray's origin. `points`: those of `lit`.
 template <int CHANNELS>
 void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNELS>& patch,
-           const Region& region, Mask lit, Float* out) {
+           Points& points, Mask lit, Float* out) {
+  uint32_t planes = f.plane_count < 32 ? (1u << f.plane_count) - 1 : ~0u;
   for (int c = 0; c < CHANNELS; c++) out[c] = patch.emitted[c];
   Matt<CHANNELS> matt = matt_of(f, patch);
   Mask physical = f.lobes ? patch.physical & lit : mask_of(0);
@@ -61,9 +62,11 @@ void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNEL
     }
     if (!any(facing)) continue;
     Mask dark = mask_of(0);
-    if (light.castshadow && f.shadows) {
+    bool in_the_way = f.plane_count > 32 || (planes & ~light.idle);
+    if (light.castshadow && f.shadows &&
+        (in_the_way || any_towards(f.around, patch.origin, in.towards, facing))) {
       dark = occluded(f, patch.origin, in.towards, in.distance, hit.geom,
-                      shadow_hull(light, region), facing, light.idle);
+                      shadow_hull(light, points.of(patch, lit)), facing, light.idle);
     }
     Mask reached = facing & ~dark;
     if (!any(reached)) continue;
@@ -95,24 +98,26 @@ void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNEL
 
 template <int CHANNELS, bool FOLLOW>
 void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float travelled,
-              Trail& trail, Float* out);
+              Trail* trail, Float* out);
 
 // What the mirrors of `mirror` show, times their reflectance, is added to `surface`. `region`:
 // where their points are.
 template <int CHANNELS>
 void reflect(const Frame& f, const Rays& rays, const Patch<CHANNELS>& patch, const Region& region,
-             Mask mirror, Float travelled, Trail& trail, Float* surface) {
+             Mask mirror, Float travelled, Trail* trail, Float* surface) {
   Vec d = rays.direction;
   Vec bounced = d - patch.normal * (dot(d, patch.normal) * 2.0f);
   Rays mirrored = {patch.origin, normalize(bounced), false};
   float square;
   Hull cone = hull_of(region, mirrored.direction, mirror, FAR, square);
-  if (trail.mirror_spread < 0) {
-    trail.mirror_axis = cone.axis;
-  } else {
-    square = spread(mirrored.direction, trail.mirror_axis, mirror);
+  if (trail) {
+    if (trail->mirror_spread < 0) {
+      trail->mirror_axis = cone.axis;
+    } else {
+      square = spread(mirrored.direction, trail->mirror_axis, mirror);
+    }
+    trail->mirror_spread = square > trail->mirror_spread ? square : trail->mirror_spread;
   }
-  trail.mirror_spread = square > trail.mirror_spread ? square : trail.mirror_spread;
   Float image[CHANNELS];
   radiance<CHANNELS, false>(f, mirrored, cone, mirror, travelled, trail, image);
   for (int c = 0; c < CHANNELS; c++) {
@@ -123,10 +128,10 @@ void reflect(const Frame& f, const Rays& rays, const Patch<CHANNELS>& patch, con
 constexpr int MAX_LAYERS = 8;  // what lies behind seven transparent surfaces is not seen
 
 // Radiance along the rays of `active`: through transparent surfaces, front to back, and with FOLLOW
-// once off a mirror. Out: the light of each channel.
+// once off a mirror. Out: the light of each channel; trail, which grows, unless it is null.
 template <int CHANNELS, bool FOLLOW>
 void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float travelled,
-              Trail& trail, Float* out) {
+              Trail* trail, Float* out) {
   for (int c = 0; c < CHANNELS; c++) out[c] = splat(0.0f);
   Float passing = splat(1.0f), beyond = splat(0.0f), cover = beyond, curtain = beyond;
   for (int layer = 0; layer < MAX_LAYERS; layer++) {
@@ -155,14 +160,15 @@ void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, F
     }
     if (!any(lit)) break;
     Patch<CHANNELS> patch = patch_of<CHANNELS>(f, rays, hit, bits(lit), travelled);
-    Region region = region_of(patch.origin, patch.step, lit);
-    grow(FOLLOW ? trail.seen : trail.mirrored, region);
+    Points points;
+    if (trail) grow(FOLLOW ? trail->seen : trail->mirrored, points.of(patch, lit));
     Float surface[CHANNELS];
-    shade<CHANNELS>(f, rays, hit, patch, region, lit, surface);
+    shade<CHANNELS>(f, rays, hit, patch, points, lit, surface);
     if constexpr (FOLLOW) {
       Mask mirror = lit & (patch.reflectance > 0.0f);
-      if (any(mirror)) {
-        reflect<CHANNELS>(f, rays, patch, region, mirror, travelled + hit.distance, trail, surface);
+      if (any(mirror) && (trail || !mirrors_nothing(f, rays, hit, mirror))) {
+        reflect<CHANNELS>(f, rays, patch, points.of(patch, lit), mirror, travelled + hit.distance,
+                          trail, surface);
       }
     }
     if (f.air.fog) fog<CHANNELS>(f, travelled + hit.distance, surface);
@@ -282,7 +288,8 @@ void trace_packet(const Frame& f, int column, int row, const Outputs& out, Recor
   for (int s = 0; s < f.samples; s++) {
     Rays rays = primary_rays(f, column, row, f.sample_x[s], f.sample_y[s]);
     Float light[CHANNELS];
-    radiance<CHANNELS, true>(f, rays, hull, mask_of(0xffff), splat(0.0f), trail, light);
+    radiance<CHANNELS, true>(f, rays, hull, mask_of(0xffff), splat(0.0f), record ? &trail : nullptr,
+                             light);
     sum = sum + luminance_of<CHANNELS>(f, light);
     if (out.rgb || out.plain) {
       for (int c = 0; c < CHANNELS; c++) sums[c] = sums[c] + light[c];
@@ -324,14 +331,13 @@ void trace_any(const Frame& f, const int32_t* x, const int32_t* y, int count, fl
   alignas(64) int column[LANES], row[LANES];
   fill_lanes(x, y, count, column, row);
   Float sum = splat(0.0f), sum_plain = sum;
-  Trail trail;
   Mask all = mask_of(0xffff);
   for (int s = 0; s < f.samples; s++) {
     Rays rays = rays_through(f, pixel_point(column, f.sample_x[s], PACKET_WIDTH),
                              pixel_point(row, f.sample_y[s], PACKET_HEIGHT));
     Float light[CHANNELS];
     radiance<CHANNELS, true>(f, rays, hull_of(rays.origin, rays.direction, all, FAR), all,
-                             splat(0.0f), trail, light);
+                             splat(0.0f), nullptr, light);
     sum = sum + luminance_of<CHANNELS>(f, light);
     sum_plain = sum_plain + light[CHANNELS - 1];
   }

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "path_scene.h"
+#include "rods.h"
 
 namespace evs {
 

@@ -50,7 +50,7 @@ void refine_packet(const Frame& f, int column, int row, unsigned pixels, float* 
     }
     Float light[CHANNELS];
     radiance<CHANNELS, true>(f, rays_through(f, load(x), load(y)), hull, mask_of((1u << used) - 1),
-                             splat(0.0f), trail, light);
+                             splat(0.0f), record ? &trail : nullptr, light);
     store(grey, luminance_of<CHANNELS>(f, light));
     for (int i = 0; i < used; i++) sum[owner[i]] += grey[i];
     if (CHANNELS < 3 || !rgb) continue;

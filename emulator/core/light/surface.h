@@ -127,7 +127,7 @@ inline Site site_of(const Frame& f, const Geom& g, const Rays& rays, const Hit& 
   } else {
     s.normal = normal_of_shape(g, s.p);
   }
-  s.normal = normalize(s.normal);
+  if (g.shape != PLANE) s.normal = normalize(s.normal);
   return s;
 }
 

@@ -149,6 +149,7 @@ struct Frame {
   const Geom* geoms;
   int geom_count, plane_count;  // planes come first
   Ball around;                  // everything but the planes
+  Ball mirrored;                // that in the only plane as a mirror; radius FAR: more planes
   Bounds bounds;
   const Mesh* meshes;
   const Surface* surfaces;

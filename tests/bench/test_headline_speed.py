@@ -1,0 +1,168 @@
+"""The headline, end to end: dm_control's humanoid, bus and recorder on, in real time or not.
+
+Each run is a process, `evs emulate --record --publish`, with one subscriber in another. Rounds go
+through all rows in turns, each beside a yardstick in the same round: MuJoCo's own rays through the
+same pixels. What is told of a run is its report's: from the first tick to the last packet's end.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from evs.drivers.checkup.loopback import free_address
+from speed.turns import Time, spread, target
+from speed.view import Rays, robot
+
+ROUNDS = 5
+LISTEN = """
+import sys
+from evs.drivers.bus import subscribe
+print(sum(len(packet.events) for packet in subscribe(sys.argv[1])))
+"""
+MOVING = ("scene.camera=side",)
+"""Beside the robot, at a fixed distance from its centre of mass."""
+STILL = ("camera.lookat=[0,0,0.9]", "camera.distance=3")
+PLAIN = ("render.renderer=direct", "render.spp=1", "model.name=plain")
+NETWORK = ("render.renderer=path", "render.spp=4", "model.name=evsnet", "model.chunk=8")
+LARGE = ("sensor.width=640", "sensor.height=360")
+PAPER_S = 67.0
+"""What one second at 640x360 takes the paper on an RTX 4090."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One configuration. The model's lamp follows the robot, unless it is fixed."""
+
+    name: str
+    settings: tuple[str, ...]
+    fixed_lamp: bool = False
+    bound: float | None = None
+    """real-time factor that the project promises"""
+    seconds: float = 1.0
+
+
+def rows() -> list[Row]:
+    """The headline's rows, the same in ticks of 2 ms, and at 640x360."""
+    two = ("scene.tick_us=2000",)
+    return [
+        Row("direct + plain, moving camera", PLAIN + MOVING, bound=1.0),
+        Row("direct + plain, still camera", PLAIN + STILL, bound=2.0),
+        Row("direct + plain, still camera, fixed lamp", PLAIN + STILL, True, bound=2.0),
+        Row("path + EvSNet, still camera", NETWORK + STILL, bound=0.25),
+        Row("path + EvSNet, still camera, fixed lamp", NETWORK + STILL, True, bound=0.25),
+        Row("direct + plain, moving camera, 2 ms", PLAIN + MOVING + two),
+        Row("direct + plain, still camera, fixed lamp, 2 ms", PLAIN + STILL + two, True),
+        Row("path + EvSNet, still camera, fixed lamp, 2 ms", NETWORK + STILL + two, True),
+        Row("640x360, direct + plain, moving camera", PLAIN + MOVING + LARGE),
+        Row("640x360, path + EvSNet, still camera", NETWORK + STILL + LARGE),
+        Row("640x360, path + EvSNet, still camera, fixed lamp", NETWORK + STILL + LARGE, True),
+    ]
+
+
+def with_fixed_lamp(path: Path, out: Path) -> Path:
+    """The model with its lamp in the world, where it is above the robot that stands."""
+    spec = mujoco.MjSpec.from_file(str(path))
+    for light in list(spec.lights):
+        if light.parent.name != "world":
+            place = light.parent.pos + light.pos
+            spec.delete(light)
+            spec.worldbody.add_light(name="fixed", pos=place, dir=[0.0, 0.0, -1.0])
+    # sites and sensors of no camera stay; a file that another process reads
+    mujoco.mj_saveModel(spec.compile(), str(out), None)
+    return out
+
+
+def run(row: Row, scene: Path, folder: Path) -> dict[str, float]:
+    """One run in a process of its own. Out: real-time factor, seconds a second, ms a stage."""
+    address = free_address()
+    path = {"PYTHONPATH": os.pathsep.join(str(Path(e).absolute()) for e in sys.path if e)}
+    environment = {**os.environ, **path}
+    report, film = folder / "report.json", folder / "run.aedat4"
+    film.unlink(missing_ok=True)
+    sensor = () if LARGE[0] in row.settings else ("--sensor", "davis346")
+    listener = subprocess.Popen(
+        [sys.executable, "-c", LISTEN, address], env=environment, stdout=subprocess.PIPE, text=True
+    )
+    words = ["emulate", *row.settings, "scene.control=random", f"scene.file={scene}", *sensor]
+    words += ["--duration", str(row.seconds), "--record", str(film), "--report", str(report)]
+    words += ["--publish", address, "--wait-for", "1", "--threads", "2", "--quiet"]
+    done = subprocess.run(
+        [sys.executable, "-m", "evs.launch.main", *words],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    heard, _ = listener.communicate(timeout=60)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(report.read_text())
+    assert int(heard) == found["events"] > 0
+    assert film.stat().st_size > 0
+    stages = {f"{name} ms": stage["median"] for name, stage in found["stage_ms"].items()}
+    return {
+        "real-time factor": found["real_time_factor"],
+        "traced": found["traced_fraction"],
+        **stages,
+    }
+
+
+def milliseconds_of_rays(cast: object) -> float:
+    """The least of some calls of the yardstick."""
+    taken = []
+    for _ in range(5):
+        begin = time.perf_counter()
+        cast()  # type: ignore[operator]
+        taken.append(1e3 * (time.perf_counter() - begin))
+    return min(taken)
+
+
+@pytest.mark.bench
+def test_the_headline(robot_files: dict[str, Path], camera_rays: Rays, tmp_path: Path) -> None:
+    if len(os.sched_getaffinity(0)) < 2:
+        pytest.skip("needs two cores")
+    model = robot_files["dm_control/humanoid"]
+    fixed = with_fixed_lamp(model, tmp_path / "fixed.mjb")
+    cast = robot(model).multi_ray(camera_rays)
+    factors: dict[str, list[float]] = {row.name: [] for row in rows()}
+    stages: dict[str, list[dict[str, float]]] = {row.name: [] for row in rows()}
+    yardstick = []
+    for _ in range(ROUNDS):
+        yardstick.append(milliseconds_of_rays(cast))
+        for row in rows():
+            found = run(row, fixed if row.fixed_lamp else model, tmp_path)
+            factors[row.name].append(found.pop("real-time factor"))
+            stages[row.name].append(found)
+    rays = spread(yardstick)
+    print(f"\nyardstick, mj_multiRay of 346x260: {rays} ms; rows: median (quartiles) of {ROUNDS}")
+    for row in rows():
+        factor = spread(factors[row.name])
+        wall = Time(1e3 / factor.median, 1e3 / factor.high, 1e3 / factor.low)
+        print(f"{row.name}: real-time factor {factor}; {_tick(row, wall, rays)}")
+        middle = {name: spread([one[name] for one in stages[row.name]]) for name in found}
+        print("    " + ", ".join(f"{name} {time.median:.3g}" for name, time in middle.items()))
+        if row.bound is not None:
+            print("    " + target(row.name, factor.median, row.bound, "x"))
+        if row.name.startswith("640x360"):
+            seconds = wall.median / 1e3
+            print(
+                f"    one second in {seconds:.3g} s, the paper's {PAPER_S:g} s on an RTX 4090: "
+                f"{PAPER_S / seconds:.3g} times as fast"
+            )
+        assert factor.median > 0
+
+
+def _tick(row: Row, wall: Time, rays: Time) -> str:
+    """Time of a tick, also in yardsticks."""
+    ticks = 500.0 if any("tick_us=2000" in word for word in row.settings) else 1000.0
+    tick_ms = wall.median / ticks
+    return f"a tick {tick_ms:.3g} ms, {tick_ms / rays.median:.3g} yardsticks"
