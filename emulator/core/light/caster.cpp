@@ -276,8 +276,9 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
     return;
   }
   if (selective) find_moved();
-  // records pay off only while camera and lights stay
-  bool recording = incremental_ && (first || (still && same_lights));
+  // records pay off only while the camera stays, and lights do not change in tick after tick
+  bool recording = incremental_ && (first || (still && (same_lights || lights_stayed_)));
+  lights_stayed_ = same_lights;
   if (incremental_ && !recording) {
     for (Record& r : records_) r.count = -1;
   }
