@@ -129,7 +129,7 @@ class Caster {
   int previous_seed_ = 0;
   std::vector<Mesh> meshes_;
   std::vector<Light> previous_lights_;
-  bool lights_stayed_ = true;  // in the last tick
+  bool lights_stayed_ = true;       // in the last tick
   std::vector<float> gains_;        // of each light
   std::vector<Light> full_lights_;  // at gain 1
   int haze_plane_ = -1;             // kernel's geom, -1 none
