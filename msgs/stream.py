@@ -35,3 +35,10 @@ class StreamInfo:
     """Whether triggers come beside the events."""
     latency_us: int = 0
     """By how much events come later than their light, us; their stamps carry it."""
+
+    @property
+    def start_us(self) -> int:
+        """What its stamps begin at, us: scene.start_us of its configuration; 0: not told."""
+        scene = self.config.get("scene")
+        start = scene.get("start_us", 0) if isinstance(scene, dict) else 0
+        return start if type(start) is int and 0 <= start < 1 << 53 else 0

@@ -62,7 +62,8 @@ class AppendingRecorder(ABC):
         if self._failure:
             raise SinkStoppedError(self._failure)
         if len(packet.events):
-            check_stamps(self._path, packet.events, self._format.holds, self._called)
+            holds = self._format.holds
+            check_stamps(self._path, packet.events, holds, self._called, self.stream)
             self._put(packet.events)
 
     def close(self) -> dict[str, Any]:

@@ -92,7 +92,7 @@ def convert(
     first = _first_events(stored)
     for message in first:
         if isinstance(message, EventPacket):
-            check_stamps(target, message.events, wanted.holds, called)
+            check_stamps(target, message.events, wanted.holds, called, stream)
     with _Place(target) as place:
         sink = recorder_for(place.path, kind=wanted.name, **options)
         try:

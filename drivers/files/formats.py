@@ -15,7 +15,13 @@ from typing import TYPE_CHECKING
 
 from evs.drivers.files import kinds
 from evs.msgs import EvsError, unknown
-from evs.msgs.encodings import LONGEST_US, MAX_SIDE_DAT_PX, MAX_SIDE_EVT_PX, TIME_ORIGIN_US
+from evs.msgs.encodings import (
+    LAST_ROS_US,
+    LONGEST_US,
+    MAX_SIDE_DAT_PX,
+    MAX_SIDE_EVT_PX,
+    TIME_ORIGIN_US,
+)
 
 if TYPE_CHECKING:
     from evs.drivers.files.recorded import RecordedFile
@@ -43,6 +49,10 @@ class Holds:
     """lowest time stamp"""
     last_us: int = 1 << 62
     """highest time stamp"""
+    from_start: bool = False
+    """both count from the stream's begin (scene.start_us), as a camera's own clock does"""
+    latest_us: int = 1 << 62
+    """highest time stamp, wherever the stream begins"""
     frames: bool = False
     """intensity frames beside the events"""
     imu: bool = False
@@ -89,8 +99,11 @@ class Format:
         return self.title.partition(":")[0]
 
 
-_ROS = Holds(first_us=0, last_us=LONGEST_US - TIME_ORIGIN_US - 1, frames=True, imu=True)
-_EVT = Holds(MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, 0, LONGEST_US - TIME_ORIGIN_US - 1)
+_LAST_US = LONGEST_US - TIME_ORIGIN_US - 1
+_ROS = Holds(
+    first_us=0, last_us=_LAST_US, from_start=True, latest_us=LAST_ROS_US, frames=True, imu=True
+)
+_EVT = Holds(MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, 0, _LAST_US, from_start=True)
 
 FORMATS: tuple[Format, ...] = (
     Format(

@@ -101,7 +101,8 @@ class GuardedRecorder(ABC):
         """Take one packet. EvsError where the disk does not."""
         self._check_open()
         if len(packet.events):
-            check_stamps(self._path, packet.events, self._format.holds, self._called)
+            holds = self._format.holds
+            check_stamps(self._path, packet.events, holds, self._called, self.stream)
             self._check(packet.events)
             self._make_room(_EVENT_BYTES * len(packet.events))
             with self._faults():

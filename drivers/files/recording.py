@@ -148,16 +148,18 @@ def one_stream(
     raise EvsError(f"cannot record {stream.width} x {stream.height} px to {path}; {fix}")
 
 
-def check_stamps(path: Path, events: Events, holds: Holds, title: str) -> None:
+def check_stamps(path: Path, events: Events, holds: Holds, title: str, stream: StreamInfo) -> None:
     """EvsError unless these events, (n,) sorted, are of times that the format holds."""
     if not len(events):
         return
     first, last = int(events["t"][0]), int(events["t"][-1])
-    if first < holds.first_us or last > holds.last_us:
-        bad = first if first < holds.first_us else last
+    start = stream.start_us if holds.from_start else 0
+    lowest, highest = holds.first_us + start, min(holds.last_us + start, holds.latest_us)
+    if first < lowest or last > highest:
+        bad = first if first < lowest else last
         raise EvsError(
-            f"cannot record an event at {bad} us to {path}; {title} holds {holds.first_us} ... "
-            f"{holds.last_us} us, .aedat4 any time"
+            f"cannot record an event at {bad} us to {path}; {title} holds {lowest} ... "
+            f"{highest} us, .aedat4 any time"
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from evs.msgs import EventPacket, EvsError
-from evs.msgs.encodings import PAYLOADS, PayloadWriter
+from evs.msgs.encodings import LAST_ROS_US, PAYLOADS, TIME_ORIGIN_US, PayloadWriter
 
 LONGEST_S = 1000.0
 """A message in `libcaer` has 31 bits for the us, which wrap; its decoders take it to be shorter."""
@@ -30,8 +30,13 @@ class EventMessage:
 class Gatherer:
     """Gathers one camera's packets; every packet is encoded as it comes."""
 
-    def __init__(self, encoding: str, time_threshold_s: float, size_threshold: int) -> None:
-        """In: what a message spans at least, s, unless it reaches so many bytes before."""
+    def __init__(
+        self, encoding: str, time_threshold_s: float, size_threshold: int, start_us: int = 0
+    ) -> None:
+        """In: what a message spans at least, s, unless it reaches so many bytes before.
+
+        start_us, what the stream's stamps begin at: the second 1 of evt3's clock.
+        """
         if not 0 <= time_threshold_s <= LONGEST_S:
             raise EvsError(
                 f"event_message_time_threshold is {time_threshold_s:g} s: give 0 (a message a "
@@ -46,7 +51,7 @@ class Gatherer:
             raise EvsError(
                 f"event_message_size_threshold is {size_threshold}: give the bytes, 1 or more"
             )
-        self._writer = PayloadWriter(encoding)
+        self._writer = PayloadWriter(encoding, time_origin_us=TIME_ORIGIN_US - start_us)
         self._time_us = round(time_threshold_s * 1e6)
         self._size = size_threshold
         self._parts: list[bytes] = []
@@ -82,6 +87,15 @@ class Gatherer:
         message = EventMessage(self._first_us, self._last_us, self._base_ns, data, self._events)
         self._parts, self._bytes, self._events = [], 0, 0
         return [message]
+
+
+def check_start(start_us: int, camera: str) -> None:
+    """EvsError: ROS's time ends before the stream begins."""
+    if start_us > LAST_ROS_US:
+        raise EvsError(
+            f"camera '{camera}' begins at {start_us} us, ROS's time ends at {LAST_ROS_US} us: give "
+            "a smaller scene.start_us"
+        )
 
 
 def check_size(encoding: str, width: int, height: int, camera: str) -> None:

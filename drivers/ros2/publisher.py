@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from evs.drivers.pace import monotonic_s, sleep_s
-from evs.drivers.ros2.gathering import Gatherer, check_size
+from evs.drivers.ros2.gathering import Gatherer, check_size, check_start
 from evs.drivers.ros2.messages import Messages, clock_message, rehearse
 from evs.drivers.ros2.middleware import Participant, load
 from evs.drivers.ros2.names import CLOCK, GLOBAL, PRIVATE, TRANSFORMS, node_path
@@ -216,6 +216,7 @@ class Ros2Publisher:
                     "has its own name, and give a namespace"
                 )
         check_size(self._encoding, stream.width, stream.height, stream.camera)
+        check_start(stream.start_us, stream.camera)
         return node_path(self._node, self._namespace, stream.camera)
 
     def _make_node(self, stream: StreamInfo, path: str) -> Node:
@@ -228,7 +229,7 @@ class Ros2Publisher:
             for topic, kind in PRIVATE.items()
             if has.get(topic, True)
         }
-        gatherer = Gatherer(self._encoding, *self._thresholds)
+        gatherer = Gatherer(self._encoding, *self._thresholds, stream.start_us)
         statistics = Statistics(path, self._interval_s)
         return Node(stream, path, messages, gatherer, statistics, topics)
 
@@ -280,7 +281,7 @@ class Ros2Publisher:
         """Time was set back, as by a loop's reset: what is of before leaves, the clock follows."""
         self._send_gathered(node)
         # the old one counts wraps of the sensor's clock since its last event
-        node.gatherer = Gatherer(self._encoding, *self._thresholds)
+        node.gatherer = Gatherer(self._encoding, *self._thresholds, node.stream.start_us)
         node.info_due_us = -(2**62)
         # the first of several cameras sets it back for all
         if self._clock_us >= node.time_end_us:

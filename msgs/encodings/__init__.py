@@ -12,6 +12,7 @@ from evs.msgs.encodings.fixed import (
     encode_mono,
 )
 from evs.msgs.encodings.limits import (
+    LAST_ROS_US,
     LONGEST_US,
     MAX_SIDE_EVT_PX,
     TIME_ORIGIN_US,
@@ -21,6 +22,7 @@ from evs.msgs.encodings.limits import (
 from evs.msgs.encodings.table import PAYLOADS, PayloadReader, PayloadWriter
 
 __all__ = [
+    "LAST_ROS_US",
     "LONGEST_US",
     "MAX_SIDE_DAT_PX",
     "MAX_SIDE_EVT_PX",

@@ -17,6 +17,9 @@ LONGEST_US = 1 << 44
 """Stamps of EVT2 and EVT3 streams lie below it (203 days): every wrap of their counters has to be
 told to the decoder, and more of them than that are a mistake."""
 
+LAST_ROS_US = 2**31 * 1_000_000 - 1
+"""ROS's time has int32 seconds: it ends in January 2038 of Unix time."""
+
 MAX_SIDE_EVT_PX = 1 << 11
 """EVT2 and EVT3 have 11 bits for x and for y."""
 

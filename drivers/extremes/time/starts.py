@@ -25,8 +25,8 @@ UNIX_US = 1_795_305_600_000_000
 STARTS_US = (2**31 - 4000, 2**31, 2**32 - 4000, UNIX_US, MAX_START_US)
 """Two of them pass the ends of int32 and of uint32 in the middle of the film."""
 
-UNIX_LIMITED = {"dat", "evt2", "evt3", "evt21"}
-"""formats whose counters tell no Unix time: 71 minutes between events, or 203 days"""
+UNIX_LIMITED = {"dat"}
+"""formats that tell no Unix time: its counter lasts 71 minutes"""
 
 LEVELS = (*USUAL, *USUAL)
 

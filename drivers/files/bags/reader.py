@@ -171,7 +171,7 @@ class BagFile(MixedFile):
         stream = said_stream(ours.get("stream"), plain)
         self.stream = dataclasses.replace(stream, **there, triggers=False)
         origin = ours.get("time_origin_us", 0)
-        self.time_origin_us = origin if isinstance(origin, int) and 0 <= origin < 1 << 50 else 0
+        self.time_origin_us = origin if isinstance(origin, int) and abs(origin) < 1 << 53 else 0
 
     def _found(self, walk: Walk) -> Iterator[Found]:
         """Every message of the bag."""

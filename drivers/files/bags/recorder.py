@@ -76,7 +76,8 @@ class _BagRecorder(GuardedRecorder):
                     f"cannot record {size} px to {self._path}: {limits.name} holds "
                     f"{limits.width} x {limits.height}; set encoding = libcaer"
                 )
-            self._payloads = PayloadWriter(encoding)
+            origin_us = TIME_ORIGIN_US - self.stream.start_us
+            self._payloads = PayloadWriter(encoding, time_origin_us=origin_us)
         self._store = typestore(self.ROS)
         self._storage = self._opened(path)
         self._writer = self._storage.writer
@@ -84,7 +85,7 @@ class _BagRecorder(GuardedRecorder):
         self._topic = self._connect("events", kind)
         said = {
             "stream": dataclasses.asdict(self.stream),
-            "time_origin_us": TIME_ORIGIN_US if encoding == "evt3" else 0,
+            "time_origin_us": TIME_ORIGIN_US - self.stream.start_us if encoding == "evt3" else 0,
         }
         text = self._store.types[TEXT](data=json.dumps(said, default=str))
         self._send(self._connect(STREAM_TOPIC, TEXT), 0, self._serialised(text, TEXT))

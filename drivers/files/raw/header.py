@@ -68,7 +68,9 @@ def parse_header(head: bytes) -> RawHeader:
     except (ValueError, RecursionError):
         said = None
     origin = lines.get(ORIGIN, "0")
-    known = origin.isascii() and origin.isdigit() and len(origin) < 16
+    # of a stream that begins at a Unix time it is negative
+    digits = origin.removeprefix("-")
+    known = digits.isascii() and digits.isdigit() and len(digits) < 17
     stream = said_stream(said, plain)
     # frames and IMU samples went elsewhere
     stream = dataclasses.replace(stream, frames=False, imu=False, triggers=False)

@@ -9,7 +9,9 @@ from evs.msgs.encodings import TIME_ORIGIN_US, encode_evt2, encode_evt3, encode_
 
 
 class _RawRecorder(AppendingRecorder):
-    """A RAW file's clock begins at TIME_ORIGIN_US; its header says so, and our reader takes it off.
+    """A RAW file's clock is at TIME_ORIGIN_US when the stream begins, as a camera's own would be.
+
+    Its header says so, and our reader takes it off.
 
     Every packet restates the time, so a file that was cut anywhere is read up to there.
     """
@@ -17,8 +19,9 @@ class _RawRecorder(AppendingRecorder):
     _VERSION: str
 
     def _header(self, stream: StreamInfo) -> bytes:
-        self._after_us = -TIME_ORIGIN_US
-        return header_bytes(stream, self._VERSION, TIME_ORIGIN_US)
+        self._origin_us = TIME_ORIGIN_US - stream.start_us
+        self._after_us = -self._origin_us
+        return header_bytes(stream, self._VERSION, self._origin_us)
 
     def _encoded(self, events: Events) -> bytes:
         if int(events["t"][0]) < self._after_us:
@@ -40,7 +43,7 @@ class Evt3Recorder(_RawRecorder):
     NAME, _VERSION = "evt3", "3.0"
 
     def _words(self, events: Events) -> bytes:
-        return encode_evt3(events, after_us=self._after_us)
+        return encode_evt3(events, time_origin_us=self._origin_us, after_us=self._after_us)
 
 
 class Evt2Recorder(_RawRecorder):
@@ -49,7 +52,7 @@ class Evt2Recorder(_RawRecorder):
     NAME, _VERSION = "evt2", "2.0"
 
     def _words(self, events: Events) -> bytes:
-        return encode_evt2(events, after_us=self._after_us)
+        return encode_evt2(events, time_origin_us=self._origin_us, after_us=self._after_us)
 
 
 class Evt21Recorder(_RawRecorder):
@@ -58,4 +61,4 @@ class Evt21Recorder(_RawRecorder):
     NAME, _VERSION = "evt21", "2.1"
 
     def _words(self, events: Events) -> bytes:
-        return encode_evt21(events, after_us=self._after_us)
+        return encode_evt21(events, time_origin_us=self._origin_us, after_us=self._after_us)

@@ -1,0 +1,95 @@
+"""Streams that begin at a Unix time: every format but DAT holds them, also for other readers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evs.drivers import files
+from evs.drivers.files import formats
+from evs.drivers.ros2.gathering import Gatherer, check_start
+from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
+from evs.msgs.encodings import LAST_ROS_US, TIME_ORIGIN_US, PayloadReader
+
+UNIX_US = 1_795_305_600_000_000
+
+
+def stream_of(start_us: int) -> StreamInfo:
+    return StreamInfo(64, 48, config={"scene": {"start_us": start_us}})
+
+
+def events_from(start_us: int) -> Events:
+    """Over the wraps of 64 us, of 4096 us and of 16.8 s counters."""
+    after = np.array([0, 1, 63, 64, 4095, 4096, 2**24 - 1, 2**24, 20_000_000, 40_000_000])
+    return make_events(start_us + after, np.arange(10), np.arange(10), np.arange(10) % 2)
+
+
+def recorded(path: Path, stream: StreamInfo, events: Events) -> Events:
+    sink = formats.to_write(str(path)).record(path)
+    sink.open([stream])
+    try:
+        for place, event in enumerate(events):
+            t_us = int(event["t"])
+            sink.write(EventPacket(place, t_us - 1, t_us, 64, 48, events[place : place + 1]))
+    finally:
+        sink.close()
+    return files.read(path)
+
+
+@pytest.mark.parametrize("kind", formats.FORMATS, ids=lambda kind: kind.name)
+@pytest.mark.parametrize("start_us", [0, 2**31, UNIX_US])
+def test_every_format_holds_it_or_says_so(
+    kind: formats.Format, start_us: int, tmp_path: Path
+) -> None:
+    events, path = events_from(start_us), tmp_path / f"run{kind.suffixes[0]}"
+    if kind.name == "dat" and start_us == UNIX_US:
+        with pytest.raises(EvsError, match=r"record to \.aedat4"):
+            recorded(path, stream_of(start_us), events)
+        return
+    assert np.array_equal(recorded(path, stream_of(start_us), events), events)
+    # and what it is converted to
+    other = tmp_path / "other.csv"
+    files.convert(path, other, events_only=True)
+    assert np.array_equal(files.read(other), events)
+
+
+def test_the_clock_of_a_raw_file_begins_as_a_cameras(tmp_path: Path) -> None:
+    path = tmp_path / "run.raw"
+    recorded(path, stream_of(UNIX_US), events_from(UNIX_US))
+    head = path.read_bytes().partition(b"% end\n")[0].decode()
+    assert f"% evs_time_origin_us {TIME_ORIGIN_US - UNIX_US}\n" in head
+
+
+def test_a_format_that_cannot_tell_a_time_refuses_it_without_its_begin(tmp_path: Path) -> None:
+    with pytest.raises(EvsError, match=r"EVT3 holds 0 \.\.\. \d+ us, \.aedat4 any time"):
+        recorded(tmp_path / "run.raw", StreamInfo(64, 48), events_from(UNIX_US))
+    late = LAST_ROS_US - 1_000_000
+    with pytest.raises(EvsError, match=f"rosbag2 holds {late} ... {LAST_ROS_US} us"):
+        recorded(tmp_path / "run.mcap", stream_of(late), events_from(late))
+
+
+@pytest.mark.parametrize("encoding", ["evt3", "libcaer", "mono"])
+def test_messages_of_ros_hold_it(encoding: str) -> None:
+    events = events_from(UNIX_US)
+    gatherer = Gatherer(encoding, 0.0, 1_000_000, UNIX_US)
+    reader = PayloadReader(encoding, time_origin_us=TIME_ORIGIN_US - UNIX_US)
+    found = []
+    for place in range(len(events)):
+        t_us = int(events["t"][place])
+        packet = EventPacket(place, t_us - 1, t_us, 64, 48, events[place : place + 1])
+        found += [reader.events(m.data, m.time_base_ns) for m in gatherer.add(packet)]
+    assert np.array_equal(np.concatenate(found), events)
+
+
+def test_ros_has_no_time_after_january_2038() -> None:
+    check_start(LAST_ROS_US, "eye")
+    with pytest.raises(EvsError, match="ROS's time ends"):
+        check_start(LAST_ROS_US + 1, "eye")
+
+
+@pytest.mark.parametrize("said", [None, "soon", -1, 1 << 60, True, 1.5])
+def test_a_begin_that_cannot_be_is_none(said: object) -> None:
+    assert StreamInfo(1, 1, config={"scene": {"start_us": said}}).start_us == 0
+    assert StreamInfo(1, 1, config={"scene": said}).start_us == 0
