@@ -21,7 +21,7 @@ KEYS = {
     "camera": ("scene.camera", "NAME", "camera of the model to look through"),
     "sensor": ("sensor.preset", "NAME", "sensor preset"),
     "renderer": ("render.renderer", "NAME", "how light is computed: path or direct"),
-    "spp": ("frames.spp", "N", "samples per pixel of the frames (256)"),
+    "spp": ("frames.spp", "N", "samples per pixel of the frames (256; direct: 64)"),
     "fps": ("frames.fps", "N", "frames per simulated second (60)"),
     "seed": ("seed", "N", "every random number follows from it"),
     "threads": ("threads", "N", "of each shard; 0: its share of the cores"),
@@ -43,7 +43,7 @@ examples:
   evs dataset out/etscenes                          six scenes, 90 s in all (hours: see --describe)
   evs dataset out/small --short                     the same in a minute: a tenth of a second each
   evs dataset out/night --scenes street,tunnel --workers 8
-  evs dataset out/arm --scene robot.xml --camera wrist --duration 5 --renderer direct --spp 16
+  evs dataset out/arm --scene robot.xml --camera wrist --duration 5 --renderer direct
   evs dataset out/etscenes --verify                 compare every file with the manifest
 
 A killed command goes on where it was when it is given again; the bytes are the same, with any
@@ -69,6 +69,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     for option, (key, placeholder, line) in KEYS.items():
         add(f"--{option}", metavar=placeholder, help=f"{line}; short for {key}=")
     add("--workers", type=int, default=1, metavar="N", help="shards made at once, here (1)")
+    add("--shard", type=float, metavar="S", help="simulated seconds of a shard (1; --short: 0.05)")
     add("--ray", default="", metavar="ADDRESS", help="make them on this Ray cluster")
     add("--verify", action="store_true", help="make nothing; compare DIR with its manifest")
     add("--describe", action="store_true", help="make nothing; say what DIR is to be, or holds")
@@ -138,7 +139,10 @@ def _make(args: argparse.Namespace, folder: Path, scenes: Mapping[str, SceneFile
     from evs.launch import terminal
     from evs.launch.emulate import STOPPED
 
-    shard_s = SHORT_SHARD_S if args.short else SHARD_S
+    usual = SHORT_SHARD_S if args.short else SHARD_S
+    shard_s = usual if args.shard is None else args.shard
+    if not 0.001 <= shard_s <= 3600:
+        raise EvsError(f"--shard is {shard_s:g}: give 0.001 ... 3600 simulated seconds")
     total = 1000 * shard_count(scenes, shard_s)
     with stop_signals() as stopped, terminal.bar("data set", total, args.quiet) as moved:
         made = make_dataset(

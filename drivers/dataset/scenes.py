@@ -31,8 +31,8 @@ class FramesConfig:
 
     fps: float = 60.0
     """a simulated second, each at the nearest tick"""
-    spp: int = 256
-    """samples per pixel of their light; 1 ... 64 with the renderer direct"""
+    spp: int | None = None
+    """samples per pixel of their light; 256 if not given, 64 with the renderer direct: its most"""
 
 
 @dataclass(frozen=True)
@@ -112,6 +112,9 @@ def _finished(scene: SceneFile, overrides: Overrides) -> SceneFile:
     for key, text in overrides:
         scene = settings.override(scene, key, text)
     scene = with_run_paths(scene, in_package)
+    if scene.frames.spp is None:
+        spp = 256 if scene.render.renderer == "path" else 64
+        scene = replace(scene, frames=replace(scene.frames, spp=spp))
     check(scene)
     return scene
 

@@ -299,6 +299,7 @@ def test_the_picture_of_a_set_and_what_it_holds(
         (["a", "--sensor", "davis", "--scenes", "park"], "davis346"),
         (["a", "render.sp=4", "--scenes", "park"], "at render.sp: unknown key"),
         (["a", "--workers", "0", "--short", "--scenes", "park"], "0 workers cannot be"),
+        (["a", "--shard", "0", "--scenes", "park"], "--shard is 0: give 0.001"),
         (["a", "--verify"], "is this the folder of a data set"),
         (["a", "--camera", "nose", "--scenes", "park"], "no camera 'nose'"),
     ],

@@ -33,6 +33,7 @@ def test_there_are_six_of_ninety_seconds_three_of_them_indoors() -> None:
         assert (scene.render.renderer, scene.model.labels) == ("path", True)
         assert scene.sensor.imu.enabled
         assert (scene.frames.fps, scene.frames.spp) == (60.0, 256)
+    assert named("park", [("render.renderer", "direct")]).frames.spp == 64
 
 
 @pytest.mark.parametrize("name", SIX)
