@@ -31,6 +31,9 @@ class TickMeter(Protocol):
     def begin_tick(self) -> None:
         """The thread's next tick starts now."""
 
+    def skip(self) -> None:
+        """The time since the thread's previous lap belongs to no stage."""
+
     def end_tick(self) -> None:
         """It is over."""
 
@@ -62,9 +65,17 @@ class Ahead:
         self._made: Queue[_Tick] = Queue(depth)
         self._closing = Event()
         self._thread: Thread | None = None
+        self._broken: BaseException | None = None
 
     def step(self) -> tuple[EventPacket, ...]:
-        """The packets of the next tick. Raises what physics or renderer raised in it."""
+        """The packets of the next tick. Raises what physics or renderer raised in it, ever again.
+
+        EvsError behind the last tick and after `close`: no light is made any more.
+        """
+        if self._broken is not None:
+            raise self._broken
+        if self._closing.is_set():
+            raise EvsError("light is no longer made ahead: it was closed; make another run of it")
         if self._thread is None:
             # cameras take their reference in the first, which is nobody else's yet
             tick = self._light(self._slots[0])
@@ -74,7 +85,10 @@ class Ahead:
             raise EvsError(f"all {self._ticks} ticks are done: make a longer run of it")
         else:
             tick = self._made.get()
+            # waiting for light is no work of the pixels
+            self._meter.skip()
         if tick.error is not None:
+            self._broken = tick.error
             raise tick.error
         self._t_us = tick.t_us
         self._done += 1

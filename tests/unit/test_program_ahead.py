@@ -147,6 +147,38 @@ def test_a_run_that_ends_early_leaves_no_thread(arm):
     assert threading.active_count() == before
 
 
+def test_after_an_error_and_after_the_end_nobody_waits_for_ever(arm):
+    def kick(t_s, data):
+        if t_s > 0.0015:
+            data.qvel[0] = np.nan
+        return [0.0]
+
+    world, watch = watched(arm, control=kick)
+    with ahead(world, TICKS, watch, 2) as running:
+        for _ in range(2):
+            running.step()
+        for _ in range(2):
+            with pytest.raises(UnstableError):
+                running.step()
+    world, watch = watched(arm)
+    with ahead(world, TICKS, watch, 2) as running:
+        running.step()
+    with pytest.raises(EvsError, match="it was closed"):
+        running.step()
+
+
+def test_waiting_for_light_is_no_stages_time(arm):
+    world, watch = watched(arm, control=lambda _t, _d: time.sleep(0.02) or [0.0], cameras=("top",))
+    with ahead(world, 5, watch, 1) as running:
+        for _ in range(5):
+            watch.begin_tick()
+            running.step()
+            watch.end_tick()
+    taken = watch.stage_ms()
+    assert taken["world"].median > 20
+    assert taken["sensor"].median < 10
+
+
 def test_it_is_for_more_than_one_thread_and_core(monkeypatch):
     config = PipelineConfig()
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
