@@ -98,7 +98,7 @@ def _show(planned: PipelinePlan) -> None:
         ("sensor", cost["sensor_ms"], cost["sensor_still_ms"], f"model {planned.model}"),
     ]
     shown = [(stage, f"{most:.3g}", f"{least:.3g}", of) for stage, most, least, of in costs]
-    title = "a tick on one core, by the cost model (good to a factor of about two)"
+    title = f"a tick on one core, by the cost model (good to a factor of about {cost['within']:g})"
     terminal.table(title, ("stage", "ms, all moves", "ms, all rests", "of"), shown, False)
     if planned.measured is not None:
         print()
@@ -106,9 +106,8 @@ def _show(planned: PipelinePlan) -> None:
         traced = f"{100 * taken.traced_fraction:.3g} % of the pixels traced"
         of = {"render": traced, "sensor": f"{taken.events:,} events in all"}
         measured = [(stage, f"{ms:.3g}", of.get(stage, "")) for stage, ms in taken.stage_ms.items()]
-        terminal.table(
-            f"measured: {taken.ticks} ticks", ("stage", "median ms", "with"), measured, False
-        )
+        title = f"measured: {taken.ticks} ticks, threads: {planned.threads or 'one a core'}"
+        terminal.table(title, ("stage", "median ms", "with"), measured, False)
 
 
 def _rays(cost: dict[str, Any]) -> str:

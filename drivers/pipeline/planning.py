@@ -37,6 +37,8 @@ class PipelinePlan:
     model: str
     renderer: str
     sinks: tuple[str, ...]
+    threads: int
+    """0: one a core"""
     plan: ScenePlan
     measured: Measured | None = None
 
@@ -48,6 +50,7 @@ class PipelinePlan:
             **told,
             "renderer": self.renderer,
             "sinks": list(self.sinks),
+            "threads": self.threads,
             "plan": self.plan.compact(),
             "measured": taken,
         }
@@ -80,6 +83,7 @@ def plan_pipeline(config: PipelineConfig, ticks: int = 0) -> PipelinePlan:
         model=config.model.name,
         renderer=config.render.renderer,
         sinks=tuple(sink.type for sink in config.sinks()),
+        threads=config.threads,
         plan=camera.plan,
         measured=measured,
     )

@@ -1,9 +1,9 @@
 """What a tick is expected to cost, from counts: a small model, fitted once, on one core.
 
 It is good to a factor of about two where there are no meshes and of four where there are, since it
-does not know how much of the picture they fill (tests/bench/test_plan_cost.py prints it beside what
-is measured): enough to see where the time goes and whether real time is near. `evs plan --measure`
-runs the scene instead.
+does not know how much of the picture they fill (`Cost.within`; tests/bench/test_plan_cost.py prints
+it beside what is measured): enough to see where the time goes and whether real time is near.
+`evs plan --measure` runs the scene instead.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ POINT_NS, SKY_POINT_NS = 100.0, 230.0
 """of a point of a path, and more of it where a sky is aimed at"""
 RASTER_MS = 30.0
 """of a picture by OpenGL in software; on a GPU a tenth of it"""
-ASK_NS = 25.0
-"""of a packet that is asked whether something that moved can touch it"""
-PIXEL_NS, STILL_NS = 1.9, 0.3
-"""of a pixel whose light changes, and of one whose light stands still"""
+RENDER_US, REST_NS = 12.0, 6.5
+"""of a picture; of a packet of one in which nothing moves"""
+SENSOR_US, PIXEL_NS, STILL_NS = 15.0, 1.9, 0.8
+"""of all pixels; of one whose light changes, and of one whose light stands still"""
 TERM_NS = {"low_pass": 3.0, "follower": 2.0, "high_pass": 2.0, "leak": 1.0, "running_mean": 2.7}
 NETWORK_NS, CHUNKED_NS = 130.0, 60.0
 """evsnet of 8 channels, of a pixel in a tick in which something moves; in chunks of 8 and more"""
-WORLD_US, STEP_US, FREEDOM_US, DEFORM_US = 100.0, 50.0, 4.0, 400.0
+WORLD_US, STEP_US, FREEDOM_US, DEFORM_US = 30.0, 15.0, 4.0, 400.0
 """of a tick; of a step of physics and each degree of freedom in it; of each skin or flex"""
 
 
@@ -61,12 +61,12 @@ class Cost:
     render_ms: float
     """every pixel is traced"""
     render_still_ms: float
-    """nothing moves that can be seen; where the camera moves it is the same as render_ms"""
+    """nothing moves; where the camera moves it is the same as render_ms"""
     sensor_ms: float
     """the light of every pixel changes"""
     sensor_still_ms: float
-    source: str = "model"
-    """model: from counts, good to a factor of about two | measured"""
+    within: float
+    """by what factor about it may be off, up or down"""
 
     def plain(self) -> dict[str, Any]:
         """For JSON, to three digits."""
@@ -98,7 +98,11 @@ def estimate(
     if not traces:
         render_ns = 1e6 * RASTER_MS
     moves = bool(standing.camera_moves) or features.get("full_retrace", True)
-    still_ns = render_ns if moves or render.seeds == "fresh" else packets * ASK_NS
+    rest_ns = 0.0 if render.renderer == "path" else REST_NS
+    render_ns += 1e3 * RENDER_US
+    still_ns = 1e3 * RENDER_US + packets * rest_ns
+    if moves or render.seeds == "fresh":
+        still_ns = render_ns
     if has.lights and features.get("light_gains"):
         still_ns = render_ns
 
@@ -106,8 +110,8 @@ def estimate(
     pixel_ns = PIXEL_NS + terms_ns
     if model.name == "evsnet":
         pixel_ns = NETWORK_NS if model.chunk < 8 else CHUNKED_NS
-    quiet_ns = pixel_ns if still_ns == render_ns else STILL_NS
-    if features.get("cold_tiles"):
+    quiet_ns = STILL_NS
+    if still_ns == render_ns or features.get("cold_tiles"):
         quiet_ns = pixel_ns
     step_us = STEP_US + FREEDOM_US * world.nv
     world_us = WORLD_US + step_us * steps + DEFORM_US * has.deforming
@@ -118,8 +122,9 @@ def estimate(
         world_ms=1e-3 * world_us,
         render_ms=1e-6 * render_ns,
         render_still_ms=1e-6 * still_ns,
-        sensor_ms=1e-6 * pixels * pixel_ns,
-        sensor_still_ms=1e-6 * pixels * quiet_ns,
+        sensor_ms=1e-3 * SENSOR_US + 1e-6 * pixels * pixel_ns,
+        sensor_still_ms=1e-3 * SENSOR_US + 1e-6 * pixels * quiet_ns,
+        within=4.0 if has.triangles else 2.0,
     )
 
 
