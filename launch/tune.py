@@ -20,7 +20,7 @@ OPTIONS = {
 """option -> (the key it is short for, placeholder, one line)"""
 
 OUTPUT = "tuned.toml"
-BUDGET_S = 300.0
+BUDGET_S, MAX_BUDGET_S = 300.0, 1e6
 
 EXAMPLES = """\
 examples:
@@ -65,6 +65,7 @@ def run(args: argparse.Namespace) -> int:
     from evs.drivers.checkup.machine import cpu_name
     from evs.drivers.evaluation.cache import LightCache, user_cache
     from evs.drivers.pace import monotonic_s
+    from evs.drivers.pipeline.config import is_scene
     from evs.drivers.pipeline.report import check_targets, write_whole
     from evs.drivers.sweep.front import figure_named
     from evs.drivers.tuning import gauge, search, words
@@ -76,9 +77,11 @@ def run(args: argparse.Namespace) -> int:
     begin_s = monotonic_s()
     goal, figure = search.Goal(args.rtf, args.error), figure_named(args.figure)
     budget_s: float = args.budget
-    if not budget_s > 0.0:
-        raise EvsError(f"--budget is {budget_s:g} s: give more than 0")
+    if not 0.0 < budget_s <= MAX_BUDGET_S:
+        raise EvsError(f"--budget is {budget_s:g} s: give more than 0, {MAX_BUDGET_S:g} at most")
     output = Path(args.output)
+    if is_scene(args.output):
+        raise EvsError(f"--output is '{output}', a scene by its ending: give one in .toml")
     check_own(output)
     check_targets([output])
     base = base_of(*options.given(args, OPTIONS))

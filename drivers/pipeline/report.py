@@ -113,14 +113,14 @@ def write_whole(text: str, path: str | Path) -> None:
     except OSError as reason:
         with contextlib.suppress(OSError):
             part.unlink()
-        raise EvsError(f"cannot write the report '{target}': {reason.strerror}") from None
+        raise EvsError(f"cannot write '{target}': {reason.strerror}") from None
 
 
 def check_targets(paths: Iterable[str | Path]) -> None:
-    """Refuse a report that could not be written, before the run rather than after it."""
+    """Refuse files that could not be written, before the run rather than after it."""
     for path in map(Path, paths):
         if path.is_dir():
-            raise EvsError(f"cannot write the report '{path}': it is a folder")
+            raise EvsError(f"cannot write '{path}': it is a folder")
         if not path.parent.is_dir():
             folder = f"'{path.parent}'"
             there = (
@@ -128,13 +128,13 @@ def check_targets(paths: Iterable[str | Path]) -> None:
                 if path.parent.exists()
                 else (f"there is no folder {folder} (mkdir -p makes it)")
             )
-            raise EvsError(f"cannot write the report '{path}': {there}")
+            raise EvsError(f"cannot write '{path}': {there}")
         is_new = not path.exists()
         try:
             with path.open("ab"):
                 pass
         except OSError as reason:
-            raise EvsError(f"cannot write the report '{path}': {reason.strerror}") from None
+            raise EvsError(f"cannot write '{path}': {reason.strerror}") from None
         if is_new:
             path.unlink(missing_ok=True)
 

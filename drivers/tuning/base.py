@@ -11,7 +11,7 @@ from evs.drivers.evaluation.stage import Stage
 from evs.drivers.pipeline import config as pipeline
 from evs.drivers.pipeline import settings
 from evs.drivers.pipeline.config import PipelineConfig
-from evs.drivers.pipeline.shipped import pipelines
+from evs.drivers.pipeline.shipped import PRESETS, pipelines
 from evs.drivers.sweep.measured import Setting
 from evs.drivers.tuning.space import NAMES
 from evs.emulator.world import load_model
@@ -62,6 +62,10 @@ def base_of(name: str | None, keys: Sequence[tuple[str, str]] = ()) -> Base:
     file, keys = None, list(keys)
     if Path(name).suffix == ".toml" or name in pipelines():
         file = name
+        if name in PRESETS and "scene.file" not in dict(keys):
+            raise EvsError(f"no scene: {name} needs one beside it, as in scene.file=robot.xml")
+    elif name.isidentifier() and not Path(name).exists():
+        raise EvsError(f"{unknown('pipeline', name, pipelines())}; a scene ends in .xml")
     else:
         keys = [*(_robot(name) or [("scene.file", name)]), *keys]
     config = pipeline.load(file, keys)

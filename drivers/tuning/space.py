@@ -92,9 +92,20 @@ def candidates(pinned: Mapping[str, Setting] | None = None) -> list[Candidate]:
     seeds = str(pinned.get("render.seeds", "fixed"))
     found = [one for family in _families(seeds, pinned) for one in family if _agrees(one, pinned)]
     if not found:
-        told = ", ".join(f"{key}={value}" for key, value in pinned.items())
-        raise EvsError(f"no configuration to tune has {told}; leave one of these keys out")
+        raise _none(pinned, seeds)
     return sorted(found)
+
+
+def _none(pinned: Mapping[str, Setting], seeds: str) -> EvsError:
+    """Why there is none: a value that nothing here has, else values that never go together."""
+    every = [one for family in _families(seeds, {}) for one in family]
+    for name, key in NAMES.items():
+        there = sorted({str(getattr(one, name)) for one in every})
+        # a number of the user's own is taken; a name has to be one of ours
+        if isinstance(pinned.get(key), str) and there and pinned[key] not in there:
+            return EvsError(f"{key}={pinned[key]} is not tuned; give {' or '.join(there)}")
+    told = ", ".join(f"{key}={value}" for key, value in pinned.items())
+    return EvsError(f"no configuration to tune has {told}; leave one of these keys out")
 
 
 def _families(seeds: str, pinned: Mapping[str, Setting]) -> Iterable[list[Candidate]]:

@@ -154,7 +154,7 @@ def test_a_few_mistakes_in_a_process_of_their_own(folder: Path) -> None:
 def test_a_report_on_a_full_disk_is_told_and_costs_nothing_else(folder: Path) -> None:
     ended = emulate(folder, *GOOD, "--report", "full.json", "--record", "run.aedat4")
     assert ended.returncode == 2
-    warning = "evs: warning: cannot write the report 'full.json': No space left on device\n"
+    warning = "evs: warning: cannot write 'full.json': No space left on device\n"
     assert ended.stderr == warning
     assert "simulated         0.005 s in 5 ticks" in ended.stdout
     assert (folder / "run.aedat4.report.json").stat().st_size > 1000
