@@ -155,9 +155,15 @@ def _words(name: str, text: str | None) -> tuple[str, ...]:
 
 def _pictures(path: Path, scenes: tuple[str, ...]) -> dict[str, Path]:
     """Scene -> file of its picture."""
-    if len(scenes) == 1:
+    if len({*scenes}) == 1:
         return {scenes[0]: path}
-    names = {scene: _slug(scene) for scene in scenes}
+    names: dict[str, str] = {}
+    for scene in dict.fromkeys(scenes):
+        slug, count = _slug(scene), 2
+        while slug in names.values():
+            # a/b and a_b are alike
+            slug, count = f"{_slug(scene)}_{count}", count + 1
+        names[scene] = slug
     return {scene: path.with_name(f"{path.stem}-{slug}.png") for scene, slug in names.items()}
 
 

@@ -112,6 +112,8 @@ def run(args: argparse.Namespace) -> int:
         why = [_command(args), *(f"{name}: {line}" for name, line in facts)]
         write_whole(pipeline_text(config, output, why), output)
         facts.append(("written", str(output)))
+    else:
+        facts.append(("not written", "--anyway writes it as it is"))
     if not args.quiet:
         _show(facts, words.table(found), str(output) if found.reached or args.anyway else "")
     return 0 if found.reached else 1

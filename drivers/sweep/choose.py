@@ -85,11 +85,11 @@ def standings(records: Iterable[Measured], figure: Figure = DEFAULT) -> list[Sta
 
 
 def choose(records: Iterable[Measured], figure: Figure = DEFAULT) -> list[Choice]:
-    """One choice for each preset; none where no configuration was measured everywhere."""
+    """One choice for each preset that was measured on every scene."""
     able = standings(records, figure)
-    if not able:
-        return []
-    return [_chosen(preset, demand, able) for preset, demand in DEMANDS.items()]
+    known = {one.label for one in able}
+    # what lies around a preset that was not swept was not asked
+    return [_chosen(preset, demand, able) for preset, demand in DEMANDS.items() if preset in known]
 
 
 def _chosen(preset: str, demand: float, able: Sequence[Standing]) -> Choice:
@@ -105,7 +105,7 @@ def _chosen(preset: str, demand: float, able: Sequence[Standing]) -> Choice:
 def told(choices: Sequence[Choice], figure: Figure = DEFAULT) -> str:
     """Lines for people: what each preset should be, why, and the keys that make it so."""
     if not choices:
-        return "no configuration was measured on every scene: presets cannot be chosen\n"
+        return "no preset was measured on every scene: presets cannot be chosen\n"
     lines = []
     for choice in choices:
         chosen, record = choice.chosen, choice.chosen.slowest
@@ -123,4 +123,6 @@ def told(choices: Sequence[Choice], figure: Figure = DEFAULT) -> str:
         if not choice.stays and record.settings:
             keys = " ".join(f"{key}={value}" for key, value in record.settings.items())
             lines.append(f"{'':10s}evs emulate {record.preset} {keys}")
+    there = {choice.preset for choice in choices}
+    lines += [f"{name:10s}was not measured everywhere" for name in DEMANDS if name not in there]
     return "\n".join(lines) + "\n"

@@ -22,7 +22,8 @@ def facts(found: Found, figure: Figure, own: float, seconds: float) -> list[tupl
         ("more speed", _step(found.faster, winner)),
     ]
     wrong = worst_miss(found)
-    count = f"{len(found.measured)} configurations in {seconds:.0f} s"
+    several = "s" if len(found.measured) > 1 else ""
+    count = f"{len(found.measured)} configuration{several} in {seconds:.0f} s"
     lines.append(("measured", f"{count}{wrong}"))
     tick_us = winner.candidate.tick_us
     if tick_us > BASE_TICK_US:
@@ -66,7 +67,7 @@ def worst_miss(found: Found) -> str:
         if not math.isnan(b)
     ]
     if not ratios:
-        return "; the best of those measured first was measured already"
+        return "; no prediction was put to the test"
     return f"; predictions were wrong by at most {100 * (max(ratios) - 1):.0f} %"
 
 

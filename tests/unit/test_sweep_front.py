@@ -155,7 +155,16 @@ def test_what_was_not_measured_everywhere_cannot_be_a_preset() -> None:
     assert found["reference"].stays
     other = [record(1.0, 0.1, "balanced", scene="b.xml")]
     assert chosen.choose([record(1.0, 0.1), *other]) == []
-    assert chosen.told([]).startswith("no configuration was measured on every scene")
+    assert chosen.told([]).startswith("no preset was measured on every scene")
+
+
+def test_a_preset_that_was_not_swept_is_not_chosen() -> None:
+    """Else the nearest of the others would stand in for it."""
+    swept = [r for r in trade() if r.preset in ("fast", "balanced")]
+    found = chosen.choose(swept)
+    assert [choice.preset for choice in found] == ["fast", "balanced"]
+    told = chosen.told(found)
+    assert "accurate  was not measured everywhere\nreference was not measured everywhere\n" in told
 
 
 def test_where_nothing_is_fast_enough_the_fastest_stands_in() -> None:

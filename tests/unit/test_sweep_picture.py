@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from pathlib import Path
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from evs.drivers.pictures.scales import steps_around
 from evs.drivers.sweep.front import FIGURES
 from evs.drivers.sweep.measured import FRAMES, PAPER, STAGES, Error, Interval, Measured, Speed
 from evs.drivers.sweep.picture import CHART_PX, COLOURS, PEERS, pareto_chart, pareto_page
+from evs.launch import sweep as launch_sweep
 
 
 def measured(
@@ -144,3 +146,14 @@ def test_axes_end_at_round_numbers_with_room() -> None:
         for end in (low, high):
             mantissa = end / 10.0 ** math.floor(math.log10(end) + 1e-9)
             assert min(abs(mantissa - m) for m in (1.0, 2.0, 5.0, 10.0)) < 1e-6
+
+
+def test_each_scene_has_a_file_of_its_own() -> None:
+    scenes = ("a/b.xml", "a_b.xml", "a/b.xml", "c")
+    files = launch_sweep._pictures(Path("out/all.png"), scenes)
+    assert {scene: file.name for scene, file in files.items()} == {
+        "a/b.xml": "all-a_b.png",
+        "a_b.xml": "all-a_b_2.png",
+        "c": "all-c.png",
+    }
+    assert launch_sweep._pictures(Path("one.png"), ("a.xml",)) == {"a.xml": Path("one.png")}

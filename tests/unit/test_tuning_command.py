@@ -76,6 +76,7 @@ def test_a_goal_out_of_reach_writes_only_if_asked(capsys: pytest.CaptureFixture[
     said = capsys.readouterr().out
     assert "goal              real-time factor of at least 100000; NOT reached\n" in said
     assert "found             direct 1, plain, 4 ms" in said
+    assert "not written       --anyway writes it as it is\n" in said
     assert "next:" not in said
     assert not Path("tuned.toml").exists()
     assert main(["tune", SCENE, "--rtf", "1e5", "--anyway", "-o", "best.toml"]) == 1

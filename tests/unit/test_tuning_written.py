@@ -105,7 +105,7 @@ def test_a_pipeline_its_keys_and_a_robot_are_taken_too(tmp_path: Path) -> None:
     assert kept.with_settings(candidates(kept.pinned)[0].settings).model.chunk == 16
     with pytest.raises(EvsError, match=r"no scene: give one, as in evs tune robot\.xml"):
         base_of(None)
-    with pytest.raises(EvsError, match="no scene: give --scene"):
+    with pytest.raises(EvsError, match="no scene: fast needs one"):
         base_of("fast")
     with pytest.raises(EvsError, match="no robot 'gymnasium/ent'; there is: gymnasium/ant"):
         base_of("gymnasium/ent")
