@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib
 import os
 import sys
@@ -79,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning
-            return _dispatch(words)
+            return _flushed(words)
     except EvsError as error:
         # libraries below may quote messages of many lines
         print("evs:", " ".join(str(error).split()), file=sys.stderr)
@@ -95,14 +96,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
-        # `evs ... | head`: nobody reads on; keep the interpreter's last flush from failing too
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        # `evs ... | head`: nobody reads on
+        _say_no_more()
         return 141
+    except OSError as reason:
+        if reason.errno != errno.ENOSPC or reason.filename is not None:
+            raise
+        # `evs ... > FILE` where there is no room
+        _say_no_more()
+        print(f"evs: cannot write its output: {reason.strerror}; make room", file=sys.stderr)
+        return 2
+
+
+def _say_no_more() -> None:
+    """Standard output goes nowhere: the interpreter's last flush must not fail too."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
 def _show_warning(message: Warning | str, *_where: object, **_named: object) -> None:
     """A warning of any layer as one line; where in the code it was raised helps nobody here."""
     print("evs: warning:", " ".join(str(message).split()), file=sys.stderr)
+
+
+def _flushed(words: list[str]) -> int:
+    """Run it, and have all written that it says while errors of that can still be told."""
+    code = _dispatch(words)
+    sys.stdout.flush()
+    return code
 
 
 def _dispatch(words: list[str]) -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from evs.drivers.pipeline import config as pipeline
 from evs.launch import options
 from evs.launch.emulate import OPTIONS as EMULATE
+from evs.launch.emulate import STOPPED
 from evs.msgs import EvsError
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(planned.plain(), indent=2))
     else:
         _show(planned)
-    return 0
+    return STOPPED.get(planned.measured.ended.split()[0], 0) if planned.measured else 0
 
 
 def _ticks(text: str | None) -> int:
@@ -94,7 +95,7 @@ def _show(planned: PipelinePlan) -> None:
     cost = plain["cost"]
     costs = [
         ("world", cost["world_ms"], cost["world_ms"], "physics and poses"),
-        ("render", cost["render_ms"], cost["render_still_ms"], _rays(cost)),
+        ("render", cost["render_ms"], cost["render_still_ms"], _light(planned.renderer, cost)),
         ("sensor", cost["sensor_ms"], cost["sensor_still_ms"], f"model {planned.model}"),
     ]
     shown = [(stage, f"{most:.3g}", f"{least:.3g}", of) for stage, most, least, of in costs]
@@ -110,7 +111,9 @@ def _show(planned: PipelinePlan) -> None:
         terminal.table(title, ("stage", "median ms", "with"), measured, False)
 
 
-def _rays(cost: dict[str, Any]) -> str:
+def _light(renderer: str, cost: dict[str, Any]) -> str:
+    if renderer == "raster":
+        return "OpenGL in software; a GPU takes about a tenth"
     return f"{cost['primary_rays']:,} camera rays, at most {cost['shadow_rays']:,} shadow rays"
 
 

@@ -19,6 +19,8 @@ MEASURED = ("world", "render", "sensor")
 class Measured:
     """A few ticks, run for their time; no sinks."""
 
+    ended: str
+    """complete, or what ended it, as in a run's report"""
     ticks: int
     stage_ms: dict[str, float]
     """stage -> ms of a tick, median"""
@@ -68,6 +70,7 @@ def plan_pipeline(config: PipelineConfig, ticks: int = 0) -> PipelinePlan:
     if ticks:
         report = run(world, [], ticks * config.scene.tick_us / 1e6, watch)
         measured = Measured(
+            report.ended,
             report.ticks,
             {stage: report.stage_ms[stage].median for stage in MEASURED},
             report.traced_fraction,

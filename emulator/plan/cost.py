@@ -1,9 +1,9 @@
 """What a tick is expected to cost, from counts: a small model, fitted once, on one core.
 
 It is good to a factor of about two where there are no meshes and of four where there are, since it
-does not know how much of the picture they fill (`Cost.within`; tests/bench/test_plan_cost.py prints
-it beside what is measured): enough to see where the time goes and whether real time is near.
-`evs plan --measure` runs the scene instead.
+does not know how much of the picture they fill, and of four for OpenGL, where it knows no GPU
+(`Cost.within`; tests/bench/test_plan_cost.py prints it beside what is measured): enough to see
+where the time goes and whether real time is near. `evs plan --measure` runs the scene instead.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ TRIANGLE_NS = 10.0
 TEXTURE_NS, SKY_NS, MIRROR_NS = 40.0, 60.0, 60.0
 POINT_NS, SKY_POINT_NS = 100.0, 230.0
 """of a point of a path, and more of it where a sky is aimed at"""
-RASTER_MS = 30.0
-"""of a picture by OpenGL in software; on a GPU a tenth of it"""
+RASTER_GEOM_MS, RASTER_NS = 0.7, 90.0
+"""by OpenGL in software: of a geom, and of a sample of a pixel; on a GPU a tenth of it"""
 RENDER_US, REST_NS = 12.0, 6.5
 """of a picture; of a packet of one in which nothing moves"""
 SENSOR_US, PIXEL_NS, STILL_NS = 15.0, 1.9, 0.8
@@ -96,7 +96,8 @@ def estimate(
         render_ns *= 0.5
     traces = render.renderer != "raster"
     if not traces:
-        render_ns = 1e6 * RASTER_MS
+        geoms_ns = 1e6 * RASTER_GEOM_MS * sum(has.geoms.values())
+        render_ns = geoms_ns + RASTER_NS * pixels * render.samples
     moves = bool(standing.camera_moves) or features.get("full_retrace", True)
     rest_ns = 0.0 if render.renderer == "path" else REST_NS
     render_ns += 1e3 * RENDER_US
@@ -124,7 +125,7 @@ def estimate(
         render_still_ms=1e-6 * still_ns,
         sensor_ms=1e-3 * SENSOR_US + 1e-6 * pixels * pixel_ns,
         sensor_still_ms=1e-3 * SENSOR_US + 1e-6 * pixels * quiet_ns,
-        within=4.0 if has.triangles else 2.0,
+        within=4.0 if has.triangles or not traces else 2.0,
     )
 
 

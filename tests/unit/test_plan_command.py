@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import signal
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from evs.emulator.loop import World
 from evs.emulator.plan import NAMES
 from evs.launch.main import main
 
@@ -81,6 +83,30 @@ def test_the_tables(capsys: pytest.CaptureFixture[str]) -> None:
         assert line in out
     # what is on comes first
     assert out.index("shadows  ") < out.index("code paths that are off") < out.index("fog  ")
+
+
+def test_opengl_casts_no_rays(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("pyrender")
+    assert main(["plan", SCENE, *SMALL, "--renderer", "raster"]) == 0
+    out = capsys.readouterr().out
+    assert "OpenGL in software; a GPU takes about a tenth" in out
+    assert "(good to a factor of about 4)" in out
+    assert "rays" not in out
+
+
+def test_ctrl_c_ends_the_measuring_and_what_was_measured_is_told(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step = World.step
+
+    def interrupted(world: World) -> Any:
+        if world.tick == 4:
+            signal.raise_signal(signal.SIGINT)
+        return step(world)
+
+    monkeypatch.setattr(World, "step", interrupted)
+    assert main(["plan", SCENE, *SMALL, "--measure", "1000"]) == 130
+    assert "measured: 5 ticks" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -182,3 +182,11 @@ def test_no_memory_is_one_line(
     assert main.main(["emulate"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(said)
+
+
+@pytest.mark.parametrize("words", ["--version", "sensors"])
+def test_output_that_finds_no_room_is_one_line(words: str) -> None:
+    line = f"'{sys.executable}' -m evs.launch.main {words} > /dev/full"
+    ended = subprocess.run(["bash", "-c", line], capture_output=True, text=True, timeout=60)
+    assert ended.stderr == "evs: cannot write its output: No space left on device; make room\n"
+    assert ended.returncode == 2
