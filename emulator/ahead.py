@@ -25,6 +25,10 @@ _LOOK_S = 0.1
 """how often the thread looks whether it is wanted any more, while its light waits"""
 
 
+MOST_BYTES = 256 * 2**20
+"""light that waits takes no more than that, but for one tick"""
+
+
 class TickMeter(Protocol):
     """A Meter that is told where ticks begin and end, in each thread for itself."""
 
@@ -55,12 +59,17 @@ class Ahead:
     """
 
     def __init__(self, world: World, ticks: int, meter: TickMeter, depth: int) -> None:
-        """In: ticks, no more than these are made; meter, the one that the world laps."""
+        """In: ticks, no more than these are made; meter, the one that the world laps.
+
+        Chunks (model.chunk) wait as a whole: depth is that many more, as far as MOST_BYTES goes.
+        """
         self._world, self._meter = world, meter
         self._ticks, self._done = ticks, 0
         self._t_us = world.t_us
         # what waits, what is being made and what was last handed out are never in one array
         depth += max(camera.chunk for camera in world.cameras) - 1
+        tick_bytes = sum(buffer.nbytes for buffer in _buffers(world.cameras))
+        depth = max(1, min(depth, MOST_BYTES // tick_bytes))
         self._slots = [_buffers(world.cameras) for _ in range(depth + 2)]
         self._made: Queue[_Tick] = Queue(depth)
         self._closing = Event()

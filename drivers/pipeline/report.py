@@ -45,7 +45,8 @@ class Report:
     events_waiting: int = 0
     """events that were still on their way through a readout at the end"""
     stage_ms: dict[str, StageTime] = field(default_factory=dict)
-    """STAGES -> ms per tick, all cameras together; waiting for the pace belongs to none"""
+    """STAGES -> ms per tick, all cameras together; waiting for the pace belongs to none, nor does
+    waiting for light that is made ahead: world and render may then overlap with the others"""
     traced_fraction: float = 0.0
     """share of the pixels that were traced, mean over ticks and cameras"""
     clamps: int = 0

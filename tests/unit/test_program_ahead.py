@@ -15,7 +15,7 @@ from evs.drivers.pace import StopWatch
 from evs.drivers.pipeline.config import PipelineConfig, load
 from evs.drivers.pipeline.open_loop import depth_of, open_world
 from evs.emulator import UnstableError, World
-from evs.emulator.ahead import Ahead, ahead
+from evs.emulator.ahead import MOST_BYTES, Ahead, ahead
 from evs.emulator.config import ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.launch.main import main
 from evs.msgs import EvsError
@@ -177,6 +177,19 @@ def test_waiting_for_light_is_no_stages_time(arm):
     taken = watch.stage_ms()
     assert taken["world"].median > 20
     assert taken["sensor"].median < 10
+
+
+def test_light_that_waits_has_bounded_memory(arm, monkeypatch):
+    big = SensorConfig(preset="davis346", width=1280, height=720)
+    world, watch = watched(arm, cameras=())
+    world.add_camera("top", sensor=big, model=ModelConfig(name="evsnet", chunk=256))
+    running = Ahead(world, 300, watch, 2)
+    assert sum(light.nbytes for slot in running._slots[2:] for light in slot) <= MOST_BYTES
+    # as little as one tick at a time: the same packets
+    options = {"model": ModelConfig(name="evsnet", chunk=8), "cameras": ("top",)}
+    expected = run(arm, 2, **options)
+    monkeypatch.setattr("evs.emulator.ahead.MOST_BYTES", 1)
+    assert run(arm, 2, **options) == expected
 
 
 def test_it_is_for_more_than_one_thread_and_core(monkeypatch):
