@@ -45,7 +45,7 @@ def pareto_page(records: Sequence[Measured], figure: Figure = DEFAULT) -> U8:
     scene = records[0].scene if records else ""
     shown = [pareto_chart(here, figure) for here in cases(records).values()]
     heading = text_line(f"Speed against error: {scene}", 28)
-    said = text_line(f"error: {figure.words}; bars: 95 % interval over repeats", 16)
+    said = text_line(legend(figure), 16)
     top = MARGIN_PX + heading.height + said.height + 10
     width, height = CHART_PX
     page = np.full(
@@ -56,6 +56,11 @@ def pareto_page(records: Sequence[Measured], figure: Figure = DEFAULT) -> U8:
     for k, chart in enumerate(shown):
         paste(page, draw_chart(chart, width, height), MARGIN_PX, top + k * height)
     return page
+
+
+def legend(figure: Figure = DEFAULT) -> str:
+    """What line, bars and height are."""
+    return f"error: {figure.words}; line: the front; bars: 95 % interval over repeats"
 
 
 def pareto_chart(records: Sequence[Measured], figure: Figure = DEFAULT) -> Chart:

@@ -20,6 +20,9 @@ from evs.msgs import EvsError
 KEY = "sweep"
 """of the first line"""
 
+SHAPING = ("evs", "mujoco")
+"""whose versions all records of a file have in common"""
+
 
 @dataclass(frozen=True)
 class Header:
@@ -105,10 +108,16 @@ class Store:
             for name, value in wanted.settings.items()
             if found.settings.get(name) != value
         ]
+        there, here = (about.get("versions") or {} for about in (found.about, wanted.about))
+        differing += [
+            f"{name} {there.get(name)} there, {here.get(name)} here"
+            for name in SHAPING
+            if there.get(name) != here.get(name)
+        ]
         if differing:
             raise EvsError(
                 f"'{self.path}' is of another sweep ({'; '.join(differing)}): give another --json, "
-                "or the settings that it was begun with"
+                "or what it was begun with"
             )
 
 

@@ -24,7 +24,7 @@ from evs.drivers.sweep.listener import BusListener
 from evs.drivers.sweep.measured import FRAMES, Error, Measured, Speed
 from evs.drivers.sweep.points import Point, shaping
 from evs.drivers.sweep.speed import SpeedSettings, Timer
-from evs.drivers.sweep.store import Header, Store
+from evs.drivers.sweep.store import SHAPING, Header, Store
 from evs.drivers.sweep.usable import usable
 from evs.drivers.sweep.yardstick import WORDS, Yardstick
 from evs.emulator.world import digest_of
@@ -262,4 +262,5 @@ def header(settings: Settings, command: str) -> Header:
 
 def own_store(folder: Path, settings: Settings) -> Path:
     """Where a sweep is kept that is told no file: one of its own for each kind of settings."""
-    return folder / f"{digest(settings.comparable)[:12]}.jsonl"
+    told = {name: versions().get(name) for name in SHAPING}
+    return folder / f"{digest((settings.comparable, told))[:12]}.jsonl"

@@ -325,6 +325,17 @@ def test_a_file_of_another_sweep_is_refused(tmp_path: Path) -> None:
         Store(file, HEADER)
 
 
+def test_records_of_two_versions_do_not_stand_in_one_file(tmp_path: Path) -> None:
+    def header(evs: str, numpy: str = "2") -> Header:
+        return Header(HEADER.settings, {"versions": {"evs": evs, "mujoco": "4", "numpy": numpy}})
+
+    file = tmp_path / "sweep.jsonl"
+    Store(file, header("1.0"))
+    Store(file, header("1.0", numpy="3"))
+    with pytest.raises(EvsError, match=r"another sweep \(evs 1\.0 there, 1\.1 here\)"):
+        Store(file, header("1.1"))
+
+
 def test_a_store_on_a_full_disk_says_so() -> None:
     with pytest.raises(EvsError, match=r"cannot write ./dev/full"):
         Store(Path("/dev/full/sweep.jsonl"), HEADER)

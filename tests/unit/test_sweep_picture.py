@@ -16,7 +16,14 @@ from evs.drivers.pictures.pen import INK_RGB, POINT_PX
 from evs.drivers.pictures.scales import steps_around
 from evs.drivers.sweep.front import FIGURES
 from evs.drivers.sweep.measured import FRAMES, PAPER, STAGES, Error, Interval, Measured, Speed
-from evs.drivers.sweep.picture import CHART_PX, COLOURS, PEERS, pareto_chart, pareto_page
+from evs.drivers.sweep.picture import (
+    CHART_PX,
+    COLOURS,
+    PEERS,
+    legend,
+    pareto_chart,
+    pareto_page,
+)
 from evs.launch import sweep as launch_sweep
 
 
@@ -157,3 +164,7 @@ def test_each_scene_has_a_file_of_its_own() -> None:
         "c": "all-c.png",
     }
     assert launch_sweep._pictures(Path("one.png"), ("a.xml",)) == {"a.xml": Path("one.png")}
+
+
+def test_the_legend_says_what_the_line_is() -> None:
+    assert legend(FIGURES["emd"]).startswith("error: EMD, events a pixel; line: the front; bars")
