@@ -96,6 +96,8 @@ def run(args: argparse.Namespace) -> int:
         if not args.quiet:
             print(f"{folder}: {files} files are as {MANIFEST} says")
         return 0
+    if args.sheet:
+        _check_sheet(Path(args.sheet), folder)
     scenes = _scenes(args)
     if args.describe:
         from evs.drivers.dataset.describe import describe
@@ -160,11 +162,21 @@ def _make(args: argparse.Namespace, folder: Path, scenes: Mapping[str, SceneFile
     return STOPPED.get(stopped[0], 0) if stopped else 0
 
 
-def _sheet(folder: Path, picture: Path) -> None:
-    from evs.drivers.dataset import Dataset
-    from evs.drivers.dataset.sheet import set_page
-    from evs.drivers.pictures import suffix_of, write_png
+def _check_sheet(picture: Path, folder: Path) -> None:
+    """EvsError before hours of work where the picture could not be written after them."""
+    from evs.drivers.pictures import suffix_of
+    from evs.drivers.pipeline.report import check_targets
 
     if suffix_of(picture) != ".png":
         raise EvsError(f"--sheet is '{picture}': end it in .png")
+    # the data set's own folder will be there by then
+    if picture.parent.resolve() != folder.resolve():
+        check_targets([picture])
+
+
+def _sheet(folder: Path, picture: Path) -> None:
+    from evs.drivers.dataset import Dataset
+    from evs.drivers.dataset.sheet import set_page
+    from evs.drivers.pictures import write_png
+
     write_png(picture, set_page(Dataset(folder)), few_colours=True)

@@ -32,7 +32,8 @@ def describe(folder: Path, scenes: Mapping[str, SceneFile]) -> Iterator[str]:
 def _there(folder: Path) -> Iterator[str]:
     told = read_json(folder / MANIFEST)
     for name, scene in told["scenes"].items():
-        own = {key: size["bytes"] for key, size in told["files"].items() if key.startswith(name)}
+        files = told["files"].items()
+        own = {key: size["bytes"] for key, size in files if key.startswith(f"{name}/")}
         seconds = (scene["end_us"] - scene["begin_us"]) / 1e6
         yield (
             f"{name:10s}{seconds:6.1f} s  {scene['place'] or 'own':8s}{scene['frames']} frames, "

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from evs.drivers.dataset.manifest import KIND, MANIFEST, claim, listed, write_json
+from evs.drivers.dataset.manifest import KIND, MANIFEST, claim, listed, missing, write_json
 from evs.drivers.dataset.reading import Recorded
 from evs.drivers.dataset.scenes import SceneFile
 from evs.drivers.dataset.shards import EVENTS, STATE, EventShard, FrameShard, Shard, cut
@@ -65,6 +65,9 @@ def make_dataset(
     takes = [take_of(name, scene) for name, scene in scenes.items()]
     told = told_of(takes, scenes, shard_s)
     claim(folder, told)
+    if missing(folder):
+        # it says that the set is whole, and is written anew once it is
+        (folder / MANIFEST).unlink()
     jobs = _jobs(takes, shard_s)
     shares: dict[str, float] = {}
 
@@ -169,8 +172,8 @@ def _next(folder: Path, job: Shard, shard_s: float) -> list[Shard]:
         state = path.read_bytes()
     except OSError as reason:
         raise EvsError(
-            f"cannot read {path}: {reason.strerror}; remove the folders from {job.name} on, and "
-            "give the command again"
+            f"cannot read {path}: {reason.strerror}; remove {path.parents[1]} and give the command "
+            "again"
         ) from None
     return [dataclasses.replace(following, state=state)]
 

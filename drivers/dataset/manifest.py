@@ -89,13 +89,20 @@ def listed(folder: Path) -> dict[str, dict[str, Any]]:
     return found
 
 
+def missing(folder: Path) -> bool:
+    """Whether a file is gone of those that the manifest names, if there is one."""
+    path = folder / MANIFEST
+    return path.exists() and not all((folder / name).is_file() for name in read_json(path)["files"])
+
+
 def verify(folder: Path, moved: Callable[[int, str], None] = lambda _done, _name: None) -> int:
     """Compare every file with the manifest. Out: how many there are.
 
-    EvsError names the files that are missing, changed, or not in it.
+    EvsError names the files that are missing or changed, and what to remove to have them made anew.
     """
     files: dict[str, dict[str, Any]] = read_json(folder / MANIFEST)["files"]
     wrong = []
+    bad: dict[str, None] = {}
     for done, (name, said) in enumerate(files.items()):
         moved(done, name)
         path = folder / name
@@ -105,10 +112,21 @@ def verify(folder: Path, moved: Callable[[int, str], None] = lambda _done, _name
             wrong.append(f"{name} has {path.stat().st_size} bytes, not {said['bytes']}")
         elif digest(path) != said["sha256"]:
             wrong.append(f"{name} has another checksum")
+        else:
+            continue
+        bad[_made_with(name)] = None
     if wrong:
         more = f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""
         raise EvsError(
-            f"'{folder}': {'; '.join(wrong[:5])}{more}; remove their folders and give the command "
-            "that made it again"
+            f"'{folder}': {'; '.join(wrong[:5])}{more}; remove {', '.join(bad)} there, and give "
+            "the command that made it again"
         )
     return len(files)
+
+
+def _made_with(name: str) -> str:
+    """What goes with a file of a set: its shard; all events of its scene, which are one chain."""
+    scene, *rest = name.split("/")
+    if rest[:1] == ["events"]:
+        return f"{scene}/events"
+    return name.rpartition("/")[0] if rest[:1] == ["frames"] else name

@@ -91,7 +91,7 @@ class EventShard:
 
 @dataclass(frozen=True, eq=False)
 class FrameShard:
-    """The frames of a take in the ticks begin ... end - 1, each with its ground truth."""
+    """The frames of a take in the ticks begin ... end - 1, one at least, each with its truth."""
 
     take: Take
     index: int
@@ -108,8 +108,7 @@ class FrameShard:
         ticks = [tick for tick in self.take.frame_ticks() if self.begin <= tick < self.end]
         with self.take.standing() as config:
             # one tick before, so that the first frame has its flow
-            first = ticks[0] if ticks else self.begin
-            world, view = self.take.view_at(config, max(0, first - 1))
+            world, view = self.take.view_at(config, max(0, ticks[0] - 1))
             control = self.take.control(world)
             found: list[Mapping[str, npt.NDArray[Any]]] = []
             for tick in ticks:

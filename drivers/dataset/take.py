@@ -123,5 +123,10 @@ def take_of(name: str, scene: SceneFile) -> Take:
     # whatever the emulator refuses, it refuses here
     with take.standing() as standing:
         World.from_config(standing)
-        World.with_view(replace(standing, render=replace(standing.render, spp=take.frames.spp)))
+        render = replace(standing.render, spp=take.frames.spp)
+        try:
+            World.with_view(replace(standing, render=render))
+        except EvsError as reason:
+            # all that is new in it is what the user knows as the frames' samples
+            raise EvsError(str(reason).replace("render.spp", "frames.spp")) from None
     return take

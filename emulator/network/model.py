@@ -54,7 +54,10 @@ class EvsNetModel:
         if initial not in INITIAL_STATES:
             raise unknown("initial state", initial, INITIAL_STATES)
         if labels:
-            raise EvsError("model evsnet cannot label its events; use model plain or adaptive")
+            raise EvsError(
+                "model evsnet cannot label its events; use model plain or adaptive, or "
+                "model.labels=false"
+            )
         self.sensor, self.weights = sensor, weights
         self._initial = initial
         least, most = (limit * weights.threshold for limit in THRESHOLDS)

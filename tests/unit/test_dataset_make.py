@@ -139,7 +139,34 @@ def test_the_manifest_finds_one_changed_byte(
     said = capsys.readouterr().err
     assert "street/frames/0001/frames.npz has another checksum" in said
     assert "workshop/sheet.png is missing" in said
+    assert "remove street/frames/0001, workshop/sheet.png there, and give the command" in said
     assert said.count("\n") == 1
+
+
+def test_what_is_removed_of_a_set_that_was_whole_is_made_anew(ball: str, tmp_path: Path) -> None:
+    """As --verify asks for: any shard, the events of a scene, its recording, its sheet."""
+    folder, scenes = tmp_path / "a", small(ball, ("sensor.width", "24"), ("sensor.height", "18"))
+
+    def made() -> int:
+        return make_dataset(folder, scenes, shard_s=0.06).made
+
+    assert made() == 4
+    before, manifest = listed(folder), (folder / MANIFEST).read_bytes()
+    (folder / "ball/events.aedat4").unlink()
+    (folder / "ball/sheet.png").unlink()
+    assert made() == 0
+    assert listed(folder) == before
+    shutil.rmtree(folder / "ball/frames/0001")
+    assert made() == 1
+    # the events are a chain, whose states are gone once it is whole
+    shutil.rmtree(folder / "ball/events/0001")
+    with pytest.raises(EvsError, match=r"state.bin: No such file.*; remove \S*/ball/events and"):
+        made()
+    assert not (folder / MANIFEST).exists()
+    shutil.rmtree(folder / "ball/events")
+    assert made() == 2
+    assert listed(folder) == before
+    assert (folder / MANIFEST).read_bytes() == manifest
 
 
 def test_two_workers_make_the_same_bytes(whole: Path, tmp_path: Path) -> None:
@@ -300,6 +327,11 @@ def test_the_picture_of_a_set_and_what_it_holds(
         (["a", "render.sp=4", "--scenes", "park"], "at render.sp: unknown key"),
         (["a", "--workers", "0", "--short", "--scenes", "park"], "0 workers cannot be"),
         (["a", "--shard", "0", "--scenes", "park"], "--shard is 0: give 0.001"),
+        (["a", "--spp", "0", "--scenes", "park"], "frames.spp is 0; with renderer path it must"),
+        (["a", "model.name=evsnet", "--scenes", "park"], "or model.labels=false"),
+        (["a", "--scenes", "park", "--sheet", "a.jpg"], "no picture format '.jpg'"),
+        (["a", "--scenes", "park", "--sheet", "a.gif"], "--sheet is 'a.gif': end it in .png"),
+        (["a", "--scenes", "park", "--sheet", "no/a.png"], "there is no folder"),
         (["a", "--verify"], "is this the folder of a data set"),
         (["a", "--camera", "nose", "--scenes", "park"], "no camera 'nose'"),
     ],
