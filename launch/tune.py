@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -67,6 +66,7 @@ def run(args: argparse.Namespace) -> int:
     from evs.drivers.pace import monotonic_s
     from evs.drivers.pipeline.config import is_scene
     from evs.drivers.pipeline.report import check_targets, write_whole
+    from evs.drivers.runner.work import cores
     from evs.drivers.sweep.front import figure_named
     from evs.drivers.tuning import gauge, search, words
     from evs.drivers.tuning.base import base_of
@@ -106,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
         with gauge.opened(base, args.motion, figure, cache, effort, step) as measures:
             found = search.Search(able, goal, measures, left_s, begin).run()
     facts = words.facts(found, figure, measures.own, monotonic_s() - begin_s)
-    facts.append(("machine", f"{cpu_name()}, {os.cpu_count()} cores"))
+    facts.append(("machine", f"{cpu_name()}, {cores()} cores"))
     if found.reached or args.anyway:
         config = base.with_settings(found.winner.candidate.settings)
         why = [_command(args), *(f"{name}: {line}" for name, line in facts)]

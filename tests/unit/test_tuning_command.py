@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -69,6 +70,14 @@ def test_a_goal_that_is_reached(capsys: pytest.CaptureFixture[str]) -> None:
     # again: our own file may be written over
     assert main(["tune", SCENE, "--error", "0.1", "--quiet"]) == 0
     assert capsys.readouterr().out == ""
+
+
+def test_the_cores_are_those_that_may_be_used(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 4, 17})
+    assert main(["tune", SCENE, "--rtf", "1.0"]) == 0
+    assert ", 3 cores\n" in capsys.readouterr().out
 
 
 def test_a_goal_out_of_reach_writes_only_if_asked(capsys: pytest.CaptureFixture[str]) -> None:
