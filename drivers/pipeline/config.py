@@ -124,7 +124,7 @@ class PipelineConfig(RunConfig):
     aside: bool = False
     """true: every sink that does not say otherwise runs in a process of its own"""
     ahead: int = 2
-    """ticks whose physics and light may be made while pixels and sinks work on the present one, with
+    """ticks whose physics and light may be made while pixels and sinks work on the present one, on
     two cores and threads or more; 0: one after the other. The same bytes"""
     report: str = ""
     """where to write the run report (JSON); every recording has one beside it anyway"""
