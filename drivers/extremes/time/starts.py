@@ -50,6 +50,10 @@ def _film(start_us: int, suffix: str, folder: Path | None = None) -> Events:
     return seen.events
 
 
+QUEUE = 1 << 20
+"""packets that may wait: nobody paces the player here, and a busy machine's listener is slow"""
+
+
 class _Listener:
     """A subscriber in a thread of its own."""
 
@@ -61,7 +65,7 @@ class _Listener:
         self._thread.start()
 
     def _listen(self) -> None:
-        with subscribe(self._address, timeout_s=20.0) as subscription:
+        with subscribe(self._address, timeout_s=20.0, queue=QUEUE) as subscription:
             self.heard += [packet.events for packet in subscription]
             self.lost = subscription.lost
 
@@ -76,7 +80,7 @@ def _played(file: Path) -> tuple[Events, int]:
     # no port that another program could take first
     address = f"ipc://{file.with_name('bus')}"
     listener = _Listener(address)
-    publisher = Publisher(address, wait_for=1)
+    publisher = Publisher(address, wait_for=1, queue=QUEUE)
     try:
         publisher.open([stream_of(file)])
         for message in messages(file):
