@@ -100,7 +100,7 @@ class CsvFile(EventsFile):
     def events(self) -> Iterator[Events]:
         """Events of each tick; lines that are none are damage."""
         damage = Damage(what="lines")
-        order, stream = InOrder(damage, self.stream.tick_us), self.stream
+        order, stream = InOrder(damage, self.stream), self.stream
         for values, offsets in self._chunks(damage):
             t, x, y, p = (values[:, place] for place in self.places)
             stamps = np.rint(t * 1e6) if self.in_seconds else t

@@ -84,7 +84,7 @@ class NpzFile:
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any."""
         damage = Damage(unit="event")
-        order = InOrder(damage, self.stream.tick_us)
+        order = InOrder(damage, self.stream)
         at = 0
         with Archive(self.path) as archive:
             for events, _ in _pieces(archive):
@@ -96,8 +96,7 @@ class NpzFile:
 
     def messages(self) -> Iterator[Events | Frame | ImuSamples | Triggers]:
         """Events, frames, IMU samples and triggers of each tick, in time's order."""
-        tick_us = self.stream.tick_us
-        yield from in_order(self.events(), self._frames(), self.imu, self.triggers, tick_us)
+        yield from in_order(self.events(), self._frames(), self.imu, self.triggers, self.stream)
 
     def beside(self) -> Iterator[Frame | ImuSamples | Triggers]:
         """Frames, IMU samples and triggers alone."""

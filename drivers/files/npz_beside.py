@@ -16,6 +16,7 @@ from evs.msgs import (
     Frame,
     ImuSamples,
     Labels,
+    StreamInfo,
     Triggers,
     empty_imu,
     empty_triggers,
@@ -153,20 +154,20 @@ def in_order(
     frames: Iterable[Frame],
     imu: ImuSamples,
     triggers: Triggers,
-    tick_us: int,
+    stream: StreamInfo,
 ) -> Iterator[Array | Frame]:
     """Events of each tick, frames and each tick's IMU samples and triggers, as time has them."""
 
     def end_us(t_us: int) -> int:
-        return -(-t_us // tick_us) * tick_us
+        return stream.start_us - (stream.start_us - t_us) // stream.tick_us * stream.tick_us
 
     def timed(parts: Iterable[Array], rank: int) -> Iterator[tuple[int, int, Array | Frame]]:
         return ((end_us(int(part["t"][-1])), rank, part) for part in parts)
 
     lanes = [
         ((end_us(frame.end_us), 0, frame) for frame in frames),
-        timed(by_tick(triggers, tick_us), 1),
-        timed(by_tick(imu, tick_us), 2),
+        timed(by_tick(triggers, stream), 1),
+        timed(by_tick(imu, stream), 2),
         timed(ticks, 3),
     ]
     for _, _, message in heapq.merge(*lanes, key=lambda one: one[:2]):

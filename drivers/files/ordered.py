@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from evs.drivers.files.damage import Damage
 from evs.drivers.files.recorded import by_tick, part_us
-from evs.msgs import EVENT_DTYPE, Events, join_events
+from evs.msgs import EVENT_DTYPE, Events, StreamInfo, join_events
 
 RESET_US = 1_000_000
 """A stamp that is so much lower than the one before is a clock that was set anew."""
@@ -34,10 +34,10 @@ class InOrder:
     camera's clock was set anew: what follows is a stream of its own and stays behind.
     """
 
-    def __init__(self, damage: Damage, tick_us: int) -> None:
-        """In: tick_us, parts are given out tick by tick."""
+    def __init__(self, damage: Damage, stream: StreamInfo) -> None:
+        """In: stream, parts are given out by its ticks."""
         self._damage = damage
-        self._tick_us = part_us(tick_us)
+        self._stream, self._tick_us = stream, part_us(stream.tick_us)
         self._parts: list[Events] = []
         self._count = 0
         self._enough = 2 * HELD
@@ -85,7 +85,8 @@ class InOrder:
         """All but the last HELD events, up to the end of a tick."""
         joined = self._joined()
         ready = len(joined) - HELD
-        tick_begin_us = (int(joined["t"][ready]) - 1) // self._tick_us * self._tick_us
+        begun_us = (int(joined["t"][ready]) - 1 - self._stream.start_us) % self._tick_us
+        tick_begin_us = int(joined["t"][ready]) - 1 - begun_us
         whole = int(np.searchsorted(joined["t"], tick_begin_us, side="right"))
         # a tick that never ends is cut
         ready = whole if whole or len(joined) < MOST_HELD else ready
@@ -104,7 +105,7 @@ class InOrder:
         last_us = int(events["t"][-1])
         self._given_us = last_us if self._given_us is None else max(self._given_us, last_us)
         for part in (events[:late], events[late:]):
-            yield from by_tick(part, self._tick_us)
+            yield from by_tick(part, self._stream)
 
 
 def in_order(events: Events) -> Events:

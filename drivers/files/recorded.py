@@ -134,13 +134,13 @@ class MixedFile(EventsFile):
             yield message
 
 
-def by_tick(events: Events, tick_us: int) -> Iterator[Events]:
-    """Sorted events, (n,), cut where a tick of tick_us ends; each part is a view.
+def by_tick(events: Events, stream: StreamInfo) -> Iterator[Events]:
+    """Sorted events, (n,), cut where a tick of the stream ends; each part is a view.
 
     A tick of 1 us is that of a stream without ticks: it is cut into parts of 1 ms.
     """
     if len(events):
-        ticks = -(-events["t"] // part_us(tick_us))
+        ticks = -((stream.start_us - events["t"]) // part_us(stream.tick_us))
         yield from np.split(events, np.flatnonzero(np.diff(ticks)) + 1)
 
 

@@ -114,10 +114,12 @@ def as_packet(seq: int, events: Events, stream: StreamInfo) -> EventPacket:
     Its interval is the ticks that they lie in: tick k is (t_{k-1}, t_k].
     """
     first, last, tick_us = int(events["t"][0]), int(events["t"][-1]), stream.tick_us
+    # its ticks are counted from where it begins
+    start_us = stream.start_us
     return EventPacket(
         seq=seq,
-        time_base_us=(first - 1) // tick_us * tick_us,
-        time_end_us=-(-last // tick_us) * tick_us,
+        time_base_us=start_us + (first - 1 - start_us) // tick_us * tick_us,
+        time_end_us=start_us - (start_us - last) // tick_us * tick_us,
         width=stream.width,
         height=stream.height,
         events=events,

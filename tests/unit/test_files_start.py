@@ -9,6 +9,7 @@ import pytest
 
 from evs.drivers import files
 from evs.drivers.files import formats
+from evs.drivers.files.recorded import by_tick
 from evs.drivers.ros2.gathering import Gatherer, check_start
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
 from evs.msgs.encodings import LAST_ROS_US, TIME_ORIGIN_US, PayloadReader
@@ -93,3 +94,25 @@ def test_ros_has_no_time_after_january_2038() -> None:
 def test_a_begin_that_cannot_be_is_none(said: object) -> None:
     assert StreamInfo(1, 1, config={"scene": {"start_us": said}}).start_us == 0
     assert StreamInfo(1, 1, config={"scene": said}).start_us == 0
+
+
+@pytest.mark.parametrize("kind", formats.FORMATS, ids=lambda kind: kind.name)
+@pytest.mark.parametrize("start_us", [0, 352, 2**31 - 4000])
+def test_ticks_are_counted_from_the_start(
+    kind: formats.Format, start_us: int, tmp_path: Path
+) -> None:
+    # 50 ticks with 20 events each, from the first us of a tick to its last
+    t = start_us + 1 + np.arange(1000) * 999 // 19 % 1000 + np.arange(1000) // 20 * 1000
+    events = make_events(np.sort(t), np.arange(1000) % 64, np.arange(1000) % 48, t % 2)
+    path, stream = tmp_path / f"run{kind.suffixes[0]}", stream_of(start_us)
+    sink = formats.to_write(str(path)).record(path)
+    sink.open([stream])
+    for place, part in enumerate(by_tick(events, stream)):
+        begin_us = start_us + 1000 * place
+        sink.write(EventPacket(place, begin_us, begin_us + 1000, 64, 48, part))
+    sink.close()
+    packets = list(files.packets(path))
+    assert sum(len(packet) for packet in packets) == 1000
+    # a packet that began before the end of the last would look like another run
+    ends = [packet.time_end_us for packet in packets]
+    assert all(p.time_base_us >= end for p, end in zip(packets[1:], ends, strict=False))

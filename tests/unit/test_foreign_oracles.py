@@ -61,7 +61,7 @@ FORMATS = {
 def record(path: Path, kind: str, events: Events, **options: str) -> dict[str, Any]:
     sink = files.recorder_for(path, kind=kind, **options)
     sink.open([STREAM])
-    for seq, part in enumerate(by_tick(events, 1000)):
+    for seq, part in enumerate(by_tick(events, STREAM)):
         sink.write(EventPacket(seq, 0, 0, 1280, 720, part, STREAM.camera))
     said = sink.close()
     assert sink.close() == said
@@ -92,7 +92,7 @@ def test_others_read_ours_bit_exactly_and_so_do_we(kind: str, tmp_path: Path) ->
         assert (recording.stream.width, recording.stream.height) == (1280, 720) or not len(events)
         summary = files.summary(path)
         assert (summary.format, summary.events, summary.torn_at) == (kind, len(events), None)
-        assert summary.packets == len(list(by_tick(events, 1000)))
+        assert summary.packets == len(list(by_tick(events, STREAM)))
         made[str(path)] = events
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(Path(p).name for p in made)
     seen = oracle(reader, *made)
@@ -157,6 +157,6 @@ def test_packets_are_the_ticks_that_were_recorded(tmp_path: Path) -> None:
         record(path, kind, events)
         packets = list(files.packets(path))
         assert join_events([packet.events for packet in packets]).tobytes() == events.tobytes()
-        for packet, part in zip(packets, by_tick(events, 1000), strict=True):
+        for packet, part in zip(packets, by_tick(events, STREAM), strict=True):
             assert packet.events.tobytes() == part.tobytes()
             assert packet.time_end_us == -(-int(part["t"][0]) // 1000) * 1000

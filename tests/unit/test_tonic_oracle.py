@@ -64,7 +64,7 @@ def digest(t: Any, events: Events) -> str:
 def record(path: Path, events: Events, at_once: bool = False) -> None:
     sink = files.recorder_for(path)
     sink.open([STREAM])
-    parts = [events] if at_once else by_tick(events, 1000)
+    parts = [events] if at_once else by_tick(events, STREAM)
     for seq, part in enumerate(parts):
         sink.write(EventPacket(seq, 0, 0, 346, 260, part, "eye"))
     sink.close()

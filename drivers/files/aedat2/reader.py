@@ -82,7 +82,7 @@ class Aedat2File(MixedFile):
         """What is asked for; external inputs, and what is not whole, are in `left_out`."""
         damage, left_out = Damage(what="words"), dict[str, int]()
         bad, together = _BadWords(self.words_at), Interleaved()
-        order, unwrap = InOrder(damage, self.stream.tick_us), Unwrap(self.base_us)
+        order, unwrap = InOrder(damage, self.stream), Unwrap(self.base_us)
         aps = ApsWords(self.stream.width, self.stream.height, self.stream.camera)
         imu = ImuWords()
         with self.path.open("rb") as file:
@@ -98,7 +98,7 @@ class Aedat2File(MixedFile):
                 t[~off] = unwrap(words["stamp"][~off].astype(np.int64))
                 if beside:
                     which = kinds["IMU words"]
-                    for part in by_tick(imu.feed(address[which], t[which]), self.stream.tick_us):
+                    for part in by_tick(imu.feed(address[which], t[which]), self.stream):
                         yield from together.put(int(part["t"][-1]), part)
                     which = kinds["APS words"]
                     for frame in aps.feed(address[which], t[which]):

@@ -86,7 +86,7 @@ class Aedat3File(MixedFile):
     def _walked(self, events: bool, beside: bool) -> Iterator[Events | Frame | ImuSamples]:
         """What is asked for; special events and colour frames are counted in `left_out`."""
         damage, left_out = Damage(), dict[str, int]()
-        order, together = InOrder(damage, self.stream.tick_us), Interleaved()
+        order, together = InOrder(damage, self.stream), Interleaved()
         self._frames = 0
         with self.path.open("rb") as file:
             for at, head in self._packets(file, damage, left_out):

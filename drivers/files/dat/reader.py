@@ -67,7 +67,7 @@ class DatFile(EventsFile):
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any (of 1 ms, where the file says none)."""
         damage = Damage(what="events")
-        order = InOrder(damage, self.stream.tick_us)
+        order = InOrder(damage, self.stream)
         for at, piece in self._pieces():
             sound, outside = on_sensor(piece, self.stream.width, self.stream.height)
             if outside:

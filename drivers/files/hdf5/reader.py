@@ -79,7 +79,7 @@ class Hdf5File(EventsFile):
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any (of 1 ms, where the file says none)."""
         damage = Damage(what="events", unit="event")
-        order = InOrder(damage, self.stream.tick_us)
+        order = InOrder(damage, self.stream)
         for at, piece in self._pieces(damage):
             yield from order.feed(piece, at + np.arange(len(piece)))
         yield from order.rest()

@@ -73,7 +73,7 @@ class RawFile(EventsFile):
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any (of 1 ms, where the file says none)."""
         damage = Damage(what="events")
-        order = InOrder(damage, self.stream.tick_us)
+        order = InOrder(damage, self.stream)
         for at, piece in self._pieces(damage):
             yield from order.feed(piece, np.broadcast_to(np.int64(at), len(piece)))
         yield from order.rest()
