@@ -23,7 +23,7 @@ check:
 	.venv/bin/clang-format --dry-run -Werror emulator/core/*/*.cpp emulator/core/*/*.h
 	.venv/bin/mypy
 	@sh .ci/sanitize.sh
-	.venv/bin/pytest -m "not bench"
+	@sh .ci/tests.sh
 
 # make bench     timings
 bench:
