@@ -57,13 +57,13 @@ def rows() -> list[Row]:
         Row("direct + plain, moving camera", PLAIN + MOVING, bound=1.0),
         Row("direct + plain, still camera", PLAIN + STILL, bound=2.0),
         Row("direct + plain, still camera, fixed lamp", PLAIN + STILL, True, bound=2.0),
-        Row("path + EvSNet, still camera", NETWORK + STILL, bound=0.25),
+        Row("path + EvSNet, still camera", NETWORK + STILL, bound=0.25, seconds=0.4),
         Row("path + EvSNet, still camera, fixed lamp", NETWORK + STILL, True, bound=0.25),
         Row("direct + plain, moving camera, 2 ms", PLAIN + MOVING + two),
         Row("direct + plain, still camera, fixed lamp, 2 ms", PLAIN + STILL + two, True),
         Row("path + EvSNet, still camera, fixed lamp, 2 ms", NETWORK + STILL + two, True),
         Row("640x360, direct + plain, moving camera", PLAIN + MOVING + LARGE),
-        Row("640x360, path + EvSNet, still camera", NETWORK + STILL + LARGE),
+        Row("640x360, path + EvSNet, still camera", NETWORK + STILL + LARGE, seconds=0.4),
         Row("640x360, path + EvSNet, still camera, fixed lamp", NETWORK + STILL + LARGE, True),
     ]
 

@@ -178,8 +178,8 @@ def test_a_physics_that_breaks_down_leaves_a_whole_recording(folder: Path) -> No
 
 
 def small_files() -> None:
-    """As on a disk with 12 kB left (Python ignores the signal, so writing fails with an error)."""
-    resource.setrlimit(resource.RLIMIT_FSIZE, (12_000, 12_000))
+    """As on a disk with 20 kB left (Python ignores the signal, so writing fails with an error)."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 
 
 def test_a_full_disk_is_one_line_and_what_was_recorded_is_readable(folder: Path) -> None:
