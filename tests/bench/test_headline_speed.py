@@ -61,7 +61,6 @@ def rows() -> list[Row]:
         Row("path + EvSNet, still camera, fixed lamp", NETWORK + STILL, True, bound=0.25),
         Row("direct + plain, moving camera, 2 ms", PLAIN + MOVING + two),
         Row("direct + plain, still camera, fixed lamp, 2 ms", PLAIN + STILL + two, True),
-        Row("path + EvSNet, still camera, fixed lamp, 2 ms", NETWORK + STILL + two, True),
         Row("640x360, direct + plain, moving camera", PLAIN + MOVING + LARGE),
         Row("640x360, path + EvSNet, still camera", NETWORK + STILL + LARGE, seconds=0.4),
         Row("640x360, path + EvSNet, still camera, fixed lamp", NETWORK + STILL + LARGE, True),
