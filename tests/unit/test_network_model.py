@@ -119,7 +119,7 @@ def test_names_that_do_not_exist() -> None:
 
 def test_labels_are_refused() -> None:
     refused(
-        "model evsnet cannot label its events; use model plain or adaptive",
+        "model evsnet cannot label its events; use model plain or adaptive, or model.labels=false",
         lambda: model(labels=True),
     )
 
