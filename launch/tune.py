@@ -62,11 +62,11 @@ def run(args: argparse.Namespace) -> int:
     """Tune; the exit code."""
     # here, so that --help is quick
     from evs.drivers.checkup.machine import cpu_name
+    from evs.drivers.cores import cores
     from evs.drivers.evaluation.cache import LightCache, user_cache
     from evs.drivers.pace import monotonic_s
     from evs.drivers.pipeline.config import is_scene
     from evs.drivers.pipeline.report import check_targets, write_whole
-    from evs.drivers.runner.work import cores
     from evs.drivers.sweep.front import figure_named
     from evs.drivers.tuning import gauge, search, words
     from evs.drivers.tuning.base import base_of

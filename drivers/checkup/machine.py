@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from evs.drivers.checkup.check import BAD, NOTE, OK, Check
+from evs.drivers.cores import cores
 from evs.emulator.memory import memory_gb
 
 MIN_PYTHON = (3, 11)
@@ -39,11 +40,7 @@ def check_platform(system: str = sys.platform) -> Check:
 
 def check_cores() -> Check:
     """How many cores this process may use, which is what threads = 0 takes."""
-    if hasattr(os, "sched_getaffinity"):
-        usable = len(os.sched_getaffinity(0))
-    else:
-        usable = os.cpu_count() or 1
-    says = f"{usable} usable of {os.cpu_count()}, {cpu_name()}"
+    says = f"{cores()} usable of {os.cpu_count()}, {cpu_name()}"
     return Check("cpu", OK, says)
 
 

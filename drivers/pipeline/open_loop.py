@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from evs.drivers.cores import cores
 from evs.drivers.pace import StopWatch
 from evs.drivers.pipeline.config import PipelineConfig
 from evs.drivers.pipeline.run import tick_count
@@ -24,5 +24,5 @@ def open_world(config: PipelineConfig, watch: StopWatch) -> Iterator[World | Ahe
 
 def depth_of(config: PipelineConfig) -> int:
     """How many ticks ahead light is made: none with one thread, or on one core."""
-    alone = config.threads == 1 or len(os.sched_getaffinity(0)) == 1
+    alone = config.threads == 1 or cores() == 1
     return 0 if alone else config.ahead

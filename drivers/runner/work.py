@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import warnings
 from collections import Counter
@@ -15,6 +14,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any, Generic, TypeVar
 
+from evs.drivers.cores import cores
 from evs.drivers.runner import worker
 from evs.drivers.runner.here import job_runs
 from evs.msgs import EvsError
@@ -61,11 +61,6 @@ def work_off(
         yield from crew.work_off(todo, stopped)
     finally:
         crew.end()
-
-
-def cores() -> int:
-    """How many this process may use."""
-    return len(os.sched_getaffinity(0))
 
 
 def name_of(unit: object) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from evs.drivers.checkup.machine import cpu_name
+from evs.drivers.cores import cores
 from evs.drivers.evaluation.cache import LightCache
 from evs.drivers.evaluation.digest import digest
 from evs.drivers.evaluation.scenes import stage_of
@@ -17,7 +18,7 @@ from evs.drivers.evaluation.stage import Stage
 from evs.drivers.evaluation.take import MOTIONS
 from evs.drivers.pipeline.report import versions
 from evs.drivers.runner import run_jobs
-from evs.drivers.runner.work import MOST_WORKERS, cores
+from evs.drivers.runner.work import MOST_WORKERS
 from evs.drivers.sweep.errors import ErrorSettings, Judge
 from evs.drivers.sweep.jobs import ErrorsJob
 from evs.drivers.sweep.listener import BusListener
