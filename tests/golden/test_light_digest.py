@@ -31,7 +31,7 @@ from evs.emulator.sensor import make_event_model, resolve_sensor
 from evs.msgs import join_events
 from reference.scenes import camera_of, scene_of, shot_of
 
-LIGHT = "3f1dc97d9442d9d0"
+LIGHT = "7a7a5aa75310e006"
 EVENTS = {
     "t": "071b22f54eb1e07d",
     "x": "5794a6ff5a7a46a2",

@@ -20,9 +20,36 @@ EVS_INLINE Float exp2(Float a) {
   return select(a < -126.0f, splat(0.0f), power * as_float(scale));
 }
 
-// x^e for x in [0, 1]
-EVS_INLINE Float power(Float x, Float e) {
-  return select(x > 1e-30f, exp2(log2(max(x, splat(1e-30f))) * e), splat(0.0f));
+constexpr float LARGEST_WHOLE = 1024;  // of the exponents that are powers by squaring
+
+// x^e for x in [0, 1] and e = 0, 1, ... LARGEST_WHOLE, by squaring
+EVS_INLINE Float power(Float x, int e) {
+  Float out = splat(1.0f);
+  for (;; x = x * x) {
+    if (e & 1) out = out * x;
+    e >>= 1;
+    if (!e) return out;
+  }
+}
+
+// x^e for x in [0, 1], on `lanes`: elsewhere anything. A lane's result depends on itself only.
+inline Float power(Float x, Float e, Mask lanes) {
+  Int number = truncate(min(e, splat(LARGEST_WHOLE)));
+  Mask whole = lanes & (to_float(number) <= e) & (e <= to_float(number));
+  Float out = splat(0.0f);
+  if (any(whole)) {
+    int first = lane(number, first_lane(bits(whole)));
+    Mask same = whole & (number == splat(first));
+    out = power(x, first);
+    for (Mask rest = whole & ~same; any(rest); rest = rest & ~same) {
+      first = lane(number, first_lane(bits(rest)));
+      same = rest & (number == splat(first));
+      out = select(same, power(x, first), out);
+    }
+    if (!any(lanes & ~whole)) return out;
+  }
+  Float general = select(x > 1e-30f, exp2(log2(max(x, splat(1e-30f))) * e), splat(0.0f));
+  return select(whole, out, general);
 }
 
 // angle of (x, y) in turns, 0 ... 1; Abramowitz & Stegun 4.4.49, error 1e-5 rad

@@ -88,7 +88,7 @@ void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNEL
     // far from the highlight, where lobe^exponent < exp(-16.7) = 2^-24, there is none
     glossy = glossy & ((1.0f - lobe) * patch.exponent < 16.7f);
     if (!any(glossy)) continue;
-    Float gloss = power(lobe, patch.exponent) * patch.specular * in.strength;
+    Float gloss = power(lobe, patch.exponent, glossy) * patch.specular * in.strength;
     gloss = select(glossy, gloss, splat(0.0f));
     for (int c = 0; c < CHANNELS; c++) {
       out[c] = out[c] + gloss * patch.gloss_tint[c] * light.specular[c];

@@ -19,8 +19,12 @@ EVS_INLINE Incidence incidence(const Light& light, Vec point) {
   in.distance = sqrt(square);
   in.towards = w * (1.0f / in.distance);
   const float* a = light.attenuation;
-  Float fall = light.inverse_square ? square : square * a[2] + in.distance * a[1] + a[0];
-  in.strength = 1.0f / max(fall, splat(1e-12f));
+  if (light.inverse_square || a[1] != 0 || a[2] != 0) {
+    Float fall = light.inverse_square ? square : square * a[2] + in.distance * a[1] + a[0];
+    in.strength = 1.0f / max(fall, splat(1e-12f));
+  } else {
+    in.strength = splat(1.0f / (a[0] > 1e-12f ? a[0] : 1e-12f));
+  }
   // physical light ends smoothly at its range, as in MuJoCo's physical renderer
   if (light.fade > 0) {
     Float share = square * light.fade;
@@ -30,14 +34,15 @@ EVS_INLINE Incidence incidence(const Light& light, Vec point) {
   if (light.kind == SPOT) {
     Float cosine = -(in.towards.x * light.direction.x + in.towards.y * light.direction.y +
                      in.towards.z * light.direction.z);
+    Mask inside = cosine >= light.cos_cutoff;
     Float cone = splat(1.0f);
     if (light.edge > 0) {
-      Float inside = min((cosine - light.cos_cutoff) * light.edge, splat(1.0f));
-      cone = inside * inside;
-    } else if (light.exponent > 0) {
-      cone = power(min(max(cosine, splat(0.0f)), splat(1.0f)), splat(light.exponent));
+      Float share = min((cosine - light.cos_cutoff) * light.edge, splat(1.0f));
+      cone = share * share;
+    } else if (light.exponent > 0 && any(inside)) {
+      cone = power(min(max(cosine, splat(0.0f)), splat(1.0f)), splat(light.exponent), inside);
     }
-    in.strength = select(cosine >= light.cos_cutoff, in.strength * cone, splat(0.0f));
+    in.strength = select(inside, in.strength * cone, splat(0.0f));
   }
   return in;
 }
