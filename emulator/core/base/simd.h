@@ -7,7 +7,11 @@
 // Included inside a namespace of its own by each kernel_*.cpp, which defines EVS_WIDTH first.
 // min(a, b) is a < b ? a : b and max(a, b) is a > b ? a : b: with a NaN the second argument wins.
 
+#if EVS_WIDTH == 1024
+#include "simd_1024.h"
+#else
 constexpr int LANES = 16;
+constexpr unsigned ALL_LANES = 0xffffu;
 
 #if EVS_WIDTH == 512
 
@@ -257,6 +261,7 @@ EVS_INLINE float highest(Float a) {
 #undef EVS_BINARY
 #undef EVS_PARTS
 #endif
+#endif
 
 // what all builds share
 
@@ -269,7 +274,7 @@ EVS_INLINE void gather_pairs(const float* base, Int at, Float& first, Float& sec
   auto pair = [&](int i) {
     return reinterpret_cast<const __m64*>(base + index[i]);  // may alias anything
   };
-  _Pragma("GCC unroll 4") for (int i = 0; i < LANES / 4; i++) {
+  _Pragma("GCC unroll 8") for (int i = 0; i < LANES / 4; i++) {
     __m128 low = _mm_castsi128_ps(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(pair(4 * i))));
     __m128 high =
         _mm_castsi128_ps(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(pair(4 * i + 2))));

@@ -287,9 +287,17 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
   Frame first_frame = antialiasing_ ? antialiasing_->base_frame(frame_) : frame_;
   Bounds moved = moved_.view();
   std::atomic<long> traced{0};
+  bool pairs = kernel_->trace_pair && frame_.pairs && !selective && !recording;
   pool_.run(sampling_.rows, [&](int row, int) {
     long count = 0;
     for (int column = 0; column < sampling_.columns; column++) {
+      if (pairs && column + 1 < sampling_.columns) {
+        kernel_->trace_pair(first_frame, column, row, first_out);
+        for (int k = 0; k < 2 && antialiasing_; k++) antialiasing_->traced(column + k, row);
+        count += 2;
+        column++;
+        continue;
+      }
       Record* record =
           incremental_ ? &records_[static_cast<size_t>(row) * sampling_.columns + column] : nullptr;
       if (selective && !kernel_->touched(frame_, column, row, *record, moved, around_moved_))

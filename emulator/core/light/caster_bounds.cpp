@@ -10,20 +10,21 @@ namespace {
 
 constexpr float HUGE_RADIUS = 1e15f;  // of an infinite plane
 
-size_t padded_to_16(int count) { return static_cast<size_t>((count + 15) / 16) * 16; }
+// the widest kernel reads 32 at once
+size_t padded(int count) { return static_cast<size_t>((count + 31) / 32) * 32; }
 
 }  // namespace
 
 void Caster::Spheres::reserve(int count) {
-  for (std::vector<float>* part : {&x, &y, &z, &radius}) part->reserve(padded_to_16(count));
+  for (std::vector<float>* part : {&x, &y, &z, &radius}) part->reserve(padded(count));
 }
 
 void Caster::Spheres::resize(int count) {
-  size_t padded = padded_to_16(count);
-  x.assign(padded, 0.0f);
-  y.assign(padded, 0.0f);
-  z.assign(padded, 0.0f);
-  radius.assign(padded, -1.0f);
+  size_t size = padded(count);
+  x.assign(size, 0.0f);
+  y.assign(size, 0.0f);
+  z.assign(size, 0.0f);
+  radius.assign(size, -1.0f);
 }
 
 void Caster::Spheres::set(int i, const Ball& s) {

@@ -181,8 +181,18 @@ void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, F
   }
 }
 
-constexpr float COLUMN[LANES] = {0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3};
-constexpr float ROW[LANES] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
+// Pixels of 16 lanes are a packet, of 32 two side by side.
+constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT, PACKETS = LANES / PACKET;
+struct PixelOfLane {
+  float column[LANES], row[LANES];
+  constexpr PixelOfLane() : column(), row() {
+    for (int i = 0; i < LANES; i++) {
+      column[i] = static_cast<float>(i / PACKET * PACKET_WIDTH + i % PACKET_WIDTH);
+      row[i] = static_cast<float>(i % PACKET / PACKET_WIDTH);
+    }
+  }
+};
+constexpr PixelOfLane PIXEL;
 
 // The rays through these points of the image, px.
 EVS_INLINE Rays rays_through(const Frame& f, Float px, Float py) {
@@ -205,8 +215,8 @@ EVS_INLINE Float pixel_point(const int* pixel, float sub, int packet) {
 
 EVS_INLINE Rays primary_rays(const Frame& f, int column, int row, float sub_x, float sub_y) {
   // whole numbers below 2^24 and a sub-pixel position: the sums are rounded once
-  return rays_through(f, load(COLUMN) + (static_cast<float>(column * PACKET_WIDTH) + sub_x),
-                      load(ROW) + (static_cast<float>(row * PACKET_HEIGHT) + sub_y));
+  return rays_through(f, load(PIXEL.column) + (static_cast<float>(column * PACKET_WIDTH) + sub_x),
+                      load(PIXEL.row) + (static_cast<float>(row * PACKET_HEIGHT) + sub_y));
 }
 
 // The hulls behind the record of one packet; more lights than fit: trace it always.
@@ -246,7 +256,7 @@ EVS_INLINE Float luminance_of(const Frame& f, const Float* light) {
   return luminance;
 }
 
-// Write the packet's pixels that lie in the image. In: light of the channels, mean of the samples.
+// Write the packets' pixels that lie in the image. In: light of the channels, mean of the samples.
 template <int CHANNELS>
 void write_pixels(const Frame& f, int column, int row, Float luminance, const Float* light,
                   const Outputs& out) {
@@ -254,12 +264,16 @@ void write_pixels(const Frame& f, int column, int row, Float luminance, const Fl
   store(grey, luminance);
   bool rgb = CHANNELS >= 3 && out.rgb;
   int x = column * PACKET_WIDTH, y = row * PACKET_HEIGHT;
-  int columns = f.width - x < PACKET_WIDTH ? f.width - x : PACKET_WIDTH;
+  constexpr int WIDTH = PACKETS * PACKET_WIDTH;
+  int columns = f.width - x < WIDTH ? f.width - x : WIDTH;
   int rows = f.height - y < PACKET_HEIGHT ? f.height - y : PACKET_HEIGHT;
-  if (columns == PACKET_WIDTH && !rgb && !out.plain && !f.share) {
+  if (columns == WIDTH && !rgb && !out.plain && !f.share) {
     for (int j = 0; j < rows; j++) {
       float* to = out.luminance + static_cast<long>(y + j) * f.width + x;
-      __builtin_memcpy(to, grey + j * PACKET_WIDTH, PACKET_WIDTH * sizeof(float));
+      for (int p = 0; p < PACKETS; p++) {
+        __builtin_memcpy(to + p * PACKET_WIDTH, grey + p * PACKET + j * PACKET_WIDTH,
+                         PACKET_WIDTH * sizeof(float));
+      }
     }
     return;
   }
@@ -269,7 +283,7 @@ void write_pixels(const Frame& f, int column, int row, Float luminance, const Fl
   for (int j = 0; j < rows; j++) {
     long at = static_cast<long>(y + j) * f.width + x;
     for (int i = 0; i < columns; i++) {
-      int l = j * PACKET_WIDTH + i;
+      int l = i / PACKET_WIDTH * PACKET + j * PACKET_WIDTH + i % PACKET_WIDTH;
       out.luminance[at + i] = shaded(f, at + i, grey[l]);
       for (int c = 0; c < 3 && rgb; c++) {
         out.rgb[3 * (at + i) + c] = shaded(f, at + i, colour[c][l]);
@@ -281,15 +295,16 @@ void write_pixels(const Frame& f, int column, int row, Float luminance, const Fl
 
 template <int CHANNELS>
 void trace_packet(const Frame& f, int column, int row, const Outputs& out, Record* record) {
-  const Hull& hull = f.primary[row * f.packet_columns + column];
+  const Hull& hull = PACKETS == 1 ? f.primary[row * f.packet_columns + column]
+                                  : f.pairs[row * (f.packet_columns / 2) + column / 2];
   Float sum = splat(0.0f), sums[CHANNELS];
   for (int c = 0; c < CHANNELS; c++) sums[c] = sum;
   Trail trail;
   for (int s = 0; s < f.samples; s++) {
     Rays rays = primary_rays(f, column, row, f.sample_x[s], f.sample_y[s]);
     Float light[CHANNELS];
-    radiance<CHANNELS, true>(f, rays, hull, mask_of(0xffff), splat(0.0f), record ? &trail : nullptr,
-                             light);
+    radiance<CHANNELS, true>(f, rays, hull, mask_of(ALL_LANES), splat(0.0f),
+                             record ? &trail : nullptr, light);
     sum = sum + luminance_of<CHANNELS>(f, light);
     if (out.rgb || out.plain) {
       for (int c = 0; c < CHANNELS; c++) sums[c] = sums[c] + light[c];
@@ -301,7 +316,7 @@ void trace_packet(const Frame& f, int column, int row, const Outputs& out, Recor
   write_pixels<CHANNELS>(f, column, row, sum * share, sums, out);
 }
 
-void trace(const Frame& f, int column, int row, const Outputs& out, Record* record) {
+inline void trace(const Frame& f, int column, int row, const Outputs& out, Record* record) {
   switch (f.channels) {
     case 1:
       return trace_packet<1>(f, column, row, out, record);
@@ -331,7 +346,7 @@ void trace_any(const Frame& f, const int32_t* x, const int32_t* y, int count, fl
   alignas(64) int column[LANES], row[LANES];
   fill_lanes(x, y, count, column, row);
   Float sum = splat(0.0f), sum_plain = sum;
-  Mask all = mask_of(0xffff);
+  Mask all = mask_of(ALL_LANES);
   for (int s = 0; s < f.samples; s++) {
     Rays rays = rays_through(f, pixel_point(column, f.sample_x[s], PACKET_WIDTH),
                              pixel_point(row, f.sample_y[s], PACKET_HEIGHT));
@@ -351,8 +366,8 @@ void trace_any(const Frame& f, const int32_t* x, const int32_t* y, int count, fl
   for (int i = 0; i < count; i++) plain[i] = out[i];
 }
 
-void trace_pixels(const Frame& f, const int32_t* x, const int32_t* y, int count, float* luminance,
-                  float* plain) {
+inline void trace_pixels(const Frame& f, const int32_t* x, const int32_t* y, int count,
+                         float* luminance, float* plain) {
   switch (f.channels) {
     case 1:
       return trace_any<1>(f, x, y, count, luminance, plain);
@@ -367,8 +382,8 @@ void trace_pixels(const Frame& f, const int32_t* x, const int32_t* y, int count,
   }
 }
 
-bool touched(const Frame& f, int column, int row, const Record& record, const Bounds& spheres,
-             const Ball& around) {
+inline bool touched(const Frame& f, int column, int row, const Record& record,
+                    const Bounds& spheres, const Ball& around) {
   if (record.count < 0) return true;
   auto meets = [&](const Hull& hull) {
     // most packets are nowhere near anything that moved

@@ -15,7 +15,7 @@ EVS_INLINE int end_of(const Frame& f, const Hull& hull) {
 
 // Geoms k ... k+15 of those before `end` that the hull may touch, one bit each.
 EVS_INLINE unsigned candidates(const Frame& f, int k, int end, const Hull& hull) {
-  unsigned all = end - k < LANES ? (1u << (end - k)) - 1 : 0xffffu;
+  unsigned all = end - k < LANES ? (1u << (end - k)) - 1 : ALL_LANES;
   // where all are few, or the hull is everywhere, there is nothing to save
   if (end <= 2 || hull.radius >= FAR) return all;
   return touching(f.bounds, k, hull) & all;

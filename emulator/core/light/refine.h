@@ -25,7 +25,6 @@ void weigh(const float* const* neighbours, float* weight) {
 template <int CHANNELS>
 void refine_packet(const Frame& f, int column, int row, unsigned pixels, float* luminance,
                    float* rgb, Record* record) {
-  constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT;
   const Hull& hull = f.primary[row * f.packet_columns + column];
   Trail trail;
   if (record) trail = record->trail;

@@ -24,7 +24,7 @@ inline Vec shading_normal(const Frame& f, const Rays& rays, const Hit& hit, unsi
 void trace_truth(const Frame& f, int column, int row, const Truth& out) {
   const Hull& hull = f.primary[row * f.packet_columns + column];
   Rays rays = primary_rays(f, column, row, 0.5f, 0.5f);
-  Hit hit = closest(f, rays, hull, mask_of(0xffff), splat(0.0f));
+  Hit hit = closest(f, rays, hull, mask_of(ALL_LANES), splat(0.0f));
   Mask missed = hit.geom < splat(0);
   Vec point = rays.origin + rays.direction * hit.distance, zero = splat(V3{0, 0, 0});
   Vec normal = select(missed, zero, shading_normal(f, rays, hit, bits(~missed)));

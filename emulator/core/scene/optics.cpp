@@ -82,6 +82,22 @@ Hull lens_hull(const Frame& f, int column, int row) {
   return hull;
 }
 
+double angle_of(const Hull& hull) { return std::atan2(hull.sine, hull.cosine); }
+
+// Around two cones from one point.
+Hull around(const Hull& a, const Hull& b) {
+  double sum[3] = {a.axis.x + b.axis.x, a.axis.y + b.axis.y, a.axis.z + b.axis.z};
+  double n = std::sqrt(sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]);
+  Hull hull = a;
+  hull.radius = std::max(a.radius, b.radius);
+  hull.axis = {static_cast<float>(sum[0] / n), static_cast<float>(sum[1] / n),
+               static_cast<float>(sum[2] / n)};
+  // half the angle between unit axes, of which n is twice the cosine
+  double apart = std::acos(std::min(0.5 * n, 1.0));
+  open_by(hull, apart * 1.001 + std::max(angle_of(a), angle_of(b)) + 1e-6);
+  return hull;
+}
+
 }  // namespace
 
 void sample_points(int count, std::vector<float>& x_at, std::vector<float>& y_at) {
@@ -126,6 +142,13 @@ void set_optics(const Optics& optics, int samples, Sampling& sampling, Frame& fr
     }
   }
   f.primary = sampling.primary.data();
+  for (int r = 0; r < sampling.rows && !f.orthographic; r++) {
+    for (int c = 0; c + 1 < sampling.columns; c += 2) {
+      const Hull* left = f.primary + static_cast<size_t>(r) * sampling.columns + c;
+      sampling.pairs.push_back(around(left[0], left[1]));
+    }
+  }
+  f.pairs = f.orthographic ? nullptr : sampling.pairs.data();
 }
 
 }  // namespace evs

@@ -18,6 +18,7 @@ struct Sampling {
   std::vector<float> x, y;  // (samples) positions in the pixel, 0 ... 1
   std::vector<float> lens, share;
   std::vector<Hull> primary;  // (rows, columns) of packets
+  std::vector<Hull> pairs;    // (rows, columns / 2) of packets side by side; none if orthographic
   int rows, columns;
 };
 

@@ -182,6 +182,7 @@ struct Frame {
   const float *tap_x, *tap_y;  // px from the sample
   float tap_width;             // footprint of one, as a share of the sample's
   const Hull* primary;  // (packet rows, packet columns): the hull of each packet's primary rays
+  const Hull* pairs;    // (packet rows, packet columns / 2): of two side by side; or null
   int packet_columns;
 };
 
@@ -233,6 +234,9 @@ struct ProbeSurface;  // path_scene.h
 struct Kernel {
   // Trace the 16 pixels of packet (column, row) and write them.
   void (*trace)(const Frame&, int column, int row, const Outputs&, Record* record);
+  // The same for the packets `column`, which is even, and `column` + 1, at once: no record. Null:
+  // packet by packet is as fast.
+  void (*trace_pair)(const Frame&, int column, int row, const Outputs&);
   // Luminance of up to 16 pixels anywhere, the same as `trace` gives them, In: x, y (count);
   // and the channel `plain` (count), or null.
   void (*trace_pixels)(const Frame&, const int32_t* x, const int32_t* y, int count,
@@ -266,5 +270,6 @@ struct Kernel {
 };
 
 extern const Kernel KERNEL_PORTABLE, KERNEL_AVX2, KERNEL_AVX512;
+void trace_pair_avx512(const Frame&, int column, int row, const Outputs&);
 
 }  // namespace evs
