@@ -71,6 +71,13 @@ EVS_INLINE Float from_quarters(const __m128* q) {
   __m512 a = _mm512_insertf32x4(_mm512_castps128_ps512(q[0]), q[1], 1);
   return {_mm512_insertf32x4(_mm512_insertf32x4(a, q[2], 2), q[3], 3)};
 }
+EVS_INLINE void store_at(float* base, Int at, Float a, Mask m) {
+  _mm512_mask_i32scatter_ps(base, m.m, at.v, a.v, 4);
+}
+// The lanes of m side by side; what follows them up to 16 is of no meaning.
+EVS_INLINE void compress(float* p, Float a, Mask m) {
+  _mm512_storeu_ps(p, _mm512_maskz_compress_ps(m.m, a.v));
+}
 EVS_INLINE float lowest(Float a) { return _mm512_reduce_min_ps(a.v); }
 EVS_INLINE float highest(Float a) { return _mm512_reduce_max_ps(a.v); }
 
@@ -257,6 +264,19 @@ EVS_INLINE float highest(Float a) {
   float r = a.v[0][0];
   EVS_PARTS for (int j = 0; j < PART; j++) r = a.v[i][j] > r ? a.v[i][j] : r;
   return r;
+}
+EVS_INLINE void store_at(float* base, Int at, Float a, Mask m) {
+  for (unsigned lanes = bits(m); lanes; lanes &= lanes - 1) {
+    int i = __builtin_ctz(lanes);
+    base[at.v[i / PART][i % PART]] = a.v[i / PART][i % PART];
+  }
+}
+// The lanes of m side by side; what follows them up to 16 is of no meaning.
+EVS_INLINE void compress(float* p, Float a, Mask m) {
+  for (unsigned lanes = bits(m); lanes; lanes &= lanes - 1) {
+    int i = __builtin_ctz(lanes);
+    *p++ = a.v[i / PART][i % PART];
+  }
 }
 #undef EVS_BINARY
 #undef EVS_PARTS

@@ -114,6 +114,7 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
     paths_.sample_set = tracing.sample_set;
     while ((1 << paths_.digits) < tracing.samples) paths_.digits++;
     set_paths();
+    batches_ = std::make_unique_for_overwrite<PathBatch[]>(pool_.threads());
     if (incremental_) kept_.emplace(optics.width, optics.height, tracing.samples, geoms_.size());
   }
 }
@@ -357,12 +358,13 @@ void Caster::trace_pixels(const Poses& poses, const int32_t* x, const int32_t* y
   Frame base = antialiasing_ ? antialiasing_->base_frame(frame_) : frame_;
   constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT, PACKETS_A_JOB = 16;
   constexpr int PIXELS_A_JOB = PACKET * PACKETS_A_JOB;
-  pool_.run((count + PIXELS_A_JOB - 1) / PIXELS_A_JOB, [&](int job, int) {
+  pool_.run((count + PIXELS_A_JOB - 1) / PIXELS_A_JOB, [&](int job, int worker) {
     int end = std::min(count, (job + 1) * PIXELS_A_JOB);
     for (int i = job * PIXELS_A_JOB; i < end; i += PACKET) {
       int n = std::min(PACKET, end - i);
       if (emitters_) {
-        kernel_->trace_path_pixels(frame_, paths_, x + i, y + i, n, luminance + i);
+        kernel_->trace_path_pixels(frame_, paths_, batches_[worker], x + i, y + i, n,
+                                   luminance + i);
       } else if (antialiasing_) {
         antialiasing_->trace_pixels(*kernel_, frame_, base, x + i, y + i, n, luminance + i);
       } else {

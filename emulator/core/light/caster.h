@@ -126,6 +126,7 @@ class Caster {
   std::optional<Emitters> emitters_;  // of paths only
   std::optional<KeptPaths> kept_;     // of paths that are traced only where something changed
   PathFrame paths_ = {};
+  std::unique_ptr<PathBatch[]> batches_;  // of each worker
   int previous_seed_ = 0;
   std::vector<Mesh> meshes_;
   std::vector<Light> previous_lights_;

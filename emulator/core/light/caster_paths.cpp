@@ -21,17 +21,15 @@ void Caster::trace_paths(bool first, bool same, const Outputs& out) {
   long packets = static_cast<long>(sampling_.rows) * sampling_.columns;
   traced_fraction_ = 1;
   if (plan == KeptPaths::Plan::FORGET) {
-    pool_.run(sampling_.rows, [&](int row, int) {
-      for (int column = 0; column < sampling_.columns; column++) {
-        kernel_->trace_path(frame_, paths_, column, row, out);
-      }
+    pool_.run(sampling_.rows, [&](int row, int worker) {
+      kernel_->trace_path_row(frame_, paths_, batches_[worker], row, out);
     });
     work_.packets_traced += packets;
     return;
   }
   std::atomic<long> traced{0};
-  pool_.run(sampling_.rows, [&](int row, int) {
-    traced += kernel_->retrace_paths(frame_, paths_, kept_->light(), row, out);
+  pool_.run(sampling_.rows, [&](int row, int worker) {
+    traced += kernel_->retrace_paths(frame_, paths_, batches_[worker], kept_->light(), row, out);
   });
   traced_fraction_ = static_cast<double>(traced) /
                      (static_cast<double>(frame_.width) * frame_.height * frame_.samples);

@@ -29,7 +29,8 @@ double moved_by(const Rod& a, const Rod& b) {
 
 }  // namespace
 
-KeptPaths::KeptPaths(int width, int height, int samples, size_t geoms) : watched_(geoms) {
+KeptPaths::KeptPaths(int width, int height, int samples, size_t geoms)
+    : watched_(geoms), moving_(geoms) {
   light_.columns = (width + 15) / 16 * 16;
   size_t pixels = static_cast<size_t>(light_.columns) * height, bytes = 5 * sizeof(float);
   bool singly = samples <= MOST_SINGLE && pixels * samples * bytes <= MOST_BYTES;
@@ -63,6 +64,7 @@ bool KeptPaths::follow(const Places& p, double& farthest, bool& is_new) {
     const Geom& g = p.now[k];
     bool moved =
         (g.mesh >= 0 && p.deformed[g.mesh]) || std::memcmp(&g, &p.before[k], sizeof(Geom)) != 0;
+    moving_[k] = moved;
     if (!moved && !watched_[k]) continue;
     // a plane is everywhere, and an emitter is aimed at from everywhere
     if (g.shape == PLANE || p.emitter_of_geom[k] >= 0 || rods_.size() == MOST_RODS) return false;
@@ -78,6 +80,7 @@ bool KeptPaths::follow(const Places& p, double& farthest, bool& is_new) {
     }
     rods_.push_back(rod);
   }
+  light_.moving = moving_.data();
   light_.rods = rods_.data();
   light_.rod_count = static_cast<int>(rods_.size());
   return true;

@@ -44,7 +44,8 @@ class KeptPaths {
   std::unique_ptr<float[]> numbers_;
   std::unique_ptr<uint32_t[]> touched_;
   std::vector<uint8_t> changed_;
-  std::vector<bool> watched_;  // geoms that have ever moved
+  std::vector<bool> watched_;    // geoms that have ever moved
+  std::vector<int32_t> moving_;  // geoms that moved since the last tick
   std::vector<Rod> rods_;
   bool valid_ = false;
   double travelled_ = 0;

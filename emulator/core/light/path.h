@@ -91,241 +91,177 @@ inline void add_sky(const Frame& f, const PathFrame& p, Vec d, Mask sure, Float 
   add_seen(carried, light, weight * arrives, lanes, out);
 }
 
-// Light of one sample along each ray of `active`. `first`: the hull of the rays; `clearance`: which
-// learns of every ray, or null. Out: how far away the first surface is, FAR where there is none.
-inline Float follow_path(const Frame& f, const PathFrame& p, Rays rays, const Hull& first,
-                         Sampler sampler, Mask active, Clearance* clearance, Float* out) {
+// Sixteen paths, each at a point of its own or on its way to the next. `bounce` is the same of all:
+// how many points they have left behind.
+struct Walk {
+  Rays rays;
+  Hit hit;  // of the rays
+  Float carried[3];
+  Float travelled;  // up to the rays' start
+  Float density;    // with which the rays were drawn
+  Mask sure;        // found in no other way: camera and mirror rays
+  Sampler sampler;
+};
+
+// What the rays of `active` hit, and the light of those that hit nothing. `hull`: theirs; `left`:
+// the geom that they come from; `clearance`: which learns of every ray, or null. Out: lanes that
+// are to be shaded.
+inline Mask cast(const Frame& f, const PathFrame& p, int bounce, Walk& w, const Hull& hull,
+                 Int left, Mask active, Clearance* clearance, Float* out) {
+  const Rays& rays = w.rays;
   Float zero = splat(0.0f), one = splat(1.0f);
-  Float carried[3] = {one, one, one};
-  for (int c = 0; c < 3; c++) out[c] = zero;
-  Float travelled = zero, density = zero, away = splat(FAR);
-  Mask sure = active;    // found in no other way: camera and mirror rays
-  Int left = splat(-1);  // the geom that the rays come from
-  for (int point = 0;; point++) {
-    int draws = point * DRAWS;
-    if (point > p.bounces && !p.glowing) {
-      // the last rays can meet the sky or nothing
-      if (!p.open) return away;
-      Float arrives =
-          visibility(f, p, rays.origin, rays.direction, splat(FAR), left, active, clearance);
-      active = active & (arrives > 0.0f);
-      if (any(active)) {
-        add_sky(f, p, rays.direction, sure, density, carried, arrives, active, out);
-      }
-      return away;
+  if (bounce > p.bounces && !p.glowing) {
+    // the last rays can meet the sky or nothing
+    if (!p.open) return mask_of(0);
+    Float arrives =
+        visibility(f, p, rays.origin, rays.direction, splat(FAR), left, active, clearance);
+    active = active & (arrives > 0.0f);
+    if (any(active)) {
+      add_sky(f, p, rays.direction, w.sure, w.density, w.carried, arrives, active, out);
     }
-    Hull hull = point == 0 ? first : hull_of(rays.origin, rays.direction, active, FAR);
-    Hit hit = closest(f, rays, hull, active, zero);
-    Mask lit = active & ~(hit.geom < splat(0));
-    Patch<3> patch = patch_of<3>(f, rays, hit, bits(lit), travelled);
-    if (p.transparent) {
-      // what a transparent surface lets pass goes on to the next one
-      Mask passing = mask_of(0);
-      for (int layer = 0; layer < MAX_LAYERS; layer++) {
-        Float chance = pair_of(sampler, draws + DRAWS - 1 - layer).x;
-        Mask through =
-            layer == 0 ? lit & ~(chance < patch.alpha) : passing & lit & ~(chance < patch.alpha);
-        if (!any(through)) break;
-        passing = through;
-        Hit next = closest(f, rays, hull, through, hit.distance);
-        Mask found = through & ~(next.geom < splat(0));
-        lit = (lit & ~through) | found;
-        hit = {select(through, next.distance, hit.distance), select(through, next.geom, hit.geom),
-               select(through, next.triangle, hit.triangle), select(through, next.u, hit.u),
-               select(through, next.v, hit.v)};
-        patch = patch_of<3>(f, rays, hit, bits(lit), travelled);
-      }
+    return mask_of(0);
+  }
+  Hit hit = closest(f, rays, hull, active, zero);
+  Mask lit = active & ~(hit.geom < splat(0));
+  if (p.transparent) {
+    // what a transparent surface lets pass goes on to the next one
+    Mask passing = lit;
+    for (int layer = 0; layer < MAX_LAYERS && any(passing); layer++) {
+      Patch<3> patch = patch_of<3>(f, rays, hit, bits(lit), w.travelled);
+      Float chance = pair_of(w.sampler, bounce * DRAWS + DRAWS - 1 - layer).x;
+      passing = passing & lit & ~(chance < patch.alpha);
+      if (!any(passing)) break;
+      Hit next = closest(f, rays, hull, passing, hit.distance);
+      Mask found = passing & ~(next.geom < splat(0));
+      lit = (lit & ~passing) | found;
+      hit = {select(passing, next.distance, hit.distance), select(passing, next.geom, hit.geom),
+             select(passing, next.triangle, hit.triangle), select(passing, next.u, hit.u),
+             select(passing, next.v, hit.v)};
     }
+  }
+  w.hit = hit;
+  if (clearance) {
+    Float end = select(lit, hit.distance, splat(FAR));
+    meet(*clearance, hit.geom, lit);
+    note(*clearance, rays.origin, rays.direction, end, active);
+  }
+  Mask missed = active & ~lit;
+  if (any(missed) && p.open) {
+    if (bounce == 0) {
+      Float light[3] = {zero, zero, zero};
+      if (f.skybox >= 0) sky<3>(f, rays.direction, bits(missed), light);
+      add_seen(w.carried, light, one, missed, out);
+    } else {
+      add_sky(f, p, rays.direction, w.sure, w.density, w.carried, one, missed, out);
+    }
+  }
+  return lit;
+}
 
-    if (clearance) {
-      Float end = select(lit, hit.distance, splat(FAR));
-      note(*clearance, rays.origin, rays.direction, end, active);
+// Light of the points that the paths of `lit` have reached, and the rays that they leave along.
+// Out: lanes that go on; left: the geom of the points.
+inline Mask shade(const Frame& f, const PathFrame& p, int bounce, Walk& w, Mask lit,
+                  Clearance* clearance, Int& left, Float* out) {
+  const Rays& rays = w.rays;
+  const Hit& hit = w.hit;
+  const Sampler& sampler = w.sampler;
+  Float zero = splat(0.0f), one = splat(1.0f);
+  int draws = bounce * DRAWS;
+  Patch<3> patch = patch_of<3>(f, rays, hit, bits(lit), w.travelled);
+  Mask glowing = lit & (patch.emitted[0] + patch.emitted[1] + patch.emitted[2] > 0.0f);
+  if (any(glowing)) {
+    Float weight = one;
+    if (any(glowing & ~w.sure)) {
+      Float aimed = density_of_hit(f, p, rays, hit, patch, bits(glowing & ~w.sure));
+      weight = select(w.sure, one, w.density / max(w.density + aimed, splat(1e-30f)));
     }
-    if (point == 0 && sampler.mode == SAMPLES_ANCHORED) {
-      sampler.pixel = anchor_of(f, rays, hit, lit);
-    }
+    add_seen(w.carried, patch.emitted, weight, glowing, out);
+  }
+  if (bounce > p.bounces) return mask_of(0);
 
-    Mask missed = active & ~lit;
-    if (any(missed) && p.open) {
+  Scattering s = scattering_of(patch, rays.direction);
+  Float received[3] = {zero, zero, zero};
+  // MuJoCo's lights: all of them at first, then one
+  int count = p.lamp_count;
+  if (bounce == 0) {
+    for (int i = 0; i < f.light_count; i++) {
+      if (f.lights[i].kind == IMAGE) continue;
+      Pair place = {zero, zero};
+      if (f.lights[i].radius > 0) place = pair_of(sampler, draws + DRAW_LIGHT + 1 + i);
+      add_light(f, p, s, rays.direction, patch, hit.geom, lit, f.lights[i], place, one, clearance,
+                received);
+    }
+  } else if (count > 0) {
+    Float chance = pair_of(sampler, draws + DRAW_LIGHT).x * static_cast<float>(count);
+    Pair place = pair_of(sampler, draws + DRAW_LIGHT + 1);
+    Int chosen = truncate(chance);
+    for (int i = 0, lamp = 0; i < f.light_count; i++) {
+      if (f.lights[i].kind == IMAGE) continue;
+      Mask here = lit & (chosen == splat(lamp++));
+      if (!any(here)) continue;
+      add_light(f, p, s, rays.direction, patch, hit.geom, here, f.lights[i], place,
+                splat(static_cast<float>(count)), clearance, received);
+    }
+  }
+  // glowing geoms and the sky
+  if (p.emitter_count > 0 || p.sky_share > 0) {
+    Pair choice = pair_of(sampler, draws + DRAW_AIM), place = pair_of(sampler, draws + DRAW_PLACE);
+    Mask to_sky = lit & (choice.x < p.sky_share);
+    Mask to_emitter = lit & ~to_sky;
+    Aim aim = {s.normal, zero, {zero, zero, zero}, zero};
+    SkyPlace aimed;
+    if (p.emitter_count > 0 && any(to_emitter)) {
+      aim = aim_at_emitter(f, p, patch.origin, choice.y, place, to_emitter,
+                           w.travelled + hit.distance);
+    }
+    if (any(to_sky)) {
+      Aim sky = aim_at_sky(f, p, place, aimed);
+      aim.towards = select(to_sky, sky.towards, aim.towards);
+      aim.distance = select(to_sky, sky.distance, aim.distance);
+      aim.density = select(to_sky, sky.density, aim.density);
+    }
+    Value v = evaluate(s, rays.direction, aim.towards);
+    to_sky = to_sky & (v.density > 0.0f);
+    if (any(to_sky)) {
       Float light[3];
-      if (point == 0) {
-        for (int c = 0; c < 3; c++) light[c] = zero;
-        if (f.skybox >= 0) sky<3>(f, rays.direction, bits(missed), light);
-        add_seen(carried, light, one, missed, out);
-      } else {
-        add_sky(f, p, rays.direction, sure, density, carried, one, missed, out);
+      sky_light(f, p, aimed, v.density, bits(to_sky), light);
+      for (int c = 0; c < 3; c++) aim.light[c] = select(to_sky, light[c], aim.light[c]);
+    }
+    Mask facing =
+        lit & (aim.density > 0.0f) & (v.density > 0.0f) & (dot(aim.towards, patch.flat) > 0.0f);
+    if (any(facing)) {
+      // up to the glowing surface, not into it
+      Float limit = aim.distance * 0.9999f;
+      Float arrives =
+          visibility(f, p, patch.origin, aim.towards, limit, hit.geom, facing, clearance);
+      Float weight = arrives / (v.density + aim.density);
+      for (int c = 0; c < 3; c++) {
+        received[c] = received[c] + select(facing, v.light[c] * aim.light[c] * weight, zero);
       }
     }
-    if (point == 0) away = select(lit, hit.distance, away);
-    if (!any(lit)) return away;
-
-    Mask glowing = lit & (patch.emitted[0] + patch.emitted[1] + patch.emitted[2] > 0.0f);
-    if (any(glowing)) {
-      Float weight = one;
-      if (any(glowing & ~sure)) {
-        Float aimed = density_of_hit(f, p, rays, hit, patch, bits(glowing & ~sure));
-        weight = select(sure, one, density / max(density + aimed, splat(1e-30f)));
-      }
-      add_seen(carried, patch.emitted, weight, glowing, out);
-    }
-    if (point > p.bounces) return away;
-
-    Scattering s = scattering_of(patch, rays.direction);
-    Float received[3] = {zero, zero, zero};
-    // MuJoCo's lights: all of them at first, then one
-    int count = p.lamp_count;
-    if (point == 0) {
-      for (int i = 0; i < f.light_count; i++) {
-        if (f.lights[i].kind == IMAGE) continue;
-        Pair place = {zero, zero};
-        if (f.lights[i].radius > 0) place = pair_of(sampler, draws + DRAW_LIGHT + 1 + i);
-        add_light(f, p, s, rays.direction, patch, hit.geom, lit, f.lights[i], place, one, clearance,
-                  received);
-      }
-    } else if (count > 0) {
-      Float chance = pair_of(sampler, draws + DRAW_LIGHT).x * static_cast<float>(count);
-      Pair place = pair_of(sampler, draws + DRAW_LIGHT + 1);
-      Int chosen = truncate(chance);
-      for (int i = 0, lamp = 0; i < f.light_count; i++) {
-        if (f.lights[i].kind == IMAGE) continue;
-        Mask here = lit & (chosen == splat(lamp++));
-        if (!any(here)) continue;
-        add_light(f, p, s, rays.direction, patch, hit.geom, here, f.lights[i], place,
-                  splat(static_cast<float>(count)), clearance, received);
-      }
-    }
-    // glowing geoms and the sky
-    if (p.emitter_count > 0 || p.sky_share > 0) {
-      Pair choice = pair_of(sampler, draws + DRAW_AIM),
-           place = pair_of(sampler, draws + DRAW_PLACE);
-      Mask to_sky = lit & (choice.x < p.sky_share);
-      Mask to_emitter = lit & ~to_sky;
-      Aim aim = {s.normal, zero, {zero, zero, zero}, zero};
-      SkyPlace aimed;
-      if (p.emitter_count > 0 && any(to_emitter)) {
-        aim = aim_at_emitter(f, p, patch.origin, choice.y, place, to_emitter,
-                             travelled + hit.distance);
-      }
-      if (any(to_sky)) {
-        Aim sky = aim_at_sky(f, p, place, aimed);
-        aim.towards = select(to_sky, sky.towards, aim.towards);
-        aim.distance = select(to_sky, sky.distance, aim.distance);
-        aim.density = select(to_sky, sky.density, aim.density);
-      }
-      Value v = evaluate(s, rays.direction, aim.towards);
-      to_sky = to_sky & (v.density > 0.0f);
-      if (any(to_sky)) {
-        Float light[3];
-        sky_light(f, p, aimed, v.density, bits(to_sky), light);
-        for (int c = 0; c < 3; c++) aim.light[c] = select(to_sky, light[c], aim.light[c]);
-      }
-      Mask facing =
-          lit & (aim.density > 0.0f) & (v.density > 0.0f) & (dot(aim.towards, patch.flat) > 0.0f);
-      if (any(facing)) {
-        // up to the glowing surface, not into it
-        Float limit = aim.distance * 0.9999f;
-        Float arrives =
-            visibility(f, p, patch.origin, aim.towards, limit, hit.geom, facing, clearance);
-        Float weight = arrives / (v.density + aim.density);
-        for (int c = 0; c < 3; c++) {
-          received[c] = received[c] + select(facing, v.light[c] * aim.light[c] * weight, zero);
-        }
-      }
-    }
-    for (int c = 0; c < 3; c++) out[c] = select(lit, out[c] + carried[c] * received[c], out[c]);
-
-    // onwards
-    Pair lobe = pair_of(sampler, draws + DRAW_LOBE), way = pair_of(sampler, draws + DRAW_DIRECTION);
-    Scattered next = scatter(s, rays.direction, lobe, way);
-    active = lit & next.alive & (dot(next.direction, patch.flat) > 0.0f);
-    Float most = zero;
-    for (int c = 0; c < 3; c++) {
-      carried[c] = carried[c] * next.throughput[c];
-      most = max(most, carried[c]);
-    }
-    active = active & (most > 0.0f);
-    if (point >= SURE_BOUNCES) {
-      Float survives = min(most, splat(0.95f));
-      active = active & (pair_of(sampler, draws + DRAW_PASS).y < survives);
-      Float inverse = 1.0f / max(survives, splat(1e-20f));
-      for (int c = 0; c < 3; c++) carried[c] = carried[c] * inverse;
-    }
-    if (!any(active)) return away;
-    sure = next.mirrored;
-    density = next.density;
-    travelled = travelled + hit.distance;
-    left = hit.geom;
-    rays = {patch.origin, next.direction, false};
   }
-}
+  for (int c = 0; c < 3; c++) out[c] = select(lit, out[c] + w.carried[c] * received[c], out[c]);
 
-// Haze in front of what is `away`.
-EVS_INLINE void veil(const Frame& f, Vec direction, Float away, Float* light) {
-  Float curtain, cover = haze(f, direction, curtain);
+  // onwards
+  Pair lobe = pair_of(sampler, draws + DRAW_LOBE), way = pair_of(sampler, draws + DRAW_DIRECTION);
+  Scattered next = scatter(s, rays.direction, lobe, way);
+  Mask active = lit & next.alive & (dot(next.direction, patch.flat) > 0.0f);
+  Float most = zero;
   for (int c = 0; c < 3; c++) {
-    Float hazy = light[c] + (f.air.haze_color[c] - light[c]) * cover;
-    light[c] = select(away > curtain, hazy, light[c]);
+    w.carried[c] = w.carried[c] * next.throughput[c];
+    most = max(most, w.carried[c]);
   }
-}
-
-constexpr int SUM_BLOCK = 64;  // sums of sums, so that thousands of samples do not round away
-
-// Light of the sampler's sample of 16 pixels, and of the air in front of it. `hull` null: pixels
-// from anywhere, whose rays have a wide one.
-inline void trace_sample(const Frame& f, const PathFrame& p, const Sampler& sampler, Int column,
-                         Int row, const Hull* hull, Mask active, Clearance* clearance,
-                         Float* light) {
-  Pair in_pixel = pair_of(sampler, DRAW_PIXEL);
-  Rays rays = rays_through(f, to_float(column) + in_pixel.x, to_float(row) + in_pixel.y);
-  Hull own = hull ? *hull : hull_of(rays.origin, rays.direction, active, FAR);
-  Float away = follow_path(f, p, rays, own, sampler, active, clearance, light);
-  if (f.air.fog) fog<3>(f, away, light);
-  if (f.air.haze) veil(f, rays.direction, away, light);
-}
-
-// Mean of all samples of 16 pixels.
-inline void trace_paths(const Frame& f, const PathFrame& p, const int* x, const int* y,
-                        const Hull* hull, Float* mean) {
-  Int column = load(x), row = load(y);
-  Sampler sampler = {row * splat(f.width) + column, p.sample_set, p.seed, 0, p.digits};
-  Float sum[3], part[3];
-  for (int c = 0; c < 3; c++) sum[c] = part[c] = splat(0.0f);
-  for (int s = 0; s < f.samples; s++) {
-    sampler.index = s;
-    Float light[3];
-    trace_sample(f, p, sampler, column, row, hull, mask_of(0xffff), nullptr, light);
-    bool full = s % SUM_BLOCK == SUM_BLOCK - 1 || s == f.samples - 1;
-    for (int c = 0; c < 3; c++) {
-      part[c] = part[c] + light[c];
-      if (full) {
-        sum[c] = sum[c] + part[c];
-        part[c] = splat(0.0f);
-      }
-    }
+  active = active & (most > 0.0f);
+  if (bounce >= SURE_BOUNCES) {
+    Float survives = min(most, splat(0.95f));
+    active = active & (pair_of(sampler, draws + DRAW_PASS).y < survives);
+    Float inverse = 1.0f / max(survives, splat(1e-20f));
+    for (int c = 0; c < 3; c++) w.carried[c] = w.carried[c] * inverse;
   }
-  for (int c = 0; c < 3; c++) mean[c] = sum[c] * (1.0f / static_cast<float>(f.samples));
-}
-
-void trace_path(const Frame& f, const PathFrame& p, int column, int row, const Outputs& out) {
-  alignas(64) int x[LANES], y[LANES];
-  for (int i = 0; i < LANES; i++) {
-    x[i] = column * PACKET_WIDTH + i % PACKET_WIDTH;
-    y[i] = row * PACKET_HEIGHT + i / PACKET_WIDTH;
-  }
-  Float mean[3];
-  trace_paths(f, p, x, y, &f.primary[row * f.packet_columns + column], mean);
-  write_pixels<3>(f, column, row, luminance_of<3>(f, mean), mean, out);
-}
-
-void trace_path_pixels(const Frame& f, const PathFrame& p, const int32_t* x, const int32_t* y,
-                       int count, float* luminance) {
-  alignas(64) int column[LANES], row[LANES];
-  fill_lanes(x, y, count, column, row);
-  Float mean[3];
-  trace_paths(f, p, column, row, nullptr, mean);
-  alignas(64) float out[LANES];
-  store(out, luminance_of<3>(f, mean));
-  for (int i = 0; i < count; i++) {
-    luminance[i] = shaded(f, static_cast<long>(row[i]) * f.width + column[i], out[i]);
-  }
+  w.sure = next.mirrored;
+  w.density = next.density;
+  w.travelled = w.travelled + hit.distance;
+  left = hit.geom;
+  w.rays = {patch.origin, next.direction, false};
+  return active;
 }

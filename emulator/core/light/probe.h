@@ -3,7 +3,7 @@
 // Points of one dimension and sample of 16 pixels. Out: x, y (16).
 void probe_points(int mode, int seed, int digits, int index, int dimension, const int* pixel,
                   float* x, float* y) {
-  Sampler sampler = {load(pixel), mode, seed, index, digits};
+  Sampler sampler = {load(pixel), reverse_bits(splat(index)), mode, seed, digits};
   Pair pair = pair_of(sampler, dimension);
   store(x, pair.x);
   store(y, pair.y);

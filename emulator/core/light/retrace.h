@@ -1,45 +1,66 @@
 // Paths with a camera that stands: sample by sample, those that something that moved may change.
 
-// Up to 16 pixels whose unit `unit` is due.
+// Units that are due: sixteen that wait for their packet to be full, and those of the batch.
 struct Due {
-  alignas(64) int x[LANES], y[LANES];
-  int count = 0;
+  Wavefront front;
+  int count = 0, packets = 0;
+  long traced = 0;  // samples
+  alignas(64) int x[LANES] = {}, y[LANES] = {}, unit[LANES] = {};
 };
 
-// Trace them, and keep what comes of it. Out: samples traced.
-inline long trace_due(const Frame& f, const PathFrame& p, const KeptLight& kept, int unit,
-                      Due& due) {
-  int first = unit * kept.size;
-  int end = first + kept.size < f.samples ? first + kept.size : f.samples;
-  for (int i = due.count; i < LANES; i++) {
+// The light of every unit of the batch, to where it is kept.
+inline void keep_batch(const Frame& f, const PathFrame& p, Due& due) {
+  finish_paths(f, p, due.front);
+  const PathBatch& b = due.front.batch;
+  const KeptLight& kept = *due.front.kept;
+  int size = due.front.slots / LANES / (due.packets > 0 ? due.packets : 1);
+  for (int k = 0, slot = 0; k < due.packets; k++) {
+    Float part[3], gap = splat(FAR);
+    Int touched = splat(0);
+    for (int s = 0; s < size; s++, slot += LANES) {
+      Float light[3];
+      take_light(f, b, slot, light);
+      for (int c = 0; c < 3; c++) part[c] = s == 0 ? splat(0.0f) + light[c] : part[c] + light[c];
+      gap = min(load(b.gap + slot), gap);
+      touched = touched | load(b.touched + slot);
+    }
+    Float until = (gap + kept.travelled) * 0.999999f;
+    Int owner = load(b.owner + k * LANES);
+    Mask real = ~(owner < splat(0));
+    for (int c = 0; c < 3; c++) store_at(kept.light[c], owner, part[c], real);
+    store_at(kept.until, owner, until, real);
+    store_at(reinterpret_cast<float*>(kept.touched), owner, as_float(touched), real);
+  }
+  due.packets = due.front.slots = 0;
+}
+
+// The samples of the units that wait join the batch.
+inline void trace_due(const Frame& f, const PathFrame& p, Due& due) {
+  if (due.count == 0) return;
+  const KeptLight& kept = *due.front.kept;
+  int first = due.unit[0] * kept.size;
+  int size = first + kept.size < f.samples ? kept.size : f.samples - first;
+  bool full = due.front.slots + size * LANES > PathBatch::ROOM;
+  // units of a pixel's last samples may be shorter
+  if (full || size * due.packets * LANES != due.front.slots) keep_batch(f, p, due);
+  int* owner = due.front.batch.owner + due.packets++ * LANES;
+  for (int i = 0; i < LANES; i++) {
+    owner[i] = -1;
+    if (i < due.count) {
+      owner[i] = (due.y[i] * kept.units + due.unit[i]) * kept.columns + due.x[i];
+      continue;
+    }
     due.x[i] = due.x[due.count - 1];
     due.y[i] = due.y[due.count - 1];
+    due.unit[i] = due.unit[due.count - 1];
   }
-  Int column = load(due.x), row = load(due.y);
-  Sampler sampler = {row * splat(f.width) + column, p.sample_set, p.seed, 0, p.digits};
-  Clearance clearance = {kept.rods, kept.rod_count, splat(FAR), splat(0)};
-  Float part[3];
-  for (int s = first; s < end; s++) {
-    sampler.index = s;
-    Float light[3];
-    trace_sample(f, p, sampler, column, row, nullptr, mask_of((1u << due.count) - 1), &clearance,
-                 light);
-    for (int c = 0; c < 3; c++) part[c] = s == first ? splat(0.0f) + light[c] : part[c] + light[c];
+  Mask active = mask_of((1u << due.count) - 1);
+  Int index = load(due.unit) * splat(kept.size);
+  for (int s = 0; s < size; s++) {
+    start_paths(f, p, due.front, load(due.x), load(due.y), index + splat(s), nullptr, active);
   }
-  alignas(64) float light[3][LANES], until[LANES];
-  alignas(64) int touched[LANES];
-  for (int c = 0; c < 3; c++) store(light[c], part[c]);
-  store(until, (clearance.gap + kept.travelled) * 0.999999f);
-  store(touched, clearance.touched);
-  for (int i = 0; i < due.count; i++) {
-    long at = (static_cast<long>(due.y[i]) * kept.units + unit) * kept.columns + due.x[i];
-    for (int c = 0; c < 3; c++) kept.light[c][at] = light[c][i];
-    kept.until[at] = until[i];
-    kept.touched[at] = static_cast<uint32_t>(touched[i]);
-  }
-  long traced = static_cast<long>(due.count) * (end - first);
+  due.traced += static_cast<long>(due.count) * size;
   due.count = 0;
-  return traced;
 }
 
 // Which of 16 units side by side are due, one bit each.
@@ -79,15 +100,14 @@ inline void add_units(const Frame& f, const KeptLight& kept, int x, int y, const
   }
 }
 
-long retrace_paths(const Frame& f, const PathFrame& p, const KeptLight& kept, int row,
-                   const Outputs& out) {
+long retrace_paths(const Frame& f, const PathFrame& p, PathBatch& batch, const KeptLight& kept,
+                   int row, const Outputs& out) {
   int top = row * PACKET_HEIGHT;
   int rows = f.height - top < PACKET_HEIGHT ? f.height - top : PACKET_HEIGHT;
   int groups = kept.columns / LANES;
   uint8_t* changed = kept.changed + static_cast<long>(row) * groups;
   for (int g = 0; g < groups; g++) changed[g] = 0;
-  long traced = 0;
-  Due due;
+  Due due = {{batch, &kept}};
   for (int unit = 0; unit < kept.units; unit++) {
     for (int g = 0; g < groups; g++) {
       int left = g * LANES;
@@ -105,18 +125,22 @@ long retrace_paths(const Frame& f, const PathFrame& p, const KeptLight& kept, in
         for (int j = 0; j < rows; j++) {
           for (unsigned four = wanted[j] >> k & 15u; four; four &= four - 1) {
             due.x[due.count] = left + k + first_lane(four);
-            due.y[due.count++] = top + j;
-            if (due.count == LANES) traced += trace_due(f, p, kept, unit, due);
+            due.y[due.count] = top + j;
+            due.unit[due.count++] = unit;
+            if (due.count == LANES) trace_due(f, p, due);
           }
         }
       }
     }
-    if (due.count) traced += trace_due(f, p, kept, unit, due);
+    // samples of a block go side by side
+    if (kept.size > 1) trace_due(f, p, due);
   }
+  trace_due(f, p, due);
+  keep_batch(f, p, due);
   for (int g = 0; g < groups; g++) {
     for (int j = 0; j < rows; j++) {
       if (changed[g] >> j & 1) add_units(f, kept, g * LANES, top + j, out);
     }
   }
-  return traced;
+  return due.traced;
 }

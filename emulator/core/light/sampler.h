@@ -10,11 +10,11 @@
 //          pixel: the noise moves with the surface, as a texture would
 
 struct Sampler {
-  Int pixel;   // who asks: row * width + column, or anchor_of
-  int mode;    // enum SampleSet
-  int seed;    // the whole image's
-  int index;   // of the sample
-  int digits;  // 2^digits samples or fewer are drawn
+  Int pixel;     // who asks: row * width + column, or anchor_of
+  Int reversed;  // the sample's index, its bits in reverse
+  int mode;      // enum SampleSet
+  int seed;      // the whole image's
+  int digits;    // 2^digits samples or fewer are drawn
 };
 
 template <int N>
@@ -69,11 +69,6 @@ EVS_INLINE Int reverse_bits(Int a) {
   return swap(a, shift_right<16>(a), 0x0000ffff, 65536);
 }
 #endif
-inline unsigned reverse_bits(unsigned a) {
-  unsigned r = 0;
-  for (int i = 0; i < 32; i++) r |= ((a >> i) & 1u) << (31 - i);
-  return r;
-}
 
 // Nested uniform scramble of numbers whose most significant digit is bit 0.
 EVS_INLINE Int scramble_reversed(Int a, Int seed) {
@@ -101,15 +96,13 @@ EVS_INLINE Pair pair_of(const Sampler& s, int dimension) {
       hash(static_cast<unsigned>(s.seed) * 0x9e3779b9u + static_cast<unsigned>(dimension));
   Int key = hash(own ^ splat(static_cast<int>(mixed)));
   if (s.mode == SAMPLES_RANDOM) {
-    Int a = hash(key + splat(static_cast<int>(hash(static_cast<unsigned>(s.index) + 1u))));
+    Int a = hash(key + hash(reverse_bits(s.reversed) + splat(1)));
     return {unit(a), unit(hash(a ^ splat(0x68bc21eb)))};
   }
   // the order of the points differs between dimensions, so that their pairings do too
   Int order = s.mode == SAMPLES_SOBOL ? splat(static_cast<int>(hash(mixed)))
                                       : hash(key ^ splat(0x2c1b3c6d));
-  Int reversed = scramble_reversed(
-      splat(static_cast<int>(reverse_bits(static_cast<unsigned>(s.index)))), order);
-  Int index = reverse_bits(reversed) & splat((1 << s.digits) - 1);
+  Int index = reverse_bits(scramble_reversed(s.reversed, order)) & splat((1 << s.digits) - 1);
   // the second dimension's direction numbers are Pascal's triangle modulo 2
   Int second = splat(0);
   unsigned direction = 0x80000000u;

@@ -57,7 +57,21 @@ struct KeptLight {
   uint8_t* changed;   // (packet rows, columns / 16) image rows of 16 pixels that were traced
   float travelled;    // by the fastest of them, in all
   uint32_t moved;     // bits of the rods that moved since the last tick
-  bool all;           // every unit is to be traced
+  const int32_t* moving;  // (geoms) not 0: it moved since the last tick
+  bool all;               // every unit is to be traced
+};
+
+// Samples that are traced together: the paths that go on are gathered into full packets behind each
+// bounce. A margin of one packet, which also keeps the arrays apart in the caches.
+struct PathBatch {
+  static constexpr int ROOM = 2048, MARGIN = 16, WORDS = 20;
+  alignas(64) float light[3][ROOM + MARGIN];
+  float away[ROOM + MARGIN];          // of the first surface
+  float direction[3][ROOM + MARGIN];  // towards it; where there is haze
+  float gap[ROOM + MARGIN];           // as in Clearance, and
+  int32_t touched[ROOM + MARGIN];
+  int32_t owner[ROOM + MARGIN];       // places in KeptLight, sixteen for each packet of units
+  float paths[WORDS][ROOM + MARGIN];  // those under way
 };
 
 struct PathFrame {

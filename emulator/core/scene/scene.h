@@ -226,6 +226,7 @@ struct Truth {
 };
 
 struct KeptLight;
+struct PathBatch;
 struct PathFrame;
 struct ProbeLanes;
 struct ProbeSurface;  // path_scene.h
@@ -253,12 +254,14 @@ struct Kernel {
   // Can one of these spheres touch a ray of the packet? `around` holds all of them.
   bool (*touched)(const Frame&, int column, int row, const Record&, const Bounds& spheres,
                   const Ball& around);
-  // The same for paths, which leave no record.
-  void (*trace_path)(const Frame&, const PathFrame&, int column, int row, const Outputs&);
-  void (*trace_path_pixels)(const Frame&, const PathFrame&, const int32_t* x, const int32_t* y,
-                            int count, float* luminance);
+  // The same for paths, which leave no record, but a whole row of packets. The batch is theirs
+  // while they run.
+  void (*trace_path_row)(const Frame&, const PathFrame&, PathBatch&, int row, const Outputs&);
+  void (*trace_path_pixels)(const Frame&, const PathFrame&, PathBatch&, const int32_t* x,
+                            const int32_t* y, int count, float* luminance);
   // The units of packet row `row` that may have changed, and their pixels. Out: samples traced.
-  long (*retrace_paths)(const Frame&, const PathFrame&, const KeptLight&, int row, const Outputs&);
+  long (*retrace_paths)(const Frame&, const PathFrame&, PathBatch&, const KeptLight&, int row,
+                        const Outputs&);
   // The samplers of paths for their tests, 16 draws at once: see probe.h.
   void (*probe_points)(int mode, int seed, int digits, int index, int dimension, const int* pixel,
                        float* x, float* y);
