@@ -203,8 +203,8 @@ void trace_packets(const Frame& f, const PathFrame& p, PathBatch& batch, int cou
 void trace_path_row(const Frame& f, const PathFrame& p, PathBatch& batch, int row,
                     const Outputs& out) {
   auto place = [&](int k, Int& x, Int& y) {
-    x = truncate(load(COLUMN)) + splat(k * PACKET_WIDTH);
-    y = truncate(load(ROW)) + splat(row * PACKET_HEIGHT);
+    x = (load(LANE) & splat(PACKET_WIDTH - 1)) + splat(k * PACKET_WIDTH);
+    y = shift_right<2>(load(LANE)) + splat(row * PACKET_HEIGHT);
     return &f.primary[row * f.packet_columns + k];
   };
   trace_packets(f, p, batch, f.packet_columns, place, [&](int k, const Float* mean) {
