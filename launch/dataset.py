@@ -17,7 +17,7 @@ HELP = "a data set of scenes: events, RGB, depth, flow, segmentation, IMU, poses
 
 KEYS = {
     "duration": ("duration_s", "S", "simulated seconds of each scene"),
-    "begin": ("begin_s", "S", "where in the scene's time it begins (0)"),
+    "begin": ("begin_s", "S", "where in the scene's time it begins (0, or where it has settled)"),
     "camera": ("scene.camera", "NAME", "camera of the model to look through"),
     "sensor": ("sensor.preset", "NAME", "sensor preset"),
     "renderer": ("render.renderer", "NAME", "how light is computed: path or direct"),
@@ -30,6 +30,7 @@ KEYS = {
 
 SHORT = {
     "duration_s": "0.1",
+    "settle_s": "0",
     "sensor.width": "86",
     "sensor.height": "65",
     "render.spp": "2",

@@ -46,7 +46,10 @@ class SceneFile(RunConfig):
     place: str = ""
     """indoor | outdoor | night"""
     begin_s: float = 0.0
-    """where in the scene's time the recording begins"""
+    """where in the scene's time the recording begins; no earlier than `settle_s`"""
+    settle_s: float = 0.25
+    """how long the camera has watched the scene by then, what it saw thrown away: a camera that
+    has just been switched on to things that move has more ON events than OFF where it is dark"""
     frames: FramesConfig = field(default_factory=FramesConfig)
     motion: tuple[Track, ...] = ()
 
@@ -124,7 +127,7 @@ def check(scene: SceneFile) -> None:
     tick_us = scene.scene.tick_us
     if scene.place and scene.place not in PLACES:
         raise EvsError(f"at place: '{scene.place}' is none of {', '.join(PLACES)}")
-    for key in ("duration_s", "begin_s"):
+    for key in ("duration_s", "begin_s", "settle_s"):
         value = getattr(scene, key)
         least = tick_us * 1e-6 if key == "duration_s" else 0.0
         if not (math.isfinite(value) and least <= value <= MOST_SECONDS):

@@ -35,8 +35,10 @@ class Take:
     rows: npt.NDArray[np.float64] | None
     """(n, nu) controls of a file"""
     frames: FramesConfig
+    settle: int
+    """ticks that the camera watches before the first, which nobody gets"""
     begin: int
-    """the first tick: where the reference is set"""
+    """the first tick"""
     end: int
     """the last one"""
 
@@ -71,22 +73,30 @@ class Take:
         return lambda: None
 
     def world_at_begin(self, config: RunConfig) -> World:
-        """Its world with its one camera, which looks for the first time at `begin`."""
-        if not self.begin:
-            return World.from_config(config)
-        if config.scene.camera and config.camera != CameraConfig():
-            raise EvsError("a camera of the model with another lens cannot begin later: begin_s=0")
-        world = World(config.scene, seed=config.seed, threads=config.threads)
-        control = self.control(world)
+        """Its world with its one camera, at `begin`, after the camera has settled."""
+        first_look = self.begin - self.settle
+        if not first_look:
+            world = World.from_config(config)
+            control = self.control(world)
+        elif config.scene.camera and config.camera != CameraConfig():
+            raise EvsError(
+                "a camera of the model with another lens cannot begin later: "
+                f"begin_s={self.settle * self.tick_us * 1e-6:g}"
+            )
+        else:
+            world = World(config.scene, seed=config.seed, threads=config.threads)
+            control = self.control(world)
+            while world.tick < first_look:
+                world.step(control())
+            world.add_camera(
+                config.scene.camera or config.camera,
+                sensor=config.sensor,
+                render=config.render,
+                model=config.model,
+                name=config.name,
+            )
         while world.tick < self.begin:
             world.step(control())
-        world.add_camera(
-            config.scene.camera or config.camera,
-            sensor=config.sensor,
-            render=config.render,
-            model=config.model,
-            name=config.name,
-        )
         return world
 
     def view_at(self, config: RunConfig, tick: int) -> tuple[World, View]:
@@ -114,11 +124,22 @@ def take_of(name: str, scene: SceneFile) -> Take:
         rows = read_controls(config.scene.control_file, model.nu)
         plain = replace(config.scene, control="zero", control_file="")
         config = replace(config, scene=plain)
-    begin = round(scene.begin_s * 1e6 / config.scene.tick_us)
+    # whole chunks of a network, so that the recording begins with one
+    chunk_us = config.scene.tick_us * max(1, config.model.chunk)
+    settle = math.ceil(scene.settle_s * 1e6 / chunk_us) * max(1, config.model.chunk)
+    begin = max(round(scene.begin_s * 1e6 / config.scene.tick_us), settle)
     ticks = max(1, round(scene.duration_s * 1e6 / config.scene.tick_us))
     config = replace(config, scene=replace(config.scene, file=""))
     take = Take(
-        name, bytes_of(model), config, scene.motion, rows, scene.frames, begin, begin + ticks
+        name,
+        bytes_of(model),
+        config,
+        scene.motion,
+        rows,
+        scene.frames,
+        settle,
+        begin,
+        begin + ticks,
     )
     # whatever the emulator refuses, it refuses here
     with take.standing() as standing:

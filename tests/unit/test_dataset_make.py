@@ -59,6 +59,7 @@ def ball(tmp_path: Path) -> str:
 def small(ball: str, *more: tuple[str, str]) -> dict[str, SceneFile]:
     keys = [("sensor.width", "40"), ("sensor.height", "30"), ("render.renderer", "direct")]
     short = [("frames.spp", "4"), ("duration_s", "0.12"), ("scene.camera", "eye")]
+    short += [("settle_s", "0")]
     return {"ball": of_file(ball, "ball", [*keys, *short, *more])}
 
 
@@ -242,6 +243,32 @@ def test_a_part_of_a_scene_keeps_the_scenes_time(ball: str, tmp_path: Path) -> N
     frame = part.frame(0)
     assert int(frame["t_us"]) == 60_000
     assert np.isfinite(frame["flow"]).all()
+
+
+@pytest.mark.parametrize("model", ["plain", "evsnet"])
+def test_a_camera_that_settled_goes_on_with_what_it_saw(
+    ball: str, tmp_path: Path, model: str
+) -> None:
+    """The events after 50 ms of settling are those of a recording from the first tick on."""
+    keys = [("model.name", model), ("scene.control", "random")]
+    if model == "evsnet":
+        # 49 ticks are not enough, so that the recording begins at 56
+        keys += [("model.chunk", "8"), ("model.labels", "false")]
+    make_dataset(tmp_path / "all", small(ball, *keys))
+    late = small(ball, *keys, ("settle_s", "0.049"), ("duration_s", "0.03"))
+    make_dataset(tmp_path / "late", late, shard_s=0.02)
+    whole, settled = (Dataset(tmp_path / name)["ball"] for name in ("all", "late"))
+    begin_us = 56_000 if model == "evsnet" else 49_000
+    assert settled.time_us == (begin_us + 1000, begin_us + 30_000)
+    wanted = whole.events(begin_us, begin_us + 30_000).array
+    assert len(wanted) > 10
+    assert np.array_equal(settled.events(0, 10**9).array, wanted)
+    assert int(settled.frame(0)["t_us"]) == begin_us
+    # later than it settles: the same, of its own look at the scene
+    make_dataset(tmp_path / "later", small(ball, *keys, ("settle_s", ".016"), ("begin_s", ".08")))
+    later = Dataset(tmp_path / "later")["ball"]
+    assert later.time_us == (81_000, 200_000)
+    assert later.events(0, 10**9).array["t"][0] > 80_000
 
 
 def test_another_seed_is_another_motion_and_other_noise(ball: str, tmp_path: Path) -> None:
