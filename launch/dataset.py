@@ -89,6 +89,10 @@ def run(args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.launch import terminal
 
+    if args.sheet and args.describe:
+        raise EvsError("--describe makes nothing that --sheet could show; leave out one of them")
+    if args.sheet:
+        _check_sheet(Path(args.sheet), folder)
     if args.verify:
         from evs.drivers.dataset.manifest import MANIFEST, read_json, verify
 
@@ -97,9 +101,9 @@ def run(args: argparse.Namespace) -> int:
             verify(folder, moved)
         if not args.quiet:
             print(f"{folder}: {files} files are as {MANIFEST} says")
+        if args.sheet:
+            _sheet(folder, Path(args.sheet))
         return 0
-    if args.sheet:
-        _check_sheet(Path(args.sheet), folder)
     scenes = _scenes(args)
     if args.describe:
         from evs.drivers.dataset.describe import describe

@@ -130,7 +130,9 @@ def test_the_manifest_finds_one_changed_byte(
 ) -> None:
     copy = tmp_path / "copy"
     shutil.copytree(whole, copy)
-    assert main(["dataset", str(copy), "--verify", "--quiet"]) == 0
+    sheet = tmp_path / "verified.png"
+    assert main(["dataset", str(copy), "--verify", "--sheet", str(sheet), "--quiet"]) == 0
+    assert sheet.stat().st_size > 1000
     victim = copy / "street" / "frames" / "0001" / "frames.npz"
     data = bytearray(victim.read_bytes())
     data[len(data) // 2] ^= 1
@@ -359,6 +361,7 @@ def test_the_picture_of_a_set_and_what_it_holds(
         (["a", "--scenes", "park", "--sheet", "a.jpg"], "no picture format '.jpg'"),
         (["a", "--scenes", "park", "--sheet", "a.gif"], "--sheet is 'a.gif': end it in .png"),
         (["a", "--scenes", "park", "--sheet", "no/a.png"], "there is no folder"),
+        (["a", "--scenes", "park", "--sheet", "a.png", "--describe"], "leave out one of them"),
         (["a", "--verify"], "is this the folder of a data set"),
         (["a", "--camera", "nose", "--scenes", "park"], "no camera 'nose'"),
     ],
