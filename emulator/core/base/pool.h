@@ -51,15 +51,15 @@ class Pool {
       std::lock_guard lock(mutex_);
       task_ = &task;
       jobs_ = jobs;
-      busy_ = count_ - 1;
       generation_++;
       wake_.notify_all();
     }
     work(task, jobs, 0);
     if (jobs > 1 && count_ > 1) {
       std::unique_lock lock(mutex_);
-      done_.wait(lock, [this] { return busy_ == 0; });
+      // a worker that has not woken yet, because others keep the cores busy, is not waited for
       task_ = nullptr;
+      done_.wait(lock, [this] { return busy_ == 0; });
     }
     if (error_) std::rethrow_exception(error_);
   }
@@ -95,6 +95,8 @@ class Pool {
       wake_.wait(lock, [&] { return closing_ || generation_ != seen; });
       if (closing_) return;
       seen = generation_;
+      if (!task_) continue;
+      busy_++;
       const std::function<void(int, int)>* task = task_;
       int jobs = jobs_;
       lock.unlock();
@@ -112,7 +114,7 @@ class Pool {
   std::condition_variable done_;
   const std::function<void(int, int)>* task_ = nullptr;
   int jobs_ = 0;
-  int busy_ = 0;
+  int busy_ = 0;  // workers that have begun
   long generation_ = 0;
   bool closing_ = false;
   std::exception_ptr error_;
