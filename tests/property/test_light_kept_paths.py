@@ -7,13 +7,18 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.scene import CameraPose, SceneSnapshot, Shape
-from reference.random_scenes import RandomStage, check_film, random_turn
+from reference.random_scenes import PULSE, RandomStage, check_film, random_turn
 
 TICKS, SIZE = 12, (29, 22)
 
 
-def still_film(stage: RandomStage, ticks: int) -> list[tuple[SceneSnapshot, CameraPose]]:
-    """Only geoms move: steadily, some of them faster or for a while only; rarely one jumps."""
+def still_film(
+    stage: RandomStage, ticks: int, lamps: bool = False
+) -> list[tuple[SceneSnapshot, CameraPose]]:
+    """Geoms move: steadily, some of them faster or for a while only; rarely one jumps.
+
+    In: lamps, they move too, but for ticks in which they all stand.
+    """
     rng, count, frames = stage.rng, len(stage.geom_pos), []
     # a plane or a lamp that moves changes everything: in few scenes one does
     glow = np.array([surface.emission > 0 for surface in stage.scene.surfaces])
@@ -26,12 +31,21 @@ def still_film(stage: RandomStage, ticks: int) -> list[tuple[SceneSnapshot, Came
         stage.geom_pos += speed * (fast & (rng.random(count) < 0.7))[:, np.newaxis]
         if len(free) and rng.random() < 0.15:
             stage.geom_pos[rng.choice(free)] += rng.normal(size=3) * 10.0 ** rng.uniform(-6, 0)
+        if lamps and not 10 <= tick < 22 and rng.random() < 0.9:
+            stage.light_pos[rng.integers(len(stage.light_pos))] += rng.normal(size=3) * 0.01
         if len(free) and rng.random() < 0.15:
             stage.geom_mat[rng.choice(free)] = random_turn(rng)
     return frames
 
 
-def shares(seeds: range, ticks: int, spp: int = 0, **stage: object) -> list[float]:
+def shares(
+    seeds: range,
+    ticks: int,
+    spp: int = 0,
+    lamps: bool = False,
+    flicker: tuple[object, ...] = (),
+    **stage: object,
+) -> list[float]:
     """Traced shares of all ticks but the first.
 
     One thread and more, any instruction set, one sample a pixel or some: all give the bytes of the
@@ -46,11 +60,12 @@ def shares(seeds: range, ticks: int, spp: int = 0, **stage: object) -> list[floa
             "spp": spp or (1, 2, 3, 5)[seed % 4],
             "bounces": seed % 5,
             "sampler": ("owen", "sobol", "global", "random", "anchored")[seed % 5],
-            "flicker": (),
+            "flicker": flicker,
         }
         full = scene.renderer(threads=2, incremental=False, **render)
         kept = [scene.renderer(threads=1 + seed % 3, **render), scene.renderer(isa=isa, **render)]
-        for tick, (frame, pose) in enumerate(still_film(scene, ticks)):
+        film = still_film(scene, ticks, lamps and len(scene.light_pos) > 0)
+        for tick, (frame, pose) in enumerate(film):
             light = full.render(frame, pose)
             for other in kept:
                 assert other.render(frame, pose).tobytes() == light.tobytes(), (seed, tick)
@@ -74,6 +89,26 @@ def test_kept_paths_among_physical_materials_in_fog_are_those_of_the_full_trace(
 def test_blocks_of_samples_are_kept_as_a_whole() -> None:
     found = shares(range(60, 64), TICKS, spp=66, size=(9, 7))
     assert 0.0 < np.mean(found) < 0.8
+
+
+def test_of_lamps_that_move_their_own_light_alone_is_traced() -> None:
+    found = shares(range(7), 26, lamps=True, size=SIZE)
+    assert 0.0 < np.mean(found) < 0.8, np.mean(found)
+    assert min(found) < 0.1
+
+
+def test_of_lamps_that_move_in_fog_and_haze_their_own_light_alone_is_traced() -> None:
+    found = shares(range(40, 47), 26, lamps=True, rich=True, size=SIZE)
+    assert 0.0 < np.mean(found) < 0.8, np.mean(found)
+
+
+def test_of_lamps_that_flicker_their_own_light_alone_is_traced() -> None:
+    found = shares(range(40, 44), TICKS, flicker=(PULSE,), rich=True, size=SIZE)
+    assert 0.0 < np.mean(found) < 0.8, np.mean(found)
+
+
+def test_blocks_of_samples_under_lamps_that_move() -> None:
+    shares(range(60, 64), TICKS, spp=66, lamps=True, size=(9, 7))
 
 
 def test_kept_paths_where_cameras_and_lights_move_too() -> None:

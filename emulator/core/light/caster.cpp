@@ -271,7 +271,9 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
   Outputs out = {luminance, rgb, nullptr, 0};
   if (emitters_) {
     paths_.seed = poses.seed;
-    trace_paths(first, selective && poses.seed == previous_seed_, out);
+    bool same = incremental_ && still && !forced_.on(FULL_RETRACE) &&
+                poses.seed == previous_seed_ && (same_lights || same_images());
+    trace_paths(first, same, same_lights, out);
     previous_seed_ = poses.seed;
     end_tick();
     return;
@@ -321,6 +323,15 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
   work_.packets_traced += traced;
   traced_fraction_ = static_cast<double>(traced) / static_cast<double>(packets);
   end_tick();
+}
+
+// Are lights that are images those of the last tick?
+bool Caster::same_images() const {
+  for (size_t i = 0; i < look_.lights.size(); i++) {
+    const Light& l = look_.lights[i];
+    if (l.kind == IMAGE && std::memcmp(&l, &previous_lights_[i], sizeof l) != 0) return false;
+  }
+  return true;
 }
 
 void Caster::end_tick() {

@@ -109,7 +109,8 @@ class Caster {
   void place_air();
   void find_moved();
   void add_moved(const Rod& before, const Rod& now);
-  void trace_paths(bool first, bool same, const Outputs& out);
+  void trace_paths(bool first, bool same, bool same_lamps, const Outputs& out);
+  bool same_images() const;
   void end_tick();
   Ball sphere_of(const Geom& g) const;
   Ball mirrored_in_plane() const;

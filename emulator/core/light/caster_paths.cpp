@@ -5,18 +5,18 @@
 
 namespace evs {
 
-// In: whether camera, lights and seed are those of the last tick.
-void Caster::trace_paths(bool first, bool same, const Outputs& out) {
+// In: whether camera, sky and seed are those of the last tick, and MuJoCo's lights.
+void Caster::trace_paths(bool first, bool same, bool same_lamps, const Outputs& out) {
   KeptPaths::Plan plan = KeptPaths::Plan::FORGET;
   if (kept_ && !first) {
     KeptPaths::Places places = {geoms_,          previous_geoms_, balls_,
                                 previous_balls_, deformed_,       paths_.emitter_of_geom};
     find_moved();
-    if (same && moved_balls_.empty()) {
+    if (same && same_lamps && moved_balls_.empty()) {
       traced_fraction_ = 0;
       return;
     }
-    plan = kept_->plan(places, same);
+    plan = kept_->plan(places, same, same_lamps);
   }
   long packets = static_cast<long>(sampling_.rows) * sampling_.columns;
   traced_fraction_ = 1;

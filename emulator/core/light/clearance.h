@@ -15,19 +15,26 @@ EVS_INLINE void meet(Clearance& c, Int geom, Mask lanes) {
   c.gap = select(lanes & ~(moving == splat(0)), splat(MET), c.gap);
 }
 
-// The part of each ray of `lanes` up to `limit`. Whatever it is unsure of counts as nearer.
-inline void note(Clearance& c, Vec origin, Vec d, Float limit, Mask lanes) {
+// How near the rods come to rays of `lanes`, which end at `limit`, and how firmly one bars their
+// way.
+struct Passage {
+  Float gap;    // to the nearest rod that they do not meet
+  Int touched;  // bits of the others
+  Float depth;  // so far a solid rod that they enter may move until one does not; 0: there is none
+};
+
+// Whatever it is unsure of counts as nearer, and as less deep. `solid`: rods that are solid count.
+inline Passage passage(const Clearance& c, Vec origin, Vec d, Float limit, Mask lanes, bool solid) {
   Float zero = splat(0.0f);
+  Passage p = {c.gap, splat(0), zero};
   for (int i = 0; i < c.kept->rod_count; i++) {
-    lanes = lanes & (c.gap >= 0.0f);
-    if (!any(lanes)) return;
     const Rod& rod = c.kept->rods[i];
     Vec w = origin - splat(rod.center);
     Float along = dot(w, d);
     // the ball around the rod: is it nearer than what is known already?
     Float t = min(max(-along, zero), limit);
     Vec apart = w + d * t;
-    Float known = c.gap + (rod.half + rod.radius);
+    Float known = p.gap + (rod.half + rod.radius);
     Mask asked = lanes & ~(dot(apart, apart) > known * known * 1.001f);
     if (!any(asked)) continue;
     if (rod.half > 0) {
@@ -42,10 +49,43 @@ inline void note(Clearance& c, Vec origin, Vec d, Float limit, Mask lanes) {
       apart = w + d * t - axis * s;
     }
     // 1e-4: the rounding of all this
-    Float gap = sqrt(dot(apart, apart)) * 0.9998f - (t * 1e-4f + rod.radius);
-    Mask clear = gap > 0.0f;
-    bool moves = rod.bit & c.kept->moved;
-    c.touched = select(asked & ~clear, c.touched | splat(static_cast<int>(rod.bit)), c.touched);
-    c.gap = select(asked, select(clear, min(gap, c.gap), moves ? splat(MET) : c.gap), c.gap);
+    Float distance = sqrt(dot(apart, apart));
+    Float gap = distance * 0.9998f - (t * 1e-4f + rod.radius);
+    Mask clear = gap > 0.0f, met = asked & ~clear;
+    p.gap = select(asked & clear, min(gap, p.gap), p.gap);
+    if (!any(met)) continue;
+    p.touched = select(met, p.touched | splat(static_cast<int>(rod.bit)), p.touched);
+    if (!solid || !(rod.solid > 0)) continue;
+    // it is entered from outside, by rays that come so near to its axis
+    Float s = min(max(dot(w, splat(rod.axis)), splat(-rod.half)), splat(rod.half));
+    Vec off = w - splat(rod.axis) * s;
+    Float away = sqrt(dot(off, off)) * 0.9998f - rod.radius;
+    Float inside = rod.solid - (distance * 1.0002f + t * 1e-4f);
+    p.depth = select(met, max(p.depth, min(inside, away)), p.depth);
   }
+  return p;
+}
+
+EVS_INLINE void add_passage(Clearance& c, const Passage& p, Mask lanes) {
+  Mask moves = lanes & ~((p.touched & splat(static_cast<int>(c.kept->moved))) == splat(0));
+  c.gap = select(lanes, select(moves, splat(MET), min(p.gap, c.gap)), c.gap);
+  c.touched = select(lanes, c.touched | p.touched, c.touched);
+}
+
+// The part of each ray of `lanes` up to `limit`.
+inline void note(Clearance& c, Vec origin, Vec d, Float limit, Mask lanes) {
+  lanes = lanes & (c.gap >= 0.0f);
+  if (!any(lanes)) return;
+  add_passage(c, passage(c, origin, d, limit, lanes, false), lanes);
+}
+
+// The same for rays of which nothing counts but whether something opaque is in their way: it may
+// move as long as it stays there.
+inline void note_shadow(Clearance& c, Vec origin, Vec d, Float limit, Mask lanes) {
+  lanes = lanes & (c.gap >= 0.0f);
+  if (!any(lanes)) return;
+  Passage p = passage(c, origin, d, limit, lanes, true);
+  Mask barred = lanes & (p.depth > 0.0f);
+  c.gap = select(barred, min(p.depth, c.gap), c.gap);
+  add_passage(c, p, lanes & ~barred);
 }

@@ -14,6 +14,8 @@ constexpr size_t MOST_RODS = 128;          // more things that move are not foll
 constexpr int RECOUNT = 256;               // ticks; sums of motion stay small, and exact
 constexpr double TOO_MUCH = 0.75;          // share of samples at which keeping does not pay
 constexpr int PAUSE = 32;                  // ticks without it then
+constexpr int LAMPS_STILL = 8;             // ticks; lamps that stood so long are kept again
+constexpr size_t REST = 6;                 // numbers of KeptLight::rest
 constexpr int BITS = 32;
 
 // How far any point of the rod went, at most, and how much thicker it got.
@@ -43,12 +45,14 @@ KeptPaths::KeptPaths(int width, int height, int samples, size_t geoms)
     return;
   }
   // not written, so that they take no memory until they are
-  numbers_ = std::make_unique_for_overwrite<float[]>(4 * entries_);
+  bool relit = light_.size == 1 && entries_ * (bytes + REST * sizeof(float)) <= MOST_BYTES;
+  numbers_ = std::make_unique_for_overwrite<float[]>((relit ? 4 + REST : 4) * entries_);
   touched_ = std::make_unique_for_overwrite<uint32_t[]>(entries_);
   int rows = (height + PACKET_HEIGHT - 1) / PACKET_HEIGHT;
   changed_.resize(static_cast<size_t>(rows) * light_.columns / 16);
   for (int c = 0; c < 3; c++) light_.light[c] = numbers_.get() + c * entries_;
   light_.until = numbers_.get() + 3 * entries_;
+  for (size_t i = 0; i < REST && relit; i++) light_.rest[i] = numbers_.get() + (4 + i) * entries_;
   light_.touched = touched_.get();
   light_.changed = changed_.data();
 }
@@ -98,16 +102,21 @@ void KeptPaths::start_again() {
   ticks_ = 0;
 }
 
-KeptPaths::Plan KeptPaths::plan(const Places& places, bool same) {
+KeptPaths::Plan KeptPaths::plan(const Places& places, bool same, bool same_lamps) {
   double farthest;
   bool is_new;
   if (pause_ > 0) pause_--;
+  lamps_still_ = same_lamps ? lamps_still_ + 1 : 0;
+  bool can = entries_ && same && (same_lamps || light_.rest[0]);
   // of a camera that moves everything seems to
-  if (!entries_ || !same || pause_ > 0 || !follow(places, farthest, is_new)) {
+  if (!can || pause_ > 0 || !follow(places, farthest, is_new)) {
     valid_ = false;
     return Plan::FORGET;
   }
-  light_.all = !valid_ || is_new;
+  bool settled = light_.relit && lamps_still_ >= LAMPS_STILL;
+  light_.all = !valid_ || is_new || settled;
+  if (light_.all) light_.relit = false;
+  light_.relit = light_.relit || !same_lamps;
   if (light_.all) {
     travelled_ = ticks_ = 0;
     light_.travelled = 0;

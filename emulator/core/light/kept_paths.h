@@ -29,8 +29,8 @@ class KeptPaths {
     const std::vector<bool>& deformed;  // meshes
     const int* emitter_of_geom;         // at which paths aim, else -1
   };
-  // same: camera, lights and seed are those of the last tick.
-  Plan plan(const Places& places, bool same);
+  // same: camera, sky and seed are those of the last tick; same_lamps: and MuJoCo's lights.
+  Plan plan(const Places& places, bool same, bool same_lamps);
   const KeptLight& light() const { return light_; }
   // After the tick. In: the share of the samples that was traced.
   void traced(double share);
@@ -49,8 +49,9 @@ class KeptPaths {
   std::vector<Rod> rods_;
   bool valid_ = false;
   double travelled_ = 0;
-  int ticks_ = 0;  // since `until` was counted from 0
-  int pause_ = 0;  // ticks until keeping is tried again
+  int ticks_ = 0;        // since `until` was counted from 0
+  int lamps_still_ = 0;  // ticks
+  int pause_ = 0;        // ticks until keeping is tried again
 };
 
 }  // namespace evs

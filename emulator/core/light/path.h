@@ -19,7 +19,8 @@ constexpr int SURE_BOUNCES = 2;  // after these a path ends by chance
 // What share of the light arrives from `towards` of what is less than `limit` away.
 inline Float visibility(const Frame& f, const PathFrame& p, Vec origin, Vec towards, Float limit,
                         Int self, Mask wanted, Clearance* clearance) {
-  if (clearance) note(*clearance, origin, towards, limit, wanted);
+  if (clearance && p.transparent) note(*clearance, origin, towards, limit, wanted);
+  if (clearance && !p.transparent) note_shadow(*clearance, origin, towards, limit, wanted);
   Hull hull = hull_of(origin, towards, wanted, FAR);
   Float zero = splat(0.0f), one = splat(1.0f);
   if (!p.transparent) {
@@ -158,16 +159,24 @@ inline Mask cast(const Frame& f, const PathFrame& p, int bounce, Walk& w, const 
   return lit;
 }
 
-// Light of the points that the paths of `lit` have reached, and the rays that they leave along.
-// Out: lanes that go on; left: the geom of the points.
-inline Mask shade(const Frame& f, const PathFrame& p, int bounce, Walk& w, Mask lit,
-                  Clearance* clearance, Int& left, Float* out) {
+// A point of sixteen paths: what is there, and the light that MuJoCo's lights give it.
+struct Point {
+  Patch<3> patch;
+  Scattering scattering;
+  Float received[3];
+};
+
+// Out: the point that the paths of `lit` have reached; its own light to `out`. False: the paths end
+// there. `lamps`: learns of the rays to the first point's lights.
+inline bool arrive(const Frame& f, const PathFrame& p, int bounce, const Walk& w, Mask lit,
+                   Clearance* clearance, Clearance* lamps, Point& at, Float* out) {
   const Rays& rays = w.rays;
   const Hit& hit = w.hit;
   const Sampler& sampler = w.sampler;
   Float zero = splat(0.0f), one = splat(1.0f);
   int draws = bounce * DRAWS;
-  Patch<3> patch = patch_of<3>(f, rays, hit, bits(lit), w.travelled);
+  at.patch = patch_of<3>(f, rays, hit, bits(lit), w.travelled);
+  const Patch<3>& patch = at.patch;
   Mask glowing = lit & (patch.emitted[0] + patch.emitted[1] + patch.emitted[2] > 0.0f);
   if (any(glowing)) {
     Float weight = one;
@@ -177,10 +186,11 @@ inline Mask shade(const Frame& f, const PathFrame& p, int bounce, Walk& w, Mask 
     }
     add_seen(w.carried, patch.emitted, weight, glowing, out);
   }
-  if (bounce > p.bounces) return mask_of(0);
+  if (bounce > p.bounces) return false;
 
-  Scattering s = scattering_of(patch, rays.direction);
-  Float received[3] = {zero, zero, zero};
+  const Scattering& s = at.scattering = scattering_of(patch, rays.direction);
+  Float* received = at.received;
+  for (int c = 0; c < 3; c++) received[c] = zero;
   // MuJoCo's lights: all of them at first, then one
   int count = p.lamp_count;
   if (bounce == 0) {
@@ -188,7 +198,7 @@ inline Mask shade(const Frame& f, const PathFrame& p, int bounce, Walk& w, Mask 
       if (f.lights[i].kind == IMAGE) continue;
       Pair place = {zero, zero};
       if (f.lights[i].radius > 0) place = pair_of(sampler, draws + DRAW_LIGHT + 1 + i);
-      add_light(f, p, s, rays.direction, patch, hit.geom, lit, f.lights[i], place, one, clearance,
+      add_light(f, p, s, rays.direction, patch, hit.geom, lit, f.lights[i], place, one, lamps,
                 received);
     }
   } else if (count > 0) {
@@ -203,19 +213,36 @@ inline Mask shade(const Frame& f, const PathFrame& p, int bounce, Walk& w, Mask 
                 splat(static_cast<float>(count)), clearance, received);
     }
   }
+  return true;
+}
+
+// Light of the points that the paths of `lit` have reached, and the rays that they leave along.
+// Out: lanes that go on; left: the geom of the points; aimed: light of glowing geoms and the sky.
+inline Mask shade(const Frame& f, const PathFrame& p, int bounce, Walk& w, Mask lit,
+                  Clearance* clearance, Clearance* lamps, Int& left, Float* aimed, Float* out) {
+  const Rays& rays = w.rays;
+  const Hit& hit = w.hit;
+  const Sampler& sampler = w.sampler;
+  Float zero = splat(0.0f);
+  int draws = bounce * DRAWS;
+  for (int c = 0; c < 3; c++) aimed[c] = zero;
+  Point at;
+  if (!arrive(f, p, bounce, w, lit, clearance, lamps, at, out)) return mask_of(0);
+  const Patch<3>& patch = at.patch;
+  const Scattering& s = at.scattering;
   // glowing geoms and the sky
   if (p.emitter_count > 0 || p.sky_share > 0) {
     Pair choice = pair_of(sampler, draws + DRAW_AIM), place = pair_of(sampler, draws + DRAW_PLACE);
     Mask to_sky = lit & (choice.x < p.sky_share);
     Mask to_emitter = lit & ~to_sky;
     Aim aim = {s.normal, zero, {zero, zero, zero}, zero};
-    SkyPlace aimed;
+    SkyPlace in_sky;
     if (p.emitter_count > 0 && any(to_emitter)) {
       aim = aim_at_emitter(f, p, patch.origin, choice.y, place, to_emitter,
                            w.travelled + hit.distance);
     }
     if (any(to_sky)) {
-      Aim sky = aim_at_sky(f, p, place, aimed);
+      Aim sky = aim_at_sky(f, p, place, in_sky);
       aim.towards = select(to_sky, sky.towards, aim.towards);
       aim.distance = select(to_sky, sky.distance, aim.distance);
       aim.density = select(to_sky, sky.density, aim.density);
@@ -224,7 +251,7 @@ inline Mask shade(const Frame& f, const PathFrame& p, int bounce, Walk& w, Mask 
     to_sky = to_sky & (v.density > 0.0f);
     if (any(to_sky)) {
       Float light[3];
-      sky_light(f, p, aimed, v.density, bits(to_sky), light);
+      sky_light(f, p, in_sky, v.density, bits(to_sky), light);
       for (int c = 0; c < 3; c++) aim.light[c] = select(to_sky, light[c], aim.light[c]);
     }
     Mask facing =
@@ -236,11 +263,13 @@ inline Mask shade(const Frame& f, const PathFrame& p, int bounce, Walk& w, Mask 
           visibility(f, p, patch.origin, aim.towards, limit, hit.geom, facing, clearance);
       Float weight = arrives / (v.density + aim.density);
       for (int c = 0; c < 3; c++) {
-        received[c] = received[c] + select(facing, v.light[c] * aim.light[c] * weight, zero);
+        aimed[c] = select(facing, v.light[c] * aim.light[c] * weight, zero);
       }
     }
   }
-  for (int c = 0; c < 3; c++) out[c] = select(lit, out[c] + w.carried[c] * received[c], out[c]);
+  for (int c = 0; c < 3; c++) {
+    out[c] = select(lit, out[c] + w.carried[c] * (at.received[c] + aimed[c]), out[c]);
+  }
 
   // onwards
   Pair lobe = pair_of(sampler, draws + DRAW_LOBE), way = pair_of(sampler, draws + DRAW_DIRECTION);

@@ -28,6 +28,9 @@ inline void keep_batch(const Frame& f, const PathFrame& p, Due& due) {
     Int owner = load(b.owner + k * LANES);
     Mask real = ~(owner < splat(0));
     for (int c = 0; c < 3; c++) store_at(kept.light[c], owner, part[c], real);
+    for (int i = 0; i < 6 && kept.rest[0]; i++) {
+      store_at(kept.rest[i], owner, load(b.rest[i] + slot - LANES), real);
+    }
     store_at(kept.until, owner, until, real);
     store_at(reinterpret_cast<float*>(kept.touched), owner, as_float(touched), real);
   }
@@ -67,9 +70,34 @@ inline void trace_due(const Frame& f, const PathFrame& p, Due& due) {
 inline unsigned due_units(const KeptLight& kept, long at, unsigned inside) {
   if (kept.all) return inside;
   Mask late = load(kept.until + at) <= kept.travelled;
+  if (kept.relit) late = late | (load(kept.rest[0] + at) < 0.0f);
   Int touched = load(reinterpret_cast<const int*>(kept.touched) + at);
   Mask still = (touched & splat(static_cast<int>(kept.moved))) == splat(0);
   return bits(late | ~still) & inside;
+}
+
+// The units `unit` of `lanes` of 16 pixels side by side, with MuJoCo's lights as they are now.
+inline void relight(const Frame& f, const PathFrame& p, const KeptLight& kept, int x, int y,
+                    int unit, unsigned lanes) {
+  Float zero = splat(0.0f), out[3] = {zero, zero, zero};
+  Mask active = mask_of(lanes);
+  Walk w;
+  Vec direction = set_out(f, p, splat(x) + load(LANE), splat(y), splat(unit), active, w);
+  Mask lit = first_cast(f, p, w, nullptr, active, nullptr, out);
+  long at = (static_cast<long>(y) * kept.units + unit) * kept.columns + x;
+  Point point;
+  bool shaded = any(lit) && arrive(f, p, 0, w, lit, nullptr, nullptr, point, out);
+  for (int c = 0; c < 3; c++) {
+    if (shaded) {
+      Float received = point.received[c] + load(kept.rest[c] + at);
+      out[c] = select(lit, out[c] + w.carried[c] * received, out[c]);
+    }
+    out[c] = out[c] + load(kept.rest[3 + c] + at);
+  }
+  add_air(f, direction, select(lit, w.hit.distance, splat(FAR)), out);
+  for (int c = 0; c < 3; c++) {
+    store(kept.light[c] + at, select(active, out[c], load(kept.light[c] + at)));
+  }
 }
 
 // The light of 16 pixels side by side, from all their units, as trace_paths adds it up.
@@ -117,7 +145,10 @@ long retrace_paths(const Frame& f, const PathFrame& p, PathBatch& batch, const K
         long at = (static_cast<long>(top + j) * kept.units + unit) * kept.columns + left;
         wanted[j] = due_units(kept, at, inside);
         any_wanted |= wanted[j];
-        if (wanted[j]) changed[g] = static_cast<uint8_t>(changed[g] | (1u << j));
+        if (kept.relit && inside & ~wanted[j]) {
+          relight(f, p, kept, left, top + j, unit, inside & ~wanted[j]);
+        }
+        if (wanted[j] || kept.relit) changed[g] = static_cast<uint8_t>(changed[g] | (1u << j));
       }
       if (!any_wanted) continue;
       // packet by packet: their rays lie close together

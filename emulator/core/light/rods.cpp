@@ -25,17 +25,19 @@ Rod rod_of(const Geom& g, const Ball& ball) {
       break;
     }
     default:
-      return {ball.center, {0, 0, 1}, 0, ball.radius, 0};
+      return {ball.center, {0, 0, 1}, 0, ball.radius, g.shape == SPHERE ? s[0] * 0.9999f : 0, 0};
   }
   auto cube = [](float x) { return x * x * x; };
   if (radius * radius * half * 1.5f + cube(radius) >= cube(ball.radius)) {
-    return {ball.center, {0, 0, 1}, 0, ball.radius, 0};
+    return {ball.center, {0, 0, 1}, 0, ball.radius, 0, 0};
   }
   // room for the rounding of its place, and for what `note` leaves out of nearly parallel lines
   V3 c = g.position;
   float away = std::abs(c.x) + std::abs(c.y) + std::abs(c.z);
+  float solid = g.shape == CAPSULE ? radius * 0.9999f - away * 5e-7f : 0;
   radius = radius * 1.0001f + half * 0.007f + away * 5e-7f;
-  return {c, {g.rotation[axis], g.rotation[3 + axis], g.rotation[6 + axis]}, half, radius, 0};
+  V3 along = {g.rotation[axis], g.rotation[3 + axis], g.rotation[6 + axis]};
+  return {c, along, half, radius, solid, 0};
 }
 
 }  // namespace evs

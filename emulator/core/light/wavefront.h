@@ -4,6 +4,8 @@
 
 constexpr int LANE[LANES] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
 
+constexpr float LONGER = -1;  // in place of the rest: the path goes on behind its second point
+
 // A batch on its way. Each sample has a slot, sixteen samples side by side have slots side by side.
 struct Wavefront {
   PathBatch& batch;
@@ -56,16 +58,25 @@ inline Int pull(const Wavefront& front, const PathFrame& p, int at, Walk& w) {
   return get_int();
 }
 
-// What the paths of `lit` meet, and then their rays' hits: to slots, and behind the paths under
-// way.
-inline void go_on(const Frame& f, const PathFrame& p, int bounce, Walk& w, Mask lit,
-                  Clearance* clearance, Float* out, Mask& alive) {
-  Int left;
-  Mask active = shade(f, p, bounce, w, lit, clearance, left, out);
-  alive = mask_of(0);
-  if (!any(active)) return;
-  Hull hull = hull_of(w.rays.origin, w.rays.direction, active, FAR);
-  alive = cast(f, p, bounce + 1, w, hull, left, active, clearance, out);
+// Paths of which nothing is known but their first ray, through the pixels. Out: its direction.
+inline Vec set_out(const Frame& f, const PathFrame& p, Int column, Int row, Int index, Mask active,
+                   Walk& w) {
+  w.sampler = {row * splat(f.width) + column, reverse_bits(index), p.sample_set, p.seed, p.digits};
+  Pair in_pixel = pair_of(w.sampler, DRAW_PIXEL);
+  w.rays = rays_through(f, to_float(column) + in_pixel.x, to_float(row) + in_pixel.y);
+  for (Float& share : w.carried) share = splat(1.0f);
+  w.travelled = w.density = splat(0.0f);
+  w.sure = active;
+  return w.rays.direction;
+}
+
+// What the first rays meet. Out: lanes that are to be shaded.
+inline Mask first_cast(const Frame& f, const PathFrame& p, Walk& w, const Hull* hull, Mask active,
+                       Clearance* clearance, Float* out) {
+  Hull own = hull ? *hull : hull_of(w.rays.origin, w.rays.direction, active, FAR);
+  Mask lit = cast(f, p, 0, w, own, splat(-1), active, clearance, out);
+  if (w.sampler.mode == SAMPLES_ANCHORED) w.sampler.pixel = anchor_of(f, w.rays, w.hit, lit);
+  return lit;
 }
 
 // Sample `index` of sixteen pixels, those of `active`, up to where the paths' second rays end.
@@ -73,22 +84,23 @@ inline void go_on(const Frame& f, const PathFrame& p, int bounce, Walk& w, Mask 
 inline void start_paths(const Frame& f, const PathFrame& p, Wavefront& front, Int column, Int row,
                         Int index, const Hull* hull, Mask active) {
   PathBatch& b = front.batch;
-  Float zero = splat(0.0f), one = splat(1.0f);
+  Float zero = splat(0.0f);
   Walk w;
-  w.sampler = {row * splat(f.width) + column, reverse_bits(index), p.sample_set, p.seed, p.digits};
-  Pair in_pixel = pair_of(w.sampler, DRAW_PIXEL);
-  w.rays = rays_through(f, to_float(column) + in_pixel.x, to_float(row) + in_pixel.y);
-  for (Float& share : w.carried) share = one;
-  w.travelled = w.density = zero;
-  w.sure = active;
-  Vec direction = w.rays.direction;
+  Vec direction = set_out(f, p, column, row, index, active, w);
   Clearance known = {front.kept, splat(FAR), splat(0)}, *clearance = front.kept ? &known : nullptr;
-  Float out[3] = {zero, zero, zero};
-  Hull own = hull ? *hull : hull_of(w.rays.origin, direction, active, FAR);
-  Mask lit = cast(f, p, 0, w, own, splat(-1), active, clearance, out), alive = lit;
-  if (w.sampler.mode == SAMPLES_ANCHORED) w.sampler.pixel = anchor_of(f, w.rays, w.hit, lit);
+  Clearance* lamps = clearance && front.kept->relit ? nullptr : clearance;
+  Float out[3] = {zero, zero, zero}, aimed[3] = {zero, zero, zero}, seen[3] = {zero, zero, zero};
+  Mask lit = first_cast(f, p, w, hull, active, clearance, out), alive = mask_of(0);
   Float away = select(lit, w.hit.distance, splat(FAR));
-  if (any(lit)) go_on(f, p, 0, w, lit, clearance, out, alive);
+  if (any(lit)) {
+    Int left;
+    Mask going = shade(f, p, 0, w, lit, clearance, lamps, left, aimed, out);
+    if (any(going)) {
+      Hull second = hull_of(w.rays.origin, w.rays.direction, going, FAR);
+      alive = cast(f, p, 1, w, second, left, going, clearance, seen);
+      for (int c = 0; c < 3; c++) out[c] = out[c] + seen[c];
+    }
+  }
   int slot = front.slots;
   for (int c = 0; c < 3; c++) store(b.light[c] + slot, out[c]);
   if (f.air.fog || f.air.haze) store(b.away + slot, away);
@@ -100,6 +112,10 @@ inline void start_paths(const Frame& f, const PathFrame& p, Wavefront& front, In
   if (clearance) {
     store(b.gap + slot, known.gap);
     store(b.touched + slot, known.touched);
+    for (int c = 0; c < 3; c++) {
+      store(b.rest[c] + slot, select(alive, splat(LONGER), aimed[c]));
+      store(b.rest[3 + c] + slot, seen[c]);
+    }
   }
   if (any(alive)) push(front, front.paths, w, splat(slot) + load(LANE), alive);
   front.paths += __builtin_popcount(bits(alive));
@@ -113,17 +129,22 @@ inline void finish_paths(const Frame& f, const PathFrame& p, Wavefront& front) {
     int next = 0;
     for (int at = 0; at < front.paths; at += LANES) {
       int count = front.paths - at < LANES ? front.paths - at : LANES;
-      Mask lit = mask_of((1u << count) - 1), alive;
+      Mask lit = mask_of((1u << count) - 1), alive = mask_of(0);
       Walk w;
       Int slot = select(lit, pull(front, p, at, w), splat(0));
-      Float out[3];
+      Float out[3], aimed[3];
       for (int c = 0; c < 3; c++) out[c] = gather(b.light[c], slot);
       Clearance known = {front.kept, {}, {}}, *clearance = front.kept ? &known : nullptr;
       if (clearance) {
         known.gap = gather(b.gap, slot);
         known.touched = as_int(gather(reinterpret_cast<const float*>(b.touched), slot));
       }
-      go_on(f, p, bounce, w, lit, clearance, out, alive);
+      Int left;
+      Mask going = shade(f, p, bounce, w, lit, clearance, clearance, left, aimed, out);
+      if (any(going)) {
+        Hull hull = hull_of(w.rays.origin, w.rays.direction, going, FAR);
+        alive = cast(f, p, bounce + 1, w, hull, left, going, clearance, out);
+      }
       for (int c = 0; c < 3; c++) store_at(b.light[c], slot, out[c], lit);
       if (clearance) {
         store_at(b.gap, slot, known.gap, lit);
@@ -136,18 +157,23 @@ inline void finish_paths(const Frame& f, const PathFrame& p, Wavefront& front) {
   }
 }
 
-// The light of sixteen slots behind the air in front of it.
-inline void take_light(const Frame& f, const PathBatch& b, int slot, Float* light) {
-  for (int c = 0; c < 3; c++) light[c] = load(b.light[c] + slot);
-  if (f.air.fog) fog<3>(f, load(b.away + slot), light);
+// Light that comes from `away` along primary rays, behind the air in front of it.
+inline void add_air(const Frame& f, Vec direction, Float away, Float* light) {
+  if (f.air.fog) fog<3>(f, away, light);
   if (!f.air.haze) return;
-  Vec direction = {load(b.direction[0] + slot), load(b.direction[1] + slot),
-                   load(b.direction[2] + slot)};
   Float curtain, cover = haze(f, direction, curtain);
-  Mask behind = load(b.away + slot) > curtain;
+  Mask behind = away > curtain;
   for (int c = 0; c < 3; c++) {
     light[c] = select(behind, light[c] + (f.air.haze_color[c] - light[c]) * cover, light[c]);
   }
+}
+
+// The light of sixteen slots.
+inline void take_light(const Frame& f, const PathBatch& b, int slot, Float* light) {
+  for (int c = 0; c < 3; c++) light[c] = load(b.light[c] + slot);
+  Vec direction = {load(b.direction[0] + slot), load(b.direction[1] + slot),
+                   load(b.direction[2] + slot)};
+  add_air(f, direction, load(b.away + slot), light);
 }
 
 constexpr int SUM_BLOCK = 64;  // sums of sums, so that thousands of samples do not round away

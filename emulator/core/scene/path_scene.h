@@ -38,6 +38,7 @@ struct SkyTable {
 struct Rod {
   V3 center, axis;  // axis: unit
   float half, radius;
+  float solid;   // radius up to which the geom fills it, 0: no geom is sure to
   uint32_t bit;  // that stands for the geom
 };
 
@@ -52,12 +53,16 @@ struct KeptLight {
   int size;     // samples a unit, but for the last
   // (height, units, columns) each
   float* light[3];
+  // of a unit that is one sample: what its first point got from all but MuJoCo's lights, and what
+  // was seen from there; below 0: no more is known. Null: units are larger
+  float* rest[6];
   float* until;       // to this much motion in all: before `travelled` is there, nothing changes
   uint32_t* touched;  // bits of the rods that its rays met: what happens when one moves is unknown
   uint8_t* changed;   // (packet rows, columns / 16) image rows of 16 pixels that were traced
   float travelled;    // by the fastest of them, in all
   uint32_t moved;     // bits of the rods that moved since the last tick
   const int32_t* moving;  // (geoms) not 0: it moved since the last tick
+  bool relit;  // MuJoCo's lights are asked anew in every unit, and `until` does not cover that
   bool all;               // every unit is to be traced
 };
 
@@ -70,6 +75,7 @@ struct PathBatch {
   float direction[3][ROOM + MARGIN];  // towards it; where there is haze
   float gap[ROOM + MARGIN];           // as in Clearance, and
   int32_t touched[ROOM + MARGIN];
+  float rest[6][ROOM + MARGIN];       // as in KeptLight
   int32_t owner[ROOM + MARGIN];       // places in KeptLight, sixteen for each packet of units
   float paths[WORDS][ROOM + MARGIN];  // those under way
 };
