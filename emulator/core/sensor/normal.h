@@ -12,7 +12,7 @@ namespace evs {
 inline uint64_t term_key(uint64_t seed, uint64_t term) { return hash(seed, term + 1); }
 
 // cos(2 pi turn) for turn in [0, 1) by its Taylor series; error below 1e-12.
-inline double cos_turn(double turn) {
+EVS_ALWAYS_INLINE double cos_turn(double turn) {
   const double half = std::fabs(turn - 0.5);
   const double folded = half < 0.5 - half ? half : 0.5 - half;
   const double angle = 6.283185307179586 * folded;
@@ -25,7 +25,7 @@ inline double cos_turn(double turn) {
 }
 
 // A standard normal number from the counters `counter` + 1 and + 2 (Box and Muller 1958).
-inline double normal(uint64_t key, uint64_t counter) {
+EVS_ALWAYS_INLINE double normal(uint64_t key, uint64_t counter) {
   const double log = ln_double(uniform(hash(key, counter + 1)) + 0x1p-53);
   const double radius = std::sqrt(-2.0 * (log < 0.0 ? log : 0.0));
   return radius * cos_turn(uniform(hash(key, counter + 2)));

@@ -1,6 +1,5 @@
 // The pixel step compiled once for each instruction set; the bytes are the same, only the speed
-// differs. Target attributes, not compiler flags: no other inline function of the program may come
-// out with instructions that the machine lacks.
+// differs.
 #pragma once
 
 #include <algorithm>
@@ -9,15 +8,9 @@
 #include <vector>
 
 #include "block.h"
-
-#if defined(__x86_64__) && defined(__GNUC__)
-#define EVS_X86 1
-#endif
+#include "isa.h"
 
 namespace evs {
-
-// Instruction sets that this machine runs, the best first (dispatch.cpp).
-std::vector<std::string> isa_available();
 
 using StepPixels = size_t (*)(const PixelStep&, size_t first, size_t last, std::vector<Crossing>&);
 
@@ -27,13 +20,13 @@ inline size_t step_portable(const PixelStep& step, size_t first, size_t last,
 }
 
 #if EVS_X86
-__attribute__((target("avx2"))) inline size_t step_avx2(const PixelStep& step, size_t first,
-                                                        size_t last, std::vector<Crossing>& out) {
+EVS_AVX2 inline size_t step_avx2(const PixelStep& step, size_t first, size_t last,
+                                 std::vector<Crossing>& out) {
   return step_pixels(step, first, last, out);
 }
 
-__attribute__((target("avx512f,avx512bw,avx512dq,avx512vl"))) inline size_t step_avx512(
-    const PixelStep& step, size_t first, size_t last, std::vector<Crossing>& out) {
+EVS_AVX512 inline size_t step_avx512(const PixelStep& step, size_t first, size_t last,
+                                     std::vector<Crossing>& out) {
   return step_pixels(step, first, last, out);
 }
 #endif

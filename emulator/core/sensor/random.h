@@ -6,13 +6,15 @@
 #include <cmath>
 #include <cstdint>
 
+#include "vmath.h"
+
 namespace evs {
 
 // What a random number is for: emulator/sensor/random.py has the whole list.
 inline constexpr uint64_t kTermShot = 6;
 
 // 64 mixed bits: a step of the SplitMix64 generator (Steele, Lea, Flood 2014), twice.
-inline uint64_t hash(uint64_t key, uint64_t counter) {
+EVS_ALWAYS_INLINE uint64_t hash(uint64_t key, uint64_t counter) {
   uint64_t mixed = key + counter * 0x9E3779B97F4A7C15ull;
   for (int i = 0; i < 2; i++) {
     mixed = (mixed ^ (mixed >> 30)) * 0xBF58476D1CE4E5B9ull;
@@ -23,10 +25,12 @@ inline uint64_t hash(uint64_t key, uint64_t counter) {
 }
 
 // 53 of the bits as a number in [0, 1).
-inline double uniform(uint64_t bits) { return static_cast<double>(bits >> 11) * 0x1p-53; }
+EVS_ALWAYS_INLINE double uniform(uint64_t bits) {
+  return static_cast<double>(bits >> 11) * 0x1p-53;
+}
 
 // Natural logarithm by the series of artanh; error below 1e-15 for values in [2^-53, 1].
-inline double ln_double(double value) {
+EVS_ALWAYS_INLINE double ln_double(double value) {
   constexpr double kRoot = 0.70710678118654757;  // sqrt(1 / 2) as a double
   const uint64_t bits = std::bit_cast<uint64_t>(value);
   const int exponent = static_cast<int>(bits >> 52) - 1022;
@@ -41,7 +45,7 @@ inline double ln_double(double value) {
 }
 
 // An exponential number of mean 1: the time to the next event of a Poisson process of rate 1.
-inline double exponential(uint64_t bits) {
+EVS_ALWAYS_INLINE double exponential(uint64_t bits) {
   const double log = ln_double(uniform(bits) + 0x1p-53);
   return log < 0.0 ? -log : 0.0;  // rounding may leave a log of 1e-17
 }

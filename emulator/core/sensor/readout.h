@@ -19,6 +19,7 @@
 #include "readout_out.h"
 #include "readout_scan.h"
 #include "readout_state.h"
+#include "row_times.h"
 
 namespace evs {
 
@@ -79,7 +80,8 @@ class Readout {
         for (size_t i = 0; i < due; i++) stage.read(requests_[i].ns, requests_[i].event);
         break;
       case ReadoutOrder::arbiter:
-        run_arbiter(settings_.arbiter, requests_, first_new, due, end_ns, clock, held_, stage);
+        run_arbiter(settings_.arbiter, rows_, requests_, first_new, due, end_ns, clock, held_,
+                    stage);
         break;
       case ReadoutOrder::scan:
         run_scan(settings_.scan_ns, requests_, due, end_ns, clock, held_, stage);
@@ -169,6 +171,7 @@ class Readout {
   }
 
   ReadoutSettings settings_;
+  RowTimes rows_;                  // scratch
   HeldPixels held_;                // scratch
   std::vector<Request> requests_;  // scratch
   std::vector<Request> queue_;     // scratch

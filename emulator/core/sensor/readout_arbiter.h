@@ -15,20 +15,16 @@
 #include "normal.h"
 #include "readout_held.h"
 #include "readout_state.h"
+#include "row_times.h"
 
 namespace evs {
-
-struct ArbiterTimes {
-  int64_t row_ns = 0;
-  int64_t column_ns = 0;
-  double jitter_ns = 0;  // standard deviation of the row access
-};
 
 // In: requests [0, first) are held already, [first, due) come by their moments, all <= end_ns.
 // Out: `stage.read` in order of time; `held` is what was not read.
 template <class Stage>
-void run_arbiter(const ArbiterTimes& times, const std::vector<Request>& requests, size_t first,
-                 size_t due, int64_t end_ns, ReadoutClock& clock, HeldPixels& held, Stage& stage) {
+void run_arbiter(const ArbiterTimes& times, RowTimes& rows, const std::vector<Request>& requests,
+                 size_t first, size_t due, int64_t end_ns, ReadoutClock& clock, HeldPixels& held,
+                 Stage& stage) {
   const uint64_t key = term_key(static_cast<uint64_t>(clock[Seed]), kTermArbiter);
   size_t next = 0;
   auto ask = [&](size_t i) {
@@ -53,14 +49,9 @@ void run_arbiter(const ArbiterTimes& times, const std::vector<Request>& requests
         ask_until(now);
         row = held.row_after(clock[LastRow]);
       }
-      double access_ns = static_cast<double>(times.row_ns);
-      if (times.jitter_ns > 0) {
-        const uint64_t counter = static_cast<uint64_t>(clock[Accesses]) << 1;
-        access_ns += times.jitter_ns * normal(key, counter);
-      }
+      clock[LatchNs] = now + rows.of(times, key, clock[Accesses]);
       clock[Accesses]++;
       clock[AccessRow] = row;
-      clock[LatchNs] = now + whole_ns(access_ns);
     }
     if (clock[LatchNs] > end_ns) break;
     ask_until(clock[LatchNs]);
