@@ -92,8 +92,9 @@ class StopWatch:
 
     def begin_tick(self) -> None:
         """The tick's first stage starts now."""
-        self._hands.tick = {}
-        self._hands.last_s = self._clock()
+        hand = self._hands
+        hand.tick = {}
+        hand.last_s = self._clock()
 
     def lap(self, stage: str) -> None:
         """The time since the previous lap belongs to `stage`."""
@@ -108,9 +109,12 @@ class StopWatch:
 
     def end_tick(self) -> None:
         """Count the tick. A stage that was not lapped in it has no sample."""
-        for stage, seconds in self._hands.tick.items():
-            self._stages.setdefault(stage, Durations()).add(seconds)
-        self._hands.tick = {}
+        hand = self._hands
+        for stage, seconds in hand.tick.items():
+            if stage not in self._stages:
+                self._stages[stage] = Durations()
+            self._stages[stage].add(seconds)
+        hand.tick = {}
 
     def stage_ms(self, stages: Iterable[str] = ()) -> dict[str, StageTime]:
         """Median and 99th percentile, ms per tick: `stages` in their order, then all others."""

@@ -87,6 +87,7 @@ class Camera:
         name = free_name(plan.name, self.bound.name, taken)
         scene_config = scene_config or SceneConfig(tick_us=tick_us)
         self._start_us = scene_config.start_us
+        self._marks_causes = self._pixels.features.get("causes", False)
         self._beside = Beside(sensor, name, switches, self._start_us)
         self._traces_truth = switches.decide("ground_truth", plan.model.labels)
         if config is None:
@@ -263,7 +264,7 @@ class Camera:
 
     def _packet(self, tick: DoneTick) -> EventPacket:
         labelled = self._plan.model.labels and self._traces_truth
-        if not labelled and self._pixels.features.get("causes"):
+        if not labelled and self._marks_causes:
             clear_causes(tick.events)
         events = later_events(tick.events, self._start_us)
         packet = EventPacket(

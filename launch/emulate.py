@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from evs.drivers.pipeline import config as pipeline
@@ -86,6 +89,7 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     with (
         open_world(config, watch) as world,
         terminal.progress(ticks, args.quiet) as moved,
+        _frozen(),
     ):
         report = run_loop(
             world,
@@ -103,6 +107,16 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     # a recording that stopped has been warned of, but it is not what was asked for
     stopped = any(said.get("error") for said in report.sinks)
     return STOPPED.get(report.ended.split()[0], 2 if stopped or keep.unkept else 0)
+
+
+@contextmanager
+def _frozen() -> Iterator[None]:
+    """What is there already stays, so that the garbage collector need not go through it."""
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def next_commands(

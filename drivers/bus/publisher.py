@@ -113,7 +113,7 @@ class Publisher:
         self._buffers = Buffers()
         self._address = address
         self._clock_us: int | None = None
-        self._has_beside = False
+        self._has_beside = self._heard = False
         self._sent = {"packets_sent": 0, "events_sent": 0, "bytes_sent": 0, "statuses_sent": 0}
         self._unsent = {"packets_unsubscribed": 0, "packets_oversized": 0}
         self._beside = {"frames_sent": 0, "imu_samples_sent": 0}
@@ -211,7 +211,10 @@ class Publisher:
 
     def wants_pose(self, camera: str) -> bool:
         """Whether somebody listens to poses, or looks at the newest state."""
+        self._heard = False
         _, channel = self._channel(camera)
+        # it is asked before each packet, which need not listen again: that costs more than the rest
+        self._heard = True
         return channel.listeners[POSE] > 0 or self._ports.watched
 
     def write_pose(self, pose: Pose) -> None:
@@ -249,7 +252,9 @@ class Publisher:
         channel = self._audience.channels.get(camera)
         if channel is None:
             raise unknown("camera on the bus", camera, self._audience.channels)
-        self._hear(self._socket)
+        if not self._heard:
+            self._hear(self._socket)
+        self._heard = False
         return self._socket, channel
 
     def close(self) -> dict[str, Any]:

@@ -159,9 +159,11 @@ class Outlets:
     def _give(self, sink: object, take: Callable[[M], None], message: M) -> None:
         if sink not in self._sinks:
             return
+        # no `with disk_errors()`, which costs more than handing over a packet
         try:
-            with disk_errors():
-                take(message)
+            take(message)
+        except OSError as reason:
+            raise _disk_error(reason) from reason
         except SinkStoppedError as error:
             self._sinks = [one for one in self._sinks if one is not sink]
             if not self._sinks:
@@ -191,5 +193,9 @@ def disk_errors() -> Iterator[None]:
     try:
         yield
     except OSError as reason:
-        where = f"'{reason.filename}': " if reason.filename else ""
-        raise EvsError(f"cannot write: {where}{reason.strerror or reason}") from reason
+        raise _disk_error(reason) from reason
+
+
+def _disk_error(reason: OSError) -> EvsError:
+    where = f"'{reason.filename}': " if reason.filename else ""
+    return EvsError(f"cannot write: {where}{reason.strerror or reason}")

@@ -163,13 +163,16 @@ class DirectRenderer:
         for mesh, shape in zip(self._deforming, snapshot.deformed, strict=True):
             self._caster.deform(mesh, shape.vertices, shape.normals)
         lights = self._lights
+        light_pos, light_dir = snapshot.light_pos, snapshot.light_dir
+        if len(lights) < len(light_pos):
+            light_pos, light_dir = light_pos[lights], light_dir[lights]
         if self._own["light_gains"]:
             self._caster.set_light_gains(self._flicker.gains(snapshot)[lights])
         return (
             snapshot.geom_pos,
             snapshot.geom_mat,
-            snapshot.light_pos[lights],
-            snapshot.light_dir[lights],
+            light_pos,
+            light_dir,
             pose.pos,
             pose.mat,
         )

@@ -123,6 +123,8 @@ class SmoothRandom:
         self._middle = limits.mean(axis=1)
         self._half = (limits[:, 1] - limits[:, 0]) / 2 * scale
         self._seed = seed
+        # a target holds for many calls
+        self._targets = lru_cache(maxsize=3)(self._uniform)
         # so that the actuators do not all turn at the same moment
         self._offset = self._uniform(-1)
 
@@ -131,7 +133,7 @@ class SmoothRandom:
         phase = t_s * KNOTS_HZ + self._offset
         knot = np.floor(phase)
         first = math.floor(t_s * KNOTS_HZ)
-        targets = np.stack([self._uniform(first + step) for step in range(3)])
+        targets = np.stack([self._targets(first + step) for step in range(3)])
         row = (knot - first).astype(np.int64)
         column = np.arange(len(row))
         here, there = targets[row, column] * 2 - 1, targets[row + 1, column] * 2 - 1

@@ -39,6 +39,8 @@ FATAL = {
 }
 """The warnings after which the motion is not the model's any more."""
 
+_FATAL = np.array([*FATAL])
+
 MAX_TICKS = 2**52
 """1 us each: 142 years"""
 
@@ -115,15 +117,14 @@ class Physics:
 
     def _advance(self) -> None:
         data = self.data
-        for warning in FATAL:
-            data.warning[warning].number = SILENT
+        counts = data.warning.number  # MuJoCo's own memory, not a copy
+        counts[_FATAL] = SILENT
         for _ in range(self.substeps.count):
             t_s = data.time
             try:
                 mujoco.mj_step(self.model, data)
             except mujoco.FatalError as reason:
                 raise UnstableError(f"unstable at t = {t_s:.6f} s: {one_line(reason)}") from None
-            counts = data.warning.number
             for warning in FATAL:
                 if counts[warning] != SILENT:
                     raise self._unstable(warning, t_s)

@@ -41,7 +41,9 @@ class Poser:
         lights = active_lights(model)
         self._lights = lights[lights >= 0]
         self._light_rows = np.flatnonzero(lights >= 0)
-        self._light_count = len(lights)
+        # the headlight's row keeps a unit direction that nobody uses
+        self._light_pos, self._light_dir = np.zeros((2, len(lights), 3))
+        self._light_dir[:, 2] = -1.0
         # skins and flexes are given in the world's frame
         self._deforming = Deforming(model)
         self._world_pos = np.zeros((len(self._deforming), 3))
@@ -92,15 +94,18 @@ class Poser:
         model, own = self._model, self._data
         update_poses(model, own)
 
-        # the headlight's row keeps a unit direction that nobody uses
-        light_pos, light_dir = np.zeros((2, self._light_count, 3))
-        light_dir[:, 2] = -1.0
+        light_pos, light_dir = self._light_pos.copy(), self._light_dir.copy()
         light_pos[self._light_rows] = own.light_xpos[self._lights]
         light_dir[self._light_rows] = own.light_xdir[self._lights]
+        # these are copies
+        geom_pos, geom_mat = own.geom_xpos[self._geoms], own.geom_xmat[self._geoms]
+        if len(self._deforming):
+            geom_pos = np.concatenate([geom_pos, self._world_pos])
+            geom_mat = np.concatenate([geom_mat, self._world_mat])
         return SceneSnapshot(
             t_us,
-            np.concatenate([own.geom_xpos[self._geoms], self._world_pos]),
-            np.concatenate([own.geom_xmat[self._geoms], self._world_mat]),
+            geom_pos,
+            geom_mat,
             light_pos,
             light_dir,
             tuple(camera.mount.pose(own) for camera in self._cameras),
