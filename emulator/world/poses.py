@@ -12,7 +12,7 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
-from evs.emulator.scene import F64, SceneSnapshot
+from evs.emulator.scene import F64, I32, SceneSnapshot
 from evs.emulator.world.cameras import BoundCamera
 from evs.emulator.world.deforming import Deforming
 from evs.emulator.world.extraction import visible_geoms
@@ -37,13 +37,12 @@ class Poser:
         self._model = model
         self._data = mujoco.MjData(model)
         self._cameras = tuple(cameras)
-        self._geoms = visible_geoms(model)
+        self._geoms = _rows(visible_geoms(model))
         lights = active_lights(model)
-        self._lights = lights[lights >= 0]
-        self._light_rows = np.flatnonzero(lights >= 0)
-        # the headlight's row keeps a unit direction that nobody uses
-        self._light_pos, self._light_dir = np.zeros((2, len(lights), 3))
-        self._light_dir[:, 2] = -1.0
+        self._lights = _rows(lights[lights >= 0])
+        # the headlight comes first; its row has a unit direction that nobody uses
+        self._headlight_pos, self._headlight_dir = np.zeros((2, int((lights < 0).sum()), 3))
+        self._headlight_dir[:, 2] = -1.0
         # skins and flexes are given in the world's frame
         self._deforming = Deforming(model)
         self._world_pos = np.zeros((len(self._deforming), 3))
@@ -94,21 +93,19 @@ class Poser:
         model, own = self._model, self._data
         update_poses(model, own)
 
-        light_pos, light_dir = self._light_pos.copy(), self._light_dir.copy()
-        light_pos[self._light_rows] = own.light_xpos[self._lights]
-        light_dir[self._light_rows] = own.light_xdir[self._lights]
-        # these are copies
-        geom_pos, geom_mat = own.geom_xpos[self._geoms], own.geom_xmat[self._geoms]
-        if len(self._deforming):
-            geom_pos = np.concatenate([geom_pos, self._world_pos])
-            geom_mat = np.concatenate([geom_mat, self._world_mat])
         return SceneSnapshot(
             t_us,
-            geom_pos,
-            geom_mat,
-            light_pos,
-            light_dir,
+            np.concatenate([own.geom_xpos[self._geoms], self._world_pos]),
+            np.concatenate([own.geom_xmat[self._geoms], self._world_mat]),
+            np.concatenate([self._headlight_pos, own.light_xpos[self._lights]]),
+            np.concatenate([self._headlight_dir, own.light_xdir[self._lights]]),
             tuple(camera.mount.pose(own) for camera in self._cameras),
             self._deforming.vertices(own),
             exposure_us,
         )
+
+
+def _rows(indices: I32) -> I32 | slice:
+    """The same rows, as a slice where they follow each other: it is picked three times as fast."""
+    first, end = (int(indices[0]), int(indices[-1]) + 1) if len(indices) else (0, 0)
+    return slice(first, end) if np.array_equal(indices, np.arange(first, end)) else indices

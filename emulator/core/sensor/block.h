@@ -153,9 +153,12 @@ EVS_ALWAYS_INLINE uint64_t loud_pixels(const float* __restrict on, const float* 
 EVS_ALWAYS_INLINE bool has_noise(const PixelStep& step, size_t first, const ShotCandidate& shot,
                                  float dn) {
   const ShotNoise& noise = step.settings.shot;
+  const double share = noise.share(dn);
+  // in bright light next to none is; no rate is over the block's bound, and those are seldom near
+  if (!(shot.lot < step.shot_bounds[first / kBlock] * share)) return false;
   const double on = noise.on[first + shot.pixel];
   const double off = noise.off[first + shot.pixel];
-  return shot.lot < (on + off) * noise.share(dn);
+  return shot.lot < (on + off) * share;
 }
 
 // Pixels [first, first + count) of one block. Out: how many of them had no usable light.

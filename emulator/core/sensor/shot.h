@@ -81,9 +81,6 @@ inline void draw_candidates(const ShotNoise& shot, ShotClock clock, size_t block
       const uint64_t place = (bits >> 32) * pixels >> 32;
       const double lot = static_cast<double>(static_cast<uint32_t>(bits)) * 0x1p-32 * bound;
       out.push_back({static_cast<uint32_t>(place), static_cast<uint32_t>(stamp - begin_us), lot});
-      // its rates are wanted soon, and are seldom near
-      __builtin_prefetch(shot.on + block * kBlock + place);
-      __builtin_prefetch(shot.off + block * kBlock + place);
     }
     const double gap = std::ceil(exponential(hash(key, number + 1)) * mean_gap);
     // a block of dead pixels has a gap without end

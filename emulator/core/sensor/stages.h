@@ -21,9 +21,7 @@ struct Scratch {
   alignas(64) float dn[kBlock];
   alignas(64) float part[kBlock];
   alignas(64) float log[kBlock];         // log light at the end of the tick
-  alignas(64) float middle[kBlock];      // after the first filter
-  alignas(64) float from[kBlock];        // the signal at the start of the tick
-  alignas(64) float to[kBlock];          // the signal at its end
+  alignas(64) float from[2][kBlock];     // after each filter, at the start of the tick
   alignas(64) double reference[kBlock];  // at the start of the tick
   alignas(64) double drift[kBlock];      // by how much it sinks
 };
@@ -75,13 +73,13 @@ EVS_ALWAYS_INLINE size_t to_log_light(const PixelStep& step, size_t first, size_
   return clamped;
 }
 
-// One pole of the signal: `x0` and `x1` before and after the tick, `state` its own value. Out: from
-// and to, which is the new state; a pixel without light before starts with what it sees.
+// One pole of the signal: `x0` and `x1` before and after the tick, `state` its own value, In/out.
+// Out: from, what it was; a pixel without light before starts with what it sees.
 template <class Step>
 EVS_ALWAYS_INLINE bool filter(Step&& next, const float* __restrict last_log,
                               const float* __restrict now_log, const float* __restrict x0,
                               const float* __restrict x1, float* __restrict state, size_t count,
-                              float* __restrict from, float* __restrict to) {
+                              float* __restrict from) {
   uint32_t changed = 0;
   for (size_t i = 0; i < count; i++) {
     const float log = now_log[i];
@@ -89,11 +87,11 @@ EVS_ALWAYS_INLINE bool filter(Step&& next, const float* __restrict last_log,
     const float y0 = state[i];
     const float y1 = next(i, y0, x0[i], x1[i]);
     const bool begins = before != before;
-    to[i] = choose(begins, log, y1);
+    const float to = choose(begins, log, y1);
     from[i] = choose(begins, log, y0);
-    changed |= std::bit_cast<uint32_t>(to[i]) ^ std::bit_cast<uint32_t>(y0);
+    changed |= std::bit_cast<uint32_t>(to) ^ std::bit_cast<uint32_t>(y0);
+    state[i] = to;
   }
-  for (size_t i = 0; i < count; i++) state[i] = to[i];
   return changed != 0;
 }
 
@@ -119,10 +117,9 @@ EVS_ALWAYS_INLINE Signal to_signal(const PixelStep& step, size_t first, size_t c
     auto as_v2e = [=](size_t i, float y0, float, float x1) {
       return lowpass_euler(low + slope * dn[i], y0, x1);
     };
-    moved |= euler
-                 ? filter(as_v2e, last_log, s.log, last_log, s.log, state, count, s.from, s.middle)
-                 : filter(exact, last_log, s.log, last_log, s.log, state, count, s.from, s.middle);
-    signal = {s.from, s.middle};
+    moved |= euler ? filter(as_v2e, last_log, s.log, last_log, s.log, state, count, s.from[0])
+                   : filter(exact, last_log, s.log, last_log, s.log, state, count, s.from[0]);
+    signal = {s.from[0], state};
   }
   if (step.settings.follower > 0.0) {
     float* state = step.arrays.followed + first;
@@ -133,12 +130,10 @@ EVS_ALWAYS_INLINE Signal to_signal(const PixelStep& step, size_t first, size_t c
     };
     auto as_v2e = [=](size_t, float y0, float, float x1) { return lowpass_euler(z, y0, x1); };
     // what comes in is not overwritten by what goes out
-    alignas(64) float from[kBlock];
     moved |= euler
-                 ? filter(as_v2e, last_log, s.log, signal.from, signal.to, state, count, from, s.to)
-                 : filter(exact, last_log, s.log, signal.from, signal.to, state, count, from, s.to);
-    for (size_t i = 0; i < count; i++) s.from[i] = from[i];
-    signal = {s.from, s.to};
+                 ? filter(as_v2e, last_log, s.log, signal.from, signal.to, state, count, s.from[1])
+                 : filter(exact, last_log, s.log, signal.from, signal.to, state, count, s.from[1]);
+    signal = {s.from[1], state};
   }
   return signal;
 }
