@@ -134,6 +134,25 @@ def test_jitter_of_the_arbiter_has_its_spread_and_follows_the_seed() -> None:
     assert (stamps[0] != stamps[1]).any()
 
 
+def test_jitter_of_states_that_share_a_readout_follows_each_ones_seed_and_count() -> None:
+    # row times are drawn many at a time: those of another state must not be taken for them
+    sensor = sensor_of(order="arbiter", row_ns=900, column_ns=50, jitter_ns=300.0)
+    rows = [(t, t % 64, t % 48, 1) for t in range(1, 1001)]
+    ends_us = range(10, 1001, 10)
+    alone = [run(sensor, rows, *ends_us, seed=seed)[0] for seed in (1, 2)]
+    shared = Readout(sensor)
+    found: list[list[Rows]] = [[], []]
+    states = [shared.init(seed) for seed in (1, 2)]
+    for end_us in ends_us:
+        events = make_events(*zip(*rows[end_us - 10 : end_us], strict=True))
+        for place, state in enumerate(states):
+            # the second is also stepped again from where it was
+            for again in (state.copy(), state)[1 - place :]:
+                out, states[place] = shared.step(events, again, end_us - 10, end_us)
+            found[place].append(out.tolist())
+    assert found == alone
+
+
 def test_the_scan_gives_one_event_a_pixel_at_its_multiples() -> None:
     rows = [(199, 5, 5, 1), (199, 6, 2, 0), (200, 5, 5, 0), (201, 5, 5, 0), (950, 1, 1, 1)]
     found, state = run(sensor_of(order="scan", scan_us=200), rows, 300, 1000)
