@@ -92,8 +92,9 @@ Hull around(const Hull& a, const Hull& b) {
   hull.radius = std::max(a.radius, b.radius);
   hull.axis = {static_cast<float>(sum[0] / n), static_cast<float>(sum[1] / n),
                static_cast<float>(sum[2] / n)};
-  // half the angle between unit axes, of which n is twice the cosine
-  double apart = std::acos(std::min(0.5 * n, 1.0));
+  // half the angle between the axes, by their chord: their lengths are rounded
+  double chord = std::hypot(a.axis.x - b.axis.x, a.axis.y - b.axis.y, a.axis.z - b.axis.z);
+  double apart = std::asin(std::min(0.5 * chord, 1.0));
   open_by(hull, apart * 1.001 + std::max(angle_of(a), angle_of(b)) + 1e-6);
   return hull;
 }
