@@ -28,8 +28,9 @@ from evs.emulator.truth import GroundTruth
 class DirectRenderer:
     """Every light once, hard shadows, one mirror bounce, fixed sub-pixel samples: no noise at all.
 
-    With `config.incremental` and a still camera only packets of 4 x 4 pixels that a moved geom or
-    its shadow can touch are traced again; the light is the same bit for bit.
+    With `config.incremental` and a still camera only packets of 4 x 4 pixels that a moved geom can
+    touch are traced again, and of those that a moved light or a shadow reaches only the light is
+    found again where that is enough; it is the same bit for bit.
     """
 
     integrator: ClassVar[str] = "direct"
@@ -144,7 +145,7 @@ class DirectRenderer:
 
     @property
     def traced_fraction(self) -> float:
-        """Share of the pixels that the last call traced."""
+        """Share of the pixels that the last call traced; those only lit again do not count."""
         return self._caster.traced_fraction
 
     @property
@@ -154,7 +155,7 @@ class DirectRenderer:
 
     @property
     def work(self) -> dict[str, int]:
-        """What it has done: ticks, packets of 4 x 4 pixels asked and traced, trees."""
+        """What it has done: ticks, packets of 4 x 4 pixels asked, traced and lit again, trees."""
         return self._caster.work
 
     def _place(

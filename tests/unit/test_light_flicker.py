@@ -122,7 +122,7 @@ def test_each_light_follows_its_own_table_and_a_name_beats_the_star() -> None:
     np.testing.assert_allclose(left + ambient + rest, steady, rtol=1e-5)
 
 
-def test_kept_pixels_are_traced_anew_when_the_light_changes() -> None:
+def test_kept_pixels_are_lit_anew_when_the_light_changes() -> None:
     model = mujoco.MjModel.from_xml_string(LAMPS)
     bound = bind_camera(model, "", 40, 30)
     poser, data, scene = Poser(model, [bound]), mujoco.MjData(model), extract_scene(model)
@@ -133,15 +133,16 @@ def test_kept_pixels_are_traced_anew_when_the_light_changes() -> None:
         )
         for kept in (True, False)
     )
-    fractions = []
+    again = []
     for k in range(1, 20):
         shot = poser.snapshot(data, 1000 * k, 1000)
         pose = shot.cameras[0]
+        before = kept.work
         assert kept.render(shot, pose).tobytes() == full.render(shot, pose).tobytes()
-        fractions.append(kept.traced_fraction)
-    # four ticks on, four off: traced where the level changes, kept between
-    assert [f == 1 for f in fractions] == [k % 4 == 0 for k in range(19)]
-    assert set(fractions) == {0.0, 1.0}
+        after = kept.work
+        again.append(sum(after[key] - before[key] for key in ("packets_traced", "packets_relit")))
+    # four ticks on, four off: everything the lamp lights where the level changes, kept between
+    assert again == [80 * (k % 4 == 0) for k in range(19)]
 
 
 def test_a_world_gives_the_light_of_whole_ticks() -> None:

@@ -50,7 +50,7 @@ def test_only_what_moved_is_traced_again(tmp_path: Path) -> None:
     whole = 12 * 9  # packets of 48 x 36 pixels
     assert idle == {
         "ticks": TICKS + 1, "packets_asked": 0, "packets_traced": whole * (TICKS + 1),
-        "trees_built": 0, "trees_refitted": 0,
+        "packets_relit": 0, "trees_built": 0, "trees_refitted": 0,
     }  # fmt: skip
     assert bare["packets_asked"] == whole * TICKS
     assert whole < bare["packets_traced"] < 0.8 * idle["packets_traced"]

@@ -224,6 +224,7 @@ std::map<std::string, long> work_of(const BoundCaster& b) {
   return {{"ticks", w.ticks},
           {"packets_asked", w.packets_asked},
           {"packets_traced", w.packets_traced},
+          {"packets_relit", w.packets_relit},
           {"trees_built", w.trees_built},
           {"trees_refitted", w.trees_refitted}};
 }

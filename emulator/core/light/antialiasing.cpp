@@ -86,7 +86,7 @@ bool Antialiasing::near_traced(int first, int row) const {
 }
 
 void Antialiasing::finish_row(const Kernel& kernel, const Frame& frame, int row, const Outputs& out,
-                              Record* records) {
+                              RayBlocks* rays) {
   int top = row * PACKET_HEIGHT, bottom = std::min(top + PACKET_HEIGHT, height_);
   for (int first = 0; first < columns_; first += GROUP) {
     if (!near_traced(first, row)) continue;
@@ -116,8 +116,9 @@ void Antialiasing::finish_row(const Kernel& kernel, const Frame& frame, int row,
       float* colour = !rgb_.empty() ? refined_rgb_.data() + 3 * packet * PACKET : nullptr;
       unsigned missing = wanted[g] & ~static_cast<unsigned>(known_[packet]);
       if (missing) {
-        kernel.refine(frame, first + g, row, missing, light, colour,
-                      records ? records + packet : nullptr);
+        Record record = {};
+        if (rays) record = rays->record(first + g, row);
+        kernel.refine(frame, first + g, row, missing, light, colour, rays ? &record : nullptr);
         known_[packet] |= static_cast<uint16_t>(missing);
       }
       for (unsigned left_over = wanted[g]; left_over; left_over &= left_over - 1) {

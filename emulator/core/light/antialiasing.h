@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "optics.h"
+#include "ray_blocks.h"
 #include "scene.h"
 
 namespace evs {
@@ -24,10 +25,10 @@ class Antialiasing {
 
   // Between the passes, once.
   void close_margin();
-  // The second pass, packet row `row`. Out: luminance and rgb or null. records: of all packets, or
-  // null.
+  // The second pass, packet row `row`. Out: luminance and rgb or null. rays: what is kept of
+  // them, or null.
   void finish_row(const Kernel& kernel, const Frame& frame, int row, const Outputs& out,
-                  Record* records);
+                  RayBlocks* rays);
   // After both.
   void next_tick();
 

@@ -1,14 +1,11 @@
 #include "caster.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <cstring>
 
 namespace evs {
 namespace {
-
-constexpr int HULL_CAPACITY = 33;
 
 struct D3 {
   double x, y, z;
@@ -70,14 +67,14 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   spheres_.resize(count);
   balls_.resize(count);
   previous_balls_.resize(count);
-  moved_.reserve(2 * MOST_LINKS * count);
-  moved_balls_.reserve(2 * MOST_LINKS * static_cast<size_t>(count));
+  moved_.reserve(2 * count);
+  moved_rods_.reserve(2 * static_cast<size_t>(count));
+  moved_balls_.reserve(2 * static_cast<size_t>(count));
   previous_lights_ = look_.lights;
   camera_.reserve(12);
   deformed_.resize(mesh_data_.size());
   shapes_.resize(mesh_data_.size());
   set_optics(optics, tracing.samples, sampling_, frame_);
-  if (incremental_ && !tracing.path) make_records();
   frame_.geoms = geoms_.data();
   frame_.geom_count = count;
   frame_.plane_count = static_cast<int>(
@@ -108,6 +105,11 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   if (tracing.adaptive && !tracing.path && tracing.samples > 1) {
     antialiasing_.emplace(optics, sampling_, tracing.rgb);
   }
+  if (incremental_ && !tracing.path) {
+    // what is kept of a packet is one sample a pixel
+    int channels = antialiasing_ ? frame_.channels + 1 : tracing.samples == 1 ? frame_.channels : 0;
+    ray_blocks_.emplace(sampling_, channels, look_.lights, frame_.shadows);
+  }
   if (tracing.path) {
     emitters_.emplace(scene, look_, order_);
     paths_.bounces = tracing.bounces;
@@ -128,18 +130,6 @@ void Caster::set_paths() {
   f.glowing = forced_.decide(GLOWING, f.glowing);
   f.transparent = forced_.decide(TRANSPARENT, f.transparent);
   paths_ = f;
-}
-
-// Room for the hulls of every packet; more lights than fit: those packets are traced always.
-void Caster::make_records() {
-  size_t packets = sampling_.primary.size();
-  int casting = 0;
-  for (const Light& l : look_.lights) casting += l.castshadow;
-  int capacity = std::min(2 * casting + 1, HULL_CAPACITY);
-  hulls_.resize(packets * capacity);
-  for (size_t i = 0; i < packets; i++) {
-    records_.push_back({-1, capacity, hulls_.data() + i * capacity, {}});
-  }
 }
 
 void Caster::deform_mesh(int index, const float* vertices, const float* normals) {
@@ -257,11 +247,7 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
                std::equal(camera.begin() + 3, camera.end(), poses.camera_mat);
   std::copy(poses.camera_pos, poses.camera_pos + 3, camera.begin());
   std::copy(poses.camera_mat, poses.camera_mat + 9, camera.begin() + 3);
-  size_t light_bytes = look_.lights.size() * sizeof(Light);
-  bool same_lights =
-      !first && (light_bytes == 0 ||
-                 std::memcmp(look_.lights.data(), previous_lights_.data(), light_bytes) == 0);
-  bool selective = incremental_ && still && same_lights && !forced_.on(FULL_RETRACE);
+  bool selective = incremental_ && still && !forced_.on(FULL_RETRACE);
   work_.ticks++;
   if (!first && forced_.off(FULL_RETRACE)) {
     traced_fraction_ = 0;
@@ -271,58 +257,19 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
   Outputs out = {luminance, rgb, nullptr, 0};
   if (emitters_) {
     paths_.seed = poses.seed;
-    bool same = incremental_ && still && !forced_.on(FULL_RETRACE) &&
-                poses.seed == previous_seed_ && (same_lights || same_images());
-    trace_paths(first, same, same_lights, out);
+    bool same_lamps = same_lights();
+    trace_paths(first, selective && poses.seed == previous_seed_ && (same_lamps || same_images()),
+                same_lamps, out);
     previous_seed_ = poses.seed;
-    end_tick();
-    return;
+  } else {
+    trace_direct(still, selective, out);
   }
-  if (selective) find_moved();
-  // records pay off only while the camera stays, and lights do not change in tick after tick
-  bool recording = incremental_ && (first || (still && (same_lights || lights_stayed_)));
-  lights_stayed_ = same_lights;
-  if (incremental_ && !recording) {
-    for (Record& r : records_) r.count = -1;
-  }
-
-  Outputs first_out = antialiasing_ ? antialiasing_->base() : out;
-  Frame first_frame = antialiasing_ ? antialiasing_->base_frame(frame_) : frame_;
-  Bounds moved = moved_.view();
-  std::atomic<long> traced{0};
-  bool pairs = kernel_->trace_pair && frame_.pairs && !selective && !recording;
-  pool_.run(sampling_.rows, [&](int row, int) {
-    long count = 0;
-    for (int column = 0; column < sampling_.columns; column++) {
-      if (pairs && column + 1 < sampling_.columns) {
-        kernel_->trace_pair(first_frame, column, row, first_out);
-        for (int k = 0; k < 2 && antialiasing_; k++) antialiasing_->traced(column + k, row);
-        count += 2;
-        column++;
-        continue;
-      }
-      Record* record =
-          incremental_ ? &records_[static_cast<size_t>(row) * sampling_.columns + column] : nullptr;
-      if (selective && !kernel_->touched(frame_, column, row, *record, moved, around_moved_))
-        continue;
-      kernel_->trace(first_frame, column, row, first_out, recording ? record : nullptr);
-      if (antialiasing_) antialiasing_->traced(column, row);
-      count++;
-    }
-    traced += count;
-  });
-  if (antialiasing_ && traced > 0) {
-    antialiasing_->close_margin();
-    pool_.run(sampling_.rows, [&](int row, int) {
-      antialiasing_->finish_row(*kernel_, frame_, row, out, recording ? records_.data() : nullptr);
-    });
-    antialiasing_->next_tick();
-  }
-  long packets = static_cast<long>(sampling_.rows) * sampling_.columns;
-  if (selective) work_.packets_asked += packets;
-  work_.packets_traced += traced;
-  traced_fraction_ = static_cast<double>(traced) / static_cast<double>(packets);
   end_tick();
+}
+
+bool Caster::same_lights() const {
+  size_t bytes = look_.lights.size() * sizeof(Light);
+  return bytes == 0 || std::memcmp(look_.lights.data(), previous_lights_.data(), bytes) == 0;
 }
 
 // Are lights that are images those of the last tick?

@@ -13,6 +13,7 @@
 #include "kept_paths.h"
 #include "optics.h"
 #include "pool.h"
+#include "ray_blocks.h"
 #include "scene.h"
 #include "scene_data.h"
 
@@ -42,6 +43,7 @@ struct Work {
   long ticks = 0;
   long packets_asked = 0;   // whether something that moved can touch them
   long packets_traced = 0;  // 4 x 4 pixels
+  long packets_relit = 0;   // others, of which only the light was found again
   long trees_built = 0;     // one for each mesh
   long trees_refitted = 0;
 };
@@ -101,7 +103,6 @@ class Caster {
     Bounds view() const;
   };
 
-  void make_records();
   void set_paths();
   void place_geoms(const Poses& poses);
   uint32_t idle_planes(const Light& light) const;
@@ -109,13 +110,13 @@ class Caster {
   void place_air();
   void find_moved();
   void add_moved(const Rod& before, const Rod& now);
+  bool same_lights() const;
   void trace_paths(bool first, bool same, bool same_lamps, const Outputs& out);
   bool same_images() const;
+  void trace_direct(bool still, bool selective, const Outputs& out);
   void end_tick();
   Ball sphere_of(const Geom& g) const;
   Ball mirrored_in_plane() const;
-
-  static constexpr int MOST_LINKS = 5;  // balls around one long geom
 
   const Kernel* kernel_;
   Pool pool_;
@@ -131,7 +132,6 @@ class Caster {
   int previous_seed_ = 0;
   std::vector<Mesh> meshes_;
   std::vector<Light> previous_lights_;
-  bool lights_stayed_ = true;       // in the last tick
   std::vector<float> gains_;        // of each light
   std::vector<Light> full_lights_;  // at gain 1
   int haze_plane_ = -1;             // kernel's geom, -1 none
@@ -141,12 +141,13 @@ class Caster {
   std::vector<std::vector<float>> shapes_;    // last vertices and normals of each deforming mesh
   std::vector<bool> deformed_;                // meshes, since the last render
   Spheres spheres_, moved_;
-  std::vector<Ball> moved_balls_;  // what `moved_` is made of
+  std::vector<Rod> moved_rods_;    // around geoms that moved, before and now
+  std::vector<Ball> moved_balls_;  // around those; as `moved_`
   Ball around_moved_ = {{0, 0, 0}, -1};
   Sampling sampling_ = {};
-  std::vector<Hull> hulls_;
-  std::vector<Record> records_;
-  std::vector<double> camera_;  // previous pose, 12 numbers; empty before the first call
+  std::optional<RayBlocks> ray_blocks_;  // of `direct`, incremental
+  bool recorded_ = false;                // in the last tick
+  std::vector<double> camera_;           // previous pose, 12 numbers; empty before the first call
   Frame frame_ = {};
   std::optional<Antialiasing> antialiasing_;  // none: all samples everywhere
   double traced_fraction_ = 1;

@@ -113,44 +113,35 @@ Ball Caster::mirrored_in_plane() const {
   return ball;
 }
 
-// Balls in a row that hold a rod before and after it moved: together they are thinner than one.
+// One rod that holds a geom's before and after it moved, or both if it moved far.
 void Caster::add_moved(const Rod& before, const Rod& now) {
-  int links = 1;
-  if (now.half > 0) links += static_cast<int>(1.5f * now.half / now.radius);
-  links = std::min(links, MOST_LINKS);
-  float share = 1.0f / static_cast<float>(links);
-  auto link = [&](const Rod& rod, int i) -> Ball {
-    float at = rod.half * (static_cast<float>(2 * i + 1) * share - 1);
-    V3 c = rod.center, u = rod.axis;
-    return {{c.x + u.x * at, c.y + u.y * at, c.z + u.z * at}, rod.radius + rod.half * share};
-  };
-  for (int i = 0; i < links; i++) {
-    Ball a = link(before, i), b = link(now, i);
-    float x = b.center.x - a.center.x, y = b.center.y - a.center.y, z = b.center.z - a.center.z;
-    float apart = std::hypot(x, y, z), thickest = std::max(a.radius, b.radius);
-    if (apart < thickest) {
-      // a ball around both is hardly larger
-      V3 middle = {a.center.x + 0.5f * x, a.center.y + 0.5f * y, a.center.z + 0.5f * z};
-      moved_balls_.push_back({middle, (thickest + 0.5f * apart) * 1.00001f});
-    } else {
-      moved_balls_.push_back(a);
-      moved_balls_.push_back(b);
-    }
+  auto length = [](V3 a, V3 b) { return std::hypot(a.x - b.x, a.y - b.y, a.z - b.z); };
+  // no point of the axis went further
+  float gone = length(now.center, before.center) + now.half * length(now.axis, before.axis);
+  float thickest = std::max(before.radius, now.radius);
+  if (gone < 0.5f * thickest && now.half == before.half) {
+    moved_rods_.push_back({now.center, now.axis, now.half, (thickest + gone) * 1.00001f, 0, 0});
+  } else {
+    moved_rods_.push_back(before);
+    moved_rods_.push_back(now);
   }
 }
 
-// Old and new bounds of every geom that moved, and a ball around them all.
+// Rods around every geom that moved, balls around those, and one around them all.
 void Caster::find_moved() {
-  std::vector<Ball>& balls = moved_balls_;
-  balls.clear();
+  moved_rods_.clear();
   for (size_t k = 0; k < geoms_.size(); k++) {
     bool deformed = geoms_[k].mesh >= 0 && deformed_[geoms_[k].mesh];
     if (!deformed && std::memcmp(&geoms_[k], &previous_geoms_[k], sizeof(Geom)) == 0) continue;
     add_moved(rod_of(previous_geoms_[k], previous_balls_[k]), rod_of(geoms_[k], balls_[k]));
   }
-  moved_.resize(static_cast<int>(balls.size()));
-  for (size_t i = 0; i < balls.size(); i++) moved_.set(static_cast<int>(i), balls[i]);
-  around_moved_ = ball_around(balls.data(), balls.size());
+  moved_balls_.clear();
+  moved_.resize(static_cast<int>(moved_rods_.size()));
+  for (const Rod& rod : moved_rods_) {
+    moved_balls_.push_back({rod.center, (rod.half + rod.radius) * 1.00001f});
+    moved_.set(static_cast<int>(moved_balls_.size()) - 1, moved_balls_.back());
+  }
+  around_moved_ = ball_around(moved_balls_.data(), moved_balls_.size());
 }
 
 }  // namespace evs

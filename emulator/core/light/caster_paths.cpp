@@ -12,7 +12,7 @@ void Caster::trace_paths(bool first, bool same, bool same_lamps, const Outputs& 
     KeptPaths::Places places = {geoms_,          previous_geoms_, balls_,
                                 previous_balls_, deformed_,       paths_.emitter_of_geom};
     find_moved();
-    if (same && same_lamps && moved_balls_.empty()) {
+    if (same && same_lamps && moved_rods_.empty()) {
       traced_fraction_ = 0;
       return;
     }

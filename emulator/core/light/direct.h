@@ -38,15 +38,15 @@ void shade_image(const Frame& f, const Light& light, const Rays& rays, const Pat
   }
 }
 
-// Light that leaves the surface towards the ray's origin. `points`: those of `lit`.
+// What lights `begin` ... `end` - 1 send from the surface towards the ray's origin. `points`: those
+// of `lit`.
 template <int CHANNELS>
-void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNELS>& patch,
-           Points& points, Mask lit, Float* out) {
+void add_lights(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNELS>& patch,
+                Points& points, Mask lit, int begin, int end, Float* out) {
   uint32_t planes = f.plane_count < 32 ? (1u << f.plane_count) - 1 : ~0u;
-  for (int c = 0; c < CHANNELS; c++) out[c] = patch.emitted[c];
   Matt<CHANNELS> matt = matt_of(f, patch);
   Mask physical = f.lobes ? patch.physical & lit : mask_of(0);
-  for (int i = 0; i < f.light_count; i++) {
+  for (int i = begin; i < end; i++) {
     const Light& light = f.lights[i];
     if (light.kind == IMAGE) {
       shade_image(f, light, rays, patch, matt, out);
@@ -96,30 +96,45 @@ void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNEL
   }
 }
 
+// Light that leaves the surface. In: keep, where to, or null.
+template <int CHANNELS>
+void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNELS>& patch,
+           Points& points, Mask lit, const KeptPatch* keep, Float* out) {
+  for (int c = 0; c < CHANNELS; c++) out[c] = patch.emitted[c];
+  int first = 0;
+  if (keep) {
+    first = keep->lights;
+    add_lights<CHANNELS>(f, rays, hit, patch, points, lit, 0, first, out);
+    store_patch<CHANNELS>(hit, patch, out, *keep);
+  }
+  add_lights<CHANNELS>(f, rays, hit, patch, points, lit, first, f.light_count, out);
+}
+
 template <int CHANNELS, bool FOLLOW>
 void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float travelled,
-              Trail* trail, Float* out);
+              Notes* notes, Float* out);
 
 // What the mirrors of `mirror` show, times their reflectance, is added to `surface`. `region`:
-// where their points are.
+// where their points are. `empty`: they are known to show nothing.
 template <int CHANNELS>
 void reflect(const Frame& f, const Rays& rays, const Patch<CHANNELS>& patch, const Region& region,
-             Mask mirror, Float travelled, Trail* trail, Float* surface) {
+             Mask mirror, bool empty, Float travelled, Notes* notes, Float* surface) {
   Vec d = rays.direction;
   Vec bounced = d - patch.normal * (dot(d, patch.normal) * 2.0f);
   Rays mirrored = {patch.origin, normalize(bounced), false};
   float square;
   Hull cone = hull_of(region, mirrored.direction, mirror, FAR, square);
-  if (trail) {
-    if (trail->mirror_spread < 0) {
-      trail->mirror_axis = cone.axis;
+  if (notes) {
+    if (notes->mirror_spread < 0) {
+      notes->mirror_axis = cone.axis;
     } else {
-      square = spread(mirrored.direction, trail->mirror_axis, mirror);
+      square = spread(mirrored.direction, notes->mirror_axis, mirror);
     }
-    trail->mirror_spread = square > trail->mirror_spread ? square : trail->mirror_spread;
+    notes->mirror_spread = square > notes->mirror_spread ? square : notes->mirror_spread;
   }
+  if (empty) return;
   Float image[CHANNELS];
-  radiance<CHANNELS, false>(f, mirrored, cone, mirror, travelled, trail, image);
+  radiance<CHANNELS, false>(f, mirrored, cone, mirror, travelled, notes, image);
   for (int c = 0; c < CHANNELS; c++) {
     surface[c] = select(mirror, surface[c] + image[c] * patch.reflectance, surface[c]);
   }
@@ -128,10 +143,10 @@ void reflect(const Frame& f, const Rays& rays, const Patch<CHANNELS>& patch, con
 constexpr int MAX_LAYERS = 8;  // what lies behind seven transparent surfaces is not seen
 
 // Radiance along the rays of `active`: through transparent surfaces, front to back, and with FOLLOW
-// once off a mirror. Out: the light of each channel; trail, which grows, unless it is null.
+// once off a mirror. Out: the light of each channel; notes, which grows, unless it is null.
 template <int CHANNELS, bool FOLLOW>
 void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float travelled,
-              Trail* trail, Float* out) {
+              Notes* notes, Float* out) {
   for (int c = 0; c < CHANNELS; c++) out[c] = splat(0.0f);
   Float passing = splat(1.0f), beyond = splat(0.0f), cover = beyond, curtain = beyond;
   for (int layer = 0; layer < MAX_LAYERS; layer++) {
@@ -161,14 +176,16 @@ void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, F
     if (!any(lit)) break;
     Patch<CHANNELS> patch = patch_of<CHANNELS>(f, rays, hit, bits(lit), travelled);
     Points points;
-    if (trail) grow(FOLLOW ? trail->seen : trail->mirrored, points.of(patch, lit));
+    if (notes) grow(FOLLOW ? notes->seen : notes->mirrored, points.of(patch, lit));
     Float surface[CHANNELS];
-    shade<CHANNELS>(f, rays, hit, patch, points, lit, surface);
+    bool keeps = FOLLOW && layer == 0 && notes && notes->keep.numbers && can_keep(f, hit, lit);
+    shade<CHANNELS>(f, rays, hit, patch, points, lit, keeps ? &notes->keep : nullptr, surface);
     if constexpr (FOLLOW) {
       Mask mirror = lit & (patch.reflectance > 0.0f);
-      if (any(mirror) && (trail || !mirrors_nothing(f, rays, hit, mirror))) {
-        reflect<CHANNELS>(f, rays, patch, points.of(patch, lit), mirror, travelled + hit.distance,
-                          trail, surface);
+      bool empty = !any(mirror) || mirrors_nothing(f, rays, hit, mirror);
+      if (!empty || (notes && any(mirror))) {
+        reflect<CHANNELS>(f, rays, patch, points.of(patch, lit), mirror, empty,
+                          travelled + hit.distance, notes, surface);
       }
     }
     if (f.air.fog) fog<CHANNELS>(f, travelled + hit.distance, surface);

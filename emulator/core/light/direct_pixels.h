@@ -39,34 +39,6 @@ EVS_INLINE Rays primary_rays(const Frame& f, int column, int row, float sub_x, f
                       load(PIXEL.row) + (static_cast<float>(row * PACKET_HEIGHT) + sub_y));
 }
 
-// The hulls behind the record of one packet; more lights than fit: trace it always.
-inline void write_record(const Frame& f, const Trail& trail, Record* record) {
-  record->trail = trail;
-  record->count = 0;
-  int casting = 0;
-  for (int i = 0; i < f.light_count; i++) casting += f.lights[i].castshadow && f.shadows;
-  if (2 * casting + 1 > record->capacity) {
-    record->count = -1;
-    return;
-  }
-  auto add_shadows = [&](const Region& region) {
-    if (region.low.x > region.high.x) return;
-    for (int i = 0; i < f.light_count; i++) {
-      if (f.lights[i].castshadow && f.shadows)
-        record->hulls[record->count++] = shadow_hull(f.lights[i], region);
-    }
-  };
-  add_shadows(trail.seen);
-  if (trail.mirror_spread < 0) return;
-  // mirror rays start where something was seen
-  Hull cone = ball_of(trail.seen);
-  cone.axis = trail.mirror_axis;
-  cone.length = FAR;
-  open(cone, trail.mirror_spread);
-  record->hulls[record->count++] = cone;
-  add_shadows(trail.mirrored);
-}
-
 template <int CHANNELS>
 EVS_INLINE Float luminance_of(const Frame& f, const Float* light) {
   Float luminance = light[0] * f.weights[0];
@@ -114,29 +86,33 @@ void write_pixels(const Frame& f, int column, int row, Float luminance, const Fl
 }
 
 template <int CHANNELS>
-void trace_packet(const Frame& f, int column, int row, const Outputs& out, Record* record) {
+void trace_packet(const Frame& f, int column, int row, const Outputs& out, const Record* record) {
   const Hull& hull = PACKETS == 1 ? f.primary[row * f.packet_columns + column]
                                   : f.pairs[row * (f.packet_columns / 2) + column / 2];
   Float sum = splat(0.0f), sums[CHANNELS];
   for (int c = 0; c < CHANNELS; c++) sums[c] = sum;
-  Trail trail;
+  Notes notes;
+  if (record && record->patch.numbers) {
+    notes.keep = record->patch;
+    *record->patch.geom = -1;
+  }
   for (int s = 0; s < f.samples; s++) {
     Rays rays = primary_rays(f, column, row, f.sample_x[s], f.sample_y[s]);
     Float light[CHANNELS];
     radiance<CHANNELS, true>(f, rays, hull, mask_of(ALL_LANES), splat(0.0f),
-                             record ? &trail : nullptr, light);
+                             record ? &notes : nullptr, light);
     sum = sum + luminance_of<CHANNELS>(f, light);
     if (out.rgb || out.plain) {
       for (int c = 0; c < CHANNELS; c++) sums[c] = sums[c] + light[c];
     }
   }
-  if (record) write_record(f, trail, record);
+  if (record) write_record(notes, *record);
   float share = 1.0f / static_cast<float>(f.samples);
   for (int c = 0; c < CHANNELS; c++) sums[c] = sums[c] * share;
   write_pixels<CHANNELS>(f, column, row, sum * share, sums, out);
 }
 
-inline void trace(const Frame& f, int column, int row, const Outputs& out, Record* record) {
+inline void trace(const Frame& f, int column, int row, const Outputs& out, const Record* record) {
   switch (f.channels) {
     case 1:
       return trace_packet<1>(f, column, row, out, record);
@@ -200,22 +176,4 @@ inline void trace_pixels(const Frame& f, const int32_t* x, const int32_t* y, int
     default:
       return trace_any<5>(f, x, y, count, luminance, plain);
   }
-}
-
-inline bool touched(const Frame& f, int column, int row, const Record& record,
-                    const Bounds& spheres, const Ball& around) {
-  if (record.count < 0) return true;
-  auto meets = [&](const Hull& hull) {
-    // most packets are nowhere near anything that moved
-    if (!may_touch(around, hull)) return false;
-    for (int k = 0; k < spheres.count; k += LANES) {
-      if (touching(spheres, k, hull)) return true;
-    }
-    return false;
-  };
-  if (meets(f.primary[row * f.packet_columns + column])) return true;
-  for (int i = 0; i < record.count; i++) {
-    if (meets(record.hulls[i])) return true;
-  }
-  return false;
 }

@@ -24,10 +24,10 @@ void weigh(const float* const* neighbours, float* weight) {
 // They are added up one by one, so that a pixel's light does not depend on its company.
 template <int CHANNELS>
 void refine_packet(const Frame& f, int column, int row, unsigned pixels, float* luminance,
-                   float* rgb, Record* record) {
+                   float* rgb, const Record* record) {
   const Hull& hull = f.primary[row * f.packet_columns + column];
-  Trail trail;
-  if (record) trail = record->trail;
+  Notes notes;
+  if (record) static_cast<Trail&>(notes) = *record->trail;
   float sum[PACKET] = {}, sums[PACKET][3] = {};
   int sample = 0;
   for (unsigned left = pixels; left;) {
@@ -49,7 +49,7 @@ void refine_packet(const Frame& f, int column, int row, unsigned pixels, float* 
     }
     Float light[CHANNELS];
     radiance<CHANNELS, true>(f, rays_through(f, load(x), load(y)), hull, mask_of((1u << used) - 1),
-                             splat(0.0f), record ? &trail : nullptr, light);
+                             splat(0.0f), record ? &notes : nullptr, light);
     store(grey, luminance_of<CHANNELS>(f, light));
     for (int i = 0; i < used; i++) sum[owner[i]] += grey[i];
     if (CHANNELS < 3 || !rgb) continue;
@@ -58,7 +58,7 @@ void refine_packet(const Frame& f, int column, int row, unsigned pixels, float* 
       for (int i = 0; i < used; i++) sums[owner[i]][c] += colour[c][i];
     }
   }
-  if (record) write_record(f, trail, record);
+  if (record) write_record(notes, *record);
   float share = 1.0f / static_cast<float>(f.samples);
   for (unsigned left = pixels; left; left &= left - 1) {
     int pixel = first_lane(left);
@@ -73,7 +73,7 @@ void refine_packet(const Frame& f, int column, int row, unsigned pixels, float* 
 }
 
 void refine(const Frame& f, int column, int row, unsigned pixels, float* luminance, float* rgb,
-            Record* record) {
+            const Record* record) {
   switch (f.channels) {
     case 1:
       return refine_packet<1>(f, column, row, pixels, luminance, rgb, record);

@@ -200,12 +200,43 @@ struct Trail {  // what a packet's secondary rays covered, over all its samples
   float mirror_spread = -1;  // largest squared chord to the axis; negative: no mirror was met
 };
 
-// The hulls of a packet's secondary rays since the tick when it was last traced whole.
+// Packets that are asked together, 4 x 4 of them.
+constexpr int BLOCK_WIDTH = 4, BLOCK_HEIGHT = 4;
+
+// Where the rays of a block's packets went when each was last traced whole, and so what can change
+// them; one column a packet.
+struct alignas(64) RayBlock {
+  float primary[9][16];   // hull of the camera rays: center, axis, radius, cosine, sine
+  float seen[4][16];      // ball around what they see: center, radius; negative: nothing
+  float mirrored[4][16];  // the same of what their mirrors show
+  float mirror[6][16];    // hull of mirror rays, which start in `seen`: axis, radius (negative:
+                          // none), cosine, sine
+  uint32_t packets;       // that there are, one bit each
+};
+
+// What a packet keeps to be lit again, if all its pixels show one geom and no mirror image.
+struct KeptPatch {
+  float* numbers;  // (1 + 2 channels, 16) distance, albedo, light; null: nothing is to be kept
+  int lights;      // that light is of the first ones
+  int32_t* geom;   // negative: nothing is
+};
+
+// Where to note what a packet met.
 struct Record {
-  int count;  // -1: nothing recorded, trace it always
-  int capacity;
-  Hull* hulls;
-  Trail trail;  // what the hulls are made of
+  RayBlock* block;
+  int column;    // in the block
+  Trail* trail;  // what the block's column is made of
+  KeptPatch patch;
+};
+
+struct Rod;  // path_scene.h
+
+// What is not as it was in the last tick.
+struct Change {
+  const Rod* rods;      // around geoms that moved, before and now
+  Bounds balls;         // around each of them
+  Ball around;          // around all of them
+  const Light* lights;  // as they were; null: all stayed
 };
 
 struct Outputs {
@@ -234,10 +265,12 @@ struct ProbeSurface;  // path_scene.h
 // One instruction set's entry points.
 struct Kernel {
   // Trace the 16 pixels of packet (column, row) and write them.
-  void (*trace)(const Frame&, int column, int row, const Outputs&, Record* record);
+  void (*trace)(const Frame&, int column, int row, const Outputs&, const Record* record);
   // The same for the packets `column`, which is even, and `column` + 1, at once: no record. Null:
   // packet by packet is as fast.
   void (*trace_pair)(const Frame&, int column, int row, const Outputs&);
+  // The same light as `trace` of a packet whose rays go where they went, from what it keeps.
+  void (*relight)(const Frame&, int column, int row, const Outputs&, const KeptPatch&);
   // Luminance of up to 16 pixels anywhere, the same as `trace` gives them, In: x, y (count);
   // and the channel `plain` (count), or null.
   void (*trace_pixels)(const Frame&, const int32_t* x, const int32_t* y, int count,
@@ -248,13 +281,13 @@ struct Kernel {
   // All samples of some pixels of packet (column, row). In: pixels, one bit each; record, to which
   // their rays are added, or null. Out: luminance (16) and rgb (16, 3) or null, where a bit is set.
   void (*refine)(const Frame&, int column, int row, unsigned pixels, float* luminance, float* rgb,
-                 Record* record);
+                 const Record* record);
   // Ground truth of the 16 pixels of packet (column, row).
   void (*trace_truth)(const Frame&, int column, int row, const Truth&);
-  // Can one of these spheres touch a ray of the packet? `around` holds all of them.
-  bool (*touched)(const Frame&, int column, int row, const Record&, const Bounds& spheres,
-                  const Ball& around);
-  // The same for paths, which leave no record, but a whole row of packets. The batch is theirs
+  // Which packets of a block can have changed, one bit each. Out: traced, because something moved;
+  // lit, because light or shadow may have.
+  void (*ask)(const Frame&, const RayBlock&, const Change&, uint32_t& traced, uint32_t& lit);
+  // `trace` for paths, which leave no record, but a whole row of packets. The batch is theirs
   // while they run.
   void (*trace_path_row)(const Frame&, const PathFrame&, PathBatch&, int row, const Outputs&);
   void (*trace_path_pixels)(const Frame&, const PathFrame&, PathBatch&, const int32_t* x,

@@ -1,0 +1,76 @@
+// A tick of the caster whose light comes straight from the lamps.
+#include <atomic>
+
+#include "caster.h"
+
+namespace evs {
+
+// In: whether the camera is where it was, and whether what can have changed is asked for then.
+void Caster::trace_direct(bool still, bool selective, const Outputs& out) {
+  bool recording = ray_blocks_ && (work_.ticks == 1 || still);
+  selective = selective && recorded_ && !ray_blocks_->outdated(look_.lights, previous_lights_);
+  recorded_ = recording;
+  long packets = static_cast<long>(sampling_.rows) * sampling_.columns;
+  if (selective) {
+    work_.packets_asked += packets;
+    find_moved();
+    bool lights_stay = same_lights();
+    if (moved_rods_.empty() && lights_stay) {
+      traced_fraction_ = 0;
+      return;
+    }
+    Change change = {moved_rods_.data(), moved_.view(), around_moved_,
+                     lights_stay ? nullptr : previous_lights_.data()};
+    ray_blocks_->ask(*kernel_, frame_, change, pool_);
+  }
+
+  Outputs first_out = antialiasing_ ? antialiasing_->base() : out;
+  Frame first_frame = antialiasing_ ? antialiasing_->base_frame(frame_) : frame_;
+  std::atomic<long> traced{0}, relit{0};
+  bool pairs = kernel_->trace_pair && frame_.pairs && !selective && !recording;
+  pool_.run(sampling_.rows, [&](int row, int) {
+    using Need = RayBlocks::Need;
+    long anew = 0, lit = 0;
+    for (int column = 0; column < sampling_.columns; column++) {
+      if (pairs && column + 1 < sampling_.columns) {
+        kernel_->trace_pair(first_frame, column, row, first_out);
+        for (int k = 0; k < 2 && antialiasing_; k++) antialiasing_->traced(column + k, row);
+        anew += 2;
+        column++;
+        continue;
+      }
+      if (selective && column % BLOCK_WIDTH == 0 && !ray_blocks_->any_need(column, row)) {
+        column += BLOCK_WIDTH - 1;
+        continue;
+      }
+      Need need = selective ? ray_blocks_->need(column, row) : Need::ALL;
+      if (need == Need::NOTHING) continue;
+      Record record = {};
+      if (recording) record = ray_blocks_->record(column, row);
+      if (need == Need::LIGHT && record.patch.numbers && *record.patch.geom >= 0) {
+        kernel_->relight(first_frame, column, row, first_out, record.patch);
+        lit++;
+      } else {
+        // where only the light changes, what is noted of the rays stays right
+        bool noting = recording && need == Need::ALL;
+        kernel_->trace(first_frame, column, row, first_out, noting ? &record : nullptr);
+        anew++;
+      }
+      if (antialiasing_) antialiasing_->traced(column, row);
+    }
+    traced += anew;
+    relit += lit;
+  });
+  if (antialiasing_ && traced + relit > 0) {
+    antialiasing_->close_margin();
+    pool_.run(sampling_.rows, [&](int row, int) {
+      antialiasing_->finish_row(*kernel_, frame_, row, out, recording ? &*ray_blocks_ : nullptr);
+    });
+    antialiasing_->next_tick();
+  }
+  work_.packets_traced += traced;
+  work_.packets_relit += relit;
+  traced_fraction_ = static_cast<double>(traced) / static_cast<double>(packets);
+}
+
+}  // namespace evs
