@@ -93,6 +93,15 @@ EVS_INLINE Float from_quarters(const __m128* q) {
   }
   return r;
 }
+EVS_INLINE void store_at(float* base, Int at, Float a, Mask m) {
+  for (int i = 0; i < 2; i++) _mm512_mask_i32scatter_ps(base, m.m[i], at.v[i], a.v[i], 4);
+}
+EVS_INLINE void compress(float* p, Float a, Mask m) {
+  for (int i = 0; i < 2; i++) {
+    _mm512_storeu_ps(p, _mm512_maskz_compress_ps(m.m[i], a.v[i]));
+    p += __builtin_popcount(m.m[i]);
+  }
+}
 EVS_INLINE float lowest(Float a) { return _mm512_reduce_min_ps(_mm512_min_ps(a.v[0], a.v[1])); }
 EVS_INLINE float highest(Float a) { return _mm512_reduce_max_ps(_mm512_max_ps(a.v[0], a.v[1])); }
 #undef EVS_1

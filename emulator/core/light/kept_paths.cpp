@@ -33,7 +33,7 @@ double moved_by(const Rod& a, const Rod& b) {
 
 KeptPaths::KeptPaths(int width, int height, int samples, size_t geoms)
     : watched_(geoms), moving_(geoms) {
-  light_.columns = (width + 15) / 16 * 16;
+  light_.columns = (width + 31) / 32 * 32;
   size_t pixels = static_cast<size_t>(light_.columns) * height, bytes = 5 * sizeof(float);
   bool singly = samples <= MOST_SINGLE && pixels * samples * bytes <= MOST_BYTES;
   light_.size = singly ? 1 : BLOCK;

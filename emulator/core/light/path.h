@@ -92,8 +92,8 @@ inline void add_sky(const Frame& f, const PathFrame& p, Vec d, Mask sure, Float 
   add_seen(carried, light, weight * arrives, lanes, out);
 }
 
-// Sixteen paths, each at a point of its own or on its way to the next. `bounce` is the same of all:
-// how many points they have left behind.
+// A packet of paths, each at a point of its own or on its way to the next. `bounce` is the same of
+// all: how many points they have left behind.
 struct Walk {
   Rays rays;
   Hit hit;  // of the rays
@@ -159,7 +159,7 @@ inline Mask cast(const Frame& f, const PathFrame& p, int bounce, Walk& w, const 
   return lit;
 }
 
-// A point of sixteen paths: what is there, and the light that MuJoCo's lights give it.
+// A point of a packet of paths: what is there, and the light that MuJoCo's lights give it.
 struct Point {
   Patch<3> patch;
   Scattering scattering;

@@ -1,6 +1,6 @@
 // Paths with a camera that stands: sample by sample, those that something that moved may change.
 
-// Units that are due: sixteen that wait for their packet to be full, and those of the batch.
+// Units that are due: those that wait for their packet to be full, and those of the batch.
 struct Due {
   Wavefront front;
   int count = 0, packets = 0;
@@ -57,7 +57,7 @@ inline void trace_due(const Frame& f, const PathFrame& p, Due& due) {
     due.y[i] = due.y[due.count - 1];
     due.unit[i] = due.unit[due.count - 1];
   }
-  Mask active = mask_of((1u << due.count) - 1);
+  Mask active = mask_of(first_lanes(due.count));
   Int index = load(due.unit) * splat(kept.size);
   for (int s = 0; s < size; s++) {
     start_paths(f, p, due.front, load(due.x), load(due.y), index + splat(s), nullptr, active);
@@ -66,7 +66,7 @@ inline void trace_due(const Frame& f, const PathFrame& p, Due& due) {
   due.count = 0;
 }
 
-// Which of 16 units side by side are due, one bit each.
+// Which of the units of pixels side by side are due, one bit each.
 inline unsigned due_units(const KeptLight& kept, long at, unsigned inside) {
   if (kept.all) return inside;
   Mask late = load(kept.until + at) <= kept.travelled;
@@ -76,9 +76,9 @@ inline unsigned due_units(const KeptLight& kept, long at, unsigned inside) {
   return bits(late | ~still) & inside;
 }
 
-// The units `unit` of `lanes` of 16 pixels side by side, with MuJoCo's lights as they are now.
-inline void relight(const Frame& f, const PathFrame& p, const KeptLight& kept, int x, int y,
-                    int unit, unsigned lanes) {
+// The units `unit` of `lanes` of pixels side by side, with MuJoCo's lights as they are now.
+inline void relight_unit(const Frame& f, const PathFrame& p, const KeptLight& kept, int x, int y,
+                         int unit, unsigned lanes) {
   Float zero = splat(0.0f), out[3] = {zero, zero, zero};
   Mask active = mask_of(lanes);
   Walk w;
@@ -100,7 +100,7 @@ inline void relight(const Frame& f, const PathFrame& p, const KeptLight& kept, i
   }
 }
 
-// The light of 16 pixels side by side, from all their units, as trace_paths adds it up.
+// The light of pixels side by side, from all their units, as trace_paths adds it up.
 inline void add_units(const Frame& f, const KeptLight& kept, int x, int y, const Outputs& out) {
   Float mean[3];
   for (int c = 0; c < 3; c++) {
@@ -128,25 +128,25 @@ inline void add_units(const Frame& f, const KeptLight& kept, int x, int y, const
   }
 }
 
-long retrace_paths(const Frame& f, const PathFrame& p, PathBatch& batch, const KeptLight& kept,
-                   int row, const Outputs& out) {
+inline long retrace_paths(const Frame& f, const PathFrame& p, PathBatch& batch,
+                          const KeptLight& kept, int row, const Outputs& out) {
   int top = row * PACKET_HEIGHT;
   int rows = f.height - top < PACKET_HEIGHT ? f.height - top : PACKET_HEIGHT;
-  int groups = kept.columns / LANES;
+  int groups = (f.width + LANES - 1) / LANES;
   uint8_t* changed = kept.changed + static_cast<long>(row) * groups;
   for (int g = 0; g < groups; g++) changed[g] = 0;
   Due due = {{batch, &kept}};
   for (int unit = 0; unit < kept.units; unit++) {
     for (int g = 0; g < groups; g++) {
       int left = g * LANES;
-      unsigned inside = f.width - left < LANES ? (1u << (f.width - left)) - 1 : 0xffffu;
+      unsigned inside = first_lanes(f.width - left);
       unsigned wanted[PACKET_HEIGHT], any_wanted = 0;
       for (int j = 0; j < rows; j++) {
         long at = (static_cast<long>(top + j) * kept.units + unit) * kept.columns + left;
         wanted[j] = due_units(kept, at, inside);
         any_wanted |= wanted[j];
         if (kept.relit && inside & ~wanted[j]) {
-          relight(f, p, kept, left, top + j, unit, inside & ~wanted[j]);
+          relight_unit(f, p, kept, left, top + j, unit, inside & ~wanted[j]);
         }
         if (wanted[j] || kept.relit) changed[g] = static_cast<uint8_t>(changed[g] | (1u << j));
       }

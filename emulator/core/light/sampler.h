@@ -40,12 +40,19 @@ inline unsigned hash(unsigned a) {
 EVS_INLINE Int reverse_bits(Int a) {
   const __m128i bytes = _mm_setr_epi8(3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12);
   const __m128i halves = _mm_setr_epi8(0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15);
-#if EVS_WIDTH == 512
+#if EVS_WIDTH >= 512
   const __m512i table = _mm512_broadcast_i32x4(halves), low = _mm512_set1_epi8(15);
-  __m512i x = _mm512_shuffle_epi8(a.v, _mm512_broadcast_i32x4(bytes));
-  __m512i bottom = _mm512_shuffle_epi8(table, _mm512_and_si512(x, low));
-  __m512i top = _mm512_shuffle_epi8(table, _mm512_and_si512(_mm512_srli_epi16(x, 4), low));
-  return {_mm512_or_si512(_mm512_slli_epi16(bottom, 4), top)};
+  auto reverse = [&](__m512i part) {
+    __m512i x = _mm512_shuffle_epi8(part, _mm512_broadcast_i32x4(bytes));
+    __m512i bottom = _mm512_shuffle_epi8(table, _mm512_and_si512(x, low));
+    __m512i top = _mm512_shuffle_epi8(table, _mm512_and_si512(_mm512_srli_epi16(x, 4), low));
+    return _mm512_or_si512(_mm512_slli_epi16(bottom, 4), top);
+  };
+#if EVS_WIDTH == 512
+  return {reverse(a.v)};
+#else
+  return {reverse(a.v[0]), reverse(a.v[1])};
+#endif
 #else
   const __m256i table = _mm256_broadcastsi128_si256(halves), low = _mm256_set1_epi8(15);
   for (IntPart& part : a.v) {

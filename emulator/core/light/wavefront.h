@@ -2,11 +2,14 @@
 // by bounce, and those that hit something are gathered into full packets. What a path gives does
 // not depend on which others it goes with.
 
-constexpr int LANE[LANES] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+constexpr int LANE[] = {0,  1,  2,  3,  4,  5,  6,  7,  8,  9,  10, 11, 12, 13, 14, 15,
+                        16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31};
+
+EVS_INLINE unsigned first_lanes(int count) { return count < LANES ? (1u << count) - 1 : ALL_LANES; }
 
 constexpr float LONGER = -1;  // in place of the rest: the path goes on behind its second point
 
-// A batch on its way. Each sample has a slot, sixteen samples side by side have slots side by side.
+// A batch on its way. Each sample has a slot; those of a packet lie side by side.
 struct Wavefront {
   PathBatch& batch;
   const KeptLight* kept;  // whose rods the rays stay clear of, or null
@@ -79,7 +82,7 @@ inline Mask first_cast(const Frame& f, const PathFrame& p, Walk& w, const Hull* 
   return lit;
 }
 
-// Sample `index` of sixteen pixels, those of `active`, up to where the paths' second rays end.
+// Sample `index` of a packet of pixels, those of `active`, up to where the paths' second rays end.
 // `hull`: of the first rays; null: of pixels from anywhere.
 inline void start_paths(const Frame& f, const PathFrame& p, Wavefront& front, Int column, Int row,
                         Int index, const Hull* hull, Mask active) {
@@ -129,7 +132,7 @@ inline void finish_paths(const Frame& f, const PathFrame& p, Wavefront& front) {
     int next = 0;
     for (int at = 0; at < front.paths; at += LANES) {
       int count = front.paths - at < LANES ? front.paths - at : LANES;
-      Mask lit = mask_of((1u << count) - 1), alive = mask_of(0);
+      Mask lit = mask_of(first_lanes(count)), alive = mask_of(0);
       Walk w;
       Int slot = select(lit, pull(front, p, at, w), splat(0));
       Float out[3], aimed[3];
@@ -168,7 +171,7 @@ inline void add_air(const Frame& f, Vec direction, Float away, Float* light) {
   }
 }
 
-// The light of sixteen slots.
+// The light of a packet of slots.
 inline void take_light(const Frame& f, const PathBatch& b, int slot, Float* light) {
   for (int c = 0; c < 3; c++) light[c] = load(b.light[c] + slot);
   Vec direction = {load(b.direction[0] + slot), load(b.direction[1] + slot),
@@ -199,7 +202,7 @@ void trace_packets(const Frame& f, const PathFrame& p, PathBatch& batch, int cou
         Int column, row;
         const Hull* hull = place(k, column, row);
         for (int s = first; s < last; s++) {
-          start_paths(f, p, front, column, row, splat(s), hull, mask_of(0xffff));
+          start_paths(f, p, front, column, row, splat(s), hull, mask_of(ALL_LANES));
         }
       }
       finish_paths(f, p, front);
@@ -226,20 +229,25 @@ void trace_packets(const Frame& f, const PathFrame& p, PathBatch& batch, int cou
   }
 }
 
-void trace_path_row(const Frame& f, const PathFrame& p, PathBatch& batch, int row,
-                    const Outputs& out) {
-  auto place = [&](int k, Int& x, Int& y) {
-    x = (load(LANE) & splat(PACKET_WIDTH - 1)) + splat(k * PACKET_WIDTH);
-    y = shift_right<2>(load(LANE)) + splat(row * PACKET_HEIGHT);
-    return &f.primary[row * f.packet_columns + k];
+inline void trace_path_row(const Frame& f, const PathFrame& p, PathBatch& batch, int row,
+                           const Outputs& out) {
+  int columns = f.packet_columns;
+  auto place = [&](int k, Int& x, Int& y) -> const Hull* {
+    Int lane = load(LANE);
+    x = (lane & splat(PACKET_WIDTH - 1)) + shift_right<4>(lane) * splat(PACKET_WIDTH) +
+        splat(k * PACKETS * PACKET_WIDTH);
+    y = (shift_right<2>(lane) & splat(PACKET_HEIGHT - 1)) + splat(row * PACKET_HEIGHT);
+    if (PACKETS == 1) return &f.primary[row * columns + k];
+    return f.pairs && 2 * k + 1 < columns ? &f.pairs[row * (columns / 2) + k] : nullptr;
   };
-  trace_packets(f, p, batch, f.packet_columns, place, [&](int k, const Float* mean) {
-    write_pixels<3>(f, k, row, luminance_of<3>(f, mean), mean, out);
+  int count = (columns + PACKETS - 1) / PACKETS;
+  trace_packets(f, p, batch, count, place, [&](int k, const Float* mean) {
+    write_pixels<3>(f, k * PACKETS, row, luminance_of<3>(f, mean), mean, out);
   });
 }
 
-void trace_path_pixels(const Frame& f, const PathFrame& p, PathBatch& batch, const int32_t* x,
-                       const int32_t* y, int count, float* luminance) {
+inline void trace_path_pixels(const Frame& f, const PathFrame& p, PathBatch& batch,
+                              const int32_t* x, const int32_t* y, int count, float* luminance) {
   alignas(64) int column[LANES], row[LANES];
   fill_lanes(x, y, count, column, row);
   auto place = [&](int, Int& x16, Int& y16) -> const Hull* {

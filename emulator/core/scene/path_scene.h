@@ -48,7 +48,7 @@ struct Rod {
 struct KeptLight {
   const Rod* rods;  // around everything that has ever moved
   int rod_count;
-  int columns;  // of a row of units: the image's, rounded up to 16
+  int columns;  // of a row of units: the image's, rounded up to 32
   int units;    // a pixel
   int size;     // samples a unit, but for the last
   // (height, units, columns) each
@@ -58,25 +58,25 @@ struct KeptLight {
   float* rest[6];
   float* until;       // to this much motion in all: before `travelled` is there, nothing changes
   uint32_t* touched;  // bits of the rods that its rays met: what happens when one moves is unknown
-  uint8_t* changed;   // (packet rows, columns / 16) image rows of 16 pixels that were traced
+  uint8_t* changed;   // (packet rows, columns / LANES) image rows of as many pixels that changed
   float travelled;    // by the fastest of them, in all
   uint32_t moved;     // bits of the rods that moved since the last tick
   const int32_t* moving;  // (geoms) not 0: it moved since the last tick
   bool relit;  // MuJoCo's lights are asked anew in every unit, and `until` does not cover that
-  bool all;               // every unit is to be traced
+  bool all;    // every unit is to be traced
 };
 
 // Samples that are traced together: the paths that go on are gathered into full packets behind each
 // bounce. A margin of one packet, which also keeps the arrays apart in the caches.
 struct PathBatch {
-  static constexpr int ROOM = 2048, MARGIN = 16, WORDS = 20;
+  static constexpr int ROOM = 2048, MARGIN = 32, WORDS = 20;
   alignas(64) float light[3][ROOM + MARGIN];
   float away[ROOM + MARGIN];          // of the first surface
   float direction[3][ROOM + MARGIN];  // towards it; where there is haze
   float gap[ROOM + MARGIN];           // as in Clearance, and
   int32_t touched[ROOM + MARGIN];
   float rest[6][ROOM + MARGIN];       // as in KeptLight
-  int32_t owner[ROOM + MARGIN];       // places in KeptLight, sixteen for each packet of units
+  int32_t owner[ROOM + MARGIN];       // places in KeptLight, a lane's for each packet of units
   float paths[WORDS][ROOM + MARGIN];  // those under way
 };
 

@@ -306,6 +306,12 @@ struct Kernel {
 };
 
 extern const Kernel KERNEL_PORTABLE, KERNEL_AVX2, KERNEL_AVX512;
+// Its parts in 32 lanes.
 void trace_pair_avx512(const Frame&, int column, int row, const Outputs&);
+void trace_path_row_avx512(const Frame&, const PathFrame&, PathBatch&, int row, const Outputs&);
+void trace_path_pixels_avx512(const Frame&, const PathFrame&, PathBatch&, const int32_t* x,
+                              const int32_t* y, int count, float* luminance);
+long retrace_paths_avx512(const Frame&, const PathFrame&, PathBatch&, const KeptLight&, int row,
+                          const Outputs&);
 
 }  // namespace evs
