@@ -107,6 +107,11 @@ def test_of_lamps_that_flicker_their_own_light_alone_is_traced() -> None:
     assert 0.0 < np.mean(found) < 0.8, np.mean(found)
 
 
+def test_lamps_move_where_there_is_no_geom() -> None:
+    assert len(RandomStage(8106, rich=True, size=SIZE).geom_pos) == 0
+    shares(range(8106, 8107), 4, lamps=True, rich=True, size=SIZE)
+
+
 def test_blocks_of_samples_under_lamps_that_move() -> None:
     shares(range(60, 64), TICKS, spp=66, lamps=True, size=(9, 7))
 

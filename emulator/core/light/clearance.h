@@ -10,6 +10,7 @@ constexpr float MET = -FAR;  // the gap of what is traced again in the next tick
 
 // The rays of `lanes` end on these geoms.
 EVS_INLINE void meet(Clearance& c, Int geom, Mask lanes) {
+  if (!any(lanes)) return;  // there may be no geom at all
   Int moving =
       as_int(gather(reinterpret_cast<const float*>(c.kept->moving), select(lanes, geom, splat(0))));
   c.gap = select(lanes & ~(moving == splat(0)), splat(MET), c.gap);
