@@ -32,7 +32,20 @@ EVS_INLINE Float power(Float x, int e) {
   }
 }
 
-// x^e for x in [0, 1], on `lanes`: elsewhere anything. A lane's result depends on itself only.
+// x^e for x in [0, 1] and any e >= 0
+EVS_INLINE Float power_by_logarithm(Float x, Float e) {
+  return select(x > 1e-30f, exp2(log2(max(x, splat(1e-30f))) * e), splat(0.0f));
+}
+
+// x^e for x in [0, 1] and e >= 0, whole or not
+EVS_INLINE Float power(Float x, float e) {
+  int number = e <= LARGEST_WHOLE ? static_cast<int>(e) : -1;
+  if (static_cast<float>(number) == e) return power(x, number);
+  return power_by_logarithm(x, splat(e));
+}
+
+// The same on `lanes`, of an exponent for each: elsewhere anything. A lane's result depends on
+// itself only.
 inline Float power(Float x, Float e, Mask lanes) {
   Int number = truncate(min(e, splat(LARGEST_WHOLE)));
   Mask whole = lanes & (to_float(number) <= e) & (e <= to_float(number));
@@ -48,8 +61,7 @@ inline Float power(Float x, Float e, Mask lanes) {
     }
     if (!any(lanes & ~whole)) return out;
   }
-  Float general = select(x > 1e-30f, exp2(log2(max(x, splat(1e-30f))) * e), splat(0.0f));
-  return select(whole, out, general);
+  return select(whole, out, power_by_logarithm(x, e));
 }
 
 // angle of (x, y) in turns, 0 ... 1; Abramowitz & Stegun 4.4.49, error 1e-5 rad

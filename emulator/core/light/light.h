@@ -40,7 +40,7 @@ EVS_INLINE Incidence incidence(const Light& light, Vec point) {
       Float share = min((cosine - light.cos_cutoff) * light.edge, splat(1.0f));
       cone = share * share;
     } else if (light.exponent > 0 && any(inside)) {
-      cone = power(min(max(cosine, splat(0.0f)), splat(1.0f)), splat(light.exponent), inside);
+      cone = power(min(max(cosine, splat(0.0f)), splat(1.0f)), light.exponent);
     }
     in.strength = select(inside, in.strength * cone, splat(0.0f));
   }
