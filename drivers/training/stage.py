@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -21,7 +19,7 @@ from evs.emulator.world import (
     bind_camera,
     extract_scene,
     find_keyframe,
-    load_model,
+    load_text,
 )
 
 Moved = Callable[[int], None]
@@ -68,12 +66,7 @@ class Stage:
 
 def load_scene(scene: TrainingScene) -> MjModel:
     """Its model."""
-    with tempfile.TemporaryDirectory(prefix="evs-training-") as folder:
-        for name, content in scene.files.items():
-            Path(folder, name).write_bytes(content)
-        path = Path(folder, "scene.xml")
-        path.write_text(scene.text, encoding="utf-8")
-        return load_model(path)
+    return load_text(scene.text, scene.files)
 
 
 def set_up(scene: TrainingScene, ticks: int, tick_us: int, threads: int) -> Stage:

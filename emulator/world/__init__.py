@@ -20,7 +20,7 @@ from evs.emulator.world.extraction import extract_scene, visible_geoms
 from evs.emulator.world.gauges import Gauges
 from evs.emulator.world.kinematics import gravity_of
 from evs.emulator.world.left_out import LeftOutWarning, warn_left_out
-from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model, load_spec
+from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model, load_spec, load_text
 from evs.emulator.world.named_sensors import NamedSensors, add_joint_sensors
 from evs.emulator.world.physics import Physics
 from evs.emulator.world.poses import Poser
@@ -57,6 +57,7 @@ __all__ = [
     "gravity_of",
     "load_model",
     "load_spec",
+    "load_text",
     "make_control",
     "moving_bodies",
     "standing_of",

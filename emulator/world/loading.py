@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import copy
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import mujoco
 
@@ -21,6 +21,9 @@ Scene: TypeAlias = str | Path | mujoco.MjModel | mujoco.MjSpec
 MUJOCO_VERSION = str(mujoco.__version__)
 
 SUFFIXES = (".xml", ".mjcf", ".mjb", ".urdf")
+
+
+Loaded = TypeVar("Loaded", mujoco.MjModel, mujoco.MjSpec)
 
 
 def load_model(scene: Scene) -> mujoco.MjModel:
@@ -52,11 +55,15 @@ def _load_any(scene: Scene) -> mujoco.MjModel:
 def load_spec(path: str | Path) -> mujoco.MjSpec:
     """The specification of an MJCF or URDF file, to be changed before it is compiled. EvsError."""
     file = _existing(Path(path))
-    try:
-        with _warnings_to_log(str(file)):
-            return mujoco.MjSpec.from_file(str(file))
-    except (ValueError, RuntimeError, mujoco.FatalError) as reason:
-        raise EvsError(f"{file}: {one_line(reason)}") from None
+    return _load(str(file), lambda: mujoco.MjSpec.from_file(str(file)))
+
+
+def load_text(text: str, files: Mapping[str, bytes]) -> mujoco.MjModel:
+    """The model of an MJCF text. In: files, the content of what it names. EvsError.
+
+    No file is written: it is the same model to the last byte whenever it is made.
+    """
+    return load_model(_load("MJCF", lambda: mujoco.MjSpec.from_string(text, assets=dict(files))))
 
 
 def _existing(path: Path) -> Path:
@@ -77,14 +84,14 @@ def _existing(path: Path) -> Path:
     raise EvsError(f"{problem}; in '{folder}' there is: {shown}")
 
 
-def _load(origin: str, load: Callable[[], mujoco.MjModel]) -> mujoco.MjModel:
+def _load(origin: str, load: Callable[[], Loaded]) -> Loaded:
     """What `load()` returns; MuJoCo's complaint becomes one line that begins with `origin`."""
     try:
         with _warnings_to_log(origin):
-            model = load()
+            loaded = load()
     except (ValueError, RuntimeError, mujoco.FatalError) as reason:
         raise EvsError(f"{origin}: {one_line(reason)}") from None
-    return model
+    return loaded
 
 
 @contextmanager

@@ -18,7 +18,8 @@ from evs.drivers.training.scenes.materials import albedo
 from evs.drivers.training.scenes.motion import Eye, moving
 from evs.drivers.training.scenes.patterns import PATTERNS, pattern_file
 from evs.drivers.training.scenes.scene import TrainingScene
-from evs.drivers.training.stage import set_up
+from evs.drivers.training.stage import load_scene, set_up
+from evs.emulator.world import bytes_of
 
 MANY = 150
 
@@ -123,6 +124,13 @@ def test_scenes_load_and_hold_together(scenes: list[TrainingScene]) -> None:
         assert (stage.camera.width, stage.camera.height) == (346, 260)
         assert not stage.scene.left_out
         assert [snapshot.t_us for snapshot in stage.snapshots] == [0, 1000, 2000]
+
+
+def test_a_scene_is_the_same_model_whenever_it_is_made(scenes: list[TrainingScene]) -> None:
+    """To the last byte, so that what was measured of it is known again."""
+    textured = next(scene for scene in scenes if scene.files)
+    first, second = (load_scene(textured) for _ in range(2))
+    assert bytes_of(first) == bytes_of(second)
 
 
 @pytest.mark.parametrize("speed", [0.5, 30.0, 1500.0])

@@ -4,6 +4,16 @@
 #include "caster.h"
 
 namespace evs {
+namespace {
+
+bool keeps(const KeptPatch& patch) { return patch.numbers && *patch.geom >= 0; }
+
+// Can two packets be lit at once? In: the first, which keeps something.
+bool alike(const KeptPatch& a, const KeptPatch& b) {
+  return keeps(b) && *a.geom == *b.geom && a.lights == b.lights;
+}
+
+}  // namespace
 
 // In: whether the camera is where it was, and whether what can have changed is asked for then.
 void Caster::trace_direct(bool still, bool selective, const Outputs& out) {
@@ -47,8 +57,20 @@ void Caster::trace_direct(bool still, bool selective, const Outputs& out) {
       if (need == Need::NOTHING) continue;
       Record record = {};
       if (recording) record = ray_blocks_->record(column, row);
-      if (need == Need::LIGHT && record.patch.numbers && *record.patch.geom >= 0) {
-        kernel_->relight(first_frame, column, row, first_out, record.patch);
+      if (need == Need::LIGHT && keeps(record.patch)) {
+        KeptPatch kept[2] = {record.patch, {}};
+        if (kernel_->relight_pair && column + 1 < sampling_.columns &&
+            ray_blocks_->need(column + 1, row) == Need::LIGHT) {
+          kept[1] = ray_blocks_->record(column + 1, row).patch;
+        }
+        if (alike(kept[0], kept[1])) {
+          kernel_->relight_pair(first_frame, column, row, first_out, kept);
+          if (antialiasing_) antialiasing_->traced(column, row);
+          column++;
+          lit++;
+        } else {
+          kernel_->relight(first_frame, column, row, first_out, kept);
+        }
         lit++;
       } else {
         // where only the light changes, what is noted of the rays stays right

@@ -3,5 +3,5 @@
 #define EVS_SPACE avx2
 #define EVS_KERNEL KERNEL_AVX2
 #define EVS_NATIVE(op) _mm256_##op
-#define EVS_TRACE_PAIR nullptr
+#define EVS_PAIR(name) nullptr
 #include "kernel.inc"

@@ -3,5 +3,5 @@
 #define EVS_SPACE portable
 #define EVS_KERNEL KERNEL_PORTABLE
 #define EVS_NATIVE(op) _mm_##op
-#define EVS_TRACE_PAIR nullptr
+#define EVS_PAIR(name) nullptr
 #include "kernel.inc"

@@ -15,11 +15,17 @@ namespace evs {
 namespace avx512_pairs {
 namespace {
 #include "direct.inc"
+#include "relight.h"
 }  // namespace
 }  // namespace avx512_pairs
 
 void trace_pair_avx512(const Frame& f, int column, int row, const Outputs& out) {
   avx512_pairs::trace(f, column, row, out, nullptr);
+}
+
+void relight_pair_avx512(const Frame& f, int column, int row, const Outputs& out,
+                         const KeptPatch* kept) {
+  avx512_pairs::relight(f, column, row, out, kept);
 }
 
 }  // namespace evs

@@ -1,17 +1,26 @@
 // Packets whose rays go where they went, while a light or a shadow on them moves: what was seen and
 // the light of the first lights is kept, the other lights shine anew.
 
+// In: kept, of the packet; in 32 lanes of two side by side, which show one geom and keep the light
+// of as many lights.
 template <int CHANNELS>
-void relight_packet(const Frame& f, int column, int row, const Outputs& out,
-                    const KeptPatch& kept) {
+void relight_packets(const Frame& f, int column, int row, const Outputs& out,
+                     const KeptPatch* kept) {
+  auto number = [kept](int i) {
+    alignas(64) float lanes[LANES];
+    for (int p = 0; p < PACKETS; p++) {
+      __builtin_memcpy(lanes + p * PACKET, kept[p].numbers + i * PACKET, PACKET * sizeof(float));
+    }
+    return load(lanes);
+  };
   Rays rays = primary_rays(f, column, row, f.sample_x[0], f.sample_y[0]);
   Float zero = splat(0.0f);
-  Hit hit = {load(kept.numbers), splat(*kept.geom), splat(0), zero, zero};
-  const Geom& g = f.geoms[*kept.geom];
+  Hit hit = {number(0), splat(*kept->geom), splat(0), zero, zero};
+  const Geom& g = f.geoms[*kept->geom];
   const Surface& s = f.surfaces[g.surface];
   // as patch_of
   Vec normal = {zero, zero, splat(1.0f)};
-  if (g.shape != PLANE) normal = site_of(f, g, rays, hit, 0xffffu).normal;
+  if (g.shape != PLANE) normal = site_of(f, g, rays, hit, ALL_LANES).normal;
   Patch<CHANNELS> patch;
   patch.point = patch.origin = rays.origin + rays.direction * hit.distance;
   patch.normal = facing(to_camera(g.rotation, normal), rays.direction);
@@ -19,28 +28,29 @@ void relight_packet(const Frame& f, int column, int row, const Outputs& out,
   patch.exponent = splat(s.exponent);
   Float light[CHANNELS];
   for (int c = 0; c < CHANNELS; c++) {
-    patch.albedo[c] = load(kept.numbers + (1 + c) * LANES);
+    patch.albedo[c] = number(1 + c);
     patch.gloss_tint[c] = s.texture >= 0 ? patch.albedo[c] : splat(1.0f);
-    light[c] = load(kept.numbers + (1 + CHANNELS + c) * LANES);
+    light[c] = number(1 + CHANNELS + c);
   }
   Points points;
-  add_lights<CHANNELS>(f, rays, hit, patch, points, mask_of(0xffff), kept.lights, f.light_count,
+  add_lights<CHANNELS>(f, rays, hit, patch, points, mask_of(ALL_LANES), kept->lights, f.light_count,
                        light);
   if (f.air.fog) fog<CHANNELS>(f, hit.distance, light);
   write_pixels<CHANNELS>(f, column, row, luminance_of<CHANNELS>(f, light), light, out);
 }
 
-void relight(const Frame& f, int column, int row, const Outputs& out, const KeptPatch& kept) {
+inline void relight(const Frame& f, int column, int row, const Outputs& out,
+                    const KeptPatch* kept) {
   switch (f.channels) {
     case 1:
-      return relight_packet<1>(f, column, row, out, kept);
+      return relight_packets<1>(f, column, row, out, kept);
     case 2:
-      return relight_packet<2>(f, column, row, out, kept);
+      return relight_packets<2>(f, column, row, out, kept);
     case 3:
-      return relight_packet<3>(f, column, row, out, kept);
+      return relight_packets<3>(f, column, row, out, kept);
     case 4:
-      return relight_packet<4>(f, column, row, out, kept);
+      return relight_packets<4>(f, column, row, out, kept);
     default:
-      return relight_packet<5>(f, column, row, out, kept);
+      return relight_packets<5>(f, column, row, out, kept);
   }
 }

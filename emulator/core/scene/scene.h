@@ -270,7 +270,9 @@ struct Kernel {
   // packet by packet is as fast.
   void (*trace_pair)(const Frame&, int column, int row, const Outputs&);
   // The same light as `trace` of a packet whose rays go where they went, from what it keeps.
-  void (*relight)(const Frame&, int column, int row, const Outputs&, const KeptPatch&);
+  void (*relight)(const Frame&, int column, int row, const Outputs&, const KeptPatch*);
+  // The same for `column` and `column` + 1, of one geom and as many lights each; or null.
+  void (*relight_pair)(const Frame&, int column, int row, const Outputs&, const KeptPatch*);
   // Luminance of up to 16 pixels anywhere, the same as `trace` gives them, In: x, y (count);
   // and the channel `plain` (count), or null.
   void (*trace_pixels)(const Frame&, const int32_t* x, const int32_t* y, int count,
@@ -308,6 +310,7 @@ struct Kernel {
 extern const Kernel KERNEL_PORTABLE, KERNEL_AVX2, KERNEL_AVX512;
 // Its parts in 32 lanes.
 void trace_pair_avx512(const Frame&, int column, int row, const Outputs&);
+void relight_pair_avx512(const Frame&, int column, int row, const Outputs&, const KeptPatch*);
 void trace_path_row_avx512(const Frame&, const PathFrame&, PathBatch&, int row, const Outputs&);
 void trace_path_pixels_avx512(const Frame&, const PathFrame&, PathBatch&, const int32_t* x,
                               const int32_t* y, int count, float* luminance);
