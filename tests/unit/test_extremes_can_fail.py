@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,9 @@ import pytest
 
 from evs.drivers import pace
 from evs.drivers.extremes import Tried, extremes_of, try_extreme
+from evs.drivers.extremes.machine import processor, scarce
+from evs.drivers.extremes.machine.child import Ended
+from evs.drivers.extremes.network import clamps
 from evs.drivers.pipeline import account
 from evs.drivers.pipeline.lateness import Lateness
 from evs.emulator.network import native
@@ -50,8 +54,12 @@ def changed(patch: Patch, change: Callable[[Events], Events]) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["threshold-0.001", "threshold-10", "sigma-over-theta", "size-1x1", "size-1x4096"]
-)
+    "name",
+    [
+        "threshold-0.001", "threshold-10", "sigma-over-theta", "size-1x1", "size-1x4096",
+        "size-4096x4096",
+    ],
+)  # fmt: skip
 def test_events_that_are_lost(name: str, monkeypatch: Patch) -> None:
     changed(monkeypatch, lambda events: events[: len(events) // 2])
     found = tried(name)
@@ -119,6 +127,21 @@ def test_a_membrane_that_decays_a_little_too_fast(name: str, monkeypatch: Patch)
         assert not try_extreme(extreme).holds
 
 
+def test_a_decay_that_is_no_number(monkeypatch: Patch) -> None:
+    def none(tau_s: float, tick_us: int) -> Decay:
+        exact = decay_tables(tau_s, tick_us)
+        return Decay(exact.low * np.float32(math.nan), exact.high)
+
+    monkeypatch.setattr(native, "decay_tables", none)
+    assert not tried("tau-shortest").holds
+
+
+def test_weights_that_are_not_zero(monkeypatch: Patch) -> None:
+    scaled = clamps.scaled
+    monkeypatch.setattr(clamps, "scaled", lambda _by, *of: scaled(1.0, *of))
+    assert not tried("weights-0").holds
+
+
 @pytest.mark.parametrize("name", ["x-at-its-clamp", "weights-1e6"])
 def test_clamps_that_nobody_is_told_of(name: str, monkeypatch: Patch) -> None:
     monkeypatch.setattr(account.Account, "news", lambda _account: [])
@@ -133,6 +156,38 @@ def test_a_clock_that_is_waited_for_or_not_told_of(monkeypatch: Patch) -> None:
         assert found.outcome.value > 1e6
     monkeypatch.setattr(Lateness, "look", lambda _lateness: None)
     assert not tried("clock-jumps").holds
+
+
+def test_time_that_is_stolen_and_not_told_of(monkeypatch: Patch) -> None:
+    monkeypatch.setattr(Lateness, "_tell", lambda _lateness: None)
+    assert not tried("stolen-time").holds
+
+
+@pytest.mark.parametrize("name", ["memory-limit", "disk-full"])
+def test_a_recording_that_lacks_an_event(name: str, monkeypatch: Patch) -> None:
+    emulate = scarce.emulate
+
+    def lossy(*words: Any, **more: Any) -> Ended:
+        ended = emulate(*words, **more)
+        return replace(ended, recorded=ended.recorded[:-1])
+
+    monkeypatch.setattr(scarce, "emulate", lossy)
+    found = tried(name)
+    assert found.outcome is not None
+    assert found.outcome.value >= 1
+
+
+def test_a_path_without_avx_that_makes_other_events(monkeypatch: Patch) -> None:
+    emulate = processor.emulate
+
+    def other(*words: Any, **more: Any) -> Ended:
+        ended = emulate(*words, **more)
+        return replace(ended, recorded=ended.recorded[::2])
+
+    monkeypatch.setattr(processor, "emulate", other)
+    found = tried("no-avx")
+    assert found.outcome is not None
+    assert found.outcome.value > 10
 
 
 def test_a_thread_that_makes_other_events(monkeypatch: Patch) -> None:
