@@ -125,8 +125,8 @@ def take_of(name: str, scene: SceneFile) -> Take:
         plain = replace(config.scene, control="zero", control_file="")
         config = replace(config, scene=plain)
     # whole chunks of a network, so that the recording begins with one
-    chunk_us = config.scene.tick_us * max(1, config.model.chunk)
-    settle = math.ceil(scene.settle_s * 1e6 / chunk_us) * max(1, config.model.chunk)
+    chunk = max(1, config.model.chunk)  # less is refused below
+    settle = math.ceil(scene.settle_s * 1e6 / (config.scene.tick_us * chunk)) * chunk
     begin = max(round(scene.begin_s * 1e6 / config.scene.tick_us), settle)
     ticks = max(1, round(scene.duration_s * 1e6 / config.scene.tick_us))
     config = replace(config, scene=replace(config.scene, file=""))

@@ -14,6 +14,23 @@ struct PixelOfLane {
 };
 constexpr PixelOfLane PIXEL;
 
+// The call with as many channels as the frame has.
+template <class Call>
+EVS_INLINE void for_channels(const Frame& f, Call call) {
+  switch (f.channels) {
+    case 1:
+      return call.template operator()<1>();
+    case 2:
+      return call.template operator()<2>();
+    case 3:
+      return call.template operator()<3>();
+    case 4:
+      return call.template operator()<4>();
+    default:
+      return call.template operator()<5>();
+  }
+}
+
 // The rays through these points of the image, px.
 EVS_INLINE Rays rays_through(const Frame& f, Float px, Float py) {
   Float zero = splat(0.0f), back = splat(-1.0f);
@@ -113,18 +130,7 @@ void trace_packet(const Frame& f, int column, int row, const Outputs& out, const
 }
 
 inline void trace(const Frame& f, int column, int row, const Outputs& out, const Record* record) {
-  switch (f.channels) {
-    case 1:
-      return trace_packet<1>(f, column, row, out, record);
-    case 2:
-      return trace_packet<2>(f, column, row, out, record);
-    case 3:
-      return trace_packet<3>(f, column, row, out, record);
-    case 4:
-      return trace_packet<4>(f, column, row, out, record);
-    default:
-      return trace_packet<5>(f, column, row, out, record);
-  }
+  for_channels(f, [&]<int CHANNELS>() { trace_packet<CHANNELS>(f, column, row, out, record); });
 }
 
 // Up to 16 pixels in 16 lanes: the last one stands in for the lanes that are left over.
@@ -164,16 +170,5 @@ void trace_any(const Frame& f, const int32_t* x, const int32_t* y, int count, fl
 
 inline void trace_pixels(const Frame& f, const int32_t* x, const int32_t* y, int count,
                          float* luminance, float* plain) {
-  switch (f.channels) {
-    case 1:
-      return trace_any<1>(f, x, y, count, luminance, plain);
-    case 2:
-      return trace_any<2>(f, x, y, count, luminance, plain);
-    case 3:
-      return trace_any<3>(f, x, y, count, luminance, plain);
-    case 4:
-      return trace_any<4>(f, x, y, count, luminance, plain);
-    default:
-      return trace_any<5>(f, x, y, count, luminance, plain);
-  }
+  for_channels(f, [&]<int CHANNELS>() { trace_any<CHANNELS>(f, x, y, count, luminance, plain); });
 }

@@ -41,16 +41,5 @@ void relight_packets(const Frame& f, int column, int row, const Outputs& out,
 
 inline void relight(const Frame& f, int column, int row, const Outputs& out,
                     const KeptPatch* kept) {
-  switch (f.channels) {
-    case 1:
-      return relight_packets<1>(f, column, row, out, kept);
-    case 2:
-      return relight_packets<2>(f, column, row, out, kept);
-    case 3:
-      return relight_packets<3>(f, column, row, out, kept);
-    case 4:
-      return relight_packets<4>(f, column, row, out, kept);
-    default:
-      return relight_packets<5>(f, column, row, out, kept);
-  }
+  for_channels(f, [&]<int CHANNELS>() { relight_packets<CHANNELS>(f, column, row, out, kept); });
 }
