@@ -34,18 +34,27 @@ def memory_gb() -> tuple[float, float]:
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
     total = found.get("MemTotal", total)
     free = found.get("MemAvailable", total)
-    for most, used in (*_address_space(), *_groups()):
+    space = _address_space()
+    for most, used in (*(() if space is None else (space,)), *_groups()):
         total, free = min(total, most / 1e9), min(free, max(0, most - used) / 1e9)
     return total, free
 
 
-def _address_space() -> Iterator[tuple[int, int]]:
+def address_space_left() -> int | None:
+    """How many more bytes this process may map (ulimit -v); None without a limit."""
+    space = _address_space()
+    return None if space is None else space[0] - space[1]
+
+
+def _address_space() -> tuple[int, int] | None:
     """(most, used) bytes, where there is a limit."""
     most = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if most != resource.RLIM_INFINITY:
-        with suppress(OSError):
-            pages = int(SIZE_FILE.read_text().split()[0])
-            yield most, pages * os.sysconf("SC_PAGE_SIZE")
+    if most == resource.RLIM_INFINITY:
+        return None
+    with suppress(OSError):
+        pages = int(SIZE_FILE.read_text().split()[0])
+        return most, pages * os.sysconf("SC_PAGE_SIZE")
+    return None
 
 
 def _groups() -> Iterator[tuple[int, int]]:

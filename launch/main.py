@@ -13,6 +13,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from evs import __version__
+from evs.emulator.memory import address_space_left
 from evs.msgs import EvsError, unknown
 
 COMMANDS = {
@@ -64,6 +65,9 @@ MORE_MEMORY = (
     "or container (ulimit -v)"
 )
 INSTALL = "install evs again, or raise the memory limit if there is one (ulimit -v)"
+LEAST_BYTES = 150_000_000
+"""of address space: a small scene takes 100 MB. With less some library or other, or the C library
+itself, aborts the process while it is loaded, and none of them says so in the same way."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -136,6 +140,7 @@ def _dispatch(words: list[str]) -> int:
     if name not in COMMANDS:
         kind = "option" if name.startswith("-") else "command"
         raise EvsError(f"{unknown(kind, name, COMMANDS)} (try: evs --help)")
+    _check_room()
     module = importlib.import_module(COMMANDS[name])
     parser = _parser(name, module)
     # argparse cannot mix options with the arguments of commands that have commands of their own
@@ -143,6 +148,15 @@ def _dispatch(words: list[str]) -> int:
     parsed = (parser.parse_intermixed_args if mixed else parser.parse_args)(words[1:])
     code = module.run(parsed)
     return 0 if code is None else int(code)
+
+
+def _check_room() -> None:
+    left = address_space_left()
+    if left is not None and left < LEAST_BYTES:
+        raise EvsError(
+            f"{max(0, left) / 1e6:.0f} MB of memory are left to this process, which needs "
+            f"{LEAST_BYTES / 1e6:.0f}; raise the limit of this shell or container (ulimit -v)"
+        )
 
 
 def _parser(name: str, module: ModuleType) -> Parser:

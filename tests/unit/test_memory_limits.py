@@ -11,6 +11,7 @@ import pytest
 from evs.drivers.extremes.limits import address_space
 from evs.emulator import memory
 from evs.emulator.network.memory import check_growth
+from evs.launch import main
 from evs.msgs import EvsError
 
 
@@ -90,3 +91,42 @@ def test_a_network_that_would_outgrow_it_is_told_so() -> None:
     check_growth(1000, 0, 4, 4)
     with address_space(10**9), pytest.raises(EvsError, match=r"is 5 GB of .*; [01].* GB are free"):
         check_growth(5 * 10**9, 7000, 640, 480)
+
+
+@pytest.mark.parametrize("left", [0, 1_000_000, main.LEAST_BYTES - 1])
+def test_too_little_to_load_anything_is_one_line(
+    left: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(main, "address_space_left", lambda: left)
+    assert main.main(["sensors"]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    (line,) = said.err.splitlines()
+    assert line.startswith(f"evs: {left / 1e6:.0f} MB of memory are left to this process")
+
+
+@pytest.mark.parametrize("left", [None, main.LEAST_BYTES])
+def test_enough_to_load_says_nothing(
+    left: int | None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(main, "address_space_left", lambda: left)
+    assert main.main(["sensors"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_threads_that_the_system_refuses_are_a_lack_of_memory() -> None:
+    program = (
+        "from evs.drivers.extremes.limits import address_space\n"
+        "import numpy as np\n"
+        "from evs.emulator._core import PixelArray, PixelSettings\n"
+        "settings = PixelSettings(log='linlog', exposure_dn=1.0, dark_dn=0.0,"
+        "  linlog_dn=20.0, log_eps=1.0)\n"
+        "theta = np.ones((4, 4), np.float32)\n"
+        "with address_space(30_000_000):\n"
+        "    try:\n"
+        "        PixelArray(settings, 4, 4, theta_on=theta, theta_off=theta, threads=64)\n"
+        "    except MemoryError:\n"
+        "        print('refused')\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (ended.stdout, ended.stderr) == ("refused\n", "")

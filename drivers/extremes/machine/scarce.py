@@ -15,8 +15,8 @@ from evs.msgs import EvsError
 _BURST = {"preset": "ideal", "width": 640, "height": 480, "pos_thres": 0.02, "neg_thres": 0.02}
 """[sensor]: 25 million events, 600 MB, in a tick in which a quarter of the picture goes dark"""
 _MEMORY = 300_000_000
-_LESS = (100_000_000, 30_000_000, 10_000_000)
-"""bytes beyond the bare program: enough until the burst; too little for the start of it"""
+_LESS = (170_000_000, 100_000_000, 30_000_000, 10_000_000)
+"""bytes beyond the bare program: enough until the burst; hardly, or too little, for the start"""
 _ROOM = 65_536
 """bytes of disk"""
 
@@ -82,7 +82,7 @@ EXTREMES = (
     Extreme(
         "memory-limit",
         "machine",
-        "a burst of 600 MB of events where 300 MB are left; starts with 10, 30 and 100 MB",
+        "a burst of 600 MB of events where 300 MB are left; starts with 10, 30, 100 and 170 MB",
         "one line, exit code 2; every event of the report is in the recording, and those before "
         "the burst are those of a run without a limit",
         _memory,

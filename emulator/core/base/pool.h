@@ -7,6 +7,8 @@
 #include <exception>
 #include <functional>
 #include <mutex>
+#include <new>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -24,10 +26,10 @@ class Pool {
       for (int worker = 1; worker < count_; worker++) {
         workers_.emplace_back([this, worker] { serve(worker); });
       }
-    } catch (...) {
-      // the system gives no more threads: those that run must end before this throws
+    } catch (const std::system_error&) {
+      // no memory for another stack: those that run must end before this throws
       close();
-      throw;
+      throw std::bad_alloc();
     }
   }
 
