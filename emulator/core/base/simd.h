@@ -67,10 +67,6 @@ EVS_INLINE Mask mask_of(unsigned lanes) { return {static_cast<__mmask16>(lanes)}
 EVS_INLINE Float select(Mask m, Float a, Float b) { return {_mm512_mask_blend_ps(m.m, b.v, a.v)}; }
 EVS_INLINE Int select(Mask m, Int a, Int b) { return {_mm512_mask_blend_epi32(m.m, b.v, a.v)}; }
 EVS_INLINE Float gather(const float* base, Int at) { return {_mm512_i32gather_ps(at.v, base, 4)}; }
-EVS_INLINE Float from_quarters(const __m128* q) {
-  __m512 a = _mm512_insertf32x4(_mm512_castps128_ps512(q[0]), q[1], 1);
-  return {_mm512_insertf32x4(_mm512_insertf32x4(a, q[2], 2), q[3], 3)};
-}
 EVS_INLINE void store_at(float* base, Int at, Float a, Mask m) {
   _mm512_mask_i32scatter_ps(base, m.m, at.v, a.v, 4);
 }
@@ -242,19 +238,6 @@ EVS_INLINE Float gather(const float* base, Int at) {
 #endif
   return r;
 }
-#if EVS_WIDTH == 256
-EVS_INLINE Float from_quarters(const __m128* q) {
-  Float r;
-  EVS_PARTS r.v[i] = (FloatPart)_mm256_set_m128(q[2 * i + 1], q[2 * i]);
-  return r;
-}
-#elif defined(__SSE2__)
-EVS_INLINE Float from_quarters(const __m128* q) {
-  Float r;
-  EVS_PARTS r.v[i] = (FloatPart)q[i];
-  return r;
-}
-#endif
 EVS_INLINE float lowest(Float a) {
   float r = a.v[0][0];
   EVS_PARTS for (int j = 0; j < PART; j++) r = a.v[i][j] < r ? a.v[i][j] : r;
@@ -284,34 +267,6 @@ EVS_INLINE void compress(float* p, Float a, Mask m) {
 #endif
 
 // what all builds share
-
-// base[at] and base[at + 1] of each lane: two loads in one, which no gather does
-#if defined(__SSE2__)
-EVS_INLINE void gather_pairs(const float* base, Int at, Float& first, Float& second) {
-  alignas(64) int index[LANES];
-  store(index, at);
-  __m128 a[LANES / 4], b[LANES / 4];
-  auto pair = [&](int i) {
-    return reinterpret_cast<const __m64*>(base + index[i]);  // may alias anything
-  };
-  _Pragma("GCC unroll 8") for (int i = 0; i < LANES / 4; i++) {
-    __m128 low = _mm_castsi128_ps(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(pair(4 * i))));
-    __m128 high =
-        _mm_castsi128_ps(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(pair(4 * i + 2))));
-    low = _mm_loadh_pi(low, pair(4 * i + 1));
-    high = _mm_loadh_pi(high, pair(4 * i + 3));
-    a[i] = _mm_shuffle_ps(low, high, _MM_SHUFFLE(2, 0, 2, 0));
-    b[i] = _mm_shuffle_ps(low, high, _MM_SHUFFLE(3, 1, 3, 1));
-  }
-  first = from_quarters(a);
-  second = from_quarters(b);
-}
-#else
-EVS_INLINE void gather_pairs(const float* base, Int at, Float& first, Float& second) {
-  first = gather(base, at);
-  second = gather(base + 1, at);
-}
-#endif
 
 EVS_INLINE Mask operator>(Float a, Float b) { return b < a; }
 EVS_INLINE Mask operator>=(Float a, Float b) { return b <= a; }

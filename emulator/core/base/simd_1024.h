@@ -85,14 +85,6 @@ EVS_INLINE Float gather(const float* base, Int at) {
   for (int i = 0; i < 2; i++) r.v[i] = _mm512_i32gather_ps(at.v[i], base, 4);
   return r;
 }
-EVS_INLINE Float from_quarters(const __m128* q) {
-  Float r;
-  for (int i = 0; i < 2; i++) {
-    __m512 a = _mm512_insertf32x4(_mm512_castps128_ps512(q[4 * i]), q[4 * i + 1], 1);
-    r.v[i] = _mm512_insertf32x4(_mm512_insertf32x4(a, q[4 * i + 2], 2), q[4 * i + 3], 3);
-  }
-  return r;
-}
 EVS_INLINE void store_at(float* base, Int at, Float a, Mask m) {
   for (int i = 0; i < 2; i++) _mm512_mask_i32scatter_ps(base, m.m[i], at.v[i], a.v[i], 4);
 }

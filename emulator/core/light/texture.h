@@ -13,18 +13,18 @@ EVS_INLINE Level level_of(const Texture& t, Int level) {
   };
   Int width = pick(t.width), height = pick(t.height), stride = width + splat(2);
   return {to_float(width), to_float(height), pick(t.level_offset), stride,
-          stride * (height + splat(2))};
+          stride * (height + splat(1))};
 }
 
 EVS_INLINE Level level_of(const Texture& t, int level) {
   int width = t.width[level], height = t.height[level];
   return {splat(static_cast<float>(width)), splat(static_cast<float>(height)),
-          splat(t.level_offset[level]), splat(width + 2), splat((width + 2) * (height + 2))};
+          splat(t.level_offset[level]), splat(width + 2), splat((width + 2) * (height + 1))};
 }
 
 // Four texels around a point of a level, and where between them it is.
 struct Spot {
-  Int above, below;  // left one of each pair
+  Int at;  // the upper left one
   Float x, y;
 };
 
@@ -34,14 +34,13 @@ EVS_INLINE Spot spot_at(const Level& l, Float u, Float v, Int face) {
   Float x = max(min(u * l.width + 0.5f, l.width + 0.5f), splat(0.5f));
   Float y = max(min(v * l.height + 0.5f, l.height + 0.5f), splat(0.5f));
   Int column = truncate(x), row = truncate(y);
-  Int above = l.offset + face * l.face + row * l.stride + column;
-  return {above, above + l.stride, x - to_float(column), y - to_float(row)};
+  Int at = l.offset + face * l.face + row * l.stride + column;
+  return {at, x - to_float(column), y - to_float(row)};
 }
 
 EVS_INLINE Float bilinear(const float* texels, const Spot& s) {
-  Float a, b, c, d;
-  gather_pairs(texels, s.above, a, b);
-  gather_pairs(texels, s.below, c, d);
+  // each texel has the one below at its side
+  auto [a, c, b, d] = gather_quads(texels, s.at);
   Float top = a + (b - a) * s.x, bottom = c + (d - c) * s.x;
   return top + (bottom - top) * s.y;
 }
@@ -85,7 +84,7 @@ EVS_INLINE void read_between(const Texture& t, int channels, const Lod& lod, Flo
       out[c] = splat(t.mean);
       continue;
     }
-    const float* base = t.texels + static_cast<long>(c) * t.channel_stride;
+    const float* base = t.texels + 2 * static_cast<long>(c) * t.channel_stride;
     out[c] = bilinear(base, s0);
     if (lod.blend) out[c] = out[c] + (bilinear(base, s1) - out[c]) * lod.share;
   }

@@ -46,10 +46,14 @@ void write_level(Chain& chain, int channel, int level, int face, const std::vect
     bool repeats = t.faces == 1;
     return (i < 1) == repeats ? n - 1 : 0;
   };
-  for (int y = 0; y < h + 2; y++) {
-    const float* from = image.data() + static_cast<long>(inside(y, h)) * w;
+  for (int y = 0; y < h + 1; y++) {
+    const float* row = image.data() + static_cast<long>(inside(y, h)) * w;
+    const float* below = image.data() + static_cast<long>(inside(y + 1, h)) * w;
     float* to = chain.texels.data() + t.at(channel, level, face, y, 0);
-    for (int x = 0; x < w + 2; x++) to[x] = from[inside(x, w)];
+    for (int x = 0; x < w + 2; x++) {
+      to[2 * x] = row[inside(x, w)];
+      to[2 * x + 1] = below[inside(x, w)];
+    }
   }
 }
 
@@ -65,7 +69,7 @@ Chain chain_of(const uint8_t* data, int faces, int height, int width, int compon
     t.width[t.levels] = w;
     t.height[t.levels] = h;
     t.level_offset[t.levels] = total;
-    total += faces * (w + 2) * (h + 2);
+    total += faces * (w + 2) * (h + 1);
     t.levels++;
     if (w == 1 && h == 1) break;
     w = std::max(1, w / 2);
@@ -73,7 +77,7 @@ Chain chain_of(const uint8_t* data, int faces, int height, int width, int compon
   } while (t.levels < MAX_LEVELS);
   t.channel_stride = total;
   t.channels = channels;
-  chain.texels.resize(static_cast<size_t>(total) * channels);
+  chain.texels.resize(2 * static_cast<size_t>(total) * channels);
 
   for (int c = 0; c < channels; c++) {
     for (int face = 0; face < faces; face++) {

@@ -44,21 +44,22 @@ struct Mesh {
 
 // An image chain, linear light, channel-planar: level l has width[l] x height[l] (x 6 faces) texels
 // and around each image a rim of one more, in which it repeats or, with 6 faces, its edge goes on.
-// Columns and rows of the image count from 1, those of the rim are 0 and the last.
+// Columns and rows of the image count from 1, those of the rim are 0 and the last. Each texel has
+// the one below it at its side, so that four around a point are one load.
 constexpr int MAX_LEVELS = 16;
 struct Texture {
   const float* texels;
-  int channel_stride;
-  int channels;  // planes of texels
-  float mean;    // luminance
+  int channel_stride;  // texels of a plane
+  int channels;        // planes of texels
+  float mean;          // luminance
   int levels;
   int faces;  // 1 or 6
   int width[MAX_LEVELS], height[MAX_LEVELS], level_offset[MAX_LEVELS];
 
   long at(int channel, int level, int face, int row, int column) const {
-    long rows = static_cast<long>(face) * (height[level] + 2) + row;
-    return static_cast<long>(channel) * channel_stride + level_offset[level] +
-           rows * (width[level] + 2) + column;
+    long rows = static_cast<long>(face) * (height[level] + 1) + row;
+    return 2 * (static_cast<long>(channel) * channel_stride + level_offset[level] +
+                rows * (width[level] + 2) + column);
   }
 };
 
