@@ -12,7 +12,8 @@ import sysconfig
 import tomllib
 from pathlib import Path
 
-# as pip writes it: sh starts Python, so that the path may be long or hold spaces
+# as pip writes it: sh starts Python, so that the path may be long or hold spaces; worker processes
+# run it once more, under another name
 SCRIPT = """#!/bin/sh
 '''exec' "{python}" "$0" "$@"
 ' '''
@@ -20,7 +21,8 @@ import sys
 
 from {module} import {function}
 
-sys.exit({function}())
+if __name__ == "__main__":
+    sys.exit({function}())
 """
 
 
