@@ -32,35 +32,42 @@ void Caster::trace_direct(bool still, bool selective, const Outputs& out) {
     Change change = {moved_rods_.data(), moved_.view(), around_moved_,
                      lights_stay ? nullptr : previous_lights_.data()};
     ray_blocks_->ask(*kernel_, frame_, change, pool_);
+  } else if (recording) {
+    ray_blocks_->begin();
   }
 
   Outputs first_out = antialiasing_ ? antialiasing_->base() : out;
   Frame first_frame = antialiasing_ ? antialiasing_->base_frame(frame_) : frame_;
   std::atomic<long> traced{0}, relit{0};
-  bool pairs = kernel_->trace_pair && frame_.pairs && !selective && !recording;
+  bool pairs = kernel_->trace_pair && frame_.pairs;
   pool_.run(sampling_.rows, [&](int row, int) {
     using Need = RayBlocks::Need;
     long anew = 0, lit = 0;
+    auto need_of = [&](int column) {
+      if (selective) return ray_blocks_->need(column, row);
+      return recording ? Need::ALL : Need::MET;
+    };
     for (int column = 0; column < sampling_.columns; column++) {
-      if (pairs && column + 1 < sampling_.columns) {
+      if (selective && column % BLOCK_WIDTH == 0 && !ray_blocks_->any_need(column, row)) {
+        column += BLOCK_WIDTH - 1;
+        continue;
+      }
+      Need need = need_of(column);
+      if (need == Need::NOTHING) continue;
+      bool even = column % 2 == 0 && column + 1 < sampling_.columns;
+      if (pairs && even && need == Need::MET && need_of(column + 1) == Need::MET) {
         kernel_->trace_pair(first_frame, column, row, first_out);
         for (int k = 0; k < 2 && antialiasing_; k++) antialiasing_->traced(column + k, row);
         anew += 2;
         column++;
         continue;
       }
-      if (selective && column % BLOCK_WIDTH == 0 && !ray_blocks_->any_need(column, row)) {
-        column += BLOCK_WIDTH - 1;
-        continue;
-      }
-      Need need = selective ? ray_blocks_->need(column, row) : Need::ALL;
-      if (need == Need::NOTHING) continue;
       Record record = {};
       if (recording) record = ray_blocks_->record(column, row);
       if (need == Need::LIGHT && keeps(record.patch)) {
         KeptPatch kept[2] = {record.patch, {}};
         if (kernel_->relight_pair && column + 1 < sampling_.columns &&
-            ray_blocks_->need(column + 1, row) == Need::LIGHT) {
+            need_of(column + 1) == Need::LIGHT) {
           kept[1] = ray_blocks_->record(column + 1, row).patch;
         }
         if (alike(kept[0], kept[1])) {

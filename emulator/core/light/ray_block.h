@@ -138,7 +138,7 @@ inline Mask lit_anew(const Frame& f, const Balls& places, const Change& change, 
   return found;
 }
 
-void ask(const Frame& f, const RayBlock& b, const Change& change, uint32_t& traced, uint32_t& lit) {
+void ask(const Frame& f, const RayBlock& b, const Change& change, Needs& needs) {
   Mask packets = mask_of(b.packets);
   const auto& p = b.primary;
   const auto& m = b.mirror;
@@ -152,12 +152,11 @@ void ask(const Frame& f, const RayBlock& b, const Change& change, uint32_t& trac
   Hulls cone = {seen.center, {load(m[0]), load(m[1]), load(m[2])},
                 load(m[3]),  splat(FAR),
                 load(m[4]),  load(m[5])};
-  Mask whole = touched(primary, change, packets);
+  Mask met = touched(primary, change, packets), whole = met;
   Mask mirrors = packets & ~(whole | (cone.radius < 0.0f));
   if (any(mirrors)) whole = whole | touched(cone, change, mirrors);
   Mask lamps = lit_anew(f, seen, change, packets & ~(whole | (seen.radius < 0.0f)));
   lamps =
       lamps | lit_anew(f, mirrored, change, packets & ~(whole | lamps | (mirrored.radius < 0.0f)));
-  traced = bits(whole);
-  lit = bits(lamps & ~whole);
+  needs = {bits(met), bits(whole), bits(lamps & ~whole)};
 }

@@ -20,8 +20,7 @@ RayBlocks::RayBlocks(const Sampling& sampling, int channels, const std::vector<L
       trails_(sampling.primary.size()),
       numbers_(trails_.size() * patch_size_),
       geoms_(trails_.size(), -1),
-      traced_(blocks_.size()),
-      lit_(blocks_.size()) {
+      needs_(blocks_.size()) {
   // shadows move
   while (patch_lights_ < static_cast<int>(lights.size()) &&
          !(shadows && lights[patch_lights_].castshadow)) {
@@ -49,12 +48,17 @@ bool RayBlocks::outdated(const std::vector<Light>& now, const std::vector<Light>
   return false;
 }
 
+void RayBlocks::begin() { std::fill(needs_.begin(), needs_.end(), Needs{}); }
+
 void RayBlocks::ask(const Kernel& kernel, const Frame& frame, const Change& change, Pool& pool) {
   size_t count = blocks_.size();
   pool.run(static_cast<int>((count + BLOCKS_A_JOB - 1) / BLOCKS_A_JOB), [&](int job, int) {
     size_t begin = static_cast<size_t>(job) * BLOCKS_A_JOB;
     for (size_t i = begin; i < std::min(count, begin + BLOCKS_A_JOB); i++) {
-      kernel.ask(frame, blocks_[i], change, traced_[i], lit_[i]);
+      uint32_t unknown = needs_[i].met;
+      kernel.ask(frame, blocks_[i], change, needs_[i]);
+      needs_[i].traced |= unknown;
+      needs_[i].lit &= ~unknown;
     }
   });
 }

@@ -15,25 +15,29 @@ class RayBlocks {
   // In: channels, of patches that are kept; 0: none are. shadows: whether lights cast any.
   RayBlocks(const Sampling& sampling, int channels, const std::vector<Light>& lights, bool shadows);
 
-  // What a packet has to go through again.
-  enum class Need { NOTHING, LIGHT, ALL };
+  // What a packet has to go through again. MET: all of it, and most likely in the next tick too, so
+  // that a record is not worth its time: without one it is traced then, whatever happens.
+  enum class Need { NOTHING, LIGHT, ALL, MET };
 
   // Does one of the lights change whose light patches contain? From now on they do without it, and
   // those that there are have to be made anew.
   bool outdated(const std::vector<Light>& now, const std::vector<Light>& before);
+  // Every packet gets a record.
+  void begin();
   // Find out for each packet.
   void ask(const Kernel& kernel, const Frame& frame, const Change& change, Pool& pool);
   Need need(int column, int row) const {
-    size_t block = index_of(column, row);
+    const Needs& needs = needs_[index_of(column, row)];
     int bit = bit_of(column, row);
-    return traced_[block] >> bit & 1 ? Need::ALL
-           : lit_[block] >> bit & 1  ? Need::LIGHT
+    return needs.met >> bit & 1      ? Need::MET
+           : needs.traced >> bit & 1 ? Need::ALL
+           : needs.lit >> bit & 1    ? Need::LIGHT
                                      : Need::NOTHING;
   }
   // Does the row of a block that begins with this packet need anything?
   bool any_need(int column, int row) const {
-    size_t block = index_of(column, row);
-    return (traced_[block] | lit_[block]) >> bit_of(column, row) & ((1u << BLOCK_WIDTH) - 1);
+    const Needs& needs = needs_[index_of(column, row)];
+    return (needs.traced | needs.lit) >> bit_of(column, row) & ((1u << BLOCK_WIDTH) - 1);
   }
   Record record(int column, int row) {
     size_t packet = static_cast<size_t>(row) * columns_ + column;
@@ -62,7 +66,7 @@ class RayBlocks {
   std::vector<Trail> trails_;
   std::vector<Lanes> numbers_;  // of the patches
   std::vector<int32_t> geoms_;
-  std::vector<uint32_t> traced_, lit_;  // of each block, one bit a packet
+  std::vector<Needs> needs_;  // of each block
 };
 
 }  // namespace evs

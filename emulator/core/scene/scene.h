@@ -240,6 +240,13 @@ struct Change {
   const Light* lights;  // as they were; null: all stayed
 };
 
+// Packets of a block, one bit each, that what is not as it was may change.
+struct Needs {
+  uint32_t met;     // something that moved comes near the rays of their pixels
+  uint32_t traced;  // those, and where that may be in a mirror
+  uint32_t lit;     // of the others: where a light or a shadow may have
+};
+
 struct Outputs {
   float* luminance;   // (h, w)
   float* rgb;         // (h, w, 3) linear; or null
@@ -287,9 +294,8 @@ struct Kernel {
                  const Record* record);
   // Ground truth of the 16 pixels of packet (column, row).
   void (*trace_truth)(const Frame&, int column, int row, const Truth&);
-  // Which packets of a block can have changed, one bit each. Out: traced, because something moved;
-  // lit, because light or shadow may have.
-  void (*ask)(const Frame&, const RayBlock&, const Change&, uint32_t& traced, uint32_t& lit);
+  // Which packets of a block can have changed.
+  void (*ask)(const Frame&, const RayBlock&, const Change&, Needs&);
   // `trace` for paths, which leave no record, but a whole row of packets. The batch is theirs
   // while they run.
   void (*trace_path_row)(const Frame&, const PathFrame&, PathBatch&, int row, const Outputs&);
