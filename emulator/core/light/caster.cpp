@@ -189,8 +189,9 @@ uint32_t Caster::idle_planes(const Light& l) const {
       w = {l.position.x - g.position.x, l.position.y - g.position.y, l.position.z - g.position.z};
     }
     float height = w.x * g.rotation[2] + w.y * g.rotation[5] + w.z * g.rotation[8];
-    // and not by a rounding
-    if (height > 1e-5f * std::hypot(w.x, w.y, w.z)) idle |= 1u << k;
+    // and not by a rounding; nor, where lamps are bulbs, with a part of it
+    float part = emitters_ && l.kind != DIRECTIONAL ? l.radius : 0;
+    if (height > 1e-5f * std::hypot(w.x, w.y, w.z) + part) idle |= 1u << k;
   }
   return idle;
 }

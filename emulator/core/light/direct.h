@@ -43,7 +43,6 @@ void shade_image(const Frame& f, const Light& light, const Rays& rays, const Pat
 template <int CHANNELS>
 void add_lights(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNELS>& patch,
                 Points& points, Mask lit, int begin, int end, Float* out) {
-  uint32_t planes = f.plane_count < 32 ? (1u << f.plane_count) - 1 : ~0u;
   Matt<CHANNELS> matt = matt_of(f, patch);
   Mask physical = f.lobes ? patch.physical & lit : mask_of(0);
   for (int i = begin; i < end; i++) {
@@ -62,9 +61,9 @@ void add_lights(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CH
     }
     if (!any(facing)) continue;
     Mask dark = mask_of(0);
-    bool in_the_way = f.plane_count > 32 || (planes & ~light.idle);
     if (light.castshadow && f.shadows &&
-        (in_the_way || any_towards(f.around, patch.origin, in.towards, facing))) {
+        (barred_by_planes(f, light.idle) ||
+         any_towards(f.around, patch.origin, in.towards, facing))) {
       dark = occluded(f, patch.origin, in.towards, in.distance, hit.geom,
                       shadow_hull(light, points.of(patch, lit)), facing, light.idle);
     }

@@ -1,4 +1,4 @@
-// What rays of `direct` need not look for: no shadow and no image in a mirror where nothing is
+// What rays need not look for: no shadow and, in `direct`, no image in a mirror where nothing is
 // near.
 
 // Can a ray of `active` come near the ball? With the slack of `any_near`.
@@ -9,6 +9,12 @@ EVS_INLINE bool any_towards(const Ball& ball, Vec origin, Vec direction, Mask ac
   Vec across = v - direction * along;
   Float reach = abs(along) * 2e-6f + ball.radius * 1.000002f;
   return any(active & (along >= -reach) & (dot(across, across) <= reach * reach));
+}
+
+// Can a plane be in the way of a light that `idle` of them never bar?
+EVS_INLINE bool barred_by_planes(const Frame& f, uint32_t idle) {
+  uint32_t planes = f.plane_count < 32 ? (1u << f.plane_count) - 1 : ~0u;
+  return f.plane_count > 32 || (planes & ~idle);
 }
 
 // The points of a patch, once somebody asks where they are.

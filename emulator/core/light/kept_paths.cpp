@@ -16,6 +16,8 @@ constexpr double TOO_MUCH = 0.75;          // share of samples at which keeping 
 constexpr int PAUSE = 32;                  // ticks without it then
 constexpr int LAMPS_STILL = 8;             // ticks; lamps that stood so long are kept again
 constexpr size_t REST = 6;                 // numbers of KeptLight::rest
+constexpr size_t FIRST = 4;                // of its away and albedo
+constexpr size_t MARGIN = 272;             // of one array to the next: apart in the caches
 constexpr int BITS = 32;
 
 // How far any point of the rod went, at most, and how much thicker it got.
@@ -34,7 +36,8 @@ double moved_by(const Rod& a, const Rod& b) {
 KeptPaths::KeptPaths(int width, int height, int samples, size_t geoms)
     : watched_(geoms), moving_(geoms) {
   light_.columns = (width + 31) / 32 * 32;
-  size_t pixels = static_cast<size_t>(light_.columns) * height, bytes = 5 * sizeof(float);
+  // 1: what is noted of each packet
+  size_t pixels = static_cast<size_t>(light_.columns) * height, bytes = 5 * sizeof(float) + 1;
   bool singly = samples <= MOST_SINGLE && pixels * samples * bytes <= MOST_BYTES;
   light_.size = singly ? 1 : BLOCK;
   light_.units = (samples + light_.size - 1) / light_.size;
@@ -46,13 +49,25 @@ KeptPaths::KeptPaths(int width, int height, int samples, size_t geoms)
   }
   // not written, so that they take no memory until they are
   bool relit = light_.size == 1 && entries_ * (bytes + REST * sizeof(float)) <= MOST_BYTES;
-  numbers_ = std::make_unique_for_overwrite<float[]>((relit ? 4 + REST : 4) * entries_);
+  size_t numbers = relit ? 4 + REST : 4;
+  bool points = relit && entries_ * (bytes + (REST + FIRST) * sizeof(float)) <= MOST_BYTES;
+  size_t stride = entries_ + MARGIN;
+  numbers_ = std::make_unique_for_overwrite<float[]>((numbers + (points ? FIRST : 0)) * stride);
+  auto array = [&](size_t i) { return numbers_.get() + i * stride; };
   touched_ = std::make_unique_for_overwrite<uint32_t[]>(entries_);
   int rows = (height + PACKET_HEIGHT - 1) / PACKET_HEIGHT;
   changed_.resize(static_cast<size_t>(rows) * light_.columns / 16);
-  for (int c = 0; c < 3; c++) light_.light[c] = numbers_.get() + c * entries_;
-  light_.until = numbers_.get() + 3 * entries_;
-  for (size_t i = 0; i < REST && relit; i++) light_.rest[i] = numbers_.get() + (4 + i) * entries_;
+  for (int c = 0; c < 3; c++) light_.light[c] = array(c);
+  light_.until = array(3);
+  for (size_t i = 0; i < REST && relit; i++) light_.rest[i] = array(4 + i);
+  if (points) {
+    seen_.resize(entries_ / 16);
+    light_.away = array(numbers);
+    for (int c = 0; c < 3; c++) light_.albedo[c] = array(numbers + 1 + c);
+    light_.seen = seen_.data();
+  }
+  due_.resize(entries_ / 16);
+  light_.due = due_.data();
   light_.touched = touched_.get();
   light_.changed = changed_.data();
 }

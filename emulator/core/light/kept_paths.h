@@ -43,6 +43,8 @@ class KeptPaths {
   size_t entries_;
   std::unique_ptr<float[]> numbers_;
   std::unique_ptr<uint32_t[]> touched_;
+  std::vector<int32_t> seen_;
+  std::vector<uint32_t> due_;
   std::vector<uint8_t> changed_;
   std::vector<bool> watched_;    // geoms that have ever moved
   std::vector<int32_t> moving_;  // geoms that moved since the last tick

@@ -16,15 +16,20 @@ constexpr int DRAWS = 1 << 20;  // of one point; the last are those of transpare
 
 constexpr int SURE_BOUNCES = 2;  // after these a path ends by chance
 
-// What share of the light arrives from `towards` of what is less than `limit` away.
+// What share of the light arrives from `towards` of what is less than `limit` away. `idle`: as for
+// `occluded`.
 inline Float visibility(const Frame& f, const PathFrame& p, Vec origin, Vec towards, Float limit,
-                        Int self, Mask wanted, Clearance* clearance) {
+                        Int self, Mask wanted, unsigned idle, Clearance* clearance) {
   if (clearance && p.transparent) note(*clearance, origin, towards, limit, wanted);
   if (clearance && !p.transparent) note_shadow(*clearance, origin, towards, limit, wanted);
-  Hull hull = hull_of(origin, towards, wanted, FAR);
   Float zero = splat(0.0f), one = splat(1.0f);
+  if (!barred_by_planes(f, idle) && !any_towards(f.around, origin, towards, wanted)) {
+    return select(wanted, one, zero);
+  }
+  Hull hull = hull_of(origin, towards, wanted, FAR);
   if (!p.transparent) {
-    return select(occluded(f, origin, towards, limit, self, hull, wanted, 0) | ~wanted, zero, one);
+    Mask dark = occluded(f, origin, towards, limit, self, hull, wanted, idle);
+    return select(dark | ~wanted, zero, one);
   }
   Float passing = select(wanted, one, zero), beyond = zero;
   Rays rays = {origin, towards, false};
@@ -40,12 +45,16 @@ inline Float visibility(const Frame& f, const PathFrame& p, Vec origin, Vec towa
   return select(wanted, zero, passing);  // more layers than are followed: dark
 }
 
+EVS_INLINE bool is_bulb(const Light& light) {
+  return light.radius > 0 && light.kind != DIRECTIONAL;
+}
+
 // The light of MuJoCo's lights that leaves the surface along -d, each weighed by `weight`.
 inline void add_light(const Frame& f, const PathFrame& p, const Scattering& s, Vec d,
                       const Patch<3>& patch, Int self, Mask lit, const Light& light, Pair place,
                       Float weight, Clearance* clearance, Float* out) {
   Incidence in = incidence(light, patch.point);
-  if (light.radius > 0 && light.kind != DIRECTIONAL) {
+  if (is_bulb(light)) {
     // a bulb: as much light as a glowing ball gives, from somewhere on it
     Float square = in.distance * in.distance, reach;
     Mask outside = in.distance > light.radius;
@@ -61,7 +70,8 @@ inline void add_light(const Frame& f, const PathFrame& p, const Scattering& s, V
   if (!any(facing)) return;
   Float arrives = select(facing, splat(1.0f), splat(0.0f));
   if (light.castshadow && f.shadows) {
-    arrives = visibility(f, p, patch.origin, in.towards, in.distance, self, facing, clearance);
+    arrives = visibility(f, p, patch.origin, in.towards, in.distance, self, facing, light.idle,
+                         clearance);
     facing = facing & (arrives > 0.0f);
     if (!any(facing)) return;
   }
@@ -115,7 +125,7 @@ inline Mask cast(const Frame& f, const PathFrame& p, int bounce, Walk& w, const 
     // the last rays can meet the sky or nothing
     if (!p.open) return mask_of(0);
     Float arrives =
-        visibility(f, p, rays.origin, rays.direction, splat(FAR), left, active, clearance);
+        visibility(f, p, rays.origin, rays.direction, splat(FAR), left, active, 0, clearance);
     active = active & (arrives > 0.0f);
     if (any(active)) {
       add_sky(f, p, rays.direction, w.sure, w.density, w.carried, arrives, active, out);
@@ -166,16 +176,16 @@ struct Point {
   Float received[3];
 };
 
-// Out: the point that the paths of `lit` have reached; its own light to `out`. False: the paths end
-// there. `lamps`: learns of the rays to the first point's lights.
-inline bool arrive(const Frame& f, const PathFrame& p, int bounce, const Walk& w, Mask lit,
-                   Clearance* clearance, Clearance* lamps, Point& at, Float* out) {
+// In: the patch of the point that the paths of `lit` have reached. Out: the rest of it; its own
+// light to `out`. False: the paths end there. `lamps`: learns of the rays to the first point's
+// lights.
+inline bool light_point(const Frame& f, const PathFrame& p, int bounce, const Walk& w, Mask lit,
+                        Clearance* clearance, Clearance* lamps, Point& at, Float* out) {
   const Rays& rays = w.rays;
   const Hit& hit = w.hit;
   const Sampler& sampler = w.sampler;
   Float zero = splat(0.0f), one = splat(1.0f);
   int draws = bounce * DRAWS;
-  at.patch = patch_of<3>(f, rays, hit, bits(lit), w.travelled);
   const Patch<3>& patch = at.patch;
   Mask glowing = lit & (patch.emitted[0] + patch.emitted[1] + patch.emitted[2] > 0.0f);
   if (any(glowing)) {
@@ -197,7 +207,7 @@ inline bool arrive(const Frame& f, const PathFrame& p, int bounce, const Walk& w
     for (int i = 0; i < f.light_count; i++) {
       if (f.lights[i].kind == IMAGE) continue;
       Pair place = {zero, zero};
-      if (f.lights[i].radius > 0) place = pair_of(sampler, draws + DRAW_LIGHT + 1 + i);
+      if (is_bulb(f.lights[i])) place = pair_of(sampler, draws + DRAW_LIGHT + 1 + i);
       add_light(f, p, s, rays.direction, patch, hit.geom, lit, f.lights[i], place, one, lamps,
                 received);
     }
@@ -214,6 +224,13 @@ inline bool arrive(const Frame& f, const PathFrame& p, int bounce, const Walk& w
     }
   }
   return true;
+}
+
+// The same where the patch is not known yet.
+inline bool arrive(const Frame& f, const PathFrame& p, int bounce, const Walk& w, Mask lit,
+                   Clearance* clearance, Clearance* lamps, Point& at, Float* out) {
+  at.patch = patch_of<3>(f, w.rays, w.hit, bits(lit), w.travelled);
+  return light_point(f, p, bounce, w, lit, clearance, lamps, at, out);
 }
 
 // Light of the points that the paths of `lit` have reached, and the rays that they leave along.
@@ -260,7 +277,7 @@ inline Mask shade(const Frame& f, const PathFrame& p, int bounce, Walk& w, Mask 
       // up to the glowing surface, not into it
       Float limit = aim.distance * 0.9999f;
       Float arrives =
-          visibility(f, p, patch.origin, aim.towards, limit, hit.geom, facing, clearance);
+          visibility(f, p, patch.origin, aim.towards, limit, hit.geom, facing, 0, clearance);
       Float weight = arrives / (v.density + aim.density);
       for (int c = 0; c < 3; c++) {
         aimed[c] = select(facing, v.light[c] * aim.light[c] * weight, zero);

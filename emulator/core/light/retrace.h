@@ -31,6 +31,7 @@ inline void keep_batch(const Frame& f, const PathFrame& p, Due& due) {
     for (int i = 0; i < 6 && kept.rest[0]; i++) {
       store_at(kept.rest[i], owner, load(b.rest[i] + slot - LANES), real);
     }
+    if (kept.seen && kept.relit && !kept.all) check_points(kept, b, slot - LANES, owner);
     store_at(kept.until, owner, until, real);
     store_at(reinterpret_cast<float*>(kept.touched), owner, as_float(touched), real);
   }
@@ -76,30 +77,6 @@ inline unsigned due_units(const KeptLight& kept, long at, unsigned inside) {
   return bits(late | ~still) & inside;
 }
 
-// The units `unit` of `lanes` of pixels side by side, with MuJoCo's lights as they are now.
-inline void relight_unit(const Frame& f, const PathFrame& p, const KeptLight& kept, int x, int y,
-                         int unit, unsigned lanes) {
-  Float zero = splat(0.0f), out[3] = {zero, zero, zero};
-  Mask active = mask_of(lanes);
-  Walk w;
-  Vec direction = set_out(f, p, splat(x) + load(LANE), splat(y), splat(unit), active, w);
-  Mask lit = first_cast(f, p, w, nullptr, active, nullptr, out);
-  long at = (static_cast<long>(y) * kept.units + unit) * kept.columns + x;
-  Point point;
-  bool shaded = any(lit) && arrive(f, p, 0, w, lit, nullptr, nullptr, point, out);
-  for (int c = 0; c < 3; c++) {
-    if (shaded) {
-      Float received = point.received[c] + load(kept.rest[c] + at);
-      out[c] = select(lit, out[c] + w.carried[c] * received, out[c]);
-    }
-    out[c] = out[c] + load(kept.rest[3 + c] + at);
-  }
-  add_air(f, direction, select(lit, w.hit.distance, splat(FAR)), out);
-  for (int c = 0; c < 3; c++) {
-    store(kept.light[c] + at, select(active, out[c], load(kept.light[c] + at)));
-  }
-}
-
 // The light of pixels side by side, from all their units, as trace_paths adds it up.
 inline void add_units(const Frame& f, const KeptLight& kept, int x, int y, const Outputs& out) {
   Float mean[3];
@@ -128,6 +105,25 @@ inline void add_units(const Frame& f, const KeptLight& kept, int x, int y, const
   }
 }
 
+// Asks which units of a packet row are due, and lights the others again where lamps move.
+inline void ask_units(const Frame& f, const PathFrame& p, const KeptLight& kept, int top, int rows,
+                      uint8_t* changed) {
+  long at = static_cast<long>(top) * kept.units * kept.columns;
+  for (int j = 0; j < rows; j++) {
+    for (int unit = 0; unit < kept.units; unit++) {
+      for (int left = 0; left < kept.columns; left += LANES, at += LANES) {
+        unsigned inside = left < f.width ? first_lanes(f.width - left) : 0;
+        unsigned due = due_units(kept, at, inside), others = kept.relit ? inside & ~due : 0;
+        kept.due[at / LANES] = due;
+        if (kept.all && kept.seen) kept.seen[at / LANES] = NOT_KEPT;
+        if (kept.relit) bring_near(kept, at + 2 * LANES);
+        if (!others || !relight_unit(f, p, kept, left, top + j, unit, others)) others = 0;
+        if (due | others) changed[left / LANES] |= static_cast<uint8_t>(1u << j);
+      }
+    }
+  }
+}
+
 inline long retrace_paths(const Frame& f, const PathFrame& p, PathBatch& batch,
                           const KeptLight& kept, int row, const Outputs& out) {
   int top = row * PACKET_HEIGHT;
@@ -135,20 +131,16 @@ inline long retrace_paths(const Frame& f, const PathFrame& p, PathBatch& batch,
   int groups = (f.width + LANES - 1) / LANES;
   uint8_t* changed = kept.changed + static_cast<long>(row) * groups;
   for (int g = 0; g < groups; g++) changed[g] = 0;
+  ask_units(f, p, kept, top, rows, changed);
   Due due = {{batch, &kept}};
   for (int unit = 0; unit < kept.units; unit++) {
     for (int g = 0; g < groups; g++) {
       int left = g * LANES;
-      unsigned inside = first_lanes(f.width - left);
       unsigned wanted[PACKET_HEIGHT], any_wanted = 0;
       for (int j = 0; j < rows; j++) {
         long at = (static_cast<long>(top + j) * kept.units + unit) * kept.columns + left;
-        wanted[j] = due_units(kept, at, inside);
+        wanted[j] = kept.due[at / LANES];
         any_wanted |= wanted[j];
-        if (kept.relit && inside & ~wanted[j]) {
-          relight_unit(f, p, kept, left, top + j, unit, inside & ~wanted[j]);
-        }
-        if (wanted[j] || kept.relit) changed[g] = static_cast<uint8_t>(changed[g] | (1u << j));
       }
       if (!any_wanted) continue;
       // packet by packet: their rays lie close together

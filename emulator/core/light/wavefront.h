@@ -95,6 +95,9 @@ inline void start_paths(const Frame& f, const PathFrame& p, Wavefront& front, In
   Float out[3] = {zero, zero, zero}, aimed[3] = {zero, zero, zero}, seen[3] = {zero, zero, zero};
   Mask lit = first_cast(f, p, w, hull, active, clearance, out), alive = mask_of(0);
   Float away = select(lit, w.hit.distance, splat(FAR));
+  // what moves is not kept
+  if (lamps != clearance)
+    store(b.seen + front.slots, select(known.gap < 0.0f, splat(-2), w.hit.geom));
   if (any(lit)) {
     Int left;
     Mask going = shade(f, p, 0, w, lit, clearance, lamps, left, aimed, out);
@@ -106,7 +109,7 @@ inline void start_paths(const Frame& f, const PathFrame& p, Wavefront& front, In
   }
   int slot = front.slots;
   for (int c = 0; c < 3; c++) store(b.light[c] + slot, out[c]);
-  if (f.air.fog || f.air.haze) store(b.away + slot, away);
+  if (f.air.fog || f.air.haze || clearance) store(b.away + slot, away);
   if (f.air.haze) {
     store(b.direction[0] + slot, direction.x);
     store(b.direction[1] + slot, direction.y);

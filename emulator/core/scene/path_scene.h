@@ -56,8 +56,14 @@ struct KeptLight {
   // of a unit that is one sample: what its first point got from all but MuJoCo's lights, and what
   // was seen from there; below 0: no more is known. Null: units are larger
   float* rest[6];
+  // of each unit's first point, while lamps move: its distance, FAR for none, below 0 where nothing
+  // is known; the colour of a texture there; and (height, units, columns / LANES) the geom that all
+  // points side by side lie on, or as in kept_points.h. Null: nothing is kept of it
+  float *away, *albedo[3];
+  int32_t* seen;
   float* until;       // to this much motion in all: before `travelled` is there, nothing changes
   uint32_t* touched;  // bits of the rods that its rays met: what happens when one moves is unknown
+  uint32_t* due;      // (height, units, columns / LANES) those that are traced in this tick
   uint8_t* changed;   // (packet rows, columns / LANES) image rows of as many pixels that changed
   float travelled;    // by the fastest of them, in all
   uint32_t moved;     // bits of the rods that moved since the last tick
@@ -76,6 +82,7 @@ struct PathBatch {
   float gap[ROOM + MARGIN];           // as in Clearance, and
   int32_t touched[ROOM + MARGIN];
   float rest[6][ROOM + MARGIN];       // as in KeptLight
+  int32_t seen[ROOM + MARGIN];        // geom of the first surface
   int32_t owner[ROOM + MARGIN];       // places in KeptLight, a lane's for each packet of units
   float paths[WORDS][ROOM + MARGIN];  // those under way
 };
