@@ -120,7 +120,7 @@ class NetworkArray:
         In: weights, of all convolutions one after another, each (out, in, 7); biases (convolutions, channels); delays (blocks,) ticks by which each block's sum is late.
         """
 
-    def step(self, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None), order='C', device='cpu', writable=False)], tick: int, begin_us: int, *, last_luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last_log: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], v: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last: Annotated[NDArray[numpy.int64], dict(shape=(None, None), order='C', device='cpu')], fifo: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], tile_row: Annotated[NDArray[numpy.int32], dict(shape=(None, None), order='C', device='cpu')], tile_moved: Annotated[NDArray[numpy.int64], dict(shape=(None, None), order='C', device='cpu')], tile_loud: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')], grow: Callable, currents: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None), order='C', device='cpu')] | None = None) -> tuple:
+    def step(self, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None), order='C', device='cpu', writable=False)], tick: int, begin_us: int, *, last_luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last_log: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], v: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last: Annotated[NDArray[numpy.int64], dict(shape=(None, None), order='C', device='cpu')], fifo: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], tile_row: Annotated[NDArray[numpy.int32], dict(shape=(None, None), order='C', device='cpu')], tile_moved: Annotated[NDArray[numpy.int64], dict(shape=(None, None, None), order='C', device='cpu')], tile_loud: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')], grow: Callable, currents: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None), order='C', device='cpu')] | None = None) -> tuple:
         """
         Out: (a list of each tick's event bytes (16 n,) uint8; pixels whose light was replaced, whose X and whose V were clamped). In: tick, number of the first. Every array but luminance is changed in place. grow(rows) must copy fifo to one of more rows, the new ones zero, and give it.
         """
@@ -128,7 +128,7 @@ class NetworkArray:
     @property
     def row_floats(self) -> int:
         """
-        float32 that a tile remembers: [feature][6][16]; tick n is in slot n mod 6.
+        float32 that a tile remembers: [16][6][feature]; tick n is in slot n mod 6.
         """
 
     @property

@@ -1,9 +1,9 @@
 """Runtime `native`: the whole stream in one pass of C++, core/network, only where something moves.
 
-Pixels go in tiles of 4 x 4. A tile is computed while something of an X that was not 0 is left in
-its FIFOs, or while one of its membranes is at a threshold; of the others only the light is looked
-at. Networks with a bias, and sparse = False: every tile is computed in every tick. Either way the
-events and membranes are the same bytes.
+Pixels go in tiles of 4 x 4. A pixel is computed while something of an X that was not 0 is left in
+its FIFOs; the membranes of a tile, while one of its pixels is or while one is at a threshold. Of
+the others only the light is looked at. Networks with a bias, and sparse = False: every pixel is
+computed in every tick. Either way the events and membranes are the same bytes.
 """
 
 from __future__ import annotations
@@ -24,15 +24,16 @@ from evs.msgs import EVENT_DTYPE, Events, EvsError
 LANES = 16
 """pixels of a tile"""
 NEVER = -(2**60)
-"""number of the last tick in which a tile moved that never did"""
+"""number of the last tick in which a pixel moved that never did"""
 
 
 class NativeRuntime:
     """The runtime `native`. Its own arrays in a state, of (h', w') tiles, are these.
 
-    fifo (rows, F) float32, what tiles remember: [input of a convolution][slot][16 pixels], tick n
-    in slot n mod 6; tile_row (h', w') int32, each tile's row of it, -1: none; tile_moved int64,
-    number of the last tick in which some X was not 0; tile_loud uint8, 1: some V is at a threshold.
+    fifo (rows, F) float32, what tiles remember: [16 pixels][slot][input of a convolution], tick n
+    in slot n mod 6; tile_row (h', w') int32, each tile's row of it, -1: none; tile_moved
+    (h', w', 16) int64, number of the last tick in which a pixel's X was not 0; tile_loud (h', w')
+    uint8, 1: some V is at a threshold.
     """
 
     name = "native"
@@ -89,11 +90,11 @@ class NativeRuntime:
             row = np.arange(tiles, dtype=np.int32).reshape(self._tiles)
             rest = np.concatenate(self.weights.rest())
             if np.any(rest):
-                fifo[:] = np.repeat(rest, (TAPS - 1) * LANES)
+                fifo[:] = np.tile(rest, (TAPS - 1) * LANES)
         return {
             "fifo": fifo,
             "tile_row": row,
-            "tile_moved": np.full(self._tiles, NEVER, np.int64),
+            "tile_moved": np.full((*self._tiles, LANES), NEVER, np.int64),
             "tile_loud": np.zeros(self._tiles, np.uint8),
         }
 
@@ -106,7 +107,7 @@ class NativeRuntime:
             {
                 "fifo": (np.float32, (rows, self._array.row_floats)),
                 "tile_row": (np.int32, self._tiles),
-                "tile_moved": (np.int64, self._tiles),
+                "tile_moved": (np.int64, (*self._tiles, LANES)),
                 "tile_loud": (np.uint8, self._tiles),
             },
         )

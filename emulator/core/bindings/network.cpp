@@ -86,7 +86,7 @@ class BoundNetwork {
   nb::tuple step(Array<const float, 3> luminance, int64_t tick, int64_t begin_us,
                  Array<float, 2> last_luminance, Array<float, 2> last_log, Array<float, 2> v,
                  Array<int64_t, 2> last, Array<float, 2> fifo, Array<int32_t, 2> tile_row,
-                 Array<int64_t, 2> tile_moved, Array<uint8_t, 2> tile_loud, nb::callable grow,
+                 Array<int64_t, 3> tile_moved, Array<uint8_t, 2> tile_loud, nb::callable grow,
                  std::optional<Array<float, 3>> currents) {
     constexpr int64_t kEnd = int64_t{1} << 56;
     const size_t ticks = luminance.shape(0), frame = width_ * height_;
@@ -107,7 +107,7 @@ class BoundNetwork {
     arrays.fifo = fifo.data();
     arrays.rows = fifo.shape(0);
     arrays.tile_row = of_tiles(tile_row);
-    arrays.tile_moved = of_tiles(tile_moved);
+    arrays.tile_moved = of_lanes(tile_moved);
     arrays.tile_loud = of_tiles(tile_loud);
 
     // the larger memory lives as long as the call, and then where `grow` has put it
@@ -159,6 +159,13 @@ class BoundNetwork {
     return array.data();
   }
 
+  int64_t* of_lanes(const Array<int64_t, 3>& array) const {
+    require(array.shape(0) == array_->tiles_down() && array.shape(1) == array_->tiles_across() &&
+                array.shape(2) == kLanes,
+            "tile_moved must be of 16 pixels a tile");
+    return array.data();
+  }
+
   Numbers numbers_;
   size_t width_, height_, row_floats_;
   int64_t tick_us_;
@@ -193,7 +200,7 @@ void bind_network(nb::module_& m) {
            "array but luminance is changed in place. grow(rows) must copy fifo to one of more "
            "rows, the new ones zero, and give it.")
       .def_prop_ro("row_floats", &BoundNetwork::row_floats,
-                   "float32 that a tile remembers: [feature][6][16]; tick n is in slot n mod 6.")
+                   "float32 that a tile remembers: [16][6][feature]; tick n is in slot n mod 6.")
       .def_prop_ro("tiles", &BoundNetwork::tiles, "(down, across), tiles of 4 x 4 pixels.");
 }
 

@@ -68,16 +68,18 @@ EVS_INLINE void store_tile(const T* lanes, T* image, const TilePlace& place) {
   }
 }
 
-uint32_t to_x(const Front& front, const TilePlace& place, uint32_t flags, float* x,
+uint32_t to_x(const Front& front, const TilePlace& place, uint32_t flags, float* x, int64_t* moved,
               FrontCounts& counts) {
   alignas(64) float now[LANES], light[LANES], dn[LANES], part[LANES], log[LANES];
   alignas(64) uint32_t inside[LANES];
+  alignas(64) int last[LANES];
   for (int i = 0; i < LANES; i++) inside[i] = place.inside(i) ? 1u : 0u;
+  for (int i = 0; i < LANES; i++) last[i] = -1;
   load_tile(light, front.last_luminance, place);
   load_tile(log, front.last_log, place);
   const LogMap map = front.map;
 
-  uint32_t moved = 0;
+  uint32_t ticks = 0;
   for (int t = 0; t < front.ticks; t++) {
     float* out = x + t * LANES;
     if ((flags >> t & 1u) == 0) {
@@ -105,11 +107,16 @@ uint32_t to_x(const Front& front, const TilePlace& place, uint32_t flags, float*
       log[i] = new_log;
       light[i] = choose(usable, now[i], light[i]);
     }
+    // a loop of its own: the one before would not come out in vectors
+    for (int i = 0; i < LANES; i++) last[i] = out[i] != 0.0f ? t : last[i];
     counts.clamped += replaced;
     counts.x_clamped += clipped;
-    moved |= any << t;
+    ticks |= any << t;
   }
   store_tile(light, front.last_luminance, place);
   store_tile(log, front.last_log, place);
-  return moved;
+  for (int i = 0; i < LANES; i++) {
+    if (last[i] >= 0) moved[i] = front.tick + last[i];
+  }
+  return ticks;
 }

@@ -1,28 +1,35 @@
-// A tile through all layers: X to current, its FIFOs read and written once a chunk.
+// 16 pixels through all layers: X to current, their FIFOs read and written once a chunk.
 //
 // Look-ahead needs no code of its own but the delay of the residual sum: in a stream, a convolution
 // that looks ahead is the same sum, told later.
 //
 // Included by kernel.inc inside a namespace of its own.
 
-// The old ticks of features [first, first + count) out of the tile's memory.
-EVS_INLINE void recall(const TileJob& job, int first, int count) {
-  const int oldest = static_cast<int>(job.tick % kOld);
-  for (int f = first; f < first + count; f++) {
-    const float* row = job.row + static_cast<size_t>(f) * kOld * SLOT;
-    float* slots = job.scratch + static_cast<size_t>(f) * FEATURE;
-    for (int j = 0; j < kOld; j++) {
-      const int slot = oldest + j < kOld ? oldest + j : oldest + j - kOld;
-      store(slots + j * SLOT, load(row + slot * SLOT));
-    }
+// Floats [first, first + count) of what the pixels remember, into scratch memory or out of it.
+template <class Move>
+EVS_INLINE void each_block(int first, int count, const Move& move) {
+  if (count < LANES) return move(first, count);
+  for (int at = 0; at < count; at += LANES) {
+    move(first + (at + LANES <= count ? at : count - LANES), LANES);  // the last may overlap
   }
-  if (job.next_row == nullptr) return;
-  const float* next = job.next_row + static_cast<size_t>(first) * kOld * SLOT;
-  for (int line = 0; line < count * kOld; line++) __builtin_prefetch(next + line * SLOT, 1, 2);
+}
+
+EVS_INLINE void recall(const PixelJob& job) {
+  each_block(0, job.net->pixel_floats(), [&](int at, int count) {
+    turn([&](int i) { return job.row[i] + at; },
+         [&](int k) { return job.scratch + job.old_places[at + k]; }, LANES, count);
+  });
+}
+
+// The rows of the next pixels, part k of n.
+EVS_INLINE void fetch(const PixelJob& job, int k, int n) {
+  for (int at = k * SLOT; at < job.net->pixel_floats(); at += n * SLOT) {
+    for (int i = 0; i < LANES; i++) __builtin_prefetch(job.next_row[i] + at, 1, 2);
+  }
 }
 
 // The last ticks of a stretch of `ticks` are the old ones of the next.
-EVS_INLINE void slide(const TileJob& job, int ticks) {
+EVS_INLINE void slide(const PixelJob& job, int ticks) {
   const int features = job.net->features();
   for (int f = 0; f < features; f++) {
     float* slots = job.scratch + static_cast<size_t>(f) * FEATURE;
@@ -30,38 +37,31 @@ EVS_INLINE void slide(const TileJob& job, int ticks) {
   }
 }
 
-// The last ticks back into the tile's memory; the last stretch had `ticks`.
-EVS_INLINE void remember(const TileJob& job, int ticks) {
-  const int count = job.ticks < kOld ? job.ticks : kOld;
-  const int64_t first = job.tick + job.ticks - count;
+// The last ticks back into memory; the last stretch had `ticks`.
+EVS_INLINE void remember(const PixelJob& job, int ticks) {
+  const float* scratch = job.scratch + ticks * SLOT;
+  auto write = [&](int at, int count) {
+    turn([&](int k) { return scratch + job.new_places[at + k]; },
+         [&](int i) { return job.row[i] + at; }, count, LANES);
+  };
   const int features = job.net->features();
-  for (int k = 0; k < count; k++) {
-    const int slot = static_cast<int>((first + k) % kOld);
-    float* row = job.row + slot * SLOT;
-    const float* slots = job.scratch + (ticks + kOld - count + k) * SLOT;
-    for (int f = 0; f < features; f++) {
-      store(row + static_cast<size_t>(f) * kOld * SLOT,
-            load(slots + static_cast<size_t>(f) * FEATURE));
-    }
+  if (job.ticks >= kOld) return each_block(0, kOld * features, write);
+  for (int t = 0; t < job.ticks; t++) {
+    each_block(static_cast<int>((job.tick + t) % kOld) * features, features, write);
   }
 }
 
 // Ticks [from, from + ticks) of the chunk.
-EVS_INLINE void stretch(TileJob& job, int from, int ticks) {
+EVS_INLINE void stretch(const PixelJob& job, int from, int ticks) {
   const Net& net = *job.net;
   const int channels = net.channels;
   auto inputs_of = [&](int k) {
     return job.scratch + static_cast<size_t>(net.first_feature(k)) * FEATURE;
   };
-  // a layer's old ticks are fetched when its turn comes, since memory is what waits longest
-  auto old_of = [&](int k) {
-    if (from == 0) recall(job, net.first_feature(k), k == 0 ? 1 : channels);
-  };
   if (from > 0) slide(job, kStretch);
-  old_of(0);
   for (int t = 0; t < ticks; t++) {
-    const Float x = job.x == nullptr ? splat(0.0f) : load(job.x + (from + t) * LANES);
-    store(job.scratch + (kOld + t) * SLOT, x);
+    float* x = job.scratch + (kOld + t) * SLOT;
+    for (int i = 0; i < LANES; i++) x[i] = job.x[i][(from + t) * LANES];
   }
   const float* weights = net.weights;
   const float* biases = net.biases;
@@ -71,9 +71,10 @@ EVS_INLINE void stretch(TileJob& job, int from, int ticks) {
   const int line = channels * channels * kTaps;
   for (int b = 0; b < net.blocks; b++) {
     const int k = 1 + 2 * b;
-    old_of(k);
+    // meanwhile, since memory is what waits longest
+    if (from == 0) fetch(job, 2 * b, 2 * net.blocks);
     convolve({weights, biases, channels, channels, inputs_of(k), inputs_of(k + 1), nullptr, ticks});
-    old_of(k + 1);
+    if (from == 0) fetch(job, 2 * b + 1, 2 * net.blocks);
     const float* held = inputs_of(k) + (kOld - net.delays[b]) * SLOT;
     convolve({weights + line, biases + channels, channels, channels, inputs_of(k + 1),
               inputs_of(k + 2), held, ticks});
@@ -82,7 +83,7 @@ EVS_INLINE void stretch(TileJob& job, int from, int ticks) {
   }
 
   const float* top = inputs_of(net.convolutions()) + kOld * SLOT;
-  float* current = job.current + from * LANES;
+  alignas(64) float current[kStretch * LANES];
   for (int at = 0; at < ticks * LANES; at += WIDE) {
     Wide sum = wide(net.last_bias);
     for (int c = 0; c < channels; c++) {
@@ -90,24 +91,15 @@ EVS_INLINE void stretch(TileJob& job, int from, int ticks) {
     }
     wide_store(current + at, sum);
   }
+  for (int i = 0; i < LANES; i++) {
+    for (int t = 0; t < ticks; t++) job.current[i][(from + t) * LANES] = current[t * LANES + i];
+  }
 }
 
-void run(TileJob& job) {
-  job.fired = 0;
-  job.v_clamped = 0;
-  if (job.row == nullptr) {
-    for (int t = 0; t < job.ticks; t++) store(job.current + t * LANES, splat(0.0f));
-  } else {
-    int from = 0;
-    for (; from + kStretch < job.ticks; from += kStretch) stretch(job, from, kStretch);
-    stretch(job, from, job.ticks - from);
-    remember(job, job.ticks - from);
-  }
-  if (job.currents != nullptr) {
-    for (int t = 0; t < job.ticks; t++) {
-      store_tile(job.current + t * LANES, job.currents + static_cast<size_t>(t) * job.frame,
-                 job.place);
-    }
-  }
-  fire(job);
+void infer(const PixelJob& job) {
+  recall(job);
+  int from = 0;
+  for (; from + kStretch < job.ticks; from += kStretch) stretch(job, from, kStretch);
+  stretch(job, from, job.ticks - from);
+  remember(job, job.ticks - from);
 }

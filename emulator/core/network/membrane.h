@@ -22,6 +22,8 @@ EVS_INLINE Float decayed(Float v, Int gap, Mask active, const Membrane& m) {
 void fire(TileJob& job) {
   constexpr int64_t kFar = kDecayLow * kDecayHigh;
   const Membrane& m = *job.membrane;
+  job.fired = 0;
+  job.v_clamped = 0;
   const Mask lanes = mask_of(job.place.lanes());
   alignas(64) float v_lanes[LANES];
   alignas(64) int told_lanes[LANES];

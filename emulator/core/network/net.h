@@ -48,9 +48,11 @@ struct Net {
   }
   // Ticks for which X must have been 0 so that nothing of it is left.
   EVS_ALWAYS_INLINE int window() const { return kOld * convolutions(); }
-  // Floats that a tile remembers: [feature][6][16]; tick n is in slot n mod 6.
+  // Floats that a pixel remembers: [6][feature]; tick n is in slot n mod 6.
+  EVS_ALWAYS_INLINE int pixel_floats() const { return kOld * features(); }
+  // Floats that a tile remembers, pixel by pixel.
   EVS_ALWAYS_INLINE size_t row_floats() const {
-    return static_cast<size_t>(features()) * kOld * kLanes;
+    return static_cast<size_t>(pixel_floats()) * kLanes;
   }
   // Floats of scratch memory: [feature][22][16], and as many for the output.
   EVS_ALWAYS_INLINE size_t scratch_floats() const {
@@ -92,6 +94,7 @@ struct Front {
   uint32_t unusable_from = 0;  // bits of the least positive luminance that is none
   const float* luminance = nullptr;
   size_t frame = 0;  // pixels of an image
+  int64_t tick = 0;  // number of the first
   int ticks = 0;
   float* last_luminance = nullptr;
   float* last_log = nullptr;
@@ -102,28 +105,37 @@ struct FrontCounts {
   int64_t x_clamped = 0;
 };
 
-// One tile through a chunk.
-struct TileJob {
+// 16 pixels through a chunk, wherever they lie. With fewer, some are told twice: the same comes
+// out.
+struct PixelJob {
   const Net* net = nullptr;
-  const Membrane* membrane = nullptr;
   float* scratch = nullptr;
-  float* row = nullptr;             // In/out; null: nothing of X is left, the current is 0
-  const float* next_row = nullptr;  // the row of the next tile, to be fetched
-  const float* x = nullptr;         // (ticks, 16); null: all 0
-  int64_t tick = 0;                 // number of the first
+  // where each float that a pixel remembers is in scratch memory: before the chunk, and after it
+  const int32_t* old_places = nullptr;
+  const int32_t* new_places = nullptr;
+  int64_t tick = 0;  // number of the first
+  int ticks = 0;
+  float* row[kLanes];             // In/out, what it remembers
+  const float* next_row[kLanes];  // of the next pixels, to be fetched
+  const float* x[kLanes];         // X of tick t is 16 t floats behind
+  float* current[kLanes];         // Out, I, the same way
+};
+
+// A tile's membranes through a chunk.
+struct TileJob {
+  const Membrane* membrane = nullptr;
+  const float* current = nullptr;  // (ticks, 16)
+  int64_t tick = 0;                // number of the first
   int ticks = 0;
   TilePlace place;
-  float* v = nullptr;         // In/out, of the image
-  int64_t* last = nullptr;    // In/out, of the image
-  float* currents = nullptr;  // Out, of the image at the first tick; null: not asked for
-  size_t frame = 0;
+  float* v = nullptr;       // In/out, of the image
+  int64_t* last = nullptr;  // In/out, of the image
 
   // Out
   uint32_t fired = 0;  // ticks with an event
   uint16_t on[kChunk];
   uint16_t off[kChunk];
-  alignas(64) float before[kChunk * kLanes];   // V at the start of the tick, where one fired
-  alignas(64) float current[kChunk * kLanes];  // I
+  alignas(64) float before[kChunk * kLanes];  // V at the start of the tick, where one fired
   int v_clamped = 0;
   bool loud = false;  // a pixel is over its threshold still
 };
@@ -133,10 +145,12 @@ struct NetworkKernel {
   // Note in `flags`, of each tile of a row of tiles, the ticks whose light changed or is none.
   // In: `pixel`, where the row begins; `rows` of pixels, 1 ... 4.
   void (*look)(const Front& front, size_t pixel, size_t width, int rows, uint32_t* flags);
-  // Light of a tile to X (ticks, 16). Out: the ticks at which some X is not 0.
+  // Light of a tile to X (ticks, 16). Out: the ticks at which some X is not 0; of each lane with
+  // one, the last in `moved`.
   uint32_t (*to_x)(const Front& front, const TilePlace& place, uint32_t flags, float* x,
-                   FrontCounts& counts);
-  void (*run)(TileJob& job);
+                   int64_t* moved, FrontCounts& counts);
+  void (*infer)(const PixelJob& job);
+  void (*fire)(TileJob& job);
 };
 
 extern const NetworkKernel NETWORK_AVX512;

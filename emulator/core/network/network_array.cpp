@@ -48,10 +48,13 @@ NetworkArray::NetworkArray(const NetworkSettings& settings, int width, int heigh
       pool_(threads) {
   work_.resize(tiles());
   lines_.resize(down_);
-  const size_t floats = settings_.net.scratch_floats();
+  auto floats = [](size_t count) { return Floats(new (std::align_val_t{64}) float[count]()); };
   for (int worker = 0; worker < pool_.threads(); worker++) {
-    scratch_.emplace_back(new (std::align_val_t{64}) float[floats]());
+    benches_.push_back(
+        {floats(settings_.net.scratch_floats()), floats(across_ * kChunk * kLanes), {}});
   }
+  old_places_.resize(static_cast<size_t>(settings_.net.pixel_floats()));
+  new_places_.resize(old_places_.size());
 }
 
 TilePlace NetworkArray::place(size_t tile) const {
@@ -62,11 +65,11 @@ TilePlace NetworkArray::place(size_t tile) const {
 
 std::vector<EventBuffer> NetworkArray::step(NetworkArrays arrays, const NetworkChunk& chunk,
                                             const Grow& grow, NetworkCounts& counts) {
-  const Front front{settings_.map, unusable_from_,        chunk.luminance, width_ * height_,
-                    chunk.ticks,   arrays.last_luminance, arrays.last_log};
+  const Front front{settings_.map, unusable_from_, chunk.luminance,       width_ * height_,
+                    chunk.tick,    chunk.ticks,    arrays.last_luminance, arrays.last_log};
   const int lines = static_cast<int>(down_);
   rows_.begin(arrays.tile_row, tiles(), arrays.rows);  // refuses before anything has changed
-  pool_.run(lines, [&](int line, int) { look(front, static_cast<size_t>(line)); });
+  pool_.run(lines, [&](int line, int) { look(arrays, front, static_cast<size_t>(line)); });
   const size_t rows = settle(arrays, chunk);
   if (rows > arrays.rows) {
     arrays.fifo = grow(rows);
@@ -77,15 +80,13 @@ std::vector<EventBuffer> NetworkArray::step(NetworkArrays arrays, const NetworkC
   if (chunk.currents != nullptr) {
     std::fill_n(chunk.currents, static_cast<size_t>(chunk.ticks) * front.frame, 0.0f);
   }
+  find_places(chunk);
   pool_.run(lines, [&](int line, int worker) {
-    TileJob job;
-    job.net = &settings_.net;
-    job.membrane = &settings_.membrane;
-    job.scratch = scratch_[static_cast<size_t>(worker)].get();
-    job.tick = chunk.tick;
-    job.ticks = chunk.ticks;
-    job.frame = width_ * height_;
-    run(arrays, chunk, static_cast<size_t>(line), job);
+    const size_t down = static_cast<size_t>(line);
+    Bench& bench = benches_[static_cast<size_t>(worker)];
+    gather(arrays, chunk, down, bench);
+    infer(chunk, bench);
+    fire(arrays, chunk, down, bench);
   });
   std::vector<EventBuffer> events(static_cast<size_t>(chunk.ticks));
   pool_.run(chunk.ticks, [&](int t, int) {
@@ -102,7 +103,7 @@ std::vector<EventBuffer> NetworkArray::step(NetworkArrays arrays, const NetworkC
 }
 
 // Light to X, for those tiles whose light changes.
-void NetworkArray::look(const Front& front, size_t down) {
+void NetworkArray::look(const NetworkArrays& arrays, const Front& front, size_t down) {
   Line& line = lines_[down];
   line.front = {};
   line.v_clamped = 0;
@@ -118,8 +119,10 @@ void NetworkArray::look(const Front& front, size_t down) {
     Work& work = work_[first + i];
     work = {};
     work.flags = flags[i];
+    int64_t* moved = arrays.tile_moved + (first + i) * kLanes;
+    if (arrays.tile_row[first + i] != -1) work.before = *std::max_element(moved, moved + kLanes);
     if (work.flags == 0) continue;
-    work.moved = kernel_->to_x(front, place(first + i), work.flags, x, line.front);
+    work.moved = kernel_->to_x(front, place(first + i), work.flags, x, moved, line.front);
     if (work.moved == 0) continue;
     work.x = static_cast<int32_t>(used / kLanes);
     if (line.x.size() < used + floats) line.x.resize(std::max(used + floats, 2 * line.x.size()));
@@ -134,7 +137,7 @@ size_t NetworkArray::settle(const NetworkArrays& arrays, const NetworkChunk& chu
   const int64_t window = settings_.net.window(), hold = window + kChunk;
   for (size_t tile = 0; tile < tiles(); tile++) {
     Work& work = work_[tile];
-    const int64_t moved = arrays.tile_moved[tile];
+    const int64_t moved = work.before;
     const bool held = arrays.tile_row[tile] != -1;
     work.hot = settings_.dense || work.moved != 0 || (held && moved >= first - window);
     if (settings_.dense) {
@@ -151,39 +154,110 @@ size_t NetworkArray::settle(const NetworkArrays& arrays, const NetworkChunk& chu
         rows_.take(tile, moves);
       }
     }
-    if (work.moved != 0) arrays.tile_moved[tile] = first + std::bit_width(work.moved) - 1;
   }
   return rows_.settle(arrays.tile_row);
 }
 
-// A line of tiles through all layers.
-void NetworkArray::run(const NetworkArrays& arrays, const NetworkChunk& chunk, size_t down,
-                       TileJob& job) {
-  const size_t row_floats = settings_.net.row_floats(), first = down * across_;
+void NetworkArray::find_places(const NetworkChunk& chunk) {
+  const int features = settings_.net.features();
+  for (int slot = 0; slot < kOld; slot++) {
+    // the oldest tick is in the slot that comes next
+    auto age = [&](int64_t next) { return (slot - static_cast<int>(next % kOld) + kOld) % kOld; };
+    const int before = age(chunk.tick), after = age(chunk.tick + chunk.ticks);
+    for (int f = 0; f < features; f++) {
+      const size_t at = static_cast<size_t>(slot * features + f);
+      old_places_[at] = (f * kSlots + before) * kLanes;
+      new_places_[at] = (f * kSlots + after) * kLanes;
+    }
+  }
+}
+
+// Those pixels of a line of tiles in whose windows some X is not 0.
+void NetworkArray::gather(const NetworkArrays& arrays, const NetworkChunk& chunk, size_t down,
+                          Bench& bench) {
+  alignas(64) static constexpr float kStill[kChunk * kLanes] = {};
+  const size_t floats = static_cast<size_t>(chunk.ticks) * kLanes, first = down * across_;
+  const size_t pixel_floats = static_cast<size_t>(settings_.net.pixel_floats());
+  const int64_t since = chunk.tick - settings_.net.window();
+  float* current = bench.current.get();
+  bench.pixels.clear();
+  for (size_t tile = first; tile < first + across_; tile++) {
+    const Work& work = work_[tile];
+    if (!work.hot) continue;
+    float* row = arrays.fifo + static_cast<size_t>(arrays.tile_row[tile]) * kLanes * pixel_floats;
+    const float* x =
+        work.x < 0 ? kStill : lines_[down].x.data() + static_cast<size_t>(work.x) * kLanes;
+    const int64_t* moved = arrays.tile_moved + tile * kLanes;
+    const uint32_t lanes = place(tile).lanes();
+    std::fill_n(current, floats, 0.0f);
+    for (size_t lane = 0; lane < kLanes; lane++) {
+      const bool hot = settings_.dense || moved[lane] >= since;
+      if (!hot || (lanes >> lane & 1) == 0) continue;
+      bench.pixels.push_back({row + lane * pixel_floats, x + lane, current + lane});
+    }
+    current += floats;
+  }
+}
+
+// Those pixels through all layers, 16 at once.
+void NetworkArray::infer(const NetworkChunk& chunk, const Bench& bench) {
+  PixelJob job;
+  job.net = &settings_.net;
+  job.scratch = bench.scratch.get();
+  job.old_places = old_places_.data();
+  job.new_places = new_places_.data();
+  job.tick = chunk.tick;
+  job.ticks = chunk.ticks;
+  const std::vector<Pixel>& pixels = bench.pixels;
+  for (size_t at = 0; at < pixels.size(); at += kLanes) {
+    for (size_t i = 0; i < kLanes; i++) {
+      const Pixel& pixel = pixels[std::min(at + i, pixels.size() - 1)];
+      job.row[i] = pixel.row;
+      job.x[i] = pixel.x;
+      job.current[i] = pixel.current;
+      job.next_row[i] = pixels[std::min(at + kLanes + i, pixels.size() - 1)].row;
+    }
+    kernel_->infer(job);
+  }
+}
+
+// A line of tiles from currents to events.
+void NetworkArray::fire(const NetworkArrays& arrays, const NetworkChunk& chunk, size_t down,
+                        const Bench& bench) {
+  alignas(64) static constexpr float kNone[kChunk * kLanes] = {};
+  const size_t floats = static_cast<size_t>(chunk.ticks) * kLanes, first = down * across_;
   for (int t = 0; t < chunk.ticks; t++) {
     for (size_t r = 0; r < kSide; r++) crossings_[t][down * kSide + r].clear();
   }
+  TileJob job;
+  job.membrane = &settings_.membrane;
+  job.tick = chunk.tick;
+  job.ticks = chunk.ticks;
   job.v = arrays.v;
   job.last = arrays.last;
-  job.currents = chunk.currents;
-  auto row_of = [&](size_t tile) {
-    return work_[tile].hot ? arrays.fifo + static_cast<size_t>(arrays.tile_row[tile]) * row_floats
-                           : nullptr;
-  };
-  size_t next = first;
-  const size_t end = first + across_;
-  for (size_t tile = first; tile < end; tile++) {
-    const Work& work = work_[tile];
+  const float* current = bench.current.get();
+  for (size_t tile = first; tile < first + across_; tile++) {
+    const bool hot = work_[tile].hot;
+    if (!hot && arrays.tile_loud[tile] == 0) continue;
     job.place = place(tile);
-    if (!work.hot && arrays.tile_loud[tile] == 0) continue;
-    job.row = row_of(tile);
-    for (next = std::max(next, tile + 1); next < end && !work_[next].hot;) next++;
-    job.next_row = next < end ? row_of(next) : nullptr;
-    job.x = work.x < 0 ? nullptr : lines_[down].x.data() + static_cast<size_t>(work.x) * kLanes;
-    kernel_->run(job);
+    job.current = hot ? current : kNone;
+    if (hot) current += floats;
+    kernel_->fire(job);
     arrays.tile_loud[tile] = job.loud ? 1 : 0;
     lines_[down].v_clamped += job.v_clamped;
     if (job.fired != 0) cross(job, down);
+    if (hot && chunk.currents != nullptr) give(job, chunk.currents);
+  }
+}
+
+// A tile's currents into images of them.
+void NetworkArray::give(const TileJob& job, float* currents) const {
+  for (int t = 0; t < job.ticks; t++) {
+    float* image = currents + static_cast<size_t>(t) * width_ * height_ + job.place.pixel;
+    for (int r = 0; r < job.place.rows; r++) {
+      const float* line = job.current + (t * kSide + r) * kSide;
+      std::copy_n(line, job.place.columns, image + static_cast<size_t>(r) * width_);
+    }
   }
 }
 

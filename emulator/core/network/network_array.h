@@ -32,10 +32,10 @@ struct NetworkArrays {
   float* last_log = nullptr;        // (h, w); NaN: no light yet
   float* v = nullptr;               // (h, w)
   int64_t* last = nullptr;          // (h, w)
-  float* fifo = nullptr;            // (rows, [feature][6][16]); zeros where no tile has the row
+  float* fifo = nullptr;            // (rows, [16][6][feature]); zeros where no tile has the row
   size_t rows = 0;
   int32_t* tile_row = nullptr;    // its row, -1: none
-  int64_t* tile_moved = nullptr;  // number of the last tick in which some X was not 0
+  int64_t* tile_moved = nullptr;  // (tiles, 16) number of the last tick in which X was not 0
   uint8_t* tile_loud = nullptr;   // 1: some V is at a threshold
 };
 
@@ -75,8 +75,15 @@ class NetworkArray {
   struct Work {
     uint32_t flags = 0;  // ticks whose light changed
     uint32_t moved = 0;  // ticks in which X is not 0
+    int64_t before = 0;  // the last before the chunk, where the tile has a row
     int32_t x = -1;      // where its X is in the X of its line of tiles; -1: all 0
     bool hot = false;    // something is left of an X
+  };
+  // A pixel to infer: where its memory, its X and its current begin.
+  struct Pixel {
+    float* row;
+    const float* x;
+    float* current;
   };
   // What the line of tiles `down` has for itself.
   struct Line {
@@ -87,12 +94,24 @@ class NetworkArray {
   struct Freed {
     void operator()(float* p) const { ::operator delete[](p, std::align_val_t{64}); }
   };
+  using Floats = std::unique_ptr<float[], Freed>;
+  // What a worker has for itself.
+  struct Bench {
+    Floats scratch;
+    Floats current;  // of a line of tiles, (tiles, ticks, 16)
+    std::vector<Pixel> pixels;
+  };
 
   TilePlace place(size_t tile) const;
-  void look(const Front& front, size_t down);
+  void look(const NetworkArrays& arrays, const Front& front, size_t down);
   size_t settle(const NetworkArrays& arrays, const NetworkChunk& chunk);
-  void run(const NetworkArrays& arrays, const NetworkChunk& chunk, size_t down, TileJob& job);
+  void find_places(const NetworkChunk& chunk);
+  void gather(const NetworkArrays& arrays, const NetworkChunk& chunk, size_t down, Bench& bench);
+  void infer(const NetworkChunk& chunk, const Bench& bench);
+  void fire(const NetworkArrays& arrays, const NetworkChunk& chunk, size_t down,
+            const Bench& bench);
   void cross(const TileJob& job, size_t down);
+  void give(const TileJob& job, float* currents) const;
 
   NetworkSettings settings_;
   const NetworkKernel* kernel_;
@@ -103,7 +122,8 @@ class NetworkArray {
   PoolRows rows_;
   std::vector<Work> work_;
   std::vector<Line> lines_;
-  std::vector<std::unique_ptr<float[], Freed>> scratch_;  // of each worker
+  std::vector<int32_t> old_places_, new_places_;          // as of PixelJob
+  std::vector<Bench> benches_;                            // of each worker
   std::vector<std::vector<Crossing>> crossings_[kChunk];  // of each tick, of each line of pixels
 };
 

@@ -106,7 +106,7 @@ Result run(const NetworkSettings& settings, Size size, const std::vector<float>&
   out.rows.assign(size.tiles(), -1);
   out.currents.assign(light.size(), kNan);
   std::vector<float> last_luminance(size.pixels(), -1.0f), last_log(size.pixels(), kNan);
-  std::vector<int64_t> moved(size.tiles(), -(int64_t{1} << 60));
+  std::vector<int64_t> moved(size.tiles() * kLanes, -(int64_t{1} << 60));
   std::vector<uint8_t> loud(size.tiles(), 0);
   NetworkArrays arrays;
   arrays.last_luminance = last_luminance.data();
