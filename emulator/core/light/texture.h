@@ -7,19 +7,17 @@ struct Level {
   Int offset, stride, face;  // of the level, from row to row, from face to face
 };
 
-EVS_INLINE Level level_of(const Texture& t, Int level) {
-  auto pick = [&](const int* table) {
-    return as_int(gather(reinterpret_cast<const float*>(table), level));
-  };
-  Int width = pick(t.width), height = pick(t.height), stride = width + splat(2);
-  return {to_float(width), to_float(height), pick(t.level_offset), stride,
-          stride * (height + splat(1))};
+EVS_INLINE Level level_of(const Texture& t, Int index) {
+  auto [width, height, offset, stride] =
+      gather_quads(reinterpret_cast<const float*>(t.level), index + index);
+  return {to_float(as_int(width)), to_float(as_int(height)), as_int(offset), as_int(stride),
+          as_int(stride) * (as_int(height) + splat(1))};
 }
 
-EVS_INLINE Level level_of(const Texture& t, int level) {
-  int width = t.width[level], height = t.height[level];
-  return {splat(static_cast<float>(width)), splat(static_cast<float>(height)),
-          splat(t.level_offset[level]), splat(width + 2), splat((width + 2) * (height + 1))};
+EVS_INLINE Level level_of(const Texture& t, int index) {
+  const TextureLevel& l = t.level[index];
+  return {splat(static_cast<float>(l.width)), splat(static_cast<float>(l.height)), splat(l.offset),
+          splat(l.stride), splat(l.stride * (l.height + 1))};
 }
 
 // Four texels around a point of a level, and where between them it is.
@@ -54,7 +52,9 @@ struct Lod {
 
 // Only `lanes` are asked for: on the others it may be anything.
 EVS_INLINE Lod lod_of(const Texture& t, Float footprint, unsigned lanes) {
-  float widest = static_cast<float>(t.width[0] > t.height[0] ? t.width[0] : t.height[0]);
+  const TextureLevel& whole_image = t.level[0];
+  float widest = static_cast<float>(whole_image.width > whole_image.height ? whole_image.width
+                                                                           : whole_image.height);
   // log2, with straight lines from one power of two to the next
   Int texels = as_int(max(footprint * widest, splat(1.0f)));
   Int whole = shift_right<23>(texels) - splat(127), last = splat(t.levels - 1);

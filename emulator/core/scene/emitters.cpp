@@ -147,7 +147,7 @@ void Emitters::make_sky(const Appearance& look) {
   auto add = [&](int texture, const float* tint) {
     const Texture& t = look.textures[texture];
     int level = 0;
-    while (level + 1 < t.levels && t.width[level] > 32) level++;
+    while (level + 1 < t.levels && t.level[level].width > 32) level++;
     sources.push_back({&t, level, {tint[0], tint[1], tint[2]}});
   };
   constexpr float WHITE[3] = {1, 1, 1};
@@ -156,7 +156,7 @@ void Emitters::make_sky(const Appearance& look) {
     if (light.kind == IMAGE) add(light.texture, light.diffuse);
   }
   int n = 0;
-  for (const Source& s : sources) n = std::max(n, s.texture->width[s.level]);
+  for (const Source& s : sources) n = std::max(n, s.texture->level[s.level].width);
   if (n == 0) return;
   size_t rows = 6 * static_cast<size_t>(n), count = rows * n;
   std::vector<double> weights(count);
@@ -166,7 +166,7 @@ void Emitters::make_sky(const Appearance& look) {
     int column = static_cast<int>(i) % n;
     double x = (column + 0.5) / n * 2 - 1, y = (row + 0.5) / n * 2 - 1, light = 0;
     for (const Source& s : sources) {
-      int side = s.texture->width[s.level];
+      int side = s.texture->level[s.level].width;
       int y_at = row * side / n + 1, x_at = column * side / n + 1;
       for (int c = 0; c < 3; c++) {
         light +=

@@ -37,8 +37,8 @@ constexpr double LOBE[9] = {1, 2.0 / 3, 2.0 / 3, 2.0 / 3, 0.25, 0.25, 0.25, 0.25
 void project_irradiance(const Chain& image, int channel, float* factors) {
   const Texture& t = image.layout;
   int level = 0;
-  while (level + 1 < t.levels && t.width[level] > WIDEST) level++;
-  int w = t.width[level], h = t.height[level];
+  while (level + 1 < t.levels && t.level[level].width > WIDEST) level++;
+  int w = t.level[level].width, h = t.level[level].height;
   double sum[9] = {}, sphere = 0;
   for (int face = 0; face < 6; face++) {
     for (int y = 0; y < h; y++) {

@@ -40,7 +40,7 @@ namespace {
 // One image and its rim. In: level (height, width).
 void write_level(Chain& chain, int channel, int level, int face, const std::vector<float>& image) {
   const Texture& t = chain.layout;
-  int w = t.width[level], h = t.height[level];
+  int w = t.level[level].width, h = t.level[level].height;
   auto inside = [&](int i, int n) {
     if (i >= 1 && i <= n) return i - 1;
     bool repeats = t.faces == 1;
@@ -66,9 +66,7 @@ Chain chain_of(const uint8_t* data, int faces, int height, int width, int compon
   t.faces = faces;
   int w = width, h = height, total = 0;
   do {
-    t.width[t.levels] = w;
-    t.height[t.levels] = h;
-    t.level_offset[t.levels] = total;
+    t.level[t.levels] = {w, h, total, w + 2};
     total += faces * (w + 2) * (h + 1);
     t.levels++;
     if (w == 1 && h == 1) break;
@@ -88,7 +86,8 @@ Chain chain_of(const uint8_t* data, int faces, int height, int width, int compon
       for (int l = 0;; l++) {
         write_level(chain, c, l, face, level);
         if (l + 1 >= t.levels) break;
-        level = shrink(level, t.width[l], t.height[l], t.width[l + 1], t.height[l + 1]);
+        const TextureLevel &from = t.level[l], &to = t.level[l + 1];
+        level = shrink(level, from.width, from.height, to.width, to.height);
       }
     }
   }

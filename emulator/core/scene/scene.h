@@ -42,11 +42,16 @@ struct Mesh {
   float radius;
 };
 
-// An image chain, linear light, channel-planar: level l has width[l] x height[l] (x 6 faces) texels
+// An image chain, linear light, channel-planar: a level has width x height (x 6 faces) texels
 // and around each image a rim of one more, in which it repeats or, with 6 faces, its edge goes on.
 // Columns and rows of the image count from 1, those of the rim are 0 and the last. Each texel has
 // the one below it at its side, so that four around a point are one load.
 constexpr int MAX_LEVELS = 16;
+struct TextureLevel {
+  int width, height;
+  int offset;  // in its plane
+  int stride;  // from row to row
+};
 struct Texture {
   const float* texels;
   int channel_stride;  // texels of a plane
@@ -54,12 +59,12 @@ struct Texture {
   float mean;          // luminance
   int levels;
   int faces;  // 1 or 6
-  int width[MAX_LEVELS], height[MAX_LEVELS], level_offset[MAX_LEVELS];
+  TextureLevel level[MAX_LEVELS];
 
-  long at(int channel, int level, int face, int row, int column) const {
-    long rows = static_cast<long>(face) * (height[level] + 1) + row;
-    return 2 * (static_cast<long>(channel) * channel_stride + level_offset[level] +
-                rows * (width[level] + 2) + column);
+  long at(int channel, int index, int face, int row, int column) const {
+    const TextureLevel& l = level[index];
+    long rows = static_cast<long>(face) * (l.height + 1) + row;
+    return 2 * (static_cast<long>(channel) * channel_stride + l.offset + rows * l.stride + column);
   }
 };
 
