@@ -49,6 +49,24 @@ EVS_INLINE void wide_store(float* p, Wide a) { __builtin_memcpy(p, &a, sizeof a)
 constexpr int SLOT = kLanes;
 constexpr int FEATURE = kSlots * kLanes;
 
+// What the next pixels remember comes nearer, piece by piece while others are computed: all at once
+// would wait for each other.
+struct Fetching {
+  const PixelJob& job;
+  int pixel = 0;
+  int at = 0;
+
+  EVS_INLINE void lines(int count) {
+    const int floats = job.net->pixel_floats();
+    for (int i = 0; i < count && pixel < LANES; i++) {
+      __builtin_prefetch(job.next_row[pixel] + at, 1, 2);
+      at += SLOT;
+      if (at >= floats) at = 0, pixel++;
+    }
+  }
+  EVS_INLINE void rest() { lines(LANES * job.net->pixel_floats()); }
+};
+
 struct Convolving {
   const float* weights;  // (out, in, 7)
   const float* biases;   // (out,)
@@ -105,32 +123,33 @@ EVS_INLINE void patch(const Convolving& c, int o, int t, int lane) {
 }
 
 template <int INPUTS, int N, int T>
-EVS_INLINE void all_lanes(const Convolving& c, int o, int t) {
+EVS_INLINE void all_lanes(const Convolving& c, int o, int t, Fetching& fetching) {
+  fetching.lines(16);
   for (int lane = 0; lane < LANES; lane += WIDE) patch<INPUTS, N, T>(c, o, t, lane);
 }
 
 template <int INPUTS, int N>
-EVS_INLINE void stripe(const Convolving& c, int o) {
+EVS_INLINE void stripe(const Convolving& c, int o, Fetching& fetching) {
   int t = 0;
-  for (; t + TICKS <= c.ticks; t += TICKS) all_lanes<INPUTS, N, TICKS>(c, o, t);
-  for (; t < c.ticks; t++) all_lanes<INPUTS, N, 1>(c, o, t);
+  for (; t + TICKS <= c.ticks; t += TICKS) all_lanes<INPUTS, N, TICKS>(c, o, t, fetching);
+  for (; t < c.ticks; t++) all_lanes<INPUTS, N, 1>(c, o, t, fetching);
 }
 
 template <int INPUTS>
-[[gnu::noinline]] void convolve(const Convolving& c) {
+[[gnu::noinline]] void convolve(const Convolving& c, Fetching& fetching) {
   int o = 0;
   if (c.ticks < TICKS) {
     for (; o + OUTPUTS_ALONE <= c.outputs; o += OUTPUTS_ALONE) {
-      for (int t = 0; t < c.ticks; t++) all_lanes<INPUTS, OUTPUTS_ALONE, 1>(c, o, t);
+      for (int t = 0; t < c.ticks; t++) all_lanes<INPUTS, OUTPUTS_ALONE, 1>(c, o, t, fetching);
     }
   }
-  for (; o + OUTPUTS <= c.outputs; o += OUTPUTS) stripe<INPUTS, OUTPUTS>(c, o);
-  for (; o < c.outputs; o++) stripe<INPUTS, 1>(c, o);
+  for (; o + OUTPUTS <= c.outputs; o += OUTPUTS) stripe<INPUTS, OUTPUTS>(c, o, fetching);
+  for (; o < c.outputs; o++) stripe<INPUTS, 1>(c, o, fetching);
 }
 
-EVS_INLINE void convolve(const Convolving& c) {
-  if (c.inputs == 1) return convolve<1>(c);
-  if (c.inputs == 4) return convolve<4>(c);
-  if (c.inputs == 8) return convolve<8>(c);
-  convolve<0>(c);
+EVS_INLINE void convolve(const Convolving& c, Fetching& fetching) {
+  if (c.inputs == 1) return convolve<1>(c, fetching);
+  if (c.inputs == 4) return convolve<4>(c, fetching);
+  if (c.inputs == 8) return convolve<8>(c, fetching);
+  convolve<0>(c, fetching);
 }

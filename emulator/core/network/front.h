@@ -70,49 +70,59 @@ EVS_INLINE void store_tile(const T* lanes, T* image, const TilePlace& place) {
 
 uint32_t to_x(const Front& front, const TilePlace& place, uint32_t flags, float* x, int64_t* moved,
               FrontCounts& counts) {
-  alignas(64) float now[LANES], light[LANES], dn[LANES], part[LANES], log[LANES];
-  alignas(64) uint32_t inside[LANES];
+  alignas(64) float now[kChunk * LANES], dn[kChunk * LANES], part[kChunk * LANES];
+  alignas(64) float light[LANES], log[LANES];
   alignas(64) int last[LANES];
-  for (int i = 0; i < LANES; i++) inside[i] = place.inside(i) ? 1u : 0u;
-  for (int i = 0; i < LANES; i++) last[i] = -1;
   load_tile(light, front.last_luminance, place);
   load_tile(log, front.last_log, place);
   const LogMap map = front.map;
 
+  // logarithms of all ticks side by side: one after another they would wait for each other
+  int count = 0;
+  for (uint32_t left = flags; left != 0; left &= left - 1) {
+    const size_t t = static_cast<size_t>(__builtin_ctz(left));
+    load_tile(now + LANES * count++, front.luminance + t * front.frame, place);
+  }
+  for (int at = 0; at < count * LANES; at += LANES) {
+    for (int i = at; i < at + LANES; i++) dn[i] = to_dn(map, now[i]);
+    for (int i = at; i < at + LANES; i++) part[i] = log_part<LogKind::linlog>(map, dn[i]);
+  }
+
+  const Mask inside = mask_of(place.lanes());
+  Float last_light = load(light), last_log = load(log);
+  Int last_moved = splat(-1);
   uint32_t ticks = 0;
+  int at = 0;
   for (int t = 0; t < front.ticks; t++) {
     float* out = x + t * LANES;
     if ((flags >> t & 1u) == 0) {
-      for (int i = 0; i < LANES; i++) out[i] = 0.0f;
+      store(out, splat(0.0f));
       continue;
     }
-    load_tile(now, front.luminance + static_cast<size_t>(t) * front.frame, place);
-    for (int i = 0; i < LANES; i++) dn[i] = to_dn(map, now[i]);
-    for (int i = 0; i < LANES; i++) part[i] = log_part<LogKind::linlog>(map, dn[i]);
-    uint32_t any = 0, replaced = 0, clipped = 0;
-    for (int i = 0; i < LANES; i++) {
-      const bool usable = is_light(now[i], dn[i]);
-      const float old_log = log[i];
-      const float new_log =
-          choose(usable, with_log_part<LogKind::linlog>(map, dn[i], part[i]), old_log);
-      // the first light only sets L_log
-      const float step = new_log - old_log;
-      const float value = choose((old_log == old_log) & (inside[i] != 0), step, 0.0f);
-      const float low = value > -kLargestX ? value : -kLargestX;
-      const float high = low < kLargestX ? low : kLargestX;
-      clipped += high != value ? 1u : 0u;
-      replaced += (usable ? 0u : 1u) & inside[i];
-      any |= high != 0.0f ? 1u : 0u;
-      out[i] = high;
-      log[i] = new_log;
-      light[i] = choose(usable, now[i], light[i]);
-    }
-    // a loop of its own: the one before would not come out in vectors
-    for (int i = 0; i < LANES; i++) last[i] = out[i] != 0.0f ? t : last[i];
-    counts.clamped += replaced;
-    counts.x_clamped += clipped;
-    ticks |= any << t;
+    // as is_light and with_log_part
+    const Float seen = load(now + at), seen_dn = load(dn + at);
+    const Mask usable = (seen > -kBlack) & (seen_dn <= kLargest);
+    const Float below = min(seen_dn * splat(map.slope), splat(map.ln_knee));
+    const Float seen_log = select(seen_dn >= map.knee, load(part + at), below);
+    const Float new_log = select(usable, seen_log, last_log);
+    // the first light only sets L_log
+    const Mask known = (last_log <= 0.0f) | (last_log >= 0.0f);
+    const Float value = select(known & inside, new_log - last_log, splat(0.0f));
+    const Float clamped = min(max(value, splat(-kLargestX)), splat(kLargestX));
+    const Mask moved = ~((clamped <= 0.0f) & (clamped >= 0.0f));
+    const Mask kept = (clamped <= value) & (value <= clamped);
+    store(out, clamped);
+    last_log = new_log;
+    last_light = select(usable, seen, last_light);
+    last_moved = select(moved, splat(t), last_moved);
+    ticks |= (any(moved) ? 1u : 0u) << t;
+    counts.x_clamped += __builtin_popcount(bits(~kept));
+    counts.clamped += __builtin_popcount(bits(~usable & inside));
+    at += LANES;
   }
+  store(light, last_light);
+  store(log, last_log);
+  store(last, last_moved);
   store_tile(light, front.last_luminance, place);
   store_tile(log, front.last_log, place);
   for (int i = 0; i < LANES; i++) {

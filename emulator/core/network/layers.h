@@ -21,13 +21,6 @@ EVS_INLINE void recall(const PixelJob& job) {
   });
 }
 
-// The rows of the next pixels, part k of n.
-EVS_INLINE void fetch(const PixelJob& job, int k, int n) {
-  for (int at = k * SLOT; at < job.net->pixel_floats(); at += n * SLOT) {
-    for (int i = 0; i < LANES; i++) __builtin_prefetch(job.next_row[i] + at, 1, 2);
-  }
-}
-
 // The last ticks of a stretch of `ticks` are the old ones of the next.
 EVS_INLINE void slide(const PixelJob& job, int ticks) {
   const int features = job.net->features();
@@ -52,7 +45,7 @@ EVS_INLINE void remember(const PixelJob& job, int ticks) {
 }
 
 // Ticks [from, from + ticks) of the chunk.
-EVS_INLINE void stretch(const PixelJob& job, int from, int ticks) {
+EVS_INLINE void stretch(const PixelJob& job, int from, int ticks, Fetching& fetching) {
   const Net& net = *job.net;
   const int channels = net.channels;
   auto inputs_of = [&](int k) {
@@ -65,19 +58,18 @@ EVS_INLINE void stretch(const PixelJob& job, int from, int ticks) {
   }
   const float* weights = net.weights;
   const float* biases = net.biases;
-  convolve({weights, biases, channels, 1, inputs_of(0), inputs_of(1), nullptr, ticks});
+  convolve({weights, biases, channels, 1, inputs_of(0), inputs_of(1), nullptr, ticks}, fetching);
   weights += channels * kTaps;
   biases += channels;
   const int line = channels * channels * kTaps;
   for (int b = 0; b < net.blocks; b++) {
     const int k = 1 + 2 * b;
-    // meanwhile, since memory is what waits longest
-    if (from == 0) fetch(job, 2 * b, 2 * net.blocks);
-    convolve({weights, biases, channels, channels, inputs_of(k), inputs_of(k + 1), nullptr, ticks});
-    if (from == 0) fetch(job, 2 * b + 1, 2 * net.blocks);
+    convolve({weights, biases, channels, channels, inputs_of(k), inputs_of(k + 1), nullptr, ticks},
+             fetching);
     const float* held = inputs_of(k) + (kOld - net.delays[b]) * SLOT;
     convolve({weights + line, biases + channels, channels, channels, inputs_of(k + 1),
-              inputs_of(k + 2), held, ticks});
+              inputs_of(k + 2), held, ticks},
+             fetching);
     weights += 2 * line;
     biases += 2 * channels;
   }
@@ -98,8 +90,10 @@ EVS_INLINE void stretch(const PixelJob& job, int from, int ticks) {
 
 void infer(const PixelJob& job) {
   recall(job);
+  Fetching fetching{job};
   int from = 0;
-  for (; from + kStretch < job.ticks; from += kStretch) stretch(job, from, kStretch);
-  stretch(job, from, job.ticks - from);
+  for (; from + kStretch < job.ticks; from += kStretch) stretch(job, from, kStretch, fetching);
+  stretch(job, from, job.ticks - from, fetching);
+  fetching.rest();
   remember(job, job.ticks - from);
 }
