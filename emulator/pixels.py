@@ -57,6 +57,8 @@ class Pixels:
         self._seed = seed
         check_chunk(model)
         self._chunk = model.chunk
+        ahead = model.chunk if model.chunk > 1 else 0
+        self._light = np.empty((ahead, *self._shape), np.float32)
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
@@ -64,19 +66,17 @@ class Pixels:
         self._seed = self._seed if seed is None else seed
         self._state: Any = self._model.init(self._seed)
         self._read = None if self._readout is None else self._readout.init(self._seed)
-        self._waiting: list[tuple[F32, int, int]] = []
+        self._waiting: list[tuple[int, int]] = []  # their light comes first in self._light
         self._lit = False
 
     def save(self) -> Saved:
         """Named arrays of all that they remember, which `restoring` takes back."""
-        light = [luminance for luminance, _, _ in self._waiting]
-        ticks = [(begin_us, end_us) for _, begin_us, end_us in self._waiting]
         return {
             **joined(state=self._state.save()),
             **(joined(readout=self._read.save()) if self._read is not None else {}),
             **numbers(lit=self._lit),
-            "waiting_light": np.array(light, np.float32).reshape(-1, *self._shape),
-            "waiting_us": np.array(ticks, np.int64).reshape(-1, 2),
+            "waiting_light": self._light[: len(self._waiting)].copy(),
+            "waiting_us": np.array(self._waiting, np.int64).reshape(-1, 2),
         }
 
     def restoring(self, saved: Saved, seed: int) -> Callable[[], None]:
@@ -101,10 +101,8 @@ class Pixels:
 
         def put() -> None:
             self._seed, self._state, self._read, self._lit = seed, state, read, lit
-            self._waiting = [
-                (frame, int(begin_us), int(end_us))
-                for frame, (begin_us, end_us) in zip(light, ticks, strict=True)
-            ]
+            self._waiting = [(int(begin_us), int(end_us)) for begin_us, end_us in ticks]
+            self._light[: len(light)] = light
 
         return put
 
@@ -117,17 +115,20 @@ class Pixels:
             events, self._state = self._model.step(luminance, self._state, begin_us, end_us)
             self._lit = True
             return [self._read_out(events, begin_us, end_us)]
+        found = np.shape(luminance)
+        if found != self._shape:
+            raise EvsError(f"luminance is {found}, the sensor (height, width) is {self._shape}")
         # the renderer uses its array again
-        self._waiting.append((np.array(luminance, np.float32), begin_us, end_us))
+        self._light[len(self._waiting)] = luminance
+        self._waiting.append((begin_us, end_us))
         return self.finish() if len(self._waiting) == self._chunk else []
 
     def finish(self) -> list[DoneTick]:
         """The ticks that wait for the rest of their chunk, without it."""
         if not self._waiting or not isinstance(self._model, ChunkedModel):
             return []
-        light = np.stack([luminance for luminance, _, _ in self._waiting])
-        ticks = [(begin_us, end_us) for _, begin_us, end_us in self._waiting]
-        self._waiting = []
+        ticks, self._waiting = self._waiting, []
+        light = self._light[: len(ticks)]
         begin_us, end_us = ticks[0]
         chunk, self._state = self._model.step_chunk(light, self._state, begin_us, end_us - begin_us)
         return [self._read_out(events, *tick) for events, tick in zip(chunk, ticks, strict=True)]

@@ -1,7 +1,6 @@
 #include "network_array.h"
 
 #include <bit>
-#include <cstring>
 #include <new>
 
 #include "pixel_isa.h"
@@ -112,7 +111,6 @@ void NetworkArray::look(const NetworkArrays& arrays, const Front& front, size_t 
   const int rows = place(first).rows;
   kernel_->look(front, down * kSide * width_, width_, rows, flags.data());
 
-  alignas(64) float x[kChunk * kLanes];
   const size_t floats = static_cast<size_t>(front.ticks) * kLanes;
   size_t used = 0;
   for (size_t i = 0; i < across_; i++) {
@@ -122,11 +120,11 @@ void NetworkArray::look(const NetworkArrays& arrays, const Front& front, size_t 
     int64_t* moved = arrays.tile_moved + (first + i) * kLanes;
     if (arrays.tile_row[first + i] != -1) work.before = *std::max_element(moved, moved + kLanes);
     if (work.flags == 0) continue;
+    if (line.x.size() < used + floats) line.x.resize(std::max(used + floats, 2 * line.x.size()));
+    float* x = line.x.data() + used;
     work.moved = kernel_->to_x(front, place(first + i), work.flags, x, moved, line.front);
     if (work.moved == 0) continue;
     work.x = static_cast<int32_t>(used / kLanes);
-    if (line.x.size() < used + floats) line.x.resize(std::max(used + floats, 2 * line.x.size()));
-    std::memcpy(line.x.data() + used, x, floats * sizeof(float));
     used += floats;
   }
 }
