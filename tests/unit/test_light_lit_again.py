@@ -13,7 +13,7 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.config import CameraConfig, FlickerConfig, RenderConfig
 from evs.emulator.light import make_renderer
-from evs.emulator.scene import SceneModel
+from evs.emulator.scene import LightKind, SceneModel
 from evs.emulator.stages import Renderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 
@@ -194,3 +194,25 @@ def test_lamps_that_pulse() -> None:
     for light in ("headlight", "0", "1", "2"):
         pulse = FlickerConfig(light=light, waveform="pwm", hz=125.0, depth=1.0, duty=0.5)
         Film(KINDS["box"]).check(lambda film, tick: None, flicker=(pulse,))
+
+
+def two_spots(scene: SceneModel) -> SceneModel:
+    """Of the lamps only the spot casts a shadow, and the bulb is a spot, too."""
+    lights = [replace(light, castshadow=k == SPOT) for k, light in enumerate(scene.lights)]
+    lights[BULB] = replace(lights[BULB], kind=LightKind.SPOT, cutoff_deg=35.0)
+    return replace(scene, lights=tuple(lights))
+
+
+def leaving(film: Film, tick: int) -> None:
+    """The spot leaves; then the other does, which had stood so far; both come back."""
+    film.geom(CAPSULE, -0.05, 0.0, 0.0)
+    if tick in (2, 9):
+        film.lamp(SPOT, 40.0 if tick == 2 else -40.0, 0.0, 0.0)
+    if tick in (5, 12):
+        film.lamp(BULB, 40.0 if tick == 5 else -40.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_where_no_lamp_shines_that_moves_the_light_is_that_of_full_frames(kind: str) -> None:
+    Film(KINDS[kind], two_spots).check(leaving)
+    Film(KINDS[kind], two_spots).check(away_and_back, bounces=1)

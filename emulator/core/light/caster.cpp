@@ -282,6 +282,17 @@ bool Caster::same_images() const {
   return true;
 }
 
+// Which of the first 32 are those of the last tick, and cast no shadow? One bit each.
+uint32_t Caster::steady_lights() const {
+  uint32_t steady = 0;
+  for (size_t i = 0; i < std::min<size_t>(look_.lights.size(), 32); i++) {
+    const Light& l = look_.lights[i];
+    bool same = std::memcmp(&l, &previous_lights_[i], sizeof l) == 0;
+    if (same && !(l.castshadow && frame_.shadows)) steady |= 1u << i;
+  }
+  return steady;
+}
+
 void Caster::end_tick() {
   previous_geoms_ = geoms_;
   previous_balls_ = balls_;

@@ -113,6 +113,7 @@ class Caster {
   bool same_lights() const;
   void trace_paths(bool first, bool same, bool same_lamps, const Outputs& out);
   bool same_images() const;
+  uint32_t steady_lights() const;
   void trace_direct(bool still, bool selective, const Outputs& out);
   void end_tick();
   Ball sphere_of(const Geom& g) const;

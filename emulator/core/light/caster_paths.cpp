@@ -16,7 +16,7 @@ void Caster::trace_paths(bool first, bool same, bool same_lamps, const Outputs& 
       traced_fraction_ = 0;
       return;
     }
-    plan = kept_->plan(places, same, same_lamps);
+    plan = kept_->plan(places, same, same_lamps, steady_lights());
   }
   long packets = static_cast<long>(sampling_.rows) * sampling_.columns;
   traced_fraction_ = 1;

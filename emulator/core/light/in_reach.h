@@ -1,5 +1,5 @@
-// What rays need not look for: no shadow and, in `direct`, no image in a mirror where nothing is
-// near.
+// What need not be looked for: no shadow and, in `direct`, no image in a mirror where nothing is
+// near; no light from a lamp that is far.
 
 // Can a ray of `active` come near the ball? With the slack of `any_near`.
 EVS_INLINE bool any_towards(const Ball& ball, Vec origin, Vec direction, Mask active) {
@@ -9,6 +9,40 @@ EVS_INLINE bool any_towards(const Ball& ball, Vec origin, Vec direction, Mask ac
   Vec across = v - direction * along;
   Float reach = abs(along) * 2e-6f + ball.radius * 1.000002f;
   return any(active & (along >= -reach) & (dot(across, across) <= reach * reach));
+}
+
+struct Balls {
+  Vec center;
+  Float radius;
+};
+
+// Balls in which the light's strength may be more than 0: not those outside its cone or its range.
+// What is not finite is in reach.
+EVS_INLINE Mask in_reach(const Light& light, const Balls& balls) {
+  Mask outside = mask_of(0);
+  bool spot = light.kind == SPOT, ends = light.kind != DIRECTIONAL && light.fade > 0;
+  if (light.kind == IMAGE || !(spot || ends)) return ~outside;
+  Vec w = balls.center - splat(light.position);
+  Float away = sqrt(dot(w, w));
+  V3 p = light.position;
+  float place = __builtin_fabsf(p.x) + __builtin_fabsf(p.y) + __builtin_fabsf(p.z);
+  // the rounding of places, and of directions over the distance
+  Float slack = balls.radius * 1.00001f + (away * 1e-5f + place * 1e-6f);
+  if (spot) {
+    // 2e-6: the rounding of the cosine that is compared with cos_cutoff
+    float cosine = light.cos_cutoff - 2e-6f;
+    cosine = cosine > -1.0f ? cosine : -1.0f;
+    float square = 1.0f - cosine * cosine, sine = __builtin_sqrtf(square > 0 ? square : 0);
+    Float along = dot(w, splat(light.direction));
+    Vec off = w - splat(light.direction) * along;
+    // how far the center lies outside the cone's side
+    outside = sqrt(dot(off, off)) * cosine - along * sine > slack;
+  }
+  if (ends) {
+    Float nearest = away - slack;
+    outside = outside | ((nearest > 0.0f) & (nearest * nearest * light.fade > 1.0001f));
+  }
+  return ~outside;
 }
 
 // Can a plane be in the way of a light that `idle` of them never bar?

@@ -36,8 +36,8 @@ double moved_by(const Rod& a, const Rod& b) {
 KeptPaths::KeptPaths(int width, int height, int samples, size_t geoms)
     : watched_(geoms), moving_(geoms) {
   light_.columns = (width + 31) / 32 * 32;
-  // 1: what is noted of each packet
-  size_t pixels = static_cast<size_t>(light_.columns) * height, bytes = 5 * sizeof(float) + 1;
+  // 2: what is noted of each packet
+  size_t pixels = static_cast<size_t>(light_.columns) * height, bytes = 5 * sizeof(float) + 2;
   bool singly = samples <= MOST_SINGLE && pixels * samples * bytes <= MOST_BYTES;
   light_.size = singly ? 1 : BLOCK;
   light_.units = (samples + light_.size - 1) / light_.size;
@@ -62,6 +62,10 @@ KeptPaths::KeptPaths(int width, int height, int samples, size_t geoms)
   for (size_t i = 0; i < REST && relit; i++) light_.rest[i] = array(4 + i);
   if (points) {
     seen_.resize(entries_ / 16);
+    balls_.resize(entries_ / 4);
+    unlit_.resize(entries_ / 16);
+    for (size_t i = 0; i < 4; i++) light_.ball[i] = balls_.data() + i * entries_ / 16;
+    light_.unlit = unlit_.data();
     light_.away = array(numbers);
     for (int c = 0; c < 3; c++) light_.albedo[c] = array(numbers + 1 + c);
     light_.seen = seen_.data();
@@ -117,7 +121,7 @@ void KeptPaths::start_again() {
   ticks_ = 0;
 }
 
-KeptPaths::Plan KeptPaths::plan(const Places& places, bool same, bool same_lamps) {
+KeptPaths::Plan KeptPaths::plan(const Places& places, bool same, bool same_lamps, uint32_t steady) {
   double farthest;
   bool is_new;
   if (pause_ > 0) pause_--;
@@ -132,6 +136,8 @@ KeptPaths::Plan KeptPaths::plan(const Places& places, bool same, bool same_lamps
   light_.all = !valid_ || is_new || settled;
   if (light_.all) light_.relit = false;
   light_.relit = light_.relit || !same_lamps;
+  light_.stirred = (light_.steady & ~steady) != 0;
+  light_.steady = light_.all ? steady : light_.steady & steady;
   if (light_.all) {
     travelled_ = ticks_ = 0;
     light_.travelled = 0;

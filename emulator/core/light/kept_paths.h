@@ -29,8 +29,9 @@ class KeptPaths {
     const std::vector<bool>& deformed;  // meshes
     const int* emitter_of_geom;         // at which paths aim, else -1
   };
-  // same: camera, sky and seed are those of the last tick; same_lamps: and MuJoCo's lights.
-  Plan plan(const Places& places, bool same, bool same_lamps);
+  // same: camera, sky and seed are those of the last tick; same_lamps: and MuJoCo's lights; steady:
+  // which of them are and cast no shadow.
+  Plan plan(const Places& places, bool same, bool same_lamps, uint32_t steady);
   const KeptLight& light() const { return light_; }
   // After the tick. In: the share of the samples that was traced.
   void traced(double share);
@@ -44,6 +45,8 @@ class KeptPaths {
   std::unique_ptr<float[]> numbers_;
   std::unique_ptr<uint32_t[]> touched_;
   std::vector<int32_t> seen_;
+  std::vector<float> balls_;
+  std::vector<uint8_t> unlit_;
   std::vector<uint32_t> due_;
   std::vector<uint8_t> changed_;
   std::vector<bool> watched_;    // geoms that have ever moved

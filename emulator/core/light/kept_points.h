@@ -13,8 +13,8 @@ EVS_INLINE bool is_plain(const Frame& f, int index) {
 
 // What the first rays of `active` meet: `geom`, where not NOTHING; the other lanes keep what they
 // have.
-inline void keep_points(const Frame& f, const KeptLight& kept, long at, const Hit& hit,
-                        const Patch<3>& patch, Mask active, Mask lit) {
+inline void keep_points(const Frame& f, const KeptLight& kept, long at, const Rays& rays,
+                        const Hit& hit, const Patch<3>& patch, Mask active, Mask lit) {
   int geom = NOTHING;
   for (unsigned lanes = bits(lit); lanes && geom < 0;) {
     int index = lane(hit.geom, first_lane(lanes));
@@ -25,8 +25,15 @@ inline void keep_points(const Frame& f, const KeptLight& kept, long at, const Hi
   Mask here = lit & (hit.geom == splat(geom));
   Float away = select(here, hit.distance, select(lit, splat(UNKNOWN), splat(FAR)));
   Float before = seen == geom ? load(kept.away + at) : splat(UNKNOWN);
-  store(kept.away + at, select(active, away, before));
+  away = select(active, away, before);
+  store(kept.away + at, away);
   seen = geom;
+  kept.unlit[at / LANES] = 0;
+  Mask known = ~(away < 0.0f) & (away < FAR);
+  Region points = region_of(rays.origin + rays.direction * away, 0.0f, known);
+  Hull ball = ball_of(points);
+  float parts[4] = {ball.center.x, ball.center.y, ball.center.z, ball.radius};
+  for (int i = 0; i < 4; i++) kept.ball[i][at / LANES] = parts[i];
   if (geom < 0 || f.surfaces[f.geoms[geom].surface].texture < 0) return;
   Int places = splat(static_cast<int>(at)) + load(LANE);
   for (int c = 0; c < 3; c++) store_at(kept.albedo[c], places, patch.albedo[c], here);
@@ -65,25 +72,44 @@ EVS_INLINE void bring_near(const KeptLight& kept, long at) {
   for (int c = 0; c < 3; c++) bring(kept.albedo[c]), bring(kept.light[c]);
 }
 
-// The units `unit` of `lanes` of pixels side by side, with MuJoCo's lights as they are now. False:
-// they shine on none of them.
+// Of packets side by side from the `first` on: those whose points lights that are not steady may
+// reach, one bit each.
+inline unsigned reached_packets(const Frame& f, const KeptLight& kept, long first, int count) {
+  if (!kept.seen) return ALL_LANES;
+  alignas(64) float parts[4][LANES] = {};
+  for (int i = 0; i < 4; i++) {
+    __builtin_memcpy(parts[i], kept.ball[i] + first, static_cast<size_t>(count) * sizeof(float));
+  }
+  Balls balls = {{load(parts[0]), load(parts[1]), load(parts[2])}, load(parts[3])};
+  Mask found = mask_of(0);
+  for (int i = 0; i < f.light_count; i++) {
+    bool steady = f.lights[i].kind == IMAGE || (i < 32 && kept.steady >> i & 1);
+    if (!steady) found = found | in_reach(f.lights[i], balls);
+  }
+  return bits(found);
+}
+
+// The units `unit` of `lanes` of pixels side by side, with MuJoCo's lights as they are now.
+// `reached`: a light that is not steady may shine on one. False: all shine as they did.
 inline bool relight_unit(const Frame& f, const PathFrame& p, const KeptLight& kept, int x, int y,
-                         int unit, unsigned lanes) {
+                         int unit, unsigned lanes, bool reached) {
   long at = (static_cast<long>(y) * kept.units + unit) * kept.columns + x;
   int seen = kept.seen ? kept.seen[at / LANES] : NOT_KEPT;
   Float zero = splat(0.0f), out[3] = {zero, zero, zero}, away = splat(UNKNOWN);
   if (seen != NOT_KEPT) away = load(kept.away + at);
   Mask active = mask_of(lanes), lit = active & (away < FAR);
-  if (!any(lit)) return false;
+  bool known = !any(active & (away < 0.0f));
+  if (!any(lit) || (known && !reached && kept.unlit[at / LANES] && !kept.stirred)) return false;
   Walk w;
   Vec direction = set_out(f, p, splat(x) + load(LANE), splat(y), splat(unit), active, w);
   Point point;
   bool shaded;
-  if (any(active & (away < 0.0f))) {
+  if (!known) {
     lit = first_cast(f, p, w, nullptr, active, nullptr, out);
     shaded = any(lit) && arrive(f, p, 0, w, lit, nullptr, nullptr, point, out);
-    if (kept.seen) keep_points(f, kept, at, w.hit, point.patch, active, lit);
+    if (kept.seen) keep_points(f, kept, at, w.rays, w.hit, point.patch, active, lit);
   } else {
+    kept.unlit[at / LANES] = !reached;
     w.hit = {away, splat(seen), splat(0), zero, zero};
     if (p.sample_set == SAMPLES_ANCHORED) w.sampler.pixel = anchor_of(f, w.rays, w.hit, lit);
     plain_patch(f, seen, w.rays, w.hit, kept.albedo, at, point.patch);
@@ -116,4 +142,9 @@ inline void check_points(const KeptLight& kept, const PathBatch& b, int slot, In
   Mask same = (seen == load(b.seen + slot)) | ~(away < FAR);
   same = same & ~(away < gather(kept.away, place)) & ~(gather(kept.away, place) < away);
   store_at(kept.away, owner, splat(UNKNOWN), real & ~same);
+  alignas(64) int places[LANES];
+  store(places, owner);
+  for (int i : places) {
+    if (i >= 0) kept.unlit[i / LANES] = 0;
+  }
 }

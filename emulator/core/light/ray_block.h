@@ -7,11 +7,6 @@ struct Hulls {
   Float radius, length, cosine, sine;
 };
 
-struct Balls {
-  Vec center;
-  Float radius;
-};
-
 EVS_INLINE Balls balls_of(const float (*b)[LANES]) {
   return {{load(b[0]), load(b[1]), load(b[2])}, load(b[3])};
 }
@@ -83,35 +78,6 @@ EVS_INLINE Hulls shadow_hulls(const Light& light, const Balls& from) {
     hull.axis = w * (1.0f / max(hull.length, splat(1e-30f)));
   }
   return hull;
-}
-
-// Balls in which the light's strength may be more than 0: not those outside its cone or its range.
-// What is not finite is in reach.
-EVS_INLINE Mask in_reach(const Light& light, const Balls& balls) {
-  Mask outside = mask_of(0);
-  bool spot = light.kind == SPOT, ends = light.kind != DIRECTIONAL && light.fade > 0;
-  if (light.kind == IMAGE || !(spot || ends)) return ~outside;
-  Vec w = balls.center - splat(light.position);
-  Float away = sqrt(dot(w, w));
-  V3 p = light.position;
-  float place = __builtin_fabsf(p.x) + __builtin_fabsf(p.y) + __builtin_fabsf(p.z);
-  // the rounding of places, and of directions over the distance
-  Float slack = balls.radius * 1.00001f + (away * 1e-5f + place * 1e-6f);
-  if (spot) {
-    // 2e-6: the rounding of the cosine that is compared with cos_cutoff
-    float cosine = light.cos_cutoff - 2e-6f;
-    cosine = cosine > -1.0f ? cosine : -1.0f;
-    float square = 1.0f - cosine * cosine, sine = __builtin_sqrtf(square > 0 ? square : 0);
-    Float along = dot(w, splat(light.direction));
-    Vec off = w - splat(light.direction) * along;
-    // how far the center lies outside the cone's side
-    outside = sqrt(dot(off, off)) * cosine - along * sine > slack;
-  }
-  if (ends) {
-    Float nearest = away - slack;
-    outside = outside | ((nearest > 0.0f) & (nearest * nearest * light.fade > 1.0001f));
-  }
-  return ~outside;
 }
 
 inline bool is_dark(const Light& light) {

@@ -111,14 +111,21 @@ inline void ask_units(const Frame& f, const PathFrame& p, const KeptLight& kept,
   long at = static_cast<long>(top) * kept.units * kept.columns;
   for (int j = 0; j < rows; j++) {
     for (int unit = 0; unit < kept.units; unit++) {
+      unsigned reached = 0;
       for (int left = 0; left < kept.columns; left += LANES, at += LANES) {
+        int packet = left / LANES, rest = kept.columns / LANES - packet;
+        if (kept.relit && packet % LANES == 0) {
+          reached = reached_packets(f, kept, at / LANES, rest < LANES ? rest : LANES);
+        }
         unsigned inside = left < f.width ? first_lanes(f.width - left) : 0;
         unsigned due = due_units(kept, at, inside), others = kept.relit ? inside & ~due : 0;
         kept.due[at / LANES] = due;
         if (kept.all && kept.seen) kept.seen[at / LANES] = NOT_KEPT;
         if (kept.relit) bring_near(kept, at + 2 * LANES);
-        if (!others || !relight_unit(f, p, kept, left, top + j, unit, others)) others = 0;
-        if (due | others) changed[left / LANES] |= static_cast<uint8_t>(1u << j);
+        if (!others ||
+            !relight_unit(f, p, kept, left, top + j, unit, others, reached >> packet % LANES & 1))
+          others = 0;
+        if (due | others) changed[packet] |= static_cast<uint8_t>(1u << j);
       }
     }
   }

@@ -61,6 +61,9 @@ struct KeptLight {
   // points side by side lie on, or as in kept_points.h. Null: nothing is kept of it
   float *away, *albedo[3];
   int32_t* seen;
+  // a ball around those points: center, radius; and whether no light but steady ones shone on them
+  float* ball[4];
+  uint8_t* unlit;
   float* until;       // to this much motion in all: before `travelled` is there, nothing changes
   uint32_t* touched;  // bits of the rods that its rays met: what happens when one moves is unknown
   uint32_t* due;      // (height, units, columns / LANES) those that are traced in this tick
@@ -68,6 +71,8 @@ struct KeptLight {
   float travelled;    // by the fastest of them, in all
   uint32_t moved;     // bits of the rods that moved since the last tick
   const int32_t* moving;  // (geoms) not 0: it moved since the last tick
+  uint32_t steady;        // the first lights, one bit each: as ever, and without a shadow
+  bool stirred;           // fewer are than in the last tick
   bool relit;  // MuJoCo's lights are asked anew in every unit, and `until` does not cover that
   bool all;    // every unit is to be traced
 };
