@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from queue import Full, Queue
-from threading import Event, Thread
+from queue import SimpleQueue
+from threading import Thread
 from typing import Protocol
 
 import numpy as np
@@ -20,10 +20,6 @@ from evs.emulator.lit import Lit
 from evs.emulator.loop import World
 from evs.emulator.scene import F32
 from evs.msgs import EventPacket, EvsError
-
-_LOOK_S = 0.1
-"""how often the thread looks whether it is wanted any more, while its light waits"""
-
 
 MOST_BYTES = 256 * 2**20
 """light that waits takes no more than that, but for one tick"""
@@ -51,6 +47,10 @@ class _Tick:
     error: BaseException | None = None
 
 
+Room = list[F32]
+"""for the light of each camera"""
+
+
 class Ahead:
     """A world whose light is made in a thread of its own, up to `depth` ticks before it is needed.
 
@@ -68,11 +68,16 @@ class Ahead:
         self._t_us = world.t_us
         # what waits, what is being made and what was last handed out are never in one array
         depth += max(camera.chunk for camera in world.cameras) - 1
-        tick_bytes = sum(buffer.nbytes for buffer in _buffers(world.cameras))
+        tick_bytes = sum(light.nbytes for light in _room(world.cameras))
         depth = max(1, min(depth, MOST_BYTES // tick_bytes))
-        self._slots = [_buffers(world.cameras) for _ in range(depth + 2)]
-        self._made: Queue[_Tick] = Queue(depth)
-        self._closing = Event()
+        self._used = _room(world.cameras)
+        """where the light lies that was last handed out"""
+        # the thread waits where none is free, so neither queue needs a bound: theirs cost 20 us
+        self._free: SimpleQueue[Room] = SimpleQueue()
+        self._made: SimpleQueue[tuple[_Tick, Room]] = SimpleQueue()
+        for _ in range(depth + 1):
+            self._free.put(_room(world.cameras))
+        self._closing = False
         self._thread: Thread | None = None
         self._broken: BaseException | None = None
 
@@ -83,17 +88,18 @@ class Ahead:
         """
         if self._broken is not None:
             raise self._broken
-        if self._closing.is_set():
+        if self._closing:
             raise EvsError("light is no longer made ahead: it was closed; make another run of it")
         if self._thread is None:
             # cameras take their reference in the first, which is nobody else's yet
-            tick = self._light(self._slots[0])
+            tick = self._light(self._used)
             self._thread = Thread(target=self._make, name="evs light", daemon=True)
             self._thread.start()
         elif self._done == self._ticks:
             raise EvsError(f"all {self._ticks} ticks are done: make a longer run of it")
         else:
-            tick = self._made.get()
+            self._free.put(self._used)
+            tick, self._used = self._made.get()
             # waiting for light is no work of the pixels
             self._meter.skip()
         if tick.error is not None:
@@ -102,7 +108,7 @@ class Ahead:
         self._t_us = tick.t_us
         self._done += 1
         pairs = zip(self._world.cameras, tick.lit, strict=True)
-        return tuple(packet for camera, lit in pairs for packet in camera.observe_light(lit))
+        return tuple([packet for camera, lit in pairs for packet in camera.observe_light(lit)])
 
     def finish(self) -> tuple[EventPacket, ...]:
         """The packets of ticks that wait for the rest of their chunk (model.chunk), without it."""
@@ -110,37 +116,33 @@ class Ahead:
 
     def close(self) -> None:
         """End the thread; what it has made beyond the last step is forgotten."""
-        self._closing.set()
+        self._closing = True
         if self._thread is not None:
+            # it may wait for room
+            self._free.put(self._used)
             self._thread.join()
 
     def _make(self) -> None:
         """What the thread does."""
-        for place in range(1, self._ticks):
+        for _ in range(1, self._ticks):
+            room = self._free.get()
+            if self._closing:
+                return
             try:
                 self._meter.begin_tick()
-                tick = self._light(self._slots[place % len(self._slots)])
+                tick = self._light(room)
                 self._meter.end_tick()
             except BaseException as error:  # whatever it is, the run loop has to hear of it
                 tick = _Tick(error=error)
-            if not self._hand_over(tick) or tick.error is not None:
+            self._made.put((tick, room))
+            if tick.error is not None:
                 return
 
-    def _light(self, slot: list[F32]) -> _Tick:
+    def _light(self, room: Room) -> _Tick:
         snapshot = self._world.advance()
-        pairs = zip(self._world.cameras, slot, strict=True)
-        lit = tuple(camera.light(snapshot, into) for camera, into in pairs)
+        pairs = zip(self._world.cameras, room, strict=True)
+        lit = tuple([camera.light(snapshot, into) for camera, into in pairs])
         return _Tick(self._world.start_us + snapshot.t_us, lit)
-
-    def _hand_over(self, tick: _Tick) -> bool:
-        """Whether it is still wanted."""
-        while not self._closing.is_set():
-            try:
-                self._made.put(tick, timeout=_LOOK_S)
-            except Full:
-                continue
-            return True
-        return False
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
@@ -176,6 +178,6 @@ def ahead(world: World, ticks: int, meter: TickMeter, depth: int) -> Iterator[Wo
         running.close()
 
 
-def _buffers(cameras: Sequence[Camera]) -> list[F32]:
+def _room(cameras: Sequence[Camera]) -> Room:
     """Room for the light of each."""
     return [np.zeros((one.info.height, one.info.width), np.float32) for one in cameras]

@@ -260,7 +260,7 @@ class Camera:
         return self._packets(self._pixels.finish())
 
     def _packets(self, ticks: list[DoneTick]) -> tuple[EventPacket, ...]:
-        return tuple(self._packet(tick) for tick in ticks)
+        return tuple([self._packet(tick) for tick in ticks])
 
     def _packet(self, tick: DoneTick) -> EventPacket:
         labelled = self._plan.model.labels and self._traces_truth

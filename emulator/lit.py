@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from evs.emulator.scene import F32, CameraPose, SceneSnapshot
 
 
-@dataclass(frozen=True)
-class Lit:
+class Lit(NamedTuple):
     """One instant, and what a camera sees of it."""
 
     snapshot: SceneSnapshot

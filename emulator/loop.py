@@ -275,17 +275,17 @@ class World:
         if ctrl is not None:
             self._given = check_control(ctrl, self.model.nu, "step(ctrl)")
         snapshot = self.advance()
-        return tuple(packet for camera in self._cameras for packet in camera.observe(snapshot))
+        return tuple([packet for camera in self._cameras for packet in camera.observe(snapshot)])
 
     def advance(self) -> SceneSnapshot:
         """The physics of one tick, which no camera has seen yet: the first half of `step`."""
         self._start_cameras()
-        values = self._given
+        physics, values = self._physics, self._given
         if values is None:
-            values = self._control(self._physics.t_us, self.data)
+            values = self._control(physics.t_us, physics.data)
         if values is not None:
-            self.data.ctrl[:] = values
-        self._physics.advance()
+            physics.data.ctrl[:] = values
+        physics.advance()
         snapshot = self._snapshot()
         self._moments.keep(snapshot)
         for view in self._views:

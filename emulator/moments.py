@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,8 +12,7 @@ from evs.emulator.world import MjData, Poser
 from evs.msgs import EvsError
 
 
-@dataclass(frozen=True)
-class Moment:
+class Moment(NamedTuple):
     """What a snapshot follows from."""
 
     t_us: int

@@ -7,8 +7,7 @@ full, then the events of all its ticks come out, tick by tick, the same as with 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,8 +24,7 @@ MAX_CHUNK = 256
 """Ticks; longer chunks bring no speed any more."""
 
 
-@dataclass(frozen=True)
-class DoneTick:
+class DoneTick(NamedTuple):
     """The events of one tick."""
 
     begin_us: int

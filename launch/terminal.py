@@ -37,14 +37,14 @@ STAGE_COLOURS = {
 
 
 @contextmanager
-def progress(ticks: int, quiet: bool = False) -> Iterator[Callable[[Progress], None]]:
+def progress(ticks: int, quiet: bool = False) -> Iterator[Callable[[Progress], None] | None]:
     """A bar on stderr while the block runs; Out: the callback that moves it.
 
-    It is drawn only on a terminal, and gone when the block ends.
+    It is drawn only on a terminal, and gone when the block ends; None: there is none to move.
     """
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
-        yield lambda _: None
+        yield None
         return
     with Bar(*_columns(), console=console, transient=True) as bar:
         task = bar.add_task("emulating", total=ticks, told="")

@@ -18,6 +18,8 @@ EVENT_DTYPE = np.dtype(
 )
 """t int64 us of simulated time; x, y int16 px from the top left; p int8 1 ON, 0 OFF; 3 zeros."""
 
+_HALVES = np.dtype("<u8")
+
 Events = np.ndarray[Any, np.dtype[np.void]]
 """(n,) EVENT_DTYPE, sorted by t."""
 
@@ -52,6 +54,6 @@ def clean_events(events: Events) -> Events:
     """
     packed = np.ascontiguousarray(events, EVENT_DTYPE)
     # bits 40-63 of an event's second half are the padding
-    if int(np.bitwise_or.reduce(packed.view("<u8")[1::2], initial=0)) >> 40 == 0:
+    if len(packed) == 0 or int(np.bitwise_or.reduce(packed.view(_HALVES)[1::2])) >> 40 == 0:
         return packed
     return join_events([packed])

@@ -24,6 +24,9 @@ class MessageError(EvsError):
 
 def integer(fields: dict[str, Any], key: str, lowest: int, highest: int) -> int:
     """An integer field within lowest ... highest, both allowed. True and 1.0 are not integers."""
+    value = fields.get(key)
+    if type(value) is int and lowest <= value <= highest:
+        return value
     value = _present(fields, key)
     if not isinstance(value, int) or isinstance(value, bool):
         raise MessageError(f"header field {key!r} is {shown(value)}, not an integer")

@@ -62,10 +62,6 @@ def encode(packet: EventPacket) -> tuple[bytes, memoryview]:
     """
     if not _is_event_array(packet.events):
         raise MessageError("packet events are not an (n,) array of EVENT_DTYPE: use make_events")
-    events = np.ascontiguousarray(packet.events, EVENT_DTYPE)
-    # whatever numpy's copies and masks left in the padding stays here
-    if _highest(events.view(_UNSIGNED)["p"], initial=0) > 1:
-        events = clean_events(events)
     header: dict[str, Any] = {
         "seq": packet.seq,
         "time_base": packet.time_base_us,
@@ -76,10 +72,19 @@ def encode(packet: EventPacket) -> tuple[bytes, memoryview]:
         "height": packet.height,
         "camera": packet.camera,
     }
-    header = plain_integers(header)
-    _checked(header)
-    check_events(events, header)
-    return packb(header), events.view(np.uint8).reshape(-1).data
+    try:
+        _checked(header)
+    except MessageError:
+        # numpy's own integers are welcome
+        header = _checked(plain_integers(header))
+    events = np.ascontiguousarray(packet.events, EVENT_DTYPE)
+    try:
+        check_events(events, header)
+    except MessageError:
+        # whatever numpy's copies and masks left in the padding stays here
+        events = clean_events(events)
+        check_events(events, header)
+    return packb(header), events.view(np.uint8).data
 
 
 def decode(header: bytes, frame: Any) -> EventPacket:
@@ -124,42 +129,41 @@ def check_events(events: Events, header: dict[str, Any]) -> None:
     """
     if len(events) == 0:
         return
-    t, base, end = events["t"], header["time_base"], header["time_end"]
+    # read as unsigned, a negative coordinate is too large as well; p and the padding are one word
+    words = events.view(_UNSIGNED)
+    t, base, end = words["t"], header["time_base"], header["time_end"]
     if t[0] <= base or t[-1] > end:
         raise MessageError(
             f"events of {t[0]} ... {t[-1]} us lie outside the packet's ({base}, {end}] us"
         )
-    # read as unsigned, a negative coordinate is too large as well; p and the padding are one word
-    words = events.view(_UNSIGNED)
-    x, yx, p = words["x"], words["yx"], words["p"]
     width, height = header["width"], header["height"]
     # in blocks that stay in the cache until the last look, without large arrays that come and go
     for begin in range(0, len(t), _BLOCK):
-        block = slice(begin, begin + _BLOCK)
         stamps = t[begin : begin + _BLOCK + 1]
-        if _any(stamps[1:] < stamps[:-1]):
+        if _count(stamps[1:] < stamps[:-1]):
             raise MessageError("events are not sorted by t")
+        block = words[begin : begin + _BLOCK]
         # the largest of all is found twice as fast as whether any is too large
-        if _highest(x[block]) >= width or int(_highest(yx[block])) >> 16 >= height:
+        if _highest(block["x"]) >= width or int(_highest(block["yx"])) >> 16 >= height:
             raise MessageError(f"events lie outside the {width}x{height} sensor")
-        if _highest(p[block]) > 1:
+        if _highest(block["p"]) > 1:
             raise MessageError("an event's polarity is not 0 or 1, or its padding is not zero")
 
 
 _FIELDS = [(name, EVENT_DTYPE[name]) for name in EVENT_DTYPE.names or ()]
 _UNSIGNED = np.dtype(
     {
-        "names": ["x", "yx", "p"],
-        "formats": ["<u2", "<u4", "<u4"],
-        "offsets": [8, 8, 12],
+        "names": ["t", "x", "yx", "p"],
+        "formats": ["<i8", "<u2", "<u4", "<u4"],
+        "offsets": [0, 8, 8, 12],
         "itemsize": 16,
     }
 )
 """y is the upper half of yx: the largest yx has the largest y"""
 
-# what an array's own max() and any() call, without their way there
+# what an array's own max() calls, without its way there; and a fifth of what any() takes
 _highest = np.maximum.reduce
-_any = np.logical_or.reduce
+_count = np.count_nonzero
 
 _BLOCK = 32_768
 """events: half a MB"""

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Topic:
-    """What travels under a name, how often, and what happens when a subscriber is slow."""
+    """What travels under a name, how often, and what happens when a subscriber is slow.
+
+    Each is the only one of its name, so it is looked up by what it is and not by what it says.
+    """
 
     name: str
     message: str

@@ -11,7 +11,7 @@ from evs.drivers.bus.address import bindable, is_ipv6
 from evs.drivers.bus.buffers import Buffers
 from evs.drivers.bus.channels import Audience, Channel, make_channels
 from evs.drivers.bus.ports import Ports, ServerKeys
-from evs.drivers.bus.sockets import Socket, readable, receive_parts
+from evs.drivers.bus.sockets import Socket, readable, receive_parts, send_parts
 from evs.drivers.pace import monotonic_s
 from evs.emulator.stages import Meter, NoMeter
 from evs.emulator.truth import GroundTruth
@@ -295,14 +295,22 @@ class Publisher:
             self._audience.take(b"".join(receive_parts(server)))
 
     def _send(
-        self, server: Socket, channel: Channel, topic: Topic, header: bytes, *raw: memoryview
+        self,
+        server: Socket,
+        channel: Channel,
+        topic: Topic,
+        header: bytes,
+        raw: memoryview | None = None,
     ) -> None:
         self.meter.lap("pack")
+        name = channel.topics[topic]
         # a full queue drops it for that subscriber only; copied, since the sender goes on
-        copies = map(self._buffers.copied, raw)
-        server.send_multipart([channel.topics[topic], header, *copies], zmq.NOBLOCK)
-        size = len(channel.topics[topic]) + len(header) + sum(one.nbytes for one in raw)
-        self._sent["bytes_sent"] += size
+        if raw is None:
+            send_parts(server, (name, header))
+            self._sent["bytes_sent"] += len(name) + len(header)
+        else:
+            send_parts(server, (name, header, self._buffers.copied(raw)))
+            self._sent["bytes_sent"] += len(name) + len(header) + raw.nbytes
 
     def _send_status(self, server: Socket, channel: Channel, *, end: bool) -> None:
         if channel.listeners[STATUS]:
@@ -314,7 +322,7 @@ class Publisher:
         """Once a tick, and not again for the tick's other cameras."""
         if t_us != self._clock_us:
             self._clock_us = t_us
-            server.send_multipart([CLOCK.of(""), encode_clock(Clock(t_us))], zmq.NOBLOCK)
+            send_parts(server, (CLOCK.of(""), encode_clock(Clock(t_us))))
 
     def _say_goodbye(self, server: Socket) -> None:
         """Repeat every camera's end status until nobody listens or the time is up.

@@ -121,7 +121,7 @@ class Account:
         """One is done."""
         self.ticks += 1
         cameras = self._world.cameras
-        self._traced += sum(camera.traced_fraction for camera in cameras) / max(1, len(cameras))
+        self._traced += sum([camera.traced_fraction for camera in cameras]) / max(1, len(cameras))
 
     def take(self, packets: Sequence[EventPacket]) -> None:
         """Packets that left the cameras."""
@@ -137,15 +137,16 @@ class Account:
         """
         lines = []
         for camera in self._world.cameras:
-            name = camera.info.camera
             if self.ticks == 1:
+                name = camera.info.camera
                 lines += doubts(name, camera.info.config)
-            if self.ticks == 1 and camera.is_dark:
-                lines.append(
-                    f"camera '{name}' sees nothing lit, the picture is dark: give "
-                    "the scene a light, or use its headlight (render.headlight=model)"
-                )
-            if camera.clamps and name not in self._told_clamps:
+                if camera.is_dark:
+                    lines.append(
+                        f"camera '{name}' sees nothing lit, the picture is dark: give "
+                        "the scene a light, or use its headlight (render.headlight=model)"
+                    )
+            if camera.clamps and camera.info.camera not in self._told_clamps:
+                name = camera.info.camera
                 self._told_clamps.add(name)
                 lines.append(
                     f"camera '{name}': {camera.clamps:,} values of tick {self.ticks:,} were "

@@ -108,7 +108,8 @@ class Outlets:
     def write(self, packets: Sequence[EventPacket]) -> None:
         """Hand packets to every sink."""
         for packet in packets:
-            for sink in tuple(self._sinks):
+            # one that stops is taken out of a new list
+            for sink in self._sinks:
                 self._give(sink, sink.write, packet)
 
     def write_beside(self, cameras: Sequence[Beside], t_us: int) -> None:

@@ -47,6 +47,8 @@ MAX_TICKS = 2**52
 SILENT = 1
 """MuJoCo prints a warning whose count is 0. Counts begin here, the error says it instead."""
 
+_SILENT = [SILENT] * len(FATAL)
+
 
 class Physics:
     """A model and its state, advanced in exact ticks. The model is changed: give it a copy."""
@@ -63,6 +65,8 @@ class Physics:
         except (mujoco.FatalError, MemoryError) as reason:
             raise EvsError(f"the model's state does not fit: {one_line(reason)}") from None
         self._before = np.zeros(mujoco.mj_stateSize(model, STATE))
+        # MuJoCo's own memory, not a copy
+        self._warnings = self.data.warning.number
         self.reset(keyframe)
 
     def reset(self, keyframe: int = -1) -> None:
@@ -116,8 +120,7 @@ class Physics:
             raise
 
     def _advance(self) -> None:
-        data = self.data
-        counts = data.warning.number  # MuJoCo's own memory, not a copy
+        data, counts = self.data, self._warnings
         counts[_FATAL] = SILENT
         for _ in range(self.substeps.count):
             t_s = data.time
@@ -125,9 +128,9 @@ class Physics:
                 mujoco.mj_step(self.model, data)
             except mujoco.FatalError as reason:
                 raise UnstableError(f"unstable at t = {t_s:.6f} s: {one_line(reason)}") from None
-            for warning in FATAL:
-                if counts[warning] != SILENT:
-                    raise self._unstable(warning, t_s)
+            if counts[_FATAL].tolist() != _SILENT:
+                warning = next(one for one in FATAL if counts[one] != SILENT)
+                raise self._unstable(warning, t_s)
         # nothing could be drawn of what is not finite
         check_positions(self.model, data, self.t_us + self.substeps.tick_us)
         self.tick += 1

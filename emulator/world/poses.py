@@ -35,18 +35,23 @@ class Poser:
             model = copy.copy(model)
             model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         self._model = model
-        self._data = mujoco.MjData(model)
+        self._data = own = mujoco.MjData(model)
         self._cameras = tuple(cameras)
-        self._geoms = _rows(visible_geoms(model))
-        lights = active_lights(model)
-        self._lights = _rows(lights[lights >= 0])
-        # the headlight comes first; its row has a unit direction that nobody uses
-        self._headlight_pos, self._headlight_dir = np.zeros((2, int((lights < 0).sum()), 3))
-        self._headlight_dir[:, 2] = -1.0
+        # all that a snapshot follows from, (n,) each: MuJoCo's own memory
+        self._qpos, self._mocap_pos = own.qpos, own.mocap_pos.reshape(-1)
+        self._mocap_quat = own.mocap_quat.reshape(-1)
         # skins and flexes are given in the world's frame
         self._deforming = Deforming(model)
-        self._world_pos = np.zeros((len(self._deforming), 3))
-        self._world_mat = np.tile(np.eye(3).ravel(), (len(self._deforming), 1))
+        count = len(self._deforming)
+        still = np.zeros((count, 3)), np.tile(np.eye(3).ravel(), (count, 1))
+        geoms = visible_geoms(model)
+        self._geom_pos = _Rows(own.geom_xpos, geoms, after=still[0])
+        self._geom_mat = _Rows(own.geom_xmat, geoms, after=still[1])
+        lights = active_lights(model)
+        # the headlight comes first; its row has a unit direction that nobody uses
+        head = np.zeros((int((lights < 0).sum()), 3))
+        self._light_pos = _Rows(own.light_xpos, lights[lights >= 0], before=head)
+        self._light_dir = _Rows(own.light_xdir, lights[lights >= 0], before=head - (0, 0, 1))
 
     def add_camera(self, camera: BoundCamera) -> None:
         """Snapshots from now on have this camera's pose too, as their last."""
@@ -57,55 +62,72 @@ class Poser:
 
         In: exposure_us, over which flickering light is averaged.
         """
-        model, own = self._model, self._data
-        if data.qpos.shape != own.qpos.shape or data.mocap_pos.shape != own.mocap_pos.shape:
+        qpos, mocap_pos = data.qpos, data.mocap_pos
+        if qpos.size != self._qpos.size or mocap_pos.size != self._mocap_pos.size:
             raise EvsError(
-                f"the data belongs to another model: it has {data.qpos.size} positions, this model "
-                f"{own.qpos.size}; make the camera from the model that the data was made from"
+                f"the data belongs to another model: it has {qpos.size} positions, this model "
+                f"{self._qpos.size}; make the camera from the model that the data was made from"
             )
-        check_positions(model, data, t_us)
-        own.qpos[:] = data.qpos
-        own.mocap_pos[:] = data.mocap_pos
-        own.mocap_quat[:] = data.mocap_quat
+        check_positions(self._model, data, t_us)
+        self._qpos[:] = qpos
+        if mocap_pos.size:
+            self._mocap_pos[:] = mocap_pos.reshape(-1)
+            self._mocap_quat[:] = data.mocap_quat.reshape(-1)
         return self._look(t_us, exposure_us)
 
     @property
     def places(self) -> F64:
         """(n,) all that the last snapshot followed from: qpos, mocap_pos, mocap_quat. A copy."""
-        own = self._data
-        return np.concatenate([own.qpos, own.mocap_pos.ravel(), own.mocap_quat.ravel()])
+        return np.concatenate((self._qpos, self._mocap_pos, self._mocap_quat))
 
     def again(self, places: F64, t_us: int, exposure_us: int = 0) -> SceneSnapshot:
         """The snapshot of that time, from its `places`. EvsError where they are of another model.
 
         The other arguments as of `snapshot`.
         """
-        own = self._data
-        bodies = len(own.mocap_pos)
-        if places.shape != (own.qpos.size + 7 * bodies,) or not np.isfinite(places).all():
+        ends = np.cumsum([self._qpos.size, self._mocap_pos.size, self._mocap_quat.size])
+        if places.shape != (ends[-1],) or not np.isfinite(places).all():
             raise EvsError("saved positions are of another model; restore them into their own")
-        own.qpos[:], rest = places[: own.qpos.size], places[own.qpos.size :]
-        own.mocap_pos[:] = rest[: 3 * bodies].reshape(bodies, 3)
-        own.mocap_quat[:] = rest[3 * bodies :].reshape(bodies, 4)
+        self._qpos[:], self._mocap_pos[:], self._mocap_quat[:] = np.split(places, ends[:-1])
         return self._look(t_us, exposure_us)
 
     def _look(self, t_us: int, exposure_us: int) -> SceneSnapshot:
         model, own = self._model, self._data
         update_poses(model, own)
-
         return SceneSnapshot(
             t_us,
-            np.concatenate([own.geom_xpos[self._geoms], self._world_pos]),
-            np.concatenate([own.geom_xmat[self._geoms], self._world_mat]),
-            np.concatenate([self._headlight_pos, own.light_xpos[self._lights]]),
-            np.concatenate([self._headlight_dir, own.light_xdir[self._lights]]),
-            tuple(camera.mount.pose(own) for camera in self._cameras),
+            self._geom_pos.copy(),
+            self._geom_mat.copy(),
+            self._light_pos.copy(),
+            self._light_dir.copy(),
+            tuple([camera.mount.pose(own) for camera in self._cameras]),
             self._deforming.vertices(own),
             exposure_us,
         )
 
 
-def _rows(indices: I32) -> I32 | slice:
-    """The same rows, as a slice where they follow each other: it is picked three times as fast."""
-    first, end = (int(indices[0]), int(indices[-1]) + 1) if len(indices) else (0, 0)
-    return slice(first, end) if np.array_equal(indices, np.arange(first, end)) else indices
+class _Rows:
+    """Rows of an array that MuJoCo writes, between rows that never change.
+
+    Two copies and no search for them: half of what np.concatenate takes for so few numbers.
+    """
+
+    def __init__(
+        self, live: F64, indices: I32, before: F64 | None = None, after: F64 | None = None
+    ) -> None:
+        """In: live (n, w), of which the rows `indices` are taken; before, after (m, w)."""
+        first, end = (int(indices[0]), int(indices[-1]) + 1) if len(indices) else (0, 0)
+        follow = np.array_equal(indices, np.arange(first, end))
+        # rows that follow each other are seen where they lie
+        self._live = live[first:end] if follow else live
+        self._chosen = None if follow else indices
+        nothing = live[:0]
+        before = nothing if before is None else before
+        self._all = np.concatenate([before, live[indices], nothing if after is None else after])
+        self._moving = slice(len(before), len(before) + len(indices))
+
+    def copy(self) -> F64:
+        """All of them as they are now."""
+        taken = self._all.copy()
+        taken[self._moving] = self._live if self._chosen is None else self._live[self._chosen]
+        return taken

@@ -45,6 +45,7 @@ _FRAMES = {
     "drift": np.float32,
 }
 _BLOCKS = ("due_us", "since_us", "shot_next", "shot_count")
+_ARRAYS = (*_FRAMES, *_BLOCKS)
 _NUMBERS = ("clamped", "clock_us", "tick_us", "ticks")
 _ALWAYS = ("reference", "last_log", "last_luminance")
 
@@ -140,8 +141,8 @@ class PlainState:
 
     def arrays(self) -> dict[str, np.ndarray[Any, Any]]:
         """The arrays that are there, by name: the live ones."""
-        named = {name: getattr(self, name) for name in (*_FRAMES, *_BLOCKS)}
-        return {name: array for name, array in named.items() if array is not None}
+        fields = vars(self)
+        return {name: fields[name] for name in _ARRAYS if fields[name] is not None}
 
     def copy(self) -> PlainState:
         """A state of its own: stepping one does not touch the other."""
