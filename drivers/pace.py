@@ -61,10 +61,15 @@ class Durations:
         self._sort_in()
         return self._counts
 
+    @property
+    def total(self) -> int:
+        """How many there are."""
+        return sum(self.counts.values())
+
     def quantile_s(self, share: float) -> float:
         """The duration, s, that a `share` (0 ... 1) of all do not exceed; 0.0 if there are none."""
         counts = self.counts
-        wanted = max(1, math.ceil(share * sum(counts.values()) - 1e-9))
+        wanted = max(1, math.ceil(share * self.total - 1e-9))
         seen = 0
         for place in sorted(counts):
             seen += counts[place]

@@ -25,7 +25,6 @@ _COPIED_BYTES = 64 * 1024
 """A shorter frame is copied faster than its memory is lent."""
 # plain integers: to combine flags of an enumeration takes longer than to send a message
 _EVENTS, _READABLE = int(zmq.EVENTS), int(zmq.POLLIN)
-_MORE_TO_COME = int(zmq.RCVMORE)
 _AT_ONCE = int(zmq.NOBLOCK)
 _AND_MORE = int(zmq.NOBLOCK | zmq.SNDMORE)
 _TORN = zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
@@ -62,14 +61,14 @@ def receive_parts(socket: Socket) -> list[Any]:
 
     Of a message of more parts than any of ours has, one too many is kept: enough to refuse it.
     """
-    parts: list[Any] = [socket.recv(_AT_ONCE)]
-    while socket.get(_MORE_TO_COME):
-        if len(parts) < _MOST_PARTS - 1:
-            parts.append(socket.recv(_AT_ONCE))
-            continue
+    parts: list[Any] = []
+    more = True
+    while more:
+        # a frame knows whether it is the last; to ask the socket takes longer than to copy it
         frame = socket.recv(_AT_ONCE, copy=False)
+        more = frame.more
         if len(parts) <= _MOST_PARTS:
-            long = len(frame) > _COPIED_BYTES
+            long = len(parts) >= _MOST_PARTS - 1 and len(frame) > _COPIED_BYTES
             parts.append(frame.buffer.toreadonly() if long else frame.bytes)
     return parts
 

@@ -204,6 +204,9 @@ class Subscription(Listener):
 
     def _hand_out(self) -> None:
         came = self._beside.hand_out()
+        if not came:
+            self.frames, self.imu, self.poses, self.truths = (), (), (), ()
+            return
         self.frames, self.imu = of_kind(came, Frame), of_kind(came, ImuPacket)
         self.poses, self.truths = of_kind(came, Pose), of_kind(came, Truth)
 
@@ -304,10 +307,12 @@ class Subscription(Listener):
         """Whether every camera has ended and nothing that it sent can still come."""
         if self._ended or not self._cameras:
             return self._ended
-        tallies = [self.tallies.get(camera) for camera in self._cameras]
-        heard = [one for one in tallies if one is not None and (one.ended or one.promised_end)]
-        if len(heard) < len(tallies):
-            return False
+        heard = []
+        for camera in self._cameras:
+            tally = self.tallies.get(camera)
+            if tally is None or not (tally.ended or tally.promised_end):
+                return False
+            heard.append(tally)
         if not all(one.complete for one in heard):
             # heard on the side, while packets may still be under way: give them time
             now_s = monotonic_s()
