@@ -72,7 +72,7 @@ class Ahead:
         depth = max(1, min(depth, MOST_BYTES // tick_bytes))
         self._used = _room(world.cameras)
         """where the light lies that was last handed out"""
-        # the thread waits where none is free, so neither queue needs a bound, and it looks at no clock
+        # the thread waits where none is free: neither queue needs a bound, nor it a look at a clock
         self._free: SimpleQueue[Room] = SimpleQueue()
         self._made: SimpleQueue[tuple[_Tick, Room]] = SimpleQueue()
         for _ in range(depth + 1):
