@@ -1,4 +1,5 @@
 // A tick of the caster whose light comes along paths.
+#include <algorithm>
 #include <atomic>
 
 #include "caster.h"
@@ -28,8 +29,12 @@ void Caster::trace_paths(bool first, bool same, bool same_lamps, const Outputs& 
     return;
   }
   std::atomic<long> traced{0};
-  pool_.run(sampling_.rows, [&](int row, int worker) {
-    traced += kernel_->retrace_paths(frame_, paths_, batches_[worker], kept_->light(), row, out);
+  // some rows a job, so that few packets are not full; yet more jobs than workers
+  int rows = std::clamp(sampling_.rows / (8 * pool_.threads()), 1, 8);
+  pool_.run((sampling_.rows + rows - 1) / rows, [&](int job, int worker) {
+    int begin = job * rows, end = std::min(begin + rows, sampling_.rows);
+    traced +=
+        kernel_->retrace_paths(frame_, paths_, batches_[worker], kept_->light(), begin, end, out);
   });
   traced_fraction_ = static_cast<double>(traced) /
                      (static_cast<double>(frame_.width) * frame_.height * frame_.samples);

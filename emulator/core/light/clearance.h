@@ -1,9 +1,17 @@
 // How far everything that moves may go before it could meet one of a sample's rays.
 
+// The rays that leave the first points of a packet of samples, as KeptLight keeps them.
+struct Fan {
+  Vec towards[FAN_RAYS];
+  Float limit[FAN_RAYS];
+  Mask fits;  // lanes of which there were no more
+};
+
 struct Clearance {
   const KeptLight* kept;
   Float gap;    // to the nearest rod that no ray meets; below 0: one that moves was met
   Int touched;  // bits of the rods that a ray meets
+  Fan* fan;     // where rays are noted; or null
 };
 
 constexpr float MET = -FAR;  // the gap of what is traced again in the next tick, whatever happens
@@ -73,10 +81,23 @@ EVS_INLINE void add_passage(Clearance& c, const Passage& p, Mask lanes) {
   c.touched = select(lanes, c.touched | p.touched, c.touched);
 }
 
+// Which packets lanes go in has no part in where they find room.
+inline void add_ray(Fan* fan, Vec d, Float limit, Mask lanes) {
+  if (!fan) return;
+  for (int i = 0; i < FAN_RAYS && any(lanes); i++) {
+    Mask taken = (fan->limit[i] < 0.0f) | (fan->limit[i] > 0.0f), here = lanes & ~taken;
+    fan->towards[i] = select(here, d, fan->towards[i]);
+    fan->limit[i] = select(here, limit, fan->limit[i]);
+    lanes = lanes & taken;
+  }
+  fan->fits = fan->fits & ~lanes;
+}
+
 // The part of each ray of `lanes` up to `limit`.
 inline void note(Clearance& c, Vec origin, Vec d, Float limit, Mask lanes) {
   lanes = lanes & (c.gap >= 0.0f);
   if (!any(lanes)) return;
+  add_ray(c.fan, d, limit, lanes);
   add_passage(c, passage(c, origin, d, limit, lanes, false), lanes);
 }
 
@@ -87,6 +108,15 @@ inline void note_shadow(Clearance& c, Vec origin, Vec d, Float limit, Mask lanes
   if (!any(lanes)) return;
   Passage p = passage(c, origin, d, limit, lanes, true);
   Mask barred = lanes & (p.depth > 0.0f);
+  add_ray(c.fan, d, select(barred, -limit, limit), lanes);
   c.gap = select(barred, min(p.depth, c.gap), c.gap);
   add_passage(c, p, lanes & ~barred);
+}
+
+// The same for rays that were barred: in the next tick is traced again what is so no longer.
+inline void note_barred(Clearance& c, Vec origin, Vec d, Float limit, Mask lanes) {
+  lanes = lanes & (c.gap >= 0.0f);
+  if (!any(lanes)) return;
+  Float depth = passage(c, origin, d, limit, lanes, true).depth;
+  c.gap = select(lanes, select(depth > 0.0f, min(depth, c.gap), splat(MET)), c.gap);
 }

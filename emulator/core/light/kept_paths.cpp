@@ -13,6 +13,7 @@ constexpr size_t MOST_BYTES = 256u << 20;  // that are kept
 constexpr size_t MOST_RODS = 128;          // more things that move are not followed
 constexpr int RECOUNT = 256;               // ticks; sums of motion stay small, and exact
 constexpr double TOO_MUCH = 0.75;          // share of samples at which keeping does not pay
+constexpr double REACH = 32;               // ticks of motion that a gap found later has room for
 constexpr int PAUSE = 32;                  // ticks without it then
 constexpr int LAMPS_STILL = 8;             // ticks; lamps that stood so long are kept again
 constexpr size_t REST = 6;                 // numbers of KeptLight::rest
@@ -55,11 +56,15 @@ KeptPaths::KeptPaths(int width, int height, int samples, size_t geoms)
   numbers_ = std::make_unique_for_overwrite<float[]>((numbers + (points ? FIRST : 0)) * stride);
   auto array = [&](size_t i) { return numbers_.get() + i * stride; };
   touched_ = std::make_unique_for_overwrite<uint32_t[]>(entries_);
+  bytes += (REST + FIRST + FAN_WORDS) * sizeof(float);
+  if (singly && entries_ * bytes <= MOST_BYTES) {
+    fans_ = std::make_unique_for_overwrite<float[]>(FAN_WORDS * entries_);
+  }
   int rows = (height + PACKET_HEIGHT - 1) / PACKET_HEIGHT;
   changed_.resize(static_cast<size_t>(rows) * light_.columns / 16);
   for (int c = 0; c < 3; c++) light_.light[c] = array(c);
   light_.until = array(3);
-  for (size_t i = 0; i < REST && relit; i++) light_.rest[i] = array(4 + i);
+  for (size_t i = 0; i < REST && relit; i++) rest_[i] = array(4 + i);
   if (points) {
     seen_.resize(entries_ / 16);
     balls_.resize(entries_ / 4);
@@ -70,8 +75,13 @@ KeptPaths::KeptPaths(int width, int height, int samples, size_t geoms)
     for (int c = 0; c < 3; c++) light_.albedo[c] = array(numbers + 1 + c);
     light_.seen = seen_.data();
   }
-  due_.resize(entries_ / 16);
+  soonest_.resize(entries_ / 16);
+  for (std::vector<uint32_t>* packets : {&met_, &due_, &doubtful_}) packets->resize(entries_ / 16);
+  light_.fans = fans_.get();
+  light_.soonest = soonest_.data();
+  light_.met = met_.data();
   light_.due = due_.data();
+  light_.doubtful = doubtful_.data();
   light_.touched = touched_.get();
   light_.changed = changed_.data();
 }
@@ -116,6 +126,7 @@ void KeptPaths::start_again() {
     float left = light_.until[i] - travelled;
     light_.until[i] = left - (std::abs(left) + travelled) * 1e-6f;
   }
+  soonest_.assign(soonest_.size(), -1.0f);
   travelled_ = 0;
   light_.travelled = 0;
   ticks_ = 0;
@@ -126,15 +137,22 @@ KeptPaths::Plan KeptPaths::plan(const Places& places, bool same, bool same_lamps
   bool is_new;
   if (pause_ > 0) pause_--;
   lamps_still_ = same_lamps ? lamps_still_ + 1 : 0;
-  bool can = entries_ && same && (same_lamps || light_.rest[0]);
+  bool can = entries_ && same && (same_lamps || rest_[0]);
   // of a camera that moves everything seems to
   if (!can || pause_ > 0 || !follow(places, farthest, is_new)) {
     valid_ = false;
     return Plan::FORGET;
   }
   bool settled = light_.relit && lamps_still_ >= LAMPS_STILL;
-  light_.all = !valid_ || is_new || settled;
+  // what is not MuJoCo's lights' is kept from the first tick on in which one of them is not as
+  // before
+  bool lamps_began = !same_lamps && !light_.rest[0];
+  if (lamps_began) std::copy(rest_, rest_ + REST, light_.rest);
+  light_.all = !valid_ || is_new || settled || lamps_began;
   if (light_.all) light_.relit = false;
+  // what is near is asked again soon; the first time it may be far
+  bool brief = light_.fans && !light_.all;
+  light_.reach = brief ? static_cast<float>(farthest * REACH) : 1e30f;
   light_.relit = light_.relit || !same_lamps;
   light_.stirred = (light_.steady & ~steady) != 0;
   light_.steady = light_.all ? steady : light_.steady & steady;

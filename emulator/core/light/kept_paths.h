@@ -47,8 +47,12 @@ class KeptPaths {
   std::vector<int32_t> seen_;
   std::vector<float> balls_;
   std::vector<uint8_t> unlit_;
-  std::vector<uint32_t> due_;
+  std::vector<uint32_t> due_, doubtful_;
+  std::unique_ptr<float[]> fans_;
+  std::vector<float> soonest_;
+  std::vector<uint32_t> met_;
   std::vector<uint8_t> changed_;
+  float* rest_[6] = {};          // KeptLight's, once it is kept
   std::vector<bool> watched_;    // geoms that have ever moved
   std::vector<int32_t> moving_;  // geoms that moved since the last tick
   std::vector<Rod> rods_;

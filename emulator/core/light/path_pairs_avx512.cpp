@@ -30,8 +30,8 @@ void trace_path_pixels_avx512(const Frame& f, const PathFrame& p, PathBatch& bat
 }
 
 long retrace_paths_avx512(const Frame& f, const PathFrame& p, PathBatch& batch,
-                          const KeptLight& kept, int row, const Outputs& out) {
-  return avx512_path_pairs::retrace_paths(f, p, batch, kept, row, out);
+                          const KeptLight& kept, int begin, int end, const Outputs& out) {
+  return avx512_path_pairs::retrace_paths(f, p, batch, kept, begin, end, out);
 }
 
 }  // namespace evs

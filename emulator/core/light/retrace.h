@@ -1,12 +1,58 @@
 // Paths with a camera that stands: sample by sample, those that something that moved may change.
 
-// Units that are due: those that wait for their packet to be full, and those of the batch.
+// Some units, up to a packet of them.
+struct Units {
+  int count = 0;
+  alignas(64) int x[LANES] = {}, y[LANES] = {}, unit[LANES] = {};
+
+  void add(int column, int row, int index) {
+    x[count] = column;
+    y[count] = row;
+    unit[count++] = index;
+  }
+  // The lanes that there are; the others repeat the last.
+  Mask fill() {
+    for (int i = count; i < LANES; i++) {
+      x[i] = x[count - 1];
+      y[i] = y[count - 1];
+      unit[i] = unit[count - 1];
+    }
+    return mask_of(first_lanes(count));
+  }
+};
+
+// Units that are due: those that wait for their packet to be full, and those of the batch; and
+// those that may be.
 struct Due {
   Wavefront front;
-  int count = 0, packets = 0;
+  int packets = 0;
   long traced = 0;  // samples
-  alignas(64) int x[LANES] = {}, y[LANES] = {}, unit[LANES] = {};
+  Units waiting = {}, doubtful = {};
 };
+
+EVS_INLINE Float until_of(const KeptLight& kept, Float gap) {
+  return (gap + kept.travelled) * 0.999999f;
+}
+
+// All bits of `lanes`.
+inline unsigned any_bits(Int a, unsigned lanes) {
+  alignas(64) int each[LANES];
+  store(each, a);
+  unsigned all = 0;
+  for (; lanes; lanes &= lanes - 1) all |= static_cast<unsigned>(each[first_lane(lanes)]);
+  return all;
+}
+
+// The rays of a packet of slots, to where those of `owner` are kept.
+inline void scatter_fans(const PathBatch& b, int slot, Int owner, Mask real, float* fans) {
+  Float away = load(b.fans[3] + slot);
+  Mask whole = real & (away >= 0.0f);
+  Int at = owner * splat(FAN_WORDS);
+  store_at(fans + 3, at, away, real);
+  for (int i = 0; i < FAN_WORDS && any(whole); i++) {
+    if (i != 3) store_at(fans + i, at, load(b.fans[i] + slot), whole);
+  }
+}
 
 // The light of every unit of the batch, to where it is kept.
 inline void keep_batch(const Frame& f, const PathFrame& p, Due& due) {
@@ -24,7 +70,6 @@ inline void keep_batch(const Frame& f, const PathFrame& p, Due& due) {
       gap = min(load(b.gap + slot), gap);
       touched = touched | load(b.touched + slot);
     }
-    Float until = (gap + kept.travelled) * 0.999999f;
     Int owner = load(b.owner + k * LANES);
     Mask real = ~(owner < splat(0));
     for (int c = 0; c < 3; c++) store_at(kept.light[c], owner, part[c], real);
@@ -32,7 +77,8 @@ inline void keep_batch(const Frame& f, const PathFrame& p, Due& due) {
       store_at(kept.rest[i], owner, load(b.rest[i] + slot - LANES), real);
     }
     if (kept.seen && kept.relit && !kept.all) check_points(kept, b, slot - LANES, owner);
-    store_at(kept.until, owner, until, real);
+    if (kept.fans) scatter_fans(b, slot - LANES, owner, real & (gap >= 0.0f), kept.fans);
+    store_at(kept.until, owner, until_of(kept, gap), real);
     store_at(reinterpret_cast<float*>(kept.touched), owner, as_float(touched), real);
   }
   due.packets = due.front.slots = 0;
@@ -40,41 +86,36 @@ inline void keep_batch(const Frame& f, const PathFrame& p, Due& due) {
 
 // The samples of the units that wait join the batch.
 inline void trace_due(const Frame& f, const PathFrame& p, Due& due) {
-  if (due.count == 0) return;
+  Units& u = due.waiting;
+  if (u.count == 0) return;
   const KeptLight& kept = *due.front.kept;
-  int first = due.unit[0] * kept.size;
+  int first = u.unit[0] * kept.size;
   int size = first + kept.size < f.samples ? kept.size : f.samples - first;
   bool full = due.front.slots + size * LANES > PathBatch::ROOM;
   // units of a pixel's last samples may be shorter
   if (full || size * due.packets * LANES != due.front.slots) keep_batch(f, p, due);
-  int* owner = due.front.batch.owner + due.packets++ * LANES;
-  for (int i = 0; i < LANES; i++) {
-    owner[i] = -1;
-    if (i < due.count) {
-      owner[i] = (due.y[i] * kept.units + due.unit[i]) * kept.columns + due.x[i];
-      continue;
-    }
-    due.x[i] = due.x[due.count - 1];
-    due.y[i] = due.y[due.count - 1];
-    due.unit[i] = due.unit[due.count - 1];
-  }
-  Mask active = mask_of(first_lanes(due.count));
-  Int index = load(due.unit) * splat(kept.size);
+  Mask active = u.fill();
+  Int x = load(u.x), y = load(u.y), unit = load(u.unit);
+  Int owner = (y * splat(kept.units) + unit) * splat(kept.columns) + x;
+  store(due.front.batch.owner + due.packets++ * LANES, select(active, owner, splat(-1)));
   for (int s = 0; s < size; s++) {
-    start_paths(f, p, due.front, load(due.x), load(due.y), index + splat(s), nullptr, active);
+    start_paths(f, p, due.front, x, y, unit * splat(kept.size) + splat(s), nullptr, active);
   }
-  due.traced += static_cast<long>(due.count) * size;
-  due.count = 0;
+  due.traced += static_cast<long>(u.count) * size;
+  u.count = 0;
 }
 
-// Which of the units of pixels side by side are due, one bit each.
-inline unsigned due_units(const KeptLight& kept, long at, unsigned inside) {
-  if (kept.all) return inside;
-  Mask late = load(kept.until + at) <= kept.travelled;
-  if (kept.relit) late = late | (load(kept.rest[0] + at) < 0.0f);
-  Int touched = load(reinterpret_cast<const int*>(kept.touched) + at);
-  Mask still = (touched & splat(static_cast<int>(kept.moved))) == splat(0);
-  return bits(late | ~still) & inside;
+// The row of LANES pixels around this one changes.
+inline void change(const KeptLight& kept, int x, int y) {
+  int cell = y / PACKET_HEIGHT * (kept.columns / LANES) + x / LANES;
+  kept.changed[cell] = static_cast<uint8_t>(kept.changed[cell] | 1u << y % PACKET_HEIGHT);
+}
+
+// One more unit is to be traced.
+inline void join(const Frame& f, const PathFrame& p, Due& due, int x, int y, int unit) {
+  change(*due.front.kept, x, y);
+  due.waiting.add(x, y, unit);
+  if (due.waiting.count == LANES) trace_due(f, p, due);
 }
 
 // The light of pixels side by side, from all their units, as trace_paths adds it up.
@@ -92,85 +133,19 @@ inline void add_units(const Frame& f, const KeptLight& kept, int x, int y, const
     }
     mean[c] = sum * (1.0f / static_cast<float>(f.samples));
   }
+  long at = static_cast<long>(y) * f.width + x;
+  if (!f.share && !out.rgb && x + LANES <= f.width) {
+    store(out.luminance + at, luminance_of<3>(f, mean));
+    return;
+  }
   alignas(64) float grey[LANES], colour[3][LANES];
   store(grey, luminance_of<3>(f, mean));
   for (int c = 0; c < 3; c++) store(colour[c], mean[c]);
   int end = f.width - x < LANES ? f.width - x : LANES;
-  long at = static_cast<long>(y) * f.width + x;
   for (int i = 0; i < end; i++) {
     out.luminance[at + i] = shaded(f, at + i, grey[i]);
     for (int c = 0; c < 3 && out.rgb; c++) {
       out.rgb[3 * (at + i) + c] = shaded(f, at + i, colour[c][i]);
     }
   }
-}
-
-// Asks which units of a packet row are due, and lights the others again where lamps move.
-inline void ask_units(const Frame& f, const PathFrame& p, const KeptLight& kept, int top, int rows,
-                      uint8_t* changed) {
-  long at = static_cast<long>(top) * kept.units * kept.columns;
-  for (int j = 0; j < rows; j++) {
-    for (int unit = 0; unit < kept.units; unit++) {
-      unsigned reached = 0;
-      for (int left = 0; left < kept.columns; left += LANES, at += LANES) {
-        int packet = left / LANES, rest = kept.columns / LANES - packet;
-        if (kept.relit && packet % LANES == 0) {
-          reached = reached_packets(f, kept, at / LANES, rest < LANES ? rest : LANES);
-        }
-        unsigned inside = left < f.width ? first_lanes(f.width - left) : 0;
-        unsigned due = due_units(kept, at, inside), others = kept.relit ? inside & ~due : 0;
-        kept.due[at / LANES] = due;
-        if (kept.all && kept.seen) kept.seen[at / LANES] = NOT_KEPT;
-        if (kept.relit) bring_near(kept, at + 2 * LANES);
-        if (!others ||
-            !relight_unit(f, p, kept, left, top + j, unit, others, reached >> packet % LANES & 1))
-          others = 0;
-        if (due | others) changed[packet] |= static_cast<uint8_t>(1u << j);
-      }
-    }
-  }
-}
-
-inline long retrace_paths(const Frame& f, const PathFrame& p, PathBatch& batch,
-                          const KeptLight& kept, int row, const Outputs& out) {
-  int top = row * PACKET_HEIGHT;
-  int rows = f.height - top < PACKET_HEIGHT ? f.height - top : PACKET_HEIGHT;
-  int groups = (f.width + LANES - 1) / LANES;
-  uint8_t* changed = kept.changed + static_cast<long>(row) * groups;
-  for (int g = 0; g < groups; g++) changed[g] = 0;
-  ask_units(f, p, kept, top, rows, changed);
-  Due due = {{batch, &kept}};
-  for (int unit = 0; unit < kept.units; unit++) {
-    for (int g = 0; g < groups; g++) {
-      int left = g * LANES;
-      unsigned wanted[PACKET_HEIGHT], any_wanted = 0;
-      for (int j = 0; j < rows; j++) {
-        long at = (static_cast<long>(top + j) * kept.units + unit) * kept.columns + left;
-        wanted[j] = kept.due[at / LANES];
-        any_wanted |= wanted[j];
-      }
-      if (!any_wanted) continue;
-      // packet by packet: their rays lie close together
-      for (int k = 0; k < LANES; k += PACKET_WIDTH) {
-        for (int j = 0; j < rows; j++) {
-          for (unsigned four = wanted[j] >> k & 15u; four; four &= four - 1) {
-            due.x[due.count] = left + k + first_lane(four);
-            due.y[due.count] = top + j;
-            due.unit[due.count++] = unit;
-            if (due.count == LANES) trace_due(f, p, due);
-          }
-        }
-      }
-    }
-    // samples of a block go side by side
-    if (kept.size > 1) trace_due(f, p, due);
-  }
-  trace_due(f, p, due);
-  keep_batch(f, p, due);
-  for (int g = 0; g < groups; g++) {
-    for (int j = 0; j < rows; j++) {
-      if (changed[g] >> j & 1) add_units(f, kept, g * LANES, top + j, out);
-    }
-  }
-  return due.traced;
 }

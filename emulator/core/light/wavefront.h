@@ -82,6 +82,24 @@ inline Mask first_cast(const Frame& f, const PathFrame& p, Walk& w, const Hull* 
   return lit;
 }
 
+// The rays of the slots of a packet, but for those that are traced in the next tick in any case.
+// `away`: of the first points.
+inline void keep_fan(PathBatch& b, int slot, Vec point, Float away, const Fan& fan, Float gap,
+                     Mask alive) {
+  Mask whole = fan.fits & ~alive & (gap >= 0.0f);
+  store(b.fans[3] + slot, select(whole, away, splat(-1.0f)));
+  if (!any(whole)) return;
+  store(b.fans[0] + slot, point.x);
+  store(b.fans[1] + slot, point.y);
+  store(b.fans[2] + slot, point.z);
+  for (int i = 0; i < FAN_RAYS; i++) {
+    store(b.fans[4 + 4 * i] + slot, fan.towards[i].x);
+    store(b.fans[5 + 4 * i] + slot, fan.towards[i].y);
+    store(b.fans[6 + 4 * i] + slot, fan.towards[i].z);
+    store(b.fans[7 + 4 * i] + slot, fan.limit[i]);
+  }
+}
+
 // Sample `index` of a packet of pixels, those of `active`, up to where the paths' second rays end.
 // `hull`: of the first rays; null: of pixels from anywhere.
 inline void start_paths(const Frame& f, const PathFrame& p, Wavefront& front, Int column, Int row,
@@ -90,7 +108,8 @@ inline void start_paths(const Frame& f, const PathFrame& p, Wavefront& front, In
   Float zero = splat(0.0f);
   Walk w;
   Vec direction = set_out(f, p, column, row, index, active, w);
-  Clearance known = {front.kept, splat(FAR), splat(0)}, *clearance = front.kept ? &known : nullptr;
+  Clearance known = {front.kept, splat(front.kept ? front.kept->reach : FAR), splat(0), nullptr};
+  Clearance* clearance = front.kept ? &known : nullptr;
   Clearance* lamps = clearance && front.kept->relit ? nullptr : clearance;
   Float out[3] = {zero, zero, zero}, aimed[3] = {zero, zero, zero}, seen[3] = {zero, zero, zero};
   Mask lit = first_cast(f, p, w, hull, active, clearance, out), alive = mask_of(0);
@@ -98,8 +117,15 @@ inline void start_paths(const Frame& f, const PathFrame& p, Wavefront& front, In
   // what moves is not kept
   if (lamps != clearance)
     store(b.seen + front.slots, select(known.gap < 0.0f, splat(-2), w.hit.geom));
+  Fan fan;
+  for (int i = 0; i < FAN_RAYS; i++) {
+    fan.towards[i] = {zero, zero, zero};
+    fan.limit[i] = zero;
+  }
+  fan.fits = active;
   if (any(lit)) {
     Int left;
+    if (clearance && front.kept->fans) known.fan = &fan;
     Mask going = shade(f, p, 0, w, lit, clearance, lamps, left, aimed, out);
     if (any(going)) {
       Hull second = hull_of(w.rays.origin, w.rays.direction, going, FAR);
@@ -122,6 +148,7 @@ inline void start_paths(const Frame& f, const PathFrame& p, Wavefront& front, In
       store(b.rest[c] + slot, select(alive, splat(LONGER), aimed[c]));
       store(b.rest[3 + c] + slot, seen[c]);
     }
+    if (front.kept->fans) keep_fan(b, slot, w.rays.origin, away, fan, known.gap, alive);
   }
   if (any(alive)) push(front, front.paths, w, splat(slot) + load(LANE), alive);
   front.paths += __builtin_popcount(bits(alive));
@@ -140,7 +167,7 @@ inline void finish_paths(const Frame& f, const PathFrame& p, Wavefront& front) {
       Int slot = select(lit, pull(front, p, at, w), splat(0));
       Float out[3], aimed[3];
       for (int c = 0; c < 3; c++) out[c] = gather(b.light[c], slot);
-      Clearance known = {front.kept, {}, {}}, *clearance = front.kept ? &known : nullptr;
+      Clearance known = {front.kept, {}, {}, nullptr}, *clearance = front.kept ? &known : nullptr;
       if (clearance) {
         known.gap = gather(b.gap, slot);
         known.touched = as_int(gather(reinterpret_cast<const float*>(b.touched), slot));

@@ -42,12 +42,19 @@ struct Rod {
   uint32_t bit;  // that stands for the geom
 };
 
+// Of a unit that is one sample and ends with its second ray its rays are kept too: when its gap is
+// used up, they are asked for a new one before anything is traced. In words: the first point; how
+// far it is, below 0: no rays are kept; direction and limit of each ray that leaves it, limit 0:
+// there is none, below 0: it was barred.
+constexpr int FAN_RAYS = 3, FAN_WORDS = 4 + 4 * FAN_RAYS;
+
 // What is kept of every unit of a pixel's samples while the camera stands: its light, and how far
 // everything may move until one of its rays could meet something else. A unit is one sample, or a
 // block of them whose light is added up before it joins the sum.
 struct KeptLight {
   const Rod* rods;  // around everything that has ever moved
   int rod_count;
+  float reach;  // no gap is looked for that is larger
   int columns;  // of a row of units: the image's, rounded up to 32
   int units;    // a pixel
   int size;     // samples a unit, but for the last
@@ -66,10 +73,14 @@ struct KeptLight {
   uint8_t* unlit;
   float* until;       // to this much motion in all: before `travelled` is there, nothing changes
   uint32_t* touched;  // bits of the rods that its rays met: what happens when one moves is unknown
-  uint32_t* due;      // (height, units, columns / LANES) those that are traced in this tick
-  uint8_t* changed;   // (packet rows, columns / LANES) image rows of as many pixels that changed
-  float travelled;    // by the fastest of them, in all
-  uint32_t moved;     // bits of the rods that moved since the last tick
+  float* fans;        // (height, units, columns, FAN_WORDS) or null
+  // (height, units, columns / LANES) of units side by side: before this much motion none is due,
+  // unless one of these rods moves; and those that are in this tick: to be traced, or to be asked
+  float* soonest;
+  uint32_t *met, *due, *doubtful;
+  uint8_t* changed;  // (packet rows, columns / LANES) image rows of as many pixels that changed
+  float travelled;   // by the fastest of them, in all
+  uint32_t moved;    // bits of the rods that moved since the last tick
   const int32_t* moving;  // (geoms) not 0: it moved since the last tick
   uint32_t steady;        // the first lights, one bit each: as ever, and without a shadow
   bool stirred;           // fewer are than in the last tick
@@ -86,8 +97,9 @@ struct PathBatch {
   float direction[3][ROOM + MARGIN];  // towards it; where there is haze
   float gap[ROOM + MARGIN];           // as in Clearance, and
   int32_t touched[ROOM + MARGIN];
-  float rest[6][ROOM + MARGIN];       // as in KeptLight
-  int32_t seen[ROOM + MARGIN];        // geom of the first surface
+  float rest[6][ROOM + MARGIN];  // as in KeptLight
+  int32_t seen[ROOM + MARGIN];   // geom of the first surface
+  float fans[FAN_WORDS][ROOM + MARGIN];
   int32_t owner[ROOM + MARGIN];       // places in KeptLight, a lane's for each packet of units
   float paths[WORDS][ROOM + MARGIN];  // those under way
 };

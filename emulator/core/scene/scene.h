@@ -306,9 +306,10 @@ struct Kernel {
   void (*trace_path_row)(const Frame&, const PathFrame&, PathBatch&, int row, const Outputs&);
   void (*trace_path_pixels)(const Frame&, const PathFrame&, PathBatch&, const int32_t* x,
                             const int32_t* y, int count, float* luminance);
-  // The units of packet row `row` that may have changed, and their pixels. Out: samples traced.
-  long (*retrace_paths)(const Frame&, const PathFrame&, PathBatch&, const KeptLight&, int row,
-                        const Outputs&);
+  // The units of packet rows begin ... end that may have changed, and their pixels. Out: samples
+  // traced.
+  long (*retrace_paths)(const Frame&, const PathFrame&, PathBatch&, const KeptLight&, int begin,
+                        int end, const Outputs&);
   // The samplers of paths for their tests, 16 draws at once: see probe.h.
   void (*probe_points)(int mode, int seed, int digits, int index, int dimension, const int* pixel,
                        float* x, float* y);
@@ -326,7 +327,7 @@ void relight_pair_avx512(const Frame&, int column, int row, const Outputs&, cons
 void trace_path_row_avx512(const Frame&, const PathFrame&, PathBatch&, int row, const Outputs&);
 void trace_path_pixels_avx512(const Frame&, const PathFrame&, PathBatch&, const int32_t* x,
                               const int32_t* y, int count, float* luminance);
-long retrace_paths_avx512(const Frame&, const PathFrame&, PathBatch&, const KeptLight&, int row,
-                          const Outputs&);
+long retrace_paths_avx512(const Frame&, const PathFrame&, PathBatch&, const KeptLight&, int begin,
+                          int end, const Outputs&);
 
 }  // namespace evs
