@@ -80,6 +80,8 @@ class PlainModel:
 
     def init(self, seed: int) -> PlainState:
         """The state before the first tick."""
+        # drawn now: the first tick may have a clock to keep
+        self._pixels(seed % 2**64)
         return PlainState.dark(seed, self.sensor, self._average is not None, self.terms)
 
     def restore(self, saved: Arrays) -> PlainState:
