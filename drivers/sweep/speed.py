@@ -81,9 +81,10 @@ class CutWatch(StopWatch):
 
     def lap(self, stage: str) -> None:
         """As of StopWatch."""
-        before_s = self._hands.tick.get(stage, 0.0)
+        hand = self._hands.own
+        before_s = hand.tick.get(stage, 0.0)
         super().lap(stage)
-        taken_s = self._hands.tick[stage] - before_s
+        taken_s = hand.tick[stage] - before_s
         self._sums_s[stage] = self._sums_s.get(stage, 0.0) + taken_s
 
     def cut(self) -> dict[str, float]:
