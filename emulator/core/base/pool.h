@@ -30,6 +30,9 @@ class Pool {
       // no memory for another stack: those that run must end before this throws
       close();
       throw std::bad_alloc();
+    } catch (...) {
+      close();
+      throw;
     }
   }
 
