@@ -131,6 +131,10 @@ class StopWatch:
         tick[stage] = tick.get(stage, 0.0) + (now_s - hand.last_s)
         hand.last_s = now_s
 
+    def so_far_s(self, stage: str) -> float:
+        """Seconds that a stage has taken in the tick that the calling thread is in."""
+        return self._hands.own.tick.get(stage, 0.0)
+
     def skip(self) -> None:
         """The time since the previous lap belongs to nobody (waiting for the pace)."""
         self._hands.own.last_s = self._clock()

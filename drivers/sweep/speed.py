@@ -81,10 +81,9 @@ class CutWatch(StopWatch):
 
     def lap(self, stage: str) -> None:
         """As of StopWatch."""
-        hand = self._hands.own
-        before_s = hand.tick.get(stage, 0.0)
+        before_s = self.so_far_s(stage)
         super().lap(stage)
-        taken_s = hand.tick[stage] - before_s
+        taken_s = self.so_far_s(stage) - before_s
         self._sums_s[stage] = self._sums_s.get(stage, 0.0) + taken_s
 
     def cut(self) -> dict[str, float]:

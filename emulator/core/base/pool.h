@@ -3,6 +3,7 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <exception>
 #include <functional>
@@ -53,23 +54,32 @@ class Pool {
     next_.store(0, std::memory_order_relaxed);
     error_ = nullptr;
     if (jobs > 1 && count_ > 1) {
-      std::lock_guard lock(mutex_);
-      task_ = &task;
-      jobs_ = jobs;
-      generation_++;
+      {
+        std::lock_guard lock(mutex_);
+        task_ = &task;
+        jobs_ = jobs;
+        generation_++;
+      }
+      // not under the lock, for which those that wake would wait
       wake_.notify_all();
     }
     work(task, jobs, 0);
     if (jobs > 1 && count_ > 1) {
+      // the rest of a worker's last job is mostly shorter than to sleep and to be woken
+      const auto until = std::chrono::steady_clock::now() + kShort;
+      while (busy_.load() > 0 && std::chrono::steady_clock::now() < until) {
+      }
       std::unique_lock lock(mutex_);
       // a worker that has not woken yet, because others keep the cores busy, is not waited for
       task_ = nullptr;
-      done_.wait(lock, [this] { return busy_ == 0; });
+      done_.wait(lock, [this] { return busy_.load() == 0; });
     }
     if (error_) std::rethrow_exception(error_);
   }
 
  private:
+  static constexpr std::chrono::microseconds kShort{30};
+
   void work(const std::function<void(int, int)>& task, int jobs, int worker) {
     FlushDenormals flush;
     for (int index = next_.fetch_add(1); index < jobs; index = next_.fetch_add(1)) {
@@ -119,7 +129,7 @@ class Pool {
   std::condition_variable done_;
   const std::function<void(int, int)>* task_ = nullptr;
   int jobs_ = 0;
-  int busy_ = 0;  // workers that have begun
+  std::atomic<int> busy_{0};  // workers that have begun; changes under the lock
   long generation_ = 0;
   bool closing_ = false;
   std::exception_ptr error_;
