@@ -112,6 +112,11 @@ class Caster:
         What it has done since it was made: ticks, packets of 4 x 4 pixels that were asked whether something that moved can touch them, packets that were traced, trees that were built and refitted.
         """
 
+def events_fit(raw: bytes | memoryview, base_us: int, end_us: int, width: int, height: int) -> bool:
+    """
+    Whether raw is whole events, sorted by t in (base_us, end_us], on the sensor, polarity 0 or 1, the padding zero.
+    """
+
 class NetworkArray:
     """A network on an array of pixels: emulator/network/native.py."""
 

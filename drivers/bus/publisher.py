@@ -10,6 +10,7 @@ import zmq
 from evs.drivers.bus.address import bindable, is_ipv6
 from evs.drivers.bus.buffers import Buffers
 from evs.drivers.bus.channels import Audience, Channel, make_channels
+from evs.drivers.bus.checking import quick_check
 from evs.drivers.bus.ports import Ports, ServerKeys
 from evs.drivers.bus.sockets import Socket, readable, receive_parts, send_parts
 from evs.drivers.pace import monotonic_s
@@ -111,6 +112,7 @@ class Publisher:
         self._socket: Socket | None = None
         self._audience = Audience({})
         self._buffers = Buffers()
+        self._quick = quick_check()
         self._address = address
         self._clock_us: int | None = None
         self._has_beside = self._heard = False
@@ -179,7 +181,7 @@ class Publisher:
             # every subscriber would cut the connection; now each counts one lost packet
             self._unsent["packets_oversized"] += 1
         else:
-            self._send(server, channel, EVENTS, *encode(packet))
+            self._send(server, channel, EVENTS, *encode(packet, self._quick))
             self._sent["packets_sent"] += 1
             self._sent["events_sent"] += len(packet.events)
         if self._audience.clock:

@@ -9,6 +9,7 @@ from typing import Any
 import zmq
 
 from evs.drivers.bus.beside import Beside, of_kind
+from evs.drivers.bus.checking import quick_check
 from evs.drivers.bus.listening import Listener
 from evs.drivers.bus.losses import Gaps, Tally
 from evs.drivers.bus.sockets import readable, receive_parts
@@ -139,6 +140,7 @@ class Subscription(Listener):
         self.truths: tuple[Truth, ...] = ()
         """Ground truth that came between the last packet received and the one before."""
         self._beside = Beside()
+        self._quick = quick_check()
         self._cameras: tuple[str, ...] = (camera,) if camera else ()
         self._end_heard_s: float | None = None
         self._ended = False
@@ -178,17 +180,19 @@ class Subscription(Listener):
     def receive(self, timeout_s: float | None = None) -> EventPacket | None:
         """The next packet; None if all has ended or none comes in `timeout_s` (None: waits)."""
         deadline_s = math.inf if timeout_s is None else monotonic_s() + timeout_s
-        patience = _LATE_SKIPS
+        patience, waited = _LATE_SKIPS, False
         while self._context is not None and not self._is_over():
-            if readable(self._main):
+            if self._has_news(self._main):
                 packet = self._take(receive_parts(self._main), aside=False)
                 if packet is not None:
                     self._hand_out()
                     return packet
-            elif readable(self._side):
+            elif self._has_news(self._side):
                 # only now: on the main connection nothing is left to be taken first
                 self._take(receive_parts(self._side), aside=True)
-            elif monotonic_s() < deadline_s:
+            elif not waited or monotonic_s() < deadline_s:
+                # at least once: what came since the last wait is seen there
+                waited = True
                 self._wait(deadline_s)
                 continue
             else:
@@ -265,7 +269,7 @@ class Subscription(Listener):
                 # topics are prefixes: `events/left` also brings `events/left2`
                 return None
             if kind == EVENTS.name and len(parts) == 3:
-                packet = decode(parts[1], parts[2])
+                packet = decode(parts[1], parts[2], self._quick)
                 self._tally(camera, packet.camera).on_packet(packet)
                 self.bytes += packet.events.nbytes
                 # as long as packets come, more may come
@@ -318,7 +322,10 @@ class Subscription(Listener):
             now_s = monotonic_s()
             if self._end_heard_s is None:
                 self._end_heard_s = now_s
-            if now_s < self._end_heard_s + END_GRACE_S or readable(self._main):
+            if readable(self._main):
+                self._stirred.add(self._main)
+                return False
+            if now_s < self._end_heard_s + END_GRACE_S:
                 return False
         for one in heard:
             self.status = one.settle() or self.status

@@ -4,6 +4,7 @@
 
 namespace evs {
 void bind_caster(nanobind::module_& m);
+void bind_events(nanobind::module_& m);
 void bind_network(nanobind::module_& m);
 void bind_probe(nanobind::module_& m);
 void bind_readout(nanobind::module_& m);
@@ -15,6 +16,7 @@ NB_MODULE(_core, m) {
   m.doc() = "The native core: ray caster, event pixel and event network.";
   evs::bind_settings(m);
   evs::bind_caster(m);
+  evs::bind_events(m);
   evs::bind_network(m);
   evs::bind_probe(m);
   evs::bind_readout(m);
