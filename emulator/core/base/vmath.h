@@ -62,8 +62,8 @@ EVS_ALWAYS_INLINE float ln(float x) {
 
 // 0 where closer to 0 than `least`; a NaN stays.
 EVS_ALWAYS_INLINE float flush(float value, float least) {
-  const float small = value > -least ? 0.0f : value;
-  return value < least ? small : value;
+  const float size = std::bit_cast<float>(std::bit_cast<uint32_t>(value) & 0x7fffffffu);
+  return size < least ? 0.0f : value;
 }
 
 // 1 - e^-z for 0 <= z <= 80; relative error below 1e-6.

@@ -174,7 +174,8 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
     draw_candidates(step.settings.shot, {arrays.shot.next + block, arrays.shot.count + block},
                     block, count, step.shot_bounds[block], step.tick.begin_us, end_us, shots);
   }
-  bool moved = light_changed(step.tick.luminance + first, last_luminance, count);
+  const Light seen = look(step.tick.luminance + first, last_luminance, step.plain, count);
+  bool moved = seen.moved;
   const bool due = arrays.due_us != nullptr && arrays.due_us[block] < end_us;
   if (!moved && !due) {
     // in a block that stands still, candidates without a chance wake nobody
@@ -186,9 +187,10 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
   }
   catch_up(step, first, count);
 
-  const size_t clamped = step.settings.map.kind == LogKind::linlog
-                             ? to_log_light<LogKind::linlog>(step, first, count, s, moved)
-                             : to_log_light<LogKind::log_eps>(step, first, count, s, moved);
+  const size_t clamped =
+      step.settings.map.kind == LogKind::linlog
+          ? to_log_light<LogKind::linlog>(step, first, count, s, seen.plain, moved)
+          : to_log_light<LogKind::log_eps>(step, first, count, s, seen.plain, moved);
   const Signal signal = to_signal(step, first, count, s, moved);
   const bool drifts = step.pattern.leak != nullptr || step.settings.highpass > 0.0;
   double* reference = arrays.reference + first;

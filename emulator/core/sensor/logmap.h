@@ -37,9 +37,7 @@ inline constexpr float kLargest = 0x1.fffffep127f;
 
 // DN of a luminance; a negative number, NaN or Inf where the luminance is none.
 EVS_ALWAYS_INLINE float to_dn(const LogMap& map, float luminance) {
-  const float black = luminance > -kBlack ? 0.0f : luminance;
-  const float light = luminance < kBlack ? black : luminance;
-  return light * map.exposure + map.dark;
+  return flush(luminance, kBlack) * map.exposure + map.dark;
 }
 
 // False for a negative luminance, NaN, Inf, and light so strong that its DN is no float.

@@ -78,6 +78,7 @@ struct PixelStep {
   const PixelArrays& arrays;
   const double* shot_bounds;  // of each block
   Tick tick;
+  float plain;          // light below this is usable whatever the settings
   float lowpass_low;    // z at DN 0
   float lowpass_slope;  // z per DN
   float follower_z;
@@ -97,6 +98,7 @@ inline PixelStep begin_step(const PixelSettings& settings, const PixelPattern& p
           arrays,
           shot_bounds,
           tick,
+          is_light(kLargestMean, to_dn(settings.map, kLargestMean)) ? kLargestMean : 0.0f,
           in_a_tick(settings.lowpass_low),
           in_a_tick(settings.lowpass_slope),
           follower_z,

@@ -20,41 +20,57 @@ struct Scratch {
   alignas(64) float mean[kBlock];   // its running mean
   alignas(64) float dn[kBlock];
   alignas(64) float part[kBlock];
+  alignas(64) float a[kBlock];  // LowpassStep, of each pixel's light
+  alignas(64) float b[kBlock];
   alignas(64) float log[kBlock];         // log light at the end of the tick
   alignas(64) float from[2][kBlock];     // after each filter, at the start of the tick
   alignas(64) double reference[kBlock];  // at the start of the tick
   alignas(64) double drift[kBlock];      // by how much it sinks
 };
 
-// Whether a pixel's light changed or is none.
-EVS_ALWAYS_INLINE bool light_changed(const float* luminance, const float* last, size_t count) {
+// How a block's light differs from its last.
+struct Light {
+  bool moved;  // a pixel's changed, or is none
+  bool plain;  // all of it is below `plain`, and not negative
+};
+
+EVS_ALWAYS_INLINE Light look(const float* luminance, const float* last, float plain, size_t count) {
   uint32_t changed = 0;
+  uint32_t most = 0;
   for (size_t i = 0; i < count; i++) {
     const uint32_t bits = std::bit_cast<uint32_t>(luminance[i]);
-    const uint32_t unusable = bits >= 0x7f800000u ? 1u : 0u;
-    changed |= (bits ^ std::bit_cast<uint32_t>(last[i])) | unusable;
+    most = bits > most ? bits : most;
+    changed |= bits ^ std::bit_cast<uint32_t>(last[i]);
   }
-  return changed != 0;
+  // the bits of light have its order, and those of what is negative or NaN come after them
+  return {changed != 0 || most >= 0x7f800000u, most < std::bit_cast<uint32_t>(plain)};
 }
 
 // Luminance to log light. Out: how many pixels had no usable light; they keep their last.
 template <LogKind kind>
 EVS_ALWAYS_INLINE size_t to_log_light(const PixelStep& step, size_t first, size_t count, Scratch& s,
-                                      bool& moved) {
+                                      bool plain, bool& moved) {
   const LogMap map = step.settings.map;
   const float* __restrict luminance = step.tick.luminance + first;
   const float* __restrict last = step.arrays.last_luminance + first;
   const float* __restrict last_log = step.arrays.last_log + first;
   const float largest = step.settings.average ? kLargestMean : kLargest;
   uint32_t clamped = 0;
-  for (size_t i = 0; i < count; i++) {
-    const float new_light = luminance[i];
-    const float old_light = last[i];
-    const float dn = to_dn(map, new_light);
-    const bool usable = is_light(new_light, dn) & (new_light <= largest);
-    s.light[i] = choose(usable, new_light, old_light);
-    s.dn[i] = dn;
-    clamped += usable ? 0u : 1u;
+  if (plain) {
+    for (size_t i = 0; i < count; i++) {
+      s.light[i] = luminance[i];
+      s.dn[i] = to_dn(map, luminance[i]);
+    }
+  } else {
+    for (size_t i = 0; i < count; i++) {
+      const float new_light = luminance[i];
+      const float old_light = last[i];
+      const float dn = to_dn(map, new_light);
+      const bool usable = is_light(new_light, dn) & (new_light <= largest);
+      s.light[i] = choose(usable, new_light, old_light);
+      s.dn[i] = dn;
+      clamped += usable ? 0u : 1u;
+    }
   }
   const float* light = s.light;
   if (step.settings.average) {
@@ -74,12 +90,13 @@ EVS_ALWAYS_INLINE size_t to_log_light(const PixelStep& step, size_t first, size_
 }
 
 // One pole of the signal: `x0` and `x1` before and after the tick, `state` its own value, In/out.
-// Out: from, what it was; a pixel without light before starts with what it sees.
+// Out: from, what it was; a pixel without light before starts with what it sees. `moved` gets true
+// if a state changes.
 template <class Step>
-EVS_ALWAYS_INLINE bool filter(Step&& next, const float* __restrict last_log,
+EVS_ALWAYS_INLINE void filter(Step&& next, const float* __restrict last_log,
                               const float* __restrict now_log, const float* __restrict x0,
                               const float* __restrict x1, float* __restrict state, size_t count,
-                              float* __restrict from) {
+                              float* __restrict from, bool& moved) {
   uint32_t changed = 0;
   for (size_t i = 0; i < count; i++) {
     const float log = now_log[i];
@@ -92,7 +109,7 @@ EVS_ALWAYS_INLINE bool filter(Step&& next, const float* __restrict last_log,
     changed |= std::bit_cast<uint32_t>(to) ^ std::bit_cast<uint32_t>(y0);
     state[i] = to;
   }
-  return changed != 0;
+  if (!moved) moved = changed != 0;
 }
 
 // The signal that the comparators see, at the start and the end of the tick.
@@ -111,14 +128,22 @@ EVS_ALWAYS_INLINE Signal to_signal(const PixelStep& step, size_t first, size_t c
     const float low = step.lowpass_low;
     const float slope = step.lowpass_slope;
     const float* __restrict dn = s.dn;
+    const float* __restrict a = s.a;
+    const float* __restrict b = s.b;
     auto exact = [=](size_t i, float y0, float x0, float x1) {
-      return lowpass(lowpass_step(low + slope * dn[i]), y0, x0, x1);
+      return lowpass(LowpassStep{a[i], b[i]}, y0, x0, x1);
     };
     auto as_v2e = [=](size_t i, float y0, float, float x1) {
       return lowpass_euler(low + slope * dn[i], y0, x1);
     };
-    moved |= euler ? filter(as_v2e, last_log, s.log, last_log, s.log, state, count, s.from[0])
-                   : filter(exact, last_log, s.log, last_log, s.log, state, count, s.from[0]);
+    if (euler) {
+      filter(as_v2e, last_log, s.log, last_log, s.log, state, count, s.from[0], moved);
+    } else {
+      // short loops: a core looks ahead over several of their turns at once
+      for (size_t i = 0; i < count; i++) s.a[i] = lowpass_a(low + slope * dn[i]);
+      for (size_t i = 0; i < count; i++) s.b[i] = lowpass_b(low + slope * dn[i], s.a[i]);
+      filter(exact, last_log, s.log, last_log, s.log, state, count, s.from[0], moved);
+    }
     signal = {s.from[0], state};
   }
   if (step.settings.follower > 0.0) {
@@ -130,9 +155,11 @@ EVS_ALWAYS_INLINE Signal to_signal(const PixelStep& step, size_t first, size_t c
     };
     auto as_v2e = [=](size_t, float y0, float, float x1) { return lowpass_euler(z, y0, x1); };
     // what comes in is not overwritten by what goes out
-    moved |= euler
-                 ? filter(as_v2e, last_log, s.log, signal.from, signal.to, state, count, s.from[1])
-                 : filter(exact, last_log, s.log, signal.from, signal.to, state, count, s.from[1]);
+    if (euler) {
+      filter(as_v2e, last_log, s.log, signal.from, signal.to, state, count, s.from[1], moved);
+    } else {
+      filter(exact, last_log, s.log, signal.from, signal.to, state, count, s.from[1], moved);
+    }
     signal = {s.from[1], state};
   }
   return signal;
