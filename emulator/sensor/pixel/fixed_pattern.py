@@ -14,6 +14,7 @@ import numpy as np
 
 from evs.emulator.scene import F32, F64
 from evs.emulator.sensor.parameters import SensorParameters
+from evs.emulator.sensor.pixel.lines import on_lines
 from evs.emulator.sensor.random import Term, exp10, pixel_normals, pixel_uniforms
 from evs.emulator.sensor.terms import SensorTerms
 
@@ -124,6 +125,6 @@ def _mean_ease(nominal: float, sigma: float) -> float:
 
 
 def _constant(values: Any, dtype: type) -> Any:
-    array: np.ndarray[Any, Any] = np.ascontiguousarray(values, dtype)
+    array = on_lines(np.asarray(values, dtype))
     array.flags.writeable = False
     return array

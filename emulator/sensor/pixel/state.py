@@ -10,6 +10,7 @@ import numpy as np
 
 from evs.emulator.scene import F32, F64
 from evs.emulator.sensor.parameters import SensorParameters
+from evs.emulator.sensor.pixel.lines import on_lines
 from evs.emulator.sensor.saved import same_bytes
 from evs.emulator.sensor.terms import SensorTerms
 from evs.msgs import EvsError
@@ -112,14 +113,14 @@ class PlainState:
         shape = (sensor.height, sensor.width)
         state = cls(
             seed=seed,
-            reference=np.full(shape, np.nan, np.float64),
-            last_log=np.full(shape, np.nan, np.float32),
-            last_luminance=np.full(shape, -1.0, np.float32),
+            reference=on_lines(np.full(shape, np.nan, np.float64)),
+            last_log=on_lines(np.full(shape, np.nan, np.float32)),
+            last_luminance=on_lines(np.full(shape, -1.0, np.float32)),
         )
 
         def add(on: object, zeros: Any, *names: str) -> None:
             for name in names if on else ():
-                setattr(state, name, zeros.copy())
+                setattr(state, name, on_lines(zeros))
 
         zeros = np.zeros(shape, np.float32)
         filters = terms.low_pass or terms.follower or terms.high_pass
@@ -146,7 +147,7 @@ class PlainState:
 
     def copy(self) -> PlainState:
         """A state of its own: stepping one does not touch the other."""
-        copies: dict[str, Any] = {name: array.copy() for name, array in self.arrays().items()}
+        copies: dict[str, Any] = {n: on_lines(array) for n, array in self.arrays().items()}
         return replace(self, **copies)
 
     def save(self) -> dict[str, np.ndarray[Any, Any]]:
@@ -160,12 +161,14 @@ class PlainState:
         """The state that was saved. Raises EvsError where something of it is missing or unfit."""
         try:
             frames: dict[str, Any] = {
-                name: np.array(saved[name], dtype, order="C")
+                name: on_lines(np.asarray(saved[name], dtype))
                 for name, dtype in _FRAMES.items()
                 if name in saved or name in _ALWAYS
             }
             blocks: dict[str, Any] = {
-                name: np.array(saved[name], np.int64) for name in _BLOCKS if name in saved
+                name: on_lines(np.asarray(saved[name], np.int64))
+                for name in _BLOCKS
+                if name in saved
             }
             numbers: dict[str, Any] = {name: int(saved[name]) for name in ("seed", *_NUMBERS)}
         except KeyError as missing:
