@@ -32,6 +32,8 @@ EVS_INLINE void sixteen_quads(const float* base, const int* at, __m512* out) {
 EVS_INLINE Quads gather_quads(const float* base, Int at) {
   alignas(64) int index[LANES];
   store(index, at);
+  // through memory: taking lanes out of registers one by one is slower
+  __asm__("" : "+m"(index));
 #if EVS_WIDTH == 1024
   __m512 low[4], high[4];
   sixteen_quads(base, index, low);

@@ -37,6 +37,15 @@ inline void ask_doubtful(const Frame& f, const PathFrame& p, Due& due) {
   u.count = 0;
 }
 
+// The rays of one more unit are to be asked; they are brought near until then.
+inline void doubt(const Frame& f, const PathFrame& p, Due& due, int x, int y, int unit) {
+  const KeptLight& kept = *due.front.kept;
+  long at = (static_cast<long>(y) * kept.units + unit) * kept.columns + x;
+  if (kept.fans) __builtin_prefetch(kept.fans + at * FAN_WORDS);
+  due.doubtful.add(x, y, unit);
+  if (due.doubtful.count == LANES) ask_doubtful(f, p, due);
+}
+
 // Of a unit of pixels side by side, one bit each: what is traced, and whose gap is used up.
 struct Wanted {
   unsigned traced, doubtful;
@@ -60,6 +69,18 @@ inline Wanted wanted_of(const KeptLight& kept, long at, unsigned inside) {
   return {traced, doubtful};
 }
 
+// Nothing can reach any unit of the packet yet?
+EVS_INLINE bool later(const KeptLight& kept, long packet) {
+  return kept.soonest[packet] > kept.travelled && !(kept.met[packet] & kept.moved);
+}
+
+EVS_INLINE void bring_gaps_near(const KeptLight& kept, long at) {
+  for (int i = 0; i < LANES; i += 16) {
+    __builtin_prefetch(kept.until + at + i);
+    __builtin_prefetch(kept.touched + at + i);
+  }
+}
+
 // Asks which units of an image row are due, and lights the others again where lamps move.
 inline void ask_units(const Frame& f, const PathFrame& p, const KeptLight& kept, int y) {
   long at = static_cast<long>(y) * kept.units * kept.columns;
@@ -74,8 +95,10 @@ inline void ask_units(const Frame& f, const PathFrame& p, const KeptLight& kept,
       unsigned inside = left < f.width ? first_lanes(f.width - left) : 0;
       kept.due[packet] = kept.doubtful[packet] = 0;
       if (kept.all && kept.seen) kept.seen[packet] = NOT_KEPT;
-      bool later = kept.soonest[packet] > kept.travelled && !(kept.met[packet] & kept.moved);
-      if (!inside || (later && !kept.relit && !kept.all)) continue;
+      if (nth + 2 < kept.columns / LANES && !later(kept, packet + 2)) {
+        bring_gaps_near(kept, at + 2 * LANES);
+      }
+      if (!inside || (later(kept, packet) && !kept.relit && !kept.all)) continue;
       Wanted wanted = wanted_of(kept, at, inside);
       kept.due[packet] = wanted.traced;
       kept.doubtful[packet] = wanted.doubtful;
@@ -92,29 +115,32 @@ inline void ask_units(const Frame& f, const PathFrame& p, const KeptLight& kept,
 inline void join_due(const Frame& f, const PathFrame& p, Due& due, int row, int group, int first,
                      int count) {
   const KeptLight& kept = *due.front.kept;
-  int top = row * PACKET_HEIGHT, left = group * LANES;
+  int top = row * PACKET_HEIGHT, left = group * LANES, stride = kept.columns / LANES;
   int rows = f.height - top < PACKET_HEIGHT ? f.height - top : PACKET_HEIGHT;
-  auto packet_of = [&](int unit, int j) {
-    return (static_cast<long>(top + j) * kept.units + unit) * (kept.columns / LANES) + group;
-  };
-  unsigned some = 0;
-  for (int j = 0; j < rows; j++) {
-    for (int unit = first; unit < first + count; unit++) {
-      some |= kept.due[packet_of(unit, j)] | kept.doubtful[packet_of(unit, j)];
+  unsigned traced[MOST_SINGLE][PACKET_HEIGHT], doubtful[MOST_SINGLE][PACKET_HEIGHT];
+  unsigned of_unit[MOST_SINGLE], some = 0;
+  for (int u = 0; u < count; u++) {
+    of_unit[u] = 0;
+    for (int j = 0; j < rows; j++) {
+      long packet = (static_cast<long>(top + j) * kept.units + first + u) * stride + group;
+      traced[u][j] = kept.due[packet];
+      doubtful[u][j] = kept.doubtful[packet];
+      of_unit[u] |= traced[u][j] | doubtful[u][j];
     }
+    some |= of_unit[u];
   }
   // packet by packet, with all samples of a pixel: their rays lie close together
   for (int k = 0; k < LANES; k += PACKET_WIDTH) {
     if (!(some >> k & 15u)) continue;
-    for (int unit = first; unit < first + count; unit++) {
+    for (int u = 0; u < count; u++) {
+      if (!(of_unit[u] >> k & 15u)) continue;
       for (int j = 0; j < rows; j++) {
         int x = left + k, y = top + j;
-        for (unsigned four = kept.due[packet_of(unit, j)] >> k & 15u; four; four &= four - 1) {
-          join(f, p, due, x + first_lane(four), y, unit);
+        for (unsigned four = traced[u][j] >> k & 15u; four; four &= four - 1) {
+          join(f, p, due, x + first_lane(four), y, first + u);
         }
-        for (unsigned four = kept.doubtful[packet_of(unit, j)] >> k & 15u; four; four &= four - 1) {
-          due.doubtful.add(x + first_lane(four), y, unit);
-          if (due.doubtful.count == LANES) ask_doubtful(f, p, due);
+        for (unsigned four = doubtful[u][j] >> k & 15u; four; four &= four - 1) {
+          doubt(f, p, due, x + first_lane(four), y, first + u);
         }
       }
     }
@@ -142,9 +168,12 @@ inline long retrace_paths(const Frame& f, const PathFrame& p, PathBatch& batch,
   trace_due(f, p, due);
   keep_batch(f, p, due);
   for (int y = begin * PACKET_HEIGHT; y < last; y++) {
+    auto changed = [&](int g) {
+      return kept.changed[y / PACKET_HEIGHT * stride + g] >> y % PACKET_HEIGHT & 1;
+    };
     for (int g = 0; g < groups; g++) {
-      int cell = y / PACKET_HEIGHT * stride + g;
-      if (kept.changed[cell] >> y % PACKET_HEIGHT & 1) add_units(f, kept, g * LANES, y, out);
+      if (g + 1 < groups && changed(g + 1)) bring_units_near(kept, (g + 1) * LANES, y);
+      if (changed(g)) add_units(f, kept, g * LANES, y, out);
     }
   }
   return due.traced;

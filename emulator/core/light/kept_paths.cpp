@@ -8,7 +8,6 @@ namespace evs {
 namespace {
 
 constexpr int BLOCK = 64;                  // samples that trace_paths adds up before they join
-constexpr int MOST_SINGLE = 32;            // samples a pixel that are kept one by one
 constexpr size_t MOST_BYTES = 256u << 20;  // that are kept
 constexpr size_t MOST_RODS = 128;          // more things that move are not followed
 constexpr int RECOUNT = 256;               // ticks; sums of motion stay small, and exact
@@ -53,12 +52,12 @@ KeptPaths::KeptPaths(int width, int height, int samples, size_t geoms)
   size_t numbers = relit ? 4 + REST : 4;
   bool points = relit && entries_ * (bytes + (REST + FIRST) * sizeof(float)) <= MOST_BYTES;
   size_t stride = entries_ + MARGIN;
-  numbers_ = std::make_unique_for_overwrite<float[]>((numbers + (points ? FIRST : 0)) * stride);
+  numbers_ = large_array<float>((numbers + (points ? FIRST : 0)) * stride);
   auto array = [&](size_t i) { return numbers_.get() + i * stride; };
-  touched_ = std::make_unique_for_overwrite<uint32_t[]>(entries_);
+  touched_ = large_array<uint32_t>(entries_);
   bytes += (REST + FIRST + FAN_WORDS) * sizeof(float);
   if (singly && entries_ * bytes <= MOST_BYTES) {
-    fans_ = std::make_unique_for_overwrite<float[]>(FAN_WORDS * entries_);
+    fans_ = large_array<float>(FAN_WORDS * entries_);
   }
   int rows = (height + PACKET_HEIGHT - 1) / PACKET_HEIGHT;
   changed_.resize(static_cast<size_t>(rows) * light_.columns / 16);

@@ -6,9 +6,9 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
 #include <vector>
 
+#include "large_pages.h"
 #include "path_scene.h"
 #include "rods.h"
 
@@ -42,13 +42,13 @@ class KeptPaths {
 
   KeptLight light_ = {};
   size_t entries_;
-  std::unique_ptr<float[]> numbers_;
-  std::unique_ptr<uint32_t[]> touched_;
+  LargeArray<float> numbers_;
+  LargeArray<uint32_t> touched_;
   std::vector<int32_t> seen_;
   std::vector<float> balls_;
   std::vector<uint8_t> unlit_;
   std::vector<uint32_t> due_, doubtful_;
-  std::unique_ptr<float[]> fans_;
+  LargeArray<float> fans_;
   std::vector<float> soonest_;
   std::vector<uint32_t> met_;
   std::vector<uint8_t> changed_;

@@ -118,6 +118,17 @@ inline void join(const Frame& f, const PathFrame& p, Due& due, int x, int y, int
   if (due.waiting.count == LANES) trace_due(f, p, due);
 }
 
+// Brings what add_units will read near: as many arrays at once are too many for the processor to
+// foresee.
+inline void bring_units_near(const KeptLight& kept, int x, int y) {
+  for (int u = 0; u < kept.units; u++) {
+    long at = (static_cast<long>(y) * kept.units + u) * kept.columns + x;
+    for (const float* light : kept.light) {
+      for (int i = 0; i < LANES; i += 16) __builtin_prefetch(light + at + i);
+    }
+  }
+}
+
 // The light of pixels side by side, from all their units, as trace_paths adds it up.
 inline void add_units(const Frame& f, const KeptLight& kept, int x, int y, const Outputs& out) {
   Float mean[3];

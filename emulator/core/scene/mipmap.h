@@ -5,12 +5,13 @@
 #include <cstdint>
 #include <vector>
 
+#include "large_pages.h"
 #include "scene.h"
 
 namespace evs {
 
 struct Chain {
-  std::vector<float> texels;
+  std::vector<float, LargePages<float>> texels;
   Texture layout = {};  // `texels` is set by view()
 
   Texture view() const {

@@ -48,6 +48,8 @@ struct Rod {
 // there is none, below 0: it was barred.
 constexpr int FAN_RAYS = 3, FAN_WORDS = 4 + 4 * FAN_RAYS;
 
+constexpr int MOST_SINGLE = 32;  // samples a pixel that are kept one by one
+
 // What is kept of every unit of a pixel's samples while the camera stands: its light, and how far
 // everything may move until one of its rays could meet something else. A unit is one sample, or a
 // block of them whose light is added up before it joins the sum.
