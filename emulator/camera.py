@@ -227,15 +227,12 @@ class Camera:
         """What falls on the sensor at `snapshot`: the half of `observe` that remembers no event.
 
         May be called in another thread than the rest, ahead of it, snapshot by snapshot. In: into,
-        (h, w) where to copy the light to; without it, it is valid until the next call.
+        (h, w) where the light goes; without it, it is valid until the next call.
         """
         pose = snapshot.cameras[self._place]
         with self._tracing:
-            luminance = self._renderer.render(snapshot, pose)
+            luminance = self._renderer.render(snapshot, pose, into)
             traced = float(self._renderer.traced_fraction)
-        if into is not None:
-            np.copyto(into, luminance)
-            luminance = into
         self._meter.lap("render")
         return Lit(snapshot, pose, luminance, traced)
 

@@ -27,10 +27,10 @@ class NoMeter:
 class Renderer(Protocol):
     """Light: a snapshot in, linear luminance out."""
 
-    def render(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
+    def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
         """(h, w) float32 linear luminance (BT.709 weights), 1 is white paper in unit light.
 
-        The array is valid until the next call.
+        In: into, (h, w) where it goes; without it the array is valid until the next call.
         """
 
     def reseed(self, seed: int) -> None:

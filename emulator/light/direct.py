@@ -101,10 +101,14 @@ class DirectRenderer:
             isa=config.isa,
         )
 
-    def render(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
-        """(h, w) float32 linear luminance; the array is this renderer's own and reused."""
-        self._caster.render(*self._place(snapshot, pose), self._luminance, self._rgb, self._noise)
-        return self._luminance
+    def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
+        """(h, w) float32 linear luminance.
+
+        In: into, where it goes; without it the array is this renderer's own and reused.
+        """
+        placed = self._place(snapshot, pose)
+        self._caster.render(*placed, self._luminance, self._rgb, self._noise, into)
+        return self._luminance if into is None else into
 
     def reseed(self, seed: int) -> None:
         """Nothing here follows from a seed."""

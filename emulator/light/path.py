@@ -33,10 +33,10 @@ class PathRenderer(DirectRenderer):
         super().__init__(scene, camera, config, threads, rgb, switches)
         self._seed, self._fresh = seed, config.seeds == "fresh"
 
-    def render(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
-        """(h, w) float32 linear luminance; the array is this renderer's own and reused."""
+    def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
+        """As of the direct renderer, with the noise of this instant."""
         self._noise = self._noise_of(snapshot)
-        return super().render(snapshot, pose)
+        return super().render(snapshot, pose, into)
 
     def reseed(self, seed: int) -> None:
         """The noise follows from `seed` from the next call on."""

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <atomic>
-#include <chrono>
 #include <condition_variable>
 #include <exception>
 #include <functional>
@@ -66,9 +65,7 @@ class Pool {
     work(task, jobs, 0);
     if (jobs > 1 && count_ > 1) {
       // the rest of a worker's last job is mostly shorter than to sleep and to be woken
-      const auto until = std::chrono::steady_clock::now() + kShort;
-      while (busy_.load() > 0 && std::chrono::steady_clock::now() < until) {
-      }
+      for (int turn = 0; turn < kTurns && busy_.load() > 0; turn++) relax();
       std::unique_lock lock(mutex_);
       // a worker that has not woken yet, because others keep the cores busy, is not waited for
       task_ = nullptr;
@@ -78,7 +75,15 @@ class Pool {
   }
 
  private:
-  static constexpr std::chrono::microseconds kShort{30};
+  static constexpr int kTurns = 2000;  // some 30 us
+
+  static void relax() {
+#if defined(__x86_64__)
+    __builtin_ia32_pause();
+#elif defined(__aarch64__)
+    asm volatile("yield");
+#endif
+  }
 
   void work(const std::function<void(int, int)>& task, int jobs, int worker) {
     FlushDenormals flush;

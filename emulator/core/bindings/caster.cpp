@@ -9,6 +9,7 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <array>
 #include <optional>
 
@@ -169,16 +170,21 @@ void set_light_gains(BoundCaster& b, In<float, N> gains) {
 void render(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
             In<double, N, 3> light_pos, In<double, N, 3> light_dir, In<double, 3> camera_pos,
             In<double, 9> camera_mat, Out<float, N, N> luminance,
-            std::optional<Out<float, N, N, 3>> rgb, int seed) {
+            std::optional<Out<float, N, N, 3>> rgb, int seed,
+            std::optional<Out<float, N, N>> copy) {
   require(luminance.shape(0) == b.height && luminance.shape(1) == b.width,
           "luminance is (height, width)");
   require(!rgb || b.rgb, "colour is given only by a caster that was made with rgb");
   require(!rgb || (rgb->shape(0) == b.height && rgb->shape(1) == b.width),
           "rgb is (height, width, 3)");
+  require(!copy || (copy->shape(0) == b.height && copy->shape(1) == b.width),
+          "copy is (height, width)");
   Poses poses = checked_poses(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
   poses.seed = seed;
   nb::gil_scoped_release release;
   b.caster.render(poses, luminance.data(), rgb ? rgb->data() : nullptr);
+  // here, where no other thread of Python waits for it
+  if (copy) std::copy_n(luminance.data(), b.height * b.width, copy->data());
 }
 
 void trace_truth(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
@@ -276,8 +282,9 @@ void bind_caster(nb::module_& m) {
           "render", &render, nb::arg("geom_pos"), nb::arg("geom_mat"), nb::arg("light_pos"),
           nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"), nb::arg("luminance"),
           nb::arg("rgb").none() = nb::none(), nb::arg("seed") = 0,
+          nb::arg("copy").none() = nb::none(),
           "luminance (h, w) and rgb (h, w, 3) float32 must be the same arrays, untouched, in every "
-          "call.")
+          "call. copy: (h, w) float32, where the luminance goes as well.")
       .def("trace_truth", &trace_truth, nb::arg("geom_pos"), nb::arg("geom_mat"),
            nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
            nb::arg("geom"), nb::arg("distance"), nb::arg("point"), nb::arg("normal"),

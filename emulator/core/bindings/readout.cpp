@@ -56,7 +56,9 @@ class ReadoutBinding {
     std::vector<Event> out, left;
     std::vector<int64_t> moments;
     {
-      nb::gil_scoped_release release;
+      // a few take less time than to get the lock back from a thread that took it meanwhile
+      std::optional<nb::gil_scoped_release> release;
+      if (events.shape(0) + waiting.shape(0) > kFew * sizeof(Event)) release.emplace();
       readout_.step(reinterpret_cast<const Event*>(events.data()), events.shape(0) / sizeof(Event),
                     numbers, requests, t_begin_us, t_end_us, out);
       left.reserve(requests.size());
@@ -72,6 +74,8 @@ class ReadoutBinding {
   }
 
  private:
+  static constexpr size_t kFew = 1000;
+
   Readout readout_;
 };
 

@@ -71,12 +71,16 @@ class RasterRenderer:
             if mesh in scene.deforming
         ]
 
-    def render(self, snapshot: SceneSnapshot, pose: CameraPose) -> F32:
-        """(h, w) float32 linear luminance; the array is this renderer's own and reused."""
-        self._draw(snapshot, pose, self._luminance, False)
+    def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
+        """(h, w) float32 linear luminance.
+
+        In: into, where it goes; without it the array is this renderer's own and reused.
+        """
+        luminance = self._luminance if into is None else into
+        self._draw(snapshot, pose, luminance, False)
         if self._share is not None:
-            self._luminance *= self._share
-        return self._luminance
+            luminance *= self._share
+        return luminance
 
     def reseed(self, seed: int) -> None:
         """Nothing here follows from a seed."""
