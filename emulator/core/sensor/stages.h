@@ -55,22 +55,24 @@ EVS_ALWAYS_INLINE size_t to_log_light(const PixelStep& step, size_t first, size_
   const float* __restrict last = step.arrays.last_luminance + first;
   const float* __restrict last_log = step.arrays.last_log + first;
   const float largest = step.settings.average ? kLargestMean : kLargest;
-  uint32_t clamped = 0;
-  if (plain) {
+  if (plain && !step.settings.average) {
     for (size_t i = 0; i < count; i++) {
       s.light[i] = luminance[i];
       s.dn[i] = to_dn(map, luminance[i]);
     }
-  } else {
-    for (size_t i = 0; i < count; i++) {
-      const float new_light = luminance[i];
-      const float old_light = last[i];
-      const float dn = to_dn(map, new_light);
-      const bool usable = is_light(new_light, dn) & (new_light <= largest);
-      s.light[i] = choose(usable, new_light, old_light);
-      s.dn[i] = dn;
-      clamped += usable ? 0u : 1u;
-    }
+    for (size_t i = 0; i < count; i++) s.part[i] = log_part<kind>(map, s.dn[i]);
+    for (size_t i = 0; i < count; i++) s.log[i] = with_log_part<kind>(map, s.dn[i], s.part[i]);
+    return 0;
+  }
+  uint32_t clamped = 0;
+  for (size_t i = 0; i < count; i++) {
+    const float new_light = luminance[i];
+    const float old_light = last[i];
+    const float dn = to_dn(map, new_light);
+    const bool usable = is_light(new_light, dn) & (new_light <= largest);
+    s.light[i] = choose(usable, new_light, old_light);
+    s.dn[i] = dn;
+    clamped += usable ? 0u : 1u;
   }
   const float* light = s.light;
   if (step.settings.average) {
