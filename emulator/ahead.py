@@ -16,6 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from evs.emulator.camera import Camera
+from evs.emulator.lines import on_lines
 from evs.emulator.lit import Lit
 from evs.emulator.loop import World
 from evs.emulator.scene import F32
@@ -180,4 +181,5 @@ def ahead(world: World, ticks: int, meter: TickMeter, depth: int) -> Iterator[Wo
 
 def _room(cameras: Sequence[Camera]) -> Room:
     """Room for the light of each."""
-    return [np.zeros((one.info.height, one.info.width), np.float32) for one in cameras]
+    shapes = [(one.info.height, one.info.width) for one in cameras]
+    return [on_lines(np.zeros(shape, np.float32)) for shape in shapes]

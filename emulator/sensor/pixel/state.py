@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from evs.emulator.lines import on_lines
 from evs.emulator.scene import F32, F64
 from evs.emulator.sensor.parameters import SensorParameters
-from evs.emulator.sensor.pixel.lines import on_lines
 from evs.emulator.sensor.saved import same_bytes
 from evs.emulator.sensor.terms import SensorTerms
 from evs.msgs import EvsError
