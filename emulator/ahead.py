@@ -19,7 +19,7 @@ from evs.emulator.camera import Camera
 from evs.emulator.lines import on_lines
 from evs.emulator.lit import Lit
 from evs.emulator.loop import World
-from evs.emulator.scene import F32
+from evs.emulator.scene import F32, SceneSnapshot
 from evs.msgs import EventPacket, EvsError
 
 MOST_BYTES = 256 * 2**20
@@ -93,7 +93,7 @@ class Ahead:
             raise EvsError("light is no longer made ahead: it was closed; make another run of it")
         if self._thread is None:
             # cameras take their reference in the first, which is nobody else's yet
-            tick = self._light(self._used)
+            tick = self._light(self._world.advance(), self._used)
             self._thread = Thread(target=self._make, name="evs light", daemon=True)
             self._thread.start()
         elif self._done == self._ticks:
@@ -124,23 +124,33 @@ class Ahead:
             self._thread.join()
 
     def _make(self) -> None:
-        """What the thread does."""
-        for _ in range(1, self._ticks):
-            room = self._free.get()
-            if self._closing:
-                return
-            try:
-                self._meter.begin_tick()
-                tick = self._light(room)
-                self._meter.end_tick()
-            except BaseException as error:  # whatever it is, the run loop has to hear of it
-                tick = _Tick(error=error)
-            self._made.put((tick, room))
-            if tick.error is not None:
-                return
+        """What the thread does.
 
-    def _light(self, room: Room) -> _Tick:
-        snapshot = self._world.advance()
+        Physics goes one tick further before light is handed over: who takes it wants Python's lock,
+        and that is free for long only while the next light is made.
+        """
+        made: tuple[_Tick, Room] | None = None
+        try:
+            for _ in range(1, self._ticks):
+                self._meter.begin_tick()
+                snapshot = self._world.advance()
+                if made is not None:
+                    self._made.put(made)
+                    made = None
+                room = self._free.get()
+                if self._closing:
+                    return
+                self._meter.skip()
+                made = self._light(snapshot, room), room
+                self._meter.end_tick()
+            if made is not None:
+                self._made.put(made)
+        except BaseException as error:  # whatever it is, the run loop has to hear of it
+            if made is not None:
+                self._made.put(made)
+            self._made.put((_Tick(error=error), []))
+
+    def _light(self, snapshot: SceneSnapshot, room: Room) -> _Tick:
         pairs = zip(self._world.cameras, room, strict=True)
         lit = tuple([camera.light(snapshot, into) for camera, into in pairs])
         return _Tick(self._world.start_us + snapshot.t_us, lit)
