@@ -174,7 +174,7 @@ EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t 
     draw_candidates(step.settings.shot, {arrays.shot.next + block, arrays.shot.count + block},
                     block, count, step.shot_bounds[block], step.tick.begin_us, end_us, shots);
   }
-  const Light seen = look(step.tick.luminance + first, last_luminance, step.plain, count);
+  const BlockLight seen = look(step.tick.luminance + first, last_luminance, step.plain, count);
   bool moved = seen.moved;
   const bool due = arrays.due_us != nullptr && arrays.due_us[block] < end_us;
   if (!moved && !due) {

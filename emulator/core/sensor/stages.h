@@ -29,12 +29,13 @@ struct Scratch {
 };
 
 // How a block's light differs from its last.
-struct Light {
+struct BlockLight {
   bool moved;  // a pixel's changed, or is none
   bool plain;  // all of it is below `plain`, and not negative
 };
 
-EVS_ALWAYS_INLINE Light look(const float* luminance, const float* last, float plain, size_t count) {
+EVS_ALWAYS_INLINE BlockLight look(const float* luminance, const float* last, float plain,
+                                  size_t count) {
   uint32_t changed = 0;
   uint32_t most = 0;
   for (size_t i = 0; i < count; i++) {
