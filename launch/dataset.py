@@ -41,8 +41,8 @@ SHORT_SHARD_S = 0.05
 
 EXAMPLES = """\
 examples:
-  evs dataset out/etscenes                          six scenes, 90 s in all: 37 hours of a core
-  evs dataset out/sharp --renderer direct           the same without bounced light: 1.6 hours
+  evs dataset out/etscenes                          six scenes, 90 s in all: 33 hours of a core
+  evs dataset out/sharp --renderer direct           the same without bounced light: 1 hour
   evs dataset out/small --short                     the same in a minute: a tenth of a second each
   evs dataset out/night --scenes street,tunnel --workers 8
   evs dataset out/arm --scene robot.xml --camera wrist --duration 5 --renderer direct

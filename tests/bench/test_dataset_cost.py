@@ -59,7 +59,9 @@ def test_cost_of_a_scene_second(way: str, tmp_path: Path) -> None:
     )
     total = 0.0
     for name in names():
-        common = [("threads", "1"), ("begin_s", f"{BEGIN_S}"), ("frames.fps", "60"), *keys]
+        # what the camera sees before the recording is paid once a scene
+        common = [("threads", "1"), ("begin_s", f"{BEGIN_S}"), ("settle_s", "0")]
+        common += [("frames.fps", "60"), *keys]
         scene = named(name, [*common, ("duration_s", f"{TICKS / 1000}")])
         take = take_of(name, scene)
         begin_s = lead_up(take)
