@@ -130,6 +130,7 @@ class Ahead:
         and that is free for long only while the next light is made.
         """
         made: tuple[_Tick, Room] | None = None
+        failure: BaseException | None = None
         try:
             for _ in range(1, self._ticks):
                 self._meter.begin_tick()
@@ -143,12 +144,12 @@ class Ahead:
                 self._meter.skip()
                 made = self._light(snapshot, room), room
                 self._meter.end_tick()
-            if made is not None:
-                self._made.put(made)
         except BaseException as error:  # whatever it is, the run loop has to hear of it
-            if made is not None:
-                self._made.put(made)
-            self._made.put((_Tick(error=error), []))
+            failure = error
+        if made is not None:
+            self._made.put(made)
+        if failure is not None:
+            self._made.put((_Tick(error=failure), []))
 
     def _light(self, snapshot: SceneSnapshot, room: Room) -> _Tick:
         pairs = zip(self._world.cameras, room, strict=True)

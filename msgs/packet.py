@@ -14,15 +14,7 @@ import msgpack
 import numpy as np
 
 from evs.msgs.event import EVENT_DTYPE, Events, clean_events, empty_events
-from evs.msgs.fields import (
-    MAX_INT64,
-    MAX_NAME_BYTES,
-    MAX_PIXELS,
-    MessageError,
-    integer,
-    name,
-    shown,
-)
+from evs.msgs.fields import MAX_INT64, MAX_PIXELS, MessageError, integer, name, shown
 from evs.msgs.labels import Labels
 
 ENCODING = "evs16"
@@ -232,8 +224,6 @@ def unpackb(header: bytes, most: int = MAX_HEADER_BYTES) -> dict[str, Any]:
 
 def _checked(fields: dict[str, Any]) -> dict[str, Any]:
     """The fields of a packet header, every value of the right type and in its range."""
-    if _is_plain(fields):
-        return fields
     if fields.get("encoding") != ENCODING:
         raise MessageError(f"packet encoding {shown(fields.get('encoding'))} is not {ENCODING!r}")
     if fields.get("is_bigendian") is not False:
@@ -247,25 +237,3 @@ def _checked(fields: dict[str, Any]) -> dict[str, Any]:
     integer(fields, "height", 1, MAX_PIXELS)
     name(fields, "camera")
     return fields
-
-
-def _is_plain(fields: dict[str, Any]) -> bool:
-    """Whether the header is as ours are, at one look: what is not may still be right."""
-    base, end, camera = fields.get("time_base"), fields.get("time_end"), fields.get("camera")
-    seq, width, height = fields.get("seq"), fields.get("width"), fields.get("height")
-    return (
-        type(seq) is type(base) is type(end) is type(width) is type(height) is int
-        and 0 <= seq <= MAX_INT64
-        and -MAX_INT64 <= base <= end <= MAX_INT64
-        and 0 < width <= MAX_PIXELS
-        and 0 < height <= MAX_PIXELS
-        and type(camera) is str
-        and 0 < len(camera) <= _SURELY_SHORT
-        and camera.isprintable()
-        and fields.get("encoding") == ENCODING
-        and fields.get("is_bigendian") is False
-    )
-
-
-_SURELY_SHORT = MAX_NAME_BYTES // 4
-"""letters of a name: none takes more than 4 bytes"""

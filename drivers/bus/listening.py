@@ -32,7 +32,7 @@ class Listener:
         self._context: Context | None = Context()
         self._connections: list[Socket] = []
         self._handshakes: Handshakes | None = None
-        # the system's own, with a socket's descriptor: a fifth of what ZeroMQ's takes
+        # the system's own, with a socket's descriptor: it takes far less than ZeroMQ's
         self._poller = select.poll()
         self._stirred: set[Socket] = set()
         """with news since nothing was left in them; a descriptor tells of each only once"""
