@@ -52,23 +52,25 @@ def said_in(line: str) -> dict[str, Any]:
     return said if isinstance(said, dict) else {}
 
 
-def said_of(lines: Sequence[str], prefix: str) -> tuple[dict[str, Any] | None, str]:
-    """What our line of a header says, None without one; the text of the other lines.
+def said_of(lines: Sequence[str], prefix: str, chip: str) -> tuple[dict[str, Any] | None, str]:
+    """What our line of a header says, None without one; the chip's name, empty without one.
 
-    In: prefix, what our line begins with, before its JSON.
+    In: prefix, what our line begins with, before its JSON; chip, what the line begins with that
+    names the chip. Of several lines the first counts.
     """
-    ours = [line.removeprefix(prefix) for line in lines if line.startswith(prefix)]
-    text = "\n".join(line for line in lines if not line.startswith(prefix))
-    return said_in(ours[0]) if ours else None, text
+    ours = next((line.removeprefix(prefix) for line in lines if line.startswith(prefix)), None)
+    name = next((line.removeprefix(chip) for line in lines if line.startswith(chip)), "")
+    return None if ours is None else said_in(ours), name.strip()
 
 
 def stream_from(
-    said: dict[str, Any] | None, header: str, frames: bool = False, imu: bool = False
+    said: dict[str, Any] | None, chip: str, frames: bool = False, imu: bool = False
 ) -> StreamInfo:
     """The stream of a header: of our JSON, else of a chip's name. 0 x 0 px: it says no size.
 
-    In: said, our line; header, the text of the others; frames, imu, whether the format holds them,
-    so that our line is right about them.
+    In: said, our line; chip, what the format's own line calls it, empty without one (other lines
+    may name other cameras); frames, imu, whether the format holds them, so that our line is right
+    about them.
     """
     plain = StreamInfo(0, 0, sensor="unknown")
     stream = said_stream(said, plain)
@@ -76,6 +78,6 @@ def stream_from(
         frames, imu = frames and stream.frames, imu and stream.imu
         return dataclasses.replace(stream, frames=frames, imu=imu, triggers=False)
     for name, (width, height) in CHIPS.items():
-        if name in header.upper():
+        if name in chip.upper():
             return StreamInfo(width, height, sensor=name.lower())
     return plain

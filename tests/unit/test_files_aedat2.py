@@ -225,6 +225,20 @@ def test_the_size_is_that_of_the_smallest_davis_that_fits(tmp_path: Path) -> Non
         assert files.read(path)[["x", "y"]].tolist() == [(size[0] - 1 - x, size[1] - 1 - y)]
 
 
+def test_only_the_chips_own_line_names_the_camera(tmp_path: Path) -> None:
+    # jAER writes its preferences behind it, those of other cameras too
+    header = (
+        b"#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n"
+        b'#  <node name="davis"><entry key="Davis346blue.ADC" value="true"/></node>\r\n'
+        b'#  <entry key="ch.unizh.ini.jaer.chip.retina.DVS128.size" value="1"/>\r\n'
+    )
+    path = written(tmp_path / "a.aedat", word(179 << 22 | 239 << 12 | 1 << 11, 5), header=header)
+    events = files.read(path)
+    assert (events.stream.width, events.stream.height) == (240, 180)
+    assert events.tolist() == [(5, 0, 0, 1)]
+    assert events.stream.sensor == "davis240"
+
+
 def test_older_files_and_others_are_refused_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "a.aedat"
     for data in (

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from evs.drivers.files.aedat2.davis import ApsWords, ImuWords
 from evs.drivers.files.aedat2.layout import (
     APS,
+    CHIP,
     EXTERNAL,
     IMU,
     MAGIC,
@@ -61,16 +62,16 @@ class Aedat2File(MixedFile):
         lines, words_at = header_lines(data)
         if not lines:
             raise EvsError(f"{found} is not a readable AEDAT2 file: its first line is damaged")
-        said, text = said_of(lines, SAID)
+        said, chip = said_of(lines, SAID, CHIP)
         base, part = (said or {}).get("time_base_us", 0), (said or {}).get("part")
         opened = cls(
             path=found,
-            stream=stream_from(said, text),
+            stream=stream_from(said, chip),
             size=found.stat().st_size,
             words_at=words_at,
             base_us=base if isinstance(base, int) and 0 <= base < 1 << 61 else 0,
             part=part - 1 if isinstance(part, int) and part > 0 else None,
-            is_davis=said is not None or "DVS128" not in text.upper().replace("DAVIS128", ""),
+            is_davis=said is not None or "DVS128" not in chip.upper(),
         )
         stream = opened.stream
         fits = 0 < stream.width <= MAX_WIDTH and 0 < stream.height <= MAX_HEIGHT

@@ -25,6 +25,8 @@ import numpy as np
 MAGIC = b"#!AER-DAT3.1"
 END = b"#!END-HEADER"
 SAID = "#evs "
+SOURCE = "#Source "
+"""Of the line that names the camera, behind its number."""
 SPAN_US = 1 << 31
 
 SPECIAL, POLARITY, FRAME, IMU6, IMU9 = range(5)

@@ -25,6 +25,7 @@ from evs.drivers.files.aedat3.layout import (
     OTHERS,
     POLARITY,
     SAID,
+    SOURCE,
     Head,
     read_head,
 )
@@ -71,10 +72,10 @@ class Aedat3File(MixedFile):
                 f"{found} is compressed in a way that we do not know ({shown}; known: "
                 f"{', '.join(FORMATS)}): write it again as RAW"
             )
-        said, text = said_of(lines, SAID)
+        said, source = said_of(lines, SAID, SOURCE)
         opened = cls(
             path=found,
-            stream=stream_from(said, text, frames=True, imu=True),
+            stream=stream_from(said, source, frames=True, imu=True),
             size=found.stat().st_size,
             compression="none" if compression == "RAW" else compression,
             packets_at=at,
