@@ -54,6 +54,7 @@ from evs.msgs.trigger import (
     TriggerPacket,
     Triggers,
     empty_triggers,
+    external_triggers,
     frame_triggers,
     make_triggers,
 )
@@ -126,6 +127,7 @@ __all__ = [
     "encode_state",
     "encode_status",
     "encode_truth",
+    "external_triggers",
     "frame_triggers",
     "join_events",
     "make_events",

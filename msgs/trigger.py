@@ -67,6 +67,19 @@ def make_triggers(marks: Iterable[tuple[int, int]]) -> Triggers:
     return np.array(sorted(marks, key=lambda mark: mark[0]), TRIGGER_DTYPE)
 
 
+def external_triggers(t_us: Any, rising: Any) -> Triggers:
+    """(n,) edges at a camera's connector, as unsorted as they were. In: stamps, whether they rise.
+
+    Cameras with several inputs number them; all are edges here, whichever input they came from.
+    """
+    triggers = empty_triggers(len(t_us))
+    triggers["t"] = t_us
+    triggers["kind"] = np.where(
+        rising, Trigger.EXTERNAL_SIGNAL_RISING_EDGE, Trigger.EXTERNAL_SIGNAL_FALLING_EDGE
+    )
+    return triggers
+
+
 def frame_triggers(frame: Frame) -> Triggers:
     """(4,) the instants of one frame, as a DAVIS marks them: its begin and end, its exposure's."""
     return make_triggers(

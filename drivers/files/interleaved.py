@@ -1,4 +1,4 @@
-"""Frames and IMU samples of a stream, put back between its events by their times."""
+"""Frames, IMU samples and triggers of a stream, put back between its events by their times."""
 
 from __future__ import annotations
 
@@ -7,22 +7,24 @@ from collections.abc import Iterator
 
 from evs.msgs import Events, Frame, ImuSamples, Triggers
 
-Message = Events | Frame | ImuSamples | Triggers
+Beside = Frame | ImuSamples | Triggers
+Message = Events | Beside
 
 MOST_WAITING = 64
-"""So many messages wait for the events of their time at most."""
+"""So many messages wait for the events of their time at most; a frame is large."""
 
 
 class Interleaved:
     """What lies beside events waits for those of its time, which their reader may hold back."""
 
-    def __init__(self) -> None:
-        self._waiting: list[tuple[int, Frame | ImuSamples]] = []
+    def __init__(self, most_waiting: int = MOST_WAITING) -> None:
+        self._most_waiting = most_waiting
+        self._waiting: list[tuple[int, Beside]] = []
 
-    def put(self, t_us: int, message: Frame | ImuSamples) -> Iterator[Frame | ImuSamples]:
+    def put(self, t_us: int, message: Beside) -> Iterator[Beside]:
         """Take a message whose time is t_us; gives those that waited too long."""
         insort(self._waiting, (t_us, message), key=lambda waiting: waiting[0])
-        if len(self._waiting) > MOST_WAITING:
+        if len(self._waiting) > self._most_waiting:
             yield self._waiting.pop(0)[1]
 
     def between(self, part: Events) -> Iterator[Message]:
@@ -32,7 +34,7 @@ class Interleaved:
             yield self._waiting.pop(0)[1]
         yield part
 
-    def rest(self) -> Iterator[Frame | ImuSamples]:
+    def rest(self) -> Iterator[Beside]:
         """All that still waits."""
         while self._waiting:
             yield self._waiting.pop(0)[1]

@@ -13,7 +13,7 @@ import numpy as np
 
 from evs.drivers.files.damage import Damage
 from evs.msgs import (
-    IMU_DTYPE,
+    EVENT_DTYPE,
     Events,
     Frame,
     ImuSamples,
@@ -111,10 +111,12 @@ class EventsFile(ABC):
 
 @dataclass
 class MixedFile(EventsFile):
-    """A RecordedFile that may hold frames and IMU samples too; a reader gives `_walked`."""
+    """A RecordedFile that may hold more than events; a reader gives `_walked`."""
 
     @abstractmethod
-    def _walked(self, events: bool, beside: bool) -> Iterator[Events | Frame | ImuSamples]:
+    def _walked(
+        self, events: bool, beside: bool
+    ) -> Iterator[Events | Frame | ImuSamples | Triggers]:
         """What is asked for, in the order recorded; the end sets `damage` and `left_out`."""
 
     def events(self) -> Iterator[Events]:
@@ -124,13 +126,15 @@ class MixedFile(EventsFile):
             yield message
 
     def messages(self) -> Iterator[Events | Frame | ImuSamples | Triggers]:
-        """Events, frames and IMU samples in the order recorded."""
-        yield from self._walked(events=True, beside=self.stream.frames or self.stream.imu)
+        """Events, frames, IMU samples and triggers in the order recorded."""
+        stream = self.stream
+        beside = stream.frames or stream.imu or stream.triggers
+        yield from self._walked(events=True, beside=beside)
 
     def beside(self) -> Iterator[Frame | ImuSamples | Triggers]:
-        """Frames and IMU samples alone."""
+        """Frames, IMU samples and triggers alone."""
         for message in self._walked(events=False, beside=True):
-            assert not isinstance(message, np.ndarray) or message.dtype == IMU_DTYPE
+            assert isinstance(message, Frame) or message.dtype != EVENT_DTYPE
             yield message
 
 

@@ -2,7 +2,8 @@
 
     0 CD_OFF, 1 CD_ON  bits 27-22 lower bits of the time, us; 21-11 x; 10-0 y: one event
     8 TIME_HIGH        bits 27-0: bits 33-6 of the time; wraps every 4.8 h
-Others (triggers, counters) say nothing of events and are passed over.
+    10 EXT_TRIGGER     bits 27-22 lower bits of the time; 12-8 input; bit 0: the edge rises
+Others (counters) say nothing of events and are passed over.
 """
 
 from __future__ import annotations
@@ -23,10 +24,11 @@ from evs.msgs.encodings.limits import (
 )
 from evs.msgs.encodings.wraps import told_between, unwrapped
 from evs.msgs.event import Events, empty_events
+from evs.msgs.trigger import Triggers, external_triggers
 
 EVT2 = EncodingLimits("EVT2", MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, LONGEST_US)
 
-_ON, _HIGH = 1, 8
+_ON, _HIGH, _TRIGGER = 1, 8, 10
 _LOW_BITS, _BITS = 6, 28
 _MASK = (1 << _BITS) - 1
 _BLOCK = 1 << 14
@@ -90,7 +92,11 @@ class Evt2State:
 
 
 def decode_evt2(
-    data: Any, state: Evt2State | None = None, *, time_origin_us: int = TIME_ORIGIN_US
+    data: Any,
+    state: Evt2State | None = None,
+    *,
+    time_origin_us: int = TIME_ORIGIN_US,
+    triggers: list[Triggers] | None = None,
 ) -> tuple[Events, Evt2State]:
     """The events in a piece of a stream, and the state to decode the next piece with.
 
@@ -104,8 +110,13 @@ def decode_evt2(
     highs = np.concatenate(
         [[state.high], unwrapped(words[is_high] & _MASK, state.high, _BITS)]
     ).astype(np.int64)
-    numbers = np.cumsum(is_high, dtype=np.int32)[is_event]
-    taken, high = words[is_event], highs[numbers]
+    numbers = np.cumsum(is_high, dtype=np.int32)
+    if triggers is not None and (is_trigger := kinds == _TRIGGER).any():
+        marks, high = words[is_trigger], highs[numbers[is_trigger]]
+        marks, high = marks[high >= 0], high[high >= 0]
+        t = (high << _LOW_BITS | (marks >> 22 & 0x3F)) - time_origin_us
+        triggers.append(external_triggers(t, marks & 1))
+    taken, high = words[is_event], highs[numbers[is_event]]
     events = empty_events(len(taken))
     events["t"] = (high << _LOW_BITS | (taken >> 22 & 0x3F)) - time_origin_us
     events["x"] = taken >> 11 & 0x7FF

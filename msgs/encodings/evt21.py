@@ -3,7 +3,8 @@
     0 EVT_NEG, 1 EVT_POS  bits 59-54 lower bits of the time, us; 53-43 x, a multiple of 32; 42-32 y;
                           31-0 which of the 32 pixels from x on have an event
     8 TIME_HIGH           bits 59-32: bits 33-6 of the time; wraps every 4.8 h
-Others (triggers, counters) say nothing of events and are passed over. Cameras with an IMX636 send
+    10 EXT_TRIGGER        bits 59-54 lower bits of the time; 44-40 input; bit 32: the edge rises
+Others (counters) say nothing of events and are passed over. Cameras with an IMX636 send
 the upper half of each word first ("legacy"). Source: Prophesee's description of the format.
 """
 
@@ -26,10 +27,11 @@ from evs.msgs.encodings.limits import (
 )
 from evs.msgs.encodings.wraps import told_between, unwrapped
 from evs.msgs.event import Events, empty_events
+from evs.msgs.trigger import Triggers, external_triggers
 
 EVT21 = EncodingLimits("EVT2.1", MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, LONGEST_US)
 
-_ON, _HIGH = 1, 8
+_ON, _HIGH, _TRIGGER = 1, 8, 10
 _LOW_BITS, _BITS = 6, 28
 _MASK = (1 << _BITS) - 1
 _TYPE, _LOW, _X, _Y = 60, 54, 43, 32
@@ -92,6 +94,7 @@ def decode_evt21(
     *,
     time_origin_us: int = TIME_ORIGIN_US,
     upper_first: bool = False,
+    triggers: list[Triggers] | None = None,
 ) -> tuple[Events, Evt21State]:
     """The events in a piece of a stream, and the state to decode the next piece with.
 
@@ -107,8 +110,13 @@ def decode_evt21(
     highs = np.concatenate(
         [[state.high], unwrapped(upper[is_high] & _MASK, state.high, _BITS)]
     ).astype(np.int64)
-    numbers = np.cumsum(is_high, dtype=np.int32)[is_vector]
-    taken, high = upper[is_vector], highs[numbers]
+    numbers = np.cumsum(is_high, dtype=np.int32)
+    if triggers is not None and (is_trigger := kinds == _TRIGGER).any():
+        marks, high = upper[is_trigger], highs[numbers[is_trigger]]
+        marks, high = marks[high >= 0], high[high >= 0]
+        t = (high << _LOW_BITS | (marks >> 22 & 0x3F)) - time_origin_us
+        triggers.append(external_triggers(t, marks & 1))
+    taken, high = upper[is_vector], highs[numbers[is_vector]]
     # one bit a pixel, word after word
     bits = np.unpackbits(valid[is_vector].astype("<u4").view(np.uint8), bitorder="little")
     pixels = np.flatnonzero(bits.view(np.bool_))

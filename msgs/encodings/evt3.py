@@ -7,7 +7,8 @@
     5 VECT_8       the same, 8 pixels
     6 TIME_LOW     bits 11-0 of the time, us
     8 TIME_HIGH    bits 23-12 of the time; wraps every 16.8 s
-Others (triggers, counters, padding) say nothing of events and are passed over.
+    10 EXT_TRIGGER bits 11-8 input, bit 0: the edge rises
+Others (counters, padding) say nothing of events and are passed over.
 """
 
 from __future__ import annotations
@@ -28,10 +29,11 @@ from evs.msgs.encodings.limits import (
 )
 from evs.msgs.encodings.wraps import told_between, unwrapped
 from evs.msgs.event import Events, empty_events, join_events
+from evs.msgs.trigger import Triggers, external_triggers
 
 EVT3 = EncodingLimits("EVT3", MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, LONGEST_US)
 
-_Y, _X, _BASE, _VECT_12, _VECT_8, _LOW, _HIGH = 0, 2, 3, 4, 5, 6, 8
+_Y, _X, _BASE, _VECT_12, _VECT_8, _LOW, _HIGH, _TRIGGER = 0, 2, 3, 4, 5, 6, 8, 10
 _BITS = 12
 _BLOCK = 1 << 14
 """Events encoded at once: their columns stay in the cache."""
@@ -112,27 +114,38 @@ class Evt3State:
 
 
 def decode_evt3(
-    data: Any, state: Evt3State | None = None, *, time_origin_us: int = TIME_ORIGIN_US
+    data: Any,
+    state: Evt3State | None = None,
+    *,
+    time_origin_us: int = TIME_ORIGIN_US,
+    triggers: list[Triggers] | None = None,
 ) -> tuple[Events, Evt3State]:
     """The events in a piece of a stream, and the state to decode the next piece with.
 
     In: data, any contiguous buffer of whole words (an odd last byte is not looked at); state as
-    the piece before left it, None at the start. Out: events (n,) in the order of the words, as
+    the piece before left it, None at the start; triggers, a list that takes the external triggers
+    of the piece, (m,), those of no time left out. Out: events (n,) in the order of the words, as
     unsorted as they were, with t = stamp - time_origin_us. Never raises for what the words say.
     """
     state = state or Evt3State()
     words = np.frombuffer(data, "<u2", memoryview(data).nbytes // 2)
     parts = []
     for start in range(0, len(words), _WORDS):
-        part, state = _piece(words[start : start + _WORDS], state, time_origin_us)
+        part, state = _piece(words[start : start + _WORDS], state, time_origin_us, triggers)
         parts.append(part)
     return parts[0] if len(parts) == 1 else join_events(parts), state
 
 
-def _piece(words: Words, state: Evt3State, time_origin_us: int) -> tuple[Events, Evt3State]:
+def _piece(
+    words: Words, state: Evt3State, time_origin_us: int, triggers: list[Triggers] | None
+) -> tuple[Events, Evt3State]:
     """decode_evt3 of not many words, at least one."""
     kinds = (words >> 12).astype(np.uint8)
     stamps, numbers, high, low = _times(words, kinds, state)
+    if triggers is not None and len(marks := np.flatnonzero(kinds == _TRIGGER)):
+        marks_t = stamps[numbers[marks]]
+        marks, marks_t = marks[marks_t >= 0], marks_t[marks_t >= 0]
+        triggers.append(external_triggers(marks_t - time_origin_us, words[marks] & 1))
     is_row = kinds == _Y
     rows = np.concatenate([[state.y], words[is_row] & 0x7FF]).astype(np.int16)
     is_vector = (kinds == _VECT_12) | (kinds == _VECT_8)

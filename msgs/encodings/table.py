@@ -17,6 +17,7 @@ from evs.msgs.encodings.fixed import (
 from evs.msgs.encodings.limits import TIME_ORIGIN_US, EncodingLimits
 from evs.msgs.errors import unknown
 from evs.msgs.event import Events
+from evs.msgs.trigger import Triggers
 
 PAYLOADS: dict[str, EncodingLimits] = {"evt3": EVT3, "libcaer": LIBCAER, "mono": MONO}
 """name of an encoding -> what it can hold"""
@@ -65,12 +66,19 @@ class PayloadReader:
         """Events so far that came before their time was told."""
         return self._state.skipped
 
-    def events(self, data: Any, time_base_ns: int) -> Events:
-        """The events of the next packet, (n,), as unsorted as they were. Never raises."""
+    def events(
+        self, data: Any, time_base_ns: int, triggers: list[Triggers] | None = None
+    ) -> Events:
+        """The events of the next packet, (n,), as unsorted as they were. Never raises.
+
+        In: triggers, a list that takes the packet's external triggers; only evt3 has them.
+        """
         if self.encoding == "mono":
             return decode_mono(data, time_base_ns)
         if self.encoding == "libcaer":
             return decode_libcaer(data, time_base_ns)
         origin = self.time_origin_us
-        events, self._state = decode_evt3(data, self._state, time_origin_us=origin)
+        events, self._state = decode_evt3(
+            data, self._state, time_origin_us=origin, triggers=triggers
+        )
         return events

@@ -43,6 +43,7 @@ from evs.msgs import (
     Frame,
     ImuSamples,
     StreamInfo,
+    Triggers,
     empty_events,
 )
 from evs.msgs.encodings import PAYLOADS, PayloadReader
@@ -53,7 +54,7 @@ PACKETS = (PACKET, "event_array_msgs/msg/EventArray")
 
 KINDS = (*ARRAYS, *PACKETS)
 
-Message = Events | Frame | ImuSamples
+Message = Events | Frame | ImuSamples | Triggers
 
 
 @dataclass
@@ -85,7 +86,7 @@ class BagFile(MixedFile):
         return opened
 
     def _walked(self, events: bool, beside: bool) -> Iterator[Message]:
-        """What is asked for, the events of one message sorted."""
+        """What is asked for, events and triggers of one message sorted."""
         left_out: dict[str, int] = {}
         readers: dict[str, PayloadReader] = {}
         pictures = Beside(self.topic.rpartition("/")[0], self.stream.camera, self.ros)
@@ -94,10 +95,14 @@ class BagFile(MixedFile):
             for found in self._found(walk):
                 self.position = found.at
                 try:
-                    if events and found.kind in KINDS:
+                    if found.kind in KINDS and (events or self.stream.triggers):
+                        marks: list[Triggers] = []
+                        part = self._events_of(found, walk, readers, left_out, marks)
                         yield from pictures.rest()
-                        part = self._events_of(found, walk, readers, left_out)
-                        if len(part):
+                        if beside and marks:
+                            told = np.concatenate(marks)
+                            yield told[np.argsort(told["t"], kind="stable")]
+                        if events and len(part):
                             yield part
                     elif beside:
                         yield from pictures.take(found, left_out)
@@ -110,13 +115,18 @@ class BagFile(MixedFile):
         self.damage, self.left_out = walk.damage, left_out
 
     def _events_of(
-        self, found: Found, walk: Walk, readers: dict[str, PayloadReader], left_out: dict[str, int]
+        self,
+        found: Found,
+        walk: Walk,
+        readers: dict[str, PayloadReader],
+        left_out: dict[str, int],
+        triggers: list[Triggers],
     ) -> Events:
-        """The events of one message, sorted; none for another topic's."""
+        """The events of one message, sorted; none for another topic's. `triggers` takes its."""
         if found.topic != self.topic:
             count(left_out, "messages with events of other topics")
             return empty_events()
-        events = self._taken(self._parsed(found), readers, left_out)
+        events = self._taken(self._parsed(found), readers, left_out, triggers)
         events, outside = on_sensor(events, self.stream.width, self.stream.height)
         if outside:
             walk.damage.packet(found.at, "events lie outside of the sensor", outside)
@@ -172,6 +182,23 @@ class BagFile(MixedFile):
         self.stream = dataclasses.replace(stream, **there, triggers=False)
         origin = ours.get("time_origin_us", 0)
         self.time_origin_us = origin if isinstance(origin, int) and abs(origin) < 1 << 53 else 0
+        # ours hold none
+        if not ours and getattr(first, "encoding", "") == "evt3":
+            self.stream = dataclasses.replace(self.stream, triggers=self._has_triggers())
+
+    def _has_triggers(self) -> bool:
+        """Whether any packet tells of an external trigger; up to the first."""
+        readers: dict[str, PayloadReader] = {}
+        marks: list[Triggers] = []
+        with self.path.open("rb") as file:
+            walk = Walk(file, self.size)
+            for found in self._found(walk):
+                if found.kind in PACKETS and found.topic == self.topic:
+                    with suppress(BadMessageError):
+                        self._taken(self._parsed(found), readers, {}, marks)
+                    if marks:
+                        return True
+        return False
 
     def _found(self, walk: Walk) -> Iterator[Found]:
         """Every message of the bag."""
@@ -196,7 +223,11 @@ class BagFile(MixedFile):
         return message
 
     def _taken(
-        self, message: Any, readers: dict[str, PayloadReader], left_out: dict[str, int]
+        self,
+        message: Any,
+        readers: dict[str, PayloadReader],
+        left_out: dict[str, int],
+        triggers: list[Triggers],
     ) -> Events:
         if isinstance(message, ArrayMessage):
             return message.events
@@ -206,4 +237,5 @@ class BagFile(MixedFile):
             return empty_events()
         if name not in readers:
             readers[name] = PayloadReader(name, time_origin_us=self.time_origin_us)
-        return readers[name].events(np.ascontiguousarray(message.events), int(message.time_base))
+        data = np.ascontiguousarray(message.events)
+        return readers[name].events(data, int(message.time_base), triggers)

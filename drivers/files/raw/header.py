@@ -36,6 +36,8 @@ class RawHeader:
     """its bytes"""
     upper_first: bool | None = None
     """of EVT2.1: an IMX636 sends the upper half of each word first; None: it does not say"""
+    ours: bool = False
+    """it is a recording of ours, which holds events alone"""
 
 
 def header_bytes(stream: StreamInfo, version: str, time_origin_us: int) -> bytes:
@@ -76,7 +78,9 @@ def parse_header(head: bytes) -> RawHeader:
     stream = dataclasses.replace(stream, frames=False, imu=False, triggers=False)
     order = parts.get("endianness")
     upper_first = None if order is None else order == "legacy"
-    return RawHeader(version, stream, int(origin) if known else 0, size, upper_first)
+    return RawHeader(
+        version, stream, int(origin) if known else 0, size, upper_first, STREAM in lines
+    )
 
 
 def _lines(head: bytes) -> tuple[dict[str, str], int]:

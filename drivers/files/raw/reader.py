@@ -12,15 +12,19 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from evs.drivers.files.damage import MAX_STAMP_US, Damage, on_sensor
+from evs.drivers.files.interleaved import Interleaved, Message
 from evs.drivers.files.ordered import InOrder
 from evs.drivers.files.raw.header import MAX_HEADER_BYTES, parse_header
-from evs.drivers.files.recorded import EventsFile
+from evs.drivers.files.recorded import MixedFile, by_tick
 from evs.drivers.files.recording import existing
-from evs.msgs import Events, EvsError
+from evs.msgs import Events, EvsError, Triggers
 from evs.msgs.encodings import decode_evt2, decode_evt3, decode_evt21
 
 _PIECE_BYTES = 1 << 18
 _UNTOLD = "events before the first time stamp, or too far right for the format,"
+_TRIGGER = 10
+"""type of the words that tell an external trigger, in each version"""
+_MOST_WAITING = 1 << 14
 _DECODERS: dict[str, tuple[Any, int]] = {
     "2.0": (decode_evt2, 4),
     "2.1": (decode_evt21, 8),
@@ -30,8 +34,8 @@ _DECODERS: dict[str, tuple[Any, int]] = {
 
 
 @dataclass
-class RawFile(EventsFile):
-    """One RAW file, opened with `RawFile.at(path)`. Triggers and counters are passed over."""
+class RawFile(MixedFile):
+    """One RAW file, opened with `RawFile.at(path)`. Counters are passed over."""
 
     version: str = ""
     """2.0, 2.1 or 3.0"""
@@ -68,16 +72,41 @@ class RawFile(EventsFile):
             opened.upper_first = opened._is_swapped() if told is None else told
         if not opened.stream.width:
             opened._find_size()
+        if not header.ours:
+            opened.stream = dataclasses.replace(opened.stream, triggers=opened._has_triggers())
         return opened
 
-    def events(self) -> Iterator[Events]:
-        """The events of each tick that has any (of 1 ms, where the file says none)."""
+    def _walked(self, events: bool, beside: bool) -> Iterator[Message]:
+        """The events of each tick that has any (of 1 ms, where the file says none), triggers."""
         damage = Damage(what="events")
-        order = InOrder(damage, self.stream)
-        for at, piece in self._pieces(damage):
-            yield from order.feed(piece, np.broadcast_to(np.int64(at), len(piece)))
-        yield from order.rest()
+        order, together = InOrder(damage, self.stream), Interleaved(_MOST_WAITING)
+        marks: list[Triggers] = []
+        for at, piece in self._pieces(damage, marks if beside else None):
+            while marks:
+                told = marks.pop(0)
+                told = told[np.argsort(told["t"], kind="stable")]
+                for part in by_tick(told, self.stream):
+                    yield from together.put(int(part["t"][-1]), part)
+            if events:
+                for part in order.feed(piece, np.broadcast_to(np.int64(at), len(piece))):
+                    yield from together.between(part)
+        for part in order.rest():
+            yield from together.between(part)
+        yield from together.rest()
         self.damage = damage
+
+    def _has_triggers(self) -> bool:
+        """Whether any word tells of one; up to the first."""
+        word, places = _DECODERS[self.version][1], 2 if self.version == "2.1" else 1
+        kind = f"<u{word // places}"
+        with self.path.open("rb") as file:
+            file.seek(self.begin)
+            while data := file.read(_PIECE_BYTES):
+                words = np.frombuffer(data, kind, len(data) // word * places)
+                upper = words[(places == 2 and not self.upper_first) :: places]
+                if (upper >> 8 * upper.itemsize - 4 == _TRIGGER).any():
+                    return True
+        return False
 
     def _is_swapped(self) -> bool:
         """Whether the first words of EVT2.1 tell the time in what should be their lower half."""
@@ -101,8 +130,13 @@ class RawFile(EventsFile):
             raise EvsError(f"{self.path} neither says the size of its sensor nor holds events")
         self.stream = dataclasses.replace(self.stream, width=width, height=height)
 
-    def _pieces(self, damage: Damage) -> Iterator[tuple[int, Events]]:
-        """Where each piece of the file begins, and its events, as unsorted as they are."""
+    def _pieces(
+        self, damage: Damage, triggers: list[Triggers] | None = None
+    ) -> Iterator[tuple[int, Events]]:
+        """Where each piece of the file begins, and its events, as unsorted as they are.
+
+        In: triggers, a list that takes those of each piece.
+        """
         decode, word = _DECODERS[self.version]
         if self.upper_first:
             decode = partial(decode, upper_first=True)
@@ -111,7 +145,9 @@ class RawFile(EventsFile):
         with self.path.open("rb") as file:
             file.seek(at)
             while data := file.read(_PIECE_BYTES):
-                piece, state = decode(data, state, time_origin_us=self.time_origin_us)
+                piece, state = decode(
+                    data, state, time_origin_us=self.time_origin_us, triggers=triggers
+                )
                 piece, outside = on_sensor(piece, width, height)
                 if outside:
                     damage.packet(at, f"outside of {width} x {height} px", outside)
