@@ -39,6 +39,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="leave out frames, IMU, triggers and labels that OUT cannot hold",
     )
+    parser.add_argument(
+        "--start",
+        choices=("shift", "keep"),
+        default="shift",
+        help="where OUT cannot hold the stamps (Unix time): let its clock begin at the first one, "
+        "and say so in its header (shift, the default), or refuse (keep)",
+    )
     add_single(parser)
     parser.add_argument(
         "--quiet", action="store_true", help="print nothing but warnings and errors"
@@ -62,6 +69,7 @@ def run(args: argparse.Namespace) -> int:
             args.format,
             events_only=args.events_only,
             single=args.single,
+            keep_start=args.start == "keep",
             progress=_step_by_step(moved, steps),
             **options,
         )
@@ -72,6 +80,8 @@ def run(args: argparse.Namespace) -> int:
     told = ", ".join(f"{count:,} {what}" for what, count in counts if count or what == "events")
     several = f" in {len(done.files)} files" if len(done.files) > 1 else ""
     print(f"{args.target}: {told}, {done.size / 1e6:.2f} MB{several}")
+    if done.start_us is not None:
+        print(f"start: its clock begins at {done.start_us} us; its header holds this offset")
     if done.left_out:
         left = ", ".join(f"{count:,} {what}" for what, count in done.left_out.items())
         print(f"left out: {left}")

@@ -14,8 +14,8 @@ from typing import Any
 from evs.drivers.files.formats import AnyPath, Format, Holds, to_read, to_write
 from evs.drivers.files.numbered import check_not_continued, part_path
 from evs.drivers.files.reading import messages_of, recorder_for
-from evs.drivers.files.recorded import RecordedFile
-from evs.drivers.files.recording import check_stamps, one_stream, target_error
+from evs.drivers.files.recorded import RecordedFile, part_us
+from evs.drivers.files.recording import check_stamps, fits, one_stream, target_error
 from evs.drivers.files.series import SeriesFile, opened_series
 from evs.drivers.sink import FrameSink, ImuSink, Sink, TriggerSink
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Labels, StreamInfo, TriggerPacket
@@ -42,6 +42,8 @@ class Converted:
     frames: int = 0
     imu_samples: int = 0
     triggers: int = 0
+    start_us: int | None = None
+    """what the target's clock begins at, since it cannot hold the stamps; None: they are kept"""
     left_out: dict[str, int] = field(default_factory=dict)
     """what was not written, since the target cannot hold it or we do not read it -> how many"""
     files: list[Path] = field(default_factory=list)
@@ -60,14 +62,19 @@ def convert(
     *,
     events_only: bool = False,
     single: bool = False,
+    keep_start: bool = False,
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> Converted:
     """Write all of `source` anew as `target`, whose ending (or `kind`) says the format.
 
     In: events_only, leave out what lies beside the events where the target cannot hold it;
-    single, only this file, where the recording goes on in further ones; progress, called with the
-    share of the source that is read; options of the target's recorder.
+    single, only this file, where the recording goes on in further ones; keep_start, refuse where
+    the target's clock would have to begin at the first stamp; progress, called with the share of
+    the source that is read; options of the target's recorder.
+
+    Where the target cannot hold the stamps, of Unix time above all, its clock begins at the first
+    one; its header says so, and our reader adds it.
 
     What the target cannot hold is refused before anything is written. The target appears once it is
     complete: an earlier file of that name stays until then, and for good where an error ends it.
@@ -78,7 +85,8 @@ def convert(
     target = Path(target)
     for path in file.paths if isinstance(file, SeriesFile) else [file.path]:
         _check_place(path, target)
-    stream, lacking = _fitting(file, wanted.holds)
+    holds = wanted.holding(options.get("encoding"))
+    stream, lacking = _fitting(file, holds)
     if lacking and not events_only:
         words = " and ".join(BESIDE[name] for name in lacking)
         raise EvsError(
@@ -86,18 +94,27 @@ def convert(
             "or convert to .aedat4"
         )
     called = wanted.called
-    stream = one_stream(target, [stream], wanted.holds, called)
+    stream = one_stream(target, [stream], holds, called)
     done = Converted(target, found, wanted)
     stored = messages_of(file)
     first = _first_events(stored)
     for message in first:
         if isinstance(message, EventPacket):
-            check_stamps(target, message.events, wanted.holds, called, stream)
+            shifted = _begun(message, holds, stream)
+            if shifted is not stream and keep_start:
+                raise EvsError(
+                    f"{target} cannot hold the stamps of {file.path}, from {message.events['t'][0]}"
+                    " us on: leave --start keep out, so that its clock begins there, or convert to "
+                    ".aedat4"
+                )
+            done.start_us = None if shifted is stream else shifted.start_us
+            stream = shifted
+            check_stamps(target, message.events, holds, called, stream)
     with _Place(target) as place:
         sink = recorder_for(place.path, kind=wanted.name, **options)
         try:
             sink.open([stream])
-            labels = file.labels if wanted.holds.labels else None
+            labels = file.labels if holds.labels else None
             for message in _labelled(chain(first, stored), labels):
                 _put(sink, message, done)
                 if progress is not None:
@@ -136,6 +153,19 @@ def _fitting(file: RecordedFile, holds: Holds) -> tuple[StreamInfo, list[str]]:
     lacking = [name for name, there in has.items() if there and not getattr(holds, name)]
     flags: dict[str, Any] = {name: False for name in lacking if name != "labels"}
     return replace(file.stream, **flags), lacking
+
+
+def _begun(first: EventPacket, holds: Holds, stream: StreamInfo) -> StreamInfo:
+    """The stream, with its begin just before the first events where else they do not fit."""
+    if fits(first.events, holds, stream) or not holds.from_start:
+        return stream
+    # where its ticks begin stays
+    each_us, before_us = part_us(stream.tick_us), int(first.events["t"][0]) - 1
+    start_us = before_us - (before_us - stream.start_us) % each_us
+    scene = stream.config.get("scene")
+    scene = {**(scene if isinstance(scene, dict) else {}), "start_us": start_us}
+    later = replace(stream, config={**stream.config, "scene": scene})
+    return later if fits(first.events, holds, later) else stream
 
 
 def _first_events(stored: Iterator[Message]) -> list[Message]:

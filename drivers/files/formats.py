@@ -8,8 +8,8 @@ recorders are imported when they are first asked for, since some need an extra.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,6 +53,8 @@ class Holds:
     """both count from the stream's begin (scene.start_us), as a camera's own clock does"""
     latest_us: int = 1 << 62
     """highest time stamp, wherever the stream begins"""
+    silence_us: int = 1 << 62
+    """the first event comes earlier than this after the stream's begin"""
     frames: bool = False
     """intensity frames beside the events"""
     imu: bool = False
@@ -84,6 +86,8 @@ class Format:
     holds: Holds = ANYTHING
     keys: tuple[str, ...] = ()
     """options of record: keys of its sink beside `file`"""
+    by_encoding: Mapping[str, Holds] = field(default_factory=dict)
+    """the option `encoding` -> what fits, where that is not `holds`"""
     also: tuple[str, ...] = ()
     """endings of other formats that its files may have too"""
     begins: Callable[[bytes], bool] | None = None
@@ -98,11 +102,14 @@ class Format:
         """Its name for people."""
         return self.title.partition(":")[0]
 
+    def holding(self, encoding: str | None) -> Holds:
+        """What fits with the option `encoding`; None: it is not given."""
+        return self.by_encoding.get(encoding or "", self.holds)
+
 
 _LAST_US = LONGEST_US - TIME_ORIGIN_US - 1
-_ROS = Holds(
-    first_us=0, last_us=_LAST_US, from_start=True, latest_us=LAST_ROS_US, frames=True, imu=True
-)
+_ROS = Holds(first_us=0, latest_us=LAST_ROS_US, frames=True, imu=True)
+_ROS_EVT3 = replace(_ROS, last_us=_LAST_US, from_start=True)
 _EVT = Holds(MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, 0, _LAST_US, from_start=True)
 
 FORMATS: tuple[Format, ...] = (
@@ -161,7 +168,7 @@ FORMATS: tuple[Format, ...] = (
         title="DAT: Prophesee's 8 bytes an event; survives a kill at any moment",
         open=kinds.open_dat,
         record=kinds.record_dat,
-        holds=Holds(MAX_SIDE_DAT_PX, MAX_SIDE_DAT_PX, 0),
+        holds=Holds(MAX_SIDE_DAT_PX, MAX_SIDE_DAT_PX, 0, from_start=True, silence_us=1 << 32),
     ),
     Format(
         name="hdf5",
@@ -179,7 +186,8 @@ FORMATS: tuple[Format, ...] = (
         open=kinds.open_bag,
         repair=kinds.repair_bag,
         record=kinds.record_rosbag2,
-        holds=_ROS,
+        holds=_ROS_EVT3,
+        by_encoding={"libcaer": _ROS, "mono": _ROS, "dvs": _ROS},
         keys=("encoding",),
         extra="ros2",
     ),
@@ -191,6 +199,7 @@ FORMATS: tuple[Format, ...] = (
         repair=kinds.repair_bag,
         record=kinds.record_rosbag1,
         holds=_ROS,
+        by_encoding={"evt3": _ROS_EVT3},
         keys=("encoding",),
         extra="ros2",
     ),

@@ -49,6 +49,7 @@ class GuardedRecorder(ABC):
         hidden = f".{os.getpid()}.{id(self)}.{self._path.name[-60:]}"
         self._temporary = self._path.parent / hidden
         self._format: Format = by_name(self.NAME)
+        self._holds = self._format.holds
         self._called = self._format.title.partition(":")[0]
         self._room: Room | None = None
         self._is_open = False
@@ -80,7 +81,7 @@ class GuardedRecorder(ABC):
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
         """Create the file. EvsError: a stream that does not fit, no place to write."""
-        self.stream = one_stream(self._path, streams, self._format.holds, self._called)
+        self.stream = one_stream(self._path, streams, self._holds, self._called)
         if self._path.is_dir():
             raise target_error(self._path, IsADirectoryError())
         try:
@@ -101,8 +102,7 @@ class GuardedRecorder(ABC):
         """Take one packet. EvsError where the disk does not."""
         self._check_open()
         if len(packet.events):
-            holds = self._format.holds
-            check_stamps(self._path, packet.events, holds, self._called, self.stream)
+            check_stamps(self._path, packet.events, self._holds, self._called, self.stream)
             self._check(packet.events)
             self._make_room(_EVENT_BYTES * len(packet.events))
             with self._faults():

@@ -155,14 +155,27 @@ def check_stamps(path: Path, events: Events, holds: Holds, title: str, stream: S
     if not len(events):
         return
     first, last = int(events["t"][0]), int(events["t"][-1])
-    start = stream.start_us if holds.from_start else 0
-    lowest, highest = holds.first_us + start, min(holds.last_us + start, holds.latest_us)
+    lowest, highest = _ends(holds, stream)
     if first < lowest or last > highest:
         bad = first if first < lowest else last
         raise EvsError(
             f"cannot record an event at {bad} us to {path}; {title} holds {lowest} ... "
             f"{highest} us, .aedat4 any time"
         )
+
+
+def fits(events: Events, holds: Holds, stream: StreamInfo) -> bool:
+    """Whether a recording with these first events, (n,) with n > 0 and sorted, can begin."""
+    first, last = int(events["t"][0]), int(events["t"][-1])
+    lowest, highest = _ends(holds, stream)
+    start = stream.start_us if holds.from_start else 0
+    return lowest <= first and last <= highest and first - start < holds.silence_us
+
+
+def _ends(holds: Holds, stream: StreamInfo) -> tuple[int, int]:
+    """The lowest and the highest stamp that a format holds of a stream."""
+    start = stream.start_us if holds.from_start else 0
+    return holds.first_us + start, min(holds.last_us + start, holds.latest_us)
 
 
 def target_error(path: Path, reason: OSError) -> EvsError:

@@ -1,4 +1,4 @@
-"""Streams that begin at a Unix time: every format but DAT holds them, also for other readers."""
+"""Streams that begin at a Unix time: every format holds them, also for other readers."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from evs.drivers import files
 from evs.drivers.files import formats
 from evs.drivers.files.recorded import by_tick
 from evs.drivers.ros2.gathering import Gatherer, check_start
+from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
 from evs.msgs.encodings import LAST_ROS_US, TIME_ORIGIN_US, PayloadReader
 
@@ -41,14 +42,8 @@ def recorded(path: Path, stream: StreamInfo, events: Events) -> Events:
 
 @pytest.mark.parametrize("kind", formats.FORMATS, ids=lambda kind: kind.name)
 @pytest.mark.parametrize("start_us", [0, 2**31, UNIX_US])
-def test_every_format_holds_it_or_says_so(
-    kind: formats.Format, start_us: int, tmp_path: Path
-) -> None:
+def test_every_format_holds_it(kind: formats.Format, start_us: int, tmp_path: Path) -> None:
     events, path = events_from(start_us), tmp_path / f"run{kind.suffixes[0]}"
-    if kind.name == "dat" and start_us == UNIX_US:
-        with pytest.raises(EvsError, match=r"record to \.aedat4"):
-            recorded(path, stream_of(start_us), events)
-        return
     assert np.array_equal(recorded(path, stream_of(start_us), events), events)
     # and what it is converted to
     other = tmp_path / "other.csv"
@@ -61,6 +56,44 @@ def test_the_clock_of_a_raw_file_begins_as_a_cameras(tmp_path: Path) -> None:
     recorded(path, stream_of(UNIX_US), events_from(UNIX_US))
     head = path.read_bytes().partition(b"% end\n")[0].decode()
     assert f"% evs_time_origin_us {TIME_ORIGIN_US - UNIX_US}\n" in head
+
+
+SHIFTED = {
+    "run.raw": "",
+    "run.evt2": "",
+    "run.evt21": "",
+    "run.dat": "",
+    "run.mcap": "",
+    "run.db3": "",
+    "run.bag": "evt3",
+}
+KEPT = {"a.mcap": "libcaer", "b.mcap": "mono", "c.db3": "dvs", "d.bag": "", "e.csv": "", "f.h5": ""}
+
+
+@pytest.mark.parametrize("name", SHIFTED | KEPT)
+def test_convert_shifts_the_start_only_where_the_stamps_do_not_fit(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    events, source, target = events_from(UNIX_US), tmp_path / "source.npz", tmp_path / name
+    # as another camera's recording: nothing says where it begins
+    np.savez(source, **{field: events[field] for field in "txyp"}, sensor_size=(64, 48))
+    encoding = (SHIFTED | KEPT)[name]
+    options = ["--encoding", encoding] if encoding else []
+    assert main(["convert", str(source), str(target), *options]) == 0
+    told = capsys.readouterr().out
+    assert files.read(target).tobytes() == events.tobytes()
+    assert main(["convert", str(target), str(tmp_path / "back.csv"), "--quiet"]) == 0
+    assert files.read(tmp_path / "back.csv").tobytes() == events.tobytes()
+    start_us = UNIX_US - 1000
+    line = f"start: its clock begins at {start_us} us; its header holds this offset\n"
+    assert (line in told) == (name in SHIFTED)
+    assert files.stream_of(target).start_us == (start_us if name in SHIFTED else 0)
+    # without it, what has to be shifted is refused in a line, and what was there stays
+    again = main(["convert", str(source), str(target), *options, "--start", "keep", "--quiet"])
+    assert again == (2 if name in SHIFTED else 0)
+    if name in SHIFTED:
+        assert "leave --start keep out" in capsys.readouterr().err
+    assert files.read(target).tobytes() == events.tobytes()
 
 
 def test_a_format_that_cannot_tell_a_time_refuses_it_without_its_begin(tmp_path: Path) -> None:

@@ -47,6 +47,7 @@ class _BagRecorder(GuardedRecorder):
         """In: encoding, evt3, libcaer or mono (event_camera_msgs), or dvs (dvs_msgs)."""
         super().__init__(path)
         load()
+        self._holds = self._format.holding(encoding)
         self._encoding = encoding
         self._payloads: PayloadWriter | None = None
         self._store: Any = None

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.drivers.files.damage import Damage, on_sensor
-from evs.drivers.files.dat.recorder import CHANGE_EVENTS, EVENT_BYTES, STREAM
+from evs.drivers.files.dat.recorder import CHANGE_EVENTS, EVENT_BYTES, START, STREAM
 from evs.drivers.files.formats import MAX_SIDE_PX
 from evs.drivers.files.header_text import head_of, said_in, stream_from
 from evs.drivers.files.ordered import InOrder
@@ -32,6 +32,8 @@ class DatFile(EventsFile):
     version: int = 2
     ordered: bool = False
     """it is ours: each fall of the time is a wrap"""
+    start_us: int = 0
+    """what its clock begins at"""
 
     @classmethod
     def at(cls, path: str | os.PathLike[str]) -> DatFile:
@@ -56,6 +58,7 @@ class DatFile(EventsFile):
             begin=begin + 2,
             version=int(version),
             ordered=said is not None,
+            start_us=_number(lines.get(START, "")),
         )
         if not stream.width:
             sides = [_side(lines.get(key, "")) for key in ("width", "height")]
@@ -85,6 +88,7 @@ class DatFile(EventsFile):
             file.seek(at)
             while len(data := file.read(_PIECE_BYTES)) >= EVENT_BYTES:
                 piece, state = decode_dat(data, state, version=self.version, ordered=self.ordered)
+                piece["t"] += self.start_us
                 yield at, piece
                 at += len(data)
                 self.position = at
@@ -114,5 +118,9 @@ def _lines(head: bytes) -> tuple[dict[str, str], int]:
 
 def _side(text: str) -> int:
     """Pixels; 0 where the text is no size."""
-    known = text.isascii() and text.isdigit() and len(text) < 6
-    return int(text) if known and 0 < int(text) <= MAX_SIDE_PX else 0
+    return side if (side := _number(text)) <= MAX_SIDE_PX else 0
+
+
+def _number(text: str) -> int:
+    """A whole number of at most 16 digits; 0 where the text is none."""
+    return int(text) if text.isascii() and text.isdigit() and len(text) < 17 else 0

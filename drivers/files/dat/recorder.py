@@ -8,28 +8,37 @@ from evs.msgs import Events, EvsError, StreamInfo
 from evs.msgs.encodings import encode_dat
 from evs.msgs.encodings.dat import WRAP_US
 
-STREAM = "evs_stream"
+STREAM, START = "evs_stream", "evs_start_us"
 CHANGE_EVENTS, EVENT_BYTES = 0x0C, 8
 """The two bytes between the header's lines and the events."""
 
 
 class DatRecorder(AppendingRecorder):
-    """A Sink that writes DAT, version 2; the StreamInfo is a line of the header."""
+    """A Sink that writes DAT, version 2; the StreamInfo is a line of the header.
+
+    The clock of a stream that begins too late for it counts from there; another line says so, and
+    our reader adds it.
+    """
 
     NAME = "dat"
 
     def _header(self, stream: StreamInfo) -> bytes:
         self._after_us = 0
+        self._origin_us = stream.start_us if stream.start_us >= WRAP_US else 0
         lines = {
             "Version": "2",
             "Width": str(stream.width),
             "Height": str(stream.height),
+            START: str(self._origin_us),
             STREAM: stream_json(stream),
         }
         text = "".join(f"% {key} {value}\n" for key, value in lines.items())
         return text.encode() + bytes([CHANGE_EVENTS, EVENT_BYTES])
 
     def _encoded(self, events: Events) -> bytes:
+        if self._origin_us:
+            events = events.copy()
+            events["t"] -= self._origin_us
         first_us = int(events["t"][0])
         if first_us < self._after_us:
             raise EvsError(
