@@ -154,13 +154,42 @@ def _still(
 def _film(
     out: Path, suffix: str, recording: Recording, playback: Playback, scale: int | None
 ) -> str:
-    from evs.drivers.pictures import clip_frames, speed_words, write_gif, write_mp4
+    from evs.drivers.pictures import (
+        MAX_FRAMES,
+        clip_frames,
+        events_between,
+        speed_words,
+        write_gif,
+        write_mp4,
+    )
 
+    count, most = playback.frame_count, MAX_FRAMES[suffix]
+    if count > most:
+        where = _silence(events_between(recording, playback.start_us, playback.stop_us))
+        other = ", or use .mp4" if most < count <= MAX_FRAMES[".mp4"] else ""
+        raise EvsError(
+            f"a film of {count} frames is too long (most of {suffix}: {most}): "
+            f"{where}show less (--start, --stop) or faster (--speed){other}"
+        )
     stream = recording.stream
     frames = clip_frames(recording, stream.width, stream.height, playback, scale)
     if suffix == ".gif":
         write_gif(out, frames, playback)
     else:
         write_mp4(out, frames, playback.fps)
-    count = playback.frame_count
     return f"{count} frames, {count / playback.fps:.2f} s at {speed_words(playback.speed)}"
+
+
+def _silence(events: Events) -> str:
+    """What to leave out where one gap is most of a recording, as a damaged stamp makes it."""
+    t = events["t"]
+    if len(t) < 2:
+        return ""
+    gaps = t[1:] - t[:-1]
+    place = int(gaps.argmax())
+    before_us, after_us = int(t[place]), int(t[place + 1])
+    if 2 * (after_us - before_us) < int(t[-1]) - int(t[0]):
+        return ""
+    first = place + 1 < len(t) / 2
+    fix = f"--start {(after_us - 1) / 1e6:.6f}" if first else f"--stop {before_us / 1e6:.6f}"
+    return f"no event from {before_us / 1e6:.6f} s to {after_us / 1e6:.6f} s, so give {fix}; else "

@@ -9,9 +9,10 @@ from evs.drivers.pictures.playback import Playback, span_us, speed_words
 from evs.drivers.pictures.preview import Shot, preview, shot_times
 from evs.drivers.pictures.tone import exposure_for, to_srgb8
 from evs.drivers.pictures.video import need_video, write_mp4
-from evs.drivers.pictures.writers import SUFFIXES, suffix_of, write_gif, write_png
+from evs.drivers.pictures.writers import MAX_FRAMES, SUFFIXES, suffix_of, write_gif, write_png
 
 __all__ = [
+    "MAX_FRAMES",
     "OFF_RGB",
     "ON_RGB",
     "SUFFIXES",

@@ -24,6 +24,9 @@ MAX_GIF_FPS = 50.0
 MAX_GIF_FRAMES = 6000
 """All frames are in memory while a GIF is written."""
 
+MAX_FRAMES = {".gif": MAX_GIF_FRAMES, ".mp4": 360_000}
+"""Of a film: an hour of events at the usual quarter of real time and 25 fps, as .mp4."""
+
 MAX_SIDE_PX = 16384
 """No picture is wider or higher."""
 

@@ -161,3 +161,20 @@ def test_no_such_file_names_its_neighbours(
     record(tmp_path / "run.npz", 0.1)
     assert main(["view", str(tmp_path / "ran.npz")]) == 2
     assert "run.npz" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".gif"])
+@pytest.mark.parametrize(("bad_s", "fix"), [(1e9, "--stop 1.000000"), (-1e9, "--start 0.009999")])
+def test_one_bad_stamp_makes_no_endless_film(
+    suffix: str, bad_s: float, fix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, film = tmp_path / "run.npz", tmp_path / f"film{suffix}"
+    t = np.sort(np.append(np.arange(1, 101) * 10_000, round(bad_s * 1e6)))
+    np.savez(path, t=t, x=t % 7 % WIDTH, y=t % 5 % HEIGHT, p=t % 2)
+    assert main(["view", str(path), "-o", str(film), "--speed", "1"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert f"so give {fix};" in said
+    assert not film.exists()
+    # what it asks for does it
+    assert main(["view", str(path), "-o", str(film), "--speed", "10", *fix.split()]) == 0
