@@ -16,7 +16,14 @@ from evs.drivers.bus.address import check_unused, is_ipv6, leave
 from evs.drivers.bus.gate import Gate
 from evs.drivers.bus.keys import Keys, guard, new_keys, present
 from evs.drivers.bus.ports import ServerKeys, bind_error
-from evs.drivers.bus.sockets import Context, Handshakes, Socket, notice_death, readable
+from evs.drivers.bus.sockets import (
+    Context,
+    Handshakes,
+    Socket,
+    notice_death,
+    readable,
+    serve_anybody,
+)
 from evs.drivers.pace import monotonic_s
 from evs.msgs import EvsError
 
@@ -57,7 +64,7 @@ class ServerEnd:
         server.set(zmq.RCVTIMEO, _SLICE_MS)
         # who comes back under his name gets what is sent to it
         server.set(zmq.ROUTER_HANDOVER, 1)
-        notice_death(server)
+        serve_anybody(server)
         if keys.own is not None:
             guard(server, keys.own)
         self._monitor = server.get_monitor_socket(zmq.EVENT_DISCONNECTED)

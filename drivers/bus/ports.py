@@ -20,7 +20,7 @@ from evs.drivers.bus.control import (
 from evs.drivers.bus.gate import Gate
 from evs.drivers.bus.keys import Keys, guard, read_allowed, read_secret
 from evs.drivers.bus.latest import Watchers, conflated
-from evs.drivers.bus.sockets import Context, Socket, notice_death
+from evs.drivers.bus.sockets import Context, Socket, serve_anybody
 from evs.msgs import DEFAULT_ADDRESS, TOPICS, EvsError, encode_state
 
 _ANSWERS = 16
@@ -88,7 +88,7 @@ class Ports:
         made = conflated(self._context) if kind == zmq.PUB else self._context.socket(kind)
         self._sockets.append(made)
         made.set(zmq.IPV6, int(is_ipv6(address)))
-        notice_death(made)
+        serve_anybody(made)
         if self._keys.own is not None:
             guard(made, self._keys.own)
         return made

@@ -5,6 +5,7 @@ from __future__ import annotations
 import resource
 import select
 import socket
+import struct
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 import zmq
 
-from evs.drivers.bus import Latest, Publisher, discover, sockets, subscribe
+from evs.drivers.bus import Latest, Publisher, discover, subscribe
 from evs.drivers.bus.keys import write_keys
 from evs.drivers.checkup.loopback import free_address
 from evs.drivers.pace import monotonic_s, sleep_s
@@ -162,7 +163,7 @@ def test_a_publisher_that_lies_is_counted_and_survived() -> None:
 
 
 class Link:
-    """A wire between two ports that can be cut: both ends stay open, and nothing passes."""
+    """A wire between two ports that can be cut: nothing passes, and both ends hear of it later."""
 
     def __init__(self, target: int) -> None:
         self.cut = False
@@ -176,9 +177,11 @@ class Link:
         peers: dict[socket.socket, socket.socket] = {}
         while self._wanted:
             if self.cut and peers:
-                # kept open, and never read again: no end, no reset
+                # kept open, and not read: no end, no reset
                 self._dead += peers
                 peers = {}
+            if not self.cut:
+                self._end_dead()
             listening = [] if self.cut else [self._server, *peers]
             for ready in select.select(listening, [], [], 0.02)[0]:
                 if ready is self._server:
@@ -194,17 +197,23 @@ class Link:
                     peers.pop(other, None)
                     ready.close()
                     other.close()
-        for one in [*self._dead, *peers, self._server]:
+        self._end_dead()
+        for one in [*peers, self._server]:
             one.close()
+
+    def _end_dead(self) -> None:
+        """As a router does that has forgotten them. The system's own patience: test_link_bus.py."""
+        for one in self._dead:
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            one.close()
+        self._dead.clear()
 
     def stop(self) -> None:
         self._wanted = False
         self._thread.join()
 
 
-def test_a_cut_link_is_noticed_and_losses_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sockets, "HEARTBEAT_MS", 200)
-    monkeypatch.setattr(sockets, "PATIENCE_MS", 600)
+def test_a_link_is_cut_and_losses_are_counted() -> None:
     sending = Sending()
     link = Link(port_of(sending.sender.address))
     try:
@@ -215,11 +224,6 @@ def test_a_cut_link_is_noticed_and_losses_are_counted(monkeypatch: pytest.Monkey
             while stream.receive(1.0) is not None:
                 # what was on its way
                 continue
-            # the publisher lets go of who is behind the cut
-            deadline_s = monotonic_s() + 20
-            while sending.sender.subscribers and monotonic_s() < deadline_s:
-                sleep_s(0.05)
-            assert sending.sender.subscribers == 0
             link.cut = False
             again = stream.receive(20)
             assert again is not None
@@ -227,6 +231,11 @@ def test_a_cut_link_is_noticed_and_losses_are_counted(monkeypatch: pytest.Monkey
             assert stream.lost > 0
             assert first.seq + stream.packets + stream.lost == again.seq + 1
             assert stream.restarts == 0
+            # the publisher lets go of who was behind the cut
+            deadline_s = monotonic_s() + 20
+            while sending.sender.subscribers != 1:
+                assert monotonic_s() < deadline_s
+                sleep_s(0.05)
     finally:
         link.stop()
         sending.stop()

@@ -223,13 +223,13 @@ def test_discovery_and_latest_state_over_a_cable(scene: Scene) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("at", ["far", "near"])
 def test_a_cable_is_out_for_so_long_that_the_connection_is_given_up(scene: Scene, at: str) -> None:
-    """Both ends notice by their heartbeats, and it is made again by itself."""
+    """The systems of both ends notice, and it is made again by itself."""
     file = scene.folder / "run.aedat4"
     listener, recorder = scene.listen(120), scene.evs("record", str(file))
     scene.camera.wait("here", 2)
     scene.camera.wait("seq", scene.camera.look()["seq"] + 500)
     scene.link.unplug(getattr(scene.link, at))
-    # half a minute of patience, and up to five seconds until the next heartbeat
+    # half a minute of patience, and up to five seconds until the system asks next
     scene.camera.wait("here", 0, 0, patience_s=90)
     sleep_s(10)
     scene.link.plug()

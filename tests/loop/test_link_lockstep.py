@@ -199,14 +199,14 @@ def test_a_cable_is_out_for_longer_than_anybody_waits(scene: Scene) -> None:
 
 @pytest.mark.slow
 def test_a_cable_is_out_for_so_long_that_the_connection_is_given_up(scene: Scene) -> None:
-    """Both ends notice by their heartbeats; the controller is told, and another one may come."""
+    """The systems of both ends notice; the controller is told, and another one may come."""
     controller = scene.controller(timeout_s=300)
     controller.told()
     controller.ask(50)
     controller.told()
     scene.link.unplug()
     controller.ask(1)
-    # half a minute of patience, and up to five seconds until the next heartbeat
+    # half a minute of patience, and up to five seconds until the system asks next
     begin_s = monotonic_s()
     assert controller.told() == {"error": f"the server at {scene.address} has gone"}
     assert monotonic_s() - begin_s < 90
