@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+from weakref import ref
 
 import numpy as np
 import numpy.typing as npt
@@ -110,7 +111,8 @@ class World:
         self._poser = Poser(model)
         self._moments = Moments(self._poser)
         self._cameras: list[Camera] = []
-        self._views: list[View] = []
+        # they hold the world, which would otherwise never be dropped with them
+        self._view_refs: list[ref[View]] = []
         self._posed = 0
         self._digest: str | None = None
 
@@ -180,8 +182,13 @@ class World:
     def _add_view(self, plan: CameraPlan, rgb: bool) -> View:
         view = View(self.model, self._scene, plan, self._posed, self._snapshot, rgb, self._start_us)
         self._pose(view.bound)
-        self._views.append(view)
+        self._view_refs.append(ref(view))
         return view
+
+    @property
+    def _views(self) -> list[View]:
+        """Those that somebody still has."""
+        return [view for one in self._view_refs if (view := one()) is not None]
 
     def _pose(self, camera: BoundCamera) -> None:
         """Every snapshot from now on has one more camera's pose."""

@@ -10,7 +10,7 @@ import math
 import zipfile
 import zlib
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -122,11 +122,10 @@ class SmoothRandom:
         limits = np.where(limited, model.actuator_ctrlrange.reshape(-1, 2), (-1.0, 1.0))
         self._middle = limits.mean(axis=1)
         self._half = (limits[:, 1] - limits[:, 0]) / 2 * scale
-        self._seed = seed
         # a target holds for many calls
-        self._targets = lru_cache(maxsize=3)(self._uniform)
+        self._targets = lru_cache(maxsize=3)(partial(_uniform, seed, len(self._half)))
         # so that the actuators do not all turn at the same moment
-        self._offset = self._uniform(-1)
+        self._offset = _uniform(seed, len(self._half), -1)
 
     def __call__(self, t_s: float) -> F64:
         """(nu,) control at time t_s >= 0."""
@@ -142,12 +141,13 @@ class SmoothRandom:
         u = u * u * (3 - 2 * u)
         return np.asarray(self._middle + self._half * (here + (there - here) * u), np.float64)
 
-    def _uniform(self, number: int) -> F64:
-        """(nu,) numbers in [0, 1) that depend on seed and `number` only."""
-        mask = (1 << 64) - 1
-        bits = np.random.Philox(key=self._seed & mask, counter=(number & mask) << 64)
-        raw = bits.random_raw(len(self._half)) >> np.uint64(11)
-        return raw.astype(np.float64) * 2.0**-53
+
+def _uniform(seed: int, count: int, number: int) -> F64:
+    """(count,) numbers in [0, 1) that depend on seed and `number` only."""
+    mask = (1 << 64) - 1
+    bits = np.random.Philox(key=seed & mask, counter=(number & mask) << 64)
+    raw = bits.random_raw(count) >> np.uint64(11)
+    return raw.astype(np.float64) * 2.0**-53
 
 
 def _period(t_us: int, rate_hz: float) -> int:

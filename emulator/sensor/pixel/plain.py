@@ -6,7 +6,6 @@ The slow oracle that gives the same bytes is emulator/sensor/pixel/reference.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import numpy as np
 
@@ -48,9 +47,9 @@ class PlainModel:
         self.terms = SensorTerms.of(self.sensor, average is not None, causes, switches)
         """which terms the pixels have"""
         self._threads, self._isa, self._average = threads, isa, average
-        # the fixed pattern is a pure function of the seed; the last one is kept
-        self._pattern = lru_cache(maxsize=1)(self._draw)
-        self._pixels = lru_cache(maxsize=1)(self._build)
+        # pure functions of the seed; the last are kept, without a circle back to this
+        self._drawn: tuple[int, FixedPattern] | None = None
+        self._built: tuple[int, _core.PixelArray] | None = None
         if isa != "auto" and isa not in _core.isa_available():
             raise EvsError(f"this machine cannot run instruction set '{isa}'; use auto")
 
@@ -76,12 +75,15 @@ class PlainModel:
 
     def pattern(self, seed: int) -> FixedPattern:
         """What every pixel has of its own under this seed."""
-        return self._pattern(seed % 2**64)
+        seed %= 2**64
+        if self._drawn is None or self._drawn[0] != seed:
+            self._drawn = seed, draw_pattern(self.sensor, seed, self.terms)
+        return self._drawn[1]
 
     def init(self, seed: int) -> PlainState:
         """The state before the first tick."""
         # drawn now: the first tick may have a clock to keep
-        self._pixels(seed % 2**64)
+        self._pixels(seed)
         return PlainState.dark(seed, self.sensor, self._average is not None, self.terms)
 
     def restore(self, saved: Arrays) -> PlainState:
@@ -108,7 +110,7 @@ class PlainModel:
         if state.due_us is not None and tick_us != state.tick_us:
             # filters that stand still in short ticks may move in a longer one
             state.due_us[:] = state.clock_us
-        pixels = self._pixels(state.seed % 2**64)
+        pixels = self._pixels(state.seed)
         try:
             raw, clamped = pixels.step(
                 np.ascontiguousarray(luminance, np.float32),
@@ -130,8 +132,11 @@ class PlainModel:
         state.ticks += 1
         return raw.view(EVENT_DTYPE), state
 
-    def _draw(self, seed: int) -> FixedPattern:
-        return draw_pattern(self.sensor, seed, self.terms)
+    def _pixels(self, seed: int) -> _core.PixelArray:
+        seed %= 2**64
+        if self._built is None or self._built[0] != seed:
+            self._built = seed, self._build(seed)
+        return self._built[1]
 
     def _build(self, seed: int) -> _core.PixelArray:
         sensor, pattern = self.sensor, self.pattern(seed)
