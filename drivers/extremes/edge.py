@@ -16,6 +16,7 @@ from evs.drivers.extremes.film import Film, film
 from evs.drivers.extremes.wall import HEIGHT_PX
 from evs.emulator import World
 from evs.emulator.scene import F64
+from evs.emulator.world import ORTHOGRAPHIC
 
 DIM, BRIGHT = 0.1, 0.55
 EVENTS = math.floor(math.log(BRIGHT / DIM) / THETA)
@@ -30,7 +31,7 @@ FIRST_PX = -0.1
 SCENE = f"""<mujoco><option timestep="1000"/><visual><headlight active="0"/></visual>
 <asset><material name="dim" rgba="1 1 1 1" emission="{DIM}"/>
 <material name="bright" rgba="1 1 1 1" emission="{BRIGHT}"/></asset><worldbody>
-<camera name="eye" pos="0 0 9" projection="orthographic" fovy="{HEIGHT_PX}"/>
+<camera name="eye" pos="0 0 9" {ORTHOGRAPHIC} fovy="{HEIGHT_PX}"/>
 <geom type="box" size="99 99 .1" material="dim"/><body name="edge" mocap="true">
 <geom type="box" size="50 99 .1" pos="-50 0 1" material="bright"/></body></worldbody></mujoco>"""
 

@@ -16,6 +16,7 @@ from evs.drivers.extremes.closed_form import NEAR, miscounted, untold
 from evs.drivers.extremes.film import Film, film
 from evs.emulator import World
 from evs.emulator.scene import F64
+from evs.emulator.world import ORTHOGRAPHIC
 
 HEIGHT_PX = 8
 """of the picture; a pixel is 1 m"""
@@ -40,7 +41,7 @@ def wall(levels: Sequence[float], plate_px: int, more: str = "") -> str:
     )
     return f"""<mujoco><option timestep="1000"/>
 <visual><headlight active="0"/></visual><asset>{materials}</asset>
-<worldbody><camera name="eye" pos="0 0 9" projection="orthographic" fovy="{HEIGHT_PX}"/>
+<worldbody><camera name="eye" pos="0 0 9" {ORTHOGRAPHIC} fovy="{HEIGHT_PX}"/>
 <body name="wall" mocap="true">{plates}</body>{more}</worldbody></mujoco>"""
 
 

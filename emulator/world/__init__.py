@@ -6,6 +6,7 @@ The only folder that imports mujoco.
 from mujoco import MjData, MjModel
 
 from evs.emulator.world.cameras import BoundCamera, bind_camera
+from evs.emulator.world.compat import ORTHOGRAPHIC
 from evs.emulator.world.controls import (
     Control,
     ControlFunction,
@@ -30,6 +31,7 @@ from evs.emulator.world.unstable import UnstableError
 
 __all__ = [
     "MUJOCO_VERSION",
+    "ORTHOGRAPHIC",
     "BoundCamera",
     "Control",
     "ControlFunction",

@@ -11,6 +11,7 @@ import numpy as np
 from evs.emulator.config import CameraConfig
 from evs.emulator.optics import check_distortion, check_vignetting
 from evs.emulator.scene import F64, MAX_PIXELS, CameraModel, CameraPose
+from evs.emulator.world.compat import is_orthographic
 from evs.emulator.world.names import find, name_of
 from evs.msgs import EvsError
 
@@ -158,11 +159,11 @@ def _model_optics(
     model: mujoco.MjModel, camera: int, width: int, height: int, config: CameraConfig
 ) -> CameraModel:
     """Optics of one of the model's cameras: physical intrinsics where it has them, else fovy."""
-    orthographic = model.cam_projection[camera] == mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC
+    orthographic = is_orthographic(model, camera)
     size_x, size_y = (float(length) for length in model.cam_sensorsize[camera])
     if orthographic or not size_y or config.fovy is not None or config.focal_px is not None:
         fovy = float(model.cam_fovy[camera])
-        return _with_lens(_optics(width, height, fovy, bool(orthographic), config), config)
+        return _with_lens(_optics(width, height, fovy, orthographic, config), config)
 
     # the model's image plane is stretched over our pixels, as MuJoCo stretches it over a window
     focal_x, focal_y, principal_x, principal_y = (float(v) for v in model.cam_intrinsic[camera])

@@ -203,12 +203,13 @@ def actuator_names(model: mujoco.MjModel) -> tuple[str, ...]:
 
     Raises EvsError where an actuator has several controls: then they have no name of their own.
     """
-    if model.nu != model.nactuator:
+    names = tuple(names_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR))
+    if model.nu != len(names):
         raise EvsError(
-            f"the model has {model.nactuator} actuators with {model.nu} controls: a loop that is "
+            f"the model has {len(names)} actuators with {model.nu} controls: a loop that is "
             "shared by name needs actuators of one control each"
         )
-    return tuple(names_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR))
+    return names
 
 
 def control_range(model: mujoco.MjModel) -> F64:

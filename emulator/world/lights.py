@@ -9,6 +9,7 @@ import numpy as np
 
 from evs.emulator.scene import I32, Air, Light, LightKind
 from evs.emulator.world.bounds import BRIGHTEST, bounded, bounded_colour
+from evs.emulator.world.compat import light_number, light_type
 from evs.emulator.world.names import name_of
 from evs.emulator.world.surfaces import Surfaces, is_encoded
 
@@ -57,14 +58,14 @@ def extract_light(model: mujoco.MjModel, light: int, surfaces: Surfaces) -> Ligh
     name = name_of(model, mujoco.mjtObj.mjOBJ_LIGHT, light)
 
     def number(attribute: str, low: float, high: float) -> float:
-        value = getattr(model, f"light_{attribute}")[light]
+        value = light_number(model, attribute, light)
         return bounded(value, low, high, f"{attribute} of light '{name}'")
 
     def colour(attribute: str) -> tuple[float, float, float]:
         values = getattr(model, f"light_{attribute}")[light]
         return bounded_colour(values, BRIGHTEST, f"{attribute} of light '{name}'")
 
-    kind = LightKind(int(model.light_type[light]))
+    kind = LightKind(light_type(model, light))
     image = int(model.light_texid[light]) if kind is LightKind.IMAGE else -1
     common = Light(
         kind,
@@ -108,7 +109,7 @@ def extract_air(model: mujoco.MjModel) -> Air:
 
 def _image_problem(model: mujoco.MjModel, light: int) -> str:
     """Why an image light cannot shine, and what would help; "" for every other light."""
-    if model.light_type[light] != mujoco.mjtLightType.mjLIGHT_IMAGE:
+    if light_type(model, light) != LightKind.IMAGE:
         return ""
     index = int(model.light_texid[light])
     if index < 0:

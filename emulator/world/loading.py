@@ -90,7 +90,9 @@ def _load(origin: str, load: Callable[[], Loaded]) -> Loaded:
         with _warnings_to_log(origin):
             loaded = load()
     except (ValueError, RuntimeError, mujoco.FatalError) as reason:
-        raise EvsError(f"{origin}: {one_line(reason)}") from None
+        newer = f" (in MuJoCo {MUJOCO_VERSION}; a newer one may know it)"
+        hint = newer if "unrecognized" in str(reason) else ""
+        raise EvsError(f"{origin}: {one_line(reason)}{hint}") from None
     return loaded
 
 

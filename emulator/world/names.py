@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mujoco
 
+from evs.emulator.world.compat import ACTUATOR_COUNT
 from evs.msgs import unknown
 
 COUNTS = {
@@ -11,7 +12,7 @@ COUNTS = {
     mujoco.mjtObj.mjOBJ_JOINT: "njnt",
     mujoco.mjtObj.mjOBJ_GEOM: "ngeom",
     mujoco.mjtObj.mjOBJ_CAMERA: "ncam",
-    mujoco.mjtObj.mjOBJ_ACTUATOR: "nactuator",
+    mujoco.mjtObj.mjOBJ_ACTUATOR: ACTUATOR_COUNT,
     mujoco.mjtObj.mjOBJ_KEY: "nkey",
     mujoco.mjtObj.mjOBJ_SENSOR: "nsensor",
 }

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from evs.emulator.scene import F64
+from evs.emulator.world.compat import actuator_of
 from evs.emulator.world.names import name_of, one_line
 from evs.emulator.world.saved_physics import (
     STATE,
@@ -162,7 +163,7 @@ class Physics:
 
     def _actuator(self, control: int) -> str:
         """The actuator that owns a control."""
-        index = int((self.model.actuator_ctrladr <= control).sum()) - 1
+        index = actuator_of(self.model, control)
         return name_of(self.model, mujoco.mjtObj.mjOBJ_ACTUATOR, index)
 
     def _most_touched(self) -> str:

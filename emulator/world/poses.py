@@ -14,6 +14,7 @@ import numpy as np
 
 from evs.emulator.scene import F64, I32, SceneSnapshot
 from evs.emulator.world.cameras import BoundCamera
+from evs.emulator.world.compat import SLEEP
 from evs.emulator.world.deforming import Deforming
 from evs.emulator.world.extraction import visible_geoms
 from evs.emulator.world.kinematics import update_poses
@@ -31,9 +32,9 @@ class Poser:
 
     def __init__(self, model: mujoco.MjModel, cameras: Iterable[BoundCamera] = ()) -> None:
         # with sleeping bodies on, the kinematics leave some poses out: a private model does without
-        if model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_SLEEP):
+        if model.opt.enableflags & SLEEP:
             model = copy.copy(model)
-            model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+            model.opt.enableflags &= ~SLEEP
         self._model = model
         self._data = own = mujoco.MjData(model)
         self._cameras = tuple(cameras)

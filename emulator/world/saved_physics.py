@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from evs.emulator.scene import F64
+from evs.emulator.world.compat import SLEEP
 from evs.msgs import EvsError
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -32,7 +33,7 @@ def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> F64:
 def save_physics(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, np.ndarray[Any, Any]]:
     """What check_physics and put_physics take back."""
     saved: dict[str, np.ndarray[Any, Any]] = {"state": state_of(model, data)}
-    if model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_SLEEP):
+    if model.opt.enableflags & SLEEP:
         for name in (*_COUNTS, *_FLAGS, *_INDICES, "tree_asleep"):
             saved[name] = np.array(getattr(data, name), np.int32)
     return saved

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.world.cameras import BoundCamera, FreeCamera, ModelCamera
+from evs.emulator.world.compat import SLEEP
 from evs.emulator.world.lights import active_lights
 
 FIXED = int(mujoco.mjtCamLight.mjCAMLIGHT_FIXED)
@@ -50,7 +51,7 @@ def standing_of(model: mujoco.MjModel, bound: BoundCamera) -> Standing:
         skins=int(model.nskin),
         flexes=int(model.nflex),
         camera_moves=_camera_moves(model, moving, bound),
-        sleeping=bool(model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_SLEEP)),
+        sleeping=bool(model.opt.enableflags & SLEEP),
     )
 
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from evs.emulator.scene import Surface, Texture, TextureKind
 from evs.emulator.world.bounds import BRIGHTEST, bounded
+from evs.emulator.world.compat import gloss_is_given, texture_space
 from evs.emulator.world.names import name_of
 
 Rgba = tuple[float, float, float, float]
@@ -40,6 +41,9 @@ WORDS = {
     mujoco.mjtObj.mjOBJ_MATERIAL: "material",
 }
 """What has a colour, as errors call it."""
+
+LINEAR, SRGB = 1, 2
+"""The values of mjtColorSpace, which MuJoCo 3.3.0 has not."""
 
 KTX_MAGIC = bytes([0xAB, 0x4B, 0x54, 0x58])
 """Compressed textures are stored as whole files that begin like this; they are not pixels."""
@@ -152,6 +156,10 @@ class Surfaces:
             value = getattr(model, f"mat_{attribute}")[material]
             return bounded(value, low, high, f"{attribute} of material '{name}'")
 
+        def gloss(attribute: str) -> float:
+            value = number(attribute, -1.0, 1.0)
+            return value if gloss_is_given(attribute, value) else -1.0
+
         images = [int(model.mat_texid[material, role]) for role in COLOUR_ROLES]
         image = next((index for index in images if index >= 0), -1)
         return Surface(
@@ -166,8 +174,8 @@ class Surfaces:
             specular=number("specular", 0.0, 1.0),
             shininess=number("shininess", 0.0, 1.0),
             reflectance=number("reflectance", 0.0, 1.0),
-            metallic=number("metallic", -1.0, 1.0),
-            roughness=number("roughness", -1.0, 1.0),
+            metallic=gloss("metallic"),
+            roughness=gloss("roughness"),
             **self._maps(material),
         )
 
@@ -210,9 +218,8 @@ def extract_texture(model: mujoco.MjModel, index: int, colour: bool = True) -> T
     data = np.array(model.tex_data[first : first + width * height * channels], np.uint8)
 
     # colours are coded for displays, numbers are not, unless the model says otherwise
-    space = model.tex_colorspace[index]
-    linear = space == mujoco.mjtColorSpace.mjCOLORSPACE_LINEAR
-    linear = linear or (not colour and space != mujoco.mjtColorSpace.mjCOLORSPACE_SRGB)
+    space = texture_space(model, index)
+    linear = space == LINEAR or (not colour and space != SRGB)
     kind = {
         int(mujoco.mjtTexture.mjTEXTURE_2D): TextureKind.FLAT,
         int(mujoco.mjtTexture.mjTEXTURE_CUBE): TextureKind.CUBE,

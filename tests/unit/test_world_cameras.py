@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from evs.emulator.config import CameraConfig
-from evs.emulator.world import Poser, bind_camera, load_model
+from evs.emulator.world import ORTHOGRAPHIC, Poser, bind_camera, load_model
 from evs.msgs import EvsError
 
-MODEL = """
+MODEL = f"""
 <mujoco>
   <statistic extent="4" center="1 2 3"/>
   <visual><global fovy="50" azimuth="100" elevation="-30"/></visual>
   <worldbody>
     <geom type="plane" size="1 1 1"/>
     <camera name="fixed" pos="0 -3 1" xyaxes="1 0 0 0 .3 1" fovy="40"/>
-    <camera name="flat" projection="orthographic" fovy="2" pos="0 0 5"/>
+    <camera name="flat" {ORTHOGRAPHIC} fovy="2" pos="0 0 5"/>
     <camera name="lens" sensorsize=".004 .003" resolution="400 300" focal=".005 .006"
       principal=".0004 -.0002" pos="0 0 3"/>
     <camera name="aim" mode="targetbody" target="arm" pos="2 2 2"/>

@@ -21,7 +21,7 @@ CLOTH = """
     <material name="m" texture="t"/>
   </asset>
   <worldbody>
-    <light type="directional" dir=".2 .3 -1"/>
+    <light directional="true" dir=".2 .3 -1"/>
     <geom type="plane" size="2 2 .1"/>
     <geom type="sphere" size=".15" pos="0 0 .15"/>
     <flexcomp name="cloth" type="grid" count="7 7 1" spacing=".08 .08 .08" radius=".01" dim="2"

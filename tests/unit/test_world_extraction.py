@@ -31,6 +31,20 @@ def number_of(model, geom) -> int:
     return -2 - geom.objid - (model.nskin if geom.objtype == mujoco.mjtObj.mjOBJ_FLEX else 0)
 
 
+def image_of(model, geom) -> int:
+    """The texture that gives a geom that MuJoCo shows its colour; -1 none."""
+    if geom.matid < 0:
+        return -1
+    rgb, rgba = mujoco.mjtTextureRole.mjTEXROLE_RGB, mujoco.mjtTextureRole.mjTEXROLE_RGBA
+    images = (model.mat_texid[geom.matid, role] for role in (rgb, rgba))
+    return int(next((index for index in images if index >= 0), -1))
+
+
+def type_of(light) -> int:
+    """The mjtLightType of a light that MuJoCo shows; the first two are a flag in MuJoCo 3.3.0."""
+    return light.type if hasattr(light, "type") else light.directional
+
+
 def compare(model) -> SceneModel:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -45,11 +59,12 @@ def compare(model) -> SceneModel:
         assert surface.rgba == pytest.approx(tuple(geom.rgba))
         assert (surface.emission, surface.specular) == (geom.emission, geom.specular)
         assert (surface.shininess, surface.reflectance) == (geom.shininess, geom.reflectance)
-        if geom.texid >= 0 and geom.matid >= 0:
+        texid = image_of(model, geom)
+        if texid >= 0:
             texture = scene.textures[surface.texture]
-            assert texture.data.shape[-1] == model.tex_nchannel[geom.texid]
-            assert surface.texrepeat == tuple(geom.texrepeat)
-            assert surface.texuniform == bool(geom.texuniform)
+            assert texture.data.shape[-1] == model.tex_nchannel[texid]
+            assert surface.texrepeat == tuple(model.mat_texrepeat[geom.matid])
+            assert surface.texuniform == bool(model.mat_texuniform[geom.matid])
         if scene.geom_id[row] < 0:
             continue
         np.testing.assert_allclose(snapshot.geom_mat[row], geom.mat.ravel(), atol=1e-6)
@@ -58,7 +73,7 @@ def compare(model) -> SceneModel:
         assert (scene.geom_mesh[row] >= 0) == (scene.geom_type[row] in (Shape.MESH, Shape.HFIELD))
     assert len(lights) == len(scene.lights)
     for row, (ours, theirs) in enumerate(zip(scene.lights, lights, strict=True)):
-        assert ours.kind == theirs.type
+        assert ours.kind == type_of(theirs)
         assert ours.headlight == bool(theirs.headlight)
         assert ours.castshadow == bool(theirs.castshadow)
         for name in ("ambient", "diffuse", "specular"):
@@ -66,7 +81,8 @@ def compare(model) -> SceneModel:
         if not ours.headlight:
             np.testing.assert_allclose(snapshot.light_pos[row], theirs.pos, atol=1e-5)
             np.testing.assert_allclose(snapshot.light_dir[row], theirs.dir, atol=1e-6)
-            assert (ours.intensity, ours.range_m) == (theirs.intensity, theirs.range)
+            if hasattr(theirs, "intensity"):
+                assert (ours.intensity, ours.range_m) == (theirs.intensity, theirs.range)
             assert ours.bulbradius_m == theirs.bulbradius
         if ours.kind is LightKind.SPOT:
             assert ours.attenuation == tuple(theirs.attenuation)

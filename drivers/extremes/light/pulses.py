@@ -11,15 +11,16 @@ from evs.drivers.extremes.extreme import Extreme, Outcome
 from evs.drivers.extremes.film import film
 from evs.emulator import World
 from evs.emulator.scene import F64
+from evs.emulator.world import ORTHOGRAPHIC
 
 SIDE_PX = 8
 
-LAMP = """<mujoco><option timestep="1000"/><visual><headlight active="0"/></visual>
+LAMP = f"""<mujoco><option timestep="1000"/><visual><headlight active="0"/></visual>
 <asset><material name="chalk" rgba="1 1 1 1" specular="0" shininess="0"/>
 <material name="bright" rgba="1 1 1 1" emission="3"/>
 <material name="dim" rgba="1 1 1 1" emission=".2"/></asset><worldbody>
-<camera name="eye" pos="0 0 9" projection="orthographic" fovy="8"/>
-<light name="lamp" type="directional" dir="0 0 -1" diffuse=".5 .5 .5" ambient="0 0 0"
+<camera name="eye" pos="0 0 9" {ORTHOGRAPHIC} fovy="8"/>
+<light name="lamp" directional="true" dir="0 0 -1" diffuse=".5 .5 .5" ambient="0 0 0"
  specular="0 0 0" castshadow="false"/>
 <geom type="box" size="9 9 .1" material="chalk"/>
 <body name="shutter" mocap="true" pos="50 0 4">

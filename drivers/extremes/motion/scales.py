@@ -28,7 +28,7 @@ def _world(scale: float) -> str:
     return f"""<mujoco><asset><mesh name="cube" file="cube.msh" inertia="shell"
  scale="{m(0.4, 0.4, 0.4)}"/></asset><worldbody>
 <camera name="eye" pos="{m(0, -4, 2)}" xyaxes="1 0 0 0 .45 .9" fovy="45"/>
-<light type="directional" dir=".3 .4 -1" diffuse=".6 .6 .6"/>
+<light directional="true" dir=".3 .4 -1" diffuse=".6 .6 .6"/>
 <geom type="box" size="{m(5, 5, 0.1)}" pos="{m(0, 0, -0.1)}" rgba=".5 .6 .7 1"/>
 <geom type="sphere" size="{m(0.5)}" pos="{m(-0.9, 0, 0.5)}" rgba=".9 .8 .3 1"/>
 <geom type="cylinder" size="{m(0.3, 0.5)}" pos="{m(1.1, 0.6, 0.5)}" rgba=".3 .8 .4 1"/>
