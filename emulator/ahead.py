@@ -172,6 +172,11 @@ class Ahead:
         return self._world.left_out
 
     @property
+    def chosen(self) -> tuple[str, ...]:
+        """As of the world."""
+        return self._world.chosen
+
+    @property
     def substeps(self) -> object:
         """As of the world."""
         return self._world.substeps

@@ -23,8 +23,8 @@ class SceneConfig:
     """length of a tick, us; the model's time step is subdivided to fit it"""
     start_us: int = 0
     """what the stamps begin at, us, as a Unix time does: the same events, that much later"""
-    control: str = "zero"
-    """zero | keyframe | random | file"""
+    control: str = "auto"
+    """auto: holds the starting keyframe's, else zero | zero | keyframe | random | file"""
     control_file: str = ""
     """.npy or .npz (array `ctrl`) or .csv, one row per control period: (n, nu)"""
     control_hz: float = 100.0
@@ -34,7 +34,8 @@ class SceneConfig:
     control_scale: float = 1.0
     """share of the control range that `random` uses"""
     keyframe: str = ""
-    """name or number of the keyframe to start from (and to hold, with control = "keyframe")"""
+    """name or number of the keyframe to start from; empty: `home` if the model has it; none: as the
+    model stands by itself (qpos0)"""
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from evs.emulator.config import SceneConfig
 from evs.emulator.scene import F64
 from evs.emulator.world import (
+    NO_KEYFRAME,
     Control,
     ControlFunction,
     MjData,
     MjModel,
     find_keyframe,
     make_control,
+    starting_keyframe,
 )
 from evs.msgs import EvsError
 
@@ -28,11 +30,21 @@ class ControlSource:
                 'set scene.control to "file", or leave it out'
             )
         self._model, self._settings, self._source = model, settings, source
-        starts = bool(settings.keyframe) or source == "keyframe"
-        self.keyframe = find_keyframe(model, settings.keyframe) if starts else -1
+        self.keyframe = starting_keyframe(model, settings.keyframe)
+        if source == "keyframe" and settings.keyframe == NO_KEYFRAME:
+            raise EvsError(
+                'scene.control "keyframe" holds a keyframe: name it in scene.keyframe, not none'
+            )
+        if source == "keyframe":
+            self.keyframe = find_keyframe(model, settings.keyframe)
         """id of the keyframe that the world starts from; -1: from qpos0"""
         self.seed = settings.control_seed
         self._control = self._make()
+
+    @property
+    def holds(self) -> bool:
+        """Whether the controls of the starting keyframe hold."""
+        return self._source in ("auto", "keyframe") and self._model.nu > 0
 
     def reseed(self, seed: int) -> None:
         """Random controls follow from `seed` from now on."""

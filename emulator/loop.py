@@ -53,8 +53,9 @@ from evs.emulator.world import (
     check_control,
     digest_of,
     extract_scene,
-    find_keyframe,
     load_model,
+    name_of_keyframe,
+    starting_keyframe,
 )
 from evs.msgs import EventPacket, EvsError
 
@@ -74,7 +75,7 @@ class World:
         scene: Scene | SceneConfig,
         *,
         tick_us: int = 1000,
-        control: str | ControlFunction = "zero",
+        control: str | ControlFunction = "auto",
         seed: int = 0,
         threads: int = 0,
         meter: Meter | None = None,
@@ -82,9 +83,9 @@ class World:
         """Load the scene.
 
         In: scene, a path to MJCF or MJB, a MjModel or MjSpec (copied), or a SceneConfig, whose
-        tick, control and keyframe then hold; control, "zero", "keyframe", "random" or
-        `f(t_s, data) -> ctrl`; seed, every random number of controls and sensors follows from it.
-        Raises EvsError with one line for whatever cannot be.
+        tick, control and keyframe then hold; control, "auto" (the starting keyframe's, else zero),
+        "zero", "keyframe", "random" or `f(t_s, data) -> ctrl`; seed, every random number of
+        controls and sensors follows from it. Raises EvsError with one line for whatever cannot be.
         """
         if isinstance(scene, SceneConfig):
             settings = plain_config(scene, "scene")
@@ -304,11 +305,11 @@ class World:
         """Back to the beginning, whatever happened before: time, physics, pixels and counters.
 
         In: seed, all random numbers follow from another one from now on, as in a new world of that
-        seed; keyframe, name or number of the one to start from, "" is as the world was made. Until
-        the next step `world.data` may be put into any state again. Raises EvsError, and then
-        nothing has changed.
+        seed; keyframe, name or number of the one to start from, "" is as the world was made, "none"
+        the model's own qpos0. Until the next step `world.data` may be put into any state again.
+        Raises EvsError, and then nothing has changed.
         """
-        start = find_keyframe(self.model, keyframe) if keyframe else self._control.keyframe
+        start = starting_keyframe(self.model, keyframe) if keyframe else self._control.keyframe
         if seed is not None:
             seed = plain_integer(seed, "seed")
             # a control seed of its own keeps its distance
@@ -389,6 +390,25 @@ class World:
     def substeps(self) -> Substeps:
         """How the model's time step was fitted to the tick; str() says it."""
         return self._physics.substeps
+
+    @property
+    def keyframe(self) -> str:
+        """The keyframe that it starts from, by name or number; "": the model's own qpos0."""
+        return name_of_keyframe(self.model, self._control.keyframe)
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """One line for each thing that was decided in the user's place, with the key for it."""
+        lines = []
+        if self.keyframe and not self._scene_config.keyframe:
+            held = " and holds its control" if self._control.holds else ""
+            lines.append(
+                f"starts from keyframe '{self.keyframe}'{held}; scene.keyframe=none: from the "
+                "model's qpos0"
+            )
+        if not self.substeps.kept:
+            lines.append(str(self.substeps))
+        return tuple(lines)
 
     @property
     def left_out(self) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ class VirtualCamera:
         camera: str | CameraConfig = "",
         *,
         tick_us: int = 1000,
-        control: str | ControlFunction = "zero",
+        control: str | ControlFunction = "auto",
         sensor: str | SensorConfig = "davis346",
         render: RenderConfig | None = None,
         model: ModelConfig | None = None,

@@ -46,7 +46,7 @@ STOPPED = {"interrupted": 130, "terminated": 143}
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments. All stay text here; the configuration knows their types."""
-    parser.usage = "evs emulate [PIPELINE.toml] [key=value ...] [options]"
+    parser.usage = "evs emulate [SCENE.xml] [PIPELINE.toml] [key=value ...] [options]"
     options.declare(parser, OPTIONS)
     parser.add_argument(
         "--quiet", action="store_true", help="print nothing but warnings and errors"
@@ -98,6 +98,7 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
             watch,
             Pacer(PACES[config.pace], catch_up_s=config.realtime.catch_up_s),
             moved,
+            begun=lambda: terminal.notes(world.chosen, args.quiet),
             warn=terminal.warn,
             on_report=keep,
             config=settings.to_plain(config),

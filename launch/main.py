@@ -50,9 +50,9 @@ but the world behind the lens is a MuJoCo model. Physics runs in ticks of 1 ms, 
 for every tick, and each pixel tells only what changed."""
 
 EXAMPLES = """Examples:
-  evs emulate --scene humanoid.xml --record run.aedat4
+  evs emulate humanoid.xml --record run.aedat4
       one simulated second of a robot, seen by a DAVIS346, into a file that DV opens
-  evs emulate --scene humanoid.xml --publish tcp://127.0.0.1:5560 --pace realtime --duration 60
+  evs emulate humanoid.xml --publish tcp://127.0.0.1:5560 --pace realtime --duration 60
       a live stream, as a camera would give it; `evs echo tcp://127.0.0.1:5560 --hz` listens
   evs view run.aedat4 -o run.gif
       look at a recording

@@ -16,8 +16,8 @@ a placeholder the option takes no value: it sets its key to true."""
 
 
 PIPELINE = (
-    "PIPELINE.toml, key=value",
-    "a pipeline file (or the name of one that comes with evs), then any keys",
+    "SCENE.xml, PIPELINE.toml, key=value",
+    "a scene, a pipeline file (or the name of one that comes with evs), then any keys",
 )
 """the words of most programs, and their line of help"""
 
@@ -43,11 +43,18 @@ def declare(
 
 
 def given(args: argparse.Namespace, options: Options) -> tuple[str | None, list[tuple[str, str]]]:
-    """The pipeline file, if any, and (key, text) of everything else on the command line."""
+    """The pipeline file, if any, and (key, text) of everything else on the command line.
+
+    Where there is --scene, a word with a scene's ending is short for it.
+    """
     files = [word for word in args.words if "=" not in word]
-    if len(files) > 1:
-        raise EvsError(f"two pipelines, '{files[0]}' and '{files[1]}'; give one, then key=value")
+    scenes = [word for word in files if "scene" in options and pipeline.is_scene(word)]
+    files = [word for word in files if word not in scenes]
+    for what, words in (("pipelines", files), ("scenes", scenes)):
+        if len(words) > 1:
+            raise EvsError(f"two {what}, '{words[0]}' and '{words[1]}'; give one, then key=value")
     overrides = [settings.split_word(word) for word in args.words if "=" in word]
+    overrides += [("scene.file", scene) for scene in scenes]
     words = dict(overrides)
     for option, (key, _, _) in options.items():
         text = getattr(args, option)
@@ -78,7 +85,7 @@ def keys_text(without: Collection[str] = ()) -> str:
     named = shipped.pipelines()
     lines = [
         "Pipelines that come with evs; a preset wants a scene, as in",
-        f"`evs emulate {shipped.PRESETS[0]} --scene robot.xml`:",
+        f"`evs emulate {shipped.PRESETS[0]} robot.xml`:",
         *(f"  {name:12s}{shipped.about(file)}" for name, file in named.items()),
         "",
         "Configuration: defaults < PIPELINE.toml < the command line. A key is set in the file,",

@@ -47,14 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Load the scene, print its plan."""
-    scenes = [word for word in args.words if "=" not in word and pipeline.is_scene(word)]
-    args.words = [word for word in args.words if word not in scenes]
-    if len(scenes) > 1:
-        raise EvsError(f"two scenes, '{scenes[0]}' and '{scenes[1]}'; give one")
-    file, overrides = options.given(args, OPTIONS)
-    if scenes:
-        overrides.append(("scene.file", scenes[0]))
-    config = pipeline.load(file, overrides)
+    config = pipeline.load(*options.given(args, OPTIONS))
     ticks = _ticks(args.measure)
 
     # here, so that --help is quick

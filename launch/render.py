@@ -56,7 +56,7 @@ rendered: Ctrl-C ends it and loses nothing.
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments; what is short for a key stays text."""
-    parser.usage = "evs render [PIPELINE.toml] [key=value ...] [options] -o FILE.npz"
+    parser.usage = "evs render [SCENE.xml] [PIPELINE.toml] [key=value ...] [options] -o FILE.npz"
     options.declare(parser, OPTIONS)
     add = parser.add_argument
     add("-o", "--out", metavar="FILE.npz", required=True, help="the file to write")

@@ -47,6 +47,7 @@ def serve(
         config,
         make_loop=make_loop,
         warn=terminal.warn,
+        begun=lambda lines: terminal.notes(lines, quiet),
         ready=ready,
         on_report=keep,
         said_config=settings.to_plain(config) if said_config is None else said_config,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -84,6 +85,12 @@ def _columns() -> tuple[ProgressColumn, ...]:
         TextColumn("{task.fields[told]}"),
         TimeRemainingColumn(),
     )
+
+
+def notes(lines: Sequence[str], quiet: bool = False) -> None:
+    """What a run begins with, a line each on stderr."""
+    for line in () if quiet else lines:
+        print(f"evs: {line}", file=sys.stderr, flush=True)
 
 
 def warn(line: str) -> None:

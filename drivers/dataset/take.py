@@ -122,7 +122,7 @@ def take_of(name: str, scene: SceneFile) -> Take:
     rows = None
     if config.scene.control == "file":
         rows = read_controls(config.scene.control_file, model.nu)
-        plain = replace(config.scene, control="zero", control_file="")
+        plain = replace(config.scene, control="auto", control_file="")
         config = replace(config, scene=plain)
     # whole chunks of a network, so that the recording begins with one
     chunk = max(1, config.model.chunk)  # less is refused below

@@ -18,9 +18,9 @@ from evs.emulator.world import (
     Poser,
     bind_camera,
     extract_scene,
-    find_keyframe,
     load_model,
     make_control,
+    starting_keyframe,
 )
 from evs.msgs import EvsError, unknown
 
@@ -114,7 +114,7 @@ def film(
     if not 1 <= sampled <= min(width * height, MAX_SAMPLED):
         raise EvsError(f"{sampled} pixels are asked for; give 1 ... {MAX_SAMPLED}")
     model = load_model(stage.model)
-    start = find_keyframe(model, stage.keyframe) if stage.keyframe else -1
+    start = starting_keyframe(model, stage.keyframe)
     physics = Physics(model, tick_us, start)
     control = make_control(model, "random", seed=seed, scale=CONTROL_SCALE)
     bound = bind_camera(model, stage.camera, width, height, stage.view)

@@ -48,14 +48,16 @@ def serve(
     make_loop: Callable[[Meter], Loop] | None = None,
     meter: StopWatch | None = None,
     warn: Callable[[str], None] | None = None,
+    begun: Callable[[Sequence[str]], None] | None = None,
     ready: Callable[[str], None] | None = None,
     on_report: Callable[[Report], None] | None = None,
     said_config: Mapping[str, Any] | None = None,
 ) -> tuple[Report, list[str]]:
     """Serve until Ctrl-C, SIGTERM or a `stop` at a control port; the report, the files recorded.
 
-    In: make_loop, where the loop is another than the pipeline's; ready is called with the address
-    once controllers may connect; said_config stands in the report; the others as of pipeline.run.
+    In: make_loop, where the loop is another than the pipeline's; begun is called with World.chosen
+    and ready with the address once controllers may connect; said_config stands in the report;
+    the others as of pipeline.run.
     Raises EvsError as that does.
     """
     watch = meter or StopWatch()
@@ -89,6 +91,8 @@ def serve(
         beside.segments.open(loop.streams)
         server.open()
         began = True
+        if begun is not None:
+            begun(loop.world.chosen)
         if ready is not None:
             ready(server.address)
         begin_s = monotonic_s()

@@ -291,7 +291,7 @@ def make_sink(config: SinkConfig) -> Sink:
 
 def is_scene(word: str) -> bool:
     """Whether a file is a scene, and no pipeline, by its ending."""
-    return Path(word).suffix in _SCENE_SUFFIXES
+    return Path(word).suffix.lower() in _SCENE_SUFFIXES
 
 
 def find_pipeline(word: str) -> Path:

@@ -66,15 +66,17 @@ def run(
     progress: Callable[[Progress], None] | None = None,
     observers: Sequence[Observer] = (),
     *,
+    begun: Callable[[], None] | None = None,
     warn: Callable[[str], None] | None = None,
     on_report: Callable[[Report], None] | None = None,
     config: Mapping[str, Any] | None = None,
 ) -> Report:
     """Run a world for `duration_s` of simulated time, whole ticks, and report.
 
-    In: `meter` is the one the world laps. `config` stands in the report. `warn` gets a line for
-    each thing that is legal but hardly meant. `on_report` gets the report exactly once, after all
-    sinks are closed, however the run ends; a run whose sinks did not open never began.
+    In: `meter` is the one the world laps. `config` stands in the report. `begun` is called once all
+    sinks are open, before the first tick. `warn` gets a line for each thing that is legal but
+    hardly meant. `on_report` gets the report exactly once, after all sinks are closed, however the
+    run ends; a run whose sinks did not open never began.
     Ctrl-C and SIGTERM end the run after the current tick: the report's `ended` says so. An error
     (EvsError from physics or a sink, anything else) is raised after every sink was closed, so
     that what was recorded until then is complete.
@@ -85,6 +87,8 @@ def run(
     try:
         ticks = tick_count(duration_s, infos[0].tick_us if infos else 1000)
         loop.open(infos)
+        if begun is not None:
+            begun()
         loop.ticks(ticks, progress, observers)
     except KeyboardInterrupt:
         loop.ended = f"interrupted at {loop.sim_seconds:.6g} s"

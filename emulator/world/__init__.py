@@ -8,6 +8,7 @@ from mujoco import MjData, MjModel
 from evs.emulator.world.cameras import BoundCamera, bind_camera
 from evs.emulator.world.compat import ORTHOGRAPHIC
 from evs.emulator.world.controls import (
+    NO_KEYFRAME,
     Control,
     ControlFunction,
     actuator_names,
@@ -15,6 +16,8 @@ from evs.emulator.world.controls import (
     control_range,
     find_keyframe,
     make_control,
+    name_of_keyframe,
+    starting_keyframe,
 )
 from evs.emulator.world.digest import bytes_of, digest_of
 from evs.emulator.world.extraction import extract_scene, visible_geoms
@@ -31,6 +34,7 @@ from evs.emulator.world.unstable import UnstableError
 
 __all__ = [
     "MUJOCO_VERSION",
+    "NO_KEYFRAME",
     "ORTHOGRAPHIC",
     "BoundCamera",
     "Control",
@@ -62,7 +66,9 @@ __all__ = [
     "load_text",
     "make_control",
     "moving_bodies",
+    "name_of_keyframe",
     "standing_of",
+    "starting_keyframe",
     "visible_geoms",
     "warn_left_out",
 ]

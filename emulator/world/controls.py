@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.scene import F64
-from evs.emulator.world.names import find, names_of
+from evs.emulator.world.names import find, name_of, names_of
 from evs.msgs import EvsError, unknown
 
 ControlFunction = Callable[[float, Any], npt.ArrayLike | None]
@@ -27,6 +27,11 @@ ControlFunction = Callable[[float, Any], npt.ArrayLike | None]
 
 Control = Callable[[int, Any], F64 | None]
 """t_us, data -> ctrl (nu,), or None to keep the last value."""
+
+HOME = "home"
+"""The keyframe that a run starts from unless another is named, as robots' models call it."""
+
+NO_KEYFRAME = "none"
 
 KNOTS_HZ = 4.0
 """How often the random signal chooses a new target for each actuator."""
@@ -42,12 +47,15 @@ def make_control(
     seed: int = 0,
     scale: float = 1.0,
 ) -> Control:
-    """The control source called `source`: zero, keyframe, random, file, or a function.
+    """The control source called `source`: auto, zero, keyframe, random, file, or a function.
 
+    "auto" gives no control, so that those of the starting keyframe hold.
     In: `rate_hz`, how often `random` and `file` change. EvsError for what does not exist or fit.
     """
     if callable(source):
         return _from_function(source, model.nu)
+    if source == "auto":
+        return lambda _t_us, _data: None
     if source == "zero":
         zeros = np.zeros(model.nu)
         return lambda _t_us, _data: zeros
@@ -63,13 +71,33 @@ def make_control(
     if source == "file":
         rows = read_controls(file, model.nu)
         return lambda t_us, _data: rows[min(_period(t_us, rate_hz), len(rows) - 1)]
-    raise unknown("control", str(source), ("zero", "keyframe", "random", "file"))
+    raise unknown("control", str(source), ("auto", "zero", "keyframe", "random", "file"))
+
+
+def starting_keyframe(model: mujoco.MjModel, name: str) -> int:
+    """The id of the keyframe that a run starts from; -1: from qpos0.
+
+    In: name, a keyframe's name or number; empty: `home` where the model has it; none: qpos0.
+    """
+    if name == NO_KEYFRAME:
+        return -1
+    return find_keyframe(model, name) if name else home_keyframe(model)
+
+
+def home_keyframe(model: mujoco.MjModel) -> int:
+    """The id of the keyframe called `home`; -1: the model has none."""
+    return int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME))
+
+
+def name_of_keyframe(model: mujoco.MjModel, keyframe: int) -> str:
+    """Its name, its number where it has none; "" for -1."""
+    return "" if keyframe < 0 else name_of(model, mujoco.mjtObj.mjOBJ_KEY, keyframe)
 
 
 def find_keyframe(model: mujoco.MjModel, name: str) -> int:
-    """The id of a keyframe by name or number; empty: the first."""
+    """The id of a keyframe by name or number; empty: `home`, else the first."""
     if not name and model.nkey:
-        return 0
+        return max(home_keyframe(model), 0)
     return find(model, mujoco.mjtObj.mjOBJ_KEY, "keyframe", name)
 
 

@@ -14,6 +14,7 @@ from evs.launch import main
 
 SCENE = """
 <mujoco model="ball">
+  <option timestep="0.001"/>
   <worldbody>
     <light pos="0 0 3" dir="0 0 -1"/>
     <camera name="eye" pos="0 -2 0.5" xyaxes="1 0 0 0 0.2 1"/>
@@ -21,7 +22,7 @@ SCENE = """
     <geom type="plane" size="2 2 .1"/>
     <body pos="0 0 1"><freejoint/><geom size=".2" rgba="1 0 0 1"/></body>
   </worldbody>
-  <keyframe><key name="home" qpos="0 0 1 1 0 0 0"/></keyframe>
+  <keyframe><key name="up" qpos="0 0 1 1 0 0 0"/></keyframe>
 </mujoco>
 """
 
@@ -60,7 +61,8 @@ BAD = [
     (["--scene", "broken.xml"], ["broken.xml", "goem"]),
     (["--scene", "torn.xml"], ["torn.xml"]),
     ([], ["--scene"]),
-    (["ball.xml"], ["--scene ball.xml"]),
+    (["ball.xml", "other.xml"], ["two scenes, 'ball.xml' and 'other.xml'"]),
+    (["ball.xml", "--scene", "other.xml"], ["are one key"]),
     (["nothing.toml"], ["no pipeline file 'nothing.toml'", "default"]),
     (["bad.toml"], ["bad.toml", "malformed TOML", "line 3"]),
     (["typo.toml"], ["at render.sppp: unknown key; nearest known: render.spp"]),
@@ -80,7 +82,7 @@ BAD = [
     ([*GOOD, "scene.control=randm"], ["randm", "random"]),
     ([*GOOD, "scene.control=file", "scene.control_file=no.npy"], ["no.npy"]),
     ([*GOOD, "scene.control=random", "scene.control_hz=0"], ["scene.control_hz"]),
-    ([*GOOD, "scene.keyframe=hoem"], ["hoem", "home"]),
+    ([*GOOD, "scene.keyframe=upp"], ["upp", "up"]),
     ([*GOOD, "camera.body=nobody"], ["nobody"]),
     ([*GOOD, "camera.fovy=0"], ["camera.fovy"]),
     ([*GOOD, "--duration", "0"], ["at duration_s", "more than 0 s"]),

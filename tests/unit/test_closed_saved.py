@@ -173,7 +173,7 @@ def test_a_worlds_state_is_none_of_a_loop(blob):
         (lambda: a_world(names=("left",)), r"cameras was \['left', 'right'\], here .*'left'\];"),
         (lambda: a_world(names=("right", "left")), r"cameras\.0 was left, here it is right"),
         (lambda: a_world(sensor="dvs128"), r"camera\.left\.sensor\.width was 32, here it is 128"),
-        (lambda: a_world(control="random"), r"scene\.control was zero, here it is random"),
+        (lambda: a_world(control="random"), r"scene\.control was auto, here it is random"),
     ],
 )  # fmt: skip
 def test_what_differs_is_said_and_nothing_has_changed(other, says):

@@ -113,7 +113,7 @@ def test_any_file_is_a_scene_and_one_beside_it_tells_how_it_moves(tmp_path: Path
     assert (scene.scene.control, scene.model.labels) == ("random", True)
     (tmp_path / "own.toml").write_text('about = "mine"\n[[motion]]\nactuator = "a"\nshake = 0.5\n')
     scene = of_file(str(tmp_path / "own.xml"), "own")
-    assert (scene.about, scene.scene.control) == ("mine", "zero")
+    assert (scene.about, scene.scene.control) == ("mine", "auto")
     assert scene.motion[0].actuator == "a"
     (tmp_path / "own.toml").write_text('place = "moon"\n')
     with pytest.raises(EvsError, match="at place: 'moon' is none of indoor, outdoor, night"):

@@ -32,7 +32,8 @@ def test_the_fewest_steps_that_are_no_longer_than_the_models(tick_us, timestep_s
 
 def test_the_choice_is_a_sentence():
     assert str(fill_tick(1000, 0.003)) == (
-        "1 physics step of 1 ms in each tick of 1 ms (the model asks for 3 ms)"
+        "1 physics step of 1 ms in each tick of 1 ms (the model asks for 3 ms; "
+        "scene.tick_us=3000 keeps it)"
     )
     assert str(fill_tick(1000, 0.0005)) == (
         "2 physics steps of 0.5 ms in each tick of 1 ms (as the model has it)"
@@ -43,6 +44,22 @@ def test_the_choice_is_a_sentence():
 def test_a_tick_is_a_positive_whole_number(tick_us):
     with pytest.raises(EvsError, match="positive whole number of microseconds"):
         fill_tick(tick_us, 0.002)
+
+
+@pytest.mark.parametrize(
+    ("tick_us", "timestep_s", "kept_by"),
+    [(1000, 0.002, "2000"), (1000, 0.0003, "900"), (5000, 0.003, "6000"), (1000, 1 / 60, "")],
+)
+def test_the_tick_that_keeps_the_models_step_is_named(tick_us, timestep_s, kept_by):
+    said = str(fill_tick(tick_us, timestep_s))
+    assert said.partition("scene.tick_us=")[2].partition(" ")[0] == kept_by
+    if kept_by:
+        assert fill_tick(int(kept_by), timestep_s).kept
+
+
+def test_a_step_too_short_for_any_machine_is_refused():
+    with pytest.raises(EvsError, match="1e-12 s: a tick of 1000 us would take 1e\\+09 steps"):
+        fill_tick(1000, 1e-12)
 
 
 def test_a_timestep_is_positive():
