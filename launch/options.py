@@ -50,9 +50,11 @@ def given(args: argparse.Namespace, options: Options) -> tuple[str | None, list[
     files = [word for word in args.words if "=" not in word]
     scenes = [word for word in files if "scene" in options and pipeline.is_scene(word)]
     files = [word for word in files if word not in scenes]
-    for what, words in (("pipelines", files), ("scenes", scenes)):
-        if len(words) > 1:
-            raise EvsError(f"two {what}, '{words[0]}' and '{words[1]}'; give one, then key=value")
+    for what, several in (("pipelines", files), ("scenes", scenes)):
+        if len(several) > 1:
+            raise EvsError(
+                f"two {what}, '{several[0]}' and '{several[1]}'; give one, then key=value"
+            )
     overrides = [settings.split_word(word) for word in args.words if "=" in word]
     overrides += [("scene.file", scene) for scene in scenes]
     words = dict(overrides)
