@@ -253,12 +253,12 @@ def to_read(path: AnyPath) -> Format:
     meant = _meant(path)
     suffix = Path(path).suffix.lower()
     others = [one for one in FORMATS if suffix in one.also and one.begins is not None]
-    if others:
+    # a pipe would be waited for; its reader tells what is wrong with the path
+    if others and Path(path).is_file():
         try:
             with Path(path).open("rb") as file:
                 head = file.read(HEAD_BYTES)
         except OSError:
-            # its reader tells what is wrong with the path
             return meant
         for one in others:
             if one.begins is not None and one.begins(head):

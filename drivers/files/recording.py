@@ -201,6 +201,8 @@ def existing(path: str | os.PathLike[str]) -> Path:
         return found
     if found.is_dir():
         raise EvsError(f"{found} is a folder; give a file in it")
+    if found.exists():
+        raise EvsError(f"{found} is a pipe or a device: write what it gives to a file first")
     if not found.parent.is_dir():
         raise EvsError(f"no file {found}: there is no folder {found.parent}")
     known = {file.name for file in found.parent.iterdir() if file.suffix in SUFFIXES}

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from urllib.parse import quote
 
+from evs.drivers.files.aedat4.compression import MAX_BODY_BYTES
 from evs.drivers.files.aedat4.layout import DamageError
 from evs.drivers.files.bags.walk import Found, Walk
 
-_MESSAGES = (
-    "SELECT topics.name, topics.type, messages.data FROM messages JOIN topics "
-    "ON messages.topic_id = topics.id ORDER BY messages.timestamp, messages.id"
-)
+_NAMES = "SELECT id, name, type FROM main.topics"
+_MESSAGES = "SELECT topic_id, data FROM main.messages ORDER BY timestamp, id"
+_TABLES = "SELECT name, type, sql FROM main.sqlite_master"
+_PLAIN = re.compile(r"\s*create\s+table\b(?!.*\b(as|generated)\b)", re.I | re.S)
+"""Of a table that holds what was put into it, and works nothing out."""
+
+_JOURNAL_ENDS = b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7"
+"""Behind the name of another journal, which SQLite would read and delete."""
+
+_STEPS, _STEPS_A_BYTE = 1 << 20, 64
+"""SQLite's own steps between two looks at how many there were; and how many a file may take."""
 
 
 def journal_of(path: Path) -> Path | None:
@@ -27,9 +36,25 @@ def opened(path: Path) -> sqlite3.Connection:
     """The database, as it was before a transaction that a kill cut off.
 
     SQLite takes such a transaction back when it opens the file, which needs the right to write it.
+    No value is larger than the file, and no question takes longer than in proportion to it; other
+    files are not looked at. DamageError: it would have to be.
     """
-    how = "mode=rw" if journal_of(path) or _has_log(path) else "immutable=1"
-    return sqlite3.connect(f"file:{quote(str(path))}?{how}", uri=True)
+    journal = journal_of(path)
+    if journal is not None:
+        with journal.open("rb") as file:
+            file.seek(max(0, journal.stat().st_size - len(_JOURNAL_ENDS)))
+            if file.read() == _JOURNAL_ENDS:
+                raise DamageError("its journal names another one, which is not read")
+    how = "mode=rw" if journal or _has_log(path) else "immutable=1"
+    bag = sqlite3.connect(f"file:{quote(str(path))}?{how}", uri=True)
+    size = path.stat().st_size
+    bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(MAX_BODY_BYTES, max(size, _STEPS)))
+    bag.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
+    bag.execute("PRAGMA trusted_schema = OFF")
+    left = iter(range(_STEPS_A_BYTE * size // _STEPS + 64))
+    # the first answer but 0 ends the question
+    bag.set_progress_handler(lambda: next(left, None) is None, _STEPS)
+    return bag
 
 
 def _has_log(path: Path) -> bool:
@@ -44,14 +69,26 @@ def walk_database(path: Path, walk: Walk) -> Iterator[Found]:
     number = 0
     try:
         with closing(opened(path)) as bag:
-            for name, kind in bag.execute("SELECT name, type FROM topics ORDER BY id"):
-                walk.kinds[str(name)] = str(kind)
-            for topic, kind, data in bag.execute(_MESSAGES):
+            _check_tables(bag)
+            topics: dict[object, tuple[str, str]] = {}
+            for place, name, kind in bag.execute(_NAMES):
+                topics.setdefault(place, (str(name), str(kind)))
+            walk.kinds.update(topics[place] for place in sorted(topics, key=str))
+            for place, data in bag.execute(_MESSAGES):
                 number += 1
-                if isinstance(data, bytes):
-                    yield Found(str(topic), str(kind), data, 0)
+                if isinstance(data, bytes) and place in topics:
+                    yield Found(*topics[place], data, 0)
     except (sqlite3.Error, UnicodeDecodeError, OverflowError, MemoryError) as reason:
         said = (str(reason) or type(reason).__name__).splitlines()[0][:300]
         if not number:
             raise DamageError(said) from None
         walk.damage.lost(f"after message {number}", said)
+
+
+def _check_tables(bag: sqlite3.Connection) -> None:
+    """DamageError unless topics and messages are tables; views and the like work anything out."""
+    kinds = {name: (kind, sql) for name, kind, sql in bag.execute(_TABLES)}
+    for name in ("topics", "messages"):
+        kind, sql = kinds.get(name, ("", ""))
+        if kind != "table" or not _PLAIN.match(str(sql)):
+            raise DamageError(f"{name} is no plain table in it")

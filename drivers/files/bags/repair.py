@@ -52,7 +52,7 @@ def repair(path: Path) -> Repair:
 def _repair_database(path: Path) -> Repair:
     there = journal_of(path) is not None
     with closing(opened(path)) as bag:
-        bag.execute("SELECT count(*) FROM topics").fetchone()
+        bag.execute("SELECT count(*) FROM main.topics").fetchone()
     if journal_of(path) is not None:
         raise EvsError(f"cannot take back the journal beside {path}: make both writable")
     done = "took back what was not complete" if there else ""

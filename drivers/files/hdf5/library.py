@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +11,9 @@ from typing import Any
 
 from evs.drivers.files.hdf5.superblock import BYTES, unmarked
 from evs.msgs import EvsError
+
+MAX_PIECE_BYTES = 1 << 28
+"""Chunks are expanded whole: no recording's are as large."""
 
 
 def load() -> Any:
@@ -39,6 +43,50 @@ class _Mended(io.FileIO):
             part = self._begin[at : at + count]
             memoryview(buffer).cast("B")[: len(part)] = part
         return count
+
+
+class OutsideError(Exception):
+    """A file asks for what is in another one, or states more than it can hold."""
+
+
+def own(group: Any, path: str, depth: int = 8) -> Any:
+    """What a path leads to within the file; None: nothing. OutsideError: it leads out of it.
+
+    HDF5 would follow links, and read data sets' bytes, from any file of the machine.
+    """
+    h5py = load()
+    for name in filter(None, path.split("/")):
+        link = group.get(name, getlink=True) if hasattr(group, "keys") else None
+        if link is None:
+            return None
+        if isinstance(link, h5py.ExternalLink):
+            raise OutsideError(f"{name} is a link to another file, which is not read")
+        if isinstance(link, h5py.SoftLink):
+            if not depth:
+                raise OutsideError(f"{name} is a link to links without end")
+            begin = group.file if link.path.startswith("/") else group
+            group = own(begin, link.path, depth - 1)
+        else:
+            group = group[name]
+    if isinstance(group, h5py.Dataset):
+        _check_inside(group)
+    return group
+
+
+def _check_inside(one: Any) -> None:
+    """OutsideError where a data set's bytes are in other files, or a piece of it has no bound."""
+    layout = one.id.get_create_plist()
+    if layout.get_external_count() or one.is_virtual:
+        raise OutsideError(f"{one.name} lies in another file, which is not read")
+    piece = math.prod(one.chunks) * one.dtype.itemsize if one.chunks else one.dtype.itemsize
+    if piece > MAX_PIECE_BYTES:
+        raise OutsideError(f"{one.name} has pieces of {piece} bytes")
+
+
+def value(group: Any, path: str) -> Any:
+    """The only value of a data set; None where there is none, or there are several."""
+    found = own(group, path)
+    return None if getattr(found, "size", None) != 1 else found[()]
 
 
 @contextmanager

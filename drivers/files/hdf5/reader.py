@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.files.damage import MAX_STAMP_US, Damage, on_sensor
-from evs.drivers.files.hdf5.library import load, opened
+from evs.drivers.files.hdf5.library import OutsideError, load, opened, own, value
 from evs.drivers.files.hdf5.recorder import STREAM, WHOLE
 from evs.drivers.files.hdf5.superblock import BYTES, unmarked
 from evs.drivers.files.ordered import InOrder
@@ -27,10 +27,6 @@ LAYOUTS = {"DSEC": ("t", "x", "y", "p"), "rpg": ("ts", "xs", "ys", "ps")}
 _PIECE = 1 << 18
 _MAX_RATIO = 1100
 """Deflate expands 1032 times at most: what states more than that is damaged."""
-
-
-class _OtherError(Exception):
-    """The file is HDF5, but no recording."""
 
 
 @dataclass
@@ -52,10 +48,10 @@ class Hdf5File(EventsFile):
         try:
             with opened(found) as file:
                 columns, count, lacking, compression = _columns(file)
-                offset = file.get("t_offset")
-                offset_us = 0 if offset is None or offset.size != 1 else int(offset[()])
+                offset = value(file, "t_offset")
+                offset_us = 0 if offset is None else int(np.ravel(offset)[0])
                 stream, stated = _stream(file)
-        except _OtherError as reason:
+        except OutsideError as reason:
             raise EvsError(f"{found} is not a recording: {reason}") from None
         except Exception as reason:  # damaged bytes make h5py raise a dozen kinds
             said = (str(reason) or type(reason).__name__).splitlines()[0]
@@ -100,7 +96,7 @@ class Hdf5File(EventsFile):
         """The number of each piece's first event, and its events."""
         width, height = self.stream.width, self.stream.height
         with opened(self.path) as file:
-            group = file["events"]
+            group = own(file, "events")
             for begin in range(0, self.events_there, _PIECE):
                 rows = slice(begin, min(begin + _PIECE, self.events_there))
                 try:
@@ -120,25 +116,25 @@ class Hdf5File(EventsFile):
 
 def _columns(file: Any) -> tuple[tuple[str, ...], int, int, str]:
     """Names of the data sets, how many events, how many rows behind them, how compressed."""
-    group = file.get("events")
+    group = own(file, "events")
     for names in LAYOUTS.values():
         if group is not None and hasattr(group, "keys") and set(names) <= set(group.keys()):
-            sets = [group[name] for name in names]
+            sets = [own(group, name) for name in names]
             break
     else:
         known = " or ".join(", ".join(names) for names in LAYOUTS.values())
-        raise _OtherError(f"it needs a group 'events' with {known}")
+        raise OutsideError(f"it needs a group 'events' with {known}")
     for name, one in zip(names, sets, strict=True):
         if getattr(one, "ndim", -1) != 1 or one.dtype.kind not in "iufb":
-            raise _OtherError(f"events/{name} is no column of numbers")
+            raise OutsideError(f"events/{name} is no column of numbers")
         if len(one) != len(sets[0]) and WHOLE not in file:
-            raise _OtherError(f"{', '.join(names)} are not of one length")
+            raise OutsideError(f"{', '.join(names)} are not of one length")
         if one.nbytes > _MAX_RATIO * (one.id.get_storage_size() + 64):
-            raise _OtherError(f"events/{name} states {one.nbytes} bytes, which cannot be in it")
+            raise OutsideError(f"events/{name} states {one.nbytes} bytes, which cannot be in it")
     lengths = [len(one) for one in sets]
     count = min(lengths)
     with suppress(Exception):
-        count = max(0, min(count, int(file[WHOLE][()])))
+        count = max(0, min(count, int(value(file, WHOLE))))
     return names, count, max(lengths) - count, sets[0].compression or "none"
 
 
@@ -146,7 +142,7 @@ def _stream(file: Any) -> tuple[StreamInfo, bool]:
     """The stream, and whether the file says how large the sensor is."""
     said, sides = None, None
     with suppress(Exception):
-        said = json.loads(file[STREAM][()])
+        said = json.loads(value(file, STREAM))
     with suppress(Exception):
         height, width = (int(side) for side in file.attrs["sensor_resolution"])
         sides = (width, height) if 0 < min(width, height) <= max(width, height) < 1 << 15 else None
@@ -157,7 +153,7 @@ def _stream(file: Any) -> tuple[StreamInfo, bool]:
 
 def _piece(group: Any, names: tuple[str, ...], rows: slice, offset_us: int) -> tuple[Events, int]:
     """Some rows as events, and how many of them no event can be."""
-    t, x, y, p = (group[name][rows] for name in names)
+    t, x, y, p = (own(group, name)[rows] for name in names)
     if t.dtype.kind == "f":
         # seconds, as rpg's tools write them
         stamps = np.rint(np.nan_to_num(t * 1e6, nan=2.0**63))
