@@ -46,7 +46,8 @@ class Sensor:
             mujoco.mj_step(model, data)
             events = sensor.observe(data)
 
-    Works with any step length, also a varying one. Neither the model nor the data is changed.
+    Works with any step length, also a varying one. Neither the model nor the data is changed. A
+    daemon thread that observes is ended (SystemExit) when the interpreter exits.
     """
 
     def __init__(

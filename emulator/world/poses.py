@@ -16,6 +16,7 @@ from evs.emulator.scene import F64, I32, SceneSnapshot
 from evs.emulator.world.cameras import BoundCamera
 from evs.emulator.world.compat import SLEEP
 from evs.emulator.world.deforming import Deforming
+from evs.emulator.world.exiting import end_daemons_at_exit, end_here
 from evs.emulator.world.extraction import visible_geoms
 from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.lights import active_lights
@@ -31,6 +32,7 @@ class Poser:
     """
 
     def __init__(self, model: mujoco.MjModel, cameras: Iterable[BoundCamera] = ()) -> None:
+        end_daemons_at_exit()
         # with sleeping bodies on, the kinematics leave some poses out: a private model does without
         if model.opt.enableflags & SLEEP:
             model = copy.copy(model)
@@ -93,6 +95,7 @@ class Poser:
         return self._look(t_us, exposure_us)
 
     def _look(self, t_us: int, exposure_us: int) -> SceneSnapshot:
+        end_here()
         model, own = self._model, self._data
         update_poses(model, own)
         return SceneSnapshot(

@@ -3,7 +3,7 @@
     python vanished_peer.py KIND SECONDS
 
 The peer is bytes on a plain socket, so that it can do what a ZeroMQ of ours never does. SECONDS
-pass between its end and the next use of the socket. Prints "alive" if that works, and the next peer.
+pass between its end and the next use of the socket. Prints "alive" if all works.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@
 #include <optional>
 
 #include "bound_caster.h"
+#include "unlocked.h"
 
 namespace nb = nanobind;
 
@@ -181,7 +182,7 @@ void render(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat
           "copy is (height, width)");
   Poses poses = checked_poses(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
   poses.seed = seed;
-  nb::gil_scoped_release release;
+  Unlocked release;
   b.caster.render(poses, luminance.data(), rgb ? rgb->data() : nullptr);
   // here, where no other thread of Python waits for it
   if (copy) std::copy_n(luminance.data(), b.height * b.width, copy->data());
@@ -201,7 +202,7 @@ void trace_truth(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geo
   Poses poses = checked_poses(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
   Truth out = {geom.data(),   distance.data(), point.data(),
                normal.data(), triangle.data(), barycentric.data()};
-  nb::gil_scoped_release release;
+  Unlocked release;
   b.caster.trace_truth(poses, out);
 }
 
@@ -221,7 +222,7 @@ void trace_pixels(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> ge
             "a pixel lies outside the image");
   }
   poses.seed = seed;
-  nb::gil_scoped_release release;
+  Unlocked release;
   b.caster.trace_pixels(poses, x.data(), y.data(), static_cast<int>(count), luminance.data());
 }
 

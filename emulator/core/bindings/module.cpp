@@ -14,6 +14,8 @@ void bind_settings(nanobind::module_& m);
 
 NB_MODULE(_core, m) {
   m.doc() = "The native core: ray caster, event pixel and event network.";
+  // a thread that the end of the interpreter has stopped keeps what it used: no fault of the user's
+  nanobind::set_leak_warnings(false);
   evs::bind_settings(m);
   evs::bind_caster(m);
   evs::bind_events(m);

@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "network_array.h"
+#include "unlocked.h"
 
 namespace nb = nanobind;
 
@@ -113,7 +114,7 @@ class BoundNetwork {
     // the larger memory lives as long as the call, and then where `grow` has put it
     nb::object grown;
     auto more = [&](size_t rows) {
-      nb::gil_scoped_acquire hold;
+      Locked hold;
       grown = grow(rows);
       Array<float, 2> larger = nb::cast<Array<float, 2>>(grown, false);
       require(larger.shape(0) >= rows && larger.shape(1) == row_floats_,
@@ -133,7 +134,7 @@ class BoundNetwork {
       chunk.currents = currents ? currents->data() + done * frame : nullptr;
       std::vector<EventBuffer> buffers;
       {
-        nb::gil_scoped_release release;
+        Unlocked release;
         std::lock_guard one_caller(callers_);
         buffers = array_->step(arrays, chunk, more, counts);
       }

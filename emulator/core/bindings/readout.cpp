@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "readout.h"
+#include "unlocked.h"
 
 namespace nb = nanobind;
 
@@ -57,7 +58,7 @@ class ReadoutBinding {
     std::vector<int64_t> moments;
     {
       // a few take less time than to get the lock back from a thread that took it meanwhile
-      std::optional<nb::gil_scoped_release> release;
+      std::optional<Unlocked> release;
       if (events.shape(0) + waiting.shape(0) > kFew * sizeof(Event)) release.emplace();
       readout_.step(reinterpret_cast<const Event*>(events.data()), events.shape(0) / sizeof(Event),
                     numbers, requests, t_begin_us, t_end_us, out);

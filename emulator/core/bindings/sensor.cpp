@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "pixel_array.h"
+#include "unlocked.h"
 
 namespace nb = nanobind;
 
@@ -139,7 +140,7 @@ class BoundPixels {
     EventBuffer buffer;
     size_t clamped = 0;
     {
-      nb::gil_scoped_release release;
+      Unlocked release;
       buffer = array_->step(arrays, tick, t_begin_us, clamped);
     }
     return nb::make_tuple(owned<Bytes>(std::move(buffer.events), buffer.count), clamped);
