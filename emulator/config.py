@@ -43,9 +43,9 @@ class CameraConfig:
     """[camera]: a camera that the model does not have, or other optics for one that it has."""
 
     lookat: tuple[float, float, float] | None = None
-    """free camera: the point it looks at, m; None: the centre of the model"""
+    """free camera: the point it looks at, m; None: the centre of what moves"""
     distance: float | None = None
-    """free camera: distance from that point, m"""
+    """free camera: distance from that point, m; None: what moves fits the picture"""
     azimuth: float | None = None
     """free camera: degrees around z, as MuJoCo's viewer"""
     elevation: float | None = None

@@ -12,6 +12,7 @@ from evs.emulator.config import CameraConfig
 from evs.emulator.optics import check_distortion, check_vignetting
 from evs.emulator.scene import F64, MAX_PIXELS, CameraModel, CameraPose
 from evs.emulator.world.compat import is_orthographic
+from evs.emulator.world.framing import robot_box
 from evs.emulator.world.names import find, name_of
 from evs.msgs import EvsError
 
@@ -19,6 +20,12 @@ FREE_KEYS = ("lookat", "distance", "azimuth", "elevation")
 MOUNT_KEYS = ("pos", "quat", "xyaxes")
 
 UNSET = CameraConfig()
+
+MARGIN = 1.2
+"""of a free camera's distance over the nearest that shows the robot whole: limbs stretch"""
+
+SHORTEST_M = 1e-6
+"""a box without extent is looked at from here"""
 
 
 @dataclass(frozen=True)
@@ -72,9 +79,10 @@ def bind_camera(
 ) -> BoundCamera:
     """The camera called `name` (or with that number), or the one that `config` describes.
 
-    With neither, the model's first camera, else MuJoCo's default free camera. In: width, height of
-    the sensor in px. `config` may also give a model's camera other optics. EvsError for unknown
-    names, resolutions and angles that make no picture, and descriptions that contradict each other.
+    With neither, the model's first camera, else a free camera that shows what moves. In: width,
+    height of the sensor in px. `config` may also give a model's camera other optics. EvsError for
+    unknown names, resolutions and angles that make no picture, and descriptions that contradict
+    each other.
     """
     config = config or CameraConfig()
     if width < 1 or height < 1 or width * height > MAX_PIXELS:
@@ -99,8 +107,8 @@ def bind_camera(
             f"{config.body}_camera", _free_optics(model, width, height, config), mount
         )
     if free or (not name and not model.ncam):
-        pose = free_pose(model, config)
-        return BoundCamera("free", _free_optics(model, width, height, config), FreeCamera(pose))
+        optics = _free_optics(model, width, height, config)
+        return BoundCamera("free", optics, FreeCamera(free_pose(model, config, optics)))
     camera = find(model, mujoco.mjtObj.mjOBJ_CAMERA, "camera", name) if name else 0
     label = name_of(model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
     return BoundCamera(
@@ -108,10 +116,20 @@ def bind_camera(
     )
 
 
-def free_pose(model: mujoco.MjModel, config: CameraConfig) -> CameraPose:
-    """A free camera's pose, as mjv_cameraFrame computes it; what is None is the model's default."""
+def free_pose(model: mujoco.MjModel, config: CameraConfig, optics: CameraModel) -> CameraPose:
+    """A free camera's pose, as mjv_cameraFrame computes it.
+
+    Angles that are None are the model's default; lookat and distance show what moves, whole, or are
+    MuJoCo's default where nothing but the world's own body is there.
+    """
     lookat = np.array(model.stat.center if config.lookat is None else config.lookat, np.float64)
     distance = 1.5 * model.stat.extent if config.distance is None else config.distance
+    if config.lookat is None or config.distance is None:
+        box = robot_box(model)
+        if box is not None and config.lookat is None:
+            lookat = (box[0] + box[1]) / 2
+        if box is not None and config.distance is None:
+            distance = _fitting(optics, lookat, *box)
     view = model.vis.global_
     azimuth = math.radians(view.azimuth if config.azimuth is None else config.azimuth)
     elevation = math.radians(view.elevation if config.elevation is None else config.elevation)
@@ -124,6 +142,19 @@ def free_pose(model: mujoco.MjModel, config: CameraConfig) -> CameraPose:
     up = np.array([-se * ca, -se * sa, ce])
     right = np.array([sa, -ca, 0.0])
     return CameraPose(lookat - distance * forward, np.stack([right, up, -forward], 1).ravel())
+
+
+def _fitting(optics: CameraModel, lookat: F64, low: F64, high: F64) -> float:
+    """The distance from `lookat` at which a box fits the picture, from wherever it is seen."""
+    radius = float(np.linalg.norm(np.maximum(np.abs(low - lookat), np.abs(high - lookat))))
+    # an edge of the picture that the axis is next to, as a slope
+    slope = min(
+        min(optics.cx, optics.width - optics.cx) / optics.fx,
+        min(optics.cy, optics.height - optics.cy) / optics.fy,
+    )
+    if optics.orthographic or slope <= 0.0:
+        return MARGIN * max(2.0 * radius, SHORTEST_M)
+    return MARGIN * max(radius * math.hypot(1.0, slope) / slope, SHORTEST_M)
 
 
 def _mounted_turn(config: CameraConfig) -> F64:

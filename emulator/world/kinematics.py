@@ -1,9 +1,10 @@
-"""From joint positions to poses, and no further: no forces, no time; and where down is."""
+"""From joint positions to poses, and no further: no forces, no time; what moves, where down is."""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from evs.emulator.scene import F64
 
@@ -15,6 +16,12 @@ def update_poses(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     mujoco.mj_camlight(model, data)
     if model.nflex:
         mujoco.mj_flex(model, data)
+
+
+def moving_bodies(model: mujoco.MjModel) -> npt.NDArray[np.bool_]:
+    """(nbody,) True where a joint or a mocap body can move it."""
+    carried = model.body_mocapid[model.body_rootid] >= 0
+    return np.asarray((model.body_weldid != 0) | carried, np.bool_)
 
 
 def gravity_of(model: mujoco.MjModel) -> F64:

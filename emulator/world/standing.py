@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from evs.emulator.world.cameras import BoundCamera, FreeCamera, ModelCamera
 from evs.emulator.world.compat import SLEEP
+from evs.emulator.world.kinematics import moving_bodies
 from evs.emulator.world.lights import active_lights
 
 FIXED = int(mujoco.mjtCamLight.mjCAMLIGHT_FIXED)
@@ -53,12 +54,6 @@ def standing_of(model: mujoco.MjModel, bound: BoundCamera) -> Standing:
         camera_moves=_camera_moves(model, moving, bound),
         sleeping=bool(model.opt.enableflags & SLEEP),
     )
-
-
-def moving_bodies(model: mujoco.MjModel) -> npt.NDArray[np.bool_]:
-    """(nbody,) True where a joint or a mocap body can move it."""
-    carried = model.body_mocapid[model.body_rootid] >= 0
-    return np.asarray((model.body_weldid != 0) | carried, np.bool_)
 
 
 def _moves(

@@ -198,3 +198,78 @@ def test_bad_descriptions_are_one_clear_line(model, name, config, message):
 def test_absurd_resolutions_are_refused(model, width, height):
     with pytest.raises(EvsError, match=f"a sensor of {width} x {height} px has no picture"):
         bind_camera(model, "fixed", width, height)
+
+
+ON_A_FLOOR = """
+<mujoco>
+  <worldbody>
+    <geom type="plane" size="50 50 .1"/>
+    <geom type="box" pos="30 0 1" size="2 2 2"/>
+    <body pos="3 0 1">
+      {joint}
+      <geom type="capsule" fromto="-.2 0 0 .4 .3 .5" size=".05"/>
+      <geom type="sphere" size="9" group="3"/>
+      <body pos=".4 0 -.5"><joint axis="0 1 0"/><geom type="box" size=".1 .02 .3"/></body>
+    </body>
+  </worldbody>
+  {key}
+</mujoco>
+"""
+FREE = "<freejoint/>"
+AWAY = '<keyframe><key name="home" qpos="-7 2 .4 0.6 0.8 0 0 1.2"/></keyframe>'
+
+
+def filled(model, width, height, config=None):
+    """The robot's corners in a free camera's picture: lowest and highest share of each half."""
+    bound = bind_camera(model, "", width, height, config)
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    corners = []
+    for geom in range(model.ngeom):
+        if model.geom_bodyid[geom] and model.geom_group[geom] < 3:
+            center, half = np.split(model.geom_aabb[geom], 2)
+            signs = np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1)
+            turn = data.geom_xmat[geom].reshape(3, 3)
+            corners.append(
+                data.geom_xpos[geom] + (turn @ (center[:, None] + half[:, None] * signs)).T
+            )
+    pose = pose_of(model, data, bound)
+    seen = (np.concatenate(corners) - pose.pos) @ pose.mat.reshape(3, 3)
+    assert (seen[:, 2] < 0).all()
+    x = seen[:, 0] / -seen[:, 2] * bound.model.fx / (width / 2)
+    y = seen[:, 1] / -seen[:, 2] * bound.model.fy / (height / 2)
+    return np.abs([x, y]).max()
+
+
+@pytest.mark.parametrize("key", ["", AWAY])
+@pytest.mark.parametrize("joint", [FREE, ""])
+@pytest.mark.parametrize("size", [(346, 260), (100, 300)])
+def test_the_free_camera_shows_the_robot_whole_and_not_the_floor(joint, key, size):
+    key = key if joint else key.replace("-7 2 .4 0.6 0.8 0 0 ", "")
+    model = mujoco.MjModel.from_xml_string(ON_A_FLOOR.format(joint=joint, key=key))
+    whole = filled(model, *size)
+    # limbs fill between a third of the picture's shorter half and all but a sixth of it
+    assert 0.33 < whole < 0.84
+    for config in (
+        CameraConfig(azimuth=10.0, elevation=-80.0),
+        CameraConfig(fovy=120.0),
+        CameraConfig(focal_px=(90.0, 140.0)),
+    ):
+        assert 0.2 < filled(model, *size, config) < 0.84
+
+
+def test_a_free_camera_that_is_given_stays_where_it_is():
+    model = mujoco.MjModel.from_xml_string(ON_A_FLOOR.format(joint=FREE, key=""))
+    config = CameraConfig(lookat=(1.0, 2.0, 3.0), distance=2.0, azimuth=90.0, elevation=0.0)
+    pose = bind_camera(model, "", 64, 48, config).mount.fixed
+    np.testing.assert_allclose(pose.pos, (1.0, 0.0, 3.0), atol=1e-12)
+
+
+def test_the_free_camera_of_every_shipped_robot_shows_it(robot_files):
+    for name, path in robot_files.items():
+        model = load_model(path)
+        if model.nkey or not (model.geom_bodyid > 0).any():
+            continue
+        assert filled(model, WIDTH, HEIGHT, CameraConfig(azimuth=60.0)) < 1.0, name
