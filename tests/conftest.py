@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -56,6 +56,16 @@ def rays_of(camera: Any) -> np.ndarray:
     x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     d = np.stack([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, -np.ones_like(x)], -1)
     return d / np.linalg.norm(d, axis=-1, keepdims=True)
+
+
+@pytest.fixture(scope="session")
+def mujoco_beside() -> Iterator[Any]:
+    """MuJoCo's classic renderer, with whose picture `beside` compares ours (MujocoPictures)."""
+    # what other tests never need
+    from reference.mujoco_picture import mujoco_pictures
+
+    with mujoco_pictures() as pictures:
+        yield pictures
 
 
 @pytest.fixture(scope="session")

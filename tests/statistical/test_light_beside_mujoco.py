@@ -1,0 +1,51 @@
+"""Our pictures beside those of MuJoCo's classic renderer: shape, and colour where it must agree."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from evs.emulator.config import CameraConfig, RenderConfig
+from evs.emulator.world import load_model
+from reference.mujoco_picture import MujocoPictures
+
+ROBOTS = ("gymnasium/ant", "gymnasium/humanoid", "gymnasium/pusher", "dm_control/cheetah",
+          "dm_control/humanoid_CMU", "dm_control/cartpole")  # fmt: skip
+
+
+def test_robots_have_the_shape_that_mujoco_shows(robot_files, mujoco_beside: MujocoPictures):
+    for name in ROBOTS:
+        seen = mujoco_beside.beside(load_model(robot_files[name]), render=RenderConfig(spp=1))
+        assert len(np.unique(seen.our_ids)) > 3, name
+        assert seen.shape_agrees > 0.998, name
+
+
+def test_cameras_of_every_kind_see_the_same(mujoco_beside: MujocoPictures):
+    model = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><light pos="0 0 3"/>
+        <camera name="rolled" pos="0 -3 1" euler="70 10 20"/>
+        <camera name="flat" pos="0 -3 1" euler="70 0 0" projection="orthographic" fovy="3"/>
+        <geom type="plane" size="3 3 .1"/><geom type="box" size=".3 .4 .5" pos=".2 0 .5"/>
+        <geom size=".2" pos="-.5 .3 .9"/></worldbody></mujoco>""")
+    shifted = CameraConfig(focal_px=(90, 120), principal_px=(60, 70), distance=4, elevation=-35)
+    for camera in ("rolled", "flat", shifted):
+        seen = mujoco_beside.beside(model, None, camera, render=RenderConfig(spp=1))
+        assert set(np.unique(seen.our_ids)) >= {0, 1, 2}
+        assert seen.shape_agrees > 0.998
+
+
+def test_a_difference_is_seen(mujoco_beside: MujocoPictures):
+    """The test of the test: a geom that is moved by a pixel, and one of another colour."""
+    xml = """<mujoco><visual><headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/></visual>
+        <worldbody><camera pos="0 0 3"/><geom type="box" size=".8 .8 .1" rgba="{} .4 .4 1"/>
+        </worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(xml.format(0.4))
+    seen = mujoco_beside.beside(model)
+    assert seen.shape_agrees == 1.0
+    assert seen.difference(0) < 0.005
+    moved = replace(seen, our_ids=np.roll(seen.our_ids, 1, 1))
+    assert 0.98 < moved.shape_agrees < 0.999
+    tinted = mujoco_beside.beside(mujoco.MjModel.from_xml_string(xml.format(0.42)))
+    assert replace(seen, ours=tinted.ours).difference(0) == pytest.approx(0.02, abs=0.004)
