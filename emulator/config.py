@@ -289,6 +289,9 @@ class RenderConfig:
     """the model's haze below the horizon, where it has a sky and a plane without bounds"""
     lux_per_unit: float = 1000.0
     """illuminance that counts as 1, for lights with a physical intensity (candela, lux)"""
+    linear_textures: tuple[str, ...] = ()
+    """names of the model's textures whose numbers are linear light; every other image of colour is
+    display-coded, whatever its `colorspace`; maps of numbers (normal, roughness, ...) never are"""
     incremental: bool = True
     """trace again only what something moved can touch; the result is the same bit for bit"""
     isa: str = "auto"

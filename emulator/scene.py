@@ -75,6 +75,8 @@ class Texture:
     """c is 1, 3 or 4"""
     srgb: bool = True
     """True: display-coded, decoded before use. False: linear."""
+    name: str = ""
+    """the model's name of it, else its number"""
 
 
 @dataclass(frozen=True)
@@ -177,6 +179,8 @@ class SceneModel:
     meshes: tuple[Mesh, ...] = ()
     surfaces: tuple[Surface, ...] = (Surface(),)
     textures: tuple[Texture, ...] = ()
+    texture_names: tuple[str, ...] = ()
+    """of all textures of the model, also of those that nothing shows"""
     lights: tuple[Light, ...] = ()
     skybox: int = -1
     """index into textures, -1 none"""

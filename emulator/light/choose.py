@@ -33,6 +33,9 @@ def make_renderer(
     switches, code paths that are forced on or off (not of raster).
     """
     check_render(config)
+    for name in config.linear_textures:
+        if name not in scene.texture_names:
+            raise unknown("render.linear_textures", name, list(scene.texture_names))
     if not 0 <= threads <= MAX_THREADS:
         raise EvsError(f"threads is {threads}; give 0 for one a core, or 1 ... {MAX_THREADS}")
     if config.renderer == "raster":

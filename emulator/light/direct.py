@@ -203,7 +203,8 @@ def scene_data(
     for texture in scene.textures:
         flat = texture.kind is TextureKind.FLAT
         image = texture.data[np.newaxis] if flat else texture.data
-        data.add_texture(np.ascontiguousarray(image), texture.srgb)
+        srgb = texture.srgb and texture.name not in config.linear_textures
+        data.add_texture(np.ascontiguousarray(image), srgb)
     for surface in scene.surfaces:
         data.add_surface(
             surface.rgba,

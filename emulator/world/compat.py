@@ -62,11 +62,6 @@ def actuator_of(model: mujoco.MjModel, control: int) -> int:
     return control
 
 
-def texture_space(model: mujoco.MjModel, texture: int) -> int:
-    """The texture's mjtColorSpace: 0 not said, 1 linear, 2 sRGB."""
-    return int(model.tex_colorspace[texture]) if hasattr(model, "tex_colorspace") else 0
-
-
 @cache
 def _gloss_default(attribute: str) -> float:
     return float(getattr(mujoco.MjSpec().add_material(), attribute))

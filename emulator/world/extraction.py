@@ -12,6 +12,7 @@ from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.left_out import warn_left_out
 from evs.emulator.world.lights import active_lights, extract_air, extract_light, unlit_images
 from evs.emulator.world.meshes import extract_height_field, extract_mesh
+from evs.emulator.world.names import names_of
 from evs.emulator.world.surfaces import Surfaces, geom_rgba, is_shown
 from evs.msgs import EvsError
 
@@ -92,6 +93,7 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
         meshes=tuple(meshes),
         surfaces=tuple(surfaces.surfaces),
         textures=tuple(surfaces.textures),
+        texture_names=tuple(names_of(model, mujoco.mjtObj.mjOBJ_TEXTURE)),
         lights=lights,
         skybox=skybox,
         deforming=indices,

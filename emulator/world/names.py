@@ -15,6 +15,7 @@ COUNTS = {
     mujoco.mjtObj.mjOBJ_ACTUATOR: ACTUATOR_COUNT,
     mujoco.mjtObj.mjOBJ_KEY: "nkey",
     mujoco.mjtObj.mjOBJ_SENSOR: "nsensor",
+    mujoco.mjtObj.mjOBJ_TEXTURE: "ntex",
 }
 """Where the model keeps the number of objects of a kind."""
 

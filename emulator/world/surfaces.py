@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from evs.emulator.scene import Surface, Texture, TextureKind
 from evs.emulator.world.bounds import BRIGHTEST, bounded
-from evs.emulator.world.compat import gloss_is_given, texture_space
+from evs.emulator.world.compat import gloss_is_given
 from evs.emulator.world.names import name_of
 
 Rgba = tuple[float, float, float, float]
@@ -41,9 +41,6 @@ WORDS = {
     mujoco.mjtObj.mjOBJ_MATERIAL: "material",
 }
 """What has a colour, as errors call it."""
-
-LINEAR, SRGB = 1, 2
-"""The values of mjtColorSpace, which MuJoCo 3.3.0 has not."""
 
 KTX_MAGIC = bytes([0xAB, 0x4B, 0x54, 0x58])
 """Compressed textures are stored as whole files that begin like this; they are not pixels."""
@@ -116,8 +113,7 @@ class Surfaces:
     def texture(self, index: int, colour: bool = True, component: int = -1) -> int:
         """Index, among those in use, of the model's texture `index`; -1 where it has no pixels.
 
-        In: colour, whether it is coded for displays where the model does not say; component, the
-        only one that is wanted, -1 all.
+        In: colour, whether it is one or numbers; component, the only one that is wanted, -1 all.
         """
         if index < 0:
             return -1
@@ -209,42 +205,34 @@ def is_encoded(model: mujoco.MjModel, index: int) -> bool:
 def extract_texture(model: mujoco.MjModel, index: int, colour: bool = True) -> Texture | None:
     """One texture of the model; None where its bytes are not pixels that we can read.
 
-    In: colour, whether it is coded for displays where the model does not say.
+    In: colour, then it is coded for displays, else its numbers are linear. `tex_colorspace` does
+    not count: it cannot tell a PNG without an sRGB chunk, as nearly all are, from "linear".
     """
     width, height = int(model.tex_width[index]), int(model.tex_height[index])
     channels, first = int(model.tex_nchannel[index]), int(model.tex_adr[index])
     if is_encoded(model, index):
         return None
+    name = name_of(model, mujoco.mjtObj.mjOBJ_TEXTURE, index)
     data = np.array(model.tex_data[first : first + width * height * channels], np.uint8)
-
-    # colours are coded for displays, numbers are not, unless the model says otherwise
-    space = texture_space(model, index)
-    linear = space == LINEAR or (not colour and space != SRGB)
     kind = {
         int(mujoco.mjtTexture.mjTEXTURE_2D): TextureKind.FLAT,
         int(mujoco.mjtTexture.mjTEXTURE_CUBE): TextureKind.CUBE,
         int(mujoco.mjtTexture.mjTEXTURE_SKYBOX): TextureKind.SKYBOX,
     }[int(model.tex_type[index])]
     if kind is TextureKind.FLAT:
-        return Texture(kind, data.reshape(height, width, channels), not linear)
+        return Texture(kind, data.reshape(height, width, channels), colour, name)
 
     # one face stands for all six, or six lie one below the other
     faces = data.reshape(-1, width, width, channels)
     if len(faces) == 1:
         faces = np.repeat(faces, 6, axis=0)
-    return Texture(kind, np.ascontiguousarray(faces), not linear)
+    return Texture(kind, np.ascontiguousarray(faces), colour, name)
 
 
 def _component(texture: Texture, component: int) -> Texture | None:
-    """One component of a texture; None where it has none such, but a grey one is every component.
-
-    Alpha alone is never coded for displays.
-    """
+    """One component of a texture; None where it has none such; grey is each colour."""
     count = texture.data.shape[-1]
-    if component == 3:
-        alpha = np.ascontiguousarray(texture.data[..., 3:]) if count == 4 else None
-        return None if alpha is None else Texture(texture.kind, alpha, False)
+    if component == 3 and count < 4:
+        return None
     only = component if count >= 3 else 0
-    return Texture(
-        texture.kind, np.ascontiguousarray(texture.data[..., only : only + 1]), texture.srgb
-    )
+    return replace(texture, data=np.ascontiguousarray(texture.data[..., only : only + 1]))

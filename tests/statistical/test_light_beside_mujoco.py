@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
+from evs.drivers.pictures import write_png
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.world import load_model
 from reference.mujoco_picture import MujocoPictures
@@ -49,3 +51,36 @@ def test_a_difference_is_seen(mujoco_beside: MujocoPictures):
     assert 0.98 < moved.shape_agrees < 0.999
     tinted = mujoco_beside.beside(mujoco.MjModel.from_xml_string(xml.format(0.42)))
     assert replace(seen, ours=tinted.ours).difference(0) == pytest.approx(0.02, abs=0.004)
+
+
+AROUND = '<visual><headlight ambient="{0} {0} {0}" diffuse="0 0 0" specular="0 0 0"/></visual>'
+"""Light that is the same everywhere: a geom's colour is its own, times this."""
+
+
+def test_textures_have_the_colours_of_mujocos_picture(
+    mujoco_beside: MujocoPictures, tmp_path: Path
+):
+    """A PNG without an sRGB chunk looks like the same numbers in rgba: dark wood stays dark."""
+    wood = np.array([[92, 51, 23], [64, 64, 64], [200, 30, 30], [30, 60, 200]], np.uint8)
+    assets, geoms, files = "", "", {}
+    for number, colour in enumerate(wood):
+        write_png(tmp_path / "t.png", np.tile(colour, (2, 2, 1)))
+        files[f"{number}.png"] = (tmp_path / "t.png").read_bytes()
+        assert b"sRGB" not in files[f"{number}.png"]
+        assets += f"""<texture name="{number}" type="2d" file="{number}.png"/>
+            <material name="{number}" texture="{number}"/>"""
+        rgba = " ".join(str(part / 255) for part in colour)
+        for x, look in ((-0.5, f'material="{number}"'), (0.5, f'rgba="{rgba} 1"')):
+            at = f"{x} {0.5 * number - 0.75} 0"
+            geoms += f'<geom type="box" size=".4 .2 .1" pos="{at}" {look}/>'
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco>{AROUND.format(1)}<asset>{assets}</asset><worldbody>
+        <camera pos="0 0 5" projection="orthographic" fovy="2.2"/>{geoms}</worldbody></mujoco>""",
+        files,
+    )
+    seen = mujoco_beside.beside(model)
+    assert seen.shape_agrees == 1.0
+    for geom, colour in enumerate(np.repeat(wood, 2, axis=0)):
+        theirs, ours = seen.colours(geom)
+        np.testing.assert_allclose(theirs, colour / 255, atol=0.005)
+        np.testing.assert_allclose(ours, theirs, atol=0.005)

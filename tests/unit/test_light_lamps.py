@@ -26,7 +26,8 @@ def seen(
     """(size, size, 3) linear colour, as the model's first camera sees it."""
     bound = bind_camera(model, "", size, size)
     frame = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
-    config = RenderConfig(**{"spp": 1, **render})  # type: ignore[arg-type]
+    # images of light are given as numbers here
+    config = RenderConfig(**{"spp": 1, "linear_textures": ("sky",), **render})  # type: ignore[arg-type]
     renderer = DirectRenderer(scene or extract_scene(model), bound.model, config, 1, rgb=True)
     renderer.render(frame, frame.cameras[0])
     assert renderer.rgb is not None

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer
+from evs.emulator.light import DirectRenderer, make_renderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.msgs import EvsError
 
 DARK = '<visual><headlight active="0"/></visual>'
 MATT = '<material name="matt" specular="0" rgba="{0} {0} {0} 1"/>'
@@ -279,3 +280,25 @@ def test_far_from_the_origin_nothing_changes() -> None:
     near = light_of(scene.format(DARK, MATT.format(0.5), 0))
     far = light_of(scene.format(DARK, MATT.format(0.5), 100000))
     np.testing.assert_allclose(near, far, rtol=1e-4, atol=1e-5)
+
+
+GREY = """<asset><texture name="grey" type="2d" builtin="flat" rgb1="{0} {0} {0}" width="4"
+    height="4" colorspace="linear"/><material name="m" texture="grey" specular="0"/></asset>
+    <visual><headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/></visual><worldbody>
+    <camera pos="0 0 2"/><geom type="plane" size="9 9 .1" material="m"/></worldbody>"""
+
+
+@pytest.mark.parametrize("renderer", ["direct", "path", "raster"])
+def test_a_texture_is_linear_where_it_is_named(renderer: str) -> None:
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{GREY.format(64 / 255)}</mujoco>")
+    bound = bind_camera(model, "", 8, 8)
+    frame, scene = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0), extract_scene(model)
+
+    def light_with(names: tuple[str, ...]) -> np.ndarray:
+        config = RenderConfig(renderer=renderer, spp=4, linear_textures=names)
+        return make_renderer(scene, bound.model, config, 1).render(frame, frame.cameras[0])
+
+    np.testing.assert_allclose(light_with(()), linear(64 / 255), rtol=1e-5)
+    np.testing.assert_allclose(light_with(("grey",)), 64 / 255, rtol=1e-5)
+    with pytest.raises(EvsError, match=r"^no render.linear_textures 'gray'; there is: grey$"):
+        light_with(("gray",))

@@ -210,11 +210,23 @@ def test_nothing_visible_is_an_error():
         extract_scene(model)
 
 
-def test_a_linear_texture_is_not_decoded():
+@pytest.mark.parametrize("space", ["auto", "linear", "sRGB"])
+def test_images_of_colour_are_display_coded_and_maps_are_numbers(space):
+    """Whatever the model says: it says the same of an author's choice and of a PNG's silence."""
     model = mujoco.MjModel.from_xml_string(
-        """<mujoco><asset>
-        <texture name="t" type="2d" builtin="flat" width="4" height="4" colorspace="linear"/>
-        <material name="m" texture="t"/></asset>
-        <worldbody><geom size="1" material="m"/></worldbody></mujoco>"""
+        f"""<mujoco><asset>
+        <texture name="t" type="2d" builtin="flat" width="4" height="4" colorspace="{space}"/>
+        <texture name="sky" type="skybox" builtin="flat" width="4" height="4"
+          colorspace="{space}"/>
+        <material name="m"><layer role="rgb" texture="t"/><layer role="normal" texture="t"/>
+          <layer role="roughness" texture="t"/><layer role="emissive" texture="t"/>
+        </material></asset><worldbody><geom size="1" material="m"/></worldbody></mujoco>"""
     )
-    assert not extract_scene(model).textures[0].srgb
+    scene = extract_scene(model)
+    surface = scene.surfaces[scene.geom_surface[0]]
+    for index in (surface.texture, surface.emissive_map, scene.skybox):
+        assert scene.textures[index].srgb
+    for index in (surface.normal_map, surface.roughness_map):
+        assert not scene.textures[index].srgb
+    assert scene.textures[surface.texture].name == "t"
+    assert scene.texture_names == ("t", "sky")

@@ -84,7 +84,7 @@ def texture(draft: Draft, least: float) -> str:
     contrast = draft.log_uniform(least, 30.0)
     if draft.chance(0.6):
         file, _ = pattern_file(draft, contrast)
-        draft.assets.append(f'<texture name="{name}" type="2d" colorspace="linear" file="{file}"/>')
+        draft.assets.append(f'<texture name="{name}" type="2d" file="{file}"/>')
         return name
     builtin = draft.choice(BUILTIN, (3, 1, 1))
     side = 1 << draft.integer(3, 8)

@@ -8,6 +8,7 @@ import zlib
 import numpy as np
 import numpy.typing as npt
 
+from evs.drivers.pictures import to_srgb8
 from evs.drivers.training.scenes.draft import Draft
 from evs.emulator.scene import F64, U8
 
@@ -30,8 +31,7 @@ def pattern_file(draft: Draft, contrast: float) -> tuple[str, str]:
         1.0 - tint * (1.0 - shade[..., np.newaxis])
     )
     name = draft.name("pattern") + ".png"
-    pixels: U8 = np.round(255.0 * np.clip(image, 0.0, 1.0)).astype(np.uint8)
-    draft.files[name] = _png(pixels)
+    draft.files[name] = _png(to_srgb8(image.astype(np.float32), 1.0))
     return name, kind
 
 

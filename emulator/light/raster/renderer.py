@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -150,7 +151,9 @@ class RasterRenderer:
         nodes = []
         for thing in drawn(scene, camera.orthographic):
             if thing.texture not in names:
-                names[thing.texture] = canvas.add_texture(scene.textures[thing.texture])
+                image = scene.textures[thing.texture]
+                srgb = image.srgb and image.name not in self._config.linear_textures
+                names[thing.texture] = canvas.add_texture(replace(image, srgb=srgb))
             part = pyrender.Primitive(
                 positions=thing.facets.positions,
                 normals=thing.facets.normals,

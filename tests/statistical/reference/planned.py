@@ -55,7 +55,7 @@ NOTHING = {
 SKY = """<texture type="skybox" builtin="gradient" rgb1=".9 .9 .9" rgb2=".1 .1 .1" width="16"
   height="96"/>"""
 BUMPS = """<texture name="bumps" type="2d" builtin="checker" rgb1=".9 .5 .6" rgb2=".1 .5 .6"
-  width="8" height="8" colorspace="linear"/>"""
+  width="8" height="8"/>"""
 CLOTH = """<flexcomp name="cloth" type="grid" count="6 6 1" spacing=".1 .1 .1" radius=".01" dim="2"
   pos=".4 .2 .6" mass="1" rgba=".9 .3 .2 1"><edge equality="true"/></flexcomp>"""
 IDEAL = {
