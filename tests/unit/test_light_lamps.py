@@ -225,7 +225,7 @@ def horizon(height: float = 3.0, size: float = 0, sky: str = SKY, haze: float = 
 @pytest.mark.parametrize("ratio", [0.2, 0.5, 0.8])
 def test_haze_lies_where_mujoco_draws_it(ratio: float) -> None:
     # MuJoCo's cone: from the plane at 1 - ratio of 0.7 zfar up to the eye's height at all of it;
-    # opaque where a line of 45 degrees from the rim's foot meets it
+    # opaque before the foot of the sky, a wall of that radius in which the plane ends
     size, height, rim = 96, 3.0, 0.7 * 50
     light = seen(load(horizon(height, haze=ratio)), size=size)
     slope = ((np.arange(size) + 0.5) / size * 2 - 1) * np.tan(np.deg2rad(10))  # down
@@ -239,7 +239,8 @@ def test_haze_lies_where_mujoco_draws_it(ratio: float) -> None:
     on_cone = height * (1 - rows) / (rim * (1 - ratio * (1 - rows)))
     h = np.interp(slope, on_cone[::-1], rows[::-1], left=1, right=0)
     cover = np.where(h < peak, h / peak, (1 - h) / (1 - peak))[:, np.newaxis]
-    behind = np.where(slope[:, np.newaxis] > 0, linear([1, 0.5, 0.25]), linear([51 / 255] * 3))
+    floor = slope[:, np.newaxis] > height / rim
+    behind = np.where(floor, linear([1, 0.5, 0.25]), linear([51 / 255] * 3))
     expected = behind + (linear([0.9, 0.5, 0.3]) - behind) * cover
     np.testing.assert_allclose(light[:, size // 2], expected, rtol=2e-3, atol=2e-3)
     assert cover.max() > 0.8

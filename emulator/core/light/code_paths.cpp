@@ -15,11 +15,13 @@ void add_clear_fog(Air& air) {
   std::fill(air.fog_color, air.fog_color + MAX_CHANNELS, 0.0f);
 }
 
-// A cone that covers nothing: no direction goes down, and its height is full at the horizon.
+// A cone that covers nothing: no direction goes down, its height is full at the horizon, and no
+// plane reaches it.
 void add_clear_haze(Air& air) {
   air.haze = true;
   air.haze_ratio = 0;
-  air.haze_radius = air.haze_elevation = 1;
+  air.haze_radius = std::numeric_limits<float>::max();
+  air.haze_elevation = 1;
   air.haze_peak = 0.5f;
   air.haze_up = {0, 0, 0};
   std::fill(air.haze_color, air.haze_color + MAX_CHANNELS, 0.0f);

@@ -150,7 +150,9 @@ void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, F
   Float passing = splat(1.0f), beyond = splat(0.0f), cover = beyond, curtain = beyond;
   for (int layer = 0; layer < MAX_LAYERS; layer++) {
     Hit hit = closest(f, rays, hull, active, beyond);
-    Mask lit = active & ~(hit.geom < splat(0)), missed = active & ~lit;
+    Mask lit = active & ~(hit.geom < splat(0));
+    if (FOLLOW && f.air.haze) lit = lit & ~beyond_haze(f, rays.direction, hit);
+    Mask missed = active & ~lit;
     if (FOLLOW && f.air.haze && layer == 0) cover = haze(f, rays.direction, curtain);
     if (FOLLOW && f.air.haze) {
       // what is hit behind the haze, or nothing

@@ -156,6 +156,7 @@ inline Mask cast(const Frame& f, const PathFrame& p, int bounce, Walk& w, const 
     meet(*clearance, hit.geom, lit);
     note(*clearance, rays.origin, rays.direction, end, active);
   }
+  if (bounce == 0 && f.air.haze) lit = lit & ~beyond_haze(f, rays.direction, hit);
   Mask missed = active & ~lit;
   if (any(missed) && p.open) {
     if (bounce == 0) {

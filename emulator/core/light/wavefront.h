@@ -196,8 +196,11 @@ inline void add_air(const Frame& f, Vec direction, Float away, Float* light) {
   if (!f.air.haze) return;
   Float curtain, cover = haze(f, direction, curtain);
   Mask behind = away > curtain;
+  Float veil[3];
+  for (int c = 0; c < 3; c++) veil[c] = splat(f.air.haze_color[c]);
+  if (f.air.fog) fog<3>(f, curtain, veil);
   for (int c = 0; c < 3; c++) {
-    light[c] = select(behind, light[c] + (f.air.haze_color[c] - light[c]) * cover, light[c]);
+    light[c] = select(behind, light[c] + (veil[c] - light[c]) * cover, light[c]);
   }
 }
 
