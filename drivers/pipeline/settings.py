@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+from evs.emulator.small_files import read_small_text
 from evs.msgs import EvsError, nearest_first
 
 T = TypeVar("T")
@@ -26,7 +27,7 @@ _INT64_MAX = 2**63 - 1
 def read_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file. EvsError where it is missing, unreadable or malformed."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_small_text(path)
     except FileNotFoundError:
         raise EvsError(f"no file '{path}'") from None
     except UnicodeDecodeError:

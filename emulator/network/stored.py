@@ -28,6 +28,7 @@ from evs.emulator.network.foreign import Network
 from evs.emulator.network.weights import TAPS, Block, Convolution, NetworkWeights
 from evs.emulator.network.wire import initialisers
 from evs.emulator.scene import F32
+from evs.emulator.small_files import read_small_text
 from evs.msgs import EvsError, nearest_first, unknown
 
 _OURS = {"encoder.weight", "last.weight"}
@@ -176,7 +177,7 @@ class _Assembly:
 def _sidecar(path: Path) -> dict[str, Any]:
     """The values of a sidecar, each of its type."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_small_text(path)
         values = tomllib.loads(text)
     except FileNotFoundError:
         raise EvsError(

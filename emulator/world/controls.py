@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.scene import F64
+from evs.emulator.small_files import read_small_text
 from evs.emulator.world.names import find, name_of, names_of
 from evs.msgs import EvsError, unknown
 
@@ -32,6 +33,9 @@ HOME = "home"
 """The keyframe that a run starts from unless another is named, as robots' models call it."""
 
 NO_KEYFRAME = "none"
+
+_MOST_BYTES = 1 << 32
+"""Of a control file, and of what is packed in one: 20 actuators at 1 kHz for 7 hours."""
 
 KNOTS_HZ = 4.0
 """How often the random signal chooses a new target for each actuator."""
@@ -199,10 +203,16 @@ def _is_number(cell: str) -> bool:
     return True
 
 
+class _TooLargeError(Exception):
+    """An archive expands to more than any control file has."""
+
+
 def _read_array(path: Path) -> F64:
-    suffix = path.suffix.lower()
+    suffix, size = path.suffix.lower(), path.stat().st_size
+    if size > _MOST_BYTES:
+        raise ValueError(f"has {size} bytes; {_MOST_BYTES} is the most")
     if suffix == ".csv":
-        lines = [line for line in path.read_text().splitlines() if line.strip()]
+        lines = [line for line in read_small_text(path, _MOST_BYTES).splitlines() if line.strip()]
         # a first line without a single number names the columns
         if lines and not any(_is_number(cell) for cell in lines[0].split(",")):
             del lines[0]
@@ -215,8 +225,13 @@ def _read_array(path: Path) -> F64:
         # opened here: numpy leaves a broken archive open
         with path.open("rb") as file:
             loaded = np.load(file, allow_pickle=False)
+            packed = [] if isinstance(loaded, np.ndarray) else loaded.zip.infolist()
+            if sum(member.file_size for member in packed) > _MOST_BYTES:
+                raise _TooLargeError
             arrays = {"ctrl": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
-    except (ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error):
+    except _TooLargeError:
+        raise ValueError(f"expands to more than {_MOST_BYTES} bytes") from None
+    except (ValueError, EOFError, TypeError, MemoryError, zipfile.BadZipFile, zlib.error):
         # numpy's own words here are of pickles and zip files
         way = "np.save(FILE, ctrl)" if suffix == ".npy" else "np.savez(FILE, ctrl=ctrl)"
         raise ValueError(f"is no whole {suffix} file of numbers; write it with {way}") from None

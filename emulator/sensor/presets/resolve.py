@@ -11,6 +11,7 @@ from evs.emulator.config import SensorConfig
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.presets.biases import Nominal, nominal_biases, with_biases
 from evs.emulator.sensor.presets.tables import SensorFile, fill
+from evs.emulator.small_files import read_small_text
 from evs.msgs import EvsError, unknown
 
 # config/ lies beside emulator/, in the wheel as in the checkout; links are not followed
@@ -95,7 +96,7 @@ def preset_path(preset: str) -> Path:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(read_small_text(path))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as reason:
         raise EvsError(f"sensor file {path} is not TOML: {str(reason).splitlines()[0]}") from None
     except OSError as reason:

@@ -8,12 +8,16 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.sensor.readout.parameters import ReadoutParameters
+from evs.emulator.small_files import read_small_text
 from evs.msgs import EvsError
 
 KEPT = 255
 """In a map of fates; any other value is the place of the cause in state.CAUSES."""
 
 _ROI, _MASK = 0, 1
+
+_MOST_BYTES = 1 << 25
+"""Of a mask file: three million pixels."""
 
 U8 = npt.NDArray[np.uint8]
 
@@ -59,7 +63,7 @@ def _masked(readout: ReadoutParameters, width: int, height: int) -> list[tuple[i
 def _read(path: Path) -> list[tuple[str, tuple[int, int]]]:
     """(where it stands, (x, y)) of each line of a mask file: "x y" or "x,y"; # begins a comment."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = read_small_text(path, _MOST_BYTES).splitlines()
     except FileNotFoundError:
         raise EvsError(f"no mask file '{path}' (sensor.readout.mask_file)") from None
     except UnicodeDecodeError:

@@ -1,0 +1,31 @@
+"""Files that a configuration names, read whole: in bounded memory, and from regular files only."""
+
+from __future__ import annotations
+
+import errno
+import stat
+from pathlib import Path
+
+MOST_BYTES = 1 << 24
+"""Of settings and keys; what has more is none."""
+
+
+def read_small(path: Path, most: int = MOST_BYTES) -> bytes:
+    """A file's bytes. OSError: as open's; also for pipes and devices, and for more than `most`.
+
+    A pipe would be waited for, and a device may never end.
+    """
+    mode = path.stat().st_mode
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise OSError(errno.EINVAL, "it is a pipe or a device; give a file")
+    with path.open("rb") as file:
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise OSError(errno.EFBIG, f"it has more than {most} bytes; give another file")
+    return data
+
+
+def read_small_text(path: Path, most: int = MOST_BYTES) -> str:
+    """The same as text, ends of lines as Python has them. UnicodeDecodeError: it is not UTF-8."""
+    text = read_small(path, most).decode()
+    return text.replace("\r\n", "\n").replace("\r", "\n")
