@@ -7,7 +7,6 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,17 @@ from evs.drivers.files.recorded import RecordedFile, part_us
 from evs.drivers.files.recording import check_stamps, fits, one_stream, target_error
 from evs.drivers.files.series import SeriesFile, opened_series
 from evs.drivers.sink import FrameSink, ImuSink, Sink, TriggerSink
-from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Labels, StreamInfo, TriggerPacket
+from evs.msgs import (
+    IMU_DTYPE,
+    EventPacket,
+    Events,
+    EvsError,
+    Frame,
+    ImuPacket,
+    Labels,
+    StreamInfo,
+    TriggerPacket,
+)
 
 Message = EventPacket | Frame | ImuPacket | TriggerPacket
 
@@ -29,6 +38,9 @@ BESIDE = {
     "labels": "labels",
 }
 """What a format may not hold: field of Holds -> in words."""
+
+_FLAGS = ("frames", "imu", "triggers")
+"""of StreamInfo"""
 
 
 @dataclass
@@ -96,26 +108,23 @@ def convert(
     called = wanted.called
     stream = one_stream(target, [stream], holds, called)
     done = Converted(target, found, wanted)
-    stored = messages_of(file)
-    first = _first_events(stored)
-    for message in first:
-        if isinstance(message, EventPacket):
-            shifted = _begun(message, holds, stream)
-            if shifted is not stream and keep_start:
-                raise EvsError(
-                    f"{target} cannot hold the stamps of {file.path}, from {message.events['t'][0]}"
-                    " us on: leave --start keep out, so that its clock begins there, or convert to "
-                    ".aedat4"
-                )
-            done.start_us = None if shifted is stream else shifted.start_us
-            stream = shifted
-            check_stamps(target, message.events, holds, called, stream)
+    first = next(file.events(), None)
+    if first is not None:
+        shifted = _begun(first, holds, stream)
+        if shifted is not stream and keep_start:
+            raise EvsError(
+                f"{target} cannot hold the stamps of {file.path}, from {first['t'][0]} us on: "
+                "leave --start keep out, so that its clock begins there, or convert to .aedat4"
+            )
+        done.start_us = None if shifted is stream else shifted.start_us
+        stream = shifted
+        check_stamps(target, first, holds, called, stream)
     with _Place(target) as place:
         sink = recorder_for(place.path, kind=wanted.name, **options)
         try:
             sink.open([stream])
             labels = file.labels if holds.labels else None
-            for message in _labelled(chain(first, stored), labels):
+            for message in _labelled(messages_of(file), labels):
                 _put(sink, message, done)
                 if progress is not None:
                     progress(file.position / max(1, file.size))
@@ -150,32 +159,38 @@ def _fitting(file: RecordedFile, holds: Holds) -> tuple[StreamInfo, list[str]]:
         "triggers": file.stream.triggers,
         "labels": file.labels is not None,
     }
-    lacking = [name for name, there in has.items() if there and not getattr(holds, name)]
-    flags: dict[str, Any] = {name: False for name in lacking if name != "labels"}
+    lacking = [name for name, said in has.items() if said and not getattr(holds, name)]
+    if any(name != "labels" for name in lacking):
+        there = _there(file, {name for name in lacking if name != "labels"})
+        lacking = [name for name in lacking if name == "labels" or name in there]
+    flags: dict[str, Any] = {name: getattr(holds, name) and has[name] for name in _FLAGS}
     return replace(file.stream, **flags), lacking
 
 
-def _begun(first: EventPacket, holds: Holds, stream: StreamInfo) -> StreamInfo:
+def _there(file: RecordedFile, wanted: set[str]) -> set[str]:
+    """Which of some fields of Holds a recording has, since it may declare more than that."""
+    found: set[str] = set()
+    for message in file.beside():
+        if isinstance(message, Frame):
+            found.add("frames")
+        elif len(message):
+            found.add("imu" if message.dtype == IMU_DTYPE else "triggers")
+        if wanted <= found:
+            break
+    return found
+
+
+def _begun(first: Events, holds: Holds, stream: StreamInfo) -> StreamInfo:
     """The stream, with its begin just before the first events where else they do not fit."""
-    if fits(first.events, holds, stream) or not holds.from_start:
+    if fits(first, holds, stream) or not holds.from_start:
         return stream
     # where its ticks begin stays
-    each_us, before_us = part_us(stream.tick_us), int(first.events["t"][0]) - 1
+    each_us, before_us = part_us(stream.tick_us), int(first["t"][0]) - 1
     start_us = before_us - (before_us - stream.start_us) % each_us
     scene = stream.config.get("scene")
     scene = {**(scene if isinstance(scene, dict) else {}), "start_us": start_us}
     later = replace(stream, config={**stream.config, "scene": scene})
-    return later if fits(first.events, holds, later) else stream
-
-
-def _first_events(stored: Iterator[Message]) -> list[Message]:
-    """The messages up to the first events."""
-    taken: list[Message] = []
-    for message in stored:
-        taken.append(message)
-        if isinstance(message, EventPacket):
-            break
-    return taken
+    return later if fits(first, holds, later) else stream
 
 
 def _labelled(stored: Iterable[Message], labels: Labels | None) -> Iterator[Message]:

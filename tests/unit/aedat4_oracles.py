@@ -173,9 +173,45 @@ def write(folder: str) -> None:
         print(json.dumps(said), flush=True)
 
 
+def write_some(folder: str) -> None:
+    """Files of dv-processing's own writer that declare and hold only some streams: KINDS-HELD."""
+    import dv_processing as dv
+
+    kinds = {"e": "EventStream", "f": "FrameStream", "i": "ImuStream", "t": "TriggerStream"}
+    for name in ("f-f", "i-i", "t-t", "fit-fit", "eit-e", "eit-eIT", "efit-t"):
+        declared, held = name.split("-")
+        config = dv.io.MonoCameraWriter.Config("eye")
+        for kind in declared:
+            sides = ((34, 26),) if kind in "ef" else ()
+            getattr(config, f"add{kinds[kind]}")(*sides)
+        writer = dv.io.MonoCameraWriter(str(Path(folder, f"{name}.aedat4")), config)
+        store = dv.EventStore()
+        for k in range(3):
+            store.push_back(1000 + k, k, k, True)
+            if "f" in held:
+                image = np.full((26, 34), k, np.uint8)
+                writer.writeFrame(dv.Frame(1000 + k, 7, 0, 0, image, dv.FrameSource.SENSOR))
+            if "i" in held:
+                writer.writeImu(dv.IMU(1000 + k, *range(10)))
+            if "t" in held:
+                writer.writeTrigger(
+                    dv.Trigger(1000 + k, dv.TriggerType.EXTERNAL_SIGNAL_RISING_EDGE)
+                )
+        if "e" in held:
+            writer.writeEvents(store)
+        # packets of nothing
+        if "I" in held:
+            writer.writeImuPacket(dv.IMUPacket())
+        if "T" in held:
+            writer.writeTriggerPacket(dv.TriggerPacket())
+        del writer
+
+
 if __name__ == "__main__":
     if sys.argv[1] == "write":
         write(sys.argv[2])
+    elif sys.argv[1] == "some":
+        write_some(sys.argv[2])
     elif sys.argv[1] in ("dv-beside", "aedat-beside"):
         beside = dv_beside if sys.argv[1] == "dv-beside" else aedat_beside
         for given in sys.argv[2:]:

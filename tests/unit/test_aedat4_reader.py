@@ -237,7 +237,7 @@ def test_of_two_event_streams_the_first_is_read(tmp_path: Path) -> None:
         (layout.MAGIC + layout.io_header(9, "<dv/>"), "compression 9 does not exist"),
         (layout.MAGIC + layout.io_header(1, "<dv>"), "not XML"),
         (layout.MAGIC + layout.io_header(1, "<dv/>"), "neither declares nor holds"),
-        (layout.MAGIC + layout.io_header(1, declared((0, "FRME", SIZE))), "neither declares"),
+        (layout.MAGIC + layout.io_header(1, declared((0, "POSE", SIZE))), "neither declares"),
     ],
 )
 def test_what_is_no_aedat4_is_refused_in_one_line(tmp_path: Path, data: bytes, says: str) -> None:

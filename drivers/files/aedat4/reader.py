@@ -44,9 +44,10 @@ class Aedat4File:
     """One AEDAT4 file, ours or another writer's, opened with `Aedat4File.at(path)`.
 
     Events come from the first event stream that the file declares (or holds, if it declares none),
-    frames, IMU and triggers from the first of theirs; other streams are skipped. Bytes that do not
-    check out are left out and reported: as damaged packets where a whole packet follows somewhere,
-    else as a torn tail.
+    frames, IMU and triggers from the first of theirs; other streams are skipped. A file may declare
+    no events: it is read as what it has, of the size of its frames. Bytes that do not check out are
+    left out and reported: as damaged packets where a whole packet follows somewhere, else as a torn
+    tail.
     """
 
     path: Path
@@ -79,7 +80,7 @@ class Aedat4File:
 
     @classmethod
     def at(cls, path: str | os.PathLike[str]) -> Aedat4File:
-        """Read the header. EvsError: no such file, not AEDAT4, no events in it."""
+        """Read the header. EvsError: no such file, not AEDAT4, nothing in it that we read."""
         found = existing(path)
         try:
             with found.open("rb") as file:
@@ -169,8 +170,18 @@ class Aedat4File:
 
     def _find_stream(self, file: BinaryIO) -> None:
         """Take the stream's facts from the description, or else from the packets."""
-        info = self.streams[self.event_id].info if self.event_id in self.streams else {}
+        frames, imu, triggers = (self._first(one) for one in ("FRME", "IMUS", "TRIG"))
+        others = [one for one in (frames, imu, triggers) if one is not None]
+        facts = self.event_id if self.event_id in self.streams or not others else others[0]
+        info = self.streams[facts].info if facts in self.streams else {}
         self.stream = description.stream_info(info)
+        if self.event_id < 0 and others and not self.stream.width:
+            self.stream = description.stream_info(info, 1, 1)
+            if frames is not None:
+                sizes = (one.pixels.shape for _, one in self._walk(file, self._takers())
+                         if isinstance(one, Frame))  # fmt: skip
+                height, width = next(sizes, (1, 1))
+                self.stream = replace(self.stream, width=width, height=height)
         if not (self.stream.width and self.stream.height):
             width = height = 0
             takers = {} if self.event_id < 0 else {self.event_id: self._take_events}
@@ -180,11 +191,17 @@ class Aedat4File:
                 width = max(width, 1 + int(events["x"].max()))
                 height = max(height, 1 + int(events["y"].max()))
             if not width:
-                raise DamageError("it neither declares nor holds an event stream")
+                raise DamageError(
+                    "it neither declares nor holds events, nor what comes beside them"
+                )
             self.stream = description.stream_info(info, width, height)
             self.damage = Damage()
-        frames, imu, triggers = (self._first(one) is not None for one in ("FRME", "IMUS", "TRIG"))
-        self.stream = replace(self.stream, frames=frames, imu=imu, triggers=triggers)
+        self.stream = replace(
+            self.stream,
+            frames=frames is not None,
+            imu=imu is not None,
+            triggers=triggers is not None,
+        )
 
     def _first(self, kind: str) -> int | None:
         """The id of the first stream of a kind that the file declares."""
@@ -200,9 +217,9 @@ class Aedat4File:
             self.left_out = {}
             takers[frames] = lambda body: self._take_frame(body, seen)
         if imu is not None:
-            takers[imu] = lambda body: parse_imu(self._plain(body))
+            takers[imu] = lambda body: _there(parse_imu(self._plain(body)))
         if triggers is not None:
-            takers[triggers] = lambda body: parse_triggers(self._plain(body))
+            takers[triggers] = lambda body: _there(parse_triggers(self._plain(body)))
         return takers
 
     def _take_events(self, body: bytes) -> Events | str | None:
@@ -321,6 +338,11 @@ class Aedat4File:
         elif self.streams or not (kind.isalnum() and kind.isupper()):
             raise DamageError(f"stream {number} is not declared")
         return kind
+
+
+def _there(found: ImuSamples | Triggers) -> ImuSamples | Triggers | None:
+    """What a packet holds; None: nothing."""
+    return found if len(found) else None
 
 
 def _table(file: BinaryIO, position: int, size: int, compression: str) -> tuple[int, int | None]:
