@@ -27,12 +27,10 @@ from evs.emulator.moments import Moments
 from evs.emulator.plain_config import plain_config, plain_integer
 from evs.emulator.saving import (
     Saved,
-    check_identity,
-    check_like,
     joined,
     pack,
     part,
-    unpack,
+    unpack_here,
     whole,
     words,
 )
@@ -213,9 +211,8 @@ class World:
         Raises EvsError where the blob is damaged, or of another model or configuration, and then
         nothing has changed. Seed, threads and instruction set may be others: seeds are restored.
         """
-        about, saved = unpack(blob)
-        check_identity(about, {"kind": "world", **self.identity})
-        self.restoring(saved)()
+        identity = {"kind": "world", **self.identity}
+        self.restoring(unpack_here(blob, identity, self.arrays()))()
 
     def arrays(self) -> Saved:
         """What `save` packs, by name."""
@@ -228,8 +225,10 @@ class World:
         }
 
     def restoring(self, saved: Saved) -> Callable[[], None]:
-        """Checks what `arrays` gave; what comes back puts it in place. Raises EvsError."""
-        check_like(saved, self.arrays())
+        """Checks what `arrays` gave; what comes back puts it in place. Raises EvsError.
+
+        In: saved, with names, kinds and dimensions that were checked.
+        """
         physics = self._physics.restoring(part(saved, "physics"))
         seed, control_seed = whole(saved, "seed"), whole(saved, "control_seed")
         given = saved["given"]

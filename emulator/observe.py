@@ -13,12 +13,10 @@ from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorC
 from evs.emulator.moments import Moments
 from evs.emulator.saving import (
     Saved,
-    check_identity,
-    check_like,
     joined,
     pack,
     part,
-    unpack,
+    unpack_here,
     whole,
     words,
 )
@@ -132,9 +130,7 @@ class Sensor:
         Put the data back as well. Raises EvsError where the blob is damaged, or of another model or
         configuration, and then nothing has changed.
         """
-        about, saved = unpack(blob)
-        check_identity(about, self._identity())
-        check_like(saved, self._arrays())
+        saved = unpack_here(blob, self._identity(), self._arrays())
         t_us = saved["t_us"].tolist()
         if len(t_us) > 1:
             raise EvsError("saved state is damaged: its time cannot be; save it again")

@@ -17,14 +17,12 @@ from evs.emulator.loop_config import DelayConfig
 from evs.emulator.plain_config import plain_integer, plain_number
 from evs.emulator.saving import (
     Saved,
-    check_identity,
-    check_like,
     joined,
     number,
     numbers,
     pack,
     part,
-    unpack,
+    unpack_here,
     whole,
     word,
     words,
@@ -209,11 +207,9 @@ class Loop:
         EvsError where the blob is damaged, or of another model or configuration, and then nothing
         has changed. A loop need not have been reset before.
         """
-        about, saved = unpack(blob)
-        check_identity(about, self._identity())
         # the world may have got another camera since
         like = self._channels if self._knows_cameras else self._new_channels()
-        check_like(saved, self._arrays(like))
+        saved = unpack_here(blob, self._identity(), self._arrays(like))
         done, wants_state = word(saved, "done"), bool(number(saved, "wants_state", 0, 1))
         inner = part(saved, "world")
         put = self.world.restoring(inner)

@@ -15,8 +15,8 @@ import math
 import re
 import struct
 import zlib
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,10 +32,33 @@ MAX_BYTES = 2**30
 _START = struct.Struct("<8sIII")
 _MAX_HEAD = 16 * 2**20
 _MAX_DIMENSIONS = 8
-_KINDS = re.compile(r"[|<]([iu][1248]|f[48]|U\d{1,6})")
-_LAST_LETTER = 0x10FFFF
+_KINDS = re.compile(r"[|<]([iu][1248]|f[48]|U[1-9]\d{0,5})")
 _SAMPLES, _SAMPLE_BYTES, _WORTH = 8, 512, 6
 _DAMAGED = "saved state is damaged: {}; save it again"
+
+
+class Row(NamedTuple):
+    """What the head says of an array."""
+
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
+    way: str
+    stored: int
+    """bytes in the blob"""
+
+    @property
+    def ndim(self) -> int:
+        """Number of dimensions."""
+        return len(self.shape)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes in memory."""
+        return self.dtype.itemsize * math.prod(self.shape)
+
+
+Check = Callable[[dict[str, Any], dict[str, Row]], None]
+"""Raises EvsError for a description and rows, by name, that do not belong here."""
 
 
 def pack(about: Mapping[str, Any], arrays: Mapping[str, Array], compress: bool = False) -> bytes:
@@ -61,8 +84,11 @@ def pack(about: Mapping[str, Any], arrays: Mapping[str, Array], compress: bool =
     return b"".join([_START.pack(MAGIC, VERSION, crc, len(packed)), packed, *parts])
 
 
-def unpack(blob: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Description and arrays of `pack`, these writable. Raises EvsError for anything else."""
+def unpack(blob: bytes, check: Check | None = None) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Description and arrays of `pack`, these writable. Raises EvsError for anything else.
+
+    In: check, called before memory is taken for any array.
+    """
     if not isinstance(blob, bytes | bytearray | memoryview):
         raise EvsError(f"a saved state is bytes, not {type(blob).__name__}: give what save() gave")
     raw = memoryview(blob).cast("B") if memoryview(blob).c_contiguous else memoryview(bytes(blob))
@@ -75,21 +101,27 @@ def unpack(blob: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
         )
     if zlib.crc32(raw[_START.size - 4 :]) != crc:
         raise EvsError(_DAMAGED.format(f"its checksum does not fit its {len(raw)} bytes"))
-    about, rows = _head(raw[_START.size : _START.size + size])
-    arrays: dict[str, Array] = {}
+    about, told = _head(raw[_START.size : _START.size + size])
     place, total = _START.size + size, 0
-    for row in rows:
-        name, dtype, shape, way, stored = _checked(row)
-        needed = dtype.itemsize * math.prod(shape)
-        total += needed
-        if total > MAX_BYTES or name in arrays or place + stored > len(raw):
+    rows: dict[str, Row] = {}
+    for one in told:
+        name, row = _checked(one)
+        total += row.nbytes
+        place += row.stored
+        if total > MAX_BYTES or name in rows or place > len(raw):
             raise EvsError(_DAMAGED.format(f"array {name!r} does not fit in it"))
-        arrays[name] = _load(raw[place : place + stored], dtype, shape, way, needed, name)
-        if dtype.kind == "U" and (arrays[name].reshape(-1).view(np.uint32) > _LAST_LETTER).any():
-            raise EvsError(_DAMAGED.format(f"array {name!r} holds no text"))
-        place += stored
+        rows[name] = row
     if place != len(raw):
         raise EvsError(_DAMAGED.format(f"{len(raw) - place} bytes are left over"))
+    if check is not None:
+        check(about, rows)
+    arrays: dict[str, Array] = {}
+    place = _START.size + size
+    for name, row in rows.items():
+        arrays[name] = _load(raw[place : place + row.stored], row, name)
+        if row.dtype.kind == "U" and not _is_text(arrays[name]):
+            raise EvsError(_DAMAGED.format(f"array {name!r} holds no text"))
+        place += row.stored
     return about, arrays
 
 
@@ -112,11 +144,10 @@ def _shrinks(flat: Array) -> bool:
     return len(zlib.compress(sample, 1)) * _WORTH < len(sample)
 
 
-def _load(
-    stored: memoryview, dtype: np.dtype[Any], shape: tuple[int, ...], way: str, size: int, name: str
-) -> Array:
+def _load(stored: memoryview, row: Row, name: str) -> Array:
     """An array of its own memory."""
-    if way == "deflate":
+    dtype, shape, size = row.dtype, row.shape, row.nbytes
+    if row.way == "deflate":
         inflater = zlib.decompressobj()
         try:
             raw = inflater.decompress(stored, size + 1)
@@ -125,7 +156,7 @@ def _load(
         if len(raw) != size or not inflater.eof:
             raise EvsError(_DAMAGED.format(f"array {name!r} cannot be inflated"))
         return np.frombuffer(bytearray(raw), dtype).reshape(shape)
-    if way == "one":
+    if row.way == "one":
         if len(stored) != dtype.itemsize:
             raise EvsError(_DAMAGED.format(f"array {name!r} has another size"))
         return np.full(shape, np.frombuffer(stored, dtype)[0], dtype)
@@ -138,6 +169,8 @@ def _head(packed: memoryview) -> tuple[dict[str, Any], list[Any]]:
     inflater = zlib.decompressobj()
     try:
         head = json.loads(inflater.decompress(packed, _MAX_HEAD))
+        # what JSON escapes need not be text
+        json.dumps(head, ensure_ascii=False).encode()
         about, rows = head["about"], head["arrays"]
     except (zlib.error, ValueError, KeyError, TypeError, RecursionError):
         raise EvsError(_DAMAGED.format("its head cannot be read")) from None
@@ -146,11 +179,11 @@ def _head(packed: memoryview) -> tuple[dict[str, Any], list[Any]]:
     return about, rows
 
 
-def _checked(row: Any) -> tuple[str, np.dtype[Any], tuple[int, ...], str, int]:
+def _checked(told: Any) -> tuple[str, Row]:
     """The five things said of an array, each of its kind."""
-    sound = isinstance(row, list) and len(row) == 5
+    sound = isinstance(told, list) and len(told) == 5
     if sound:
-        name, kind, shape, way, stored = row
+        name, kind, shape, way, stored = told
         sound = (
             isinstance(name, str)
             and isinstance(kind, str)
@@ -158,12 +191,20 @@ def _checked(row: Any) -> tuple[str, np.dtype[Any], tuple[int, ...], str, int]:
             and isinstance(shape, list)
             and len(shape) <= _MAX_DIMENSIONS
             and all(_is_count(side) for side in shape)
+            # without its empty sides, too: numpy multiplies the others
+            and math.prod(side or 1 for side in shape) <= MAX_BYTES
             and way in ("raw", "one", "deflate")
             and _is_count(stored)
         )
     if not sound:
         raise EvsError(_DAMAGED.format("its head says what cannot be"))
-    return name, np.dtype(kind), tuple(shape), way, stored
+    return name, Row(np.dtype(kind), tuple(shape), way, stored)
+
+
+def _is_text(array: Array) -> bool:
+    """Whether its letters are ones that UTF-8 has."""
+    letters = array.reshape(-1).view(np.uint32)
+    return not ((letters > 0x10FFFF) | ((letters >= 0xD800) & (letters < 0xE000))).any()
 
 
 def _is_count(value: Any) -> bool:

@@ -11,11 +11,18 @@ from typing import Any
 
 import numpy as np
 
+from evs.emulator.saving.blob import Array, Row, unpack
+from evs.emulator.saving.identity import check_identity
 from evs.msgs import EvsError
 
 Saved = dict[str, np.ndarray[Any, Any]]
 """name -> array"""
 
+_ROOM_BYTES, _OF_OURS, _OF_BLOB = 64 * 2**20, 16, 32
+"""What a blob may take in memory: so many bytes, and so many for each of ours and of its own.
+
+Light and events that wait are all that a state may have more of than there is of it now.
+"""
 MOST = 2**52
 """of a counter or a time: 142 years in us"""
 
@@ -33,7 +40,26 @@ def part(saved: Mapping[str, np.ndarray[Any, Any]], name: str) -> Saved:
     return {key[len(begin) :]: array for key, array in saved.items() if key.startswith(begin)}
 
 
-def check_like(saved: Saved, here: Saved) -> None:
+def unpack_here(blob: bytes, identity: Mapping[str, Any], here: Saved) -> Saved:
+    """The arrays of a blob that was saved where this is. Raises EvsError, before they take memory.
+
+    In: identity, description that it has to have; here, as its arrays would be now.
+    """
+
+    def check(about: Mapping[str, Any], rows: Mapping[str, Row]) -> None:
+        check_identity(about, identity)
+        check_like(rows, here)
+        room = _ROOM_BYTES + _OF_OURS * sum(array.nbytes for array in here.values())
+        if sum(row.nbytes for row in rows.values()) > room + _OF_BLOB * len(blob):
+            raise EvsError(
+                f"saved state is damaged: {len(blob)} bytes hold arrays of "
+                f"{sum(row.nbytes for row in rows.values())}; save it again"
+            )
+
+    return unpack(blob, check)[1]
+
+
+def check_like(saved: Mapping[str, Array | Row], here: Saved) -> None:
     """EvsError unless both have the same names, kinds of values and numbers of dimensions."""
     for name in sorted(saved.keys() ^ here.keys()):
         what = "lacks" if name in here else "has an unknown"
