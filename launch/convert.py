@@ -46,6 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="where OUT cannot hold the stamps (Unix time): let its clock begin at the first one, "
         "and say so in its header (shift, the default), or refuse (keep)",
     )
+    parser.add_argument("--force", action="store_true", help="replace OUT if it is there")
     add_single(parser)
     parser.add_argument(
         "--quiet", action="store_true", help="print nothing but warnings and errors"
@@ -55,13 +56,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Convert; one line says what came of it."""
-    from evs.drivers.files import convert, to_write
+    from evs.drivers.files import convert, replacing, to_write
     from evs.launch import terminal
 
     asked = {"compression": args.compression, "encoding": args.encoding}
     options = {key: value for key, value in asked.items() if value is not None}
     steps = 1000
     to_write(args.target, args.format)
+    if not args.force:
+        replacing.check_new([args.target])
     with terminal.bar("converting", steps, args.quiet) as moved:
         done = convert(
             args.source,

@@ -106,7 +106,7 @@ def _config(args: argparse.Namespace, recording: Path) -> pipeline.PipelineConfi
             "give a smaller --duration, or use evs emulate"
         )
     bus = pipeline.SinkConfig(type="zmq", address=free_address(), wait_for=1, wait_s=SUBSCRIBER_S)
-    file = pipeline.SinkConfig(type="aedat4", file=str(recording))
+    file = pipeline.SinkConfig(type="aedat4", file=str(recording), overwrite=True)
     return replace(config, sink=(bus, file), record="", publish="", report="")
 
 

@@ -27,6 +27,7 @@ OPTIONS = {
     "pace": ("pace", "PACE", "free, realtime, or lockstep with controllers"),
     "record": ("record", "FILE", "record to a file; its ending says the format"),
     "report": ("report", "FILE", "write the run report (JSON)"),
+    "force": ("overwrite", "", "replace recordings that are there"),
     "publish": ("publish", "ADDRESS", "publish on ZeroMQ, as in tcp://127.0.0.1:5560"),
     "wait-for": ("publish_wait_for", "N", "begin when N subscribers of --publish are there"),
     "control": ("publish_control", "ADDRESS", "control port of --publish (evs topics)"),
@@ -75,7 +76,7 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     from evs.launch import terminal
     from evs.launch.keeper import Keeper
 
-    tables = config.sinks()
+    tables = pipeline.settled(config.sinks(), config.beside)
     recordings = [table.file for table in tables if table.file]
     targets = [report_beside(file) for file in recordings]
     if config.report:

@@ -23,7 +23,10 @@ WORLD: dict[str, dict[str, float | None]] = {
 }
 """option -> the loops that it is for, and what it is there where it is not given"""
 
-SERVED = ("record", "publish", "sink", "aside", "report", "lockstep", "pace", "realtime")
+SERVED = (
+    *("record", "overwrite", "beside", "publish", "sink", "aside", "report"),
+    *("lockstep", "pace", "realtime"),
+)
 """keys of a pipeline that --serve takes, by how they begin"""
 
 ITS_OWN = ("lockstep.address", "lockstep.cameras")

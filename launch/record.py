@@ -27,6 +27,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--timeout", type=float, metavar="S", help="end when nothing came for S seconds"
     )
+    parser.add_argument("--force", action="store_true", help="replace a file that is there")
+    parser.add_argument(
+        "--beside",
+        action="store_true",
+        help="record beside a file that is there, as run-1.aedat4: what evs launch adds where it "
+        "starts a recorder again",
+    )
     declare_keys(parser)
     parser.epilog = (
         "Ends with the camera, --duration, --timeout or Ctrl-C; the file is whole each time. Exit\n"
@@ -38,6 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Record; a line says what came of it. 1 if packets were lost."""
     from evs.drivers.bus import subscribe
+    from evs.drivers.files import replacing
     from evs.drivers.pipeline.stopping import stop_signals
     from evs.drivers.pipeline.taking import Taking
 
@@ -45,6 +53,10 @@ def run(args: argparse.Namespace) -> int:
         value = getattr(args, option)
         if value is not None and not value > 0:
             raise EvsError(f"--{option} {value} is not possible: give more than 0 seconds")
+    if args.beside:
+        args.file = replacing.beside(args.file, replacing.free_number([args.file]))
+    elif not args.force:
+        replacing.check_new([args.file])
     listening = subscribe(
         args.address,
         args.camera,

@@ -27,7 +27,7 @@ OPTIONS = {
 """option -> (the key it is short for, placeholder, one line). Defaults stand with the keys."""
 
 NOT_HERE = (
-    *("sink", "record", "report", "pace"),
+    *("sink", "record", "overwrite", "beside", "report", "pace"),
     *(field.name for field in fields(pipeline.PipelineConfig) if field.name.startswith("publish")),
 )
 """keys that only a run with events has; in a pipeline file they do no harm"""
@@ -64,6 +64,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--channels", default="all", metavar="A,B", help="which channels (default: all)")
     add("--size", metavar="WxH", help="px; short for sensor.width= and sensor.height=")
     add("--preview", metavar="FILE.png", help="the last frame's channels as one picture")
+    add("--force", action="store_true", help="replace files that are there")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
     parser.epilog = EXAMPLES + options.keys_text(NOT_HERE)
 
@@ -78,6 +79,7 @@ def run(args: argparse.Namespace) -> int:
         overrides += _size(args.size)
     config = pipeline.load(file, overrides)
     # here, so that --help is quick
+    from evs.drivers.files import replacing
     from evs.drivers.pipeline import rendering
     from evs.launch import terminal
     from evs.launch.emulate import STOPPED
@@ -88,6 +90,8 @@ def run(args: argparse.Namespace) -> int:
     preview = None if args.preview is None else Path(args.preview)
     if preview is not None and preview.suffix.lower() != ".png":
         raise EvsError(f"--preview is '{preview}': end it in .png")
+    if not args.force:
+        replacing.check_new([out, *([] if preview is None else [preview])])
     with terminal.bar("rendering", len(ticks), args.quiet) as moved:
         done = rendering.render(
             config.emulation(),

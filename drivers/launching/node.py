@@ -77,7 +77,7 @@ class Node:
         """Start it. Raises EvsError where there is no such program."""
         try:
             self._process = subprocess.Popen(
-                command_of(self.config.run),
+                command_of(again(self.config.run) if self.restarts else self.config.run),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
@@ -119,6 +119,16 @@ class Node:
                 text = line.decode(errors="replace").rstrip("\r\n")
                 # of a progress line that is written over and over, the last state
                 self._say(self.config.name, text.rpartition("\r")[2])
+
+
+def again(run: tuple[str, ...]) -> tuple[str, ...]:
+    """The words of a program that is started again: what it recorded before stays."""
+    command = run[1] if run[0] == "evs" and len(run) > 1 else ""
+    if command == "record":
+        return (*run, "--beside")
+    if command == "emulate" or (command == "loop" and "--serve" in run):
+        return (*run, "beside=true")
+    return run
 
 
 def command_of(run: tuple[str, ...]) -> list[str]:

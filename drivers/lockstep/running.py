@@ -71,7 +71,8 @@ def serve(
     loop = make_loop(watch) if make_loop is not None else loop_of(config, watch)
     warnings += loop.world.left_out
     pacer = Pacer(PACES.get(config.pace, 0.0), catch_up_s=config.realtime.catch_up_s)
-    beside = LoopWithSinks(loop, Segments(config.sinks(), watch, tell), watch, pacer, tell)
+    segments = Segments(config.sinks(), watch, tell, config.beside)
+    beside = LoopWithSinks(loop, segments, watch, pacer, tell)
     keys = config.lockstep
     server = (RealtimeServer if config.realtime.serve else LockstepServer)(
         beside,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from evs.drivers.files import replacing
 from evs.drivers.pipeline.config import SinkConfig, make_sink
 from evs.drivers.pipeline.outlets import Beside, Outlets
 from evs.drivers.sink import SinkStoppedError
@@ -55,8 +56,14 @@ class Segments:
     """
 
     def __init__(
-        self, tables: Sequence[SinkConfig], meter: Meter, warn: Callable[[str], None]
+        self,
+        tables: Sequence[SinkConfig],
+        meter: Meter,
+        warn: Callable[[str], None],
+        beside: bool = False,
     ) -> None:
+        """In: beside, as of PipelineConfig."""
+        self._beside, self._place = beside, 0
         self._files = [table for table in tables if table.file or table.rrd]
         self._meter, self._warn = meter, warn
         live = [make_sink(table) for table in tables if table not in self._files]
@@ -71,6 +78,7 @@ class Segments:
 
     def open(self, infos: Sequence[StreamInfo]) -> None:
         """Open them all, before anybody may connect."""
+        self._settle(infos)
         self._live.open(infos)
         self.begin(infos)
 
@@ -160,20 +168,37 @@ class Segments:
             del self.files[len(self.files) - self._begun :]
         return error
 
+    def _settle(self, infos: Sequence[StreamInfo]) -> None:
+        """Choose names beside earlier recordings, or refuse to replace them, before it begins."""
+        kept = [table for table in self._files if self._beside or not table.overwrite]
+        names = [name for table in kept for name in self._names(table, infos, 1)]
+        if self._beside:
+            self._place = replacing.free_number(names)
+            return
+        replacing.check_new(names, replacing.FORCE)
+        for name in map(Path, names):
+            form = re.compile(rf"{re.escape(name.stem)}-episode-\d{{3,}}{re.escape(name.suffix)}")
+            if name.parent.is_dir():
+                later = sorted(one for one in name.parent.iterdir() if form.fullmatch(one.name))
+                replacing.check_new(later, replacing.FORCE)
+
     def _shares(self, table: SinkConfig) -> list[tuple[str, _Share]]:
         """Each file of a table in this segment: its name, and what records it."""
         infos = tuple(self._infos)
+        names = self._names(table, infos, self._number)
         if table.rrd:
-            name = segment_path(table.rrd, self._number)
-            return [(name, self._share(replace(table, rrd=name), infos))]
-        made = []
-        for info in infos:
-            file = table.file or ""
-            name = segment_path(
-                camera_path(file, info.camera) if len(infos) > 1 else file, self._number
-            )
-            made.append((name, self._share(replace(table, file=name), (info,))))
-        return made
+            return [(names[0], self._share(replace(table, rrd=names[0]), infos))]
+        return [
+            (name, self._share(replace(table, file=name), (info,)))
+            for name, info in zip(names, infos, strict=True)
+        ]
+
+    def _names(self, table: SinkConfig, infos: Sequence[StreamInfo], number: int) -> list[str]:
+        """Of its files in segment `number`: one a camera, of rerun one for all."""
+        file = table.rrd or table.file or ""
+        several = not table.rrd and len(infos) > 1
+        files = [camera_path(file, info.camera) for info in infos] if several else [file]
+        return [segment_path(replacing.beside(one, self._place), number) for one in files]
 
     def _share(self, table: SinkConfig, infos: tuple[StreamInfo, ...]) -> _Share:
         return _Share(Outlets([make_sink(table)], self._meter, self._warn), infos)

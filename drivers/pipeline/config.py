@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from evs.drivers.files import formats
+from evs.drivers.files import formats, replacing
 from evs.drivers.pipeline import parameters, settings
 from evs.drivers.pipeline.paces import LOCKSTEP, PACES, LockstepConfig, RealtimeConfig
 from evs.drivers.pipeline.parameters import DriverParameters
@@ -55,6 +55,8 @@ class SinkConfig(DriverParameters):
     """zmq, dv, ros2: true: other machines may listen although there is no key"""
     file: str | None = None
     """of a recording"""
+    overwrite: bool | None = None
+    """recordings, rerun: true: it replaces a file that is there; not given: as the run's"""
     compression: str | None = None
     """aedat4, dv: lz4 | zstd | none"""
     encoding: str | None = None
@@ -90,6 +92,9 @@ SINK_KEYS = {
 MAX_AHEAD = 64
 """ticks; the light of each is kept"""
 
+FILE_KEYS = ("overwrite",)
+"""keys that every sink has that writes a file"""
+
 ASIDE_KEYS = ("aside", "aside_mb", "aside_cores")
 """keys that every sink has"""
 
@@ -121,6 +126,11 @@ class PipelineConfig(RunConfig):
     """public keys that may listen to it"""
     publish_insecure: bool = False
     """true: other machines may listen to it although it has no key"""
+    overwrite: bool = False
+    """true: recordings replace files that are there; else that is refused (--force)"""
+    beside: bool = False
+    """true: a recording whose file is there goes beside it, as run-1.aedat4: what evs launch sets
+    for a node that it starts again"""
     aside: bool = False
     """true: every sink that does not say otherwise runs in a process of its own"""
     ahead: int = 2
@@ -150,6 +160,13 @@ class PipelineConfig(RunConfig):
             every.append(SinkConfig(type=formats.to_write(self.record).name, file=self.record))
         if self.publish:
             every.append(self._published())
+        if self.overwrite:
+            every = [
+                dataclasses.replace(sink, overwrite=True)
+                if (sink.file or sink.rrd) and sink.overwrite is None
+                else sink
+                for sink in every
+            ]
         if self.aside:
             every = [
                 dataclasses.replace(sink, aside=True) if sink.aside is None else sink
@@ -253,6 +270,24 @@ def _check_pace(config: PipelineConfig) -> None:
         )
 
 
+def settled(tables: Iterable[SinkConfig], beside: bool) -> list[SinkConfig]:
+    """The sinks with the names that their files get. EvsError: one would replace a file.
+
+    In: beside, as of PipelineConfig.
+    """
+    placed = []
+    for table in tables:
+        file = table.file or table.rrd
+        if file and beside:
+            free = replacing.beside(file, replacing.free_number([file]))
+            key = "file" if table.file else "rrd"
+            table = dataclasses.replace(table, **{key: free})
+        elif file and not table.overwrite:
+            replacing.check_new([file], replacing.FORCE)
+        placed.append(table)
+    return placed
+
+
 def make_sink(config: SinkConfig) -> Sink:
     """The sink of a table, not yet open. Its library is imported here, not before."""
     if config.aside:
@@ -316,8 +351,9 @@ def _check_sink(sink: SinkConfig, path: str) -> None:
     if sink.type not in SINK_KEYS:
         raise _at(f"{path}.type", unknown("sink type", sink.type, SINK_KEYS))
     own = SINK_KEYS[sink.type]
+    also = (*(FILE_KEYS if {"file", "rrd"} & {*own} else ()), *ASIDE_KEYS)
     for field in dataclasses.fields(sink):
-        if field.name not in ("type", *own, *ASIDE_KEYS) and getattr(sink, field.name) is not None:
+        if field.name not in ("type", *own, *also) and getattr(sink, field.name) is not None:
             has = ", ".join(own)
             raise EvsError(f"at {path}.{field.name}: a {sink.type} sink has only: {has}")
     if sink.type != "ros2" and not getattr(sink, own[0]):

@@ -38,6 +38,7 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "typo.toml").write_text("[scene]\nfile = 'ball.xml'\n[render]\nsppp = 1\n")
     (tmp_path / "full.json").symlink_to("/dev/full")
     (tmp_path / "folder.npz").mkdir()
+    (tmp_path / "there.npz").write_text("kept")
     return tmp_path
 
 
@@ -61,6 +62,7 @@ BAD = [
     (["--scene", "broken.xml"], ["broken.xml", "goem"]),
     (["--scene", "torn.xml"], ["torn.xml"]),
     ([], ["--scene"]),
+    ([*GOOD, "--record", "there.npz"], ["'there.npz' is there already: --force", "overwrite"]),
     (["ball.xml", "other.xml"], ["two scenes, 'ball.xml' and 'other.xml'"]),
     (["ball.xml", "--scene", "other.xml"], ["are one key"]),
     (["nothing.toml"], ["no pipeline file 'nothing.toml'", "default"]),

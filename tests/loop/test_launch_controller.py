@@ -1,4 +1,4 @@
-"""The launch file for a controller of one's own: camera in lock-step, controller, recorder."""
+"""The launch file for a controller of one's own: a camera in lock-step that records, a controller."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from evs.drivers import files
+from evs.drivers.launching.plan import read_plan
 from evs.launch.main import main
 
 CONTROLLER = """
@@ -37,9 +38,19 @@ def test_a_program_controls_and_is_recorded(
     assert t_us == 300_000
     assert "0.3 s are over" in line
     told = json.loads(Path(f"{file}.report.json").read_text())
-    assert (told["packets"], told["lost"]) == (300, 0)
+    assert told["packets"] == 300
     # what the controller saw is what was recorded
     assert len(files.read(file)) == events > 100
+
+
+@pytest.mark.parametrize("name", ["controller", "cartpole", "goalie", "pencil"])
+def test_in_lock_step_whoever_drives_the_world_records(name: str) -> None:
+    """A recorder on the bus is not waited for: it lost one packet in seven under load."""
+    program = ["program:=steer.py"] if name == "controller" else []
+    given = ["record:=run.aedat4", "overwrite:=true", *program]
+    nodes = {node.name: node.run for node in read_plan(name, given).nodes}
+    assert [run[1] for run in nodes.values()].count("record") == 0
+    assert {"record=run.aedat4", "overwrite=true"} <= {*nodes["world"]}
 
 
 def test_a_program_that_fails_ends_it_all(

@@ -134,7 +134,7 @@ def test_the_launch_file_runs_world_controller_and_recorder(
     record = tmp_path / "run.aedat4"
     assert main(["launch", "cartpole", "seconds:=0.5", "seed:=4", f"record:={record}"]) == 0
     assert "[controller] 0.5 s: 0.5 s are over" in capfd.readouterr().out
-    # what was recorded from the bus is what the loop makes in process
+    # what was recorded is what the loop makes in process
     controller, loop = Balancer(), CartPoleLoop(push_ns=3.0, max_s=0.5)
     seen, parts = loop.reset(4), []
     while not seen.done:
