@@ -115,6 +115,11 @@ class World:
         self._posed = 0
         self._digest: str | None = None
 
+    def __repr__(self) -> str:
+        cameras = ", ".join(camera.name for camera in self._cameras) or "no camera yet"
+        tick_us = self.substeps.tick_us
+        return f"<evs.World: {cameras}; t {self.t_us * 1e-6:g} s, ticks of {tick_us} us>"
+
     @classmethod
     def from_config(cls, config: RunConfig, meter: Meter | None = None) -> World:
         """The world of a pipeline, with its one camera."""

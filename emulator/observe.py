@@ -35,6 +35,15 @@ from evs.msgs import (
     empty_events,
 )
 
+LATEST_US = 2**53
+"""285 years: from there on, time in s has no whole microseconds"""
+
+
+def _kind(thing: object) -> str:
+    """Its class with the package that it is from: several have a MjModel."""
+    kind = type(thing)
+    return kind.__name__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__name__}"
+
 
 class Sensor:
     """An event camera for a mujoco.MjModel that somebody else steps.
@@ -63,7 +72,7 @@ class Sensor:
         """In: camera, the name of one of the model's, or a description; "" is its first."""
         if not isinstance(model, MjModel):
             raise EvsError(
-                f"a Sensor takes a mujoco.MjModel, not {type(model).__name__}; "
+                f"a Sensor takes a mujoco.MjModel, not {_kind(model)}; "
                 "gymnasium: env.unwrapped.model, dm_control: physics.model.ptr"
             )
         self._model = model
@@ -86,6 +95,11 @@ class Sensor:
         self._moments = Moments(self._poser)
         self._digest: str | None = None
 
+    def __repr__(self) -> str:
+        info = self.info
+        seen = "nothing seen yet" if self._t_us is None else f"t {self._t_us * 1e-6:g} s"
+        return f"<evs.Sensor '{info.camera}': {info.sensor} {info.width} x {info.height}, {seen}>"
+
     def observe(self, data: MjData) -> Events:
         """Events since the last call, (n,) EVENT_DTYPE, sorted by t in us of `data.time`.
 
@@ -94,11 +108,16 @@ class Sensor:
         """
         if not isinstance(data, MjData):
             raise EvsError(
-                f"observe takes a mujoco.MjData, not {type(data).__name__}; "
+                f"observe takes a mujoco.MjData, not {_kind(data)}; "
                 "gymnasium: env.unwrapped.data, dm_control: physics.data.ptr"
             )
         if not math.isfinite(data.time):
             raise EvsError(f"data.time is {data.time}: the simulation is unstable")
+        if abs(data.time) * 1e6 > LATEST_US:
+            raise EvsError(
+                f"data.time is {data.time:g} s: stamps in us end at {LATEST_US * 1e-6:.3g} s; let "
+                "it begin at 0"
+            )
         t_us = round(data.time * 1e6)
         passed_us = self._tick_us if self._t_us is None else max(t_us - self._t_us, 0)
         snapshot = self._moments.look(data, t_us, passed_us)

@@ -105,4 +105,6 @@ def _config(args: argparse.Namespace) -> RunConfig:
         if key.partition(".")[0] not in KEYS:
             raise EvsError(f"{key} has no meaning for a sensor alone; give keys of sensor")
         config = settings.override(config, key, text)
+    if config.seed < 0:
+        raise EvsError(f"at seed: {config.seed}; give 0 or more")
     return config

@@ -78,10 +78,16 @@ def _listen(stream: Subscription, args: argparse.Namespace) -> None:
     reports, silence = Rates(), Rates(math.inf if args.timeout is None else args.timeout)
     connection = Connection(stream, _warn)
     periodic = args.hz or args.bw
+    alone, first = Rates(_LOOK_S), True
     while not stream.ended:
         until_s = min(silence.remaining_s, reports.remaining_s if periodic else _LOOK_S)
+        until_s = min(until_s, alone.remaining_s if first else until_s)
         packet = stream.receive(max(0.0, until_s))
         connection.look()
+        if first and alone.remaining_s <= 0:
+            first = False
+            if stream.packets == 0 and not stream.connected:
+                _say(f"nobody answers at {stream.address} yet; it waits until a camera is there")
         if packet is not None:
             silence.take()
             reports.add(len(packet), packet.events.nbytes)
@@ -96,7 +102,11 @@ def _listen(stream: Subscription, args: argparse.Namespace) -> None:
 
 
 def _warn(line: str) -> None:
-    print(f"evs: warning: {line}", file=sys.stderr)
+    _say(f"warning: {line}")
+
+
+def _say(line: str) -> None:
+    print(f"evs: {line}", file=sys.stderr, flush=True)
 
 
 def _line(packet: EventPacket) -> str:

@@ -58,6 +58,8 @@ def run(args: argparse.Namespace) -> int:
     """Play a loop; the exit code: 0, 1 where the stick fell or the ball went in."""
     if args.name not in LOOPS:
         raise unknown("loop", args.name, LOOPS)
+    if args.seed < 0:
+        raise EvsError(f"--seed is {args.seed}: give 0 or more")
     _check(args)
     if args.table is not None:
         table = loop_tables.pencil if args.name == "pencil" else loop_tables.goalie

@@ -9,12 +9,13 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
 
 from evs import __version__
 from evs.emulator.memory import address_space_left
-from evs.msgs import EvsError, unknown
+from evs.msgs import EvsError, nearest_first, unknown
 
 COMMANDS = {
     "demo": "evs.launch.demo",
@@ -75,13 +76,22 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise what main prints."""
+        word = message.removeprefix("unrecognized arguments: ").split(" ")[0].partition("=")[0]
+        if word != message and word.startswith("--"):
+            known = [name for name in self._option_string_actions if name.startswith("--")]
+            message += f"; nearest: {nearest_first(word, known)[0]}"
         raise EvsError(f"{message} (try: {self.prog} --help)")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; the exit code: 0, 2 for what the user can mend, 130 after Ctrl-C."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    if sys.stderr is None:
+        # `2>&-`: the next file that is opened must not get what is said
+        sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115 - as long as the process
     try:
+        if sys.stdout is None:
+            raise EvsError("standard output is closed (>&-): give it a place, as in >/dev/null")
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning
             return _flushed(words)

@@ -59,6 +59,11 @@ class EventPacket:
     def __len__(self) -> int:
         return len(self.events)
 
+    def __repr__(self) -> str:
+        when = f"{self.time_base_us} ... {self.time_end_us} us"
+        size = f"{self.width} x {self.height}"
+        return f"<EventPacket {self.seq} of '{self.camera}', {size}: {len(self)} events, {when}>"
+
 
 def encode(packet: EventPacket, quick: QuickCheck | None = None) -> tuple[bytes, memoryview]:
     """Out: (msgpack header, raw frame of 16 n bytes, not copied where `clean_events` does not).

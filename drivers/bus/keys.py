@@ -47,14 +47,20 @@ def write_keys(name: str | Path) -> tuple[Path, Path]:
     keys = new_keys()
     public, secret = Path(f"{name}{PUBLIC}"), Path(f"{name}{SECRET}")
     for path in (public, secret):
-        if path.exists():
+        # a link to nowhere is there, too
+        if os.path.lexists(path):
             raise EvsError(f"'{path}' is there already: give the new keys another name")
     said = (
         f'# a public key of evs: give it to whoever talks to its owner\npublic = "{keys.public}"\n'
     )
     _write_new(public, 0o644, said)
     said = f"# a secret key of evs: it never leaves this machine\npublic = {keys.public!r}\n"
-    _write_new(secret, 0o600, f"{said}secret = {keys.secret!r}\n")
+    try:
+        _write_new(secret, 0o600, f"{said}secret = {keys.secret!r}\n")
+    except EvsError:
+        # half a pair is of no use
+        public.unlink(missing_ok=True)
+        raise
     return public, secret
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -103,10 +104,11 @@ def check_size(picture: U8) -> None:
 
 
 class Writing:
-    """Makes the folder, and turns what the disk says into one line."""
+    """Makes the folder, turns what the disk says into one line, and leaves no half of a file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._is_new = not path.exists()
 
     def __enter__(self) -> None:
         try:
@@ -115,6 +117,9 @@ class Writing:
             raise self._error(reason) from None
 
     def __exit__(self, kind: object, reason: object, trace: object) -> None:
+        if reason is not None and self._is_new:
+            with contextlib.suppress(OSError):
+                self.path.unlink(missing_ok=True)
         if isinstance(reason, OSError):
             raise self._error(reason) from None
 

@@ -228,6 +228,8 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
     if not config.scene.file:
         raise EvsError('no scene: give --scene FILE.xml, or file = "FILE.xml" under [scene]')
     _check_pace(config)
+    if config.seed < 0:
+        raise EvsError(f"at seed: {config.seed}; give 0 or more")
     if not 0 <= config.ahead <= MAX_AHEAD:
         raise EvsError(
             f"at ahead: {config.ahead} ticks; give 0 (one after the other) ... {MAX_AHEAD}"

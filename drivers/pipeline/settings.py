@@ -41,8 +41,11 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     """The tables of a TOML text; `source` names it in errors, which carry line and column."""
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as reason:
+    except ValueError as reason:
+        # also Python's own, for an integer of thousands of digits
         raise EvsError(f"{source}: malformed TOML: {reason}") from None
+    except RecursionError:
+        raise EvsError(f"{source}: malformed TOML: brackets are nested too deep") from None
 
 
 def build(cls: type[T], tables: Mapping[str, Any]) -> T:
@@ -225,7 +228,7 @@ def _toml_value(text: str) -> Any:
     """The TOML value that the text is, None if it is none (or more than one)."""
     try:
         tables = tomllib.loads(f"value = {text}")
-    except (tomllib.TOMLDecodeError, RecursionError):
+    except (ValueError, RecursionError):
         return None
     return tables["value"] if set(tables) == {"value"} else None
 
@@ -271,6 +274,9 @@ def _shown(value: Any) -> str:
     """How a bad value looks in a message: as TOML has it, and not too long."""
     if isinstance(value, Mapping):
         return "a table"
+    if type(value) is int and value.bit_length() > 200:
+        # Python itself refuses to write one of thousands of digits
+        return f"one of {value.bit_length()} bits"
     text = _quoted(value) if isinstance(value, str) else to_text(value)
     return text if len(text) <= 60 else text[:57] + "..."
 

@@ -183,7 +183,7 @@ def _sidecar(path: Path) -> dict[str, Any]:
         raise EvsError(
             f"network file {path.with_suffix('.onnx')} has no {path.name} beside it"
         ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as reason:
+    except (ValueError, RecursionError) as reason:
         line = str(reason).splitlines()[0]
         raise EvsError(f"network sidecar {path} is not TOML: {line}") from None
     except OSError as reason:

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from evs.emulator.scene import I32, Mesh, SceneModel, Shape
 from evs.emulator.world.deforming import Deforming
+from evs.emulator.world.indices import check_indices
 from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.left_out import warn_left_out
 from evs.emulator.world.lights import active_lights, extract_air, extract_light, unlit_images
@@ -41,6 +42,7 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
     What cannot be shown is told in `left_out`, and as a LeftOutWarning each. Raises EvsError where
     nothing is visible.
     """
+    check_indices(model)
     geoms = visible_geoms(model)
     deforming = Deforming(model)
     if not len(geoms) and not len(deforming):

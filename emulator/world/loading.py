@@ -48,8 +48,25 @@ def _load_any(scene: Scene) -> mujoco.MjModel:
         )
     path = _existing(Path(scene))
     if path.suffix.lower() == ".mjb":
+        return _load_binary(path)
+    model = _load(str(path), lambda: mujoco.MjModel.from_xml_path(str(path)))
+    if path.suffix.lower() == ".urdf" and not model.ngeom:
+        raise EvsError(
+            f"{path}: nothing to see: MuJoCo leaves a URDF's visuals out unless its <robot> has "
+            '<mujoco><compiler discardvisual="false"/></mujoco>'
+        )
+    return model
+
+
+def _load_binary(path: Path) -> mujoco.MjModel:
+    """The model of an MJB file, which only the MuJoCo that wrote it reads."""
+    try:
         return _load(str(path), lambda: mujoco.MjModel.from_binary_path(str(path)))
-    return _load(str(path), lambda: mujoco.MjModel.from_xml_path(str(path)))
+    except EvsError as error:
+        raise EvsError(
+            f"{error}; the file is damaged, or of another MuJoCo than this {MUJOCO_VERSION}: write "
+            "it anew from its MJCF (mujoco.mj_saveModel)"
+        ) from None
 
 
 def load_spec(path: str | Path) -> mujoco.MjSpec:

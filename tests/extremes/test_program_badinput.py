@@ -181,7 +181,8 @@ def test_a_port_in_use_is_told_and_an_older_recording_stays(folder: Path) -> Non
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
-        ended = emulate(folder, *GOOD, "--record", "run.aedat4", "--publish", address)
+        words = ("--record", "run.aedat4", "--force", "--publish", address)
+        ended = emulate(folder, *GOOD, *words)
     assert ended.returncode == 2
     assert ended.stderr.count("\n") == 1
     assert f"port {address.rpartition(':')[2]} is in use" in ended.stderr

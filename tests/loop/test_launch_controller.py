@@ -1,4 +1,4 @@
-"""The launch file for a controller of one's own: a camera in lock-step that records, a controller."""
+"""The launch file for a controller of one's own, with a camera in lock-step that records."""
 
 from __future__ import annotations
 

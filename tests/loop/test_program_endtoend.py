@@ -78,7 +78,7 @@ def record(folder: Path, name: str, *words: str) -> Any:
     ended = emulate(
         folder,
         *("--scene", "ball.xml", "--duration", "0.03", *MOVING),
-        *("--record", name, *words),
+        *("--record", name, "--force", *words),
     )
     assert (ended.returncode, ended.stderr) == (0, "")
     return read(folder / name)

@@ -97,7 +97,7 @@ def preset_path(preset: str) -> Path:
 def _read(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(read_small_text(path))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as reason:
+    except (ValueError, RecursionError) as reason:
         raise EvsError(f"sensor file {path} is not TOML: {str(reason).splitlines()[0]}") from None
     except OSError as reason:
         raise EvsError(f"cannot read sensor file {path}: {reason.strerror}") from None
