@@ -39,9 +39,15 @@ def link(checkout: Path, packages: Path, scripts: Path) -> None:
         shutil.rmtree(old)
     metadata = packages / f"evs-{project['version']}.dist-info"
     metadata.mkdir()
-    (metadata / "METADATA").write_text(
-        f"Metadata-Version: 2.1\nName: evs\nVersion: {project['version']}\n"
-    )
+    told = ["Metadata-Version: 2.1", "Name: evs", f"Version: {project['version']}"]
+    told += [f"Requires-Dist: {requirement}" for requirement in project["dependencies"]]
+    for extra, requirements in project["optional-dependencies"].items():
+        told.append(f"Provides-Extra: {extra}")
+        for requirement in requirements:
+            name, _, condition = requirement.partition(";")
+            where = f"({condition.strip()}) and " if condition else ""
+            told.append(f'Requires-Dist: {name}; {where}extra == "{extra}"')
+    (metadata / "METADATA").write_text("\n".join([*told, ""]))
     groups = {"console_scripts": project["scripts"], **project["entry-points"]}
     lines: list[str] = []
     for group, entries in groups.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import re
 from collections.abc import Iterable
 
 from evs.drivers.checkup.check import BAD, NOTE, OK, Check
@@ -78,10 +79,48 @@ def version_of(name: str) -> str | None:
         return None
 
 
+def range_of(name: str) -> str:
+    """The versions of a distribution that evs asks for, such as ">=3.3,<5"; "" if nobody knows.
+
+    From the metadata of the installed evs, which come from pyproject.toml.
+    """
+    try:
+        lines = importlib.metadata.requires("evs") or []
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+    found = (re.match(r"([\w.-]+)[^<>=;]*([<>=][^;)]*)?", line) for line in lines)
+    ranges = {_plain(one[1]): (one[2] or "").strip() for one in found if one}
+    return ranges.get(_plain(name), "")
+
+
+def in_range(version: str, asked: str) -> bool:
+    """Whether a version lies in a range of >= and <, the signs that pyproject.toml uses."""
+    for sign, bound in re.findall(r"(>=|<)\s*([\d.]+)", asked):
+        if (_numbers(version) < _numbers(bound)) == (sign == ">="):
+            return False
+    return True
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    """(4, 0) of "4.0.0rc1": without zeros at the end, which mean nothing."""
+    release = re.match(r"[\d.]*", version)
+    numbers = [int(part) for part in (release[0] if release else "").split(".") if part]
+    while numbers and not numbers[-1]:
+        del numbers[-1]
+    return tuple(numbers)
+
+
 def _needed(name: str) -> Check:
     version = version_of(name)
     if version is None:
         return Check(name, BAD, "not installed", f"pip install {name}")
+    asked = range_of(name)
+    if not in_range(version, asked):
+        return Check(name, BAD, f"{version}, evs needs {asked}", f"pip install '{name}{asked}'")
     return Check(name, OK, version)
 
 
@@ -92,4 +131,9 @@ def _extra(extra: str, names: tuple[str, ...]) -> Check:
     if missing:
         says = f"{', '.join(missing)} not installed, needed for {USES[extra]}"
         return Check(title, NOTE, says, f"pip install 'evs[{extra}]'")
+    for name, version in versions.items():
+        asked = range_of(name)
+        if version is not None and not in_range(version, asked):
+            says = f"{name} {version}, evs needs {asked} for {USES[extra]}"
+            return Check(title, NOTE, says, f"pip install '{name}{asked}'")
     return Check(title, OK, ", ".join(f"{name} {version}" for name, version in versions.items()))

@@ -18,3 +18,17 @@ def test_the_packages_looked_at_are_those_required(checkout: Path) -> None:
     users = {key: names(extras[key]) for key in extras if key not in ("test", "build", "dev")}
     assert users == packages.EXTRAS
     assert set(packages.USES) == set(packages.EXTRAS)
+
+
+def test_the_ranges_looked_at_are_those_required(checkout: Path) -> None:
+    project = tomllib.loads((checkout / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    required = [
+        *project["dependencies"],
+        *(line for key in packages.EXTRAS for line in extras[key]),
+    ]
+    for line in required:
+        name, asked = re.fullmatch(r"([\w-]+)([^;]*)(?:;.*)?", line).groups()
+        assert packages.range_of(name) == asked
+        # the signs that in_range knows
+        assert re.fullmatch(r"(>=|<)[\d.]+(,(>=|<)[\d.]+)*", asked)
