@@ -287,6 +287,9 @@ class RenderConfig:
     """the model's fog (visual/map fogstart, fogend); MuJoCo's viewer shows it on request only"""
     haze: bool = True
     """the model's haze below the horizon, where it has a sky and a plane without bounds"""
+    sites: bool = True
+    """sites of groups 0 to 2, as MuJoCo's viewer shows them; false: none, where they are only marks
+    for sensors, goals or touch"""
     lux_per_unit: float = 1000.0
     """illuminance that counts as 1, for lights with a physical intensity (candela, lux)"""
     linear_textures: tuple[str, ...] = ()

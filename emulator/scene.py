@@ -6,7 +6,7 @@ Matrices are row-major and turn local into world coordinates: world = mat @ loca
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
@@ -33,6 +33,19 @@ class Shape(IntEnum):
     CYLINDER = 5
     BOX = 6
     MESH = 7
+
+
+class Thing(IntEnum):
+    """What of a model a geom of the scene stands for."""
+
+    GEOM = 0
+    SKIN = 1
+    FLEX = 2
+    """cloth and soft bodies"""
+    SITE = 3
+    TENDON = 4
+    ROPE = 5
+    """a flex of dimension 1"""
 
 
 class LightKind(IntEnum):
@@ -161,19 +174,25 @@ class Air:
 
 @dataclass(frozen=True)
 class SceneModel:
-    """The world's constant part: extracted once, handed to the renderer once."""
+    """The world's constant part: extracted once, handed to the renderer once.
+
+    Its geoms are what MuJoCo's visualiser draws: the model's geoms, skins, flexes, sites, and
+    tendons and ropes as chains of capsules.
+    """
 
     geom_type: I32
     """(ng,) Shape"""
     geom_size: F32
-    """(ng, 3) as MuJoCo: half sizes, radius, half length; plane half (x, y) or 0, infinite"""
+    """(ng, 3) as MuJoCo: half sizes, radius, half length; plane half (x, y) or 0, infinite. What
+    is round and has no radius is not hit"""
     geom_mesh: I32
     """(ng,) index into meshes, -1 none"""
     geom_surface: I32
     """(ng,) index into surfaces"""
     geom_id: I32
-    """(ng,) the geom's id in the model (invisible geoms are left out here); a skin is -2 - its id,
-    a flex -2 - the number of skins - its id"""
+    """(ng,) the geom's id in the model (invisible geoms are left out here). Below -1, counted on
+    from -2: skins by their id, then flexes (ropes too), then sites, then tendons: site i is
+    -2 - nskin - nflex - i, tendon i -2 - nskin - nflex - nsite - i. Several may have one id"""
     geom_static: npt.NDArray[np.bool_]
     """(ng,) True where the geom is welded to the world and can never move"""
     meshes: tuple[Mesh, ...] = ()
@@ -186,14 +205,36 @@ class SceneModel:
     """index into textures, -1 none"""
     deforming: tuple[int, ...] = ()
     """indices into meshes whose vertices every snapshot brings anew: skins and flexes"""
+    stretching: I32 = field(default_factory=lambda: np.zeros(0, np.int32))
+    """(ns,) geoms whose size every snapshot brings anew: the capsules of tendons and ropes"""
     geom_body: I32 = field(default_factory=lambda: np.zeros(0, np.int32))
-    """(ng,) the body that carries the geom, -1 a skin or flex, which hang on many; or not told"""
+    """(ng,) the body that carries the geom, -1 a skin, flex or tendon, which hang on many; or not
+    told"""
+    geom_thing: I32 = field(default_factory=lambda: np.zeros(0, np.int32))
+    """(ng,) Thing; empty: geoms all of them"""
     air: Air | None = None
     """None: nothing to see of it"""
     extent_m: float = 1.0
     """the model's characteristic size (mjModel.stat.extent)"""
     left_out: tuple[str, ...] = ()
     """one line for each thing of the model that is not shown, with the fix"""
+
+    def without_sites(self) -> SceneModel:
+        """The same, with the same rows, in which no site is hit."""
+        sites = self.geom_thing == Thing.SITE
+        if not sites.any():
+            return self
+        surface = np.where(sites, 0, self.geom_surface).astype(np.int32)
+        # what only sites were made of is not asked for
+        kept = set(surface[~sites].tolist())
+        surfaces = (s if i in kept else Surface() for i, s in enumerate(self.surfaces))
+        return replace(
+            self,
+            geom_type=np.where(sites, Shape.CAPSULE, self.geom_type).astype(np.int32),
+            geom_size=np.where(sites[:, np.newaxis], 0, self.geom_size).astype(np.float32),
+            geom_surface=surface,
+            surfaces=tuple(surfaces),
+        )
 
 
 @dataclass(frozen=True)
@@ -235,6 +276,8 @@ class SceneSnapshot:
     """one for each of SceneModel.deforming, in that order"""
     exposure_us: int = 0
     """flickering light is its mean over (t_us - exposure_us, t_us]; 0: as it is at t_us"""
+    stretched: F32 = field(default_factory=lambda: np.zeros((0, 3), np.float32))
+    """(ns, 3) sizes of SceneModel.stretching; a radius of 0: it cannot be seen now"""
 
 
 @dataclass(frozen=True)

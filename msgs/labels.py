@@ -11,7 +11,7 @@ LABEL_DTYPE = np.dtype(
     {"names": ["cause", "geom_id"], "formats": ["u1", "<i4"], "offsets": [0, 4], "itemsize": 8}
 )
 """cause: a Cause; geom_id: MuJoCo's, of what the pixel's centre showed at the end of the tick, -1
-nothing, skins and flexes as in GroundTruth."""
+nothing, skins, flexes, sites and tendons as in GroundTruth."""
 
 Labels = np.ndarray[Any, np.dtype[np.void]]
 """(n,) LABEL_DTYPE, in the order of the events they belong to."""

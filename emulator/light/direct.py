@@ -50,6 +50,7 @@ class DirectRenderer:
         In: rgb, colour is wanted too, and luminance keeps its bytes; switches, code paths that are
         forced on or off.
         """
+        scene = scene if config.sites else scene.without_sites()
         self._scene, self._camera = scene, camera
         self._lens = make_lens(camera)
         self._noise = 0
@@ -69,7 +70,7 @@ class DirectRenderer:
         }
         if self._own["vignetting"] and share is None:
             share = np.ones((camera.height, camera.width), np.float32)
-        self._deforming = scene.deforming
+        self._deforming, self._stretching = scene.deforming, scene.stretching
         shape = camera.height, camera.width
         self._luminance = np.zeros(shape, np.float32)
         self._rgb = np.zeros((*shape, 3), np.float32) if rgb else None
@@ -167,6 +168,8 @@ class DirectRenderer:
     ) -> tuple[F64, F64, F64, F64, F64, F64]:
         for mesh, shape in zip(self._deforming, snapshot.deformed, strict=True):
             self._caster.deform(mesh, shape.vertices, shape.normals)
+        if len(self._stretching):
+            self._caster.resize(self._stretching, snapshot.stretched)
         lights = self._lights
         light_pos, light_dir = snapshot.light_pos, snapshot.light_dir
         if len(lights) < len(light_pos):

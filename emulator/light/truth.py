@@ -110,7 +110,7 @@ def optical_flow(
             f"optical flow from {before[0].t_us} us to {now[0].t_us} us: the previous snapshot "
             "must be the earlier one"
         )
-    turns, shifts, still = _motions(now, before)
+    turns, shifts, still = _motions(now, before, scene.stretching)
     points = found.point.reshape(-1, 3).astype(np.float64)
     moved = points.copy()
     geom = found.geom.ravel()
@@ -136,7 +136,7 @@ def optical_flow(
     return (shift / (elapsed_us * 1e-6)).reshape(*found.geom.shape, 2).astype(np.float32)
 
 
-def _motions(now: Instant, before: Instant) -> tuple[F64, F64, F64]:
+def _motions(now: Instant, before: Instant, stretching: I32) -> tuple[F64, F64, F64]:
     """Of each geom, and last of what lies at infinity: from a point now to where it was before.
 
     Out: turns (ng + 1, 3, 3) and shifts (ng + 1, 3), both in the cameras' frames, and (ng + 1)
@@ -146,14 +146,33 @@ def _motions(now: Instant, before: Instant) -> tuple[F64, F64, F64]:
     camera, camera_before = pose.mat.reshape(3, 3), pose_before.mat.reshape(3, 3)
     mat, mat_before = shot.geom_mat.reshape(-1, 3, 3), shot_before.geom_mat.reshape(-1, 3, 3)
     turn = mat_before @ mat.transpose(0, 2, 1)
+    still = (mat == mat_before).all((1, 2)) & (shot.geom_pos == shot_before.geom_pos).all(1)
+    if len(stretching):
+        turn[stretching] = _stretches(shot, shot_before, stretching)
+        still[stretching] &= shot.stretched[:, 1] == shot_before.stretched[:, 1]
     # differences first: far from the origin nothing is lost
     arm = (turn @ (pose.pos - shot.geom_pos)[..., np.newaxis])[..., 0]
     shifts = (arm + shot_before.geom_pos - pose_before.pos) @ camera_before
     turns = camera_before.T @ np.concatenate([turn, np.eye(3)[np.newaxis]]) @ camera
-    still = (mat == mat_before).all((1, 2)) & (shot.geom_pos == shot_before.geom_pos).all(1)
     at_rest = np.array_equal(camera, camera_before)
     with_place = at_rest and np.array_equal(pose.pos, pose_before.pos)
     return turns, np.vstack([shifts, np.zeros(3)]), np.append(still & with_place, at_rest)
+
+
+def _stretches(now: SceneSnapshot, before: SceneSnapshot, rows: I32) -> F64:
+    """(ns, 3, 3) from offsets now to those before, of capsules that stretch and do not twist."""
+    axis, was = now.geom_mat[rows, 2::3], before.geom_mat[rows, 2::3]
+    half, half_was = now.stretched[:, 1].astype(np.float64), before.stretched[:, 1]
+    ratio = np.divide(half_was, half, out=np.ones(len(rows)), where=half > 0)
+    # the shortest turn of one axis into the other; 1e-12: they are opposite
+    cross = np.cross(axis, was)
+    x, y, z = cross.T
+    none = np.zeros(len(rows))
+    skew = np.stack([none, -z, y, z, none, -x, -y, x, none], 1).reshape(-1, 3, 3)
+    share = 1.0 / np.maximum(1.0 + (axis * was).sum(1), 1e-12)
+    turn = np.eye(3) + skew + skew @ skew * share[:, np.newaxis, np.newaxis]
+    along = axis[:, :, np.newaxis] * axis[:, np.newaxis, :]
+    return np.asarray(turn @ (np.eye(3) + along * (ratio - 1.0)[:, np.newaxis, np.newaxis]))
 
 
 def _groups(index: I32) -> list[I32]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.emulator.config import RenderConfig
-from evs.emulator.scene import Light, LightKind, SceneModel, Shape
+from evs.emulator.scene import Light, LightKind, SceneModel, Shape, Thing
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,14 @@ class Contents:
     triangles: int
     height_fields: int
     deforming: int
-    """skins and flexes"""
+    """skins and flexes with faces"""
+    sites: int
+    """that are seen"""
+    tendons: int
+    ropes: int
+    """flexes of dimension 1"""
+    capsules: int
+    """of tendons and ropes, some of which may not be seen now"""
     geoms_moving: int
     geoms_still: int
     lights: dict[str, int]
@@ -58,10 +65,16 @@ class Contents:
 
 
 def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
-    """Of a scene with the lights and the air that [render] leaves it."""
-    shapes = Counter(Shape(int(shape)).name.lower() for shape in scene.geom_type)
+    """Of a scene with the lights, the air and the sites that [render] leaves it."""
+    scene = scene if render.sites else scene.without_sites()
+    things = scene.geom_thing
+    if not len(things):
+        things = np.full(len(scene.geom_type), Thing.GEOM)
+    solid, seen_sites = things < Thing.SITE, (things == Thing.SITE) & (scene.geom_size[:, 0] > 0)
+    shapes = Counter(Shape(int(shape)).name.lower() for shape in scene.geom_type[solid])
     lights = [x for x in scene.lights if render.headlight == "model" or not x.headlight]
-    used = [scene.surfaces[index] for index in sorted(set(scene.geom_surface.tolist()))]
+    there = solid | seen_sites | (things > Thing.SITE)
+    used = [scene.surfaces[index] for index in sorted(set(scene.geom_surface[there].tolist()))]
     planes = scene.geom_type == Shape.PLANE
     endless = planes & (scene.geom_size[:, 0] <= 0) & (scene.geom_size[:, 1] <= 0)
     kinds = Counter("headlight" if x.headlight else x.kind.name.lower() for x in lights)
@@ -75,8 +88,12 @@ def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
         triangles=int(sum(triangles[int(mesh)] for mesh in seen)),
         height_fields=shapes["hfield"],
         deforming=len(scene.deforming),
-        geoms_moving=int((~scene.geom_static).sum()),
-        geoms_still=int(scene.geom_static.sum()),
+        sites=int(seen_sites.sum()),
+        tendons=len(set(scene.geom_id[things == Thing.TENDON].tolist())),
+        ropes=len(set(scene.geom_id[things == Thing.ROPE].tolist())),
+        capsules=len(scene.stretching),
+        geoms_moving=int((solid & ~scene.geom_static).sum()),
+        geoms_still=int((solid & scene.geom_static).sum()),
         lights=dict(sorted(kinds.items())),
         casting=sum(x.castshadow and x.kind is not LightKind.IMAGE for x in lights),
         coloured=tuple(x.name for x in lights if not _is_grey(scene, x)),
@@ -113,6 +130,7 @@ def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
 
 def is_unlit(scene: SceneModel, render: RenderConfig) -> bool:
     """Whether neither a light nor a glowing surface is left; a sky lights nothing."""
+    scene = scene if render.sites else scene.without_sites()
     for light in scene.lights:
         colours = (*light.ambient, *light.diffuse, *light.specular, light.intensity)
         if any(colours) and (render.headlight == "model" or not light.headlight):

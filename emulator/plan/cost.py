@@ -96,7 +96,7 @@ def estimate(
         render_ns *= 0.5
     traces = render.renderer != "raster"
     if not traces:
-        geoms_ns = 1e6 * RASTER_GEOM_MS * sum(has.geoms.values())
+        geoms_ns = 1e6 * RASTER_GEOM_MS * _drawn(has)
         render_ns = geoms_ns + RASTER_NS * pixels * render.samples
     moves = bool(standing.camera_moves) or features.get("full_retrace", True)
     rest_ns = 0.0 if render.renderer == "path" else REST_NS
@@ -129,11 +129,15 @@ def estimate(
     )
 
 
+def _drawn(has: Contents) -> int:
+    return sum(has.geoms.values()) + has.sites + has.capsules
+
+
 def _packet_ns(has: Contents, casting: int, render: RenderConfig) -> float:
     """ns of a sample of 16 pixels."""
     rays = 1 + casting
     levels = math.log2(1 + has.triangles)
-    met = GEOM_NS * sum(has.geoms.values()) + TRIANGLE_NS * levels
+    met = GEOM_NS * _drawn(has) + TRIANGLE_NS * levels
     ns = PACKET_NS + LIGHT_NS * sum(has.lights.values()) + SHADOW_NS * casting + met * rays
     ns += TEXTURE_NS * (has.textured > 0) + SKY_NS * has.sky + MIRROR_NS * (has.mirrors > 0)
     if render.renderer == "path":

@@ -1,7 +1,7 @@
 """Skins and flexes: meshes whose vertices move, as MuJoCo's visualiser has them.
 
-A skin hangs on bones; a flex is cloth or a soft body. A flex of dimension 1 (a rope) has no faces
-and is not shown.
+A skin hangs on bones; a flex is cloth or a soft body. A flex of dimension 1, a rope, has no faces:
+see strands.py.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from evs.emulator.world.surfaces import Rgba, is_shown, shown_rgba
 
 
 class Deforming:
-    """The visible skins and flexes of one model: first the skins, then the flexes."""
+    """The visible skins and flexes with faces of one model: first the skins, then the flexes."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
@@ -34,9 +34,15 @@ class Deforming:
     def __len__(self) -> int:
         return len(self._skins) + len(self._flexes)
 
-    def ids(self) -> list[int]:
-        """Of each: its number in SceneModel.geom_id."""
-        return [-2 - i for i in self._skins] + [-2 - self._model.nskin - i for i in self._flexes]
+    @property
+    def skins(self) -> list[int]:
+        """Ids of the skins."""
+        return self._skins
+
+    @property
+    def flexes(self) -> list[int]:
+        """Ids of the flexes."""
+        return self._flexes
 
     def looks(self) -> list[tuple[Rgba, int, bool]]:
         """Of each: colour, material (-1 none), and whether the material's image is on it."""

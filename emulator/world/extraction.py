@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.scene import I32, Mesh, SceneModel, Shape
+from evs.emulator.scene import I32, Mesh, SceneModel, Shape, Thing
 from evs.emulator.world.deforming import Deforming
 from evs.emulator.world.indices import check_indices
 from evs.emulator.world.kinematics import update_poses
@@ -14,7 +14,8 @@ from evs.emulator.world.left_out import warn_left_out
 from evs.emulator.world.lights import active_lights, extract_air, extract_light, unlit_images
 from evs.emulator.world.meshes import extract_height_field, extract_mesh
 from evs.emulator.world.names import names_of
-from evs.emulator.world.surfaces import Surfaces, geom_rgba, is_shown
+from evs.emulator.world.strands import Strands
+from evs.emulator.world.surfaces import Surfaces, geom_rgba, is_shown, site_rgba
 from evs.msgs import EvsError
 
 FROM_MESH = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF)
@@ -35,17 +36,30 @@ def visible_geoms(model: mujoco.MjModel) -> I32:
     )
 
 
+def visible_sites(model: mujoco.MjModel) -> I32:
+    """(ns,) ids of the sites that MuJoCo shows by default: groups 0 to 2, alpha above 0."""
+    return np.array(
+        [
+            site
+            for site in range(model.nsite)
+            if is_shown(model.site_group[site], site_rgba(model, site))
+        ],
+        np.int32,
+    )
+
+
 def extract_scene(model: mujoco.MjModel) -> SceneModel:
     """Everything of the model that a renderer needs and that never moves.
 
     A signed distance field is shown by its mesh. A height field keeps its type and brings a mesh.
+    Skins and flexes follow the geoms, then sites, then the capsules of tendons and ropes.
     What cannot be shown is told in `left_out`, and as a LeftOutWarning each. Raises EvsError where
     nothing is visible.
     """
     check_indices(model)
     geoms = visible_geoms(model)
-    deforming = Deforming(model)
-    if not len(geoms) and not len(deforming):
+    deforming, sites, strands = Deforming(model), visible_sites(model), Strands(model)
+    if not len(geoms) + len(deforming) + len(sites) + len(strands):
         raise EvsError(
             f"nothing to see: none of the model's {model.ngeom} geoms is in groups 0 to 2 with "
             "alpha above 0; give the scene some geometry"
@@ -80,18 +94,52 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
         update_poses(model, data)
         meshes += deforming.meshes(data)
         geom_surface += [surfaces.of(*look) for look in deforming.looks()]
+    geom_surface += [surfaces.of_site(int(site)) for site in sites]
+    geom_surface += [surfaces.of(*look) for look in strands.looks()]
+    things = _things(model, geoms, deforming, sites, strands)
+    unmeshed, many = len(sites) + len(strands), len(strands)
     left_out = (*unlit_images(model), *surfaces.unread_lines())
     warn_left_out(left_out)
     return SceneModel(
-        geom_type=np.array([*kinds, *(Shape.MESH for _ in indices)], np.int32),
-        geom_size=np.vstack([model.geom_size[geoms], np.ones((len(indices), 3))]).astype(
-            np.float32
+        geom_type=np.array(
+            [
+                *kinds,
+                *(Shape.MESH for _ in indices),
+                *model.site_type[sites],
+                *(Shape.CAPSULE for _ in range(many)),
+            ],
+            np.int32,
         ),
-        geom_mesh=np.array([*geom_mesh, *indices], np.int32),
+        geom_size=np.vstack(
+            [
+                model.geom_size[geoms],
+                np.ones((len(indices), 3)),
+                model.site_size[sites],
+                strands.sizes,
+            ]
+        ).astype(np.float32),
+        geom_mesh=np.array([*geom_mesh, *indices, *(-1 for _ in range(unmeshed))], np.int32),
         geom_surface=np.array(geom_surface, np.int32),
-        geom_id=np.array([*geoms, *deforming.ids()], np.int32),
-        geom_body=np.array([*model.geom_bodyid[geoms], *(-1 for _ in indices)], np.int32),
-        geom_static=np.array([*_static(model, geoms), *(False for _ in indices)], np.bool_),
+        geom_id=np.array([number for _, number in things], np.int32),
+        geom_thing=np.array([thing for thing, _ in things], np.int32),
+        geom_body=np.array(
+            [
+                *model.geom_bodyid[geoms],
+                *(-1 for _ in indices),
+                *model.site_bodyid[sites],
+                *(-1 for _ in range(many)),
+            ],
+            np.int32,
+        ),
+        geom_static=np.array(
+            [
+                *_static(model, model.geom_bodyid[geoms]),
+                *(False for _ in indices),
+                *_static(model, model.site_bodyid[sites]),
+                *(False for _ in range(many)),
+            ],
+            np.bool_,
+        ),
         meshes=tuple(meshes),
         surfaces=tuple(surfaces.surfaces),
         textures=tuple(surfaces.textures),
@@ -99,14 +147,32 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
         lights=lights,
         skybox=skybox,
         deforming=indices,
+        stretching=np.arange(len(things) - many, len(things), dtype=np.int32),
         air=extract_air(model),
         extent_m=float(model.stat.extent),
         left_out=left_out,
     )
 
 
-def _static(model: mujoco.MjModel, geoms: I32) -> npt.NDArray[np.bool_]:
-    """(ng,) True where the geom's body is welded to the world and no mocap body carries it."""
-    body = model.geom_bodyid[geoms]
+def _things(
+    model: mujoco.MjModel, geoms: I32, deforming: Deforming, sites: I32, strands: Strands
+) -> list[tuple[Thing, int]]:
+    """Of each row of the scene: what it is, and its number in SceneModel.geom_id."""
+    flexes = -2 - model.nskin
+    first_site = flexes - model.nflex
+    tendons = first_site - model.nsite
+    owners, count = strands.owners(), strands.tendon_count
+    return [
+        *((Thing.GEOM, int(i)) for i in geoms),
+        *((Thing.SKIN, -2 - i) for i in deforming.skins),
+        *((Thing.FLEX, flexes - i) for i in deforming.flexes),
+        *((Thing.SITE, first_site - int(i)) for i in sites),
+        *((Thing.TENDON, tendons - i) for i in owners[:count]),
+        *((Thing.ROPE, flexes - i) for i in owners[count:]),
+    ]
+
+
+def _static(model: mujoco.MjModel, body: I32) -> npt.NDArray[np.bool_]:
+    """(n,) True where a body is welded to the world and no mocap body carries it."""
     carried = model.body_mocapid[model.body_rootid[body]] >= 0
     return np.asarray((model.body_weldid[body] == 0) & ~carried, np.bool_)

@@ -10,12 +10,17 @@ from evs.emulator.scene import F64
 
 
 def update_poses(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Compute all poses that follow from `data.qpos`: bodies, geoms, cameras, lights, flexes."""
+    """Compute all poses that follow from `data.qpos`.
+
+    Those of bodies, geoms, sites, cameras, lights, flexes and tendons.
+    """
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     mujoco.mj_camlight(model, data)
     if model.nflex:
         mujoco.mj_flex(model, data)
+    if model.ntendon:
+        mujoco.mj_tendon(model, data)
 
 
 def moving_bodies(model: mujoco.MjModel) -> npt.NDArray[np.bool_]:

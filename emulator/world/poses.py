@@ -17,9 +17,10 @@ from evs.emulator.world.cameras import BoundCamera
 from evs.emulator.world.compat import SLEEP
 from evs.emulator.world.deforming import Deforming
 from evs.emulator.world.exiting import end_daemons_at_exit, end_here
-from evs.emulator.world.extraction import visible_geoms
+from evs.emulator.world.extraction import visible_geoms, visible_sites
 from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.lights import active_lights
+from evs.emulator.world.strands import Strands
 from evs.emulator.world.unstable import check_positions
 from evs.msgs import EvsError
 
@@ -47,14 +48,21 @@ class Poser:
         self._deforming = Deforming(model)
         count = len(self._deforming)
         still = np.zeros((count, 3)), np.tile(np.eye(3).ravel(), (count, 1))
-        geoms = visible_geoms(model)
-        self._geom_pos = _Rows(own.geom_xpos, geoms, after=still[0])
-        self._geom_mat = _Rows(own.geom_xmat, geoms, after=still[1])
+        geoms, sites = visible_geoms(model), visible_sites(model)
+        # tendons and ropes are found from what MuJoCo finds
+        self._strands = strands = Strands(model)
+        every = np.arange(len(strands), dtype=np.int32)
+        self._geom_pos = _Rows(
+            (own.geom_xpos, geoms), still[0], (own.site_xpos, sites), (strands.pos, every)
+        )
+        self._geom_mat = _Rows(
+            (own.geom_xmat, geoms), still[1], (own.site_xmat, sites), (strands.mat, every)
+        )
         lights = active_lights(model)
         # the headlight comes first; its row has a unit direction that nobody uses
         head = np.zeros((int((lights < 0).sum()), 3))
-        self._light_pos = _Rows(own.light_xpos, lights[lights >= 0], before=head)
-        self._light_dir = _Rows(own.light_xdir, lights[lights >= 0], before=head - (0, 0, 1))
+        self._light_pos = _Rows(head, (own.light_xpos, lights[lights >= 0]))
+        self._light_dir = _Rows(head - (0, 0, 1), (own.light_xdir, lights[lights >= 0]))
 
     def add_camera(self, camera: BoundCamera) -> None:
         """Snapshots from now on have this camera's pose too, as their last."""
@@ -98,6 +106,7 @@ class Poser:
         end_here()
         model, own = self._model, self._data
         update_poses(model, own)
+        self._strands.update(own)
         return SceneSnapshot(
             t_us,
             self._geom_pos.copy(),
@@ -107,31 +116,39 @@ class Poser:
             tuple([camera.mount.pose(own) for camera in self._cameras]),
             self._deforming.vertices(own),
             exposure_us,
+            self._strands.sizes.copy(),
         )
 
 
 class _Rows:
-    """Rows of an array that MuJoCo writes, between rows that never change.
+    """Rows of arrays that MuJoCo writes, between rows that never change.
 
-    Two copies and no search for them: half of what np.concatenate takes for so few numbers.
+    A copy of all and one of each part, and no search for them: half of what np.concatenate takes
+    for so few numbers.
     """
 
-    def __init__(
-        self, live: F64, indices: I32, before: F64 | None = None, after: F64 | None = None
-    ) -> None:
-        """In: live (n, w), of which the rows `indices` are taken; before, after (m, w)."""
-        first, end = (int(indices[0]), int(indices[-1]) + 1) if len(indices) else (0, 0)
-        follow = np.array_equal(indices, np.arange(first, end))
-        # rows that follow each other are seen where they lie
-        self._live = live[first:end] if follow else live
-        self._chosen = None if follow else indices
-        nothing = live[:0]
-        before = nothing if before is None else before
-        self._all = np.concatenate([before, live[indices], nothing if after is None else after])
-        self._moving = slice(len(before), len(before) + len(indices))
+    def __init__(self, *parts: F64 | tuple[F64, I32]) -> None:
+        """In: rows that never change (m, w), or a live array (n, w) and which of its rows."""
+        rows: list[F64] = []
+        self._parts: list[tuple[slice, F64, I32 | None]] = []
+        for part in parts:
+            if isinstance(part, tuple):
+                live, indices = part
+                begin = sum(map(len, rows))
+                first, end = (int(indices[0]), int(indices[-1]) + 1) if len(indices) else (0, 0)
+                follow = np.array_equal(indices, np.arange(first, end))
+                # rows that follow each other are seen where they lie
+                chosen = (live[first:end], None) if follow else (live, indices)
+                if len(indices):
+                    self._parts.append((slice(begin, begin + len(indices)), *chosen))
+                rows.append(live[indices])
+            else:
+                rows.append(part)
+        self._all = np.concatenate(rows)
 
     def copy(self) -> F64:
         """All of them as they are now."""
         taken = self._all.copy()
-        taken[self._moving] = self._live if self._chosen is None else self._live[self._chosen]
+        for where, live, chosen in self._parts:
+            taken[where] = live if chosen is None else live[chosen]
         return taken

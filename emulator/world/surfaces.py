@@ -16,7 +16,7 @@ from evs.emulator.world.names import name_of
 Rgba = tuple[float, float, float, float]
 
 VISIBLE_GROUPS = 3
-"""Groups 0, 1 and 2 of geoms, skins and flexes are shown, as in MuJoCo's viewer at the start."""
+"""Groups 0, 1 and 2 of whatever has groups are shown, as in MuJoCo's viewer at the start."""
 
 Role = mujoco.mjtTextureRole
 
@@ -38,6 +38,8 @@ WORDS = {
     mujoco.mjtObj.mjOBJ_GEOM: "geom",
     mujoco.mjtObj.mjOBJ_SKIN: "skin",
     mujoco.mjtObj.mjOBJ_FLEX: "flex",
+    mujoco.mjtObj.mjOBJ_SITE: "site",
+    mujoco.mjtObj.mjOBJ_TENDON: "tendon",
     mujoco.mjtObj.mjOBJ_MATERIAL: "material",
 }
 """What has a colour, as errors call it."""
@@ -55,6 +57,12 @@ def geom_rgba(model: mujoco.MjModel, geom: int) -> Rgba:
     """The colour that MuJoCo shows of a geom."""
     kind = mujoco.mjtObj.mjOBJ_GEOM
     return shown_rgba(model, kind, geom, model.geom_rgba[geom], int(model.geom_matid[geom]))
+
+
+def site_rgba(model: mujoco.MjModel, site: int) -> Rgba:
+    """The colour that MuJoCo shows of a site."""
+    kind = mujoco.mjtObj.mjOBJ_SITE
+    return shown_rgba(model, kind, site, model.site_rgba[site], int(model.site_matid[site]))
 
 
 def shown_rgba(
@@ -88,6 +96,10 @@ class Surfaces:
     def of_geom(self, geom: int) -> int:
         """Index of the geom's surface."""
         return self.of(geom_rgba(self.model, geom), int(self.model.geom_matid[geom]))
+
+    def of_site(self, site: int) -> int:
+        """Index of the site's surface."""
+        return self.of(site_rgba(self.model, site), int(self.model.site_matid[site]))
 
     def of(self, rgba: Rgba, material: int, textured: bool = True) -> int:
         """Index of the surface with this colour and material (-1 none), with its image or not."""

@@ -66,7 +66,8 @@ def agreement(
     bound = bind_camera(model, "", WIDTH, HEIGHT, view)
     snapshot = Poser(model, [bound]).snapshot(data, 0)
     pose = snapshot.cameras[0]
-    renderer = DirectRenderer(scene, bound.model, RenderConfig(spp=4), 1)
+    # MuJoCo's rays pass through sites
+    renderer = DirectRenderer(scene, bound.model, RenderConfig(spp=4, sites=False), 1)
     index, distance = renderer.hits(snapshot, pose)
     ours = np.where(index >= 0, scene.geom_id[index], -1).reshape(-1)
 

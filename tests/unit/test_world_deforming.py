@@ -63,17 +63,17 @@ def test_a_skin_hangs_on_its_bones(robot_files) -> None:
     np.testing.assert_allclose(shape.vertices, expected, atol=1e-5)
 
 
-def test_cloth_and_block_are_seen_and_a_rope_is_not(cloth) -> None:
+def test_cloth_and_block_are_seen_and_a_rope_as_capsules(cloth) -> None:
     scene = extract_scene(cloth)
-    assert list(scene.geom_id) == [0, 1, -2, -3]
-    assert list(scene.geom_body) == [0, 0, -1, -1]
-    assert list(scene.geom_type[2:]) == [Shape.MESH, Shape.MESH]
+    assert list(scene.geom_id) == [0, 1, -2, -3, *[-4] * 4]
+    assert list(scene.geom_body) == [0, 0, -1, -1, *[-1] * 4]
+    assert list(scene.geom_type[2:]) == [Shape.MESH, Shape.MESH, *[Shape.CAPSULE] * 4]
     assert not scene.geom_static[2:].any()
     bound = bind_camera(cloth, "", 80, 60, VIEW)
     snapshot = Poser(cloth, [bound]).snapshot(mujoco.MjData(cloth), 0)
     renderer = DirectRenderer(scene, bound.model, RenderConfig(spp=1), 1)
     index, distance = renderer.hits(snapshot, snapshot.cameras[0])
-    assert set(np.unique(index)) >= {0, 2, 3}
+    assert set(np.unique(index)) >= {0, 2, 3, 4, 5, 6, 7}
     assert (distance[index >= 2] > 1).all()
     # rays hit where the vertices are, within half a cell
     eye = snapshot.cameras[0].pos

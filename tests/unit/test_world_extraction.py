@@ -6,13 +6,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator.scene import LightKind, SceneModel, Shape, TextureKind
+from evs.emulator.scene import LightKind, SceneModel, Shape, TextureKind, Thing
 from evs.emulator.world import Poser, extract_scene, load_model
 from evs.msgs import EvsError
 
 
 def shown_by_mujoco(model, data, camera=None):
-    """(geoms, lights, eye) of MuJoCo's abstract scene with default options."""
+    """(geoms, lights, eye) of MuJoCo's abstract scene with default options.
+
+    Of geoms those that have a shape of their own: ropes, and what marks things, are not among them.
+    """
     view = mujoco.MjvScene(model, 5000)
     free = mujoco.MjvCamera()
     mujoco.mjv_defaultFreeCamera(model, free)
@@ -20,7 +23,9 @@ def shown_by_mujoco(model, data, camera=None):
     mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera or free, every, view)
     kinds = (mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_SKIN, mujoco.mjtObj.mjOBJ_FLEX)
     shown = view.geoms[: view.ngeom]
+    ropes = np.flatnonzero(model.flex_dim == 1)
     geoms = [g for kind in kinds for g in shown if g.objtype == kind]
+    geoms = [g for g in geoms if g.objtype != kinds[2] or g.objid not in ropes]
     return geoms, view.lights[: view.nlight], view.camera
 
 
@@ -51,8 +56,9 @@ def compare(model) -> SceneModel:
     scene = extract_scene(model)
     snapshot = Poser(model).snapshot(data, 0)
     geoms, lights, _ = shown_by_mujoco(model, data)
-    assert [number_of(model, g) for g in geoms] == list(scene.geom_id)
-    assert scene.deforming == tuple(scene.geom_mesh[scene.geom_id < 0])
+    solid = scene.geom_thing < Thing.SITE
+    assert [number_of(model, g) for g in geoms] == list(scene.geom_id[solid])
+    assert scene.deforming == tuple(scene.geom_mesh[solid & (scene.geom_id < 0)])
     assert len(snapshot.deformed) == len(scene.deforming)
     for row, geom in enumerate(geoms):
         surface = scene.surfaces[scene.geom_surface[row]]

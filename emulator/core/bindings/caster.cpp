@@ -163,6 +163,17 @@ void deform_mesh(BoundCaster& b, int mesh, In<float, N, 3> vertices, In<float, N
   b.caster.deform_mesh(mesh, vertices.data(), normals.data());
 }
 
+void resize_geoms(BoundCaster& b, In<int32_t, N> geoms, In<float, N, 3> sizes) {
+  require(geoms.shape(0) == sizes.shape(0), "one size for each geom");
+  for (size_t i = 0; i < geoms.shape(0); i++) {
+    int geom = geoms.data()[i];
+    require(geom >= 0 && geom < static_cast<int>(b.geoms), "the geom does not exist");
+    int shape = b.caster.shape(geom);
+    require(shape != PLANE && shape != HFIELD && shape != MESH, "only shapes have a new size");
+  }
+  b.caster.resize_geoms(geoms.data(), sizes.data(), static_cast<int>(geoms.shape(0)));
+}
+
 void set_light_gains(BoundCaster& b, In<float, N> gains) {
   require(gains.shape(0) == b.lights, "gains for another number of lights");
   b.caster.set_light_gains(gains.data());
@@ -279,6 +290,9 @@ void bind_caster(nb::module_& m) {
            "Each light's strength (nl) from the next call on, 1 as the scene has it.")
       .def("deform", &deform_mesh, nb::arg("mesh"), nb::arg("vertices"), nb::arg("normals"),
            "New vertices (nv, 3) and unit normals (nv, 3) of a mesh, before a call of render.")
+      .def("resize", &resize_geoms, nb::arg("geoms"), nb::arg("sizes"),
+           "New sizes (n, 3) of geoms (n) that are no planes and no meshes, before a call of "
+           "render; with a radius of 0 none is hit.")
       .def(
           "render", &render, nb::arg("geom_pos"), nb::arg("geom_mat"), nb::arg("light_pos"),
           nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"), nb::arg("luminance"),

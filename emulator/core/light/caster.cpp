@@ -53,6 +53,8 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
       if (its_pass == pass) order_.push_back(g);
     }
   }
+  place_.resize(count);
+  for (int k = 0; k < count; k++) place_[order_[k]] = k;
   geoms_.resize(count);
   std::memset(static_cast<void*>(geoms_.data()), 0, count * sizeof(Geom));
   for (int k = 0; k < count; k++) {
@@ -150,6 +152,16 @@ void Caster::deform_mesh(int index, const float* vertices, const float* normals)
     emitters_->forget_mesh(index);
     set_paths();
   }
+}
+
+void Caster::resize_geoms(const int32_t* geoms, const float* sizes, int count) {
+  bool forgotten = false;
+  for (int i = 0; i < count; i++) {
+    int k = place_[geoms[i]];
+    std::copy(sizes + 3 * i, sizes + 3 * i + 3, geoms_[k].size);
+    forgotten = (emitters_ && emitters_->forget_geom(k)) || forgotten;
+  }
+  if (forgotten) set_paths();
 }
 
 void Caster::place_geoms(const Poses& p) {

@@ -71,6 +71,10 @@ class Caster {
 
   // New vertices and normals (nv, 3) of a mesh, before a call of render.
   void deform_mesh(int mesh, const float* vertices, const float* normals);
+  // New sizes (count, 3) of geoms that are neither planes nor meshes, before a call of render. With
+  // a radius of 0 none is hit. Paths do not aim at them, from now on.
+  void resize_geoms(const int32_t* geoms, const float* sizes, int count);
+  int shape(int geom) const { return geoms_.at(static_cast<size_t>(place_.at(geom))).shape; }
   int mesh_count() const { return static_cast<int>(mesh_data_.size()); }
   const SceneData::MeshData& mesh(int index) const { return mesh_data_.at(index); }
 
@@ -137,6 +141,7 @@ class Caster {
   std::vector<Light> full_lights_;  // at gain 1
   int haze_plane_ = -1;             // kernel's geom, -1 none
   std::vector<int> order_;  // kernel's geom -> scene's geom: planes first, then shapes, then meshes
+  std::vector<int> place_;  // scene's geom -> kernel's geom
   std::vector<Geom> geoms_, previous_geoms_;
   std::vector<Ball> balls_, previous_balls_;  // around each geom
   std::vector<std::vector<float>> shapes_;    // last vertices and normals of each deforming mesh

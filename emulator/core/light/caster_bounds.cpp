@@ -131,6 +131,9 @@ void Caster::add_moved(const Rod& before, const Rod& now) {
 void Caster::find_moved() {
   moved_rods_.clear();
   for (size_t k = 0; k < geoms_.size(); k++) {
+    // what has no radius, before and now, is not seen
+    bool solid = geoms_[k].shape == PLANE || geoms_[k].mesh >= 0;
+    if (!solid && !(geoms_[k].size[0] > 0) && !(previous_geoms_[k].size[0] > 0)) continue;
     bool deformed = geoms_[k].mesh >= 0 && deformed_[geoms_[k].mesh];
     if (!deformed && std::memcmp(&geoms_[k], &previous_geoms_[k], sizeof(Geom)) == 0) continue;
     add_moved(rod_of(previous_geoms_[k], previous_balls_[k]), rod_of(geoms_[k], balls_[k]));

@@ -20,7 +20,7 @@ constexpr size_t FIRST = 4;                // of its away and albedo
 constexpr size_t MARGIN = 272;             // of one array to the next: apart in the caches
 constexpr int BITS = 32;
 
-// How far any point of the rod went, at most, and how much thicker it got.
+// How far any point of the rod went, at most, and how much thicker or thinner it got.
 double moved_by(const Rod& a, const Rod& b) {
   auto end = [&](double side) {
     double x = (b.center.x + side * b.axis.x * b.half) - (a.center.x + side * a.axis.x * a.half);
@@ -28,7 +28,7 @@ double moved_by(const Rod& a, const Rod& b) {
     double z = (b.center.z + side * b.axis.z * b.half) - (a.center.z + side * a.axis.z * a.half);
     return std::sqrt(x * x + y * y + z * z);
   };
-  return std::max(end(1), end(-1)) + std::max(0.0, static_cast<double>(b.radius) - a.radius);
+  return std::max(end(1), end(-1)) + std::abs(static_cast<double>(b.radius) - a.radius);
 }
 
 }  // namespace

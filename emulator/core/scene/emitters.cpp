@@ -129,11 +129,20 @@ void Emitters::share() {
 }
 
 void Emitters::forget_mesh(int mesh) {
-  auto uses = [mesh](const Glow& g) { return g.mesh == mesh; };
-  auto end = std::remove_if(glows_.begin(), glows_.end(), uses);
-  if (end == glows_.end()) return;
+  forget([mesh](const Glow& g) { return g.mesh == mesh; });
+}
+
+bool Emitters::forget_geom(int geom) {
+  return forget([geom](const Glow& g) { return g.geom == geom; });
+}
+
+template <class Which>
+bool Emitters::forget(Which which) {
+  auto end = std::remove_if(glows_.begin(), glows_.end(), which);
+  if (end == glows_.end()) return false;
   glows_.erase(end, glows_.end());
   share();
+  return true;
 }
 
 // Skybox and image lights together.

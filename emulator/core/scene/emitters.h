@@ -17,6 +17,8 @@ class Emitters {
 
   // The mesh changes its shape from now on: geoms that have it are found by chance only.
   void forget_mesh(int mesh);
+  // The same of one geom; whether it was an emitter.
+  bool forget_geom(int geom);
 
   // The constant part of a frame, which points into this.
   PathFrame frame() const;
@@ -29,6 +31,8 @@ class Emitters {
     std::vector<float> cumulative;
   };
 
+  template <class Which>
+  bool forget(Which which);
   void share();
   void make_sky(const Appearance& look);
 

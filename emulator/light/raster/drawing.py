@@ -10,7 +10,7 @@ import numpy as np
 
 from evs.emulator.config import RenderConfig
 from evs.emulator.light.flicker import Flicker
-from evs.emulator.light.raster.tessellate import Facets, facets_of, room
+from evs.emulator.light.raster.tessellate import UNIT_CAPSULE, Facets, facets_of, room
 from evs.emulator.scene import (
     F32,
     F64,
@@ -106,12 +106,14 @@ def surface_uniforms(scene: SceneModel, geom: int, surface: Surface) -> Uniforms
 
 def drawn(scene: SceneModel, orthographic: bool) -> Iterator[Drawn]:
     """Every geom in its order, then the sky if there is one."""
-    extent_m = extent_of(scene)
+    extent_m, stretching = extent_of(scene), set(scene.stretching.tolist())
     for geom, kind in enumerate(scene.geom_type):
         surface = scene.surfaces[scene.geom_surface[geom]]
         index = int(scene.geom_mesh[geom])
         mesh = scene.meshes[index] if index >= 0 else None
         size, cube = scene.geom_size[geom], is_cube(scene, surface)
+        if geom in stretching:
+            size = UNIT_CAPSULE
         facets = facets_of(Shape(int(kind)), size, mesh, surface, cube, extent_m)
         yield Drawn(facets, surface_uniforms(scene, geom, surface), surface.texture)
     if scene.skybox >= 0:

@@ -24,6 +24,7 @@ from evs.emulator.light.raster.drawing import (
     orthographic_matrix,
     pose_matrix,
 )
+from evs.emulator.light.raster.tessellate import Facets, stretched
 from evs.emulator.optics import check_distortion, is_distorted, make_lens
 from evs.emulator.scene import F32, I32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.truth import GroundTruth
@@ -52,6 +53,7 @@ class RasterRenderer:
             )
         self._library, self._camera = load_library(), camera
         self._share = make_lens(camera).share
+        scene = scene if config.sites else scene.without_sites()
         self._content, self._config = scene, config
         self._tracer: DirectRenderer | None = None
         self._lamps = Lamps(scene, config)
@@ -64,13 +66,15 @@ class RasterRenderer:
         constant["orthographic"] = camera.orthographic
         with self._canvas.context:
             self._canvas.set_uniforms(constant | self._lamps.constant)
-            self._scene, self._nodes, self._eye = self._stage(scene)
+            self._scene, self._nodes, self._eye, facets = self._stage(scene)
         # skins and flexes: which of snapshot.deformed, its node, its faces
         self._deforming = [
             (scene.deforming.index(mesh), self._nodes[geom], scene.meshes[mesh].faces)
             for geom, mesh in enumerate(scene.geom_mesh)
             if mesh in scene.deforming
         ]
+        # tendons and ropes: their nodes, and capsules as long as thick
+        self._stretching = [(self._nodes[geom], facets[geom]) for geom in scene.stretching]
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
         """(h, w) float32 linear luminance.
@@ -139,16 +143,19 @@ class RasterRenderer:
                 now = snapshot.deformed[shape]
                 parts = (x[faces].reshape(-1, 3) for x in (now.vertices, now.normals))
                 self._canvas.deform(node, *parts)
+            for (node, base), size in zip(self._stretching, snapshot.stretched, strict=True):
+                self._canvas.deform(node, stretched(base, size), base.normals)
             self._canvas.set_uniforms(moving)
             flags = self._library.pyrender.RenderFlags.OFFSCREEN
             self._canvas.draw(self._scene, flags, out, single)
 
-    def _stage(self, scene: SceneModel) -> tuple[Any, list[Any], Any]:
-        """pyrender's scene, its node of each geom, and that of the camera."""
+    def _stage(self, scene: SceneModel) -> tuple[Any, list[Any], Any, dict[int, Facets]]:
+        """pyrender's scene, its node of each geom, that of the camera, and what can stretch."""
         pyrender, camera, canvas = self._library.pyrender, self._camera, self._canvas
         stage = pyrender.Scene(bg_color=[0.0, 0.0, 0.0, 0.0])
         names: dict[int, int] = {-1: 0}
-        nodes = []
+        nodes: list[Any] = []
+        facets, stretching = {}, set(scene.stretching.tolist())
         for thing in drawn(scene, camera.orthographic):
             if thing.texture not in names:
                 image = scene.textures[thing.texture]
@@ -162,6 +169,8 @@ class RasterRenderer:
                 indices=thing.facets.faces,
             )
             # FAULT: indices are kept as 32-bit floats, which are exact only up to 2^24
+            if len(nodes) in stretching:
+                facets[len(nodes)] = thing.facets
             part._indices = np.ascontiguousarray(thing.facets.faces, np.uint32)
             if thing.look["alpha"] < 1:
                 colour = [1.0, 1.0, 1.0, thing.look["alpha"]]
@@ -180,4 +189,4 @@ class RasterRenderer:
             lens = pyrender.IntrinsicsCamera(
                 camera.fx, camera.fy, camera.cx, camera.cy, NEAR * extent_m, FAR * extent_m
             )
-        return stage, nodes[: len(scene.geom_type)], stage.add(lens)
+        return stage, nodes[: len(scene.geom_type)], stage.add(lens), facets

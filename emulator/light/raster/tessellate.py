@@ -16,6 +16,9 @@ from evs.emulator.scene import F32, F64, I32, Mesh, Shape, Surface
 AROUND = 48
 """Segments of a circle: the polygon is at most 0.22 % of the radius inside of it."""
 
+UNIT_CAPSULE = np.ones(3, np.float32)
+"""Size of the capsule that `stretched` stretches."""
+
 RINGS = (1.0, 10.0, 100.0, 1e3)
 """An infinite plane reaches out in these steps, in units of the scene's extent."""
 
@@ -86,6 +89,14 @@ def facets_of(
         coordinates.astype(np.float32),
         np.vstack(faces).astype(np.int32),
     )
+
+
+def stretched(capsule: Facets, size: F32) -> F32:
+    """(n, 3) corners of a capsule of that size, In: as UNIT_CAPSULE has them."""
+    half = np.sign(capsule.positions[:, 2])
+    corners = capsule.positions * size[0]
+    corners[:, 2] += half * (size[1] - size[0])
+    return np.asarray(corners, np.float32)
 
 
 def room(half_m: float) -> Facets:
