@@ -11,6 +11,7 @@ from evs.msgs.encodings.fixed import (
     encode_libcaer,
     encode_mono,
 )
+from evs.msgs.encodings.libcaer_cmp import decode_libcaer_cmp
 from evs.msgs.encodings.limits import (
     LAST_ROS_US,
     LONGEST_US,
@@ -19,7 +20,7 @@ from evs.msgs.encodings.limits import (
     EncodingLimits,
     check_fits,
 )
-from evs.msgs.encodings.table import PAYLOADS, PayloadReader, PayloadWriter
+from evs.msgs.encodings.table import PAYLOADS, READABLE, PayloadReader, PayloadWriter
 
 __all__ = [
     "LAST_ROS_US",
@@ -27,6 +28,7 @@ __all__ = [
     "MAX_SIDE_DAT_PX",
     "MAX_SIDE_EVT_PX",
     "PAYLOADS",
+    "READABLE",
     "TIME_ORIGIN_US",
     "DatState",
     "EncodingLimits",
@@ -42,6 +44,7 @@ __all__ = [
     "decode_evt3",
     "decode_evt21",
     "decode_libcaer",
+    "decode_libcaer_cmp",
     "decode_mono",
     "encode_dat",
     "encode_evt2",

@@ -14,6 +14,7 @@ from evs.msgs.encodings.fixed import (
     encode_libcaer,
     encode_mono,
 )
+from evs.msgs.encodings.libcaer_cmp import decode_libcaer_cmp
 from evs.msgs.encodings.limits import TIME_ORIGIN_US, EncodingLimits
 from evs.msgs.errors import unknown
 from evs.msgs.event import Events
@@ -21,6 +22,9 @@ from evs.msgs.trigger import Triggers
 
 PAYLOADS: dict[str, EncodingLimits] = {"evt3": EVT3, "libcaer": LIBCAER, "mono": MONO}
 """name of an encoding -> what it can hold"""
+
+READABLE = (*PAYLOADS, "libcaer_cmp")
+"""Encodings that are read; the last one only that."""
 
 
 class PayloadWriter:
@@ -55,9 +59,9 @@ class PayloadReader:
     """Takes the payloads of one camera's packets, one after the other."""
 
     def __init__(self, encoding: str, *, time_origin_us: int = TIME_ORIGIN_US) -> None:
-        """In: evt3, libcaer or mono; time_origin_us is evt3's. EvsError for another encoding."""
-        if encoding not in PAYLOADS:
-            raise unknown("encoding", encoding, PAYLOADS)
+        """In: one of READABLE; time_origin_us is evt3's. EvsError for another encoding."""
+        if encoding not in READABLE:
+            raise unknown("encoding", encoding, READABLE)
         self.encoding, self.time_origin_us = encoding, time_origin_us
         self._state = Evt3State()
 
@@ -77,6 +81,8 @@ class PayloadReader:
             return decode_mono(data, time_base_ns)
         if self.encoding == "libcaer":
             return decode_libcaer(data, time_base_ns)
+        if self.encoding == "libcaer_cmp":
+            return decode_libcaer_cmp(data, time_base_ns)
         origin = self.time_origin_us
         events, self._state = decode_evt3(
             data, self._state, time_origin_us=origin, triggers=triggers

@@ -27,6 +27,9 @@ PINNED = {
 }
 """sha256 of every packet of an encoding, framed as the oracle reads them."""
 
+PINNED_COMPRESSED = "b72b8628f6a28d8b4a6ed61996eff174a0bf1c20327f0eb778c74fe7e86c300a"
+"""sha256 of the events in the words of libcaer_cmp."""
+
 
 def packets(start_us: int, size: int) -> list[Events]:
     """Events around a power of two of the time, over all of 2048 x 2048 px, some seconds long."""
@@ -77,6 +80,42 @@ def test_we_read_them_too(encoding: str, start: str) -> None:
             assert reader.events(data, base).tobytes() == part.tobytes()
 
 
+def compressed() -> list[tuple[int, bytes]]:
+    """Time bases, ns, and words of libcaer_cmp: of each kind, in any order, time going on."""
+    random = np.random.default_rng(16)
+    packets = []
+    for count in (*SIZES, 20_000):
+        kinds = random.choice(6, count, p=[0.02, 0.2, 0.2, 0.2, 0.18, 0.2])
+        values = random.integers(0, 4096, count)
+        values[kinds == 0] = np.sort(values[kinds == 0])
+        # as their driver has it, x comes first; y of a vector, too
+        words = np.concatenate([[0x2000 | 7, 0x4000 | 0x800 | 2040], kinds << 12 | values])
+        packets.append((1_702_669_729_854_452_000 + count, words.astype("<u2").tobytes()))
+    return packets
+
+
+def compressed_events() -> Events:
+    """What we read in those, on a sensor of 2048 x 2048 px."""
+    reader = PayloadReader("libcaer_cmp")
+    events = np.concatenate([reader.events(data, base) for base, data in compressed()])
+    return events[(events["x"] < 2048) & (events["y"] < 2048)]
+
+
+def test_libcaer_cmp_is_read_as_other_decoders_do() -> None:
+    assert hashlib.sha256(compressed_events().tobytes()).hexdigest() == PINNED_COMPRESSED
+
+
+def check_compressed(oracle: str) -> int:
+    """The same with the other decoder: how many events were equal."""
+    ours = compressed_events()
+    data = b"".join(struct.pack("<QI", base, len(data)) + data for base, data in compressed())
+    command = [oracle, "libcaer_cmp", "2048", "2048"]
+    done = subprocess.run(command, input=data, capture_output=True, check=True)
+    theirs = np.frombuffer(done.stdout, np.dtype("<u8,<u2,<u2,u1"))
+    assert all((theirs[f"f{k}"] == ours[name]).all() for k, name in enumerate("txyp"))
+    return len(ours)
+
+
 def check(oracle: str, encoding: str) -> int:
     """Events that the other decoders gave back exactly; fails at the first that differs."""
     row = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
@@ -102,3 +141,5 @@ def check(oracle: str, encoding: str) -> int:
 if __name__ == "__main__":
     for name in PAYLOADS:
         print(f'    "{name}": "{digest(name)}",  # {check(sys.argv[1], name):,} events')
+    summed = hashlib.sha256(compressed_events().tobytes()).hexdigest()
+    print(f'PINNED_COMPRESSED = "{summed}"  # {check_compressed(sys.argv[1]):,} events')

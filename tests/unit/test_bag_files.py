@@ -122,7 +122,7 @@ def test_the_first_topic_is_read_and_the_others_are_counted(name: str, tmp_path:
     def send(write: Send) -> None:
         packets_of(parts[:2], "libcaer", "/left/events")(write)
         packets_of(parts[2:], "libcaer", "/right/events")(write)
-        said = {"seq": 2, "time_base": 0, "encoding": "libcaer_cmp"}
+        said = {"seq": 2, "time_base": 0, "encoding": "libcaer_zip"}
         said["events"] = np.zeros(8, np.uint8)  # type: ignore[assignment]
         write("/left/events", PACKET, 9000, said)
 
@@ -134,7 +134,7 @@ def test_the_first_topic_is_read_and_the_others_are_counted(name: str, tmp_path:
     assert files.read(tmp_path / name).tobytes() == join_events(parts[:2]).tobytes()
     assert files.summary(tmp_path / name).left_out == {
         "messages with events of other topics": 2,
-        "packets of encoding 'libcaer_cmp'": 1,
+        "packets of encoding 'libcaer_zip'": 1,
     }
 
 
@@ -223,3 +223,20 @@ def test_a_bag_without_events_is_refused_and_says_what_it_holds(name: str, tmp_p
     foreign(tmp_path / name, "", send)
     with pytest.raises(EvsError, match="holds no events but sensor_msgs/msg/Imu"):
         files.read(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["a.mcap", "a.bag"])
+def test_libcaer_drivers_usual_encoding_is_read(name: str, tmp_path: Path) -> None:
+    words = np.array([0x2007, 0x3805, 0x1002, 0x4810, 0x5009], "<u2")
+
+    def send(write: Send) -> None:
+        for seq, base_us in enumerate((10_000, 20_000)):
+            said = {"seq": seq, "time_base": 1000 * base_us, "encoding": "libcaer_cmp"}
+            said["events"] = words.view(np.uint8)
+            write("/dvx/events", PACKET, base_us, said)
+
+    foreign(tmp_path / name, "", send)
+    told = [(0, 7, 5, 1), (2, 7, 16, 1), (2, 7, 19, 1)]
+    expected = [(base + t, x, y, p) for base in (10_000, 20_000) for t, x, y, p in told]
+    assert files.read(tmp_path / name).tolist() == expected
+    assert files.summary(tmp_path / name).left_out == {}

@@ -215,3 +215,18 @@ def test_what_the_others_cannot_hold_is_refused() -> None:
     for kind in (PayloadReader, PayloadWriter):
         with pytest.raises(EvsError, match="no encoding 'evt4'; there is: evt3"):
             kind("evt4")
+
+
+def test_libcaer_cmp_is_columns_of_vectors() -> None:
+    # from the driver's description: time low 2, x 7, one event; a vector of 0 and 3, one on behind
+    words = [0x1002, 0x2007, 0x3805, 0x4810, 0x5009, 0x5001, 0x0001, 0x2008, 0x3006, 0x1000, 0x3007]
+    base_us = 1_702_669_729_854_452
+    told = [(2, 7, 5, 1), (2, 7, 16, 1), (2, 7, 19, 1), (2, 7, 24, 1), (4098, 8, 6, 0)]
+    told += [(4096, 8, 7, 0)]
+    events = PayloadReader("libcaer_cmp").events(halves(*words), base_us * 1000 + 999)
+    assert rows(events) == [(base_us + t, x, y, p) for t, x, y, p in told]
+    # each packet stands alone; half a word is not looked at; what has no x is on no sensor
+    reader = PayloadReader("libcaer_cmp")
+    assert [len(reader.events(halves(*words) + b"\0", 0)) for _ in range(2)] == [6, 6]
+    assert rows(reader.events(halves(0x3805), 0)) == [(0, 0x7FFF, 5, 1)]
+    assert len(reader.events(b"", 0)) == 0

@@ -46,7 +46,7 @@ from evs.msgs import (
     Triggers,
     empty_events,
 )
-from evs.msgs.encodings import PAYLOADS, PayloadReader
+from evs.msgs.encodings import READABLE, PayloadReader
 
 ARRAYS = (ARRAY, "prophesee_event_msgs/msg/EventArray")
 PACKETS = (PACKET, "event_array_msgs/msg/EventArray")
@@ -232,7 +232,7 @@ class BagFile(MixedFile):
         if isinstance(message, ArrayMessage):
             return message.events
         name = message.encoding
-        if name not in PAYLOADS:
+        if name not in READABLE:
             count(left_out, f"packets of encoding {name[:20]!r}")
             return empty_events()
         if name not in readers:

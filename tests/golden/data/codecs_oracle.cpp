@@ -1,6 +1,6 @@
 // event_camera_codecs' decoders as a filter: packets in, events out. How to run it: README.md here.
 //
-//   codecs_oracle evt3|libcaer|mono WIDTH HEIGHT < packets > events
+//   codecs_oracle evt3|libcaer|libcaer_cmp|mono WIDTH HEIGHT < packets > events
 //
 // packets: {u64 time_base, u32 size, bytes}...; events: {u64 t, ns; u16 x; u16 y; u8 polarity}...
 #include <cstdio>
@@ -19,6 +19,7 @@ struct EventPacket {
 }  // namespace event_camera_codecs
 
 #include <event_camera_codecs/evt3_decoder.h>
+#include <event_camera_codecs/libcaer_cmp_decoder.h>
 #include <event_camera_codecs/libcaer_decoder.h>
 #include <event_camera_codecs/mono_decoder.h>
 
@@ -46,6 +47,11 @@ int main(int count, char** words) {
     if (encoding == "evt3") decoder = std::make_unique<codecs::evt3::Decoder<Message, Writer>>();
     if (encoding == "libcaer")
         decoder = std::make_unique<codecs::libcaer::Decoder<Message, Writer>>();
+    if (encoding == "libcaer_cmp") {
+        decoder = std::make_unique<codecs::libcaer_cmp::Decoder<Message, Writer>>();
+        // in ns its stamps leave 64 bits: it takes them for us
+        decoder->setTimeMultiplier(1);
+    }
     if (encoding == "mono") decoder = std::make_unique<codecs::mono::Decoder<Message, Writer>>();
     if (!decoder) return 2;
     decoder->setGeometry(std::atoi(words[2]), std::atoi(words[3]));
