@@ -14,7 +14,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from evs.drivers import files
 from evs.drivers.files import LeftOutWarning
+from evs.drivers.files.aedat4.layout import DamageError
 from evs.drivers.files.bags.messages import array_bytes
+from evs.drivers.files.bags.walk import ros1_chunk
 from evs.drivers.files.damage import DamagedPacketWarning, TornTailWarning
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
 from evs.msgs.encodings import PayloadWriter
@@ -240,3 +242,35 @@ def test_libcaer_drivers_usual_encoding_is_read(name: str, tmp_path: Path) -> No
     expected = [(base + t, x, y, p) for base in (10_000, 20_000) for t, x, y, p in told]
     assert files.read(tmp_path / name).tolist() == expected
     assert files.summary(tmp_path / name).left_out == {}
+
+
+def test_packets_that_expand_are_decoded_a_piece_at_a_time(tmp_path: Path) -> None:
+    # a million words, each of twelve events, in some KB
+    path = tmp_path / "a.mcap"
+    words = np.full(1 << 20, 0x4FFF, "<u2")
+    words[:4] = 0x8001, 0x6002, 0x0003, 0x3000
+    words[4::40] = 0x3000
+
+    def send(write: Send) -> None:
+        for encoding, data in (
+            ("evt3", words),
+            ("libcaer_cmp", np.full((1 << 23) + 1, 0x50FF, "<u2")),
+        ):
+            said = {"seq": 0, "time_base": 0, "encoding": encoding, "events": data.view(np.uint8)}
+            write("/dvx/events", PACKET, 10, said)
+
+    foreign(path, "lz4", send)
+    sizes = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for packet in files.packets(path):
+            sizes.append(len(packet))
+    assert len(sizes) == 2
+    assert max(sizes) <= 6 << 20
+    assert "a packet of libcaer_cmp has 16777218 bytes" in str(caught[-1].message)
+
+
+def test_a_chunk_of_a_ros_1_bag_has_a_bound() -> None:
+    fields = {b"compression": b"bz2", b"size": ((1 << 30) + 1).to_bytes(4, "little")}
+    with pytest.raises(DamageError, match="it states 1073741825 bytes"):
+        ros1_chunk(fields, b"")

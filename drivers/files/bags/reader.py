@@ -44,7 +44,6 @@ from evs.msgs import (
     ImuSamples,
     StreamInfo,
     Triggers,
-    empty_events,
 )
 from evs.msgs.encodings import READABLE, PayloadReader
 
@@ -53,6 +52,10 @@ PACKETS = (PACKET, "event_array_msgs/msg/EventArray")
 """Message types of one layout: what they are called now, and what other or older drivers said."""
 
 KINDS = (*ARRAYS, *PACKETS)
+
+_PIECE_BYTES = 1 << 20
+_MOST_BYTES = {"libcaer_cmp": 1 << 24}
+"""Of a packet whose bytes are many events each; those of evt3 are decoded a piece at a time."""
 
 Message = Events | Frame | ImuSamples | Triggers
 
@@ -97,13 +100,14 @@ class BagFile(MixedFile):
                 try:
                     if found.kind in KINDS and (events or self.stream.triggers):
                         marks: list[Triggers] = []
-                        part = self._events_of(found, walk, readers, left_out, marks)
                         yield from pictures.rest()
-                        if beside and marks:
-                            told = np.concatenate(marks)
-                            yield told[np.argsort(told["t"], kind="stable")]
-                        if events and len(part):
-                            yield part
+                        for part in self._events_of(found, walk, readers, left_out, marks):
+                            if beside and marks:
+                                told = np.concatenate(marks)
+                                yield told[np.argsort(told["t"], kind="stable")]
+                            marks.clear()
+                            if events and len(part):
+                                yield part
                     elif beside:
                         yield from pictures.take(found, left_out)
                 except BadMessageError as reason:
@@ -121,20 +125,20 @@ class BagFile(MixedFile):
         readers: dict[str, PayloadReader],
         left_out: dict[str, int],
         triggers: list[Triggers],
-    ) -> Events:
+    ) -> Iterator[Events]:
         """The events of one message, sorted; none for another topic's. `triggers` takes its."""
         if found.topic != self.topic:
             count(left_out, "messages with events of other topics")
-            return empty_events()
-        events = self._taken(self._parsed(found), readers, left_out, triggers)
-        events, outside = on_sensor(events, self.stream.width, self.stream.height)
-        if outside:
-            walk.damage.packet(found.at, "events lie outside of the sensor", outside)
-        back = int(np.count_nonzero(events["t"][1:] < events["t"][:-1]))
-        if back:
-            walk.damage.backwards(back, 0, found.at)
-            events = in_order(events)
-        return events
+            return
+        for part in self._taken(self._parsed(found), readers, left_out, triggers):
+            events, outside = on_sensor(part, self.stream.width, self.stream.height)
+            if outside:
+                walk.damage.packet(found.at, "events lie outside of the sensor", outside)
+            back = int(np.count_nonzero(events["t"][1:] < events["t"][:-1]))
+            if back:
+                walk.damage.backwards(back, 0, found.at)
+                events = in_order(events)
+            yield events
 
     def _lacks_its_end(self) -> bool:
         """Whether there is no end of an MCAP file, no index, or a transaction that was cut off."""
@@ -195,9 +199,9 @@ class BagFile(MixedFile):
             for found in self._found(walk):
                 if found.kind in PACKETS and found.topic == self.topic:
                     with suppress(BadMessageError):
-                        self._taken(self._parsed(found), readers, {}, marks)
-                    if marks:
-                        return True
+                        for _ in self._taken(self._parsed(found), readers, {}, marks):
+                            if marks:
+                                return True
         return False
 
     def _found(self, walk: Walk) -> Iterator[Found]:
@@ -228,14 +232,21 @@ class BagFile(MixedFile):
         readers: dict[str, PayloadReader],
         left_out: dict[str, int],
         triggers: list[Triggers],
-    ) -> Events:
+    ) -> Iterator[Events]:
+        """The events of one message, as unsorted as they were; those of long ones in parts."""
         if isinstance(message, ArrayMessage):
-            return message.events
+            yield message.events
+            return
         name = message.encoding
         if name not in READABLE:
             count(left_out, f"packets of encoding {name[:20]!r}")
-            return empty_events()
+            return
         if name not in readers:
             readers[name] = PayloadReader(name, time_origin_us=self.time_origin_us)
         data = np.ascontiguousarray(message.events)
-        return readers[name].events(data, int(message.time_base), triggers)
+        if len(data) > _MOST_BYTES.get(name, len(data)):
+            raise BadMessageError(f"a packet of {name} has {len(data)} bytes")
+        each = _PIECE_BYTES if name == "evt3" else max(1, len(data))
+        for begin in range(0, len(data), each):
+            piece = data[begin : begin + each]
+            yield readers[name].events(piece, int(message.time_base), triggers)

@@ -213,6 +213,8 @@ def ros1_records(records: bytes) -> Iterator[tuple[int, dict[bytes, bytes], byte
 def ros1_chunk(fields: dict[bytes, bytes], data: bytes) -> bytes:
     """The records in a chunk."""
     compression, size = fields[b"compression"], _u32(fields[b"size"], 0)
+    if size > MAX_BODY_BYTES:
+        raise DamageError(f"a chunk of a size that exists: it states {size} bytes")
     if compression == b"bz2":
         try:
             data = bz2.BZ2Decompressor().decompress(data, size + 1)
