@@ -34,7 +34,7 @@ install() {
         $python .ci/requirements.py "$@" >.venv/requirements.txt
         $python -m pip install -q --disable-pip-version-check --no-input \
             -c .ci/constraints.txt -r .venv/requirements.txt
-        # only for its MJCF files: its other requirements conflict with pyrender's
+        # only for its MJCF files: what else it requires is not needed
         $python -m pip install -q --disable-pip-version-check --no-input \
             --no-deps -c .ci/constraints.txt dm_control
         mv .venv/wanted "$stamp"

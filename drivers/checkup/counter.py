@@ -33,7 +33,7 @@ class Counter:
         self._folder = tempfile.TemporaryDirectory()
         self._file = Path(self._folder.name) / "counted.json"
         self._complaints = Path(self._folder.name) / "complaints.txt"
-        command = [sys.executable, "-m", "evs.launch.main", "echo", self.address, "--quiet"]
+        command = [sys.executable, "-P", "-m", "evs.launch.main", "echo", self.address, "--quiet"]
         with self._complaints.open("w") as complaints:
             self._process = subprocess.Popen(
                 [*command, "--timeout", f"{SILENCE_S:g}", "--json", str(self._file)],

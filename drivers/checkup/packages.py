@@ -23,7 +23,7 @@ CORE = (
 """Distributions that evs cannot do without; pyproject.toml's `dependencies` (a test compares)."""
 
 EXTRAS = {
-    "raster": ("pyrender",),
+    "raster": ("pyrender2",),
     "gym": ("gymnasium",),
     "video": ("imageio-ffmpeg",),
     "train": ("jax", "optax"),

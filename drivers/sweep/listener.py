@@ -23,7 +23,7 @@ class BusListener:
 
     def __enter__(self) -> BusListener:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "evs.drivers.sweep.listener", self.address],
+            [sys.executable, "-P", "-m", "evs.drivers.sweep.listener", self.address],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             # Ctrl-C is for the sweep; this process ends when its input does

@@ -24,7 +24,7 @@ APPLICATION = "evs"
 TIMELINE = "sim_time"
 """Simulated time; nothing carries the wall clock's."""
 
-PROGRAM = (sys.executable, "-m", "rerun")
+PROGRAM = (sys.executable, "-P", "-m", "rerun")
 """The viewer and its tools, as they come with the package."""
 
 

@@ -3,6 +3,8 @@
 The only folder that imports mujoco.
 """
 
+from evs.emulator.world import importing  # noqa: F401  # isort: skip
+
 from mujoco import MjData, MjModel
 
 from evs.emulator.world.cameras import BoundCamera, bind_camera

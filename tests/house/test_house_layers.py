@@ -185,5 +185,6 @@ def test_every_library_behind_a_door_is_a_declared_requirement(checkout: Path) -
     # pyrender brings its own OpenGL, and pytest is there when it loads its plugin
     names |= {"PyOpenGL", "pytest"}
     packages = {"PIL": "pillow", "zmq": "pyzmq", "OpenGL": "PyOpenGL", "rerun": "rerun_sdk"}
+    packages |= {"pyrender": "pyrender2"}
     imports = {packages.get(name, name) for name in DOORS}
     assert imports == names

@@ -36,7 +36,7 @@ def test_every_requirement_has_a_pin_inside_its_range(checkout: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["mujoco", "pyrender", "onnxruntime", "numpy", "pyzmq", "msgpack", "evs"]
+    "name", ["mujoco", "pyrender2", "onnxruntime", "numpy", "pyzmq", "msgpack", "evs"]
 )
 def test_the_packages_of_the_card_are_installed(name: str) -> None:
     assert importlib.metadata.version(name)
@@ -44,4 +44,4 @@ def test_the_packages_of_the_card_are_installed(name: str) -> None:
 
 def test_the_set_up_asks_for_the_packages_of_the_card(checkout: Path) -> None:
     names = {requirement.name for requirement in asked(checkout, "test", "build")}
-    assert names >= {"mujoco", "pyrender", "onnxruntime", "numpy", "pyzmq", "msgpack"}
+    assert names >= {"mujoco", "pyrender2", "onnxruntime", "numpy", "pyzmq", "msgpack"}

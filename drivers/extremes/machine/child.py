@@ -62,7 +62,7 @@ def emulate(
     """
     scene, recording, report = (folder / name for name in ("s.xml", "run.aedat4", "report.json"))
     scene.write_text(mjcf, encoding="utf-8")
-    command = [sys.executable, "-c", _CODE, str(memory_bytes), str(file_bytes), "emulate"]
+    command = [sys.executable, "-P", "-c", _CODE, str(memory_bytes), str(file_bytes), "emulate"]
     command += ["--scene", str(scene), "--record", str(recording), "--report", str(report)]
     search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
     try:

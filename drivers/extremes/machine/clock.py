@@ -74,7 +74,7 @@ def _one_core() -> Iterator[None]:
 def _busy(count: int) -> Iterator[None]:
     """So many of them, on the cores that this thread has."""
     load = subprocess.Popen(
-        [sys.executable, "-S", "-c", BUSY, str(count)],
+        [sys.executable, "-P", "-S", "-c", BUSY, str(count)],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         # no session of their own: Linux gives each session the same share, however many it holds

@@ -3,9 +3,7 @@
 PyOpenGL chooses its platform when it is first imported, by the variable PYOPENGL_PLATFORM: it is
 set to "egl" for that import and put back, so that nobody has to set any variable.
 
-Faults of pyrender 0.1.45 and PyOpenGL 3.1.0 are worked around where FAULT says so, in this folder.
-Two need nothing: np.infty, which numpy 2 no longer has, is only in Mesh.bounds, which nothing here
-asks for; OSMesa, which PyOpenGL 3.1.0 has no modern context for, is not used.
+Faults of pyrender2 0.2.2 and PyOpenGL 3.1.10 are worked around where FAULT says so, in this folder.
 """
 
 from __future__ import annotations
