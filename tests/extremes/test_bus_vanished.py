@@ -16,7 +16,7 @@ import pytest
 PROGRAM = Path(__file__).with_name("vanished_peer.py")
 CHECKOUT = Path(__file__).parents[2]
 KINDS = ("subscriber", "latest", "publisher", "latest_port", "control_port")
-KINDS += ("lockstep_server", "lockstep_client")
+KINDS += ("lockstep_server", "lockstep_client", "control_client")
 SECONDS = 6.5
 """more than the five between the heartbeats that once were"""
 

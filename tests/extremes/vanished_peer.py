@@ -13,8 +13,10 @@ import struct
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from threading import Thread
 
 from evs.drivers.bus import Latest, Publisher, subscribe
+from evs.drivers.bus.discovery import request
 from evs.drivers.bus.exchange import ClientEnd, ServerEnd
 from evs.drivers.bus.ports import ServerKeys
 from evs.drivers.pace import monotonic_s, sleep_s
@@ -190,6 +192,22 @@ def lockstep_client(wait: Callable[[], None]) -> None:
     client.close()
 
 
+def control_client(wait: Callable[[], None]) -> None:
+    """REQ, of the control port."""
+    server = Server()
+
+    def answer() -> None:
+        peer = server.peer("ROUTER")
+        peer.flood(frame(b"", 1) + frame(packb({"ok": True})) + PING)
+        wait()
+        peer.vanish()
+
+    answering = Thread(target=answer)
+    answering.start()
+    assert request(server.address, "stop")["ok"]
+    answering.join()
+
+
 KINDS = {
     one.__name__: one
     for one in (
@@ -200,6 +218,7 @@ KINDS = {
         control_port,
         lockstep_server,
         lockstep_client,
+        control_client,
     )
 }
 
