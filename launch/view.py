@@ -138,13 +138,24 @@ def _us(option: str, value: float, unit_us: float) -> int:
 def _still(
     out: Path, recording: Recording, playback: Playback, scale: int | None, title: str
 ) -> str:
-    from evs.drivers.pictures import Shot, events_between, preview, shot_times, write_png
+    from evs.drivers.pictures import (
+        Shot,
+        events_between,
+        preview,
+        recorded_light,
+        shot_times,
+        write_png,
+    )
 
     begin_us, end_us = playback.frame_window(0)
     window_us = end_us - begin_us
     times = shot_times(playback.start_us, playback.stop_us)
-    shots = [Shot(t, window_us, events_between(recording, t - window_us, t)) for t in times]
     stream = recording.stream
+    light = recorded_light(recording.frames, stream.width, stream.height)
+    shots = [
+        Shot(t, window_us, events_between(recording, t - window_us, t), light and light.at(t))
+        for t in times
+    ]
     page = preview(shots, stream.width, stream.height, f"{title}, {stream.sensor}", scale)
     write_png(out, page)
     when = ", ".join(f"{t / 1e6:g}" for t in times)
@@ -158,6 +169,7 @@ def _film(
         MAX_FRAMES,
         clip_frames,
         events_between,
+        recorded_light,
         speed_words,
         write_gif,
         write_mp4,
@@ -172,7 +184,9 @@ def _film(
             f"{where}show less (--start, --stop) or faster (--speed){other}"
         )
     stream = recording.stream
-    frames = clip_frames(recording, stream.width, stream.height, playback, scale)
+    light = recorded_light(recording.frames, stream.width, stream.height)
+    behind = None if light is None else light.at
+    frames = clip_frames(recording, stream.width, stream.height, playback, scale, behind)
     if suffix == ".gif":
         write_gif(out, frames, playback)
     else:

@@ -4,7 +4,7 @@ from evs.drivers.pictures.channels import channel_page
 from evs.drivers.pictures.clip import clip_frames
 from evs.drivers.pictures.colours import OFF_RGB, ON_RGB, U8
 from evs.drivers.pictures.frame import count_polarities, event_frame, events_between, upscale
-from evs.drivers.pictures.light_log import LightLog
+from evs.drivers.pictures.light_log import LightLog, recorded_light
 from evs.drivers.pictures.playback import Playback, span_us, speed_words
 from evs.drivers.pictures.preview import Shot, preview, shot_times
 from evs.drivers.pictures.tone import exposure_for, to_srgb8
@@ -28,6 +28,7 @@ __all__ = [
     "exposure_for",
     "need_video",
     "preview",
+    "recorded_light",
     "shot_times",
     "span_us",
     "speed_words",

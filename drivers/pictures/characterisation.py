@@ -209,7 +209,9 @@ def _refractory(found: Characterisation) -> Chart:
         for delay, interval in zip(told.delays_us, told.intervals_us, strict=True)
         if interval >= 0
     ]
-    label = f"never under {told.shortest_us} us" if told.shortest_us >= 0 else ""
+    # stamps are whole us: the first event comes in the one after
+    blind = f"blind for {told.period_us:g} us, never under {told.shortest_us} us"
+    label = blind if told.shortest_us >= 0 else ""
     points = Series([x for x, _ in pairs], [y for _, y in pairs], ONE_RGB, label)
     return Chart("Refractory period: shortest interval of two events", scale, scale,
                  "from one step of light to the next", [line, points])  # fmt: skip

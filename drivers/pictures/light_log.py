@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import bisect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from evs.drivers.pictures.colours import U8
 from evs.drivers.pictures.playback import Playback
 from evs.drivers.pictures.tone import exposure_for, to_srgb8
+from evs.msgs import Frame
 
 LightOf = Callable[[Any], npt.NDArray[np.float32]]
 """From a world to the linear luminance (h, w) of its latest tick."""
@@ -41,10 +42,13 @@ class LightLog:
         """After tick `tick` (from 1) of a run. `world.t_us` is the time."""
         if tick % self._every and tick > 1:
             return
-        light = self._light_of(world)
+        self.keep(int(world.t_us), self._light_of(world))
+
+    def keep(self, t_us: int, light: npt.NDArray[np.float32]) -> None:
+        """One more picture: linear light (h, w) in any unit, no earlier than those before."""
         if not self.pictures:
             self._exposure = exposure_for(light)
-        self.times_us.append(int(world.t_us))
+        self.times_us.append(t_us)
         self.pictures.append(to_srgb8(light, self._exposure))
 
     def at(self, t_us: int) -> U8 | None:
@@ -58,3 +62,18 @@ class LightLog:
         last = len(self.times_us)
         places = {(index + 1) * last // (count + 1) for index in range(count)}
         return [self.times_us[place] for place in sorted(places) if place < last]
+
+
+def recorded_light(frames: Sequence[Frame], width: int, height: int) -> LightLog | None:
+    """The intensity frames of a recording, as light behind its events; None without any.
+
+    A frame is shown from the end of its exposure on. Frames of another size than the sensor's, (h,
+    w) px, are left out.
+    """
+    shown = [frame for frame in frames if (frame.width, frame.height) == (width, height)]
+    if not shown:
+        return None
+    log = LightLog(1, lambda world: world)
+    for frame in sorted(shown, key=lambda one: one.exposure_end_us):
+        log.keep(frame.exposure_end_us, np.asarray(frame.pixels, np.float32))
+    return log

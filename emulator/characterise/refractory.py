@@ -51,12 +51,17 @@ class Refractory:
 
     def results(self, sensor: SensorParameters) -> list[Result]:
         """The longest time after an event for which every pixel was blind."""
-        promised = sensor.refractory_us * 1e-6
+        promised = sensor.refractory_period_s
+        runs_us = sensor.refractory_us
+        note = (
+            "" if abs(promised * 1e6 - runs_us) < 1e-6 else f"the pixel counts whole us: {runs_us}"
+        )
         if self.shortest_us < 0:
             nothing = "no pixel answered twice"
             return [Result("refractory period", "s", math.nan, math.nan, promised, None, nothing)]
         measured = self.period_us * 1e-6
-        return [Result("refractory period", "s", measured, self.error_us * 1e-6, promised)]
+        error = self.error_us * 1e-6
+        return [Result("refractory period", "s", measured, error, promised, None, note)]
 
 
 def measure_refractory(bench: Bench) -> Refractory:

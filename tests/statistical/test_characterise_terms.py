@@ -207,6 +207,16 @@ def test_the_refractory_period_is_exact(terms: dict[str, Any], period_us: int) -
 
 
 @SLOW
+def test_what_was_set_and_what_the_pixel_counts_stand_side_by_side() -> None:
+    made = bench(refractory_period_s=3.4e-6)
+    found = measure_refractory(made)
+    [result] = found.results(made.sensor)
+    assert result.set == 3.4e-6
+    assert result.note == "the pixel counts whole us: 3"
+    assert round(result.measured * 1e6) == round(found.period_us) == 3
+    assert abs(result.sigmas) < 1
+
+
 def test_a_slow_follower_blurs_the_refractory_period_and_the_bench_says_so() -> None:
     made = bench(refractory_period_s=5e-4, follower_hz=500.0)
     [result] = measure_refractory(made).results(made.sensor)
