@@ -313,7 +313,9 @@ class World:
         the model's own qpos0. Until the next step `world.data` may be put into any state again.
         Raises EvsError, and then nothing has changed.
         """
-        start = starting_keyframe(self.model, keyframe) if keyframe else self._control.keyframe
+        start = self._control.keyframe
+        if keyframe != "":
+            start = starting_keyframe(self.model, str(keyframe))
         if seed is not None:
             seed = plain_integer(seed, "seed")
             # a control seed of its own keeps its distance

@@ -246,3 +246,13 @@ def test_bad_use_is_one_line_and_exit_code_2(
     assert told[0].startswith("evs: ")
     assert words.format(address=address, folder=tmp_path) in told[0]
     assert out in ("", "packets 0  events 0  lost 0\n")
+
+
+def test_an_address_where_nobody_answers_is_told_after_a_second(address: str, echo: Echo) -> None:
+    process = echo(address, "--timeout", "2.5")
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 2
+    lines = said.splitlines()
+    assert lines[1] == f"evs: nobody answers at {address} yet; it waits until a camera is there"
+    assert lines[2].startswith(f"evs: nothing came from {address} within 2.5 s")
+    assert len(lines) == 3

@@ -91,6 +91,10 @@ def test_home_is_where_it_starts_and_what_it_holds(
         world.reset()
     world.reset(keyframe="none")
     assert world.data.qpos[0] == 0.0
+    world.reset(keyframe=0)  # type: ignore[arg-type]
+    assert world.data.qpos[0] == -0.2
+    with pytest.raises(EvsError, match="no keyframe '7'; there is: "):
+        world.reset(keyframe=7)  # type: ignore[arg-type]
 
 
 def test_a_loop_starts_at_home_and_holds_it_until_a_decision(robot: str) -> None:
