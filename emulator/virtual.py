@@ -42,6 +42,9 @@ class VirtualCamera:
             camera, sensor=sensor, render=render, model=model, name=name
         )
 
+    def __repr__(self) -> str:
+        return f"<evs.VirtualCamera '{self.camera.name}' in {self.world!r}>"
+
     def step(self, ctrl: npt.ArrayLike | None = None) -> EventPacket:
         """Advance one tick; its packet. `ctrl` (nu,) holds until another is given.
 

@@ -152,9 +152,9 @@ def _still(
     times = shot_times(playback.start_us, playback.stop_us)
     stream = recording.stream
     light = recorded_light(recording.frames, stream.width, stream.height)
+    behind = (lambda _t_us: None) if light is None else light.at
     shots = [
-        Shot(t, window_us, events_between(recording, t - window_us, t), light and light.at(t))
-        for t in times
+        Shot(t, window_us, events_between(recording, t - window_us, t), behind(t)) for t in times
     ]
     page = preview(shots, stream.width, stream.height, f"{title}, {stream.sensor}", scale)
     write_png(out, page)

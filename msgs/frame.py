@@ -54,6 +54,11 @@ class Frame:
         """Columns."""
         return int(self.pixels.shape[1])
 
+    def __repr__(self) -> str:
+        when = f"exposed {self.exposure_begin_us} ... {self.exposure_end_us} us"
+        size = f"{self.width} x {self.height} {self.pixels.dtype}"
+        return f"<Frame {self.seq} of '{self.camera}', {size}, {when}>"
+
     def __eq__(self, other: object) -> bool:
         """Same stamps, same name, same pixels of the same type."""
         if not isinstance(other, Frame):

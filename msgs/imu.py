@@ -58,6 +58,9 @@ class ImuPacket:
     def __len__(self) -> int:
         return len(self.samples)
 
+    def __repr__(self) -> str:
+        return f"<ImuPacket {self.seq} of '{self.camera}': {len(self)} samples>"
+
     def __eq__(self, other: object) -> bool:
         """Same name and number, same bytes."""
         if not isinstance(other, ImuPacket):

@@ -47,6 +47,9 @@ class TriggerPacket:
     def __len__(self) -> int:
         return len(self.triggers)
 
+    def __repr__(self) -> str:
+        return f"<TriggerPacket {self.seq} of '{self.camera}': {len(self)} triggers>"
+
     def __eq__(self, other: object) -> bool:
         """Same name and number, same bytes."""
         if not isinstance(other, TriggerPacket):

@@ -282,8 +282,7 @@ def settled(tables: Iterable[SinkConfig], beside: bool) -> list[SinkConfig]:
         file = table.file or table.rrd
         if file and beside:
             free = replacing.beside(file, replacing.free_number([file]))
-            key = "file" if table.file else "rrd"
-            table = dataclasses.replace(table, **{key: free})
+            table = dataclasses.replace(table, file=table.file and free, rrd=table.rrd and free)
         elif file and not table.overwrite:
             replacing.check_new([file], replacing.FORCE)
         placed.append(table)

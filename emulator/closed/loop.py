@@ -118,6 +118,9 @@ class Loop:
         self.on_tick: Callable[[tuple[EventPacket, ...]], None] | None = None
         """called after every tick with its packets, before any delay: for recorders beside"""
 
+    def __repr__(self) -> str:
+        return f"<evs.Loop around {self.world!r}{f'; {self._done}' if self._done else ''}>"
+
     def _new_channels(self) -> Channels:
         for camera in self.world.cameras:
             if camera.chunk > 1:

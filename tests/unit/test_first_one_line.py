@@ -15,11 +15,11 @@ from PIL import Image
 from evs.drivers.bus.keys import write_keys
 from evs.drivers.pictures import write_png
 from evs.drivers.pipeline.config import load
-from evs.emulator import Sensor, World
+from evs.emulator import Loop, Sensor, World
 from evs.emulator.config import SensorConfig
 from evs.emulator.world import bind_camera, load_model
 from evs.launch.main import main
-from evs.msgs import EventPacket, EvsError
+from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, TriggerPacket
 
 XML = """
 <mujoco>
@@ -186,4 +186,9 @@ def test_what_python_shows_of_them() -> None:
     assert repr(world) == "<evs.World: lens; t 0.001 s, ticks of 1000 us>"
     size = len(packet)
     assert repr(packet) == f"<EventPacket 0 of 'lens', 16 x 12: {size} events, 0 ... 1000 us>"
+    assert repr(ImuPacket(2, camera="eye")) == "<ImuPacket 2 of 'eye': 0 samples>"
+    assert repr(TriggerPacket(2)) == "<TriggerPacket 2 of 'camera': 0 triggers>"
+    frame = Frame(1, 0, 5, 9, 10, np.zeros((12, 16), np.uint8))
+    assert repr(frame) == "<Frame 1 of 'camera', 16 x 12 uint8, exposed 5 ... 9 us>"
+    assert repr(Loop(own)).startswith("<evs.Loop around <evs.World: lens; t 0 s")
     assert repr(EventPacket(3, 5, 9, 2, 2)).endswith(": 0 events, 5 ... 9 us>")
