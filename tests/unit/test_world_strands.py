@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import mujoco
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.light import DirectRenderer, PathRenderer
+from evs.emulator.plan.contents import contents_of
 from evs.emulator.scene import SceneModel, SceneSnapshot, Thing
 from evs.emulator.world import Poser, bind_camera, extract_scene, load_model
 from evs.emulator.world.curves import catenary
@@ -246,3 +249,63 @@ def test_a_geom_takes_a_new_size_only_if_it_has_one(marks) -> None:
         caster.resize(np.array([0], np.int32), size)
     with pytest.raises(ValueError, match="one size"):
         caster.resize(np.array([0, 1], np.int32), size)
+
+
+def test_one_key_hides_the_sites_and_the_plan_counts_them(marks) -> None:
+    bare = mujoco.MjModel.from_xml_string(re.sub(r"<tendon>.*</tendon>", "", MARKS, flags=re.S))
+    none = mujoco.MjModel.from_xml_string(
+        re.sub(r"<tendon>.*</tendon>|<site [^>]*name=[^>]*>", "", MARKS, flags=re.S)
+    )
+    bound = bind_camera(bare, "", 64, 48, VIEW)
+    lights = {}
+    for name, model, sites in (("shown", bare, True), ("off", bare, False), ("none", none, True)):
+        scene, config = extract_scene(model), RenderConfig(spp=1, sites=sites)
+        snapshot = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
+        renderer = DirectRenderer(scene, bound.model, config, 1)
+        lights[name] = renderer.render(snapshot, snapshot.cameras[0]).copy()
+        truth = renderer.ground_truth(snapshot, snapshot.cameras[0])
+        seen = truth.geom_id < -2 - model.nskin - model.nflex + 1
+        assert seen.any() == (name == "shown")
+        has = contents_of(scene, config)
+        assert has.sites == (9 if name == "shown" else 0)
+        assert has.transparent == (name == "shown")
+        assert (has.ropes, has.tendons, has.capsules) == (1, 0, 4)
+    np.testing.assert_array_equal(lights["off"], lights["none"])
+    assert (lights["shown"] != lights["off"]).any()
+    has = contents_of(extract_scene(marks), RenderConfig())
+    # of seven tendons one is in a hidden group and one is fixed
+    assert (has.sites, has.tendons, has.ropes) == (9, 5, 1)
+    assert "capsule" not in has.geoms
+
+
+def test_what_stretches_moves_with_its_ends() -> None:
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><worldbody>
+      <site name="hook" pos="-.5 0 1" group="3"/>
+      <body pos="0 0 1"><joint name="x" type="slide" axis="1 0 0"/>
+        <joint name="z" type="slide" axis="0 0 1"/>
+        <geom size=".05"/><site name="end" pos="-.3 0 0" group="3"/></body>
+    </worldbody><tendon>
+      <spatial width=".02"><site site="hook"/><site site="end"/></spatial>
+    </tendon></mujoco>""")
+    view = CameraConfig(lookat=(-0.3, 0, 1), distance=0.9, azimuth=90, elevation=0)
+    bound, data = bind_camera(model, "", 80, 60, view), mujoco.MjData(model)
+    scene, poser = extract_scene(model), Poser(model, [bound])
+    before = poser.snapshot(data, 0)
+    data.qpos[:] = 1e-3, 2e-3
+    now = poser.snapshot(data, 1000)
+    renderer = DirectRenderer(scene, bound.model, RenderConfig(spp=1), 1)
+    truth = renderer.ground_truth(now, now.cameras[0], (before, before.cameras[0]))
+    tendon = truth.geom_id == -2 - model.nsite
+    assert tendon.sum() > 50
+    assert (truth.body_id[tendon] == -1).all()
+    # as far along as it is, so much of the end's way; px/s at its depth
+    share = (truth.position[tendon][:, 0] + 0.5) / 0.201
+    inside = (share > 0) & (share < 1)
+    scale = bound.model.fx / truth.depth[tendon] / 1e-3
+    right, down = 1e-3 * share * scale, -2e-3 * share * scale
+    flow = truth.flow[tendon]
+    # of the turn, 0.01 rad, the capsule's surface has 2e-2 m * 1e-2 more
+    np.testing.assert_allclose(flow[inside, 0], right[inside], atol=2.5e-4 * scale.max())
+    np.testing.assert_allclose(flow[inside, 1], down[inside], atol=2.5e-4 * scale.max())
+    assert np.abs(flow[inside, 1]).max() > 0.8 * 2e-3 * scale.min()
