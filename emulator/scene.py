@@ -46,6 +46,8 @@ class Thing(IntEnum):
     TENDON = 4
     ROPE = 5
     """a flex of dimension 1"""
+    CRANK = 6
+    """slider and rod of an actuator"""
 
 
 class LightKind(IntEnum):
@@ -176,8 +178,8 @@ class Air:
 class SceneModel:
     """The world's constant part: extracted once, handed to the renderer once.
 
-    Its geoms are what MuJoCo's visualiser draws: the model's geoms, skins, flexes, sites, and
-    tendons and ropes as chains of capsules.
+    Its geoms are what MuJoCo's visualiser draws: the model's geoms, skins, flexes, sites, tendons
+    and ropes as chains of capsules, and slider-cranks.
     """
 
     geom_type: I32
@@ -191,8 +193,9 @@ class SceneModel:
     """(ng,) index into surfaces"""
     geom_id: I32
     """(ng,) the geom's id in the model (invisible geoms are left out here). Below -1, counted on
-    from -2: skins by their id, then flexes (ropes too), then sites, then tendons: site i is
-    -2 - nskin - nflex - i, tendon i -2 - nskin - nflex - nsite - i. Several may have one id"""
+    from -2: skins by their id, then flexes (ropes too), then sites, then tendons, then actuators
+    that are slider-cranks: site i is -2 - nskin - nflex - i, tendon i
+    -2 - nskin - nflex - nsite - i. Several may have one id"""
     geom_static: npt.NDArray[np.bool_]
     """(ng,) True where the geom is welded to the world and can never move"""
     meshes: tuple[Mesh, ...] = ()
@@ -206,10 +209,10 @@ class SceneModel:
     deforming: tuple[int, ...] = ()
     """indices into meshes whose vertices every snapshot brings anew: skins and flexes"""
     stretching: I32 = field(default_factory=lambda: np.zeros(0, np.int32))
-    """(ns,) geoms whose size every snapshot brings anew: the capsules of tendons and ropes"""
+    """(ns,) geoms whose size every snapshot brings anew: tendons, ropes and slider-cranks"""
     geom_body: I32 = field(default_factory=lambda: np.zeros(0, np.int32))
-    """(ng,) the body that carries the geom, -1 a skin, flex or tendon, which hang on many; or not
-    told"""
+    """(ng,) the body that carries the geom, -1 a skin, flex, tendon or slider-crank, which
+    hang on many; or not told"""
     geom_thing: I32 = field(default_factory=lambda: np.zeros(0, np.int32))
     """(ng,) Thing; empty: geoms all of them"""
     air: Air | None = None

@@ -45,8 +45,8 @@ versions) and of each channel one array (n, height, width, ...):
   luminance   linear, BT.709 weights            rgb        (3) linear
   depth       m, along the optical axis         distance   m, along the ray; both inf: nothing there
   normal      (3) unit, world frame             position   (3) m, world frame; both NaN: nothing
-  geom_id     MuJoCo's; -1 nothing; counted on from -2: skins, flexes, sites, tendons
-  body_id     MuJoCo's; -1 nothing, a skin, a flex or a tendon
+  geom_id     MuJoCo's; -1 nothing; counted on from -2: skins, flexes, sites, tendons, actuators
+  body_id     MuJoCo's; -1 nothing, or what hangs on many bodies
   flow        (2) px/s to the right and down, mean over the tick that ends there; NaN at t = 0
 Ground truth is of the ray through each pixel's centre. A frame stands in the file as soon as it is
 rendered: Ctrl-C ends it and loses nothing.

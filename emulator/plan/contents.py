@@ -27,8 +27,9 @@ class Contents:
     tendons: int
     ropes: int
     """flexes of dimension 1"""
-    capsules: int
-    """of tendons and ropes, some of which may not be seen now"""
+    slider_cranks: int
+    rods: int
+    """of tendons, ropes and slider-cranks, some of which may not be seen now"""
     geoms_moving: int
     geoms_still: int
     lights: dict[str, int]
@@ -91,7 +92,8 @@ def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
         sites=int(seen_sites.sum()),
         tendons=len(set(scene.geom_id[things == Thing.TENDON].tolist())),
         ropes=len(set(scene.geom_id[things == Thing.ROPE].tolist())),
-        capsules=len(scene.stretching),
+        slider_cranks=len(set(scene.geom_id[things == Thing.CRANK].tolist())),
+        rods=len(scene.stretching),
         geoms_moving=int((solid & ~scene.geom_static).sum()),
         geoms_still=int((solid & scene.geom_static).sum()),
         lights=dict(sorted(kinds.items())),

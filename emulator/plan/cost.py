@@ -130,7 +130,7 @@ def estimate(
 
 
 def _drawn(has: Contents) -> int:
-    return sum(has.geoms.values()) + has.sites + has.capsules
+    return sum(has.geoms.values()) + has.sites + has.rods
 
 
 def _packet_ns(has: Contents, casting: int, render: RenderConfig) -> float:

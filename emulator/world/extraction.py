@@ -52,7 +52,7 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
     """Everything of the model that a renderer needs and that never moves.
 
     A signed distance field is shown by its mesh. A height field keeps its type and brings a mesh.
-    Skins and flexes follow the geoms, then sites, then the capsules of tendons and ropes.
+    Skins and flexes follow the geoms, then sites, then rods of tendons, ropes and slider-cranks.
     What cannot be shown is told in `left_out`, and as a LeftOutWarning each. Raises EvsError where
     nothing is visible.
     """
@@ -95,7 +95,7 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
         meshes += deforming.meshes(data)
         geom_surface += [surfaces.of(*look) for look in deforming.looks()]
     geom_surface += [surfaces.of_site(int(site)) for site in sites]
-    geom_surface += [surfaces.of(*look) for look in strands.looks()]
+    geom_surface += [surfaces.of(*look) for look in strands.looks]
     things = _things(model, geoms, deforming, sites, strands)
     unmeshed, many = len(sites) + len(strands), len(strands)
     left_out = (*unlit_images(model), *surfaces.unread_lines())
@@ -106,7 +106,7 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
                 *kinds,
                 *(Shape.MESH for _ in indices),
                 *model.site_type[sites],
-                *(Shape.CAPSULE for _ in range(many)),
+                *strands.shapes,
             ],
             np.int32,
         ),
@@ -161,14 +161,13 @@ def _things(
     flexes = -2 - model.nskin
     first_site = flexes - model.nflex
     tendons = first_site - model.nsite
-    owners, count = strands.owners(), strands.tendon_count
+    first = {Thing.TENDON: tendons, Thing.ROPE: flexes, Thing.CRANK: tendons - model.ntendon}
     return [
         *((Thing.GEOM, int(i)) for i in geoms),
         *((Thing.SKIN, -2 - i) for i in deforming.skins),
         *((Thing.FLEX, flexes - i) for i in deforming.flexes),
         *((Thing.SITE, first_site - int(i)) for i in sites),
-        *((Thing.TENDON, tendons - i) for i in owners[:count]),
-        *((Thing.ROPE, flexes - i) for i in owners[count:]),
+        *((thing, first[thing] - i) for thing, i in strands.things),
     ]
 
 

@@ -1,7 +1,9 @@
-"""Tendons and ropes: chains of capsules, as MuJoCo's visualiser draws them.
+"""Tendons, ropes and slider-cranks: rods between points, as MuJoCo's visualiser draws them.
 
 A tendon runs straight from site to site and around spheres and cylinders; one that hangs slack
 between two sites is a catenary. A rope is a flex of dimension 1: a capsule for each of its edges.
+A slider-crank, a kind of actuator, is a cylinder along its slider and a capsule from there to its
+crank.
 """
 
 from __future__ import annotations
@@ -11,14 +13,18 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
-from evs.emulator.scene import F32, F64, I32
+from evs.emulator.scene import F32, F64, I32, Shape, Thing
 from evs.emulator.world.curves import HALVINGS, arc, catenary, dot, nearest, turned
 from evs.emulator.world.kinematics import gravity_of
 from evs.emulator.world.surfaces import Rgba, is_shown, shown_rgba
 
 MOST_PIECES = 99
 """of a catenary"""
+
+
+Look = tuple[Rgba, int, bool]
 
 
 class _Stretch(NamedTuple):
@@ -35,14 +41,15 @@ class _Stretch(NamedTuple):
 
 
 class Strands:
-    """The visible tendons and ropes of one model, as capsules: first the tendons', then the ropes'.
+    """The visible tendons, ropes and slider-cranks of one model, in this order, as rods.
 
     A stretch with a geom to wrap has a straight one, which has no radius while the tendon is
-    wrapped, and those to, along and from the geom, which have none while it is not.
+    wrapped, and those to, along and from the geom, which have none while it is not. A crank is
+    there twice: as one that reaches its slider, and in another colour as one that does not.
     """
 
     pos: F64
-    """(n, 3) centres of the capsules, in the world; `update` writes it"""
+    """(n, 3) centres of the rods, in the world; `update` writes it"""
     mat: F64
     """(n, 9) local to world; their axis is z"""
     sizes: F32
@@ -63,12 +70,14 @@ class Strands:
             and model.flex_radius[i] > 0
             and is_shown(model.flex_group[i], self._rope_look(i)[0])
         ]
-        self._owner: list[int] = []
+        self._looks: list[Look] = []
+        self._things: list[tuple[Thing, int]] = []
         widths: list[float] = []
 
-        def add(owner: int, width: float, count: int = 1) -> int:
+        def add(thing: Thing, index: int, look: Look, width: float, count: int = 1) -> int:
             first = len(widths)
-            self._owner += [owner] * count
+            self._things += [(thing, index)] * count
+            self._looks += [look] * count
             widths.extend([width] * count)
             return first
 
@@ -78,26 +87,37 @@ class Strands:
         for stretch in _stretches(model):
             if stretch.tendon not in self._tendons:
                 continue
+            one = Thing.TENDON, stretch.tendon, self._tendon_look(stretch.tendon)
             width = float(model.tendon_width[stretch.tendon])
             if may_hang(model, stretch.tendon):
-                first = add(stretch.tendon, width, pieces)
+                first = add(*one, width, pieces)
                 self._strings.append((stretch, slice(first, first + pieces)))
             elif stretch.around < 0:
                 straight.append(stretch)
-                rows_straight.append(add(stretch.tendon, width))
+                rows_straight.append(add(*one, width))
             else:
                 wrapped.append(stretch)
-                rows_wrapped.append(add(stretch.tendon, width, 3 + 2**HALVINGS))
+                rows_wrapped.append(add(*one, width, 3 + 2**HALVINGS))
         self._straight = _columns(straight), np.array(rows_straight, np.intp)
         self._wrapped = _columns(wrapped), np.array(rows_wrapped, np.intp)
-        self._tendon_rows = len(widths)
 
-        edges = [np.zeros((0, 2), np.intp)]
+        edges, first = [np.zeros((0, 2), np.intp)], len(widths)
         for i in self._ropes:
             begin, count = int(model.flex_edgeadr[i]), int(model.flex_edgenum[i])
             edges.append(model.flex_edge[begin : begin + count] + int(model.flex_vertadr[i]))
-            add(i, float(model.flex_radius[i]), count)
-        self._edges = np.concatenate(edges)
+            add(Thing.ROPE, i, self._rope_look(i), float(model.flex_radius[i]), count)
+        self._edges, self._edge_rows = np.concatenate(edges), slice(first, len(widths))
+
+        width = float(model.stat.meansize * model.vis.scale.slidercrank)
+        colours = model.vis.rgba
+        whole, broken = _plain(colours.slidercrank), _plain(colours.crankbroken)
+        is_crank = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_SLIDERCRANK)
+        self._cranks, rows_cranks = np.flatnonzero(is_crank), []
+        for i in self._cranks.tolist():
+            rows_cranks.append(add(Thing.CRANK, i, whole, width))
+            for look in (whole, broken):
+                add(Thing.CRANK, i, look, 0.5 * width)
+        self._crank_rows = np.array(rows_cranks, np.intp)
 
         self._radius = np.array(widths, np.float64)
         self._ends = np.zeros((2, len(widths), 3))
@@ -106,23 +126,25 @@ class Strands:
         self.sizes[:, 0] = self._radius
 
     def __len__(self) -> int:
-        return len(self._owner)
+        return len(self._things)
 
     @property
-    def tendon_count(self) -> int:
-        """How many of the capsules are tendons'; the others are ropes'."""
-        return self._tendon_rows
+    def things(self) -> list[tuple[Thing, int]]:
+        """Of each rod: what it is part of, and the id of that tendon, flex or actuator."""
+        return self._things
 
-    def owners(self) -> list[int]:
-        """Of each capsule: the tendon, or the flex."""
-        return self._owner
-
-    def looks(self) -> list[tuple[Rgba, int, bool]]:
+    @property
+    def looks(self) -> list[Look]:
         """Of each: colour, material (-1 none), and whether the material's image is on it."""
-        tendon = {i: self._tendon_look(i) for i in self._tendons}
-        rope = {i: self._rope_look(i) for i in self._ropes}
-        count = self._tendon_rows
-        return [tendon[i] for i in self._owner[:count]] + [rope[i] for i in self._owner[count:]]
+        return self._looks
+
+    @property
+    def shapes(self) -> list[Shape]:
+        """Of each."""
+        shapes = [Shape.CAPSULE] * len(self)
+        for row in self._crank_rows:
+            shapes[row] = Shape.CYLINDER
+        return shapes
 
     def update(self, data: mujoco.MjData) -> None:
         """Find where they are; `data` has its kinematics, tendons and flexes computed."""
@@ -140,7 +162,9 @@ class Strands:
             start[which], end[which] = points[:-1], points[1:]
         if len(self._edges):
             corners = data.flexvert_xpos[self._edges]
-            start[self._tendon_rows :], end[self._tendon_rows :] = corners[:, 0], corners[:, 1]
+            start[self._edge_rows], end[self._edge_rows] = corners[:, 0], corners[:, 1]
+        if len(self._cranks):
+            self._turn_cranks(data, radius)
         span = end - start
         length = np.sqrt(dot(span, span))
         self.pos[:] = 0.5 * (start + end)
@@ -184,15 +208,36 @@ class Strands:
             length = float(model.tendon_range[tendon, 1])
         return catenary(start, end, gravity_of(model), length, pieces)
 
-    def _tendon_look(self, tendon: int) -> tuple[Rgba, int, bool]:
+    def _turn_cranks(self, data: mujoco.MjData, radius: F64) -> None:
+        """Sliders, and cranks that reach them or do not. Out: radius."""
+        start, end = self._ends
+        crank, slider = self._model.actuator_trnid[self._cranks].T
+        length = self._model.actuator_cranklength[self._cranks]
+        far, near = data.site_xpos[crank], data.site_xpos[slider]
+        axis, span = data.site_xmat[slider][:, 2::3], far - near
+        along = dot(span, axis)
+        square = along * along + length * length - dot(span, span)
+        joint = near + (along - np.sqrt(np.maximum(square, 0.0)))[:, None] * axis
+        rows, reaches = self._crank_rows, square >= 0
+        start[rows], end[rows] = near, joint
+        for part, there in ((1, reaches), (2, ~reaches)):
+            start[rows + part], end[rows + part] = joint, far
+            radius[rows + part] *= there
+
+    def _tendon_look(self, tendon: int) -> Look:
         material = int(self._model.tendon_matid[tendon])
         rgba, kind = self._model.tendon_rgba[tendon], mujoco.mjtObj.mjOBJ_TENDON
         return shown_rgba(self._model, kind, tendon, rgba, material), material, True
 
-    def _rope_look(self, flex: int) -> tuple[Rgba, int, bool]:
+    def _rope_look(self, flex: int) -> Look:
         material = int(self._model.flex_matid[flex])
         rgba, kind = self._model.flex_rgba[flex], mujoco.mjtObj.mjOBJ_FLEX
         return shown_rgba(self._model, kind, flex, rgba, material), material, False
+
+
+def _plain(rgba: npt.NDArray[np.float32]) -> Look:
+    red, green, blue, alpha = map(float, rgba)
+    return (red, green, blue, alpha), -1, False
 
 
 class _Columns(NamedTuple):

@@ -20,7 +20,7 @@ from evs.emulator import VirtualCamera
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.light import DirectRenderer, make_renderer
 from evs.emulator.light.raster import RasterRenderer, context
-from evs.emulator.scene import CameraModel, SceneModel, SceneSnapshot
+from evs.emulator.scene import CameraModel, SceneModel, SceneSnapshot, Thing
 from evs.emulator.world import Poser, bind_camera, extract_scene, load_model
 from evs.msgs import EvsError
 
@@ -375,3 +375,27 @@ def test_a_virtual_camera_runs_on_it(robot_files: dict[str, Path]) -> None:
     assert len(events) > 16 * 10
     # the same driver gives the same bytes
     assert run()[0] == events
+
+
+@pytest.mark.slow
+def test_tendons_ropes_and_sites_are_those_of_the_tracer() -> None:
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><worldbody>
+      <geom name="roll" type="cylinder" size=".15 .05" euler="90 0 0"/>
+      <site name="s" pos="-.4 0 -.2" type="box" size=".03 .04 .05"/>
+      <body pos=".4 0 -.3"><freejoint/><geom size=".05"/><site name="e"/></body>
+      <flexcomp name="rope" type="grid" count="4 1 1" spacing=".1 .1 .1" radius=".02" dim="1"
+        pos="0 0 -.4" mass="1"><edge equality="true"/></flexcomp>
+    </worldbody><tendon>
+      <spatial width=".02"><site site="s"/><geom geom="roll"/><site site="e"/></spatial>
+    </tendon></mujoco>""")
+    view = CameraConfig(lookat=(0, 0, -0.1), distance=1.3, azimuth=80, elevation=-10)
+    scene, camera, snapshot = staged(model, view, (64, 48), 20)
+    pose = snapshot.cameras[0]
+    for sites in (True, False):
+        traced = DirectRenderer(scene, camera, RenderConfig(spp=1, sites=sites), 1)
+        drawn = make_renderer(scene, camera, RenderConfig(renderer="raster", spp=1, sites=sites), 1)
+        ours, theirs = drawn.hits(snapshot, pose)[0], traced.hits(snapshot, pose)[0]
+        assert np.mean(ours == theirs) > 0.995
+        things = set(scene.geom_thing[theirs[theirs >= 0]].tolist())
+        assert things == {Thing.GEOM, Thing.TENDON, Thing.ROPE} | ({Thing.SITE} if sites else set())

@@ -1,4 +1,4 @@
-"""Sites, tendons and ropes lie where MuJoCo's visualiser has them: mjvScene is the oracle."""
+"""Sites, tendons, ropes and slider-cranks lie where MuJoCo's visualiser has them."""
 
 from __future__ import annotations
 
@@ -29,6 +29,9 @@ MARKS = """
     <site name="s0" pos="-.3 0 1.2" type="box" size=".02 .03 .04" material="m"/>
     <site name="s1" pos=".3 0 1.2" type="ellipsoid" size=".02 .03 .04" rgba="1 0 0 .5"/>
     <site name="hidden" pos=".3 .2 1.2" group="3"/>
+    <site name="slider" pos="-.9 .1 .8" zaxis="1 .2 -.1" group="3"/>
+    <body pos="-.7 .1 .8"><joint axis="0 1 0"/><geom size=".02"/>
+      <site name="crank" pos=".1 0 .05" group="3"/></body>
     <site name="clear" pos=".3 .2 1.2" rgba="1 1 1 0"/>
     <geom name="roll" type="cylinder" size=".1 .05" pos="0 0 1.2" euler="90 0 0"/>
     <site name="side" pos="0 0 1.4" type="capsule" size=".01 .03"/>
@@ -46,6 +49,10 @@ MARKS = """
     <flexcomp name="cloth" type="grid" count="3 3 1" spacing=".08 .08 .08" radius=".01" dim="2"
       pos="0 0 .3" mass="1"><edge equality="true"/></flexcomp>
   </worldbody>
+  <actuator>
+    <general name="crank" cranksite="crank" slidersite="slider" cranklength=".2"/>
+    <general name="short" cranksite="a" slidersite="slider" cranklength=".2"/>
+  </actuator>
   <tendon>
     <spatial name="around" width=".01" rgba="1 .2 .2 1">
       <site site="a"/><site site="s0"/><geom geom="roll" sidesite="side"/><site site="s1"/>
@@ -68,7 +75,7 @@ MARKS = """
 </mujoco>
 """
 VIEW = CameraConfig(lookat=(0, 0, 0.8), distance=2.2, azimuth=110, elevation=-15)
-MARKED = (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_TENDON)
+MARKED = (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_TENDON, mujoco.mjtObj.mjOBJ_ACTUATOR)
 
 
 @pytest.fixture(scope="module")
@@ -76,8 +83,8 @@ def marks() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(MARKS)
 
 
-def of_mujoco(model, data) -> tuple[list, list]:
-    """Sites and tendons in MuJoCo's abstract scene with default options."""
+def of_mujoco(model, data) -> tuple[list, ...]:
+    """Sites, tendons and slider-cranks in MuJoCo's abstract scene with default options."""
     view, camera = mujoco.MjvScene(model, 5000), mujoco.MjvCamera()
     every = mujoco.mjtCatBit.mjCAT_ALL
     mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera, every, view)
@@ -121,7 +128,7 @@ def check_chain(model, tendon, theirs, snapshot, rows, sizes) -> None:
 
 def check_marks(model, data, scene: SceneModel, snapshot: SceneSnapshot) -> None:
     """The same shapes, places, sizes, colours and ids as MuJoCo's."""
-    sites, tendons = of_mujoco(model, data)
+    sites, tendons, cranks = of_mujoco(model, data)
     first = -2 - model.nskin - model.nflex
     sizes = scene.geom_size.copy()
     sizes[scene.stretching] = snapshot.stretched
@@ -138,6 +145,10 @@ def check_marks(model, data, scene: SceneModel, snapshot: SceneSnapshot) -> None
             pairs += zip(ours, theirs, strict=True)
         else:
             check_chain(model, tendon, theirs, snapshot, ours, sizes)
+    rows = np.flatnonzero((scene.geom_thing == Thing.CRANK) & (sizes[:, 0] > 0))
+    last = first - model.nsite - model.ntendon
+    assert [last - g.objid for g in cranks] == scene.geom_id[rows].tolist()
+    pairs += zip(rows, cranks, strict=True)
     for row, theirs in pairs:
         surface = scene.surfaces[scene.geom_surface[row]]
         assert scene.geom_type[row] == theirs.type
@@ -167,7 +178,7 @@ def test_sites_and_tendons_are_mujocos_at_every_instant(marks) -> None:
         mujoco.mj_fwdPosition(marks, data)
         check_marks(marks, data, scene, snapshot)
         wrapped.add(tuple((snapshot.stretched[:, 0] > 0).tolist()))
-    # the test has seen tendons wrap and let go
+    # the test has seen tendons wrap and let go, or a crank that does not reach
     assert len(wrapped) > 1
 
 
@@ -252,9 +263,9 @@ def test_a_geom_takes_a_new_size_only_if_it_has_one(marks) -> None:
 
 
 def test_one_key_hides_the_sites_and_the_plan_counts_them(marks) -> None:
-    bare = mujoco.MjModel.from_xml_string(re.sub(r"<tendon>.*</tendon>", "", MARKS, flags=re.S))
+    bare = mujoco.MjModel.from_xml_string(re.sub(r"<actuator>.*</tendon>", "", MARKS, flags=re.S))
     none = mujoco.MjModel.from_xml_string(
-        re.sub(r"<tendon>.*</tendon>|<site [^>]*name=[^>]*>", "", MARKS, flags=re.S)
+        re.sub(r"<actuator>.*</tendon>|<site [^>]*name=[^>]*>", "", MARKS, flags=re.S)
     )
     bound = bind_camera(bare, "", 64, 48, VIEW)
     lights = {}
@@ -269,7 +280,7 @@ def test_one_key_hides_the_sites_and_the_plan_counts_them(marks) -> None:
         has = contents_of(scene, config)
         assert has.sites == (9 if name == "shown" else 0)
         assert has.transparent == (name == "shown")
-        assert (has.ropes, has.tendons, has.capsules) == (1, 0, 4)
+        assert (has.ropes, has.tendons, has.rods) == (1, 0, 4)
     np.testing.assert_array_equal(lights["off"], lights["none"])
     assert (lights["shown"] != lights["off"]).any()
     has = contents_of(extract_scene(marks), RenderConfig())

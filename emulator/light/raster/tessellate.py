@@ -17,7 +17,7 @@ AROUND = 48
 """Segments of a circle: the polygon is at most 0.22 % of the radius inside of it."""
 
 UNIT_CAPSULE = np.ones(3, np.float32)
-"""Size of the capsule that `stretched` stretches."""
+"""Size of the capsule or cylinder that `stretched` stretches."""
 
 RINGS = (1.0, 10.0, 100.0, 1e3)
 """An infinite plane reaches out in these steps, in units of the scene's extent."""
@@ -92,7 +92,7 @@ def facets_of(
 
 
 def stretched(capsule: Facets, size: F32) -> F32:
-    """(n, 3) corners of a capsule of that size, In: as UNIT_CAPSULE has them."""
+    """(n, 3) corners of a capsule or cylinder of that size. In: capsule, as of UNIT_CAPSULE."""
     half = np.sign(capsule.positions[:, 2])
     corners = capsule.positions * size[0]
     corners[:, 2] += half * (size[1] - size[0])
