@@ -33,8 +33,10 @@ class SceneData:
 
     def __init__(self) -> None: ...
 
-    def add_texture(self, data: Annotated[NDArray[numpy.uint8], dict(shape=(None, None, None, None), order='C', device='cpu', writable=False)], srgb: bool) -> int:
-        """data (faces, height, width, components) uint8; its index."""
+    def add_texture(self, data: Annotated[NDArray[numpy.uint8], dict(shape=(None, None, None, None), order='C', device='cpu', writable=False)], srgb: bool, like: int = -1) -> int:
+        """
+        data (faces, height, width, components) uint8; its index. like: of the same image in the scene of the caster's `before`.
+        """
 
     def add_surface(self, rgba: Sequence[float], texture: int, repeat: Sequence[float], uniform: bool, emission: float, specular: float, shininess: float, reflectance: float, metallic: float, roughness: float, maps: Sequence[int]) -> None:
         """
@@ -45,6 +47,9 @@ class SceneData:
         """
         vertices (nv, 3), faces (nf, 3), normals (nf, 3, 3), texcoords (nf, 3, 2).
         """
+
+    def share_mesh(self, caster: Caster, mesh: int) -> None:
+        """The mesh of a caster, shared until one of them deforms it."""
 
     def add_light(self, kind: int, ambient: Sequence[float], diffuse: Sequence[float], specular: Sequence[float], castshadow: bool, attenuation: Sequence[float], cutoff_deg: float, exponent: float, intensity: float, headlight: bool, range: float, softness: float, texture: int, bulbradius: float) -> None: ...
 
@@ -68,8 +73,10 @@ class SceneData:
 class Caster:
     """One camera's view of one scene."""
 
-    def __init__(self, scene: SceneData, optics: Optics, tracing: Tracing, *, threads: int = 1, isa: str = 'auto') -> None:
-        """threads: 0 is one a core; isa: auto, or one of isa_available()."""
+    def __init__(self, scene: SceneData, optics: Optics, tracing: Tracing, *, threads: int = 1, isa: str = 'auto', before: Caster | None = None) -> None:
+        """
+        threads: 0 is one a core; isa: auto, or one of isa_available(). before: of the same camera until now; its threads and images are shared.
+        """
 
     def trace_pixels(self, geom_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], geom_mat: Annotated[NDArray[numpy.float64], dict(shape=(None, 9), order='C', device='cpu', writable=False)], light_pos: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], light_dir: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], camera_pos: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)], camera_mat: Annotated[NDArray[numpy.float64], dict(shape=(9), order='C', device='cpu', writable=False)], x: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], y: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], luminance: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu')], seed: int = 0) -> None:
         """luminance (n) of the pixels (x, y), (n) int32 each."""
@@ -210,4 +217,21 @@ def lowpass_steps(z: Annotated[NDArray[numpy.float32], dict(shape=(None,), order
 def log_map(luminance: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], log: str, exposure_dn: float, dark_dn: float, linlog_dn: float, log_eps: float) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
     """
     Log light of linear luminance (n,); NaN where the luminance is negative, NaN or Inf.
+    """
+
+class Watch:
+    """Arrays of others, and what they held when they were last known."""
+
+    def __init__(self, arrays: Sequence[Annotated[NDArray, dict(order='C', device='cpu', writable=False)]]) -> None:
+        """arrays: any shape and type, contiguous; what they hold now is known."""
+
+    def changed(self) -> bool:
+        """Whether a byte is another than was known."""
+
+    def keep(self) -> None:
+        """What they hold now is known."""
+
+def digest(arrays: Sequence[Annotated[NDArray, dict(order='C', device='cpu', writable=False)]]) -> int:
+    """
+    64 bits of what the arrays hold, in their order; one changed word changes it for sure.
     """

@@ -13,7 +13,7 @@ from evs.emulator.beside import Beside
 from evs.emulator.camera_plan import CameraPlan, free_name, identity_of, plain_plan
 from evs.emulator.config import SceneConfig
 from evs.emulator.light import too_fast
-from evs.emulator.lit import Lit
+from evs.emulator.lit import Lit, Viewpoint
 from evs.emulator.optics import camera_info
 from evs.emulator.pixels import DoneTick, Pixels
 from evs.emulator.plan.contents import is_unlit
@@ -22,7 +22,7 @@ from evs.emulator.pose import pose_message
 from evs.emulator.saving import Saved, joined, number, numbers, part
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.sensor import SensorParameters, completed, resolve_sensor
-from evs.emulator.stages import Meter, NoMeter
+from evs.emulator.stages import Meter, NoMeter, Renderer
 from evs.emulator.stamps import later_events
 from evs.emulator.truth import GroundTruth
 from evs.emulator.versions import versions
@@ -48,12 +48,15 @@ class Camera:
     with model.chunk over 1 none while the chunk fills, then those of all its ticks.
     """
 
-    bound: BoundCamera
-    """the model's camera, or what describes it, with its optics"""
     sensor: SensorParameters
     """with every value of its preset"""
+    _seen_from: Viewpoint
+    """whose light the last instant was"""
     _now: tuple[SceneSnapshot, CameraPose] | None
     _previous: tuple[SceneSnapshot, CameraPose] | None
+    rebuilt: dict[str, int]
+    """how often its scene was built again since it was made, as the model was edited, and of that
+    how many meshes and textures: scenes, meshes, textures"""
     left_out: tuple[str, ...]
     """one line for each thing that its ticks do not show, with the fix; said as warnings too"""
 
@@ -75,13 +78,15 @@ class Camera:
         In: place, which of a snapshot's cameras this is; taken, names that are not free; config,
         the run's whole configuration, if there is one beyond the plan.
         """
-        self._plan, self._place, self._meter = plan, place, meter or NoMeter()
+        self._plan, self.place, self._meter = plan, place, meter or NoMeter()
         self._tracing = Lock()
         self.sensor = sensor = resolve_sensor(plan.sensor)
         switches = plan.switches
         self._size = (int(sensor.width), int(sensor.height))
-        self._tick_us = tick_us
-        self._stand(world, scene)
+        self._tick_us, self._world = tick_us, world
+        self.left_out = ()
+        self._stand(plan.stand(world, scene, *self._size))
+        self.rebuilt = dict.fromkeys(("scenes", "meshes", "textures"), 0)
         settings = (plan.seed, plan.threads, plan.render.noisy_samples)
         self._pixels = Pixels(sensor, plan.model, *settings, switches, plan.render.isa)
         name = free_name(plan.name, self.bound.name, taken)
@@ -121,7 +126,7 @@ class Camera:
         self._luminance: F32 | None = None
         self._traced = 0.0
         self._t_us: int | None = None
-        self._forget_instants()
+        self.forget_instants()
         self._seq = self._seen = 0
         self.events = 0
 
@@ -165,7 +170,7 @@ class Camera:
             beside()
             self._seq, self._seen, self.events = counts
             self._t_us = t_us[0] if t_us else None
-            seen = [(one, one.cameras[self._place]) for one in needed if one is not None]
+            seen = [(one, one.cameras[self.place]) for one in needed if one is not None]
             self._now, self._previous = (*seen, None, None)[:2]
             # the same light again: not saved, since it is found again
             self._luminance = self._renderer.render(*self._now) if self._now else None
@@ -177,17 +182,38 @@ class Camera:
         """What shapes its events, seed aside, in plain values: where a saved state belongs."""
         return {**identity_of(self._plan, self._info.config), **self._pixels.versions}
 
-    def refresh(self, world: MjModel, scene: SceneModel) -> None:
-        """Look at a changed world through the same pixels: their state stays."""
-        self._forget_instants()
-        self._stand(world, scene)
+    def refreshing(self, scene: SceneModel) -> Callable[[], None]:
+        """Builds what sees the edited world; what comes back puts it in place. Raises EvsError.
 
-    def _stand(self, world: MjModel, scene: SceneModel) -> None:
-        self._world, self._scene = world, scene
-        self.bound, self._renderer = self._plan.stand(world, scene, *self._size)
-        self._unlit = is_unlit(scene, self._plan.render)
-        self.left_out = too_fast(scene.lights, self._plan.render, self._tick_us)
-        warn_left_out(self.left_out)
+        The pixels keep their state, so they see the change as they would see any other.
+        """
+        viewpoint = self._plan.stand(self._world, scene, *self._size, before=self._viewpoint)
+
+        def put() -> None:
+            if viewpoint.renderer is not self._renderer:
+                self.rebuilt["scenes"] += 1
+                for kind, count in getattr(viewpoint.renderer, "built", {}).items():
+                    self.rebuilt[kind] += count
+            self._stand(viewpoint)
+            self._info = replace(self._info, camera_info=camera_info(viewpoint.bound.model))
+
+        return put
+
+    def _stand(self, viewpoint: Viewpoint) -> None:
+        self._viewpoint = viewpoint
+        self._unlit = is_unlit(viewpoint.scene, self._plan.render)
+        lines = too_fast(viewpoint.scene.lights, self._plan.render, self._tick_us)
+        warn_left_out([line for line in lines if line not in self.left_out])
+        self.left_out = lines
+
+    @property
+    def _renderer(self) -> Renderer:
+        return self._viewpoint.renderer
+
+    @property
+    def bound(self) -> BoundCamera:
+        """The model's camera, or what describes it, with its optics."""
+        return self._viewpoint.bound
 
     @property
     def started(self) -> bool:
@@ -212,7 +238,7 @@ class Camera:
         for back in range(ticks, 0, -1):
             t_us = snapshot.t_us - back * tick_us
             earlier = replace(snapshot, t_us=t_us)
-            luminance = self._renderer.render(earlier, snapshot.cameras[self._place])
+            luminance = self._renderer.render(earlier, snapshot.cameras[self.place])
             self._pixels.see(luminance, t_us - tick_us, t_us)
 
     def observe(self, snapshot: SceneSnapshot) -> tuple[EventPacket, ...]:
@@ -229,12 +255,13 @@ class Camera:
         May be called in another thread than the rest, ahead of it, snapshot by snapshot. In: into,
         (h, w) where the light goes; without it, it is valid until the next call.
         """
-        pose = snapshot.cameras[self._place]
+        pose = snapshot.cameras[self.place]
         with self._tracing:
-            luminance = self._renderer.render(snapshot, pose, into)
-            traced = float(self._renderer.traced_fraction)
+            viewpoint = self._viewpoint
+            luminance = viewpoint.renderer.render(snapshot, pose, into)
+            traced = float(viewpoint.renderer.traced_fraction)
         self._meter.lap("render")
-        return Lit(snapshot, pose, luminance, traced)
+        return Lit(snapshot, pose, luminance, viewpoint, traced)
 
     def observe_light(self, lit: Lit) -> tuple[EventPacket, ...]:
         """The other half of `observe`: the events from the last light to this."""
@@ -280,7 +307,8 @@ class Camera:
 
     def _see(self, lit: Lit, begin_us: int) -> list[DoneTick]:
         snapshot, pose = lit.snapshot, lit.pose
-        self._previous, self._now = self._now, (snapshot, pose)
+        self._previous = self._now if lit.viewpoint.follows(self._seen_from) else None
+        self._now, self._seen_from = (snapshot, pose), lit.viewpoint
         self._seen += 1
         self._luminance, self._traced = lit.luminance, lit.traced_fraction
         ticks = self._pixels.see(lit.luminance, begin_us, snapshot.t_us)
@@ -319,7 +347,7 @@ class Camera:
         if self._now is None:
             raise EvsError("the camera has seen nothing yet: step the world first")
         with self._tracing:
-            truth = self._renderer.ground_truth(*self._now, self._previous)
+            truth = self._seen_from.renderer.ground_truth(*self._now, self._previous)
         return replace(truth, t_us=truth.t_us + self._start_us)
 
     @property
@@ -330,8 +358,10 @@ class Camera:
         """
         return empty_imu() if self.imu_packet is None else self.imu_packet.samples
 
-    def _forget_instants(self) -> None:
+    def forget_instants(self) -> None:
+        """Forget what was seen last: no ground truth before the next tick, no flow in it."""
         self._now = self._previous = None
+        self._seen_from = self._viewpoint
 
     @property
     def info(self) -> StreamInfo:
@@ -391,5 +421,5 @@ class Camera:
     @property
     def plan(self) -> ScenePlan:
         """What its scene contains, which code paths are on, and why; worked out at each call."""
-        there = self._world, self._scene, self.bound, self.sensor
+        there = self._world, self._viewpoint.scene, self.bound, self.sensor
         return plan_scene(*there, self._plan, self.features, self._tick_us)

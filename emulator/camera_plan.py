@@ -15,11 +15,11 @@ from evs.emulator.config import (
     SensorConfig,
 )
 from evs.emulator.light import make_renderer
+from evs.emulator.lit import Viewpoint
 from evs.emulator.plain_config import plain_config, plain_integer
 from evs.emulator.plan import Switches
 from evs.emulator.scene import SceneModel
-from evs.emulator.stages import Renderer
-from evs.emulator.world import BoundCamera, MjModel, bind_camera
+from evs.emulator.world import MjModel, bind_camera
 from evs.msgs import EvsError
 
 
@@ -45,17 +45,25 @@ class CameraPlan:
         return Switches.of(self.plan)
 
     def stand(
-        self, world: MjModel, scene: SceneModel, width: int, height: int, rgb: bool = False
-    ) -> tuple[BoundCamera, Renderer]:
+        self,
+        world: MjModel,
+        scene: SceneModel,
+        width: int,
+        height: int,
+        rgb: bool = False,
+        before: Viewpoint | None = None,
+    ) -> Viewpoint:
         """The camera in its place in a world, and the renderer of what it sees of the scene.
 
-        In: rgb, colour is wanted too.
+        In: rgb, colour is wanted too; before, the same camera until now: what has not changed is
+        taken over.
         """
         bound = bind_camera(world, self.camera, width, height, self.optics)
-        renderer = make_renderer(
-            scene, bound.model, self.render, self.threads, rgb, self.seed, self.switches
-        )
-        return bound, renderer
+        if before and scene is before.scene and bound.model == before.bound.model:
+            return Viewpoint(bound, scene, before.renderer)
+        settings = (self.render, self.threads, rgb, self.seed, self.switches)
+        like = before.renderer if before else None
+        return Viewpoint(bound, scene, make_renderer(scene, bound.model, *settings, like))
 
 
 def plan_camera(

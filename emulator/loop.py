@@ -42,15 +42,15 @@ from evs.emulator.view import View
 from evs.emulator.world import (
     BoundCamera,
     ControlFunction,
+    LiveScene,
     MjData,
     MjModel,
+    ModelDigest,
     Physics,
     Poser,
     Scene,
     Substeps,
     check_control,
-    digest_of,
-    extract_scene,
     load_model,
     name_of_keyframe,
     starting_keyframe,
@@ -66,6 +66,8 @@ class World:
         for (packet,) in world.run(2.0): ...
 
     Before the first step, `world.data` may be put into any state: the light then is the reference.
+    `world.model` may be edited between steps: the next one shows it. Vertices of meshes, heights,
+    texels, skins and flexes are compared only in the first step after `reset`.
     """
 
     def __init__(
@@ -106,14 +108,15 @@ class World:
         self._control = ControlSource(model, settings, source)
         self._given: F64 | None = None
         self._physics = Physics(model, settings.tick_us, self._control.keyframe)
-        self._scene = extract_scene(model)
+        self._scene = LiveScene(model)
         self._poser = Poser(model)
         self._moments = Moments(self._poser)
         self._cameras: list[Camera] = []
         # they hold the world, which would otherwise never be dropped with them
         self._view_refs: list[ref[View]] = []
-        self._posed = 0
-        self._digest: str | None = None
+        self._bounds: list[BoundCamera] = []
+        """of cameras and views, in the order of a snapshot's poses"""
+        self._digest = ModelDigest(model)
 
     def __repr__(self) -> str:
         cameras = ", ".join(camera.name for camera in self._cameras) or "no camera yet"
@@ -153,11 +156,12 @@ class World:
         )
 
     def _add(self, plan: CameraPlan, config: dict[str, Any] | None) -> Camera:
+        self._see_edits()
         camera = Camera(
             self.model,
-            self._scene,
+            self._scene.scene,
             plan,
-            place=self._posed,
+            place=len(self._bounds),
             tick_us=self.substeps.tick_us,
             taken=tuple(other.name for other in self._cameras),
             scene_config=self._scene_config,
@@ -184,7 +188,9 @@ class World:
         return self._add_view(plan, rgb)
 
     def _add_view(self, plan: CameraPlan, rgb: bool) -> View:
-        view = View(self.model, self._scene, plan, self._posed, self._snapshot, rgb, self._start_us)
+        self._see_edits()
+        place, scene = len(self._bounds), self._scene.scene
+        view = View(self.model, scene, plan, place, self._snapshot, rgb, self._start_us)
         self._pose(view.bound)
         self._view_refs.append(ref(view))
         return view
@@ -197,10 +203,25 @@ class World:
     def _pose(self, camera: BoundCamera) -> None:
         """Every snapshot from now on has one more camera's pose."""
         self._poser.add_camera(camera)
-        self._posed += 1
+        self._bounds.append(camera)
 
     def _snapshot(self) -> SceneSnapshot:
+        self._see_edits()
         return self._moments.look(self.data, self._physics.t_us, self.substeps.tick_us)
+
+    def _see_edits(self) -> None:
+        """Show the model as it is now, where somebody has edited it. Raises EvsError."""
+        if not self._scene.outdated():
+            return
+        scene = self._scene.extract()
+        seers: list[Camera | View] = [*self._cameras, *self._views]
+        puts = [one.refreshing(scene) for one in seers]
+        for put in puts:
+            put()
+        for one in seers:
+            self._bounds[one.place] = one.bound
+        self._poser.fit(self._bounds)
+        self._scene.taken(scene)
 
     def save(self, compress: bool = False) -> bytes:
         """Everything that the next tick follows from, of physics and cameras, as bytes.
@@ -234,6 +255,8 @@ class World:
 
         In: saved, with names, kinds and dimensions that were checked.
         """
+        self._scene.look_closely()
+        self._see_edits()
         physics = self._physics.restoring(part(saved, "physics"))
         seed, control_seed = whole(saved, "seed"), whole(saved, "control_seed")
         given = saved["given"]
@@ -265,14 +288,12 @@ class World:
     @property
     def identity(self) -> dict[str, Any]:
         """Where a saved state belongs, in plain values: model, versions, what shapes the events."""
-        if self._digest is None:
-            self._digest = digest_of(self.model)
         settings = asdict(self._scene_config)
         keys = ("start_us", "control", "control_file", "control_hz", "control_scale", "keyframe")
         return {
             "versions": {key: versions()[key] for key in ("evs", "mujoco")},
             "scene": {"tick_us": self.substeps.tick_us, **{key: settings[key] for key in keys}},
-            "model": self._digest,
+            "model": self._digest(),
             "cameras": [camera.name for camera in self._cameras],
             "camera": {camera.name: camera.identity for camera in self._cameras},
         }
@@ -322,6 +343,7 @@ class World:
             self._control.reseed(self._control.seed + seed - self._seed)
             self._seed = seed
         self._given = None
+        self._scene.look_closely()
         self._moments.reset()
         self._physics.reset(start)
         for place, camera in enumerate(self._cameras):
@@ -359,7 +381,7 @@ class World:
 
     @property
     def model(self) -> MjModel:
-        """The mujoco.MjModel, our own copy."""
+        """The mujoco.MjModel, our own copy, which may be edited."""
         return self._physics.model
 
     @property
@@ -420,7 +442,7 @@ class World:
     def left_out(self) -> tuple[str, ...]:
         """One line for each thing that is not shown, with the fix; said as warnings before."""
         lines = (line for camera in self._cameras for line in camera.left_out)
-        return (*self._scene.left_out, *dict.fromkeys(lines))
+        return (*self._scene.scene.left_out, *dict.fromkeys(lines))
 
     @property
     def cameras(self) -> tuple[Camera, ...]:

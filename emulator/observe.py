@@ -23,7 +23,7 @@ from evs.emulator.saving import (
 from evs.emulator.scene import F32
 from evs.emulator.truth import GroundTruth
 from evs.emulator.versions import versions
-from evs.emulator.world import MjData, MjModel, Poser, digest_of, extract_scene
+from evs.emulator.world import LiveScene, MjData, MjModel, ModelDigest, Poser
 from evs.msgs import (
     EventPacket,
     Events,
@@ -55,6 +55,9 @@ class Sensor:
 
     Works with any step length, also a varying one. Neither the model nor the data is changed. A
     daemon thread that observes is ended (SystemExit) when the interpreter exits.
+
+    The model may be edited between calls: the next observe shows it. Vertices of meshes, heights,
+    texels, skins and flexes are compared only in the first observe after `reset`, and in `refresh`.
     """
 
     def __init__(
@@ -83,17 +86,22 @@ class Sensor:
                 "leave it 1"
             )
         tick_us = max(1, round(model.opt.timestep * 1e6))
-        self._camera = Camera(model, extract_scene(model), plan, tick_us=tick_us)
+        self._scene, self._digest = LiveScene(model), ModelDigest(model)
+        self._camera = Camera(model, self._scene.scene, plan, tick_us=tick_us)
         self._tick_us = tick_us
         self._t_us: int | None = None
-        self._stand()
+        self._poser = Poser(model, [self._camera.bound])
+        self._moments = Moments(self._poser)
         self._packet: EventPacket | None = None
 
-    def _stand(self) -> None:
-        """Where it stands in the model as that is now."""
-        self._poser = Poser(self._model, [self._camera.bound])
-        self._moments = Moments(self._poser)
-        self._digest: str | None = None
+    def _see_edits(self) -> None:
+        """Show the model as it is now, where somebody has edited it. Raises EvsError."""
+        if not self._scene.outdated():
+            return
+        scene = self._scene.extract()
+        self._camera.refreshing(scene)()
+        self._poser.fit([self._camera.bound])
+        self._scene.taken(scene)
 
     def __repr__(self) -> str:
         info = self.info
@@ -104,7 +112,8 @@ class Sensor:
         """Events since the last call, (n,) EVENT_DTYPE, sorted by t in us of `data.time`.
 
         The first call sets the reference and gives none. Raises EvsError where time did not
-        advance, or the data is not of this model.
+        advance, the data is not of this model, or the model was edited into something that cannot
+        be shown.
         """
         if not isinstance(data, MjData):
             raise EvsError(
@@ -118,6 +127,8 @@ class Sensor:
                 f"data.time is {data.time:g} s: stamps in us end at {LATEST_US * 1e-6:.3g} s; let "
                 "it begin at 0"
             )
+        self._scene.check_data(data)
+        self._see_edits()
         t_us = round(data.time * 1e6)
         passed_us = self._tick_us if self._t_us is None else max(t_us - self._t_us, 0)
         snapshot = self._moments.look(data, t_us, passed_us)
@@ -131,7 +142,12 @@ class Sensor:
         return self._packet.events
 
     def reset(self) -> None:
-        """As new: call it after the data was reset. The next observe sets the reference again."""
+        """As new: call it after the data was reset. The next observe sets the reference again.
+
+        That observe also compares what every one would take too long for: vertices of meshes,
+        heights, texels, skins and flexes.
+        """
+        self._scene.look_closely()
         self._camera.reset()
         self._moments.reset()
         self._packet, self._t_us = None, None
@@ -149,6 +165,8 @@ class Sensor:
         Put the data back as well. Raises EvsError where the blob is damaged, or of another model or
         configuration, and then nothing has changed.
         """
+        self._scene.look_closely()
+        self._see_edits()
         saved = unpack_here(blob, self._identity(), self._arrays())
         t_us = saved["t_us"].tolist()
         if len(t_us) > 1:
@@ -168,22 +186,24 @@ class Sensor:
         }
 
     def _identity(self) -> dict[str, Any]:
-        if self._digest is None:
-            self._digest = digest_of(self._model)
         return {
             "kind": "sensor",
             "versions": {key: versions()[key] for key in ("evs", "mujoco")},
-            "model": self._digest,
+            "model": self._digest(),
             "camera": {"name": self._camera.name, **self._camera.identity},
         }
 
     def refresh(self) -> None:
-        """Read the model again, after its colours, lights, sizes or cameras were changed.
+        """Compare all of the model now, and show what was changed: large arrays as well.
 
-        The pixels keep their state, so they see the change as they would see any other.
+        Those are vertices of meshes, heights, texels, skins and flexes; whatever else is edited the
+        next observe shows of itself. The pixels keep their state, so they see the change as they
+        would see any other. Raises EvsError where it cannot be shown.
         """
-        self._camera.refresh(self._model, extract_scene(self._model))
-        self._stand()
+        self._scene.look_closely()
+        self._see_edits()
+        self._camera.forget_instants()
+        self._moments.reset()
 
     @property
     def packet(self) -> EventPacket | None:
@@ -209,6 +229,14 @@ class Sensor:
     def events_dropped(self) -> dict[str, int]:
         """Events that the readout dropped since the last reset, by cause (empty: it is ideal)."""
         return self._camera.events_dropped
+
+    @property
+    def rebuilt(self) -> dict[str, int]:
+        """How often the scene was built again since this was made, as the model was edited.
+
+        Out: scenes, and of these how many meshes and textures; nothing else was built again.
+        """
+        return dict(self._camera.rebuilt)
 
     @property
     def luminance(self) -> F32:

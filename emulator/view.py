@@ -14,7 +14,7 @@ from evs.emulator.pose import pose_message
 from evs.emulator.scene import F32, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.sensor import resolve_sensor
 from evs.emulator.truth import GroundTruth
-from evs.emulator.world import MjModel
+from evs.emulator.world import BoundCamera, MjModel
 from evs.msgs import Pose
 
 
@@ -38,15 +38,29 @@ class View:
         """
         sensor = resolve_sensor(plan.sensor)
         self.width, self.height = int(sensor.width), int(sensor.height)
-        self.bound, self._renderer = plan.stand(world, scene, self.width, self.height, rgb)
-        self._place, self._present, self._start_us = place, present, start_us
+        self._plan, self._world, self._rgb = plan, world, rgb
+        self._viewpoint = plan.stand(world, scene, self.width, self.height, rgb)
+        self.place, self._present, self._start_us = place, present, start_us
         self._now: tuple[SceneSnapshot, CameraPose] | None = None
         self._previous: tuple[SceneSnapshot, CameraPose] | None = None
+
+    def refreshing(self, scene: SceneModel) -> Callable[[], None]:
+        """Builds what sees the edited world; what comes back puts it in place. Raises EvsError."""
+        size, before = (self.width, self.height), self._viewpoint
+        viewpoint = self._plan.stand(self._world, scene, *size, self._rgb, before)
+
+        def put() -> None:
+            self._viewpoint = viewpoint
+            if not viewpoint.follows(before):
+                self._now = self._previous = None
+
+        return put
 
     def reset(self, seed: int | None = None) -> None:
         """Forget the instants seen: the world has begun again. In: seed, another one."""
         if seed is not None:
-            self._renderer.reseed(seed)
+            self._plan = replace(self._plan, seed=seed)
+            self._viewpoint.renderer.reseed(seed)
         self._now = self._previous = None
 
     def start(self) -> None:
@@ -55,17 +69,19 @@ class View:
 
     def move(self, snapshot: SceneSnapshot) -> None:
         """The world went on to `snapshot`."""
-        self._previous, self._now = self._now, (snapshot, snapshot.cameras[self._place])
+        self._previous, self._now = self._now, (snapshot, snapshot.cameras[self.place])
 
     def render(self) -> tuple[F32, F32 | None]:
         """Copies of luminance (h, w) and rgb (h, w, 3), linear float32; None: no colour wanted."""
-        luminance = self._renderer.render(*self._instant())
-        colour = self._renderer.rgb
+        instant = self._instant()
+        renderer = self._viewpoint.renderer
+        luminance, colour = renderer.render(*instant), renderer.rgb
         return np.array(luminance), None if colour is None else np.array(colour)
 
     def ground_truth(self) -> GroundTruth:
         """Of the present; its flow is the motion since the tick before."""
-        truth = self._renderer.ground_truth(*self._instant(), self._previous)
+        instant = self._instant()
+        truth = self._viewpoint.renderer.ground_truth(*instant, self._previous)
         return replace(truth, t_us=truth.t_us + self._start_us)
 
     def _instant(self) -> tuple[SceneSnapshot, CameraPose]:
@@ -83,6 +99,11 @@ class View:
     def pose(self) -> Pose:
         """Where the camera is at that instant; numbered 0."""
         return pose_message(self._instant()[1], 0, self.t_us, self.name)
+
+    @property
+    def bound(self) -> BoundCamera:
+        """The model's camera, or what describes it, with its optics."""
+        return self._viewpoint.bound
 
     @property
     def name(self) -> str:

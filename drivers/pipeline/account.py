@@ -40,6 +40,10 @@ class RunCamera(Beside, Protocol):
         """Events that are still on their way through its readout."""
 
     @property
+    def rebuilt(self) -> Mapping[str, int]:
+        """How often its scene was built again, as its model was edited; of that, what."""
+
+    @property
     def plan(self) -> Plan:
         """What its scene requires."""
 
@@ -228,6 +232,7 @@ def _camera(
         "events": events.get(info.camera, 0),
         "events_dropped": dict(dropped),
         "events_waiting": camera.events_waiting,
+        "rebuilt": dict(camera.rebuilt),
         "camera_info": info.camera_info,
         "plan": camera.plan.compact(),
     }

@@ -56,8 +56,10 @@ class Report:
     """how the model's time step was fitted to the tick"""
     cameras: list[dict[str, Any]] = field(default_factory=list)
     """for each camera: name, sensor, parameters (of the sensor, resolved), width, height, tick_us,
-    latency_us (of the event model; the stamps carry it), events, ..., camera_info, plan (what its
-    scene contains, which code paths ran, and why the others did not: `evs plan`)"""
+    latency_us (of the event model; the stamps carry it), events, ..., rebuilt (how often its scene
+    was built again, as the model was edited: scenes, and of these meshes and textures),
+    camera_info, plan (what its scene contains, which code paths ran, and why the others did not:
+    `evs plan`)"""
     sinks: list[dict[str, Any]] = field(default_factory=list)
     """what each sink said when it was closed"""
     pace: dict[str, Any] = field(default_factory=dict)

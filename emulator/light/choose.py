@@ -26,11 +26,13 @@ def make_renderer(
     rgb: bool = False,
     seed: int = 0,
     switches: Switches = UNFORCED,
+    like: Renderer | None = None,
 ) -> Renderer:
     """The renderer of one camera. Raises EvsError where the configuration makes no sense.
 
     In: rgb, colour is wanted beside the luminance; seed, what the noise of `path` follows from;
-    switches, code paths that are forced on or off (not of raster).
+    switches, code paths that are forced on or off (not of raster); like, the same camera's until
+    now, whose threads, meshes and images are shared where they are the same (not of raster).
     """
     check_render(config)
     for name in config.linear_textures:
@@ -45,9 +47,10 @@ def make_renderer(
         if rgb:
             raise EvsError("raster gives no colour, only luminance: take render.renderer=direct")
         return RasterRenderer(scene, camera, config)
+    known = like if isinstance(like, DirectRenderer) else None
     if config.renderer == "path":
-        return PathRenderer(scene, camera, config, threads, rgb, seed, switches)
-    return DirectRenderer(scene, camera, config, threads, rgb, switches)
+        return PathRenderer(scene, camera, config, threads, rgb, seed, switches, known)
+    return DirectRenderer(scene, camera, config, threads, rgb, switches, known)
 
 
 def check_render(config: RenderConfig) -> None:

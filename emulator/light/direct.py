@@ -10,7 +10,7 @@ from evs.emulator import _core
 from evs.emulator.config import RenderConfig
 from evs.emulator.light.flicker import Flicker
 from evs.emulator.light.truth import trace_hits, trace_truth
-from evs.emulator.optics import make_lens
+from evs.emulator.optics import Lens, make_lens
 from evs.emulator.plan import UNFORCED, Switches
 from evs.emulator.scene import (
     F32,
@@ -35,6 +35,8 @@ class DirectRenderer:
 
     integrator: ClassVar[str] = "direct"
     """which of the core's"""
+    _lens: Lens
+    _caster: _core.Caster
 
     def __init__(
         self,
@@ -44,15 +46,16 @@ class DirectRenderer:
         threads: int,
         rgb: bool = False,
         switches: Switches = UNFORCED,
+        like: DirectRenderer | None = None,
     ) -> None:
         """Build the caster.
 
         In: rgb, colour is wanted too, and luminance keeps its bytes; switches, code paths that are
-        forced on or off.
+        forced on or off; like, the same camera's renderer until now, of which is taken what stays.
         """
         scene = scene if config.sites else scene.without_sites()
         self._scene, self._camera = scene, camera
-        self._lens = make_lens(camera)
+        self._lens = like._lens if like and like._camera == camera else make_lens(camera)
         self._noise = 0
         keep = [
             i
@@ -74,8 +77,10 @@ class DirectRenderer:
         shape = camera.height, camera.width
         self._luminance = np.zeros(shape, np.float32)
         self._rgb = np.zeros((*shape, 3), np.float32) if rgb else None
+        before = (like._scene, like._caster) if like else None
+        data, self.built = scene_data(scene, keep, config, self._own["sky"], before)
         self._caster = _core.Caster(
-            scene_data(scene, keep, config, self._own["sky"]),
+            data,
             _core.Optics(
                 width=camera.width,
                 height=camera.height,
@@ -100,6 +105,7 @@ class DirectRenderer:
             ),
             threads=threads,
             isa=config.isa,
+            before=before[1] if before else None,
         )
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
@@ -196,18 +202,27 @@ def _forced(scene: SceneModel, switches: Switches) -> dict[str, bool]:
 
 
 def scene_data(
-    scene: SceneModel, lights: list[int], config: RenderConfig, sky: bool = True
-) -> _core.SceneData:
+    scene: SceneModel,
+    lights: list[int],
+    config: RenderConfig,
+    sky: bool = True,
+    before: tuple[SceneModel, _core.Caster] | None = None,
+) -> tuple[_core.SceneData, dict[str, int]]:
     """The native copy of a scene's constant part with the lights of these indices.
 
-    In: sky, there is one: the scene's, else a black one.
+    In: sky, there is one: the scene's, else a black one; before, another scene and its caster,
+    whose meshes and textures are shared. Out: also how many of each were not, by kind.
     """
     data = _core.SceneData()
+    known = before[0] if before else None
+    textures = {id(one): place for place, one in enumerate(known.textures if known else ())}
+    meshes = {id(one): place for place, one in enumerate(known.meshes if known else ())}
     for texture in scene.textures:
         flat = texture.kind is TextureKind.FLAT
         image = texture.data[np.newaxis] if flat else texture.data
         srgb = texture.srgb and texture.name not in config.linear_textures
-        data.add_texture(np.ascontiguousarray(image), srgb)
+        like = textures.get(id(texture), -1)
+        data.add_texture(np.ascontiguousarray(image), srgb, like)
     for surface in scene.surfaces:
         data.add_surface(
             surface.rgba,
@@ -230,7 +245,10 @@ def scene_data(
             ),
         )
     for mesh in scene.meshes:
-        data.add_mesh(mesh.vertices, mesh.faces, mesh.normals, mesh.texcoords)
+        if before and id(mesh) in meshes:
+            data.share_mesh(before[1], meshes[id(mesh)])
+        else:
+            data.add_mesh(mesh.vertices, mesh.faces, mesh.normals, mesh.texcoords)
     for index in lights:
         light = scene.lights[index]
         data.add_light(
@@ -258,4 +276,7 @@ def scene_data(
         data.set_fog(air.fog_start_m, air.fog_end_m, air.fog_rgb)
     if air is not None and config.haze:
         data.set_haze(air.haze_ratio, air.haze_radius_m, air.haze_rgb)
-    return data
+    return data, {
+        "meshes": sum(id(mesh) not in meshes for mesh in scene.meshes),
+        "textures": sum(id(texture) not in textures for texture in scene.textures),
+    }

@@ -28,9 +28,10 @@ class PathRenderer(DirectRenderer):
         rgb: bool = False,
         seed: int = 0,
         switches: Switches = UNFORCED,
+        like: DirectRenderer | None = None,
     ) -> None:
         """In: seed, what the noise follows from."""
-        super().__init__(scene, camera, config, threads, rgb, switches)
+        super().__init__(scene, camera, config, threads, rgb, switches, like)
         self._seed, self._fresh = seed, config.seeds == "fresh"
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:

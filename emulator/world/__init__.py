@@ -21,11 +21,12 @@ from evs.emulator.world.controls import (
     name_of_keyframe,
     starting_keyframe,
 )
-from evs.emulator.world.digest import bytes_of, digest_of
+from evs.emulator.world.digest import ModelDigest, bytes_of, digest_of
 from evs.emulator.world.extraction import extract_scene, visible_geoms
 from evs.emulator.world.gauges import Gauges
 from evs.emulator.world.kinematics import gravity_of, moving_bodies
 from evs.emulator.world.left_out import LeftOutWarning, warn_left_out
+from evs.emulator.world.live_scene import LiveScene
 from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model, load_spec, load_text
 from evs.emulator.world.named_sensors import NamedSensors, add_joint_sensors
 from evs.emulator.world.physics import Physics
@@ -43,8 +44,10 @@ __all__ = [
     "ControlFunction",
     "Gauges",
     "LeftOutWarning",
+    "LiveScene",
     "MjData",
     "MjModel",
+    "ModelDigest",
     "NamedSensors",
     "Physics",
     "Poser",

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from evs.emulator.scene import F32, Deformed, Mesh
+from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.surfaces import Rgba, is_shown, shown_rgba
 
 
@@ -49,6 +50,12 @@ class Deforming:
         return [self._skin_look(i) for i in self._skins] + [
             self._flex_look(i) for i in self._flexes
         ]
+
+    def at_rest(self) -> list[Mesh]:
+        """Of each: its mesh where the model begins."""
+        data = mujoco.MjData(self._model)
+        update_poses(self._model, data)
+        return self.meshes(data)
 
     def meshes(self, data: mujoco.MjData) -> list[Mesh]:
         """Of each: its faces and texture coordinates, and where its vertices are now."""

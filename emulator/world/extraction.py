@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import mujoco
 import numpy as np
 import numpy.typing as npt
@@ -9,13 +11,18 @@ import numpy.typing as npt
 from evs.emulator.scene import I32, Mesh, SceneModel, Shape, Thing
 from evs.emulator.world.deforming import Deforming
 from evs.emulator.world.indices import check_indices
-from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.left_out import warn_left_out
 from evs.emulator.world.lights import active_lights, extract_air, extract_light, unlit_images
-from evs.emulator.world.meshes import extract_height_field, extract_mesh
+from evs.emulator.world.meshes import (
+    extract_height_field,
+    extract_mesh,
+    height_field_arrays,
+    mesh_arrays,
+)
 from evs.emulator.world.names import names_of
 from evs.emulator.world.strands import Strands
 from evs.emulator.world.surfaces import Surfaces, geom_rgba, is_shown, site_rgba
+from evs.emulator.world.watch import DEFORMING, Parts, arrays_of
 from evs.msgs import EvsError
 
 FROM_MESH = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF)
@@ -48,8 +55,13 @@ def visible_sites(model: mujoco.MjModel) -> I32:
     )
 
 
-def extract_scene(model: mujoco.MjModel) -> SceneModel:
+def extract_scene(
+    model: mujoco.MjModel, parts: Parts | None = None, before: SceneModel | None = None
+) -> SceneModel:
     """Everything of the model that a renderer needs and that never moves.
+
+    In: parts, meshes and textures that are taken as they are, and keep those that are made now;
+    before, the scene of the same model before it was edited, whose warnings are not repeated.
 
     A signed distance field is shown by its mesh. A height field keeps its type and brings a mesh.
     Skins and flexes follow the geoms, then sites, then rods of tendons, ropes and slider-cranks.
@@ -57,6 +69,7 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
     nothing is visible.
     """
     check_indices(model)
+    parts = Parts() if parts is None else parts
     geoms = visible_geoms(model)
     deforming, sites, strands = Deforming(model), visible_sites(model), Strands(model)
     if not len(geoms) + len(deforming) + len(sites) + len(strands):
@@ -77,12 +90,14 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
         if (is_field, source) not in mesh_index:
             mesh_index[is_field, source] = len(meshes)
             extract = extract_height_field if is_field else extract_mesh
-            meshes.append(extract(model, source))
+            numbers, arrays = (height_field_arrays if is_field else mesh_arrays)(model, source)
+            make = partial(extract, model, source)
+            meshes.append(parts.get((is_field, source), numbers, arrays, make))
         geom_mesh[row] = mesh_index[is_field, source]
 
     kinds = np.asarray(model.geom_type[geoms], np.int32)
     kinds = np.where(kinds == mujoco.mjtGeom.mjGEOM_SDF, Shape.MESH, kinds)
-    surfaces = Surfaces(model)
+    surfaces = Surfaces(model, parts)
     geom_surface = [surfaces.of_geom(int(geom)) for geom in geoms]
     skybox = surfaces.skybox()
     lights = tuple(extract_light(model, int(light), surfaces) for light in active_lights(model))
@@ -90,16 +105,15 @@ def extract_scene(model: mujoco.MjModel) -> SceneModel:
     # skins and flexes follow the geoms, each a mesh that lies in the world's frame
     indices = tuple(range(len(meshes), len(meshes) + len(deforming)))
     if indices:
-        data = mujoco.MjData(model)
-        update_poses(model, data)
-        meshes += deforming.meshes(data)
+        sources = arrays_of(model, DEFORMING)
+        meshes += parts.get("deforming", tuple(deforming.ids()), sources, deforming.at_rest)
         geom_surface += [surfaces.of(*look) for look in deforming.looks()]
     geom_surface += [surfaces.of_site(int(site)) for site in sites]
     geom_surface += [surfaces.of(*look) for look in strands.looks]
     things = _things(model, geoms, deforming, sites, strands)
     unmeshed, many = len(sites) + len(strands), len(strands)
     left_out = (*unlit_images(model), *surfaces.unread_lines())
-    warn_left_out(left_out)
+    warn_left_out([line for line in left_out if not before or line not in before.left_out])
     return SceneModel(
         geom_type=np.array(
             [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Sequence
 
@@ -11,6 +12,11 @@ class LeftOutWarning(UserWarning):
 
 
 def warn_left_out(lines: Sequence[str]) -> None:
-    """One LeftOutWarning a line, at the place that called who calls this."""
+    """One LeftOutWarning a line, at the place outside the emulator that asked for the scene."""
+    if not lines:
+        return
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back and str(frame.f_globals.get("__name__")).startswith("evs.emulator."):
+        level, frame = level + 1, frame.f_back
     for line in lines:
-        warnings.warn(line, LeftOutWarning, stacklevel=4)
+        warnings.warn(line, LeftOutWarning, stacklevel=level)

@@ -7,10 +7,42 @@ import numpy as np
 
 from evs.emulator.scene import F32, F64, I32, Mesh
 from evs.emulator.world.names import name_of
+from evs.emulator.world.watch import Array
 from evs.msgs import EvsError
 
 SMOOTH_COSINE = 0.8
 """Cosine to the face's normal from which on a corner keeps its own, without texture coordinates."""
+
+
+def mesh_arrays(model: mujoco.MjModel, mesh: int) -> tuple[tuple[int, ...], list[Array]]:
+    """What extract_mesh makes it of: a few numbers, and the model's own memory."""
+    vertices = _rows(model.mesh_vertadr[mesh], model.mesh_vertnum[mesh])
+    faces = _rows(model.mesh_faceadr[mesh], model.mesh_facenum[mesh])
+    normals = _rows(model.mesh_normaladr[mesh], model.mesh_normalnum[mesh])
+    texcoords = slice(0, 0)
+    if model.mesh_texcoordadr[mesh] >= 0:
+        texcoords = _rows(model.mesh_texcoordadr[mesh], model.mesh_texcoordnum[mesh])
+    places = (vertices, faces, normals, texcoords)
+    return tuple(end for place in places for end in (place.start, place.stop)), [
+        model.mesh_vert[vertices],
+        model.mesh_face[faces],
+        model.mesh_facenormal[faces],
+        model.mesh_facetexcoord[faces],
+        model.mesh_normal[normals],
+        model.mesh_texcoord[texcoords],
+    ]
+
+
+def height_field_arrays(model: mujoco.MjModel, field: int) -> tuple[tuple[float, ...], list[Array]]:
+    """What extract_height_field makes it of: a few numbers, and the model's own memory."""
+    rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
+    heights = _rows(model.hfield_adr[field], rows * columns)
+    numbers = (rows, columns, heights.start, *(float(v) for v in model.hfield_size[field]))
+    return numbers, [model.hfield_data[heights]]
+
+
+def _rows(first: int, count: int) -> slice:
+    return slice(int(first), int(first) + int(count))
 
 
 def extract_mesh(model: mujoco.MjModel, mesh: int) -> Mesh:

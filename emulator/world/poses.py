@@ -12,6 +12,7 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
+from evs.emulator import _core
 from evs.emulator.scene import F64, I32, SceneSnapshot
 from evs.emulator.world.cameras import BoundCamera
 from evs.emulator.world.compat import SLEEP
@@ -22,25 +23,28 @@ from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.lights import active_lights
 from evs.emulator.world.strands import Strands
 from evs.emulator.world.unstable import check_positions
+from evs.emulator.world.watch import arrays_of, pose_names
 from evs.msgs import EvsError
 
 
 class Poser:
     """Takes snapshots of one model, for the cameras it was given.
 
-    The rows of a snapshot are those of `extract_scene(model)`. Where the model's geoms or lights
-    are changed later, make a new Poser.
+    The rows of a snapshot are those of `extract_scene(model)`, as the model was when this was made
+    or `fit` was called last. Poses are the model's as it is now.
     """
 
     def __init__(self, model: mujoco.MjModel, cameras: Iterable[BoundCamera] = ()) -> None:
         end_daemons_at_exit()
-        # with sleeping bodies on, the kinematics leave some poses out: a private model does without
-        if model.opt.enableflags & SLEEP:
-            model = copy.copy(model)
-            model.opt.enableflags &= ~SLEEP
-        self._model = model
-        self._data = own = mujoco.MjData(model)
-        self._cameras = tuple(cameras)
+        self._given = model
+        self._asleep: tuple[mujoco.MjModel, _core.Watch] | None = None
+        self._data = mujoco.MjData(self._awake())
+        self.fit(cameras)
+
+    def fit(self, cameras: Iterable[BoundCamera]) -> None:
+        """Take rows and cameras anew, after geoms, lights or cameras of the model were edited."""
+        own, self._cameras = self._data, tuple(cameras)
+        self._model = model = self._awake()
         # all that a snapshot follows from, (n,) each: MuJoCo's own memory
         self._qpos, self._mocap_pos = own.qpos, own.mocap_pos.reshape(-1)
         self._mocap_quat = own.mocap_quat.reshape(-1)
@@ -63,6 +67,26 @@ class Poser:
         head = np.zeros((int((lights < 0).sum()), 3))
         self._light_pos = _Rows(head, (own.light_xpos, lights[lights >= 0]))
         self._light_dir = _Rows(head - (0, 0, 1), (own.light_xdir, lights[lights >= 0]))
+
+    def _awake(self) -> mujoco.MjModel:
+        """The model; while it puts bodies to sleep, a private one that does not.
+
+        With sleeping bodies the kinematics leave some poses out.
+        """
+        given = self._given
+        if not given.opt.enableflags & SLEEP:
+            self._asleep = None
+            return given
+        if self._asleep is None:
+            model = copy.copy(given)
+            model.opt.enableflags &= ~SLEEP
+            self._asleep = model, _core.Watch(arrays_of(given, pose_names(given)))
+        model, watch = self._asleep
+        if watch.changed():
+            watch.keep()
+            for name in pose_names(given):
+                getattr(model, name)[...] = getattr(given, name)
+        return model
 
     def add_camera(self, camera: BoundCamera) -> None:
         """Snapshots from now on have this camera's pose too, as their last."""
@@ -104,7 +128,9 @@ class Poser:
 
     def _look(self, t_us: int, exposure_us: int) -> SceneSnapshot:
         end_here()
-        model, own = self._model, self._data
+        model, own = self._awake(), self._data
+        if model is not self._model:
+            self.fit(self._cameras)
         update_poses(model, own)
         self._strands.update(own)
         return SceneSnapshot(

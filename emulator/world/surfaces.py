@@ -12,6 +12,7 @@ from evs.emulator.scene import Surface, Texture, TextureKind
 from evs.emulator.world.bounds import BRIGHTEST, bounded
 from evs.emulator.world.compat import gloss_is_given
 from evs.emulator.world.names import name_of
+from evs.emulator.world.watch import Array, Parts
 
 Rgba = tuple[float, float, float, float]
 
@@ -86,6 +87,8 @@ class Surfaces:
     """Collects the surfaces and textures in use, each once."""
 
     model: mujoco.MjModel
+    parts: Parts = field(default_factory=Parts)
+    """which keep the textures"""
     surfaces: list[Surface] = field(default_factory=list)
     textures: list[Texture] = field(default_factory=list)
     surface_index: dict[Surface, int] = field(default_factory=dict)
@@ -131,15 +134,19 @@ class Surfaces:
             return -1
         key = (index, colour, component)
         if key not in self.texture_index:
-            texture = extract_texture(self.model, index, colour)
-            if texture is None:
+            if is_encoded(self.model, index):
                 self.unread[index] = None
-            if texture is not None and component >= 0:
-                texture = _component(texture, component)
+            texture = self.parts.get(
+                key, *texture_arrays(self.model, index), lambda: self._read(*key)
+            )
             self.texture_index[key] = -1 if texture is None else len(self.textures)
             if texture is not None:
                 self.textures.append(texture)
         return self.texture_index[key]
+
+    def _read(self, index: int, colour: bool, component: int) -> Texture | None:
+        texture = extract_texture(self.model, index, colour)
+        return texture if texture is None or component < 0 else _component(texture, component)
 
     def skybox(self) -> int:
         """Index of the sky's texture, -1 where the model has none."""
@@ -212,6 +219,19 @@ def is_encoded(model: mujoco.MjModel, index: int) -> bool:
     first = int(model.tex_adr[index])
     begin = np.asarray(model.tex_data[first : first + len(KTX_MAGIC)], np.uint8)
     return int(model.tex_nchannel[index]) not in (1, 3, 4) or begin.tobytes() == KTX_MAGIC
+
+
+def texture_arrays(model: mujoco.MjModel, index: int) -> tuple[tuple[int, ...], list[Array]]:
+    """What extract_texture makes it of: a few numbers, and the model's own memory."""
+    names = ("type", "colorspace", "height", "width", "nchannel", "adr")
+    arrays = [getattr(model, f"tex_{name}", None) for name in names]
+    numbers = tuple(int(array[index]) for array in arrays if array is not None)
+    first, size = (
+        int(model.tex_adr[index]),
+        int(model.tex_height[index]) * int(model.tex_width[index]),
+    )
+    end = first + size * int(model.tex_nchannel[index])
+    return numbers, [model.tex_data[first:end]]
 
 
 def extract_texture(model: mujoco.MjModel, index: int, colour: bool = True) -> Texture | None:

@@ -33,6 +33,7 @@ class FakeCamera:
         self.clamps = 0
         self.events_dropped: dict[str, int] = {}
         self.events_waiting = 0
+        self.rebuilt = {"scenes": 0, "meshes": 0, "textures": 0}
         self.frames: tuple[Frame, ...] = ()
         self.imu_packet: ImuPacket | None = None
 
@@ -163,6 +164,7 @@ def test_what_a_readout_drops_is_in_the_report() -> None:
     world, sink = FakeWorld("ab"), FakeSink("file", [])
     world.cameras[0].events_dropped = {"roi": 0, "fifo": 40}
     world.cameras[0].events_waiting = 3
+    world.cameras[0].rebuilt["scenes"] = 2
     world.cameras[1].events_dropped = {"roi": 2, "fifo": 5}
     report = run(world, [sink], 0.005)
     # one more is the sink's own
@@ -172,6 +174,7 @@ def test_what_a_readout_drops_is_in_the_report() -> None:
         {"roi": 2, "fifo": 5},
     ]
     assert [camera["events_waiting"] for camera in report.cameras] == [3, 0]
+    assert [camera["rebuilt"]["scenes"] for camera in report.cameras] == [2, 0]
 
 
 def test_the_report_has_the_fields_of_the_design_and_is_json() -> None:

@@ -86,7 +86,9 @@ def _broken_renderer(short: bool) -> Outcome:
     def spoil(world: World) -> None:
         camera = world.cameras[0]
         # no scene makes our renderers give this: one that breaks is put in its place
-        camera._renderer = _Spoiling(camera._renderer, lambda call: 2 <= call < 2 + ticks)
+        seen = camera._viewpoint
+        spoiling = _Spoiling(seen.renderer, lambda call: 2 <= call < 2 + ticks)
+        camera._viewpoint = seen._replace(renderer=spoiling)
 
     clean, broken = flash(levels), flash(levels, first=spoil)
     wrong = differing(clean.film, broken.film)

@@ -49,13 +49,18 @@ void add_mesh(SceneData& s, In<float, N, 3> vertices, In<int32_t, N, 3> faces,
           "one normal for each corner of each face");
   require(!texcoords || texcoords->shape(0) == faces.shape(0),
           "one texture coordinate for each corner of each face");
-  s.meshes.push_back(make_mesh(vertices.data(), static_cast<int>(vertices.shape(0)), faces.data(),
-                               static_cast<int>(faces.shape(0)),
-                               normals ? normals->data() : nullptr,
-                               texcoords ? texcoords->data() : nullptr));
+  s.meshes.push_back(std::make_shared<SceneData::MeshData>(
+      make_mesh(vertices.data(), static_cast<int>(vertices.shape(0)), faces.data(),
+                static_cast<int>(faces.shape(0)), normals ? normals->data() : nullptr,
+                texcoords ? texcoords->data() : nullptr)));
 }
 
-int add_texture(SceneData& s, In<uint8_t, N, N, N, N> data, bool srgb) {
+void share_mesh(SceneData& s, const BoundCaster& caster, int mesh) {
+  require(mesh >= 0 && mesh < caster.caster.mesh_count(), "the mesh does not exist");
+  s.meshes.push_back(caster.caster.shared_mesh(mesh));
+}
+
+int add_texture(SceneData& s, In<uint8_t, N, N, N, N> data, bool srgb, int like) {
   int faces = static_cast<int>(data.shape(0)), c = static_cast<int>(data.shape(3));
   require(faces == 1 || faces == 6, "a texture has 1 or 6 faces");
   require(c == 1 || c == 3 || c == 4, "a texture has 1, 3 or 4 components");
@@ -69,7 +74,8 @@ int add_texture(SceneData& s, In<uint8_t, N, N, N, N> data, bool srgb) {
                         static_cast<int>(data.shape(1)),
                         static_cast<int>(data.shape(2)),
                         c,
-                        srgb});
+                        srgb,
+                        like});
   return static_cast<int>(s.textures.size()) - 1;
 }
 
@@ -143,11 +149,11 @@ void set_haze(SceneData& s, float ratio, float radius, Rgb color) {
 }
 
 BoundCaster* make_caster(const SceneData& scene, const Optics& optics, const Tracing& tracing,
-                         int threads, const std::string& isa) {
+                         int threads, const std::string& isa, const BoundCaster* before) {
   require(scene.skybox < static_cast<int>(scene.textures.size()),
           "the skybox's texture does not exist");
   require(scene.skybox < 0 || scene.textures[scene.skybox].faces == 6, "a skybox has six faces");
-  return new BoundCaster{{scene, optics, tracing, threads, isa},
+  return new BoundCaster{{scene, optics, tracing, threads, isa, before ? &before->caster : nullptr},
                          scene.geom_type.size(),
                          scene.lights.size(),
                          static_cast<size_t>(optics.width),
@@ -257,8 +263,10 @@ void bind_caster(nb::module_& m) {
       m, "SceneData",
       "The constant part of a scene, filled once: textures, surfaces, meshes, lights, then geoms.")
       .def(nb::init<>())
-      .def("add_texture", &add_texture, nb::arg("data"), nb::arg("srgb"),
-           "data (faces, height, width, components) uint8; its index.")
+      .def("add_texture", &add_texture, nb::arg("data"), nb::arg("srgb"), nb::arg("like") = -1,
+           "data (faces, height, width, components) uint8; its index. like: of the same image in "
+           "the "
+           "scene of the caster's `before`.")
       .def("add_surface", &add_surface, nb::arg("rgba"), nb::arg("texture"), nb::arg("repeat"),
            nb::arg("uniform"), nb::arg("emission"), nb::arg("specular"), nb::arg("shininess"),
            nb::arg("reflectance"), nb::arg("metallic"), nb::arg("roughness"), nb::arg("maps"),
@@ -266,6 +274,8 @@ void bind_caster(nb::module_& m) {
       .def("add_mesh", &add_mesh, nb::arg("vertices"), nb::arg("faces"), nb::arg("normals").none(),
            nb::arg("texcoords").none(),
            "vertices (nv, 3), faces (nf, 3), normals (nf, 3, 3), texcoords (nf, 3, 2).")
+      .def("share_mesh", &share_mesh, nb::arg("caster"), nb::arg("mesh"),
+           "The mesh of a caster, shared until one of them deforms it.")
       .def("add_light", &add_light, nb::arg("kind"), nb::arg("ambient"), nb::arg("diffuse"),
            nb::arg("specular"), nb::arg("castshadow"), nb::arg("attenuation"),
            nb::arg("cutoff_deg"), nb::arg("exponent"), nb::arg("intensity"), nb::arg("headlight"),
@@ -281,7 +291,10 @@ void bind_caster(nb::module_& m) {
   nb::class_<BoundCaster>(m, "Caster", "One camera's view of one scene.")
       .def(nb::new_(&make_caster), nb::arg("scene"), nb::arg("optics"), nb::arg("tracing"),
            nb::kw_only(), nb::arg("threads") = 1, nb::arg("isa") = "auto",
-           "threads: 0 is one a core; isa: auto, or one of isa_available().")
+           nb::arg("before").none() = nb::none(),
+           "threads: 0 is one a core; isa: auto, or one of isa_available(). before: of the same "
+           "camera "
+           "until now; its threads and images are shared.")
       .def("trace_pixels", &trace_pixels, nb::arg("geom_pos"), nb::arg("geom_mat"),
            nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
            nb::arg("x"), nb::arg("y"), nb::arg("luminance"), nb::arg("seed") = 0,

@@ -10,6 +10,7 @@ void bind_probe(nanobind::module_& m);
 void bind_readout(nanobind::module_& m);
 void bind_sensor(nanobind::module_& m);
 void bind_settings(nanobind::module_& m);
+void bind_watch(nanobind::module_& m);
 }  // namespace evs
 
 NB_MODULE(_core, m) {
@@ -23,4 +24,5 @@ NB_MODULE(_core, m) {
   evs::bind_probe(m);
   evs::bind_readout(m);
   evs::bind_sensor(m);
+  evs::bind_watch(m);
 }

@@ -33,17 +33,18 @@ Mesh mesh_view(const SceneData::MeshData& m) {
 }  // namespace
 
 Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& tracing, int threads,
-               const std::string& isa)
+               const std::string& isa, const Caster* before)
     : kernel_(kernel_of(isa)),
-      pool_(threads),
+      pool_(before ? before->pool_ : std::make_shared<Pool>(threads)),
       incremental_(tracing.incremental),
       forced_(tracing.forced),
       mesh_data_(scene.meshes),
       look_(make_appearance(scene, tracing.rgb || tracing.forced.on(COLOUR), tracing.path,
-                            tracing.forced.off(COLOUR))) {
-  work_.trees_built = static_cast<long>(mesh_data_.size());
-  for (const SceneData::MeshData& m : mesh_data_) {
-    meshes_.push_back(mesh_view(m));
+                            tracing.forced.off(COLOUR), before ? &before->look_ : nullptr)) {
+  for (const auto& m : mesh_data_) {
+    bool shared = before && std::count(before->mesh_data_.begin(), before->mesh_data_.end(), m) > 0;
+    work_.trees_built += !shared;
+    meshes_.push_back(mesh_view(*m));
   }
   int count = static_cast<int>(scene.geom_type.size());
   for (int pass = 0; pass < 3; pass++) {
@@ -118,7 +119,7 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
     paths_.sample_set = tracing.sample_set;
     while ((1 << paths_.digits) < tracing.samples) paths_.digits++;
     set_paths();
-    batches_ = std::make_unique_for_overwrite<PathBatch[]>(pool_.threads());
+    batches_ = std::make_unique_for_overwrite<PathBatch[]>(pool_->threads());
     if (incremental_) kept_.emplace(optics.width, optics.height, tracing.samples, geoms_.size());
   }
 }
@@ -135,7 +136,9 @@ void Caster::set_paths() {
 }
 
 void Caster::deform_mesh(int index, const float* vertices, const float* normals) {
-  SceneData::MeshData& mesh = mesh_data_.at(index);
+  std::shared_ptr<SceneData::MeshData>& data = mesh_data_.at(index);
+  if (data.use_count() > 1) data = std::make_shared<SceneData::MeshData>(*data);
+  SceneData::MeshData& mesh = *data;
   // a body at rest costs a comparison
   size_t count = 3 * static_cast<size_t>(mesh.vertex_count);
   std::vector<float>& last = shapes_[index];
@@ -314,7 +317,7 @@ void Caster::end_tick() {
 
 void Caster::trace_truth(const Poses& poses, const Truth& out) {
   place_geoms(poses);
-  pool_.run(sampling_.rows, [&](int row, int) {
+  pool_->run(sampling_.rows, [&](int row, int) {
     for (int column = 0; column < sampling_.columns; column++) {
       kernel_->trace_truth(frame_, column, row, out);
     }
@@ -325,7 +328,7 @@ void Caster::trace_truth(const Poses& poses, const Truth& out) {
     for (long i = begin; i < end; i++) {
       if (out.geom[i] < 0) continue;
       const Geom& g = geoms_[out.geom[i]];
-      if (out.triangle[i] >= 0) out.triangle[i] = mesh_data_[g.mesh].tree.order[out.triangle[i]];
+      if (out.triangle[i] >= 0) out.triangle[i] = mesh_data_[g.mesh]->tree.order[out.triangle[i]];
       out.geom[i] = order_[out.geom[i]];
     }
   });
@@ -340,7 +343,7 @@ void Caster::trace_pixels(const Poses& poses, const int32_t* x, const int32_t* y
   Frame base = antialiasing_ ? antialiasing_->base_frame(frame_) : frame_;
   constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT, PACKETS_A_JOB = 16;
   constexpr int PIXELS_A_JOB = PACKET * PACKETS_A_JOB;
-  pool_.run((count + PIXELS_A_JOB - 1) / PIXELS_A_JOB, [&](int job, int worker) {
+  pool_->run((count + PIXELS_A_JOB - 1) / PIXELS_A_JOB, [&](int job, int worker) {
     int end = std::min(count, (job + 1) * PIXELS_A_JOB);
     for (int i = job * PIXELS_A_JOB; i < end; i += PACKET) {
       int n = std::min(PACKET, end - i);

@@ -50,9 +50,10 @@ struct Work {
 
 class Caster {
  public:
-  // threads: 0 is one a core; isa: "auto" or one of isa_available()
+  // threads: 0 is one a core; isa: "auto" or one of isa_available(). before: what showed the scene
+  // until now, whose threads and images are shared where they are the same; or null.
   Caster(const SceneData& scene, const Optics& optics, const Tracing& tracing, int threads = 1,
-         const std::string& isa = "auto");
+         const std::string& isa = "auto", const Caster* before = nullptr);
 
   // Out: luminance (h, w) and, where Tracing::rgb was set, linear rgb (h, w, 3) or null: the same
   // memory, untouched, in every call.
@@ -76,7 +77,11 @@ class Caster {
   void resize_geoms(const int32_t* geoms, const float* sizes, int count);
   int shape(int geom) const { return geoms_.at(static_cast<size_t>(place_.at(geom))).shape; }
   int mesh_count() const { return static_cast<int>(mesh_data_.size()); }
-  const SceneData::MeshData& mesh(int index) const { return mesh_data_.at(index); }
+  const SceneData::MeshData& mesh(int index) const { return *mesh_data_.at(index); }
+  // For another scene with the same mesh: shared until one of them deforms it.
+  const std::shared_ptr<SceneData::MeshData>& shared_mesh(int index) const {
+    return mesh_data_.at(index);
+  }
 
   // For the tests of the samplers: the kernel and what it reads, with everything in its place.
   // Paths only.
@@ -124,11 +129,11 @@ class Caster {
   Ball mirrored_in_plane() const;
 
   const Kernel* kernel_;
-  Pool pool_;
+  std::shared_ptr<Pool> pool_;
   bool incremental_;
   Forced forced_;
   Work work_;
-  std::vector<SceneData::MeshData> mesh_data_;
+  std::vector<std::shared_ptr<SceneData::MeshData>> mesh_data_;
   Appearance look_;
   std::optional<Emitters> emitters_;  // of paths only
   std::optional<KeptPaths> kept_;     // of paths that are traced only where something changed

@@ -62,7 +62,7 @@ Ball Caster::sphere_of(const Geom& g) const {
       r = std::sqrt(s[0] * s[0] + s[1] * s[1] + s[2] * s[2]);
       break;
     default: {
-      const Tree& tree = mesh_data_[g.mesh].tree;
+      const Tree& tree = mesh_data_[g.mesh]->tree;
       const float* m = g.rotation;
       V3 q = tree.center;
       c = {c.x + m[0] * q.x + m[1] * q.y + m[2] * q.z, c.y + m[3] * q.x + m[4] * q.y + m[5] * q.z,

@@ -31,7 +31,7 @@ void Caster::trace_direct(bool still, bool selective, const Outputs& out) {
     }
     Change change = {moved_rods_.data(), moved_.view(), around_moved_,
                      lights_stay ? nullptr : previous_lights_.data()};
-    ray_blocks_->ask(*kernel_, frame_, change, pool_);
+    ray_blocks_->ask(*kernel_, frame_, change, *pool_);
   } else if (recording) {
     ray_blocks_->begin();
   }
@@ -40,7 +40,7 @@ void Caster::trace_direct(bool still, bool selective, const Outputs& out) {
   Frame first_frame = antialiasing_ ? antialiasing_->base_frame(frame_) : frame_;
   std::atomic<long> traced{0}, relit{0};
   bool pairs = kernel_->trace_pair && frame_.pairs;
-  pool_.run(sampling_.rows, [&](int row, int) {
+  pool_->run(sampling_.rows, [&](int row, int) {
     using Need = RayBlocks::Need;
     long anew = 0, lit = 0;
     auto need_of = [&](int column) {
@@ -92,7 +92,7 @@ void Caster::trace_direct(bool still, bool selective, const Outputs& out) {
   });
   if (antialiasing_ && traced + relit > 0) {
     antialiasing_->close_margin();
-    pool_.run(sampling_.rows, [&](int row, int) {
+    pool_->run(sampling_.rows, [&](int row, int) {
       antialiasing_->finish_row(*kernel_, frame_, row, out, recording ? &*ray_blocks_ : nullptr);
     });
     antialiasing_->next_tick();

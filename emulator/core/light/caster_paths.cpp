@@ -22,7 +22,7 @@ void Caster::trace_paths(bool first, bool same, bool same_lamps, const Outputs& 
   long packets = static_cast<long>(sampling_.rows) * sampling_.columns;
   traced_fraction_ = 1;
   if (plan == KeptPaths::Plan::FORGET) {
-    pool_.run(sampling_.rows, [&](int row, int worker) {
+    pool_->run(sampling_.rows, [&](int row, int worker) {
       kernel_->trace_path_row(frame_, paths_, batches_[worker], row, out);
     });
     work_.packets_traced += packets;
@@ -30,8 +30,8 @@ void Caster::trace_paths(bool first, bool same, bool same_lamps, const Outputs& 
   }
   std::atomic<long> traced{0};
   // some rows a job, so that few packets are not full; yet more jobs than workers
-  int rows = std::clamp(sampling_.rows / (8 * pool_.threads()), 1, 8);
-  pool_.run((sampling_.rows + rows - 1) / rows, [&](int job, int worker) {
+  int rows = std::clamp(sampling_.rows / (8 * pool_->threads()), 1, 8);
+  pool_->run((sampling_.rows + rows - 1) / rows, [&](int job, int worker) {
     int begin = job * rows, end = std::min(begin + rows, sampling_.rows);
     traced +=
         kernel_->retrace_paths(frame_, paths_, batches_[worker], kept_->light(), begin, end, out);

@@ -23,7 +23,8 @@ constexpr float WHITE[3] = {1, 1, 1};
 // Textures ready for the kernels, each use once: the image times a colour, or its bare numbers.
 class Bakery {
  public:
-  Bakery(const SceneData& scene, Appearance& look) : scene_(scene), look_(look) {}
+  Bakery(const SceneData& scene, Appearance& look, const Appearance* before)
+      : scene_(scene), look_(look), before_(before) {}
 
   // the image times a display-coded colour; -1 stays -1
   int color(int texture, const float* rgba) {
@@ -55,23 +56,29 @@ class Bakery {
   template <class Build>
   int find(int texture, const float* key, Build&& build) {
     if (texture < 0) return -1;
-    for (const Baked& b : baked_) {
-      if (b.texture == texture && std::equal(key, key + 3, b.key)) return b.index;
-    }
-    look_.chains.push_back(build(scene_.textures[texture]));
-    int index = static_cast<int>(look_.chains.size()) - 1;
-    baked_.push_back({texture, {key[0], key[1], key[2]}, index});
+    int index = place_of(look_, texture, key);
+    if (index >= 0) return index;
+    // colours are laid out by channel
+    int like = before_ && before_->channels == look_.channels ? scene_.textures[texture].like : -1;
+    int old = like >= 0 ? place_of(*before_, like, key) : -1;
+    look_.chains.push_back(old >= 0
+                               ? before_->chains[old]
+                               : std::make_shared<const Chain>(build(scene_.textures[texture])));
+    index = static_cast<int>(look_.chains.size()) - 1;
+    look_.baked.push_back({texture, {key[0], key[1], key[2]}, index});
     return index;
   }
 
-  struct Baked {
-    int texture;
-    float key[3];
-    int index;
-  };
+  static int place_of(const Appearance& look, int texture, const float* key) {
+    for (const Appearance::Baked& b : look.baked) {
+      if (b.texture == texture && std::equal(key, key + 3, b.key)) return b.index;
+    }
+    return -1;
+  }
+
   const SceneData& scene_;
   Appearance& look_;
-  std::vector<Baked> baked_;
+  const Appearance* before_;
 };
 
 // Grey in every texel; then grey lights stay grey through it.
@@ -113,7 +120,7 @@ void add_image(const SceneData::LightData& l, const Appearance& look, Light& lig
     int k = look.channels == 3 ? c : 0;
     light.ambient[c] = light.specular[c] = 0;
     light.diffuse[c] = l.intensity > 0 ? PI * l.intensity : l.diffuse[k];
-    project_irradiance(look.chains[light.texture], c, light.harmonics[c]);
+    project_irradiance(*look.chains[light.texture], c, light.harmonics[c]);
   }
   int more = look.channels;
   light.ambient[more] = light.specular[more] = 0;
@@ -230,14 +237,15 @@ void add_air(const SceneData::AirData& data, Appearance& look) {
 
 }  // namespace
 
-Appearance make_appearance(const SceneData& scene, bool rgb, bool mixing, bool grey) {
+Appearance make_appearance(const SceneData& scene, bool rgb, bool mixing, bool grey,
+                           const Appearance* before) {
   Appearance look = {};
   choose_channels(scene, rgb, mixing, grey, look);
-  Bakery bakery(scene, look);
+  Bakery bakery(scene, look, before);
   add_lights(scene, bakery, look);
   add_surfaces(scene, bakery, look);
   add_air(scene.air, look);
-  for (const Chain& chain : look.chains) look.textures.push_back(chain.view());
+  for (const auto& chain : look.chains) look.textures.push_back(chain->view());
   return look;
 }
 

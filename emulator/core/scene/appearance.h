@@ -2,6 +2,7 @@
 // in them.
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "mipmap.h"
@@ -19,7 +20,13 @@ struct Appearance {
   std::vector<Light> lights;
   std::vector<bool> headlight;  // of each light
   std::vector<Surface> surfaces;
-  std::vector<Chain> chains;
+  std::vector<std::shared_ptr<const Chain>> chains;
+  struct Baked {  // which chain is which texture in which colour
+    int texture;
+    float key[3];
+    int index;
+  };
+  std::vector<Baked> baked;
   std::vector<Texture> textures;  // views of the chains
   int skybox;                     // index into textures, -1 none
   bool layered;                   // a surface is physical or has maps
@@ -29,7 +36,9 @@ struct Appearance {
 
 // rgb: colour is wanted, whatever the lights are; the luminance keeps its bytes. mixing: light goes
 // from surface to surface, which needs its colour: three channels. grey: lights lose their colour
-// instead (for tests).
-Appearance make_appearance(const SceneData& scene, bool rgb, bool mixing, bool grey = false);
+// instead (for tests). before: of the scene that was shown before, whose chains are taken over
+// where the image is the same, or null.
+Appearance make_appearance(const SceneData& scene, bool rgb, bool mixing, bool grey = false,
+                           const Appearance* before = nullptr);
 
 }  // namespace evs

@@ -96,7 +96,7 @@ Emitters::Emitters(const SceneData& scene, const Appearance& look, const std::ve
     double power_area = area;
     if (shape == MESH || shape == HFIELD) {
       glow.mesh = scene.geom_mesh[g];
-      glow.cumulative = triangle_shares(scene.meshes[glow.mesh].tree, area);
+      glow.cumulative = triangle_shares(scene.meshes[glow.mesh]->tree, area);
       power_area = area;
     } else if (shape == ELLIPSOID) {
       const float* s = &scene.geom_size[3 * static_cast<size_t>(g)];

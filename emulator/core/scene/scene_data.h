@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "bvh.h"
@@ -21,6 +22,7 @@ struct SceneData {
     std::vector<uint8_t> data;
     int faces, height, width, components;
     bool srgb;
+    int like = -1;  // the same image in the scene that was shown before, -1 none
   };
   struct SurfaceData {
     float rgba[4];
@@ -51,8 +53,8 @@ struct SceneData {
     float haze_ratio = 0, haze_radius = 0, haze_color[3] = {};
   };
   std::vector<int> geom_type, geom_mesh, geom_surface;
-  std::vector<float> geom_size;  // (ng, 3)
-  std::vector<MeshData> meshes;
+  std::vector<float> geom_size;                   // (ng, 3)
+  std::vector<std::shared_ptr<MeshData>> meshes;  // who moves one has it alone
   std::vector<TextureData> textures;
   std::vector<SurfaceData> surfaces;
   std::vector<LightData> lights;

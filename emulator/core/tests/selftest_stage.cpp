@@ -42,8 +42,12 @@ SceneData scene_of_everything(float tint) {
   const int32_t faces[] = {0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 4, 2, 3, 4, 3, 1, 4, 0, 0, 0, 1, 1, 2};
   std::vector<float> uv;
   for (int i = 0; i < 8 * 6; i++) uv.push_back(static_cast<float>(i % 7) * 0.3f);
-  s.meshes.push_back(make_mesh(vertices, 5, faces, 8, nullptr, uv.data()));
-  s.meshes.push_back(make_mesh(vertices, 5, faces, 0, nullptr, nullptr));
+  auto add_mesh = [&](int count, const float* texcoords) {
+    s.meshes.push_back(std::make_shared<SceneData::MeshData>(
+        make_mesh(vertices, 5, faces, count, nullptr, texcoords)));
+  };
+  add_mesh(8, uv.data());
+  add_mesh(0, nullptr);
   for (int shape = PLANE; shape <= MESH; shape++) {
     s.geom_type.push_back(shape);
     s.geom_mesh.push_back(shape == MESH ? 0 : shape == HFIELD ? 1 : -1);

@@ -1,0 +1,94 @@
+// Memory that others write, as Python sees it: whether it changed, and a digest of much of it.
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/vector.h>
+
+#include <cstring>
+#include <vector>
+
+namespace nb = nanobind;
+
+namespace evs {
+namespace {
+
+using Array = nb::ndarray<nb::ro, nb::c_contig, nb::device::cpu>;
+
+// Arrays of others, and what they held when they were last known.
+class Watch {
+ public:
+  explicit Watch(std::vector<Array> arrays) : arrays_(std::move(arrays)) {
+    size_t bytes = 0;
+    for (const Array& a : arrays_) bytes += a.nbytes();
+    known_.resize(bytes);
+    keep();
+  }
+
+  // Is a byte another than was known? A NaN is the NaN that it was.
+  bool changed() const {
+    const uint8_t* known = known_.data();
+    for (const Array& a : arrays_) {
+      size_t bytes = a.nbytes();
+      if (bytes && std::memcmp(a.data(), known, bytes) != 0) return true;
+      known += bytes;
+    }
+    return false;
+  }
+
+  void keep() {
+    uint8_t* known = known_.data();
+    for (const Array& a : arrays_) {
+      size_t bytes = a.nbytes();
+      if (bytes) std::memcpy(known, a.data(), bytes);
+      known += bytes;
+    }
+  }
+
+ private:
+  std::vector<Array> arrays_;
+  std::vector<uint8_t> known_;
+};
+
+constexpr uint64_t ODD = 0x9e3779b97f4a7c15u;  // 2^64 over the golden ratio
+
+// One step of a lane. For a given state it is a bijection of the word, and the other way round: one
+// word that changed always shows.
+uint64_t mixed(uint64_t state, uint64_t word) {
+  uint64_t h = (state ^ word) * ODD;
+  return h ^ (h >> 29);
+}
+
+// In four lanes, so that a multiplication need not wait for the one before.
+uint64_t digest(const std::vector<Array>& arrays) {
+  uint64_t lane[4] = {1, 2, 3, 4};
+  for (const Array& a : arrays) {
+    const auto* bytes = static_cast<const uint8_t*>(a.data());
+    size_t count = a.nbytes(), at = 0;
+    uint64_t words[4];
+    for (; at + sizeof words <= count; at += sizeof words) {
+      std::memcpy(words, bytes + at, sizeof words);
+      for (int k = 0; k < 4; k++) lane[k] = mixed(lane[k], words[k]);
+    }
+    std::memset(words, 0, sizeof words);
+    if (at < count) std::memcpy(words, bytes + at, count - at);
+    for (int k = 0; k < 4; k++) lane[k] = mixed(lane[k], words[k]);
+    lane[0] = mixed(lane[0], count);
+  }
+  uint64_t all = 0;
+  for (uint64_t one : lane) all = mixed(all, one);
+  return all;
+}
+
+}  // namespace
+
+void bind_watch(nb::module_& m) {
+  nb::class_<Watch>(m, "Watch", "Arrays of others, and what they held when they were last known.")
+      .def(nb::init<std::vector<Array>>(), nb::arg("arrays"),
+           "arrays: any shape and type, contiguous; what they hold now is known.")
+      .def("changed", &Watch::changed, "Whether a byte is another than was known.")
+      .def("keep", &Watch::keep, "What they hold now is known.");
+  m.def("digest", &digest, nb::arg("arrays"),
+        "64 bits of what the arrays hold, in their order; one changed word changes it for sure.");
+}
+
+}  // namespace evs

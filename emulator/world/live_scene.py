@@ -1,0 +1,85 @@
+"""LiveScene: the scene of a model that its user may edit between any two ticks."""
+
+from __future__ import annotations
+
+import mujoco
+
+from evs.emulator import _core
+from evs.emulator.scene import SceneModel
+from evs.emulator.world.extraction import extract_scene
+from evs.emulator.world.watch import (
+    DEFORMING,
+    KINEMATICS,
+    MESHES,
+    OPTICS,
+    SCENE,
+    ModelWatch,
+    Parts,
+    arrays_of,
+)
+from evs.msgs import EvsError
+
+
+class LiveScene:
+    """The scene of a model, and whether it still is.
+
+    Where `outdated`, take what `extract` gives, and say so with `taken`. An edit that cannot be
+    shown raises EvsError in every look until it is undone.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Raises EvsError as of extract_scene."""
+        self._model, self._parts = model, Parts()
+        self._watch = ModelWatch(model)
+        self.scene: SceneModel = extract_scene(model, self._parts)
+        """as it was last taken"""
+        self._pending = self._whole = self._closely = False
+        self._twin: tuple[mujoco.MjModel, _core.Watch] | None = None
+
+    def check_data(self, data: mujoco.MjData) -> None:
+        """EvsError where data is of another model; of a copy that is as the model is will do."""
+        other = data.model
+        if other is self._model:
+            return
+        if self._twin is None or other is not self._twin[0] or self._twin[1].changed():
+            self._twin = None
+            names = (*SCENE, *OPTICS, *KINEMATICS)
+            if _contents(other, names) != _contents(self._model, names):
+                raise EvsError(
+                    "the data belongs to another model, recompiled, or edited since it was copied: "
+                    "make a new Sensor from data.model, or edit the model that this one was made of"
+                )
+            self._twin = other, _core.Watch(arrays_of(other, names))
+
+    def look_closely(self) -> None:
+        """The next look is one at meshes, height fields, textures, skins and flexes as well."""
+        self._closely = True
+
+    def outdated(self) -> bool:
+        """Whether the model was edited since its scene was last taken."""
+        if self._closely:
+            self._closely = False
+            if self._parts.forget_changed():
+                self._pending = self._whole = True
+        return self._pending or self._watch.changed()
+
+    def extract(self) -> SceneModel:
+        """The scene of the model as it is now; the same one where only cameras were edited.
+
+        Its meshes and textures are those of before where nothing of them changed. Raises EvsError.
+        """
+        # known from here on: what is edited meanwhile shows at the next look
+        self._pending = True
+        self._whole |= self._watch.keep()
+        return extract_scene(self._model, self._parts, self.scene) if self._whole else self.scene
+
+    def taken(self, scene: SceneModel) -> None:
+        """`scene` is what cameras show from now on."""
+        self.scene = scene
+        self._pending = self._whole = False
+
+
+def _contents(model: mujoco.MjModel, names: tuple[str, ...]) -> list[tuple[tuple[int, ...], int]]:
+    """Shapes and a digest of what a model's pictures are made of."""
+    arrays = arrays_of(model, (*names, *MESHES, *DEFORMING))
+    return [(array.shape, _core.digest([array])) for array in arrays]
