@@ -1,6 +1,6 @@
 # The commands of this project. Any make will do; `make` alone lists them.
 .POSIX:
-.PHONY: help demo test check bench dev stubs format sanitize wheel clean
+.PHONY: help demo test check bench dev stubs format sanitize versions wheel clean
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
@@ -15,7 +15,7 @@ test:
 	@sh .ci/setup.sh
 	.venv/bin/pytest -m "not slow and not bench"
 
-# make check     format, lint, types, sanitisers, then every test but the timings: what CI runs
+# make check     format, lint, types, sanitisers, versions, then every test but the timings: what CI runs
 check:
 	@sh .ci/setup.sh dev
 	.venv/bin/ruff format --check .
@@ -23,6 +23,7 @@ check:
 	.venv/bin/clang-format --dry-run -Werror emulator/core/*/*.cpp emulator/core/*/*.h
 	.venv/bin/mypy
 	@sh .ci/sanitize.sh
+	@sh .ci/versions.sh
 	@sh .ci/tests.sh
 
 # make bench     timings
@@ -49,6 +50,11 @@ stubs:
 sanitize:
 	@sh .ci/setup.sh
 	@sh .ci/sanitize.sh
+
+# make versions  a quick part of the tests with each MuJoCo and NumPy of .ci/versions.sh
+versions:
+	@sh .ci/setup.sh
+	@sh .ci/versions.sh
 
 # make wheel     dist/evs-*.whl
 wheel:

@@ -76,7 +76,8 @@ class Sensor:
         if not isinstance(model, MjModel):
             raise EvsError(
                 f"a Sensor takes a mujoco.MjModel, not {_kind(model)}; "
-                "gymnasium: env.unwrapped.model, dm_control: physics.model.ptr"
+                "gymnasium: env.unwrapped.model (Metaworld too), dm_control: physics.model.ptr, "
+                "robosuite: env.sim.model._model"
             )
         self._model = model
         plan = plan_camera(camera, sensor, render, model_config, name, seed, threads)
@@ -118,7 +119,8 @@ class Sensor:
         if not isinstance(data, MjData):
             raise EvsError(
                 f"observe takes a mujoco.MjData, not {_kind(data)}; "
-                "gymnasium: env.unwrapped.data, dm_control: physics.data.ptr"
+                "gymnasium: env.unwrapped.data (Metaworld too), dm_control: physics.data.ptr, "
+                "robosuite: env.sim.data._data"
             )
         if not math.isfinite(data.time):
             raise EvsError(f"data.time is {data.time}: the simulation is unstable")

@@ -55,7 +55,10 @@ def emd_map(events: Events, reference: Events, window: Window, tick_us: int = 10
         # tick i owns (t_{i-1}, t_i]
         tick = np.concatenate([-((window.t_begin_us - part["t"]) // tick_us) for part, _ in both])
         cell = np.concatenate(
-            [part["p"] * np.int64(window.pixels) + window.pixel_index(part) for part, _ in both]
+            [
+                part["p"].astype(np.int64) * window.pixels + window.pixel_index(part)
+                for part, _ in both
+            ]
         )
         weight = np.concatenate([np.full(len(part), sign, np.int64) for part, sign in both])
         order = np.lexsort((tick, cell))
