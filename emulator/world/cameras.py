@@ -196,11 +196,11 @@ def _model_optics(
         fovy = float(model.cam_fovy[camera])
         return _with_lens(_optics(width, height, fovy, orthographic, config), config)
 
-    if not (float(model.cam_intrinsic[camera][0]) > 0.0 and model.cam_intrinsic[camera][1] > 0.0):
+    if not min(size_x, size_y, *model.cam_intrinsic[camera][:2]) > 0.0:
         name = name_of(model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
         raise EvsError(
-            f"camera '{name}' has a sensorsize, but focal lengths that are not over 0: give its "
-            "focal (m) or focalpixel in the model, or camera.fovy here"
+            f"camera '{name}' has a sensorsize, but not all of it and of its focal lengths is over "
+            "0: give focal or focalpixel in the model, or camera.fovy here"
         )
     # the model's image plane is stretched over our pixels, as MuJoCo stretches it over a window
     focal_x, focal_y, principal_x, principal_y = (float(v) for v in model.cam_intrinsic[camera])

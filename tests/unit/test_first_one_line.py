@@ -16,7 +16,7 @@ from evs.drivers.bus.keys import write_keys
 from evs.drivers.pictures import write_png
 from evs.drivers.pipeline.config import load
 from evs.emulator import Loop, Sensor, World
-from evs.emulator.config import SensorConfig
+from evs.emulator.config import CameraConfig, SensorConfig
 from evs.emulator.world import bind_camera, load_model
 from evs.launch.main import main
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, TriggerPacket
@@ -42,8 +42,10 @@ def model(timestep: str = "0.001", lens: str = "") -> mujoco.MjModel:
 @pytest.mark.parametrize("focal", ["0 0", "-.01 .01", ".01 0"])
 def test_a_lens_without_a_focal_length(focal: str) -> None:
     lens = f'sensorsize=".004 .003" resolution="400 300" focal="{focal}"'
-    with pytest.raises(EvsError, match="camera 'lens' has a sensorsize, but focal lengths"):
-        bind_camera(model(lens=lens), "lens", 64, 48)
+    own = model(lens=lens)
+    with pytest.raises(EvsError, match="camera 'lens' has a sensorsize, but not all of it"):
+        bind_camera(own, "lens", 64, 48)
+    assert bind_camera(own, "lens", 64, 48, CameraConfig(fovy=40.0)).model.fx > 0
 
 
 @pytest.mark.parametrize(
