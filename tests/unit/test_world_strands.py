@@ -21,7 +21,7 @@ MARKS = """
 <mujoco>
   <option timestep=".002"/>
   <visual><quality numslices="12"/></visual>
-  <asset><material name="m" rgba=".2 .8 .3 1" specular=".25"/></asset>
+  <asset><material name="m" rgba=".2 .8 .3 1" specular=".25" emission=".3"/></asset>
   <default><site size=".02"/></default>
   <worldbody>
     <light type="directional" dir=".2 .3 -1"/>
@@ -153,7 +153,8 @@ def check_marks(model, data, scene: SceneModel, snapshot: SceneSnapshot) -> None
         surface = scene.surfaces[scene.geom_surface[row]]
         assert scene.geom_type[row] == theirs.type
         assert surface.rgba == pytest.approx(tuple(theirs.rgba))
-        assert (surface.specular, surface.shininess) == (theirs.specular, theirs.shininess)
+        ours = surface.emission, surface.specular, surface.shininess
+        assert ours == (theirs.emission, theirs.specular, theirs.shininess)
         size = sizes[row].tolist()
         if theirs.type == mujoco.mjtGeom.mjGEOM_SPHERE:
             size = [size[0]] * 3
