@@ -109,6 +109,8 @@ class Surface:
     shininess: float = 0.5
     """0 ... 1; times 128 is the Blinn-Phong exponent"""
     reflectance: float = 0.0
+    """share of a perfect mirror, of opaque surfaces. A plane mirrors on its front, a box on its +Z
+    face; other shapes do all around, but a model's have none"""
     metallic: float = -1.0
     """0 dielectric ... 1 metal; negative: not given. Given, or a map of it: a physical material,
     whose gloss is a GGX lobe and not `specular` and `shininess`"""

@@ -79,13 +79,13 @@ def extract_light(model: mujoco.MjModel, light: int, surfaces: Surfaces) -> Ligh
         texture=surfaces.texture(image),
         name=name,
     )
-    if kind is not LightKind.SPOT:
+    if kind not in (LightKind.SPOT, LightKind.POINT):
         return common
-
-    # only spots fade with distance and angle
+    common = replace(common, attenuation=colour("attenuation"))
+    if kind is LightKind.POINT:
+        return common
     return replace(
         common,
-        attenuation=colour("attenuation"),
         cutoff_deg=number("cutoff", 0.0, 180.0),
         exponent=number("exponent", 0.0, 1e9),
         softness=number("softness", 0.0, 1.0),

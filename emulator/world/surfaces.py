@@ -32,6 +32,10 @@ MAP_ROLES = {
 }
 """map of one number -> roles and which component of theirs; the first that is filled counts"""
 
+MIRRORS = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX)
+"""Geoms of these types mirror where their material has reflectance: planes, and boxes on their +Z
+face, in both of MuJoCo's renderers and in its reference."""
+
 UNSET = (0.5, 0.5, 0.5, 1.0)
 """A geom's rgba that means: take the material's."""
 
@@ -98,17 +102,25 @@ class Surfaces:
 
     def of_geom(self, geom: int) -> int:
         """Index of the geom's surface."""
-        return self.of(geom_rgba(self.model, geom), int(self.model.geom_matid[geom]))
+        mirrors = int(self.model.geom_type[geom]) in MIRRORS
+        return self.of(
+            geom_rgba(self.model, geom), int(self.model.geom_matid[geom]), mirrors=mirrors
+        )
 
     def of_site(self, site: int) -> int:
         """Index of the site's surface."""
         return self.of(site_rgba(self.model, site), int(self.model.site_matid[site]))
 
-    def of(self, rgba: Rgba, material: int, textured: bool = True) -> int:
-        """Index of the surface with this colour and material (-1 none), with its image or not."""
+    def of(self, rgba: Rgba, material: int, textured: bool = True, *, mirrors: bool = False) -> int:
+        """Index of the surface with this colour and material (-1 none).
+
+        In: textured, with its image or not; mirrors, what has it can: else its reflectance is 0.
+        """
         surface = Surface(rgba=rgba)
         if material >= 0:
             surface = self._with_material(rgba, material)
+        if not mirrors:
+            surface = replace(surface, reflectance=0.0)
         if not textured:
             surface = replace(
                 surface,

@@ -12,7 +12,7 @@ import pytest
 from evs.drivers.pictures import write_png
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.world import load_model
-from reference.mujoco_picture import MujocoPictures
+from reference.mujoco_picture import MujocoPictures, SideBySide, decoded
 
 ROBOTS = ("gymnasium/ant", "gymnasium/humanoid", "gymnasium/pusher", "dm_control/cheetah",
           "dm_control/humanoid_CMU", "dm_control/cartpole")  # fmt: skip
@@ -84,3 +84,92 @@ def test_textures_have_the_colours_of_mujocos_picture(
         theirs, ours = seen.colours(geom)
         np.testing.assert_allclose(theirs, colour / 255, atol=0.005)
         np.testing.assert_allclose(ours, theirs, atol=0.005)
+
+
+MIRRORS = {
+    "plane": '<geom type="plane" size="1 1 .1" material="m"/>',
+    "box from above": '<geom type="box" size="1 1 .1" pos="0 0 -.1" material="m"/>',
+    "box from below": '<geom type="box" size="1 1 .1" pos="0 0 -.1" euler="180 0 0" material="m"/>',
+    "glass": '<geom type="plane" size="1 1 .1" rgba=".2 .2 .2 .9" material="m"/>',
+    "height field": '<geom type="hfield" hfield="h" material="m"/>',
+    "sphere": '<geom size="2" pos="0 0 -2" material="m"/>',
+    "ellipsoid": '<geom type="ellipsoid" size="2 2 .1" pos="0 0 -.1" material="m"/>',
+    "cylinder": '<geom type="cylinder" size="1 .1" pos="0 0 -.1" material="m"/>',
+    "capsule": '<geom type="capsule" size=".5 1" pos="0 0 -.5" euler="0 90 0" material="m"/>',
+    "mesh": '<geom type="mesh" mesh="plate" material="m"/>',
+}
+
+
+@pytest.mark.parametrize("renderer", ["direct", "path"])
+@pytest.mark.parametrize("kind", MIRRORS)
+def test_what_mujoco_mirrors_is_a_mirror_and_nothing_else(
+    kind: str, renderer: str, mujoco_beside: MujocoPictures
+):
+    """A red ball over something with reflectance: its image is on planes and tops of boxes."""
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco>{AROUND.format(0.8)}<asset>
+        <hfield name="h" nrow="2" ncol="2" size="1 1 .01 .1" elevation="0 0 0 0"/>
+        <mesh name="plate" vertex="1 1 0 -1 1 0 1 -1 0 -1 -1 0
+          1 1 -.2 -1 1 -.2 1 -1 -.2 -1 -1 -.2"/>
+        <material name="m" rgba=".2 .2 .2 1" reflectance=".8" specular="0"/></asset><worldbody>
+        <camera pos="0 -3 1.5" xyaxes="1 0 0 0 .5 1"/>
+        <geom size=".3" pos="0 0 .6" rgba="1 0 0 1"/>{MIRRORS[kind]}</worldbody></mujoco>""")
+    seen = mujoco_beside.beside(
+        model,
+        render=RenderConfig(renderer=renderer, spp=16, bounces=1 if renderer == "path" else 2),
+    )
+    assert seen.shape_agrees > 0.985
+    # what the ball's light makes of dark grey is less than this
+    red = [
+        light[..., 0] - light[..., 1] > 0.05 for light in (decoded(seen.theirs / 255), seen.ours)
+    ]
+    below = [mask & (seen.our_ids == 1) & (seen.their_ids == 1) for mask in red]
+    assert (below[0].sum() > 200) == (kind in ("plane", "box from above"))
+    assert (below[0] == below[1])[seen.inside(1)].mean() > 0.995
+
+
+def lamp_over_a_plate(light: str, headlight: str = AROUND.format(0)) -> mujoco.MjModel:
+    """A small plate 1.5 m under a lamp at (0 0 2), seen from above; of albedo .5 as coded."""
+    return mujoco.MjModel.from_xml_string(f"""<mujoco>{headlight}<asset>
+        <material name="m" rgba=".5 .5 .5 1" specular="0"/></asset><worldbody>
+        <camera pos="0 0 1" projection="orthographic" fovy=".1"/>{light}
+        <geom type="box" size=".04 .04 .5" material="m"/></worldbody></mujoco>""")
+
+
+def share_of(seen: SideBySide) -> tuple[float, float]:
+    """Light on the plate, as a share of one unit: theirs, ours."""
+    albedo = 0.5
+    theirs, ours = seen.theirs[seen.inside(0)] / 255 / albedo, seen.ours[seen.inside(0)]
+    return float(np.median(theirs)), float(np.median(ours) / decoded(albedo))
+
+
+@pytest.mark.parametrize(
+    "attenuation", [(1, 0, 0), (2, 0, 0), (1, 0.5, 0), (0, 0, 1), (0.5, 0.4, 0.2)]
+)
+@pytest.mark.parametrize("renderer", ["direct", "path"])
+def test_lamps_fade_as_mujocos(
+    attenuation: tuple[float, ...], renderer: str, mujoco_beside: MujocoPictures
+):
+    """Spots in the picture of MuJoCo's classic renderer, which leaves `point` lamps out, and point
+    lamps as that spot, diffuse and ambient; suns and the headlight fade nowhere."""
+    said = f'attenuation="{" ".join(map(str, attenuation))}" diffuse=".6 .6 .6" ambient=".2 .2 .2"'
+    said += ' specular="0 0 0" castshadow="false" bulbradius="0" pos="0 0 2"'
+    render = RenderConfig(renderer=renderer, spp=16, bounces=0)
+    constant, linear, square = attenuation
+    expected = 0.8 / (constant + linear * 1.5 + square * 1.5**2)
+    spot = f'<light type="spot" dir="0 0 -1" cutoff="80" exponent="0" {said}/>'
+    theirs, ours = share_of(mujoco_beside.beside(lamp_over_a_plate(spot), render=render))
+    assert theirs == pytest.approx(expected, abs=0.01)
+    assert ours == pytest.approx(expected, rel=0.01)
+    _, ours = share_of(
+        mujoco_beside.beside(lamp_over_a_plate(f"<light type='point' {said}/>"), render=render)
+    )
+    assert ours == pytest.approx(expected, rel=0.01)
+    sun = lamp_over_a_plate(f'<light type="directional" dir="0 0 -1" {said}/>')
+    head = lamp_over_a_plate(
+        "",
+        '<visual><headlight ambient=".2 .2 .2" diffuse=".6 .6 .6" specular="0 0 0"/></visual>',
+    )
+    for model in (sun, head):
+        theirs, ours = share_of(mujoco_beside.beside(model, render=render))
+        assert theirs == pytest.approx(0.8, abs=0.01)
+        assert ours == pytest.approx(0.8, rel=0.01)

@@ -302,3 +302,76 @@ def test_a_texture_is_linear_where_it_is_named(renderer: str) -> None:
     np.testing.assert_allclose(light_with(("grey",)), 64 / 255, rtol=1e-5)
     with pytest.raises(EvsError, match=r"^no render.linear_textures 'gray'; there is: grey$"):
         light_with(("gray",))
+
+
+@pytest.mark.parametrize("renderer", ["direct", "path", "raster"])
+def test_a_point_lamp_fades_with_distance(renderer: str) -> None:
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco>{DARK}<asset>{MATT.format(0.5)}</asset>
+        <worldbody><camera pos="0 0 5" projection="orthographic" fovy="2"/>
+        <light type="point" pos="0 0 2" diffuse="1 1 1" ambient=".3 .3 .3" bulbradius="0"
+          attenuation="1 .5 .25"/>
+        <geom type="plane" size="9 9 .1" material="matt"/></worldbody></mujoco>""")
+    bound = bind_camera(model, "", 32, 32)
+    frame, scene = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0), extract_scene(model)
+    config = RenderConfig(renderer=renderer, spp=1, bounces=0)
+    light = make_renderer(scene, bound.model, config, 1).render(frame, frame.cameras[0])
+    x, y = pixel_centres()
+    r = np.sqrt(x**2 + y**2 + 4)
+    expected = linear(0.5) * (2 / r + 0.3) / (1 + 0.5 * r + 0.25 * r**2)
+    # a sample of `path` is anywhere in its pixel
+    np.testing.assert_allclose(light, expected, rtol=1e-4 if renderer != "path" else 0.03)
+
+
+RENDERERS = ("direct", "path")
+
+
+def light_by(renderer: str, xml: str, **render: object) -> np.ndarray:
+    """(32, 32) luminance of an MJCF, seen by its camera, by a renderer with many samples."""
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
+    bound = bind_camera(model, "", 32, 32)
+    frame, scene = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0), extract_scene(model)
+    config = RenderConfig(**{"renderer": renderer, "spp": 64, **render})  # type: ignore[arg-type]
+    made = make_renderer(scene, bound.model, config, 1)
+    return made.render(frame, frame.cameras[0]).astype(np.float64)
+
+
+AMBIENT = """<asset><material name="floor" rgba=".5 .5 .5 1" specular="0" reflectance="{}"/>
+    </asset><visual><headlight ambient=".4 .4 .4" diffuse="0 0 0" specular="0 0 0"/></visual>
+    <worldbody><camera pos="0 0 2" fovy="20"/><geom type="plane" size="9 9 .1" material="floor"/>{}
+    </worldbody>"""
+
+
+def test_ambient_light_is_nothing_to_see() -> None:
+    """Neither behind what is lit by it, nor through glass, nor in a mirror."""
+    light = {
+        (renderer, mirror): light_by(renderer, AMBIENT.format(mirror, "")) for renderer in RENDERERS
+        for mirror in (0, 0.5)
+    }  # fmt: skip
+    own = 0.4 * linear(0.5)
+    for mirror in (0, 0.5):
+        np.testing.assert_allclose(light["direct", mirror], own, rtol=1e-5)
+        # a mirror takes its share of a surface; what is around shows nothing in it
+        np.testing.assert_allclose(light["path", mirror].mean(), (1 - mirror) * own, rtol=0.02)
+    # a plate before nothing; glass shows what is behind it
+    plate = '<geom type="plane" size=".1 .1 .1" material="floor" rgba=".5 .5 .5 {}"/>'
+    alone = AMBIENT.replace('<geom type="plane" size="9 9 .1" material="floor"/>', "")
+    for renderer in RENDERERS:
+        for alpha in (1, 0.5):
+            seen = light_by(renderer, alone.format(0, plate.format(alpha)))
+            assert (seen[0] == 0).all()
+            np.testing.assert_allclose(seen[12:20, 12:20].mean(), alpha * own, rtol=0.02)
+
+
+def test_ambient_light_is_shaded_by_what_stands_around_in_path_alone() -> None:
+    """Between two walls a path finds less of the even sky; `direct` adds it everywhere."""
+    walls = "".join(
+        f'<geom type="box" size=".05 2 2" pos="{x} 0 0" rgba="0 0 0 1"/>' for x in (-0.3, 0.3)
+    )
+    open_, narrow = (
+        light_by("path", AMBIENT.format(0, more), bounces=0)[16, 12:20].mean()
+        for more in ("", walls)
+    )
+    assert open_ == pytest.approx(0.4 * linear(0.5), rel=0.02)
+    assert 0.02 < narrow / open_ < 0.4
+    same = light_by("direct", AMBIENT.format(0, walls))[16, 12:20]
+    np.testing.assert_allclose(same, 0.4 * linear(0.5), rtol=1e-5)

@@ -64,7 +64,9 @@ def compare(model) -> SceneModel:
         surface = scene.surfaces[scene.geom_surface[row]]
         assert surface.rgba == pytest.approx(tuple(geom.rgba))
         assert (surface.emission, surface.specular) == (geom.emission, geom.specular)
-        assert (surface.shininess, surface.reflectance) == (geom.shininess, geom.reflectance)
+        assert surface.shininess == geom.shininess
+        mirrors = geom.type in (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX)
+        assert surface.reflectance == (geom.reflectance if mirrors else 0.0)
         texid = image_of(model, geom)
         if texid >= 0:
             texture = scene.textures[surface.texture]
@@ -91,6 +93,7 @@ def compare(model) -> SceneModel:
                 assert (ours.intensity, ours.range_m) == (theirs.intensity, theirs.range)
             assert ours.bulbradius_m == theirs.bulbradius
         if ours.kind is LightKind.SPOT:
+            # of point lamps, which it does not draw, MuJoCo copies none
             assert ours.attenuation == tuple(theirs.attenuation)
             assert (ours.cutoff_deg, ours.exponent) == (theirs.cutoff, theirs.exponent)
     return scene
@@ -121,7 +124,7 @@ RULES = """
   <worldbody>
     <light type="spot" pos="0 0 3" cutoff="30" exponent="5" attenuation="1 .5 .25"/>
     <light type="point" pos="1 0 3" attenuation="1 .5 .25" intensity="40" bulbradius=".1"/>
-    <light type="directional" dir="0 1 -1" castshadow="false"/>
+    <light type="directional" dir="0 1 -1" castshadow="false" attenuation="1 .5 .25"/>
     <light type="spot" active="false"/>
     <geom name="own" size=".1" material="m" rgba="1 0 0 .5"/>
     <geom name="material" size=".1" material="m"/>
@@ -176,10 +179,11 @@ def test_only_textures_in_use_are_kept_and_cubes_have_six_faces(rules):
     assert all(texture.srgb for texture in scene.textures)
 
 
-def test_attenuation_belongs_to_spots_only(rules):
+def test_attenuation_belongs_to_lamps_in_a_place(rules):
     lights = {light.kind: light for light in rules[0].lights if not light.headlight}
     assert lights[LightKind.SPOT].attenuation == (1.0, 0.5, 0.25)
-    assert lights[LightKind.POINT].attenuation == (1.0, 0.0, 0.0)
+    assert lights[LightKind.POINT].attenuation == (1.0, 0.5, 0.25)
+    assert lights[LightKind.DIRECTIONAL].attenuation == (1.0, 0.0, 0.0)
     assert rules[0].lights[0].headlight
     assert len(rules[0].lights) == 4
 

@@ -55,12 +55,13 @@ EVS_INLINE SkyPlace on_sky(const Frame& f, Vec d) {
 }
 
 // Radiance of the sky at a place, where a surface scatters with the density `lobe`, per sr, or
-// where one drawn as wide sees it. A wide lobe sees the sky blurred by a sixteenth of its own
-// width, and at most by a texel of 32 a face (after Krivanek & Colbert 2008): a small bright spot
-// gives less noise, and what is read lies close together.
+// where one drawn as wide sees it. `shown`: mirrors see it, which show no ambient light. A wide
+// lobe sees the sky blurred by a sixteenth of its own width, and at most by a texel of 32 a face
+// (after Krivanek & Colbert 2008): a small bright spot gives less noise, and what is read lies
+// close together.
 inline void sky_light(const Frame& f, const PathFrame& p, const SkyPlace& at, Float lobe,
-                      unsigned lanes, Float* light) {
-  for (int c = 0; c < 3; c++) light[c] = splat(p.dome[c]);
+                      Mask shown, unsigned lanes, Float* light) {
+  for (int c = 0; c < 3; c++) light[c] = select(shown, splat(0.0f), splat(p.dome[c]));
   Float width = 0.0625f / sqrt(max(lobe, splat(1.0f)));
   if (!f.orthographic) width = max(width, splat(f.pixel_angle));
   Float footprint = min(width * 0.5f / at.major, splat(1.0f / 32));

@@ -49,7 +49,7 @@ inline void plain_patch(const Frame& f, int index, const Rays& rays, const Hit& 
   patch.point = patch.origin = rays.origin + rays.direction * hit.distance;
   patch.flat = to_camera(g.rotation, normal);
   patch.normal = facing(patch.flat, rays.direction);
-  patch.reflectance = splat(s.reflectance);
+  patch.reflectance = mirror_share(g, s, normal, to_local(g.rotation, rays.direction));
   patch.alpha_ggx = splat(s.alpha_ggx);
   patch.metallic = splat(s.physical ? s.metallic : 0.0f);
   for (int c = 0; c < 3; c++) {

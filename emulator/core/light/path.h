@@ -54,6 +54,13 @@ inline void add_light(const Frame& f, const PathFrame& p, const Scattering& s, V
                       const Patch<3>& patch, Int self, Mask lit, const Light& light, Pair place,
                       Float weight, Clearance* clearance, Float* out) {
   Incidence in = incidence(light, patch.point);
+  if (light.kind != DIRECTIONAL && light.ambient[0] + light.ambient[1] + light.ambient[2] > 0) {
+    // fades as its light does, and has no shadow; that of the other lights is the sky's
+    Float share = select(lit, in.strength * weight, splat(0.0f));
+    for (int c = 0; c < 3; c++) {
+      out[c] = out[c] + (s.diffuse[c] + s.gloss[c]) * share * light.ambient[c];
+    }
+  }
   if (is_bulb(light)) {
     // a bulb: as much light as a glowing ball gives, from somewhere on it
     Float square = in.distance * in.distance, reach;
@@ -97,7 +104,7 @@ inline void add_sky(const Frame& f, const PathFrame& p, Vec d, Mask sure, Float 
                     const Float* carried, Float arrives, Mask lanes, Float* out) {
   SkyPlace at = on_sky(f, d);
   Float light[3], aimed = sky_density(p, at);
-  sky_light(f, p, at, select(sure, splat(FAR), density), bits(lanes), light);
+  sky_light(f, p, at, select(sure, splat(FAR), density), sure, bits(lanes), light);
   Float weight = select(sure, splat(1.0f), density / max(density + aimed, splat(1e-30f)));
   add_seen(carried, light, weight * arrives, lanes, out);
 }
@@ -269,7 +276,7 @@ inline Mask shade(const Frame& f, const PathFrame& p, int bounce, Walk& w, Mask 
     to_sky = to_sky & (v.density > 0.0f);
     if (any(to_sky)) {
       Float light[3];
-      sky_light(f, p, in_sky, v.density, bits(to_sky), light);
+      sky_light(f, p, in_sky, v.density, mask_of(0), bits(to_sky), light);
       for (int c = 0; c < 3; c++) aim.light[c] = select(to_sky, light[c], aim.light[c]);
     }
     Mask facing =

@@ -78,7 +78,7 @@ void probe_aim(const Frame& f, const PathFrame& p, const float* point, bool sky,
   SkyPlace at;
   Aim aim = sky ? aim_at_sky(f, p, place, at)
                 : aim_at_emitter(f, p, from, load(numbers), place, all, splat(0.0f));
-  if (sky) sky_light(f, p, at, splat(FAR), 0xffff, aim.light);
+  if (sky) sky_light(f, p, at, splat(FAR), mask_of(0), 0xffff, aim.light);
   probe_store(out, aim.towards, aim.light, aim.density);
   probe_told(f, p, point, out);
 }

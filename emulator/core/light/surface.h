@@ -131,6 +131,13 @@ inline Site site_of(const Frame& f, const Geom& g, const Rays& rays, const Hit& 
   return s;
 }
 
+// Share of a perfect mirror. As in MuJoCo's pictures a plane mirrors on its front, and of a box the
+// +Z face alone. In the geom's frame: `normal` of the shape itself, and the ray's direction `d`.
+EVS_INLINE Float mirror_share(const Geom& g, const Surface& s, Vec normal, Vec d) {
+  if (!(s.reflectance > 0) || (g.shape != PLANE && g.shape != BOX)) return splat(s.reflectance);
+  return select((normal.z > 0.5f) & (d.z < 0.0f), splat(s.reflectance), splat(0.0f));
+}
+
 // Smooth normals may turn away from the ray at a silhouette.
 EVS_INLINE Vec facing(Vec normal, Vec direction) {
   return select(dot(normal, direction) > 0.0f, normal * splat(-1.0f), normal);
@@ -291,6 +298,7 @@ void add_geom(const Frame& f, const Rays& rays, const Hit& hit, Float travelled,
     for (int c = 0; c < CHANNELS; c++) tint[c] = albedo[c];
   }
   Vec facing_out = to_camera(g.rotation, n);
+  Float mirror = mirror_share(g, s, n, d);
   if (f.bumpy) put(out.plain, facing_out);
   put(out.flat, is_mesh ? to_camera(g.rotation, flat) : facing_out);
   Layers<CHANNELS> layers = {splat(s.alpha),     splat(1.0f),       splat(s.metallic),
@@ -320,7 +328,7 @@ void add_geom(const Frame& f, const Rays& rays, const Hit& hit, Float travelled,
   }
   put(out.specular, layers.specular);
   put(out.exponent, layers.exponent);
-  put(out.reflectance, splat(s.reflectance));
+  put(out.reflectance, mirror);
   put(out.alpha, layers.opacity);
   if (!f.lobes) return;
   put(out.occlusion, layers.occlusion);

@@ -77,6 +77,8 @@ double luminance_of(const Surface& s, const Appearance& look) {
 
 Emitters::Emitters(const SceneData& scene, const Appearance& look, const std::vector<int>& order) {
   for (const Light& light : look.lights) {
+    // a lamp in a place is no sky: its ambient part fades with its distance and cone
+    if (light.kind != DIRECTIONAL) continue;
     for (int c = 0; c < 3; c++) dome_[c] += std::max(light.ambient[c], 0.0f);
   }
   for (const Light& light : look.lights) lamps_ += light.kind != IMAGE;

@@ -115,7 +115,8 @@ struct PathFrame {
   bool glowing;     // a geom has light of its own
   bool open;        // what meets nothing meets light
   int lamp_count;   // lights but for images
-  float dome[3];    // radiance of the uniform sky that stands for the lights' ambient part
+  float dome[3];    // radiance of the uniform sky that stands for the ambient part of the
+                    // directional lights
   float sky_share;  // probability of aiming at the sky instead of an emitter
   SkyTable sky;
   const Emitter* emitters;
