@@ -24,7 +24,8 @@ class SceneConfig:
     start_us: int = 0
     """what the stamps begin at, us, as a Unix time does: the same events, that much later"""
     control: str = "auto"
-    """auto: holds the starting keyframe's, else zero | zero | keyframe | random | file"""
+    """auto: holds those of `home` if it starts there, else zero | zero | keyframe | random |
+    file"""
     control_file: str = ""
     """.npy or .npz (array `ctrl`) or .csv, one row per control period: (n, nu)"""
     control_hz: float = 100.0

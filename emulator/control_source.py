@@ -11,6 +11,7 @@ from evs.emulator.world import (
     MjData,
     MjModel,
     find_keyframe,
+    home_keyframe,
     make_control,
     starting_keyframe,
 )
@@ -38,6 +39,8 @@ class ControlSource:
         if source == "keyframe":
             self.keyframe = find_keyframe(model, settings.keyframe)
         """id of the keyframe that the world starts from; -1: from qpos0"""
+        if source == "auto" and not 0 <= self.keyframe == home_keyframe(model):
+            self._source = "zero"
         self.seed = settings.control_seed
         self._control = self._make()
 

@@ -83,9 +83,10 @@ class World:
         """Load the scene.
 
         In: scene, a path to MJCF or MJB, a MjModel or MjSpec (copied), or a SceneConfig, whose
-        tick, control and keyframe then hold; control, "auto" (the starting keyframe's, else zero),
-        "zero", "keyframe", "random" or `f(t_s, data) -> ctrl`; seed, every random number of
-        controls and sensors follows from it. Raises EvsError with one line for whatever cannot be.
+        tick, control and keyframe then hold; control, "auto" (those of `home` if it starts there,
+        else zero), "zero", "keyframe", "random" or `f(t_s, data) -> ctrl`; seed, every random
+        number of controls and sensors follows from it. Raises EvsError with one line for whatever
+        cannot be.
         """
         if isinstance(scene, SceneConfig):
             settings = plain_config(scene, "scene")
