@@ -31,8 +31,7 @@ def wall(levels: Sequence[float], plate_px: int, more: str = "") -> str:
     In: levels, what each emits; more, what else stands in the world.
     """
     materials = "".join(
-        f'<material name="level{k}" rgba="1 1 1 1" emission="{level!r}"/>'
-        for k, level in enumerate(map(float, levels))
+        f'<material name="level{k}" {_glow(level)}/>' for k, level in enumerate(map(float, levels))
     )
     plates = "".join(
         f'<geom type="box" size="{plate_px / 2} {2 * HEIGHT_PX} .25" '
@@ -43,6 +42,15 @@ def wall(levels: Sequence[float], plate_px: int, more: str = "") -> str:
 <visual><headlight active="0"/></visual><asset>{materials}</asset>
 <worldbody><camera name="eye" pos="0 0 9" {ORTHOGRAPHIC} fovy="{HEIGHT_PX}"/>
 <body name="wall" mocap="true">{plates}</body>{more}</worldbody></mujoco>"""
+
+
+def _glow(level: float) -> str:
+    """A material's emission. MuJoCo 3 reads no denormal number: a dark colour does the rest."""
+    if not 0.0 < level < float(np.finfo(np.float32).tiny):
+        return f'rgba="1 1 1 1" emission="{level!r}"'
+    # in the straight part of the sRGB curve
+    coded = repr(12.92 * 2.0**-40)
+    return f'rgba="{coded} {coded} {coded} 1" emission="{level * 2.0**40!r}"'
 
 
 def place(world: World, first_px: int) -> None:

@@ -88,7 +88,7 @@ def test_gymnasium_robotics(name: str) -> None:
     refused(env, "gymnasium: env.unwrapped.model")
 
 
-@pytest.mark.parametrize("name", [("humanoid", "walk"), ("quadruped", "escape")])
+@pytest.mark.parametrize("name", [("humanoid", "walk"), ("quadruped", "walk")])
 def test_dm_control(name: tuple[str, str]) -> None:
     from dm_control import suite
 
