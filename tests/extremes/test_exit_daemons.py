@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -49,6 +50,7 @@ for _ in range(int(sys.argv[2])):
     ends.append(os.waitpid(child, 0)[1])
 print(sorted(set(ends)))
 """
+BINDINGS = Path(__file__).parents[2] / "emulator" / "core" / "bindings"
 TIMES = 10
 """most of them crashed"""
 
@@ -60,3 +62,9 @@ def test_a_daemon_thread_observes_while_the_interpreter_exits(what: str) -> None
     command = [sys.executable, "-W", "ignore", "-c", PROGRAM, what, str(TIMES)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert (done.stdout, done.stderr) == ("[0]\n", "")
+
+
+def test_the_bindings_give_back_the_lock_in_one_way() -> None:
+    """nanobind's own guards abort; see emulator/core/bindings/unlocked.h."""
+    for file in sorted(BINDINGS.iterdir()):
+        assert "gil_scoped" not in file.read_text(), file
