@@ -221,6 +221,8 @@ class SceneModel:
     """None: nothing to see of it"""
     extent_m: float = 1.0
     """the model's characteristic size (mjModel.stat.extent)"""
+    not_mirrors: int = 0
+    """geoms whose material has reflectance and whose shape does not mirror"""
     left_out: tuple[str, ...] = ()
     """one line for each thing of the model that is not shown, with the fix"""
 

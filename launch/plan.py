@@ -121,6 +121,8 @@ def _contents(planned: PipelinePlan, contents: dict[str, Any]) -> list[tuple[str
             told = ", ".join(map(str, value))
         elif value is True:
             told = "yes"
+        elif key == "not_mirrors":
+            told += " with reflectance, of shapes that do not mirror: planes and box tops do"
         rows.append((key.replace("_", " "), told))
     if "camera_moves" not in contents:
         rows.append(("camera", "stands still"))

@@ -48,6 +48,9 @@ class Contents:
     bumpy: int
     """surfaces with a normal map"""
     mirrors: int
+    """surfaces that may mirror: opaque, with reflectance, on planes and boxes"""
+    not_mirrors: int
+    """geoms whose material has reflectance, of shapes that do not mirror"""
     transparent: int
     glowing: int
     textures: int
@@ -112,6 +115,7 @@ def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
         ),
         bumpy=sum(surface.normal_map >= 0 for surface in used),
         mirrors=sum(surface.reflectance > 0 and surface.rgba[3] >= 1 for surface in used),
+        not_mirrors=scene.not_mirrors,
         transparent=sum(surface.rgba[3] < 1 or surface.opacity_map >= 0 for surface in used),
         glowing=sum(surface.emission > 0 or surface.emissive_map >= 0 for surface in used),
         textures=len(scene.textures),

@@ -164,6 +164,7 @@ def extract_scene(
         stretching=np.arange(len(things) - many, len(things), dtype=np.int32),
         air=extract_air(model),
         extent_m=float(model.stat.extent),
+        not_mirrors=surfaces.not_mirrors,
         left_out=left_out,
     )
 

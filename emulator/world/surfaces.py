@@ -99,13 +99,16 @@ class Surfaces:
     texture_index: dict[tuple[int, bool, int], int] = field(default_factory=dict)
     unread: dict[int, None] = field(default_factory=dict)
     """the model's textures that were asked for and are not pixels, in that order"""
+    not_mirrors: int = 0
+    """geoms whose material has reflectance and whose shape does not mirror"""
 
     def of_geom(self, geom: int) -> int:
         """Index of the geom's surface."""
+        material = int(self.model.geom_matid[geom])
         mirrors = int(self.model.geom_type[geom]) in MIRRORS
-        return self.of(
-            geom_rgba(self.model, geom), int(self.model.geom_matid[geom]), mirrors=mirrors
-        )
+        if not mirrors and material >= 0 and self.model.mat_reflectance[material] > 0:
+            self.not_mirrors += 1
+        return self.of(geom_rgba(self.model, geom), material, mirrors=mirrors)
 
     def of_site(self, site: int) -> int:
         """Index of the site's surface."""

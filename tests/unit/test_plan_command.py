@@ -136,3 +136,18 @@ def test_every_report_has_the_plan(capsys: pytest.CaptureFixture[str], tmp_path:
     for file in (report, tmp_path / "a.npz.report.json"):
         (camera,) = json.loads(file.read_text())["cameras"]
         assert camera["plan"] == expected
+
+
+def test_reflectance_that_mirrors_nothing_is_said(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    scene = tmp_path / "scene.xml"
+    scene.write_text("""<mujoco><asset><material name="m" reflectance=".5"/></asset><worldbody>
+        <geom size=".1" material="m"/><geom type="box" size=".1 .1 .1" material="m"/>
+        <geom type="plane" size="1 1 .1"/></worldbody></mujoco>""")
+    contents = planned(capsys, str(scene), *SMALL)["plan"]["contents"]
+    assert (contents["mirrors"], contents["not_mirrors"]) == (1, 1)
+    assert main(["plan", str(scene), *SMALL]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    (line,) = [line for line in lines if line.startswith("not mirrors ")]
+    assert "shapes that do not mirror" in line
