@@ -127,6 +127,29 @@ def test_what_mujoco_mirrors_is_a_mirror_and_nothing_else(
     assert (below[0] == below[1])[seen.inside(1)].mean() > 0.995
 
 
+def test_robots_have_their_colours_in_even_light(robot_files, mujoco_beside: MujocoPictures):
+    """Where light is the same everywhere, so are their colours and ours; only what a pixel averages
+    differs: black and white are grey of half the light here, of half the code there."""
+    names = [name for name in ROBOTS if name != "gymnasium/humanoid"]
+    compared = 0
+    for name in (*names, "dm_control/walker", "dm_control/manipulator"):
+        model = load_model(robot_files[name])
+        model.light_active[:] = 0
+        head = model.vis.headlight
+        head.ambient[:], head.diffuse[:], head.specular[:], head.active = 1, 0, 0, 1
+        model.mat_reflectance[:] = 0
+        seen = mujoco_beside.beside(model, render=RenderConfig(spp=4, haze=False))
+        for geom in np.unique(seen.our_ids):
+            if seen.inside(geom).sum() < 20:
+                continue
+            theirs, ours = seen.colours(int(geom))
+            # a checker of black and bright tiles, far away
+            checker = name == "gymnasium/ant" and geom == 0
+            assert (np.abs(theirs - ours).max() < 0.03) != checker, (name, geom)
+            compared += 1
+    assert compared > 30
+
+
 def lamp_over_a_plate(light: str, headlight: str = AROUND.format(0)) -> mujoco.MjModel:
     """A small plate 1.5 m under a lamp at (0 0 2), seen from above; of albedo .5 as coded."""
     return mujoco.MjModel.from_xml_string(f"""<mujoco>{headlight}<asset>
