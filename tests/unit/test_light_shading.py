@@ -375,3 +375,16 @@ def test_ambient_light_is_shaded_by_what_stands_around_in_path_alone() -> None:
     assert 0.02 < narrow / open_ < 0.4
     same = light_by("direct", AMBIENT.format(0, walls))[16, 12:20]
     np.testing.assert_allclose(same, 0.4 * linear(0.5), rtol=1e-5)
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_the_back_of_a_plane_is_no_mirror(renderer: str) -> None:
+    ball = '<geom size=".3" pos="0 0 1.5" rgba="1 1 1 1" material="glow"/>'
+    scene = """<asset><material name="m" rgba="0 0 0 1" specular="0" reflectance="1"/>
+        <material name="glow" emission="1" specular="0"/></asset>{}<worldbody>
+        <camera pos="0 0 1" fovy="20"/>{}
+        <geom type="plane" size="2 2 .1" euler="{} 0 0" material="m"/></worldbody>"""
+    front, back = (light_by(renderer, scene.format(DARK, ball, turn)) for turn in (0, 180))
+    # and what the ball receives of itself
+    assert 0.999 < front[16, 16] < 1.05
+    assert (back == 0).all()
