@@ -192,7 +192,8 @@ class Camera:
         def put() -> None:
             if viewpoint.renderer is not self._renderer:
                 self.rebuilt["scenes"] += 1
-                for kind, count in getattr(viewpoint.renderer, "built", {}).items():
+                everything = {"meshes": len(scene.meshes), "textures": len(scene.textures)}
+                for kind, count in getattr(viewpoint.renderer, "built", everything).items():
                     self.rebuilt[kind] += count
             self._stand(viewpoint)
             self._info = replace(self._info, camera_info=camera_info(viewpoint.bound.model))

@@ -157,9 +157,12 @@ class ModelWatch:
     def __init__(self, model: mujoco.MjModel) -> None:
         self._scene = _core.Watch(arrays_of(model, SCENE))
         self._optics = _core.Watch(arrays_of(model, OPTICS))
-        self._readers = [
-            (attrgetter(place)(model), attrgetter(*names)) for place, names in NUMBERS.items()
-        ]
+        self._readers = []
+        for place, names in NUMBERS.items():
+            thing = attrgetter(place)(model)
+            known = [name for name in names if hasattr(thing, name)]
+            if known:
+                self._readers.append((thing, attrgetter(*known)))
         self._numbers = self._read()
 
     def changed(self) -> bool:

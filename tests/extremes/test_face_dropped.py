@@ -6,6 +6,7 @@ import gc
 from collections.abc import Callable
 
 import mujoco
+import numpy as np
 import pytest
 
 import evs
@@ -82,10 +83,10 @@ WAYS: dict[str, Callable[[], None]] = {
     "virtual camera": virtual,
 }
 
-CYCLES = 300
+CYCLES, STRETCHES = 60, 3
 MOST_BYTES = 512 * CYCLES
-"""Less than one image of 24 x 16 float32 a cycle (1.5 kB): the least that an object would leave.
-The heap itself settles by some tens of kB."""
+"""A third of one image of 24 x 16 float32 a cycle: less than any array that would stay. What stays
+grows in every stretch; the allocator, whose threads take arenas as they meet, only in some."""
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -101,11 +102,10 @@ def test_nothing_waits_for_the_garbage_collector(way: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("way", ["sensor", "world", "loop"])
-def test_making_and_dropping_takes_no_memory(way: str) -> None:
-    for _ in range(CYCLES):
-        WAYS[way]()
-    before = resident_bytes()
-    for _ in range(CYCLES):
-        WAYS[way]()
-    assert resident_bytes() - before < MOST_BYTES
+def test_making_and_dropping_takes_no_memory() -> None:
+    found = []
+    for _ in range(STRETCHES + 1):
+        for _ in range(CYCLES):
+            loop()
+        found.append(resident_bytes())
+    assert min(np.diff(found)) < MOST_BYTES

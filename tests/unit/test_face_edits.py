@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import evs
-from evs.emulator.config import RenderConfig, SensorConfig
+from evs.drivers.pace import StopWatch
+from evs.emulator.ahead import ahead
+from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
 from reference.edited import LARGE, SMALL, STAGE, put, stage
 
 SIZE = SensorConfig("ideal", width=32, height=24)
@@ -255,3 +257,58 @@ def test_data_of_a_copy_will_do_while_that_is_alike():
     data.time = 0.02
     with pytest.raises(evs.EvsError, match="belongs to another model"):
         sensor.observe(data)
+
+
+CLOTH = """<flexcomp name="cloth" type="grid" count="4 4 1" spacing=".2 .2 .2" radius=".01" dim="2"
+  pos="0 -.6 1" mass="1" material="hide"><edge equality="true"/></flexcomp></worldbody>"""
+
+
+@pytest.mark.parametrize("renderer", ["direct", "path"])
+def test_cloth_is_not_built_again_with_what_changed_beside_it(renderer):
+    model = mujoco.MjModel.from_xml_string(STAGE.replace("</worldbody>", CLOTH))
+    data = mujoco.MjData(model)
+    render = RenderConfig(renderer=renderer, spp=1)
+    sensor = evs.Sensor(model, "eye", sensor=SIZE, render=render, threads=1)
+    sensor.observe(data)
+    assert model.nflex == 1
+    for step in range(6):
+        model.geom("rod").rgba[:3] = step / 6.0
+        model.flex_matid[0] = (-1, 2, 4)[step % 3]
+        data.qvel[:] = np.sin(np.arange(model.nv) + step)
+        mujoco.mj_step(model, data)
+        sensor.observe(data)
+        anew = evs.Sensor(model, "eye", sensor=SIZE, render=render, threads=1)
+        anew.observe(data)
+        assert sensor.luminance.tobytes() == anew.luminance.tobytes(), step
+        # what is kept incrementally, too
+        mujoco.mj_step(model, data)
+        sensor.observe(data)
+        anew.observe(data)
+        assert sensor.luminance.tobytes() == anew.luminance.tobytes(), step
+    assert sensor.rebuilt == {"scenes": 6, "meshes": 0, "textures": 0}
+
+
+def test_edits_while_light_is_made_ahead():
+    def film(depth):
+        model, _ = stage()
+
+        def edit(t_s, data):
+            tick = round(t_s * 1e3)
+            if tick in (3, 6, 9):
+                SMALL[("colour", "group in", "light off")[tick // 3 - 1]](data.model)
+
+        world = evs.World(model, control=edit, threads=1)
+        labelled = ModelConfig(labels=True)
+        world.add_camera("eye", sensor=SIZE, render=RENDER, model=labelled)
+        found = []
+        with ahead(world, 14, StopWatch(lambda: 0.0), depth) as running:
+            for _ in range(14):
+                (packet,) = running.step()
+                truth = running.cameras[0].ground_truth()
+                found.append((packet.events.tobytes(), truth.geom_id.tobytes()))
+        assert world.cameras[0].rebuilt["scenes"] == 3
+        return found
+
+    plain = film(0)
+    assert film(2) == plain
+    assert len({geoms for _, geoms in plain}) > 1
