@@ -295,3 +295,22 @@ def test_a_camera_and_its_listeners_lose_nothing(tmp_path: Path) -> None:
         "[one] packets 200  events  lost 0",
         "[two] packets 200  events  lost 0",
     ]
+
+
+def test_a_camera_that_is_started_again_records_beside(tmp_path: Path) -> None:
+    """It breaks down each time; what each run recorded is there, although it may overwrite."""
+    (tmp_path / "ball.xml").write_text(
+        '<mujoco><worldbody><camera name="eye" pos="0 -2 0"/><body><joint type="slide" '
+        'stiffness="-9e6"/><geom size=".2"/></body></worldbody><keyframe><key name="home" '
+        'qpos="0.1"/></keyframe></mujoco>'
+    )
+    words = ["evs", "emulate", "ball.xml", "--record", "run.aedat4", "overwrite=true", "--quiet"]
+    words += ["sensor.width=16", "sensor.height=12", "render.spp=1", "--duration", "9"]
+    text = f'[[node]]\nname = "eye"\nrun = {words!r}\nfolder = "{tmp_path}"\n'
+    text += 'on_exit = "restart"\nrestarts = 2\nrestart_s = 0.0\n'
+    code, out, _ = Launched(tmp_path, text).end()
+    assert code == 2
+    assert len([line for line in out if "unstable at t = " in line]) == 3
+    names = sorted(file.name for file in tmp_path.glob("*.aedat4"))
+    assert names == ["run-1.aedat4", "run-2.aedat4", "run.aedat4"]
+    assert len({(tmp_path / name).read_bytes() for name in names}) == 1
