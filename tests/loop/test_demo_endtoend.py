@@ -163,6 +163,8 @@ def test_the_whole_demo_and_every_command_it_names(tmp_path: Path) -> None:
             timeout=600,
         )
         assert done.returncode == 0, (command, done.stderr)
-        assert "evs: " not in done.stderr, command
+        # the robots' physics step is another than the tick, which a run says first
+        said = [line for line in done.stderr.splitlines() if " physics step" not in line]
+        assert "evs: " not in "".join(said), command
     assert (tmp_path / "out" / "demo" / "slow.gif").exists()
     assert (tmp_path / "out" / "demo" / "ant.aedat4").exists()
