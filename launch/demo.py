@@ -214,5 +214,5 @@ def next_commands(recording: Path, program: str) -> list[str]:
         f"{program} view {file} -o {film} --speed 0.1",
         f"{program} info {file}",
         f"{program} echo {address} --hz & {program} emulate demo --publish {address}",
-        f"{program} emulate --scene {robot} --record {other}  # or your own robot's file",
+        f"{program} emulate {robot} --record {other} --force  # or your own robot's file",
     ]
