@@ -14,7 +14,8 @@ SCENE = """<mujoco><statistic center="0 0 .5" extent="1"/>
   <visual><headlight ambient=".2 .2 .2" diffuse="0 0 0" specular="0 0 0"/></visual>
   <asset><texture name="tiles" type="2d" builtin="checker" rgb1=".8 .8 .8" rgb2=".2 .2 .2"
     width="64" height="64"/><material name="floor" texture="tiles" texrepeat="8 8"/></asset>
-  <worldbody><light type="point" pos=".5 -1 2" attenuation="0 0 1" diffuse="2 2 2"
+  <worldbody><camera pos="0 -1.0606601717798212 1.5606601717798212" fovy="45"
+    xyaxes="1 0 0 0 1 1"/><light type="point" pos=".5 -1 2" attenuation="0 0 1" diffuse="2 2 2"
     bulbradius=".2"/><geom type="plane" size="2 2 .1" material="floor"/>
   <body pos="0 0 .6"><joint name="turn" axis="0 0 1" damping=".01"/>
     <geom type="capsule" fromto="-.4 0 0 .4 0 0" size=".06" rgba=".9 .5 .2 1"/></body></worldbody>
