@@ -37,7 +37,7 @@ def visible_geoms(model: mujoco.MjModel) -> I32:
             for geom in range(model.ngeom)
             if is_shown(model.geom_group[geom], geom_rgba(model, geom))
             and int(model.geom_type[geom]) in shapes
-            and not (model.geom_type[geom] in FROM_MESH and model.geom_dataid[geom] < 0)
+            and not (int(model.geom_type[geom]) in FROM_MESH and model.geom_dataid[geom] < 0)
         ],
         np.int32,
     )
@@ -106,7 +106,8 @@ def extract_scene(
     indices = tuple(range(len(meshes), len(meshes) + len(deforming)))
     if indices:
         sources = arrays_of(model, DEFORMING)
-        meshes += parts.get("deforming", tuple(deforming.ids()), sources, deforming.at_rest)
+        shown = tuple(deforming.skins), tuple(deforming.flexes)
+        meshes += parts.get("deforming", shown, sources, deforming.at_rest)
         geom_surface += [surfaces.of(*look) for look in deforming.looks()]
     geom_surface += [surfaces.of_site(int(site)) for site in sites]
     geom_surface += [surfaces.of(*look) for look in strands.looks]

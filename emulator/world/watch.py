@@ -25,7 +25,11 @@ SCENE = (
     *("geom_type", "geom_dataid", "geom_bodyid", "geom_group", "geom_size", "geom_matid"),
     *("geom_rgba", "body_weldid", "body_rootid", "body_mocapid"),
     *("site_type", "site_bodyid", "site_group", "site_size", "site_matid", "site_rgba"),
-    *("tendon_group", "tendon_matid", "tendon_width", "tendon_rgba"),
+    *("tendon_group", "tendon_matid", "tendon_width", "tendon_rgba", "tendon_adr", "tendon_num"),
+    *("tendon_limited", "tendon_range", "tendon_lengthspring", "tendon_stiffness"),
+    *("tendon_stiffnesspoly", "tendon_damping", "tendon_dampingpoly", "tendon_frictionloss"),
+    *("wrap_type", "wrap_objid", "actuator_trntype", "actuator_trnid", "actuator_cranklength"),
+    *("body_parentid", "cam_bodyid", "cam_targetbodyid", "light_bodyid", "light_targetbodyid"),
     *("mat_texid", "mat_texuniform", "mat_texrepeat", "mat_emission", "mat_specular"),
     *("mat_shininess", "mat_reflectance", "mat_metallic", "mat_roughness", "mat_rgba"),
     *("light_active", "light_type", "light_directional", "light_texid", "light_castshadow"),
@@ -37,13 +41,13 @@ SCENE = (
     *("tex_type", "tex_colorspace", "tex_height", "tex_width", "tex_nchannel", "tex_adr"),
     *("hfield_size", "hfield_nrow", "hfield_ncol", "hfield_adr"),
     *("vis.headlight.ambient", "vis.headlight.diffuse", "vis.headlight.specular"),
-    *("vis.rgba.fog", "vis.rgba.haze"),
+    *("vis.rgba.fog", "vis.rgba.haze", "vis.rgba.slidercrank", "vis.rgba.crankbroken"),
 )
 """Small arrays of a model that its scene is made of."""
 
 OPTICS = (
     *("cam_fovy", "cam_projection", "cam_orthographic", "cam_sensorsize", "cam_intrinsic"),
-    "stat.center",
+    *("geom_aabb", "stat.center"),
 )
 """Small arrays that a camera's pixels follow from, or where a free one stands."""
 
@@ -51,14 +55,16 @@ NUMBERS: Mapping[str, tuple[str, ...]] = {
     "vis.headlight": ("active",),
     "vis.map": ("fogstart", "fogend", "haze", "zfar"),
     "vis.global_": ("fovy", "orthographic", "azimuth", "elevation"),
-    "stat": ("extent",),
+    "vis.quality": ("numslices",),
+    "vis.scale": ("slidercrank",),
+    "stat": ("extent", "meansize"),
 }
 """Single numbers that either follows from, by where they are."""
 
 DEFORMING = (
     *("skin_face", "skin_vert", "skin_texcoord", "skin_bonevertid", "skin_bonevertweight"),
     *("skin_bonebindpos", "skin_bonebindquat", "flex_vert", "flex_elem", "flex_shell"),
-    *("flex_texcoord", "flex_elemtexcoord"),
+    *("flex_texcoord", "flex_elemtexcoord", "flex_edge"),
 )
 """Large arrays of skins and flexes."""
 

@@ -52,7 +52,8 @@ EVERYTHING = (
 )
 
 OURS = Path(world.__file__).parent
-READERS = ("extraction", "surfaces", "lights", "meshes", "deforming", "cameras", "poses")
+READERS = ("extraction", "surfaces", "lights", "meshes", "deforming", "cameras", "poses",
+           "strands", "framing")  # fmt: skip
 """The modules that make scenes, snapshots and cameras of a model."""
 
 WATCHED = {
@@ -65,11 +66,11 @@ WATCHED = {
 
 FIXED = {
     *("ngeom", "nlight", "nmat", "ntex", "nmesh", "nskin", "nflex", "ncam", "nbody", "nsite"),
-    *("ntendon", "nhfield", "nkey", "nq"),
+    *("ntendon", "nhfield", "nkey", "nq", "nmocap"),
     # where things lie in memory: no edit moves them
     *("mesh_vertadr", "mesh_vertnum", "mesh_faceadr", "mesh_facenum", "mesh_normaladr"),
     *("mesh_normalnum", "mesh_texcoordadr", "mesh_texcoordnum", "skin_vertadr", "skin_vertnum"),
-    *("skin_faceadr", "skin_facenum"),
+    *("skin_faceadr", "skin_facenum", "flex_edgeadr", "flex_edgenum", "flex_vertadr"),
     # the snapshots' own, looked at in each of them
     *("opt.enableflags",),
 }

@@ -52,8 +52,15 @@ STAGE = """
     <body name="flier" pos="0 0 .6"><freejoint/>
       <geom name="rod" type="capsule" size=".1 .25" euler="30 40 0" rgba=".8 .3 .2 1"/>
       <geom name="pill" type="ellipsoid" size=".1 .2 .1" pos="-.25 .1 0" material="steel"/>
+      <site name="hook" size=".05" pos="0 -.25 .25" rgba=".2 .2 .9 1"/>
     </body>
+    <site name="eyelet" type="box" size=".05 .05 .05" pos="-.3 0 1.2" rgba=".9 .2 .2 1"/>
   </worldbody>
+  <tendon>
+    <spatial name="string" width=".02" rgba=".9 .9 .2 1">
+      <site site="hook"/><site site="eyelet"/>
+    </spatial>
+  </tendon>
 </mujoco>
 """
 
@@ -138,6 +145,12 @@ SMALL: Mapping[str, Edit] = {
     "headlight's ambient": put("vis.headlight.ambient", (0.3, 0.3, 0.3)),
     "headlight's specular": put("vis.headlight.specular", (0.9, 0.9, 0.9)),
     "headlight off": put("vis.headlight.active", 0),
+    "site's colour": put("site.eyelet.rgba", (0.1, 0.9, 0.9, 1.0)),
+    "site's size": put("site.hook.size", (0.08, 0.08, 0.08)),
+    "site's group": put("site.eyelet.group", 3),
+    "tendon's colour": put("tendon.string.rgba", (0.2, 0.9, 0.2, 1.0)),
+    "tendon's width": put("tendon.string.width", 0.05),
+    "tendon's group": put("tendon.string.group", 4),
     "fovy": put("cam.eye.fovy", 70.0),
     "haze": put("vis.map.haze", 0.9),
     "zfar": put("vis.map.zfar", 3.0),
