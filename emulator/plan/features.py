@@ -32,6 +32,7 @@ FEATURES = (
     Feature("colour", "render", "light in three channels beside its luminance"),
     Feature("physical_gloss", "render", "GGX gloss of physical materials, and maps"),
     Feature("normal_maps", "render", "normals that an image bends"),
+    Feature("texture_filter", "render", "images read at points along what a pixel covers of them"),
     Feature("sky", "render", "an image where rays meet nothing"),
     Feature("fog", "render", "fog between surface and camera"),
     Feature("haze", "render", "haze below the horizon of a plane without bounds"),
@@ -82,8 +83,8 @@ FEATURES = (
 NAMES = tuple(feature.name for feature in FEATURES)
 
 NATIVE = (
-    *("colour", "physical_gloss", "normal_maps", "fog", "haze", "shadows", "plane_shadows"),
-    *("full_retrace", "refits", "glowing", "transparent"),
+    *("colour", "physical_gloss", "normal_maps", "texture_filter", "fog", "haze", "shadows"),
+    *("plane_shadows", "full_retrace", "refits", "glowing", "transparent"),
 )
 """Those that the native tracer decides: core/light/code_paths.h."""
 

@@ -49,6 +49,7 @@ def _surfaces(has: Contents, path: bool) -> dict[str, Why]:
     return {
         "physical_gloss": Why(lobes, "no material is physical or has maps"),
         "normal_maps": Why(f"materials that have one: {has.bumpy}", "no material has a normal map"),
+        "texture_filter": Why("surfaces have images or maps", "no surface has an image or a map"),
         "glowing": Why(
             f"surfaces that glow: {has.glowing}", "no surface glows" if path else of_paths
         ),

@@ -258,5 +258,5 @@ def test_textures_of_planes_and_the_sky_are_read_at_several_points_of_a_pixel() 
     halves = {"sky": slice(0, HEIGHT // 4), "floor": slice(HEIGHT // 2, HEIGHT)}
     for rows in halves.values():
         error = [float(np.abs(a - truth)[rows].mean()) for a in (one, four, some)]
-        # as good as four whole samples
-        assert error[2] < 1.05 * error[1] < 0.8 * error[0]
+        # as good as four whole samples, which are better than one
+        assert error[2] < 1.05 * error[1] < 0.9 * error[0]

@@ -17,8 +17,8 @@ from reference.planned import IDEAL, NEEDS, PATH, PLAIN, SKY, Film, told
 TICKS = 10
 IDLE = [feature.name for feature in FEATURES if not feature.idle]
 
-# what has no place in the plain film: paths alone have this, and the network its tiles
-OWN = {"glowing": replace(PLAIN, render=PATH)}
+# what has no place in the plain film: paths alone have this, its floor an image, the network tiles
+OWN = {"glowing": replace(PLAIN, render=PATH), "texture_filter": Film({"image": ""})}
 NETWORK = {"name": "evsnet", "network": "evsnet_c8"}
 OWN["cold_tiles"] = replace(PLAIN, model=NETWORK)
 

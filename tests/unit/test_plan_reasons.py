@@ -26,6 +26,7 @@ def check(plan: ScenePlan, features: dict[str, bool], path: bool) -> None:
     assert on["colour"] == (path or bool(has.coloured))
     assert on["physical_gloss"] == (path or has.physical > 0)
     assert on["normal_maps"] == (has.bumpy > 0)
+    assert on["texture_filter"] == (has.textured > 0)
     assert on["sky"] == has.sky
     assert on["fog"] == has.fog
     # and the camera above that plane

@@ -7,7 +7,7 @@ namespace evs {
 namespace {
 
 constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT;
-constexpr int TAPS = 4;  // points in a pixel at which the textures of planes and the sky are read
+constexpr int TAPS = 4;  // points in a pixel at which images are read
 
 float blend(float base, float refined, float weight) {
   return weight < 1 ? base + weight * (refined - base) : refined;
@@ -20,7 +20,9 @@ Antialiasing::Antialiasing(const Optics& optics, const Sampling& sampling, bool 
       height_(optics.height),
       columns_(sampling.columns),
       rows_(sampling.rows),
-      base_angle_(static_cast<float>(1.0 / std::sqrt(optics.fx * optics.fy))) {
+      base_angle_(static_cast<float>(1.0 / std::sqrt(optics.fx * optics.fy))),
+      base_x_(static_cast<float>(1.0 / optics.fx)),
+      base_y_(static_cast<float>(1.0 / optics.fy)) {
   if (!optics.orthographic) {
     sample_points(TAPS, tap_x_, tap_y_);
     for (int i = 0; i < TAPS; i++) tap_x_[i] -= 0.5f, tap_y_[i] -= 0.5f;
@@ -49,6 +51,10 @@ Frame Antialiasing::base_frame(const Frame& frame) const {
   f.tap_x = tap_x_.data();
   f.tap_y = tap_y_.data();
   f.tap_width = 1.0f / std::sqrt(static_cast<float>(TAPS));
+  float side = f.taps > 1 ? f.tap_width : 1.0f;
+  f.pixel_x = base_x_ * side;
+  f.pixel_y = base_y_ * side;
+  if (f.probes > 0) f.probes = probes_of(std::max(f.taps, 1));
   return f;
 }
 

@@ -42,7 +42,7 @@ class Antialiasing {
   bool near_traced(int first, int row) const;
 
   int width_, height_, columns_, rows_;
-  float base_angle_;
+  float base_angle_, base_x_, base_y_;
   float middle_ = 0.5f;
   std::vector<float> tap_x_, tap_y_;  // px from the pixel's centre
   long stride_;                       // of plain_

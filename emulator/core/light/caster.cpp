@@ -91,6 +91,7 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   frame_.channels = look_.channels;
   std::copy(look_.weights, look_.weights + MAX_CHANNELS, frame_.weights);
   frame_.lobes = forced_.decide(LOBES, look_.layered || tracing.path);
+  if (forced_.decide(TEXTURE_FILTER, look_.textured)) frame_.probes = probes_of(tracing.samples);
   frame_.bumpy = forced_.decide(NORMAL_MAPS, look_.bumpy);
   if (forced_.off(FOG)) look_.air.fog = false;
   if (forced_.off(HAZE)) look_.air.haze = false;

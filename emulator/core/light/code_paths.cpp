@@ -40,6 +40,7 @@ FeatureFlags Caster::features() const {
   on[COLOUR] = frame_.channels >= 3;
   on[LOBES] = frame_.lobes;
   on[NORMAL_MAPS] = frame_.bumpy;
+  on[TEXTURE_FILTER] = frame_.probes > 0;
   on[FOG] = frame_.air.fog;
   on[HAZE] = frame_.air.haze;
   on[SHADOWS] = casting;

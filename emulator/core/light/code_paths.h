@@ -9,9 +9,10 @@
 namespace evs {
 
 enum Feature {
-  COLOUR = 0,   // three channels instead of luminance alone
-  LOBES,        // GGX gloss: physical materials, maps
-  NORMAL_MAPS,  // bent normals
+  COLOUR = 0,      // three channels instead of luminance alone
+  LOBES,           // GGX gloss: physical materials, maps
+  NORMAL_MAPS,     // bent normals
+  TEXTURE_FILTER,  // images are read along what a pixel covers of them
   FOG,
   HAZE,
   SHADOWS,        // shadow rays
@@ -24,8 +25,8 @@ enum Feature {
 };
 
 constexpr const char* FEATURE_NAMES[FEATURE_COUNT] = {
-    "colour",        "physical_gloss", "normal_maps", "fog",     "haze",       "shadows",
-    "plane_shadows", "full_retrace",   "refits",      "glowing", "transparent"};
+    "colour",  "physical_gloss", "normal_maps",  "texture_filter", "fog",     "haze",
+    "shadows", "plane_shadows",  "full_retrace", "refits",         "glowing", "transparent"};
 
 using FeatureFlags = std::map<std::string, bool>;
 

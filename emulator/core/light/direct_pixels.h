@@ -34,10 +34,10 @@ EVS_INLINE void for_channels(const Frame& f, Call call) {
 // The rays through these points of the image, px.
 EVS_INLINE Rays rays_through(const Frame& f, Float px, Float py) {
   Float zero = splat(0.0f), back = splat(-1.0f);
-  if (f.lens) return {{zero, zero, zero}, through_lens(f, px, py), true};
+  if (f.lens) return {{zero, zero, zero}, through_lens(f, px, py), true, true};
   Float x = (px - f.cx) * (1.0f / f.fx), y = (f.cy - py) * (1.0f / f.fy);
-  if (f.orthographic) return {{x, y, zero}, {zero, zero, back}, false};
-  return {{zero, zero, zero}, normalize({x, y, back}), true};
+  if (f.orthographic) return {{x, y, zero}, {zero, zero, back}, false, true};
+  return {{zero, zero, zero}, normalize({x, y, back}), true, true};
 }
 
 // Sample positions of whole pixels, rounded as primary_rays rounds them.

@@ -35,6 +35,7 @@ struct Rays {
   Vec origin;     // camera frame; all zero where `common`
   Vec direction;  // unit
   bool common;    // every ray starts at the camera: the geoms' precomputed camera position holds
+  bool primary = false;  // rays of the image's pixels
 };
 
 struct Hit {

@@ -20,6 +20,7 @@ struct Patch {
 
 // Where one sample lies on images, and how wide it is there; found when first asked for.
 struct Place {
+  const Frame& f;
   const Geom& g;
   const Surface& s;
   Vec p;            // in the geom's frame
@@ -28,9 +29,15 @@ struct Place {
   bool own;         // a mesh with coordinates of its own
   Float u, v;       // those, and their density (image lengths per m)
   Float density;
+  // of camera rays; null: an image is read once, as wide as the footprint
+  const Footprint* covered = nullptr;
+  const Hit* hit = nullptr;
   bool has_flat = false, has_cube = false;
   Float flat_u = {}, flat_v = {}, flat_width = {}, cube_u = {}, cube_v = {}, cube_width = {};
   Int face = {};
+  Vec on_cube_at = {}, cube_x = {}, cube_y = {};  // on the cube: the point, and a sample's sides
+  // sides of a sample on the flat image and on the cube's face, image lengths
+  Float flat_side[4] = {}, cube_side[4] = {};
 
   void find_flat() {
     has_flat = true;
@@ -40,11 +47,22 @@ struct Place {
       flat_u = u * ru;
       flat_v = v * rv;
       flat_width = footprint * density * (ru > rv ? ru : rv);
+      if (!covered) return;
+      Slopes grow = slopes_on_mesh(f.meshes[g.mesh], *hit, lanes);
+      find_sides({grow.u * splat(ru), grow.v * splat(rv)});
       return;
     }
     float per_meter;
     on_shape(g, s, p, flat_u, flat_v, per_meter);
     flat_width = footprint * per_meter;
+    if (covered) find_sides(slopes_on_shape(g, s, p));
+  }
+
+  void find_sides(const Slopes& grow) {
+    flat_side[0] = dot(grow.u, covered->x);
+    flat_side[1] = dot(grow.v, covered->x);
+    flat_side[2] = dot(grow.u, covered->y);
+    flat_side[3] = dot(grow.v, covered->y);
   }
 
   void find_cube() {
@@ -63,16 +81,58 @@ struct Place {
     Float major;
     on_cube(q, cube_u, cube_v, face, major);
     cube_width = footprint * (0.5f * per_meter) / major;
+    if (!covered) return;
+    Vec grow = unit_slope(g, p);
+    if (s.uniform) grow = {grow.x * g.size[0], grow.y * second, grow.z * third};
+    on_cube_at = q;
+    cube_x = {covered->x.x * grow.x, covered->x.y * grow.y, covered->x.z * grow.z};
+    cube_y = {covered->y.x * grow.x, covered->y.y * grow.y, covered->y.z * grow.z};
+    side_on_cube(cube_x, cube_u, cube_v, face, major, cube_side[0], cube_side[1]);
+    side_on_cube(cube_y, cube_u, cube_v, face, major, cube_side[2], cube_side[3]);
   }
 
-  void read(const Texture& t, int channels, Float* out) {
-    if (t.faces == 1) {
-      if (!has_flat) find_flat();
-      sample(t, channels, flat_u, flat_v, splat(0), flat_width, lanes, out);
-    } else {
-      if (!has_cube) find_cube();
-      sample(t, channels, cube_u, cube_v, face, cube_width, lanes, out);
+  template <int CHANNELS>
+  void read(const Texture& t, Float* out) {
+    bool flat = t.faces == 1;
+    if (flat && !has_flat) find_flat();
+    if (!flat && !has_cube) find_cube();
+    if (!covered) {
+      if (flat) return sample(t, CHANNELS, flat_u, flat_v, splat(0), flat_width, lanes, out);
+      return sample(t, CHANNELS, cube_u, cube_v, face, cube_width, lanes, out);
     }
+    float w = static_cast<float>(t.level[0].width), h = static_cast<float>(t.level[0].height);
+    const Float* side = flat ? flat_side : cube_side;
+    Probes probes = probes_of(f, side[0] * w, side[1] * h, side[2] * w, side[3] * h, lanes);
+    Float along_u = side[0] * probes.across_x + side[2] * probes.across_y;
+    Float along_v = side[1] * probes.across_x + side[3] * probes.across_y;
+    // over the cube's edges
+    Vec way = cube_x * probes.across_x + cube_y * probes.across_y;
+    int taps = f.taps > 1 ? f.taps : 1;
+    for (int k = 0; k < taps; k++) {
+      // of the pixel's place, in sides of a tap
+      float x = taps > 1 ? f.tap_x[k] / f.tap_width : 0.0f;
+      float y = taps > 1 ? -f.tap_y[k] / f.tap_width : 0.0f;
+      Float texel[CHANNELS], *to = k == 0 ? out : texel;
+      if (flat) {
+        Float from_u = flat_u + (side[0] * x + side[2] * y);
+        Float from_v = flat_v + (side[1] * x + side[3] * y);
+        read_probes<CHANNELS>(t, probes, lanes, to, [&](Float along, Float& u, Float& v, Int& on) {
+          u = from_u + along_u * along;
+          v = from_v + along_v * along;
+          on = splat(0);
+        });
+      } else {
+        Vec from = on_cube_at + (cube_x * splat(x) + cube_y * splat(y));
+        read_probes<CHANNELS>(t, probes, lanes, to, [&](Float along, Float& u, Float& v, Int& on) {
+          Float major;
+          on_cube(from + way * along, u, v, on, major);
+        });
+      }
+      if (k == 0) continue;
+      for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + texel[c];
+    }
+    if (taps == 1) return;
+    for (int c = 0; c < CHANNELS; c++) out[c] = out[c] * (1.0f / static_cast<float>(taps));
   }
 };
 
@@ -155,7 +215,7 @@ void read_layers(const Frame& f, const Surface& s, Place& place, Layers<CHANNELS
   Float value;
   auto scale = [&](int map, Float& number) {
     if (map < 0) return;
-    place.read(f.textures[map], 1, &value);
+    place.read<1>(f.textures[map], &value);
     number = number * value;
   };
   scale(s.opacity_map, out.opacity);
@@ -168,7 +228,7 @@ void read_layers(const Frame& f, const Surface& s, Place& place, Layers<CHANNELS
     out.alpha_ggx = rough * rough;
   }
   if (s.emissive_map >= 0) {
-    place.read(f.textures[s.emissive_map], CHANNELS, out.emitted);
+    place.template read<CHANNELS>(f.textures[s.emissive_map], out.emitted);
     for (int c = 0; c < CHANNELS; c++) out.emitted[c] = out.emitted[c] * s.emission;
   }
 }
@@ -230,37 +290,11 @@ inline Vec bent_normal(const Frame& f, const Hit& hit, unsigned lanes, Place& pl
   right = normalize(right - n * dot(n, right));
   up = normalize(up - n * dot(n, up));
   Float c[3];
-  place.read(map, 3, c);
+  place.read<3>(map, c);
   Float length = sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2]);
   // 1e-5: the rounding of unit normals
   apart = max((1.0f - length) / max(length, splat(0.05f)) - 1e-5f, splat(0.0f));
   return normalize(right * c[0] + up * c[1] + n * c[2]);
-}
-
-// The image on a plane as the pixels of camera rays see it: the mean of some points in each pixel,
-// which are found on the plane without tracing them.
-template <int CHANNELS>
-void tap_plane(const Frame& f, const Geom& g, const Surface& s, const Rays& rays, Vec d,
-               Float footprint, unsigned lanes, Float* out) {
-  const Texture& t = f.textures[s.texture];
-  const float* r = g.rotation;
-  Float drop = max(-d.z, splat(1e-6f)), scale = -rays.direction.z;
-  for (int c = 0; c < CHANNELS; c++) out[c] = splat(0.0f);
-  Lod lod;
-  for (int i = 0; i < f.taps; i++) {
-    Float x = scale * (f.tap_x[i] / f.fx), y = scale * (f.tap_y[i] / -f.fy);
-    Vec to = {d.x + x * r[0] + y * r[3], d.y + x * r[1] + y * r[4], d.z + x * r[2] + y * r[5]};
-    // beyond the horizon there is no plane
-    Float distance = splat(g.camera.z) / max(-to.z, drop * 0.25f);
-    Vec p = {to.x * distance + g.camera.x, to.y * distance + g.camera.y, splat(0.0f)};
-    Float u, v, texel[CHANNELS];
-    float per_meter;
-    on_shape(g, s, p, u, v, per_meter);
-    if (i == 0) lod = lod_of(t, footprint * (per_meter * f.tap_width), lanes);
-    read_between(t, CHANNELS, lod, u, v, splat(0), texel);
-    for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + texel[c];
-  }
-  for (int c = 0; c < CHANNELS; c++) out[c] = out[c] * (1.0f / static_cast<float>(f.taps));
 }
 
 // What is at the hits of geom `index` in the lanes `here`, which are all that are asked for if
@@ -279,22 +313,26 @@ void add_geom(const Frame& f, const Rays& rays, const Hit& hit, Float travelled,
   const Geom& g = f.geoms[index];
   const Surface& s = f.surfaces[g.surface];
   auto [p, d, n, flat, mesh_u, mesh_v, mesh_density, is_mesh] = site_of(f, g, rays, hit, lanes);
-  if (s.texture >= 0 || s.layered) {
+  bool textured = s.texture >= 0 || s.layered, probed = textured && rays.primary && f.probes > 0;
+  if (textured && !probed) {
     // seen at a slant the footprint stretches: take the mean of its two widths
     Float slant = max(abs(dot(n, d)), splat(0.02f));
     reach = reach / sqrt(slant);
   }
   bool own = is_mesh && f.meshes[g.mesh].has_texcoords;
-  Place place = {g, s, p, reach, lanes, own, mesh_u, mesh_v, mesh_density};
+  Place place = {f, g, s, p, reach, lanes, own, mesh_u, mesh_v, mesh_density};
+  Footprint covered;
+  if (probed) {
+    // a round shape ends where it is seen at a slant
+    bool even = is_mesh || g.shape == PLANE || g.shape == BOX;
+    covered = footprint_of(f, g, rays, hit.distance, d, is_mesh ? flat : n, even ? 1e-3f : 0.1f);
+    place.covered = &covered;
+    place.hit = &hit;
+  }
   Float albedo[CHANNELS], tint[CHANNELS];
   for (int c = 0; c < CHANNELS; c++) albedo[c] = splat(s.albedo[c]), tint[c] = splat(1.0f);
   if (s.texture >= 0) {
-    const Texture& t = f.textures[s.texture];
-    if (f.taps > 1 && rays.common && g.shape == PLANE && t.faces == 1) {
-      tap_plane<CHANNELS>(f, g, s, rays, d, reach, lanes, albedo);
-    } else {
-      place.read(t, CHANNELS, albedo);
-    }
+    place.template read<CHANNELS>(f.textures[s.texture], albedo);
     for (int c = 0; c < CHANNELS; c++) tint[c] = albedo[c];
   }
   Vec facing_out = to_camera(g.rotation, n);

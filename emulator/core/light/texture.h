@@ -43,20 +43,18 @@ EVS_INLINE Float bilinear(const float* texels, const Spot& s) {
   return top + (bottom - top) * s.y;
 }
 
-// The two levels of an image between which a sample of width `footprint`, in image lengths, lies.
+// The two levels of an image between which a sample of some width lies.
 struct Lod {
   Level l0, l1;
   Float share;
   bool blend;  // false: every lane reads one level only
 };
 
-// Only `lanes` are asked for: on the others it may be anything.
-EVS_INLINE Lod lod_of(const Texture& t, Float footprint, unsigned lanes) {
-  const TextureLevel& whole_image = t.level[0];
-  float widest = static_cast<float>(whole_image.width > whole_image.height ? whole_image.width
-                                                                           : whole_image.height);
+// In: width, in texels of the whole image. Only `lanes` are asked for: on the others it may be
+// anything.
+EVS_INLINE Lod lod_between(const Texture& t, Float width, unsigned lanes) {
   // log2, with straight lines from one power of two to the next
-  Int texels = as_int(max(footprint * widest, splat(1.0f)));
+  Int texels = as_int(max(width, splat(1.0f)));
   Int whole = shift_right<23>(texels) - splat(127), last = splat(t.levels - 1);
   Float share = as_float((texels & splat(0x7fffff)) | splat(0x3f800000)) - 1.0f;
   whole = select(last < whole, last, whole);
@@ -68,6 +66,14 @@ EVS_INLINE Lod lod_of(const Texture& t, Float footprint, unsigned lanes) {
   }
   Int next = whole + splat(1);
   return {level_of(t, whole), level_of(t, select(last < next, last, next)), share, true};
+}
+
+// The same of a width in image lengths.
+EVS_INLINE Lod lod_of(const Texture& t, Float footprint, unsigned lanes) {
+  const TextureLevel& whole_image = t.level[0];
+  float widest = static_cast<float>(whole_image.width > whole_image.height ? whole_image.width
+                                                                           : whole_image.height);
+  return lod_between(t, footprint * widest, lanes);
 }
 
 // u, v in image lengths, repeating if one face. A channel that the image does not have is its mean.

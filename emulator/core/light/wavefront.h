@@ -43,7 +43,7 @@ inline Int pull(const Wavefront& front, const PathFrame& p, int at, Walk& w) {
   int i = 0;
   auto get = [&] { return load(front.batch.paths[i++] + at); };
   auto get_int = [&] { return as_int(get()); };
-  w.rays.common = false;
+  w.rays.common = w.rays.primary = false;
   auto get_vector = [&](Vec& v) { v.x = get(), v.y = get(), v.z = get(); };
   get_vector(w.rays.origin);
   get_vector(w.rays.direction);

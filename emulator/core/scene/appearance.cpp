@@ -206,6 +206,7 @@ void add_surfaces(const SceneData& scene, Bakery& bakery, Appearance& look) {
     for (int k = 0; k < 2; k++) out.repeat[k] = s.repeat[k] > 0 ? s.repeat[k] : 1.0f;
     out.uniform = s.uniform;
     add_layers(s, bakery, out);
+    look.textured = look.textured || out.texture >= 0 || out.layered;
     look.layered = look.layered || out.layered || out.physical;
     look.bumpy = look.bumpy || out.normal_map >= 0;
     look.surfaces.push_back(out);

@@ -115,6 +115,11 @@ void sample_points(int count, std::vector<float>& x_at, std::vector<float>& y_at
   }
 }
 
+int probes_of(int samples) {
+  constexpr int MOST = 8;
+  return std::max(1, static_cast<int>(MOST / std::sqrt(static_cast<double>(samples))));
+}
+
 void set_optics(const Optics& optics, int samples, Sampling& sampling, Frame& frame) {
   Frame& f = frame;
   f.width = optics.width;
@@ -131,6 +136,8 @@ void set_optics(const Optics& optics, int samples, Sampling& sampling, Frame& fr
   f.samples = samples;
   double across = std::sqrt(static_cast<double>(samples));
   f.pixel_angle = static_cast<float>(1.0 / (std::sqrt(optics.fx * optics.fy) * across));
+  f.pixel_x = static_cast<float>(1.0 / (optics.fx * across));
+  f.pixel_y = static_cast<float>(1.0 / (optics.fy * across));
   sample_points(samples, sampling.x, sampling.y);
   f.sample_x = sampling.x.data();
   f.sample_y = sampling.y.data();

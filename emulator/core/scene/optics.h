@@ -25,6 +25,10 @@ struct Sampling {
 // Positions in a pixel that never change, 0 ... 1. Out: x, y (count) each.
 void sample_points(int count, std::vector<float>& x, std::vector<float>& y);
 
+// At how many points an image is read for each of so many samples a pixel, at most: together they
+// lie as close along a pixel as those of one.
+int probes_of(int samples);
+
 // Out: the sampling, and the camera's part of `frame`, which points into it.
 void set_optics(const Optics& optics, int samples, Sampling& sampling, Frame& frame);
 

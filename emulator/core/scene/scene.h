@@ -183,7 +183,9 @@ struct Frame {
   int samples;
   const float* sample_x;  // sub-pixel positions, 0 ... 1
   const float* sample_y;
-  // where one sample stands for the pixel, textures of planes and the sky are read at `taps` points
+  float pixel_x, pixel_y;  // what a sample covers of a plane at depth 1: m
+  int probes;              // at which an image is read for one sample, at most; 0: as in mirrors
+  // where one sample stands for the pixel, images are read at `taps` points
   int taps;
   const float *tap_x, *tap_y;  // px from the sample
   float tap_width;             // footprint of one, as a share of the sample's

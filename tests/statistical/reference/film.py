@@ -1,5 +1,5 @@
-"""Robots on film: a model that random controls move, seen ms by ms by a camera that stands, pans or
-slides, and the events that a renderer's light makes of it."""
+"""Robots on film: a model that random controls move, seen ms by ms by a camera that stands, pans,
+slides or orbits, and the events that a renderer's light makes of it."""
 
 from __future__ import annotations
 
@@ -75,8 +75,9 @@ class Film:
         ticks: int,
         view: CameraConfig | None = None,
     ) -> None:
-        """In: motion, still, pan (170 px/s) or slide (0.5 m/s); view, where from, if not from a
-        distance at which the whole model is seen."""
+        """In: motion, still, pan (170 px/s), slide (0.5 m/s) or orbit (half a turn a second around
+        what the view looks at); view, where from, if not from a distance at which the whole model
+        is seen."""
         self.width, self.height, self.ticks = width, height, ticks
         model.opt.timestep = 1e-3
         data = mujoco.MjData(model)
@@ -99,6 +100,11 @@ class Film:
                 mat = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]]) @ mat
             if motion == "slide":
                 pos = pos + mat[:, 0] * (0.0005 * k)
+            if motion == "orbit":
+                cos, sin = np.cos(0.001 * np.pi * k), np.sin(0.001 * np.pi * k)
+                turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+                center = np.asarray(view.lookat or model.stat.center)
+                pos, mat = center + turn @ (pos - center), turn @ mat
             self.taken.append((snapshot, CameraPose(pos, np.ascontiguousarray(mat.reshape(9)))))
             mujoco.mj_step(model, data)
         self.scene: SceneModel = extract_scene(model)

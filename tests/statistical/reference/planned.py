@@ -29,7 +29,7 @@ SCENE = """<mujoco>
   <asset>
     <texture name="tiles" type="2d" builtin="checker" rgb1=".2 .2 .2" rgb2=".8 .8 .8" width="32"
              height="32"/>
-    <material name="floor" texture="tiles" texrepeat="6 6" {floor}/>
+    <material name="floor" {image} {floor}/>
     <material name="body" rgba=".8 .5 .3 {alpha}" {body}>{layers}</material>{asset}
   </asset>
   <worldbody>
@@ -46,6 +46,7 @@ SCENE = """<mujoco>
 </mujoco>"""
 NOTHING = {
     **dict.fromkeys(("visual", "floor", "body", "layers", "asset", "plane", "more", "tail"), ""),
+    "image": 'texture="tiles" texrepeat="6 6"',
     "lights": SUN,
     "size": "4 4",
     "rest": "",
@@ -96,7 +97,7 @@ class Film:
 
 
 PLAIN = Film()
-"""needs nothing but what every film here has: a shadow"""
+"""needs nothing but what every film here has: a shadow, and a floor with an image"""
 
 PATH: dict[str, Any] = {"renderer": "path", "spp": 2}
 
@@ -111,6 +112,7 @@ NEEDS = {
             "lights": SUN.replace("-1", "0").replace("/>", ' castshadow="false"/>'),
         }
     ),
+    "texture_filter": PLAIN,
     "sky": Film({"asset": SKY}),
     "fog": Film(
         {"visual": '<map fogstart=".2" fogend=".6"/><rgba fog=".9 .9 .9 1"/>'}, {"fog": True}
