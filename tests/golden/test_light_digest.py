@@ -31,12 +31,12 @@ from evs.emulator.sensor import make_event_model, resolve_sensor
 from evs.msgs import join_events
 from reference.scenes import camera_of, scene_of, shot_of
 
-LIGHT = "7a7a5aa75310e006"
+LIGHT = "dbf0f3c43fe4f871"
 EVENTS = {
-    "t": "071b22f54eb1e07d",
-    "x": "5794a6ff5a7a46a2",
-    "y": "657881371a62bf79",
-    "p": "769884ba2c553ec2",
+    "t": "850a6338ad2be61a",
+    "x": "742bd78454027af7",
+    "y": "f91236d4c679e30d",
+    "p": "c2228146c1b5d058",
 }
 
 WIDTH, HEIGHT, TICKS = 61, 47, 40

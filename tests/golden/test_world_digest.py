@@ -18,7 +18,7 @@ from evs.emulator.config import CameraConfig, RenderConfig, SensorConfig
 from evs.emulator.world import ORTHOGRAPHIC
 from evs.msgs import Events, join_events
 
-DIGESTS = {"direct": "f295c4729e2b5f39", "path": "ec9a4f0b06779718"}
+DIGESTS = {"direct": "81e1bd691c2e8dc8", "path": "dd1ede8c020cd15d"}
 """renderer -> digest of the light and events of all cameras"""
 
 MOTION_TICKS = 30
