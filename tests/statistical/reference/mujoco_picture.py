@@ -178,13 +178,18 @@ def _draw(
 
 
 def _number_of(model: mujoco.MjModel, geom: mujoco.MjvGeom) -> int:
-    """As SceneModel.geom_id has it; what is no geom, skin or flex is below all of them."""
+    """As SceneModel.geom_id has it; what a scene has no number for is below all of them."""
     if geom.objtype == mujoco.mjtObj.mjOBJ_GEOM:
         return int(geom.objid)
     if geom.objtype == mujoco.mjtObj.mjOBJ_SKIN:
         return -2 - int(geom.objid)
     if geom.objtype == mujoco.mjtObj.mjOBJ_FLEX:
         return -2 - int(model.nskin) - int(geom.objid)
+    sites = -2 - int(model.nskin) - int(model.nflex)
+    if geom.objtype == mujoco.mjtObj.mjOBJ_SITE:
+        return sites - int(geom.objid)
+    if geom.objtype == mujoco.mjtObj.mjOBJ_TENDON:
+        return sites - int(model.nsite) - int(geom.objid)
     return -10_000
 
 
