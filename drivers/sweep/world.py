@@ -73,7 +73,7 @@ class SweepWorld(World):
         camera = FramesCamera(
             self._way,
             self.model,
-            self._scene,
+            self._scene.scene,
             plan,
             tick_us=self.substeps.tick_us,
             scene_config=self._scene_config,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from evs.msgs import EvsError
 
-MAX_STEPS = 100_000
+MAX_STEPS = 1_000_000
 """in a tick; more is a slip of the keyboard"""
 
 
@@ -60,7 +60,7 @@ def fill_tick(tick_us: int, model_timestep_s: float) -> Substeps:
 
     # 1 ms over 0.1 ms is a little over 10 in floating point, and still 10
     tick_s = int(tick_us) * 1e-6
-    if tick_s / model_timestep_s > MAX_STEPS:
+    if tick_s / model_timestep_s > MAX_STEPS * (1.0 + 1e-9):
         raise EvsError(
             f"the model's timestep is {model_timestep_s:g} s: a tick of {tick_us} us would take "
             f"{tick_s / model_timestep_s:.3g} steps; give <option timestep=.../> of "
