@@ -201,7 +201,7 @@ def test_the_camera_goes_while_the_sink_waits_for_subscribers(
 def test_every_sink_aside_of_a_run_that_ends_by_itself(folder: Path) -> None:
     """Two recordings and a bus: the same report as without, and nobody is left."""
     words = ("--duration", "0.2", "--record", "run.aedat4", "sink.0.type=npz", "sink.0.file=a.npz")
-    words = (*words, "--publish", "tcp://127.0.0.1:0")
+    words = (*words, "--publish", "tcp://127.0.0.1:0", "--force")
     sinks = []
     for more in ((), ("--aside",)):
         with emulating(folder, *words, *more) as camera:

@@ -89,7 +89,9 @@ def test_convert_shifts_the_start_only_where_the_stamps_do_not_fit(
     assert (line in told) == (name in SHIFTED)
     assert files.stream_of(target).start_us == (start_us if name in SHIFTED else 0)
     # without it, what has to be shifted is refused in a line, and what was there stays
-    again = main(["convert", str(source), str(target), *options, "--start", "keep", "--quiet"])
+    again = main(
+        ["convert", str(source), str(target), *options, "--start", "keep", "--quiet", "--force"]
+    )
     assert again == (2 if name in SHIFTED else 0)
     if name in SHIFTED:
         assert "leave --start keep out" in capsys.readouterr().err
