@@ -17,9 +17,10 @@ import numpy as np
 import pytest
 
 from evs.emulator import VirtualCamera
-from evs.emulator.config import CameraConfig, RenderConfig
+from evs.emulator.config import CameraConfig, PlanConfig, RenderConfig
 from evs.emulator.light import DirectRenderer, make_renderer
 from evs.emulator.light.raster import RasterRenderer, context
+from evs.emulator.plan import Switches
 from evs.emulator.scene import CameraModel, SceneModel, SceneSnapshot, Thing
 from evs.emulator.world import Poser, bind_camera, extract_scene, load_model
 from evs.msgs import EvsError
@@ -158,7 +159,9 @@ def test_silhouettes_and_light_agree_with_direct(name: str, robot_files: dict[st
     surfaces = tuple(replace(surface, reflectance=0.0) for surface in scene.surfaces)
     scene = replace(scene, surfaces=surfaces)
     config = RenderConfig(spp=1, shadows=False)
-    direct = DirectRenderer(scene, camera, config, 1)
+    # OpenGL reads an image once
+    once = Switches.of(PlanConfig(off=("texture_filter",)))
+    direct = DirectRenderer(scene, camera, config, 1, switches=once)
     raster = RasterRenderer(scene, camera, config)
     pose = snapshot.cameras[0]
 

@@ -15,7 +15,7 @@ SCENE = """<mujoco><statistic center="0 0 .5" extent="1"/>
   <asset><texture name="tiles" type="2d" builtin="checker" rgb1=".8 .8 .8" rgb2=".2 .2 .2"
     width="64" height="64"/><material name="floor" texture="tiles" texrepeat="8 8"/></asset>
   <worldbody><camera pos="0 -1.0606601717798212 1.5606601717798212" fovy="45"
-    xyaxes="1 0 0 0 1 1"/><light type="point" pos=".5 -1 2" attenuation="0 0 1" diffuse="2 2 2"
+    xyaxes="1 0 0 0 1 1"/><light type="point" pos=".5 -1 2" diffuse="2 2 2"
     bulbradius=".2"/><geom type="plane" size="2 2 .1" material="floor"/>
   <body pos="0 0 .6"><joint name="turn" axis="0 0 1" damping=".01"/>
     <geom type="capsule" fromto="-.4 0 0 .4 0 0" size=".06" rgba=".9 .5 .2 1"/></body></worldbody>
@@ -24,10 +24,10 @@ SCENE = """<mujoco><statistic center="0 0 .5" extent="1"/>
 """A bar that motors turn over a chequered floor, under a lamp with a size."""
 
 
-def written(folder: Path) -> Path:
-    """The scene's file."""
+def written(folder: Path, repeat: int = 8) -> Path:
+    """The scene's file. In: repeat, of the floor's tiles."""
     path = folder / "turning.xml"
-    path.write_text(SCENE)
+    path.write_text(SCENE.replace('texrepeat="8 8"', f'texrepeat="{repeat} {repeat}"'))
     return path
 
 
