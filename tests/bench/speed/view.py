@@ -44,7 +44,7 @@ class View:
 
     def light(self, threads: int, spp: int = 1, **render: str) -> Callable[[], np.ndarray]:
         """A call that traces the full frame."""
-        config = RenderConfig(spp=spp, incremental=False, **render)  # type: ignore[arg-type]
+        config = RenderConfig(spp=spp, incremental=False, sites=False, **render)  # type: ignore[arg-type]
         renderer = make_renderer(self.content, self.camera, config, threads)
         return lambda: renderer.render(self.shot, self.pose)
 
@@ -86,7 +86,7 @@ def robot(path: Path) -> View:
 
 def share_of_the_same_geoms(view: View, camera_rays: Rays) -> float:
     """Of the pixels: where both find the same, a geom or nothing."""
-    renderer = DirectRenderer(view.content, view.camera, RenderConfig(), 1)
+    renderer = DirectRenderer(view.content, view.camera, RenderConfig(sites=False), 1)
     index, _ = renderer.hits(view.shot, view.pose)
     ours = np.where(index < 0, -1, view.content.geom_id[index])
     return float((ours == view.multi_ray(camera_rays)()).mean())
