@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
 
-from evs.emulator.scene import F32
-from evs.emulator.stages import Meter
-from evs.emulator.truth import GroundTruth
+from evs.emulator.base.ground_truth import GroundTruth
+from evs.emulator.base.protocols import Meter
+from evs.emulator.base.scene import F32
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pace, Pose, StreamInfo, TriggerPacket
 
 

@@ -130,7 +130,7 @@ def events_fit(raw: bytes | memoryview, base_us: int, end_us: int, width: int, h
     """
 
 class NetworkArray:
-    """A network on an array of pixels: emulator/network/native.py."""
+    """A network on an array of pixels: emulator/evsnet/native.py."""
 
     def __init__(self, width: int, height: int, *, weights: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], biases: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], delays: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], last: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], last_bias: float, v_on: float, v_off: float, decay_low: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], decay_high: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], exposure_dn: float, dark_dn: float, linlog_dn: float, tick_us: int, dense: bool = False, threads: int = 0, isa: str = 'auto') -> None:
         """

@@ -13,9 +13,9 @@ from evs.drivers.bus.channels import Audience, Channel, make_channels
 from evs.drivers.bus.checking import quick_check
 from evs.drivers.bus.ports import Ports, ServerKeys
 from evs.drivers.bus.sockets import Socket, readable, receive_parts, send_parts
-from evs.drivers.pace import monotonic_s
-from evs.emulator.stages import Meter, NoMeter
-from evs.emulator.truth import GroundTruth
+from evs.drivers.clock import monotonic_s
+from evs.emulator.base.ground_truth import GroundTruth
+from evs.emulator.base.protocols import Meter, NoMeter
 from evs.msgs import (
     CAMERA_INFO,
     CLOCK,

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from evs.drivers.bus.address import bindable, is_ipc
+from evs.drivers.clock import monotonic_s
 from evs.drivers.dv.clients import PATIENCE_S
 from evs.drivers.dv.port import Port
 from evs.drivers.files.aedat4 import compression as compressions
@@ -15,8 +16,7 @@ from evs.drivers.files.aedat4 import description, layout
 from evs.drivers.files.aedat4.frames import frame_body
 from evs.drivers.files.aedat4.imu import imu_body
 from evs.drivers.files.aedat4.triggers import triggers_body
-from evs.drivers.pace import monotonic_s
-from evs.emulator.stages import Meter, NoMeter
+from evs.emulator.base.protocols import Meter, NoMeter
 from evs.msgs import (
     EventPacket,
     EvsError,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from evs.drivers.files import kinds
 from evs.msgs import EvsError, unknown
-from evs.msgs.encodings import (
+from evs.msgs.codecs import (
     LAST_ROS_US,
     LONGEST_US,
     MAX_SIDE_DAT_PX,

@@ -11,9 +11,9 @@ from typing import Any
 
 from evs.drivers.files.formats import AnyPath, Format, by_name
 from evs.drivers.files.recording import check_stamps, one_stream, target_error
-from evs.drivers.files.room import Room
+from evs.drivers.files.reserved_space import Room
 from evs.drivers.sink import SinkStoppedError
-from evs.emulator.stages import Meter, NoMeter
+from evs.emulator.base.protocols import Meter, NoMeter
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo
 
 _EVENT_BYTES = 24

@@ -14,7 +14,7 @@ import numpy as np
 
 from evs.drivers.files.damage import Damage, bad_values
 from evs.drivers.files.formats import MAX_SIDE_PX
-from evs.drivers.files.npz_beside import frames_in, imu_of, in_order, labels_of, triggers_of
+from evs.drivers.files.npz_auxiliary import frames_in, imu_of, in_order, labels_of, triggers_of
 from evs.drivers.files.npz_columns import Archive, OtherError
 from evs.drivers.files.npz_recorder import COLUMNS, STREAM, NpzRecorder
 from evs.drivers.files.ordered import InOrder

@@ -13,7 +13,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from evs.drivers.files.npz_beside import LABEL_ARRAYS, PIXELS, STAMPS, arrays_of
+from evs.drivers.files.npz_auxiliary import LABEL_ARRAYS, PIXELS, STAMPS, arrays_of
 from evs.drivers.files.npz_columns import Spool, write_array
 from evs.drivers.files.recording import one_stream, target_error
 from evs.drivers.sink import SinkStoppedError

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from evs.drivers.files import replacing
-from evs.drivers.pipeline.config import SinkConfig, make_sink
-from evs.drivers.pipeline.outlets import Beside, Outlets
+from evs.drivers.files import overwriting
+from evs.drivers.run.config import SinkConfig, make_sink
+from evs.drivers.run.sink_set import Beside, Outlets
 from evs.drivers.sink import SinkStoppedError
-from evs.emulator.stages import Meter
+from evs.emulator.base.protocols import Meter
 from evs.msgs import EventPacket, EvsError, Pace, StreamInfo
 
 _NO_NAME = re.compile(r"[^\w.-]")
@@ -173,14 +173,14 @@ class Segments:
         kept = [table for table in self._files if self._beside or not table.overwrite]
         names = [name for table in kept for name in self._names(table, infos, 1)]
         if self._beside:
-            self._place = replacing.free_number(names)
+            self._place = overwriting.free_number(names)
             return
-        replacing.check_new(names, replacing.FORCE)
+        overwriting.check_new(names, overwriting.FORCE)
         for name in map(Path, names):
             form = re.compile(rf"{re.escape(name.stem)}-episode-\d{{3,}}{re.escape(name.suffix)}")
             if name.parent.is_dir():
                 later = sorted(one for one in name.parent.iterdir() if form.fullmatch(one.name))
-                replacing.check_new(later, replacing.FORCE)
+                overwriting.check_new(later, overwriting.FORCE)
 
     def _shares(self, table: SinkConfig) -> list[tuple[str, _Share]]:
         """Each file of a table in this segment: its name, and what records it."""
@@ -198,7 +198,7 @@ class Segments:
         file = table.rrd or table.file or ""
         several = not table.rrd and len(infos) > 1
         files = [camera_path(file, info.camera) for info in infos] if several else [file]
-        return [segment_path(replacing.beside(one, self._place), number) for one in files]
+        return [segment_path(overwriting.beside(one, self._place), number) for one in files]
 
     def _share(self, table: SinkConfig, infos: tuple[StreamInfo, ...]) -> _Share:
         return _Share(Outlets([make_sink(table)], self._meter, self._warn), infos)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from evs.drivers.pace import monotonic_s, sleep_s
+from evs.drivers.clock import monotonic_s, sleep_s
 from evs.drivers.ros2.gathering import Gatherer, check_size, check_start
 from evs.drivers.ros2.messages import Messages, clock_message, rehearse
 from evs.drivers.ros2.middleware import Participant, load
@@ -14,7 +14,7 @@ from evs.drivers.ros2.network import checked_domain, interface_of
 from evs.drivers.ros2.node import Node, Topic
 from evs.drivers.ros2.sending import Sender
 from evs.drivers.ros2.statistics import Statistics
-from evs.emulator.stages import Meter, NoMeter
+from evs.emulator.base.protocols import Meter, NoMeter
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, StreamInfo, unknown
 
 LINGER_S = 2.0

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from evs.emulator.base.scene import F32, F64, CameraModel
 from evs.emulator.optics.brown import Brown
 from evs.emulator.optics.distortion import check_distortion, is_distorted, project
 from evs.emulator.optics.equidistant import Equidistant
 from evs.emulator.optics.vignetting import check_vignetting, light_share
-from evs.emulator.scene import F32, F64, CameraModel
 from evs.msgs import EvsError
 
 MOST_OFF_PX = 0.5

@@ -24,12 +24,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from evs.emulator.base.scene import F32
 from evs.emulator.config import RenderConfig
-from evs.emulator.light import make_renderer
-from evs.emulator.metrics.compare import Comparison
-from evs.emulator.scene import F32
+from evs.emulator.render import make_renderer
 from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants, running_mean
 from evs.msgs import Events
+from evs.tools.metrics.compare import Comparison
 from reference.film import VIEWS, Film, model_of
 
 WIDTH, HEIGHT, TICKS, SETTLED_US = 40, 30, 201, 80_000

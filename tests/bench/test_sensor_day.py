@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
 from evs.msgs import Events, join_events
 from reference.memory import resident_bytes

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 import evs
 from evs.emulator.config import ModelConfig
-from evs.emulator.pixels import Pixels
+from evs.emulator.camera.pixels import Pixels
 from evs.emulator.sensor import SensorParameters
 
 XML = '''<mujoco><worldbody><light pos="0 0 2"/><geom type="plane" size="2 2 .1"/>

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from evs.drivers.extremes import Extreme, extremes_of, try_extreme
+from evs.tools.stress import Extreme, extremes_of, try_extreme
 
 
 @pytest.mark.slow

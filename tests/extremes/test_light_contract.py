@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
+from evs.emulator.base.scene import LightKind, Mesh, Shape, Surface
 from evs.emulator.config import RenderConfig
-from evs.emulator.light import make_renderer
-from evs.emulator.scene import LightKind, Mesh, Shape, Surface
+from evs.emulator.render import make_renderer
 from reference.stage import Builder, Stage, matt, turned
 from reference.tessellation import ball
 

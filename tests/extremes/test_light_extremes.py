@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.config import RenderConfig
-from evs.emulator.light import DirectRenderer
-from evs.emulator.scene import (
+from evs.emulator.base.scene import (
     CameraModel,
     CameraPose,
     Light,
@@ -24,6 +22,8 @@ from evs.emulator.scene import (
     Texture,
     TextureKind,
 )
+from evs.emulator.config import RenderConfig
+from evs.emulator.render import DirectRenderer
 from reference.scenes import camera_of, scene_of, shot_of
 
 EYE = np.eye(3).reshape(9)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evs.emulator.network.model import MAX_TIME_US, EvsNetModel
-from evs.emulator.network.runtime import RUNTIMES
-from evs.emulator.network.state import MAX_TICKS, NetworkState
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.model import MAX_TIME_US, EvsNetModel
+from evs.emulator.evsnet.runtime import RUNTIMES
+from evs.emulator.evsnet.state import MAX_TICKS, NetworkState
 from evs.emulator.sensor import SensorParameters
 from reference.networks import random_network, through_network
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evs.emulator.network import NetworkWeights
-from evs.emulator.network.model import MAX_CHUNK, EvsNetModel
-from evs.emulator.network.runtime import RUNTIMES
-from evs.emulator.network.state import NetworkState
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
+from evs.emulator.evsnet import NetworkWeights
+from evs.emulator.evsnet.model import MAX_CHUNK, EvsNetModel
+from evs.emulator.evsnet.runtime import RUNTIMES
+from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters
 from reference.networks import STILL, STRANGE, shipped, through_network
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.model import EvsNetModel
 from evs.emulator.sensor import SensorParameters
 from reference.networks import STILL, STRANGE, shipped, through_network
 

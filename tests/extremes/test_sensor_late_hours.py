@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
 from evs.emulator.sensor.pixel.state import MAX_TICK_US
 from evs.msgs import Events, join_events

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
-from evs.emulator.sensor.pixel.reference import ReferenceModel
+from evs.emulator.sensor.reference import ReferenceModel
 from evs.msgs import Events
 
 NO_LIGHT = [np.nan, -np.nan, np.inf, -np.inf, -1.0, -1e-18, -3e38, 3e38]

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
-from evs.emulator.sensor.pixel.reference import ReferenceModel, caught_up
 from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants
 from evs.emulator.sensor.pixel.state import MAX_CLOCK_US, MAX_TICK_US
+from evs.emulator.sensor.reference import ReferenceModel, caught_up
 from evs.msgs import Events, EvsError, join_events
 
 SENSOR = SensorParameters("test", 10, 8, 0.2, 0.2, 0.03)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.emulator.small_files import read_small
+from evs.emulator.base.small_files import read_small
 from evs.emulator.world import controls
 from evs.emulator.world.controls import read_controls
 from evs.msgs import EvsError
@@ -18,7 +18,7 @@ from evs.msgs import EvsError
 READ = """
 import resource, sys
 from pathlib import Path
-from evs.drivers.pipeline.settings import read_toml
+from evs.drivers.settings import read_toml
 from evs.emulator.sensor.presets.resolve import _read
 from evs.emulator.sensor.readout.parameters import ReadoutParameters
 from evs.emulator.sensor.readout.pixels import draw_fates

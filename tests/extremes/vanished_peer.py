@@ -19,7 +19,7 @@ from evs.drivers.bus import Latest, Publisher, subscribe
 from evs.drivers.bus.discovery import request
 from evs.drivers.bus.exchange import ClientEnd, ServerEnd
 from evs.drivers.bus.ports import ServerKeys
-from evs.drivers.pace import monotonic_s, sleep_s
+from evs.drivers.clock import monotonic_s, sleep_s
 from evs.msgs import EventPacket, StreamInfo, encode, make_events
 from evs.msgs.packet import packb
 

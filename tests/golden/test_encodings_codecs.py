@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from evs.msgs import Events, make_events
-from evs.msgs.encodings import PAYLOADS, TIME_ORIGIN_US, PayloadReader, PayloadWriter
+from evs.msgs.codecs import PAYLOADS, TIME_ORIGIN_US, PayloadReader, PayloadWriter
 
 STARTS = {"0": 0, "2^24": 2**24, "2^31": 2**31, "2^32": 2**32, "2^34": 2**34}
 SIZES = (0, 1, 1000, 65_535)

@@ -13,9 +13,7 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.light import make_renderer
-from evs.emulator.scene import (
+from evs.emulator.base.scene import (
     CameraPose,
     Light,
     LightKind,
@@ -27,7 +25,10 @@ from evs.emulator.scene import (
     Texture,
     TextureKind,
 )
-from evs.emulator.sensor import make_event_model, resolve_sensor
+from evs.emulator.camera.event_models import make_event_model
+from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.render import make_renderer
+from evs.emulator.sensor import resolve_sensor
 from evs.msgs import join_events
 from reference.scenes import camera_of, scene_of, shot_of
 

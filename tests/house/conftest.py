@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 IGNORED = {".git", ".venv", "build", "dist", "out", "__pycache__"}
-PACKAGES = ("msgs", "emulator", "drivers", "launch")
+PACKAGES = ("msgs", "emulator", "drivers", "tools", "examples", "launch")
 
 
 @pytest.fixture(scope="session")

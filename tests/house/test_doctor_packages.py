@@ -4,7 +4,7 @@ import re
 import tomllib
 from pathlib import Path
 
-from evs.drivers.checkup import packages
+from evs.tools.doctor import packages
 
 
 def test_the_packages_looked_at_are_those_required(checkout: Path) -> None:

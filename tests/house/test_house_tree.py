@@ -10,6 +10,7 @@ import pytest
 
 TOP = {
     *("emulator", "drivers", "msgs", "launch", "tests", "config", "README.md"),
+    *("tools", "examples"),
     *("pyproject.toml", "Makefile", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md", "docs"),
 }
 TEST_FOLDERS = {
@@ -33,7 +34,8 @@ def test_every_folder_of_a_package_has_its_init(files: list[str]) -> None:
     modules = {
         Path(name).parent
         for name in files
-        if name.endswith(".py") and name.split("/")[0] in ("msgs", "emulator", "drivers")
+        if name.endswith(".py")
+        and name.split("/")[0] in ("msgs", "emulator", "drivers", "tools", "examples")
     }
     assert [str(folder) for folder in modules if f"{folder}/__init__.py" not in files] == []
 

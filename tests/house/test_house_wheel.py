@@ -49,7 +49,8 @@ def test_it_holds_the_package_and_nothing_else(wheel: Path, files: list[str]) ->
     expected = {
         f"evs/{name}"
         for name in files
-        if name.split("/")[0] in ("msgs", "emulator", "drivers", "launch", "config")
+        if name.split("/")[0]
+        in ("msgs", "emulator", "drivers", "tools", "examples", "launch", "config")
         and not name.startswith("emulator/core/")
     }
     expected |= {"evs/__init__.py", "evs/py.typed", "evs/emulator/_core.so"}
@@ -82,4 +83,4 @@ def test_it_works_away_from_the_checkout(wheel: Path, tmp_path: Path) -> None:
     assert core.startswith(str(tmp_path / "site/evs/emulator/_core."))
     assert version == wheel.name.split("-")[1]
     assert "evs.launch.main:main" in ran.stdout
-    assert "evs.drivers.testing.plugin" in ran.stdout
+    assert "evs.tools.testing.plugin" in ran.stdout

@@ -7,13 +7,14 @@ import sys
 import threading
 
 from evs.drivers.lockstep import LockstepServer
-from evs.emulator.closed import Loop
+from evs.emulator.simulation.closed_loop import Loop
 
 PROCESS = """
 import sys
 from evs.launch.main import main
 code = main(["loop", sys.argv[1], "--connect", sys.argv[2], "--seed", "3"])
-simulator = "mujoco", "evs.emulator.world", "evs.emulator._core", "evs.emulator.closed"
+emulator = "evs.emulator"
+simulator = "mujoco", f"{emulator}.world", f"{emulator}._core", f"{emulator}.simulation.closed_loop"
 print("simulator:", [name for name in simulator if name in sys.modules])
 raise SystemExit(code)
 """

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from evs.drivers.bus import Latest, Publisher
-from evs.drivers.pace import Pacer, monotonic_s
+from evs.drivers.clock import Pacer, monotonic_s
 from evs.msgs import EventPacket, StreamInfo, make_events
 
 LISTENER = """

@@ -12,7 +12,7 @@ import pytest
 
 from evs.drivers.bus import Publisher
 from evs.drivers.bus.keys import write_keys
-from evs.drivers.pace import monotonic_s, sleep_s
+from evs.drivers.clock import monotonic_s, sleep_s
 from evs.msgs import EventPacket, Frame, StreamInfo, make_events
 
 HORDE = """

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from evs.drivers.bus import Publisher, subscribe
-from evs.drivers.pace import Pacer, monotonic_s, sleep_s
+from evs.drivers.clock import Pacer, monotonic_s, sleep_s
 from evs.msgs import EventPacket, StreamInfo, make_events
 
 Opened = Callable[..., Publisher]
@@ -25,7 +25,7 @@ STREAM = StreamInfo(346, 260, "cam")
 LISTENER = """
 import hashlib, json, sys
 from evs.drivers.bus import subscribe
-from evs.drivers.pace import sleep_s
+from evs.drivers.clock import sleep_s
 address, queue, pause_s, hold_after = sys.argv[1:5]
 seqs, digest = [], hashlib.sha256()
 with subscribe(address, queue=int(queue), timeout_s=30) as stream:

@@ -15,7 +15,7 @@ import pytest
 
 from evs.emulator import Loop
 from evs.emulator.config import SensorConfig
-from evs.emulator.loop_config import DelayConfig
+from evs.emulator.config.closed_loop import DelayConfig
 
 TICK_US = 1000
 GEAR = 1e9

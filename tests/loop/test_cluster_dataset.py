@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.dataset.manifest import MANIFEST, listed
 from evs.launch.main import main
+from evs.tools.dataset.manifest import MANIFEST, listed
 from links.nodes import nodes
 
 pytest.importorskip("ray")

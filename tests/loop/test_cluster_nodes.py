@@ -17,8 +17,8 @@ from typing import Any
 import pytest
 
 import evs
-from evs.drivers.runner import run_jobs
 from evs.launch.main import main
+from evs.tools.jobs import run_jobs
 from links.nodes import Nodes, nodes
 from speed import jobs
 
@@ -28,8 +28,8 @@ pytestmark = pytest.mark.slow
 PROGRAM = """
 import json, pickle, sys
 from pathlib import Path
-from evs.drivers.pipeline.stopping import stop_signals
-from evs.drivers.runner import run_jobs
+from evs.drivers.run.stopping import stop_signals
+from evs.tools.jobs import run_jobs
 from evs.launch.main import main
 from evs.msgs import EvsError
 
@@ -185,7 +185,7 @@ def test_nodes_that_are_not_like_this_machine_are_refused(cluster: Nodes, tmp_pa
     package = Path(evs.__file__).parent
     other = tmp_path / "other/evs"
     other.mkdir(parents=True)
-    for folder in ("msgs", "emulator", "drivers", "launch", "config"):
+    for folder in ("msgs", "emulator", "drivers", "tools", "examples", "launch", "config"):
         (other / folder).symlink_to(package / folder)
     text = Path(evs.__file__).read_text()
     (other / "__init__.py").write_text(text.replace(evs.__version__, "0.0.9"))

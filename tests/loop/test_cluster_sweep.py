@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.sweep.store import read_sweep
 from evs.launch.main import main
+from evs.tools.sweep.store import read_sweep
 from links.nodes import nodes
 from reference.judged import written
 

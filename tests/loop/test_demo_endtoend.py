@@ -16,9 +16,9 @@ import pytest
 from PIL import Image
 
 from evs.drivers import files
-from evs.drivers.checkup import counter
 from evs.drivers.pictures import OFF_RGB, ON_RGB
 from evs.launch.main import main
+from evs.tools.doctor import counter
 
 QUICK = ["--duration", "0.05", "render.spp=1"]
 
@@ -100,7 +100,7 @@ def test_a_recording_that_lacks_an_event_fails_the_demo(
 def test_a_subscriber_that_cannot_start_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from evs.launch import demo
+    from evs.launch.commands import demo
 
     # a process that ends at once; the publisher need not wait its full time for it here
     monkeypatch.setattr(sys, "executable", shutil.which("false"))

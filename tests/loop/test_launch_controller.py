@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from evs.drivers import files
-from evs.drivers.launching.plan import read_plan
+from evs.drivers.run.launcher.plan import read_plan
 from evs.launch.main import main
 
 CONTROLLER = """

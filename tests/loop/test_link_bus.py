@@ -16,7 +16,7 @@ import pytest
 
 from evs.drivers import files
 from evs.drivers.bus.keys import write_keys
-from evs.drivers.pace import monotonic_s, sleep_s
+from evs.drivers.clock import monotonic_s, sleep_s
 from links.camera import Camera
 from links.link import Link
 
@@ -162,7 +162,7 @@ def test_a_cable_is_out_for_good(scene: Scene) -> None:
 ASKING = """
 import sys
 from evs.drivers.bus import Latest, discover
-from evs.drivers.pace import sleep_s
+from evs.drivers.clock import sleep_s
 from evs.msgs import EvsError
 control, key = sys.argv[1:]
 where = discover(control, server_key=key).latest

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from evs.drivers.pace import monotonic_s
+from evs.drivers.clock import monotonic_s
 from links.camera import Camera
 from links.link import Link, Side
 

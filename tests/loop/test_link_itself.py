@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.pace import monotonic_s, sleep_s
+from evs.drivers.clock import monotonic_s, sleep_s
 from links.link import Link
 
 CALLER = """

@@ -18,7 +18,7 @@ import pytest
 
 import evs
 from evs.drivers.bus.keys import write_keys
-from evs.drivers.pace import monotonic_s, sleep_s
+from evs.drivers.clock import monotonic_s, sleep_s
 from evs.emulator.config import SensorConfig
 from links.link import Link
 

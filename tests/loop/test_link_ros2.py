@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evs.drivers.pace import monotonic_s, sleep_s
-from evs.msgs.encodings import PayloadReader
+from evs.drivers.clock import monotonic_s, sleep_s
+from evs.msgs.codecs import PayloadReader
 from links.camera import Camera
 from links.camera_program import body
 from links.link import Link, NoLinkError

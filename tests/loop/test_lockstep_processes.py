@@ -19,9 +19,9 @@ import pytest
 
 import evs
 from evs.drivers import files
-from evs.drivers.checkup.loopback import free_address
+from evs.drivers.bus.loopback import free_address
+from evs.drivers.clock import monotonic_s, sleep_s
 from evs.drivers.lockstep import RemoteLoop
-from evs.drivers.pace import monotonic_s, sleep_s
 from evs.emulator.config import SensorConfig
 from evs.msgs import EvsError, Observation
 

@@ -9,7 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from evs.drivers.checkup.loopback import free_address
+from evs.drivers.bus.loopback import free_address
 
 ROOT = Path(__file__).parents[2]
 ADDRESS = "tcp://127.0.0.1:5570"

@@ -9,13 +9,13 @@ import pytest
 from apart import controlled_apart
 
 import evs
-from evs.drivers.loops.cartpole import SEEDS
-from evs.drivers.loops.cartpole.arena import CartPoleLoop, Trial, play
-from evs.drivers.loops.cartpole.controller import Balancer, Gains, Plant, feedback
-from evs.drivers.loops.cartpole.tracker import Mount, Pole, PoleTracker
-from evs.drivers.testing import LoopRunner
+from evs.examples.cartpole import SEEDS
+from evs.examples.cartpole.arena import CartPoleLoop, Trial, play
+from evs.examples.cartpole.controller import Balancer, Gains, Plant, feedback
+from evs.examples.cartpole.tracker import Mount, Pole, PoleTracker
 from evs.launch.main import main
 from evs.msgs import Observation, join_events, make_events
+from evs.tools.testing import LoopRunner
 
 
 def test_it_stands_though_it_is_pushed(tmp_path: Path) -> None:

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from evs.drivers.lockstep import LockstepServer
-from evs.drivers.loops.goalie import TRACKERS
-from evs.drivers.loops.goalie.keeper import FORCE_N, MASS_KG
-from evs.drivers.loops.goalie.path import CENTRE_PX, FOCAL_PX
-from evs.drivers.loops.goalie.shots import SAVES_M, Goal, GoalieLoop
+from evs.examples.goalie import TRACKERS
+from evs.examples.goalie.keeper import FORCE_N, MASS_KG
+from evs.examples.goalie.path import CENTRE_PX, FOCAL_PX
+from evs.examples.goalie.shots import SAVES_M, Goal, GoalieLoop
 from evs.launch.main import main
 from evs.msgs import EventPacket
 

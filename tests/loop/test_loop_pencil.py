@@ -14,13 +14,13 @@ import pytest
 from apart import controlled_apart
 
 from evs.drivers import files
-from evs.drivers.checkup.loopback import free_address
-from evs.drivers.loops.pencil import TRACKERS
-from evs.drivers.loops.pencil.arena import Arena, PencilLoop, Trial, pencil_model
-from evs.drivers.loops.pencil.balance import FRICTION, MASS_KG
-from evs.drivers.loops.pencil.controller import CAMERAS, Controller, make_tracker
-from evs.drivers.loops.pencil.line import Origin
-from evs.drivers.loops.pencil.views import DISTANCE_M, FOCAL_PX
+from evs.drivers.bus.loopback import free_address
+from evs.examples.pencil import TRACKERS
+from evs.examples.pencil.arena import Arena, PencilLoop, Trial, pencil_model
+from evs.examples.pencil.balance import FRICTION, MASS_KG
+from evs.examples.pencil.controller import CAMERAS, Controller, make_tracker
+from evs.examples.pencil.line import Origin
+from evs.examples.pencil.views import DISTANCE_M, FOCAL_PX
 from evs.launch.main import main
 from evs.msgs import EventPacket, EvsError, Observation
 

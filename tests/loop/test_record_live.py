@@ -16,11 +16,11 @@ import pytest
 
 from evs.drivers import files
 from evs.drivers.bus import Publisher, subscribe
-from evs.drivers.checkup.loopback import free_address
+from evs.drivers.bus.loopback import free_address
+from evs.drivers.clock import Pacer, monotonic_s
 from evs.drivers.files.formats import to_write
-from evs.drivers.pace import Pacer, monotonic_s
-from evs.drivers.pipeline.run import run
-from evs.drivers.pipeline.taking import Taken, Taking
+from evs.drivers.run.run import run
+from evs.drivers.run.stream_recorder import Taken, Taking
 from evs.emulator import World
 from evs.emulator.config import ApsConfig, ImuConfig, SensorConfig
 from evs.msgs import EventPacket, EvsError, StreamInfo, make_events

@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 
 import evs
+from evs.drivers.clock import sleep_s
 from evs.drivers.files.bags.library import typestore
 from evs.drivers.files.bags.walk import Walk, walk_mcap
-from evs.drivers.pace import sleep_s
 from evs.drivers.ros2 import Ros2Publisher
 from evs.msgs import EventPacket, StreamInfo, make_events
-from evs.msgs.encodings import PayloadReader
+from evs.msgs.codecs import PayloadReader
 from links.link import Link
 from links.ros2 import Listener
 
@@ -183,7 +183,7 @@ def test_this_machine_hears_it_without_being_told_where_and_others_do_not(
 NODE = """
 import sys
 from cyclonedds.domain import Domain, DomainParticipant
-from evs.drivers.pace import monotonic_s, sleep_s
+from evs.drivers.clock import monotonic_s, sleep_s
 from reference.ros_readers import Ears
 domain = Domain(int(sys.argv[1]), sys.argv[2])
 ears, found, ends_s = Ears(int(sys.argv[1]), "/eye", ("events",)), [], monotonic_s() + 30

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.evaluation.cache import LightCache
-from evs.drivers.pipeline.config import load
-from evs.drivers.pipeline.shipped import PIPELINES
-from evs.drivers.sweep.errors import ErrorSettings
-from evs.drivers.sweep.front import DEFAULT
-from evs.drivers.sweep.speed import SpeedSettings
-from evs.drivers.tuning.base import base_of
-from evs.drivers.tuning.gauge import Effort, opened
-from evs.drivers.tuning.search import Goal, Search
-from evs.drivers.tuning.space import Candidate, candidates
+from evs.drivers.run.config import load
+from evs.drivers.run.shipped import PIPELINES
 from evs.launch.main import main
+from evs.tools.evaluation.cache import LightCache
+from evs.tools.sweep.errors import ErrorSettings
+from evs.tools.sweep.front import DEFAULT
+from evs.tools.sweep.speed import SpeedSettings
+from evs.tools.tuning.base import base_of
+from evs.tools.tuning.gauge import Effort, opened
+from evs.tools.tuning.search import Goal, Search
+from evs.tools.tuning.space import Candidate, candidates
 
 SCENE = PIPELINES.parent / "scenes" / "pendulum.xml"
 SMALL = [("sensor.width", "48"), ("sensor.height", "36"), ("scene.tick_us", "1000")]

@@ -11,15 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers.pipeline.aside import messages
-from evs.drivers.pipeline.aside.memory import HEAD, TAIL, SharedMemory
-from evs.drivers.pipeline.aside.ring import RingReader, RingWriter
-from evs.emulator.truth import GroundTruth
+from evs.drivers.run.worker import messages
+from evs.drivers.run.worker.ring import RingReader, RingWriter
+from evs.drivers.run.worker.shared_memory import HEAD, TAIL, SharedMemory
+from evs.emulator.base.ground_truth import GroundTruth
 from evs.msgs import EVENT_DTYPE, EventPacket, EvsError, Frame, ImuPacket, Pace, Pose, TriggerPacket
+from evs.msgs.ground_truth import TRUTH_CHANNELS
 from evs.msgs.imu import IMU_DTYPE
 from evs.msgs.labels import LABEL_DTYPE
 from evs.msgs.trigger import TRIGGER_DTYPE
-from evs.msgs.truth import TRUTH_CHANNELS
 
 RING = 64
 

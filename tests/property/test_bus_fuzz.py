@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers.bus.beside import Beside
+from evs.drivers.bus.auxiliary import Beside
 from evs.drivers.bus.channels import Audience, make_channels
 from evs.msgs import (
     TRUTH_CHANNELS,

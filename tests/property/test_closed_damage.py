@@ -17,8 +17,8 @@ from evs.emulator.config import (
     RenderConfig,
     SensorConfig,
 )
-from evs.emulator.loop_config import DelayConfig
-from evs.emulator.saving import pack, unpack
+from evs.emulator.config.closed_loop import DelayConfig
+from evs.emulator.state import pack, unpack
 from evs.msgs import EvsError
 
 SCENE = """

@@ -23,7 +23,7 @@ from evs.emulator.config import (
     RenderConfig,
     SensorConfig,
 )
-from evs.emulator.loop_config import DelayConfig
+from evs.emulator.config.closed_loop import DelayConfig
 
 SKIN = """
 <mujoco>

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evs.msgs import Events, join_events, make_events
-from evs.msgs.encodings import (
+from evs.msgs.codecs import (
     PAYLOADS,
     READABLE,
     Evt2State,

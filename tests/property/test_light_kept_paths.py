@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.scene import CameraPose, SceneSnapshot, Shape
+from evs.emulator.base.scene import CameraPose, SceneSnapshot, Shape
 from reference.random_scenes import PULSE, RandomStage, check_film, random_turn
 
 TICKS, SIZE = 12, (29, 22)

@@ -7,7 +7,7 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.config import RenderConfig
-from evs.emulator.light import DirectRenderer, make_renderer
+from evs.emulator.render import DirectRenderer, make_renderer
 from reference.random_scenes import RandomStage
 
 

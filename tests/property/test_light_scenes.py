@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.config import RenderConfig
-from evs.emulator.light import DirectRenderer
+from evs.emulator.render import DirectRenderer
 from reference.random_scenes import RandomStage, check_film
 
 

@@ -9,9 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evs.emulator.config import RenderConfig
-from evs.emulator.light import DirectRenderer
-from evs.emulator.scene import (
+from evs.emulator.base.scene import (
     CameraPose,
     Mesh,
     Shape,
@@ -19,6 +17,8 @@ from evs.emulator.scene import (
     Texture,
     TextureKind,
 )
+from evs.emulator.config import RenderConfig
+from evs.emulator.render import DirectRenderer
 from reference.scenes import camera_of, scene_of, shot_of
 
 SIZE = 72

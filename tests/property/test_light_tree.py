@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from evs.emulator.base.scene import LightKind, Mesh, Shape
 from evs.emulator.config import RenderConfig
-from evs.emulator.light import DirectRenderer, make_renderer
-from evs.emulator.scene import LightKind, Mesh, Shape
+from evs.emulator.render import DirectRenderer, make_renderer
 from reference.stage import Builder, Stage, matt
 from reference.tessellation import ball, waves
 

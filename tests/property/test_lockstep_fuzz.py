@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lockstep_stand_in import StandIn, serving
 
+from evs.drivers.clock import sleep_s
 from evs.drivers.lockstep import LockstepServer, connect
 from evs.drivers.lockstep.realtime import RealtimeServer
-from evs.drivers.pace import sleep_s
 from evs.msgs import EvsError, MessageError
 from evs.msgs.lockstep import (
     Bye,

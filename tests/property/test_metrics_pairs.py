@@ -8,9 +8,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.emulator.metrics import Matching, match_events
-from evs.emulator.metrics.maximum import enlarge_matching
 from evs.msgs import Events, make_events
+from evs.tools.metrics import Matching, match_events
+from evs.tools.metrics.maximum import enlarge_matching
 
 EVENT = st.tuples(
     st.integers(0, 12_000) | st.integers(0, 12).map(lambda k: k * 1000),

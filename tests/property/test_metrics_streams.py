@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.emulator.metrics import Window, compare, emd_map, mean_emd
 from evs.msgs import Events, join_events, make_events
+from evs.tools.metrics import Window, compare, emd_map, mean_emd
 
 K = 12
 WINDOW = Window(width=4, height=3, t_begin_us=5000, t_end_us=5000 + K * 1000)

@@ -8,8 +8,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.emulator.network.bilif import BiLIF
-from evs.emulator.network.decay import decay_tables
+from evs.emulator.evsnet.bilif import BiLIF
+from evs.emulator.evsnet.decay import decay_tables
 
 F = np.float32
 

@@ -10,10 +10,10 @@ import onnx
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.drivers.training.export import export
-from evs.emulator.network import Block, Convolution, NetworkWeights
-from evs.emulator.network.state import identity
-from evs.emulator.network.stored import read_network
+from evs.emulator.evsnet import Block, Convolution, NetworkWeights
+from evs.emulator.evsnet.network_files import read_network
+from evs.emulator.evsnet.state import identity
+from evs.tools.training.export import export
 
 NAMES = st.text(st.characters(categories=("L", "N", "P", "S")), min_size=1, max_size=20)
 

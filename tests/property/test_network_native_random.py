@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evs.emulator import _core
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.network.state import NetworkState
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.model import EvsNetModel
+from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters
 from reference.networks import random_network
 

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.network.runtime import RUNTIMES
-from evs.emulator.network.state import NetworkState
+from evs.emulator.evsnet.model import EvsNetModel
+from evs.emulator.evsnet.runtime import RUNTIMES
+from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
 from reference.networks import random_network

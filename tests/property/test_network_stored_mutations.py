@@ -11,11 +11,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.drivers.training.export import sidecar
-from evs.emulator.network.graph import streaming_graph
-from evs.emulator.network.stored import read_network
-from evs.emulator.network.wire import initialisers
+from evs.emulator.evsnet.graph import streaming_graph
+from evs.emulator.evsnet.network_files import read_network
+from evs.emulator.evsnet.weights_wire import initialisers
 from evs.msgs import EvsError
+from evs.tools.training.export import sidecar
 from reference.networks import random_network
 
 WEIGHTS = random_network(1, 2, blocks=1, biased=True, look_ahead=1)

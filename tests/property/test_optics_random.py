@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from evs.emulator.base.scene import CameraModel
 from evs.emulator.optics import MODELS, Lens, make_lens, project
-from evs.emulator.scene import CameraModel
 from evs.msgs import EvsError
 
 WIDTH, HEIGHT = 23, 17

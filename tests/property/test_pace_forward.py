@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers.pace import Pacer
+from evs.drivers.clock import Pacer
 
 seconds = st.sampled_from([0.0, 0.0, 1e-4, 2e-3, 0.2]) | st.floats(0.0, 1.0)
 # ticks, ticks at once, and messages of a file that stand a little out of order

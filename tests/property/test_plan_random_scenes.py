@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
+from evs.emulator.base.features import Switches
 from evs.emulator.config import PlanConfig, RenderConfig
-from evs.emulator.light import make_renderer
-from evs.emulator.plan import Switches
+from evs.emulator.render import make_renderer
 from reference.random_scenes import RandomStage
 
 ALL = Switches.of(PlanConfig(everything=True))

@@ -10,8 +10,8 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers.pipeline import settings
-from evs.drivers.pipeline.config import PipelineConfig
+from evs.drivers import settings
+from evs.drivers.run.config import PipelineConfig
 from evs.emulator.config import RunConfig
 from evs.msgs import EvsError
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from evs.drivers.ros2.gathering import Gatherer
 from evs.msgs import EventPacket, make_events
-from evs.msgs.encodings import PayloadReader
+from evs.msgs.codecs import PayloadReader
 
 COUNTS = st.lists(st.integers(0, 40), min_size=1, max_size=12)
 TICKS = st.sampled_from([1, 200, 1000, 7001])

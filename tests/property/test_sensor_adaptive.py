@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evs.emulator import _core
+from evs.emulator.base.scene import F32
+from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import ModelConfig
-from evs.emulator.scene import F32
-from evs.emulator.sensor import PlainModel, SensorParameters, make_event_model
+from evs.emulator.sensor import PlainModel, SensorParameters
 from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants, dark, step
 
 SENSOR = SensorParameters("any", 37, 5, 0.1, 0.12, 0.03)

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evs.emulator import _core
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
 from evs.emulator.sensor.pixel.logmap import log_light
-from evs.emulator.sensor.pixel.reference import ReferenceModel, caught_up
 from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants
+from evs.emulator.sensor.reference import ReferenceModel, caught_up
 
 KNEE = 8.61316967010498
 """Here linlog's linear part is L_log = DN / 4 exactly."""

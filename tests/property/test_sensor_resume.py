@@ -8,11 +8,12 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from evs.emulator.base.protocols import EventModel
+from evs.emulator.base.scene import F32
+from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import ModelConfig
-from evs.emulator.scene import F32
-from evs.emulator.sensor import PlainState, SensorParameters, make_event_model
+from evs.emulator.sensor import PlainState, SensorParameters
 from evs.emulator.sensor.pixel.state import MAX_TICK_US
-from evs.emulator.stages import EventModel
 
 DAY_US = 86_400_000_000
 

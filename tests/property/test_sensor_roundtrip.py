@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.emulator.scene import F32, F64
+from evs.emulator.base.scene import F32, F64
 from evs.emulator.sensor import PlainModel, SensorParameters
 from evs.msgs import EVENT_DTYPE, Events
 

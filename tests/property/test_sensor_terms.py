@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
 from evs.emulator.sensor.pixel.fixed_pattern import FixedPattern, draw_pattern
 from evs.msgs import Events

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evs.drivers.pictures.labels import Label, overlap, place_labels
-from evs.drivers.sweep.front import Spot, front
-from evs.drivers.sweep.measured import Measured
+from evs.tools.sweep.front import Spot, front
+from evs.tools.sweep.measured import Measured
 
 RECORD = Measured("a.xml", "still", "fast", "", "", {})
 

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers.sweep.measured import (
+from evs.msgs import EvsError
+from evs.tools.sweep.measured import (
     CAMERAS,
     KINDS,
     STAGES,
@@ -20,7 +21,6 @@ from evs.drivers.sweep.measured import (
     Speed,
     merged,
 )
-from evs.msgs import EvsError
 
 NUMBER = st.floats(allow_nan=False, allow_infinity=False)
 INTERVAL = st.builds(Interval, NUMBER, NUMBER, NUMBER, st.integers(0, 1000))

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.drivers.tuning.search import MOST, Goal, Search
-from evs.drivers.tuning.space import Candidate, candidates
+from evs.tools.tuning.search import MOST, Goal, Search
+from evs.tools.tuning.space import Candidate, candidates
 
 EVERY = candidates()
 

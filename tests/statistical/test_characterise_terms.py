@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evs.emulator.characterise import (
+from evs.emulator.sensor import PlainModel, SensorParameters
+from evs.emulator.sensor.readout import ReadoutParameters
+from evs.tools.characterise import (
     Bench,
     Result,
     measure_background,
@@ -23,13 +25,11 @@ from evs.emulator.characterise import (
     measure_refractory,
     measure_thresholds,
 )
-from evs.emulator.characterise.background import background_results
-from evs.emulator.characterise.bandwidth import bandwidth_results
-from evs.emulator.characterise.latency import latency_results
-from evs.emulator.characterise.promised import DOUBLED, leak_rate_hz
-from evs.emulator.characterise.settle import window_us
-from evs.emulator.sensor import PlainModel, SensorParameters
-from evs.emulator.sensor.readout import ReadoutParameters
+from evs.tools.characterise.background import background_results
+from evs.tools.characterise.bandwidth import bandwidth_results
+from evs.tools.characterise.latency import latency_results
+from evs.tools.characterise.promised import DOUBLED, leak_rate_hz
+from evs.tools.characterise.settle import window_us
 
 pytestmark = pytest.mark.statistical
 
@@ -250,7 +250,7 @@ def test_bandwidth_is_found_wherever_it_is(monkeypatch: pytest.MonkeyPatch) -> N
     """The data sheet only says where to begin: a wrong one leads to the same frequency."""
     made = bench(cutoff_hz=200.0)
     right = measure_bandwidth(made, 1000.0)
-    where = "evs.emulator.characterise.bandwidth.half_power_hz"
+    where = "evs.tools.characterise.bandwidth.half_power_hz"
     for wrong_hz in (3.0, 20_000.0):
         monkeypatch.setattr(where, lambda *_, hz=wrong_hz: hz)
         found = measure_bandwidth(made, 1000.0)

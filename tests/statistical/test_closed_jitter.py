@@ -13,11 +13,11 @@ import pytest
 from scipy import stats
 
 from evs.emulator import Loop
-from evs.emulator.closed.chance import Chance
-from evs.emulator.closed.link import Link
 from evs.emulator.config import SensorConfig
-from evs.emulator.loop_config import DelayConfig
+from evs.emulator.config.closed_loop import DelayConfig
 from evs.emulator.sensor.random import Term
+from evs.emulator.simulation.closed_loop.link import Link
+from evs.emulator.simulation.closed_loop.link_noise import Chance
 
 pytestmark = pytest.mark.statistical
 SENT = 20_000

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evs.emulator.scene import LightKind, Shape, Surface
+from evs.emulator.base.scene import LightKind, Shape, Surface
 from reference.closed_forms import ggx, ggx_albedo, of_rectangle, of_sphere, of_wall
 from reference.our_light import path_batches
 from reference.pixelwise import assert_same_picture

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from evs.emulator import _core
-from evs.emulator.scene import CameraPose, Shape
+from evs.emulator.base.scene import CameraPose, Shape
 from reference.chi_square import p_of_counts, p_of_directions
 from reference.closed_forms import ggx_density
 from reference.our_light import path_caster

@@ -8,11 +8,11 @@ from io import BytesIO
 import numpy as np
 import pytest
 
-from evs.emulator.network.families import MEMBER, families
-from evs.emulator.network.foreign import Network
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.network.state import NetworkState
-from evs.emulator.network.stored import load_network, network_names
+from evs.emulator.evsnet.families import MEMBER, families
+from evs.emulator.evsnet.graph_network import Network
+from evs.emulator.evsnet.model import EvsNetModel
+from evs.emulator.evsnet.network_files import load_network, network_names
+from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters
 from reference.agreement import Run, compare, run
 from reference.flickering import HEIGHT, WIDTH, mixed_light

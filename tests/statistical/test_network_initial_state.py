@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.model import EvsNetModel
 from evs.emulator.sensor import SensorParameters
 from reference.networks import random_network
 
@@ -57,7 +57,7 @@ def test_no_pixel_starts_on_a_threshold() -> None:
 
 
 def test_a_rounded_share_of_one_stays_below(monkeypatch: pytest.MonkeyPatch) -> None:
-    from evs.emulator.network import model as module
+    from evs.emulator.evsnet import model as module
 
     ends = np.array([[0.0, 1 - 2.0**-53, 0.5]])
     monkeypatch.setattr(module, "pixel_uniforms", lambda *_: ends)

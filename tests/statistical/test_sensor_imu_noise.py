@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from evs.emulator.scene import CameraPose
+from evs.emulator.base.scene import CameraPose
 from evs.emulator.sensor import Imu, ImuParameters
 from evs.msgs import ImuSamples
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import Events
 from reference.waves import MIDDLE, Waves, run

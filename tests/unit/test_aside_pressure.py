@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 from evs.drivers.bus import subscribe
-from evs.drivers.checkup.loopback import free_address
+from evs.drivers.bus.loopback import free_address
 from evs.drivers.files import read
-from evs.drivers.pipeline.aside import AsideSink
-from evs.drivers.pipeline.config import SinkConfig, make_sink
-from evs.drivers.pipeline.outlets import Outlets
+from evs.drivers.run.config import SinkConfig, make_sink
+from evs.drivers.run.sink_set import Outlets
+from evs.drivers.run.worker import AsideSink
 from evs.drivers.sink import SinkStoppedError
-from evs.emulator.stages import NoMeter
+from evs.emulator.base.protocols import NoMeter
 from reference.aside_packets import (
     EVENTS,
     INFO,
@@ -176,7 +176,7 @@ def test_a_wait_that_is_interrupted_leaves_the_recording_whole(
     def interrupt(_: float) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("evs.drivers.pipeline.aside.sink.sleep_s", interrupt)
+    monkeypatch.setattr("evs.drivers.run.worker.sink.sleep_s", interrupt)
     with pytest.raises(KeyboardInterrupt):
         write_on(stopped_sink, 0, 1000)
     taken = (100_000 - stopped_sink._ring.free) // (16 * 1000 + 64)

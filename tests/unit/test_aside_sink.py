@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from evs.drivers.bus import request, subscribe
-from evs.drivers.checkup.loopback import free_address
+from evs.drivers.bus.loopback import free_address
 from evs.drivers.files import formats, read
-from evs.drivers.pipeline.config import SinkConfig, make_sink
-from evs.emulator.truth import GroundTruth
+from evs.drivers.run.config import SinkConfig, make_sink
+from evs.emulator.base.ground_truth import GroundTruth
 from evs.msgs import (
     EvsError,
     Pace,
@@ -233,7 +233,7 @@ def test_no_process_to_be_had_leaves_nothing_open(
     def refuse(*_: object, **__: object) -> None:
         raise BlockingIOError(11, "Resource temporarily unavailable")
 
-    monkeypatch.setattr("evs.drivers.pipeline.aside.process.subprocess.Popen", refuse)
+    monkeypatch.setattr("evs.drivers.run.worker.process.subprocess.Popen", refuse)
     before = sorted(Path("/proc/self/fd").iterdir())
     sink = aside(type="npz", file=str(tmp_path / "a.npz"))
     with pytest.raises(EvsError, match=r"cannot start a process .*: Resource temporarily"):
@@ -243,7 +243,7 @@ def test_no_process_to_be_had_leaves_nothing_open(
 
 
 def test_the_run_wide_word_is_every_sink_that_says_nothing_else() -> None:
-    from evs.drivers.pipeline.config import PipelineConfig, check
+    from evs.drivers.run.config import PipelineConfig, check
     from evs.emulator.config import SceneConfig
 
     tables = (

@@ -19,7 +19,7 @@ from evs.drivers.files.bags.messages import array_bytes
 from evs.drivers.files.bags.walk import ros1_chunk
 from evs.drivers.files.damage import DamagedPacketWarning, TornTailWarning
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
-from evs.msgs.encodings import PayloadWriter
+from evs.msgs.codecs import PayloadWriter
 
 STREAM = StreamInfo(640, 480, camera="left")
 DEFINITION = """std_msgs/Header header

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from evs.drivers.bus import Publisher
-from evs.drivers.pace import sleep_s
+from evs.drivers.clock import sleep_s
 from evs.msgs import EventPacket, StreamInfo, make_events
 
 Echo = Callable[..., subprocess.Popen[str]]

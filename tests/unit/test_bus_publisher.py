@@ -8,7 +8,7 @@ import pytest
 import zmq
 
 from evs.drivers.bus import Publisher, Subscription, publisher, subscribe
-from evs.drivers.pace import monotonic_s, sleep_s
+from evs.drivers.clock import monotonic_s, sleep_s
 from evs.msgs import (
     EventPacket,
     EvsError,

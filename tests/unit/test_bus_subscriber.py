@@ -10,7 +10,7 @@ import pytest
 import zmq
 
 from evs.drivers.bus import Subscription, subscribe, subscriber
-from evs.drivers.pace import monotonic_s, sleep_s
+from evs.drivers.clock import monotonic_s, sleep_s
 from evs.msgs import (
     EventPacket,
     EvsError,

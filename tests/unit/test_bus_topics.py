@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from evs.drivers.bus import Publisher, Subscription, subscribe
-from evs.drivers.pace import sleep_s
-from evs.drivers.pipeline.run import run
+from evs.drivers.clock import sleep_s
+from evs.drivers.run.run import run
 from evs.emulator import World
+from evs.emulator.base.pose import pose_message
+from evs.emulator.base.scene import CameraPose
 from evs.emulator.config import SensorConfig
-from evs.emulator.pose import pose_message
-from evs.emulator.scene import CameraPose
 from evs.launch.main import main
 from evs.msgs import (
     TRUTH_CHANNELS,

@@ -11,11 +11,11 @@ import pytest
 from PIL import Image
 
 from evs.drivers.pictures import OFF_RGB, ON_RGB
-from evs.drivers.pictures.characterisation import CHART_PX, COLUMNS
-from evs.emulator.characterise import STEPS, characterise
 from evs.emulator.sensor import SensorParameters
 from evs.launch.main import main
 from evs.msgs import EvsError
+from evs.tools.characterise import STEPS, characterise
+from evs.tools.characterise.chart_page import CHART_PX, COLUMNS
 
 SENSOR = """\
 width = 40

@@ -12,13 +12,13 @@ from scipy import optimize, stats
 from evs.drivers.pictures.chart import diverging, draw_chart
 from evs.drivers.pictures.layout import Chart, Series
 from evs.drivers.pictures.scales import Scale, decades_around
-from evs.emulator.characterise import promised
-from evs.emulator.characterise.bench import Bench, corner
-from evs.emulator.characterise.fit import crossing, fit_normal, mean_and_error
-from evs.emulator.characterise.renewal import Spreads, leak_without_noise, mean_excess
-from evs.emulator.characterise.result import Result
-from evs.emulator.characterise.words import rows
 from evs.emulator.sensor import SensorParameters
+from evs.tools.characterise import promised
+from evs.tools.characterise.bench import Bench, corner
+from evs.tools.characterise.fit import crossing, fit_normal, mean_and_error
+from evs.tools.characterise.renewal import Spreads, leak_without_noise, mean_excess
+from evs.tools.characterise.result import Result
+from evs.tools.characterise.text import rows
 
 SENSOR = SensorParameters("s", 20, 10, 0.2, 0.2, 0.02, cutoff_hz=300.0, follower_hz=900.0)
 

@@ -8,9 +8,9 @@ import pytest
 
 import evs
 from evs.emulator import Loop
-from evs.emulator.closed.link import Link
 from evs.emulator.config import SensorConfig
-from evs.emulator.loop_config import DelayConfig, LimitConfig, LoopConfig
+from evs.emulator.config.closed_loop import DelayConfig, LimitConfig, LoopConfig
+from evs.emulator.simulation.closed_loop.link import Link
 from evs.msgs import EvsError
 
 # a slider that can be pushed, and a lid in front of a bright wall

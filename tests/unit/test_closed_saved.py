@@ -12,8 +12,8 @@ import pytest
 
 from evs.emulator import Loop, VirtualCamera, World
 from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.loop_config import DelayConfig
-from evs.emulator.saving import pack, unpack
+from evs.emulator.config.closed_loop import DelayConfig
+from evs.emulator.state import pack, unpack
 from evs.msgs import EvsError
 
 SWING = """

@@ -13,15 +13,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.drivers.dataset import Dataset, SceneFile, named, of_file
-from evs.drivers.dataset.make import make_dataset
-from evs.drivers.dataset.manifest import MANIFEST, listed
+from evs.drivers.clock import monotonic_s, sleep_s
 from evs.drivers.files import read
-from evs.drivers.pace import monotonic_s, sleep_s
 from evs.emulator import World
 from evs.emulator.config import RunConfig
 from evs.launch.main import main
 from evs.msgs import Cause, EvsError
+from evs.tools.dataset import Dataset, SceneFile, named, of_file
+from evs.tools.dataset.make import make_dataset
+from evs.tools.dataset.manifest import MANIFEST, listed
 
 TINY = ("--duration", "0.07", "sensor.width=43", "sensor.height=33", "--quiet")
 """besides --short: a shard of 50 ms and one of 20 ms"""

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers.dataset.motion import Track, control_of
 from evs.msgs import EvsError
+from evs.tools.dataset.motion import Track, control_of
 
 MODEL = """
 <mujoco>

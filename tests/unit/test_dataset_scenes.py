@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from evs.drivers.dataset import named, names, of_file
-from evs.drivers.dataset.scenes import FOLDER
-from evs.drivers.dataset.take import take_of
-from evs.drivers.dataset.textures import TEXTURES, texture
 from evs.emulator import World
 from evs.emulator.config import RenderConfig, RunConfig
 from evs.emulator.sensor import resolve_sensor
 from evs.msgs import EvsError
+from evs.tools.dataset import named, names, of_file
+from evs.tools.dataset.scenes import FOLDER
+from evs.tools.dataset.take import take_of
+from evs.tools.dataset.textures import TEXTURES, texture
 
 SIX = ("kitchen", "park", "playroom", "street", "tunnel", "workshop")
 SMALL = [("sensor.width", "86"), ("sensor.height", "65"), ("frames.spp", "8")]

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evs.drivers.checkup.audit import audit, audited
 from evs.drivers.pictures import LightLog, to_srgb8
-from evs.drivers.pipeline.report import Report
-from evs.launch import again, demo
+from evs.drivers.run.report import Report
+from evs.launch import again
+from evs.launch.commands import demo
 from evs.launch.main import main
+from evs.tools.doctor.audit import audit, audited
 
 GOOD = Report(
     packets=20,

@@ -10,13 +10,13 @@ from typing import Any
 
 import pytest
 
-from evs.drivers import checkup
-from evs.drivers.checkup import machine, packages, trial
-from evs.drivers.pipeline.report import Report
-from evs.emulator import memory
-from evs.launch import doctor
+from evs.drivers.run.report import Report
+from evs.emulator.base import memory
+from evs.launch.commands import doctor
 from evs.launch.main import main
 from evs.msgs import EvsError, make_events
+from evs.tools import doctor as checkup
+from evs.tools.doctor import machine, packages, trial
 
 TRIAL = ("renderer", "sensor", "bus", "recorder", "timing")
 

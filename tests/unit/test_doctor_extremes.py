@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers import extremes
-from evs.drivers.checkup import trial
-from evs.drivers.extremes import GROUPS, Extreme, Outcome, Tried, extremes_of
-from evs.drivers.extremes.page import BEGIN, END, measured, rows_of, write_table
-from evs.launch import doctor
+from evs.launch.commands import doctor
 from evs.launch.main import main
 from evs.msgs import EvsError
+from evs.tools import stress
+from evs.tools.doctor import trial
+from evs.tools.stress import GROUPS, Extreme, Outcome, Tried, extremes_of
+from evs.tools.stress.report import BEGIN, END, measured, rows_of, write_table
 
-PAGE = Path(extremes.__file__).parent / "README.md"
+PAGE = Path(stress.__file__).parent / "README.md"
 
 GOOD = Outcome(0.263, 1.0019, "thresholds", ("4 events", "a|b"))
 BAD = Outcome(2.5, 1.0, "ms")
@@ -44,12 +44,12 @@ def found(monkeypatch: pytest.MonkeyPatch) -> list[Tried]:
 
     monkeypatch.setattr(trial, "check_pipeline", lambda folder: [])
     monkeypatch.setattr(trial, "check_timing", doctor_check)
-    monkeypatch.setattr(extremes, "run_extremes", run)
+    monkeypatch.setattr(stress, "run_extremes", run)
     return results
 
 
 def doctor_check() -> object:
-    from evs.drivers.checkup import Check
+    from evs.tools.doctor import Check
 
     return Check("timing", "ok", "not looked")
 
@@ -134,7 +134,7 @@ def test_a_file_that_is_no_page_is_left_as_it_is(found: list[Tried], tmp_path: P
 
 
 def test_the_page_has_a_row_for_every_extreme_with_its_bound() -> None:
-    """Written by `evs doctor --markdown drivers/extremes/README.md`; again where this fails."""
+    """Written by `evs doctor --markdown tools/stress/README.md`; again where this fails."""
     registry = [
         (group, one.name, " ".join(one.what.split()), " ".join(one.bound.split()))
         for group in GROUPS

@@ -11,7 +11,7 @@ import pytest
 from evs.drivers import files
 from evs.drivers.files.damage import BackwardsWarning
 from evs.msgs import EventPacket, EvsError, StreamInfo, make_events
-from evs.msgs.encodings import DatState, decode_dat, encode_dat
+from evs.msgs.codecs import DatState, decode_dat, encode_dat
 from evs.msgs.fields import MessageError
 
 WRAP = 1 << 32

@@ -10,7 +10,7 @@ import pytest
 
 from evs.drivers import files
 from evs.msgs import Events, make_events
-from evs.msgs.encodings import decode_evt21, encode_evt21
+from evs.msgs.codecs import decode_evt21, encode_evt21
 from evs.msgs.fields import MessageError
 
 

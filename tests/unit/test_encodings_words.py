@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from evs.msgs import Events, EvsError, MessageError, make_events
-from evs.msgs.encodings import (
+from evs.msgs.codecs import (
     LONGEST_US,
     PAYLOADS,
     Evt3State,

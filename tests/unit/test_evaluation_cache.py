@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.drivers.evaluation.cache import DamagedCacheWarning, LightCache, user_cache
 from evs.msgs import EvsError
+from evs.tools.evaluation.cache import DamagedCacheWarning, LightCache, user_cache
 
 LIGHT = np.arange(12, dtype=np.float32).reshape(3, 4)
 

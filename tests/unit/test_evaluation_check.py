@@ -10,13 +10,13 @@ import onnx
 import pytest
 from onnx import helper, numpy_helper
 
-from evs.drivers.checkup.check import BAD, NOTE, OK
-from evs.drivers.evaluation import check as check_module
-from evs.drivers.evaluation.check import Check, check_model
-from evs.drivers.training.export import export
-from evs.emulator.network import NetworkWeights
-from evs.emulator.network.graph import streaming_graph
+from evs.emulator.evsnet import NetworkWeights
+from evs.emulator.evsnet.graph import streaming_graph
 from evs.msgs import EvsError
+from evs.tools.doctor.check import BAD, NOTE, OK
+from evs.tools.evaluation import check as check_module
+from evs.tools.evaluation.check import Check, check_model
+from evs.tools.training.export import export
 from reference.graphs import Shape, graph, moving_mean, write
 from reference.networks import random_network, through_network
 

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from evs.drivers.evaluation import evaluate as whole
-from evs.drivers.evaluation import models, scenes, table
-from evs.drivers.evaluation.cache import DamagedCacheWarning, LightCache
-from evs.drivers.evaluation.light import LightSpec
-from evs.drivers.training.export import export
 from evs.launch.main import main
 from evs.msgs import EvsError
+from evs.tools.evaluation import evaluate as whole
+from evs.tools.evaluation import models, scenes, table
+from evs.tools.evaluation.cache import DamagedCacheWarning, LightCache
+from evs.tools.evaluation.light import LightSpec
+from evs.tools.training.export import export
 from reference.judged import written
 from reference.networks import random_network
 
@@ -185,8 +185,8 @@ def test_what_the_rows_say(scene: Path, tmp_path: Path) -> None:
 
 def test_light_is_that_of_whole_pictures(scene: Path, tmp_path: Path) -> None:
     """What is cached are the renderer's own pixels."""
-    from evs.drivers.evaluation.light import light_of, renderer_of
-    from evs.drivers.evaluation.take import film
+    from evs.tools.evaluation.light import light_of, renderer_of
+    from evs.tools.evaluation.take import film
 
     take = film(scenes.stage_of(str(scene)), "slide", 3, sampled=20, patch_px=8, size=SIZE)
     spec = LightSpec("path", 2, "fresh")

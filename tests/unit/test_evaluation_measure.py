@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evs.drivers.evaluation import models
-from evs.drivers.evaluation.evaluate import stands_still
-from evs.drivers.evaluation.measure import Measures, measure
-from evs.drivers.evaluation.pool import VALUES, pool, rows_of
-from evs.drivers.evaluation.scenes import stage_of
-from evs.drivers.evaluation.table import finite, markdown, overview, table
-from evs.drivers.evaluation.take import Take, film
-from evs.emulator.network.model import EvsNetModel
+from evs.emulator.evsnet.model import EvsNetModel
 from evs.msgs import Events, join_events, make_events
+from evs.tools.evaluation import models
+from evs.tools.evaluation.evaluate import stands_still
+from evs.tools.evaluation.measure import Measures, measure
+from evs.tools.evaluation.pool import VALUES, pool, rows_of
+from evs.tools.evaluation.scenes import stage_of
+from evs.tools.evaluation.table import finite, markdown, overview, table
+from evs.tools.evaluation.take import Take, film
 from reference.judged import cell, light_of_steps, measures, written
 from reference.networks import random_network
 
@@ -184,7 +184,7 @@ def test_json_has_no_nan() -> None:
 
 
 def test_markdown_of_nothing_but_cells() -> None:
-    from evs.drivers.evaluation.table import Evaluation
+    from evs.tools.evaluation.table import Evaluation
 
     told = markdown(Evaluation("evs evaluate", {}, {}, [], [cell("plain")], ["no network 'x'"]))
     assert told.startswith("    evs evaluate\n")

@@ -8,21 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.drivers.evaluation.digest import digest
-from evs.drivers.evaluation.light import LightSpec, light_key
-from evs.drivers.evaluation.procedural import FIRST_SEED
-from evs.drivers.evaluation.scenes import stage_of
-from evs.drivers.evaluation.take import (
+from evs.emulator.base.scene import CameraPose
+from evs.emulator.config import CameraConfig
+from evs.msgs import EvsError
+from evs.tools.evaluation.digest import digest
+from evs.tools.evaluation.light import LightSpec, light_key
+from evs.tools.evaluation.procedural import FIRST_SEED
+from evs.tools.evaluation.scenes import stage_of
+from evs.tools.evaluation.take import (
     Take,
     busiest_square,
     film,
     patch_pixels,
     spread_pixels,
 )
-from evs.drivers.training.settings import DataSettings
-from evs.emulator.config import CameraConfig
-from evs.emulator.scene import CameraPose
-from evs.msgs import EvsError
+from evs.tools.training.settings import DataSettings
 from reference.judged import written
 
 SIZE = (64, 48)

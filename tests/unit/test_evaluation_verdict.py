@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from evs.drivers.evaluation.pool import Cell
-from evs.drivers.evaluation.verdict import Claim, verdict, winners
+from evs.tools.evaluation.pool import Cell
+from evs.tools.evaluation.verdict import Claim, verdict, winners
 from reference.judged import cell
 
 C8 = "evsnet_c8"

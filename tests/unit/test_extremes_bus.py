@@ -12,10 +12,10 @@ import pytest
 
 from evs.drivers.bus import Subscription
 from evs.drivers.bus import subscribe as real
-from evs.drivers.extremes.time import starts
+from evs.drivers.clock import sleep_s
 from evs.drivers.files import recorder_for
-from evs.drivers.pace import sleep_s
 from evs.msgs import EventPacket, StreamInfo, make_events
+from evs.tools.stress.time import starts
 
 
 def test_a_listener_on_a_busy_machine_loses_nothing(

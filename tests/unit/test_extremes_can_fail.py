@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evs.drivers import pace
-from evs.drivers.extremes import Tried, extremes_of, try_extreme
-from evs.drivers.extremes.machine import processor, scarce
-from evs.drivers.extremes.machine.child import Ended
-from evs.drivers.extremes.network import clamps
-from evs.drivers.pipeline import account
-from evs.drivers.pipeline.lateness import Lateness
-from evs.emulator.network import native
-from evs.emulator.network.decay import Decay, decay_tables
+from evs.drivers import clock
+from evs.drivers.run import account
+from evs.drivers.run.lateness import Lateness
+from evs.emulator.evsnet import native
+from evs.emulator.evsnet.decay import Decay, decay_tables
 from evs.emulator.sensor.pixel import plain
 from evs.emulator.sensor.readout.state import ReadoutState
 from evs.msgs import Events
+from evs.tools.stress import Tried, extremes_of, try_extreme
+from evs.tools.stress.machine import processor, scarce
+from evs.tools.stress.machine.child import Ended
+from evs.tools.stress.network import clamps
 
 Patch = pytest.MonkeyPatch
 
@@ -150,7 +150,7 @@ def test_clamps_that_nobody_is_told_of(name: str, monkeypatch: Patch) -> None:
 
 def test_a_clock_that_is_waited_for_or_not_told_of(monkeypatch: Patch) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(pace, "_CLOCK_STEP_S", math.inf)
+        patch.setattr(clock, "_CLOCK_STEP_S", math.inf)
         found = tried("clock-jumps")
         assert found.outcome is not None
         assert found.outcome.value > 1e6

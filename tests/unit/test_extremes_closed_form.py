@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from evs.drivers.extremes.closed_form import (
+from evs.msgs import Events, make_events
+from evs.tools.stress.closed_form import (
     THETA,
     WHITE_DN,
     counts,
@@ -16,7 +17,6 @@ from evs.drivers.extremes.closed_form import (
     seen_counts,
     untold,
 )
-from evs.msgs import Events, make_events
 
 
 def one_pixel(*levels: float) -> np.ndarray:

@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from evs.drivers.extremes import (
+from evs.msgs import EvsError
+from evs.tools.stress import (
     GROUPS,
     Extreme,
     Outcome,
@@ -15,7 +16,6 @@ from evs.drivers.extremes import (
     run_extremes,
     try_extreme,
 )
-from evs.msgs import EvsError
 
 
 def test_an_outcome_holds_inside_its_limit_only() -> None:

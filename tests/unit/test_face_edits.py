@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import evs
-from evs.drivers.pace import StopWatch
-from evs.emulator.ahead import ahead
+from evs.drivers.clock import StopWatch
 from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.simulation.pipelined import ahead
 from reference.edited import LARGE, SMALL, STAGE, put, stage
 
 SIZE = SensorConfig("ideal", width=32, height=24)

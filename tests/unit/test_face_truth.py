@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import evs
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
 
 SCENE = """
 <mujoco>

@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.drivers.pipeline import settings
+from evs.drivers import settings
 from evs.emulator import Camera, UnstableError, VirtualCamera, World
-from evs.emulator.bias_config import BiasConfig
 from evs.emulator.config import CameraConfig, RenderConfig, RunConfig, SceneConfig, SensorConfig
+from evs.emulator.config.biases import BiasConfig
 from evs.emulator.sensor import resolve_sensor
 from evs.msgs import EvsError
 

@@ -12,8 +12,8 @@ import pytest
 
 from evs.drivers.files import calibration_yaml, stream_of
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer
 from evs.emulator.optics import camera_info
+from evs.emulator.render import DirectRenderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 from evs.launch.main import main
 from evs.msgs import EvsError, StreamInfo

@@ -145,14 +145,14 @@ def test_play_gives_a_subscriber_every_event(recording: Path) -> None:
 def test_play_keeps_the_pace_and_tells_of_a_torn_tail(
     recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from evs.drivers import pace
+    from evs.drivers import clock
 
     if recording.suffix == ".aedat4":
         with recording.open("ab") as file:
             file.write(b"torn")
     waited: list[tuple[float, int]] = []
     monkeypatch.setattr(
-        pace.Pacer, "wait_until", lambda self, t_us: waited.append((self.speed, t_us))
+        clock.Pacer, "wait_until", lambda self, t_us: waited.append((self.speed, t_us))
     )
     address = free_address()
     assert main(["play", str(recording), "--address", address, "--speed", "0.5"]) == 0

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.launching.node import again
+from evs.drivers.clock import StopWatch
 from evs.drivers.lockstep.segments import Segments
-from evs.drivers.pace import StopWatch
-from evs.drivers.pipeline.config import SinkConfig
-from evs.drivers.pipeline.shipped import PIPELINES
+from evs.drivers.run.config import SinkConfig
+from evs.drivers.run.launcher.node import again
+from evs.drivers.run.shipped import PIPELINES
 from evs.launch.main import main
 from evs.msgs import EvsError, StreamInfo
 

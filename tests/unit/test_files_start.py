@@ -13,7 +13,7 @@ from evs.drivers.files.recorded import by_tick
 from evs.drivers.ros2.gathering import Gatherer, check_start
 from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
-from evs.msgs.encodings import LAST_ROS_US, TIME_ORIGIN_US, PayloadReader
+from evs.msgs.codecs import LAST_ROS_US, TIME_ORIGIN_US, PayloadReader
 
 UNIX_US = 1_795_305_600_000_000
 

@@ -14,7 +14,7 @@ from PIL import Image
 
 from evs.drivers.bus.keys import write_keys
 from evs.drivers.pictures import write_png
-from evs.drivers.pipeline.config import load
+from evs.drivers.run.config import load
 from evs.emulator import Loop, Sensor, World
 from evs.emulator.config import CameraConfig, SensorConfig
 from evs.emulator.world import bind_camera, load_model

@@ -12,7 +12,7 @@ from evs.drivers import files
 from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning
 from evs.drivers.sink import Sink
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
-from evs.msgs.encodings import encode_evt2, encode_evt3
+from evs.msgs.codecs import encode_evt2, encode_evt3
 
 NAMES = {
     "evt3": "a.raw",

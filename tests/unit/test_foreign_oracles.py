@@ -12,7 +12,7 @@ import pytest
 from evs.drivers import files
 from evs.drivers.files.recorded import by_tick
 from evs.msgs import EventPacket, Events, StreamInfo, join_events, make_events
-from evs.msgs.encodings import TIME_ORIGIN_US
+from evs.msgs.codecs import TIME_ORIGIN_US
 from reference.oracles import OracleProgram
 
 oracle = OracleProgram(Path(__file__).with_name("foreign_oracles.py"))

@@ -7,9 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.launching.plan import LAUNCH_FILES, NodeConfig, Plan, find_launch_file, read_plan
-from evs.drivers.pipeline import settings
-from evs.drivers.pipeline.keys import field_docs
+from evs.drivers import settings
+from evs.drivers.run.config_keys import field_docs
+from evs.drivers.run.launcher.plan import (
+    LAUNCH_FILES,
+    NodeConfig,
+    Plan,
+    find_launch_file,
+    read_plan,
+)
 from evs.launch.main import main
 from evs.msgs import EvsError
 
@@ -213,7 +219,7 @@ def test_no_process_to_be_had_is_one_line(
     def refuse(*_: object, **__: object) -> None:
         raise BlockingIOError(11, "Resource temporarily unavailable")
 
-    monkeypatch.setattr("evs.drivers.launching.guard.subprocess.Popen", refuse)
+    monkeypatch.setattr("evs.drivers.run.launcher.guard.subprocess.Popen", refuse)
     file = tmp_path / "launch.toml"
     file.write_text('[[node]]\nname = "n"\nrun = ["true"]\n')
     assert main(["launch", str(file)]) == 2

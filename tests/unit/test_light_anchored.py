@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from evs.emulator.base.scene import F32
 from evs.emulator.config import RenderConfig
-from evs.emulator.light import make_renderer
-from evs.emulator.scene import F32
+from evs.emulator.render import make_renderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 
 SIDE = 128

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
+from evs.emulator.base.scene import F32, CameraPose, SceneSnapshot
+from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.light import DirectRenderer, make_renderer
-from evs.emulator.metrics import compare
-from evs.emulator.scene import F32, CameraPose, SceneSnapshot
-from evs.emulator.sensor import make_event_model, resolve_sensor
+from evs.emulator.render import DirectRenderer, make_renderer
+from evs.emulator.sensor import resolve_sensor
 from evs.emulator.world import Poser, bind_camera, extract_scene
 from evs.msgs import EvsError, join_events
+from evs.tools.metrics import compare
 
 WIDTH, HEIGHT = 67, 45  # no multiple of a packet
 

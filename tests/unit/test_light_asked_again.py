@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
+from evs.emulator.base.protocols import Renderer
+from evs.emulator.base.scene import F32, F64
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import make_renderer
-from evs.emulator.scene import F32, F64
-from evs.emulator.stages import Renderer
+from evs.emulator.render import make_renderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 
 WIDTH, HEIGHT, TICKS = 75, 50, 40  # no multiple of a packet

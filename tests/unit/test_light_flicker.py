@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from evs.emulator.config import FlickerConfig, RenderConfig
-from evs.emulator.light import DirectRenderer
-from evs.emulator.light.flicker import Flicker, mean
-from evs.emulator.loop import World
-from evs.emulator.plain_config import plain_config
+from evs.emulator.config.plain_values import plain_config
+from evs.emulator.render import DirectRenderer
+from evs.emulator.render.flicker import Flicker, mean
+from evs.emulator.simulation.world import World
 from evs.emulator.world import Poser, bind_camera, extract_scene
 from evs.msgs import EvsError
 

@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from evs.emulator.base.ground_truth import GroundTruth
+from evs.emulator.base.scene import CameraModel, CameraPose, SceneSnapshot
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer
-from evs.emulator.scene import CameraModel, CameraPose, SceneSnapshot
-from evs.emulator.truth import GroundTruth
+from evs.emulator.render import DirectRenderer
 from evs.emulator.world import Poser, bind_camera, extract_scene, load_model
 from evs.msgs import EvsError
 

@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from evs.emulator.base.scene import CameraModel
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer
-from evs.emulator.scene import CameraModel
+from evs.emulator.render import DirectRenderer
 from evs.emulator.world import Poser, bind_camera, extract_scene, load_model
 
 Rays = Callable[[CameraModel], np.ndarray]

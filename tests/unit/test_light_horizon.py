@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from evs.emulator.base.protocols import Renderer
+from evs.emulator.base.scene import F32, CameraPose
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import make_renderer
-from evs.emulator.scene import F32, CameraPose
+from evs.emulator.render import make_renderer
 from evs.emulator.sensor import PlainModel, SensorParameters
-from evs.emulator.stages import Renderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 from evs.msgs import Events, join_events
 

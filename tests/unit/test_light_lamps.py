@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
+from evs.emulator.base.scene import LightKind, SceneModel
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer
-from evs.emulator.scene import LightKind, SceneModel
+from evs.emulator.render import DirectRenderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 from evs.msgs import EvsError
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
+from evs.emulator.base.protocols import Renderer
+from evs.emulator.base.scene import LightKind, SceneModel
 from evs.emulator.config import CameraConfig, FlickerConfig, RenderConfig
-from evs.emulator.light import make_renderer
-from evs.emulator.scene import LightKind, SceneModel
-from evs.emulator.stages import Renderer
+from evs.emulator.render import make_renderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 
 WIDTH, HEIGHT = 75, 50  # no multiple of a packet

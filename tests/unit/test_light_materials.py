@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.config import RenderConfig
-from evs.emulator.light import DirectRenderer
-from evs.emulator.scene import (
+from evs.emulator.base.scene import (
     CameraPose,
     Light,
     LightKind,
@@ -20,6 +18,8 @@ from evs.emulator.scene import (
     Texture,
     TextureKind,
 )
+from evs.emulator.config import RenderConfig
+from evs.emulator.render import DirectRenderer
 from reference.scenes import camera_of, scene_of, shot_of
 
 SIZE = 24

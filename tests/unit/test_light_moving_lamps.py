@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from evs.emulator.base.scene import SceneSnapshot
 from evs.emulator.config import CameraConfig, FlickerConfig, RenderConfig
-from evs.emulator.light import DirectRenderer
-from evs.emulator.scene import SceneSnapshot
+from evs.emulator.render import DirectRenderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 
 WIDTH, HEIGHT = 118, 90  # no multiple of a packet, nor of a block of them

@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from evs.emulator.base.scene import F32
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import PathRenderer, make_renderer
-from evs.emulator.scene import F32
+from evs.emulator.render import PathRenderer, make_renderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 from evs.msgs import EvsError
 

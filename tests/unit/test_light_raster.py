@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 
 from evs.emulator import VirtualCamera
+from evs.emulator.base.features import Switches
+from evs.emulator.base.scene import CameraModel, SceneModel, SceneSnapshot, Thing
 from evs.emulator.config import CameraConfig, PlanConfig, RenderConfig
-from evs.emulator.light import DirectRenderer, make_renderer
-from evs.emulator.light.raster import RasterRenderer, context
-from evs.emulator.plan import Switches
-from evs.emulator.scene import CameraModel, SceneModel, SceneSnapshot, Thing
+from evs.emulator.render import DirectRenderer, make_renderer
+from evs.emulator.render.raster import RasterRenderer, context
 from evs.emulator.world import Poser, bind_camera, extract_scene, load_model
 from evs.msgs import EvsError
 
@@ -67,7 +67,7 @@ def without(self, name, *rest, **more):
         raise OSError(f"{name}: cannot open shared object file")
     whole(self, name, *rest, **more)
 ctypes.CDLL.__init__ = without
-from evs.emulator.light.raster import context
+from evs.emulator.render.raster import context
 try:
     context.Context(context.load_library())
 except EvsError as error:
@@ -97,7 +97,7 @@ def test_without_opengl_one_line_says_how_to_install_it(libraries: str) -> None:
 
 def test_importing_it_loads_no_opengl() -> None:
     program = (
-        "import sys, evs.emulator.light.raster\n"
+        "import sys, evs.emulator.render.raster\n"
         "assert not {'pyrender', 'OpenGL', 'trimesh'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", program], check=True)

@@ -8,7 +8,7 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer
+from evs.emulator.render import DirectRenderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 
 WEIGHTS = np.array([0.2126, 0.7152, 0.0722])

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
+from evs.emulator.base.scene import CameraPose, SceneSnapshot
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer
-from evs.emulator.scene import CameraPose, SceneSnapshot
+from evs.emulator.render import DirectRenderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 
 WIDTH, HEIGHT = 117, 83  # no multiple of a packet

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer, make_renderer
+from evs.emulator.render import DirectRenderer, make_renderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 from evs.msgs import EvsError
 

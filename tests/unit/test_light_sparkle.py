@@ -6,9 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.light import DirectRenderer
-from evs.emulator.scene import (
+from evs.emulator.base.scene import (
     F32,
     CameraPose,
     SceneModel,
@@ -17,7 +15,10 @@ from evs.emulator.scene import (
     Texture,
     TextureKind,
 )
-from evs.emulator.sensor import make_event_model, resolve_sensor
+from evs.emulator.camera.event_models import make_event_model
+from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.render import DirectRenderer
+from evs.emulator.sensor import resolve_sensor
 from reference.scenes import camera_of, scene_of, shot_of
 
 WIDTH, HEIGHT, FOCAL, TICKS = 64, 32, 60.0, 60

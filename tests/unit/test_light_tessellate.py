@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evs.emulator.light.raster.drawing import linear_texels, smaller_versions
-from evs.emulator.light.raster.tessellate import Facets, facets_of, room
-from evs.emulator.scene import Shape, Surface
+from evs.emulator.base.scene import Shape, Surface
+from evs.emulator.render.raster.drawing import linear_texels, smaller_versions
+from evs.emulator.render.raster.tessellate import Facets, facets_of, room
 
 
 def linear(coded: float) -> float:

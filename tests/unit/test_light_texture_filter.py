@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.config import RenderConfig
-from evs.emulator.light import DirectRenderer, make_renderer
-from evs.emulator.plan import UNFORCED, Switches
-from evs.emulator.scene import (
+from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.base.scene import (
     F32,
     CameraModel,
     CameraPose,
@@ -23,6 +21,8 @@ from evs.emulator.scene import (
     Texture,
     TextureKind,
 )
+from evs.emulator.config import RenderConfig
+from evs.emulator.render import DirectRenderer, make_renderer
 from reference.scenes import scene_of, shot_of
 
 SIZE = 64

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from evs.emulator import LeftOutWarning, World
+from evs.emulator.base.scene import Light, LightKind
 from evs.emulator.config import FlickerConfig, RenderConfig
-from evs.emulator.light import too_fast
-from evs.emulator.scene import Light, LightKind
+from evs.emulator.render import too_fast
 
 LAMPS = """<mujoco><visual><headlight active="0"/></visual><worldbody><camera pos="0 0 3"/>
 <light name="left" dir=".3 0 -1"/><light name="right" dir="-.3 0 -1"/>

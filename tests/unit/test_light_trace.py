@@ -10,7 +10,7 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer
+from evs.emulator.render import DirectRenderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 
 WIDTH, HEIGHT = 97, 61

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
+from evs.emulator.base.ground_truth import GroundTruth
+from evs.emulator.base.scene import CameraModel, CameraPose
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer
-from evs.emulator.scene import CameraModel, CameraPose
-from evs.emulator.truth import GroundTruth
+from evs.emulator.render import DirectRenderer
 from evs.emulator.world import BoundCamera, Poser, bind_camera, extract_scene
 
 Rays = Callable[[CameraModel], np.ndarray]

@@ -13,9 +13,9 @@ import zmq
 from lockstep_stand_in import StandIn, serving
 
 from evs.drivers.bus.keys import write_keys
-from evs.drivers.checkup.loopback import free_address
+from evs.drivers.bus.loopback import free_address
+from evs.drivers.clock import monotonic_s, sleep_s
 from evs.drivers.lockstep import LockstepServer, connect
-from evs.drivers.pace import monotonic_s, sleep_s
 from evs.msgs import EvsError
 from evs.msgs.lockstep import number_of
 from evs.msgs.packet import packb

@@ -13,8 +13,8 @@ import zmq
 from lockstep_stand_in import StandIn, raw_client
 
 from evs.drivers.bus.exchange import Peer, ServerEnd
+from evs.drivers.clock import monotonic_s
 from evs.drivers.lockstep.realtime import RealtimeServer
-from evs.drivers.pace import monotonic_s
 from evs.msgs import EvsError, Observation
 from evs.msgs.lockstep import (
     Bye,

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from evs.drivers import files
+from evs.drivers.clock import Pacer, StopWatch
 from evs.drivers.lockstep import segments
 from evs.drivers.lockstep.running import LoopWithSinks
 from evs.drivers.lockstep.segments import Segments, camera_path, segment_path
-from evs.drivers.pace import Pacer, StopWatch
-from evs.drivers.pipeline.config import SinkConfig
-from evs.drivers.pipeline.shipped import PIPELINES
+from evs.drivers.run.config import SinkConfig
+from evs.drivers.run.shipped import PIPELINES
 from evs.drivers.sink import SinkStoppedError
 from evs.emulator import Loop
 from evs.emulator.config import ApsConfig, SensorConfig

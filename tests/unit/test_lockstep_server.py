@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from lockstep_stand_in import Later, StandIn, answered, raw_client, serving
 
+from evs.drivers.clock import monotonic_s, sleep_s
 from evs.drivers.lockstep import LockstepServer, RemoteLoop, connect
-from evs.drivers.pace import monotonic_s, sleep_s
 from evs.msgs import EvsError, Observation
 from evs.msgs.lockstep import Join, Reset, Save, encode_request
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from evs.drivers.loops.pencil.balance import (
+from evs.examples.pencil.balance import (
     FORCE_N,
     FRICTION,
     GRAVITY,

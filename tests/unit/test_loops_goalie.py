@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evs.drivers.loops.goalie.curve import Plan, half_speed, speeds_of
-from evs.drivers.loops.goalie.keeper import FORCE_N, MASS_KG, Keeper
-from evs.drivers.loops.goalie.path import (
+from evs.examples.goalie.curve import Plan, half_speed, speeds_of
+from evs.examples.goalie.keeper import FORCE_N, MASS_KG, Keeper
+from evs.examples.goalie.path import (
     CENTRE_PX,
     FOCAL_PX,
     HEIGHT_M,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evs.drivers.loops.pencil.line import EventLine, FrameLine, Line, Origin
-from evs.drivers.loops.pencil.views import DISTANCE_M, FOCAL_PX, Stick, combine, stick_line
+from evs.examples.pencil.line import EventLine, FrameLine, Line, Origin
+from evs.examples.pencil.views import DISTANCE_M, FOCAL_PX, Stick, combine, stick_line
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 
 HEIGHT_PX = 98

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.loops.limits import limit
-from evs.drivers.loops.results import Results
-from evs.drivers.loops.search import Budget, Point, cross_entropy
+from evs.examples.limits import limit
+from evs.examples.results import Results
+from evs.examples.search import Budget, Point, cross_entropy
 from evs.msgs import EvsError
 
 BOX = {"a": (0.1, 100.0), "b": (0.01, 10.0)}

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.extremes.limits import address_space
-from evs.emulator import memory
-from evs.emulator.network.memory import check_growth
+from evs.emulator.base import memory
+from evs.emulator.evsnet.memory_budget import check_growth
 from evs.launch import main
 from evs.msgs import EvsError
+from evs.tools.stress.limits import address_space
 
 
 @pytest.fixture
@@ -80,7 +80,7 @@ def test_a_limit_on_address_space() -> None:
     assert memory.memory_gb()[0] == before[0]
     said = subprocess.run(
         ["sh", "-c", f"ulimit -v 4000000; exec {sys.executable} -c "
-         "'from evs.emulator.memory import memory_gb; print(memory_gb()[0])'"],
+         "'from evs.emulator.base.memory import memory_gb; print(memory_gb()[0])'"],
         capture_output=True, text=True, check=True,
         env={"PYTHONPATH": ":".join(filter(None, sys.path))},
     ).stdout  # fmt: skip
@@ -116,7 +116,7 @@ def test_enough_to_load_says_nothing(
 
 def test_threads_that_the_system_refuses_are_a_lack_of_memory() -> None:
     program = (
-        "from evs.drivers.extremes.limits import address_space\n"
+        "from evs.tools.stress.limits import address_space\n"
         "import numpy as np\n"
         "from evs.emulator._core import PixelArray, PixelSettings\n"
         "settings = PixelSettings(log='linlog', exposure_dn=1.0, dark_dn=0.0,"

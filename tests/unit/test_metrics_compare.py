@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evs.emulator.metrics import Window, compare
 from evs.msgs import EVENT_DTYPE, EvsError, empty_events, make_events
+from evs.tools.metrics import Window, compare
 
 REFERENCE = make_events([1000, 2000, 3000, 9000], [1, 1, 2, 7], [1, 2, 2, 7], [1, 0, 1, 1])
 EVENTS = make_events([1200, 2100, 8000, 9900], [1, 1, 4, 0], [1, 2, 4, 0], [1, 0, 0, 1])

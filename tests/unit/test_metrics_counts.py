@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from evs.emulator.metrics import (
+from evs.msgs import EvsError, empty_events, make_events
+from evs.tools.metrics import (
     Window,
     compare_rate_maps,
     count_loss,
     count_map,
     count_ratio,
 )
-from evs.msgs import EvsError, empty_events, make_events
 
 
 def test_ratios_by_polarity() -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from evs.emulator.metrics import Window, emd_map, mean_emd
 from evs.msgs import Events, EvsError, empty_events, make_events
+from evs.tools.metrics import Window, emd_map, mean_emd
 
 TEN = Window(width=1, height=1, t_begin_us=0, t_end_us=10_000)
 

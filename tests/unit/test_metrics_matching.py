@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from evs.emulator.metrics import match_events, matching
 from evs.msgs import Events, EvsError, empty_events, make_events
+from evs.tools.metrics import match_events, matching
 
 
 def stream(*events: tuple[int, int, int, int]) -> Events:

@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from evs.emulator.metrics import (
+from evs.msgs import EvsError, empty_events, make_events
+from evs.tools.metrics import (
     Window,
     match_events,
     measure_spurious,
     measure_timing,
     static_pixels,
 )
-from evs.msgs import EvsError, empty_events, make_events
 
 HALF_SECOND = Window(width=5, height=4, t_begin_us=0, t_end_us=500_000)
 

@@ -8,7 +8,7 @@ from math import ulp
 import numpy as np
 import pytest
 
-from evs.emulator.network.decay import (
+from evs.emulator.evsnet.decay import (
     HIGH_ENTRIES,
     LEAST,
     LOW_TICKS,

@@ -14,10 +14,10 @@ import onnx.reference
 import onnxruntime
 import pytest
 
-from evs.drivers.training.export import export, sidecar
-from evs.emulator.network import NetworkWeights
-from evs.emulator.network.graph import streaming_graph
+from evs.emulator.evsnet import NetworkWeights
+from evs.emulator.evsnet.graph import streaming_graph
 from evs.msgs import EvsError
+from evs.tools.training.export import export, sidecar
 from reference.networks import random_network
 
 ONE = [(8, 3, False, 0), (4, 3, True, 3), (8, 3, True, 1), (1, 0, False, 2), (5, 1, True, 3)]

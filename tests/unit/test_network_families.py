@@ -6,14 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.evaluation import models
-from evs.drivers.training.export import export
+from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import ModelConfig, RenderConfig
-from evs.emulator.network import stored
-from evs.emulator.network.families import families, members, nearest_member
-from evs.emulator.network.stored import load_network, network_names, network_path
-from evs.emulator.sensor import SensorParameters, make_event_model
+from evs.emulator.evsnet import network_files
+from evs.emulator.evsnet.families import families, members, nearest_member
+from evs.emulator.evsnet.network_files import load_network, network_names, network_path
+from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
+from evs.tools.evaluation import models
+from evs.tools.training.export import export
 from reference.networks import random_network
 
 NAMES = ["net_16spp", "net_1spp", "net_4spp", "other_8spp", "paper", "net_0spp", "spp", "_4spp"]
@@ -37,7 +38,7 @@ def test_the_nearest_member_by_ratio_is_taken(spp: int, chosen: int) -> None:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Two members, told apart by their channels, and a network of its own."""
-    monkeypatch.setattr(stored, "_NETWORKS", tmp_path)
+    monkeypatch.setattr(network_files, "_NETWORKS", tmp_path)
     for name, channels in (("net_1spp", 2), ("net_16spp", 4), ("paper", 6)):
         export(random_network(1, channels), tmp_path / f"{name}.onnx")
     return tmp_path

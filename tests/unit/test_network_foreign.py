@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from onnx import TensorProto, helper
 
-from evs.emulator.network import NetworkWeights
-from evs.emulator.network.foreign import GraphNetwork
-from evs.emulator.network.memory import dense_bytes
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.network.state import NetworkState
-from evs.emulator.network.stored import read_network
+from evs.emulator.evsnet import NetworkWeights
+from evs.emulator.evsnet.graph_network import GraphNetwork
+from evs.emulator.evsnet.memory_budget import dense_bytes
+from evs.emulator.evsnet.model import EvsNetModel
+from evs.emulator.evsnet.network_files import read_network
+from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
 from reference.agreement import run
@@ -207,7 +207,7 @@ def test_numbers_without_sense_are_refused(
 
 
 def test_a_file_with_our_names_is_ours(tmp_path: Path) -> None:
-    from evs.drivers.training.export import export
+    from evs.tools.training.export import export
 
     path, _ = export(OURS, tmp_path / "ours.onnx", {"seed": 1})
     found = read_network(path)

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from evs.emulator.network.front import Front
-from evs.emulator.network.state import NetworkState
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.log_delta import Front
+from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters
 from evs.emulator.sensor.pixel.logmap import log_light
 from reference.networks import through_network

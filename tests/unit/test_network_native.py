@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.network import Convolution, NetworkWeights
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.network.native import LANES, NativeRuntime
-from evs.emulator.scene import F32, F64
+from evs.emulator.base.scene import F32, F64
+from evs.emulator.evsnet import Convolution, NetworkWeights
+from evs.emulator.evsnet.model import EvsNetModel
+from evs.emulator.evsnet.native import LANES, NativeRuntime
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
 from reference.agreement import Run, run

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.network import NetworkWeights
-from evs.emulator.network.decay import decay_tables
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.network.state import NetworkState
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
+from evs.emulator.evsnet import NetworkWeights
+from evs.emulator.evsnet.decay import decay_tables
+from evs.emulator.evsnet.model import EvsNetModel
+from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
 from reference.networks import random_network
@@ -218,6 +218,6 @@ def test_memory_that_does_not_suffice_is_told(monkeypatch: pytest.MonkeyPatch) -
     def none_left(*_: Any) -> F32:
         raise MemoryError
 
-    monkeypatch.setattr("evs.emulator.network.native.np.zeros", none_left)
+    monkeypatch.setattr("evs.emulator.evsnet.native.np.zeros", none_left)
     with pytest.raises(EvsError, match="does not fit in memory; use a smaller sensor"):
         model.step_chunk(light, state, 0, 1000)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.network.native import LANES, NEVER
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.model import EvsNetModel
+from evs.emulator.evsnet.native import LANES, NEVER
 from evs.emulator.sensor import SensorParameters
 from reference.agreement import run
 from reference.networks import random_network

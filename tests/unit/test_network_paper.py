@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from evs.emulator.network.decay import decay_per_tick
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.network.state import NetworkState
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.decay import decay_per_tick
+from evs.emulator.evsnet.model import EvsNetModel
+from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import Events
 from reference.networks import through_network

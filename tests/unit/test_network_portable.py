@@ -9,10 +9,10 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from evs.emulator.network.graph import streaming_graph
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.network.portable import BLOCK, PortableRuntime
-from evs.emulator.network.session import PROVIDERS, open_session
+from evs.emulator.evsnet.graph import streaming_graph
+from evs.emulator.evsnet.model import EvsNetModel
+from evs.emulator.evsnet.portable import BLOCK, PortableRuntime
+from evs.emulator.evsnet.session import PROVIDERS, open_session
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
 from reference.agreement import run
@@ -76,8 +76,8 @@ def test_a_damaged_graph_is_one_clear_line(graph: bytes | None) -> None:
 
 def test_onnxruntime_is_imported_with_the_first_session_only() -> None:
     program = (
-        "import sys, evs, evs.emulator.network.model, evs.emulator.network.portable\n"
-        "from evs.emulator.network import session\n"
+        "import sys, evs, evs.emulator.evsnet.model, evs.emulator.evsnet.portable\n"
+        "from evs.emulator.evsnet import session\n"
         "assert 'onnxruntime' not in sys.modules\n"
         "session.providers()\n"
         "assert 'onnxruntime' in sys.modules\n"

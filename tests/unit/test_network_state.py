@@ -7,9 +7,9 @@ import io
 import numpy as np
 import pytest
 
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.network.state import NetworkState, identity
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.model import EvsNetModel
+from evs.emulator.evsnet.state import NetworkState, identity
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
 from reference.networks import random_network

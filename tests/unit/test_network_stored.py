@@ -11,12 +11,17 @@ import onnx.helper
 import onnx.numpy_helper
 import pytest
 
-from evs.drivers.training.export import export
-from evs.emulator.network import NetworkWeights, stored
-from evs.emulator.network.state import identity
-from evs.emulator.network.stored import load_network, network_names, network_path, read_network
-from evs.emulator.network.wire import initialisers
+from evs.emulator.evsnet import NetworkWeights, network_files
+from evs.emulator.evsnet.network_files import (
+    load_network,
+    network_names,
+    network_path,
+    read_network,
+)
+from evs.emulator.evsnet.state import identity
+from evs.emulator.evsnet.weights_wire import initialisers
 from evs.msgs import EvsError
+from evs.tools.training.export import export
 from reference.networks import random_network
 
 SIDECAR = """name = "mine"
@@ -208,7 +213,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     path.write_bytes(b"\xff" * 100)
     refused(path, "it is truncated, or no ONNX file")
     with path.open("wb") as file:
-        file.truncate(stored.MAX_BYTES + 1)
+        file.truncate(network_files.MAX_BYTES + 1)
     refused(path, "has 67108865 bytes; 67108864 is the most")
     path.unlink()
     refused(path, "no network file")
@@ -278,7 +283,7 @@ def test_sidecars_that_cannot_be_read(tmp_path: Path) -> None:
 
 
 def test_networks_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stored, "_NETWORKS", tmp_path / "networks")
+    monkeypatch.setattr(network_files, "_NETWORKS", tmp_path / "networks")
     assert network_names() == []
     with pytest.raises(EvsError, match=r"^no network 'evsnet_c8': there are none$"):
         network_path("evsnet_c8")

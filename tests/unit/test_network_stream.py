@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evs.emulator.network import Convolution, NetworkWeights, reference
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.network.reference import ReferenceRuntime
-from evs.emulator.scene import F32, F64
+from evs.emulator.base.scene import F32, F64
+from evs.emulator.evsnet import Convolution, NetworkWeights, reference
+from evs.emulator.evsnet.model import EvsNetModel
+from evs.emulator.evsnet.reference import ReferenceRuntime
 from evs.emulator.sensor import SensorParameters
 from reference.networks import random_network, through_network
 

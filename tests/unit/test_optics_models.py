@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
+from evs.emulator.base.scene import CameraModel
 from evs.emulator.optics import MODELS, make_lens, project
 from evs.emulator.optics.lens import rays
-from evs.emulator.scene import CameraModel
 from evs.msgs import EvsError
 
 WIDTH, HEIGHT = 346, 260

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
+from evs.emulator.base.scene import SceneSnapshot
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer, make_renderer
 from evs.emulator.optics import project
-from evs.emulator.scene import SceneSnapshot
+from evs.emulator.render import DirectRenderer, make_renderer
 from evs.emulator.world import BoundCamera, Poser, bind_camera, extract_scene
 from evs.msgs import EvsError
 

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from evs.emulator.base.scene import CameraModel
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer, make_renderer
 from evs.emulator.optics import make_lens
-from evs.emulator.scene import CameraModel
+from evs.emulator.render import DirectRenderer, make_renderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 from evs.msgs import EvsError
 

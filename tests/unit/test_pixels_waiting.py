@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from evs.emulator.base.scene import F32
+from evs.emulator.camera.pixels import Pixels
 from evs.emulator.config import ModelConfig
-from evs.emulator.pixels import Pixels
-from evs.emulator.scene import F32
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
 

@@ -15,17 +15,17 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.light import DirectRenderer
-from evs.emulator.light.flicker import Flicker
-from evs.emulator.loop import World
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.plan import UNFORCED, Switches
+from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.evsnet.model import EvsNetModel
+from evs.emulator.render import DirectRenderer
+from evs.emulator.render.flicker import Flicker
 from evs.emulator.sensor import SensorParameters
-from evs.emulator.sensor.beside.aps import Aps
-from evs.emulator.sensor.beside.imu import Imu
+from evs.emulator.sensor.aps import Aps
+from evs.emulator.sensor.imu import Imu
 from evs.emulator.sensor.pixel import fixed_pattern
 from evs.emulator.sensor.pixel.plain import PlainModel
 from evs.emulator.sensor.readout.stage import Readout
+from evs.emulator.simulation.world import World
 from reference.networks import random_network
 from reference.planned import NEEDS, PLAIN, Film, told
 

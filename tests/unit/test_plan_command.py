@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from evs.emulator.loop import World
-from evs.emulator.plan import NAMES
+from evs.emulator.base.features import NAMES
+from evs.emulator.simulation.world import World
 from evs.launch.main import main
 
 SCENE = str(Path(__file__).parents[2] / "config/scenes/pendulum.xml")

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from evs.emulator.camera.plan.cost import Cost
 from evs.emulator.config import CameraConfig, RenderConfig, RunConfig, SceneConfig, SensorConfig
-from evs.emulator.loop import World
-from evs.emulator.plan.cost import Cost
+from evs.emulator.simulation.world import World
 
 # CPU ms of world, render and sensor in a tick, one thread; the core that cost.py was fitted on
 RESTS = {

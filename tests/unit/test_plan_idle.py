@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evs.emulator.base.features import FEATURES, Switches
 from evs.emulator.config import ModelConfig, PlanConfig, RenderConfig, RunConfig, SceneConfig
 from evs.emulator.config import SensorConfig as Sensor
-from evs.emulator.loop import World
-from evs.emulator.plan import FEATURES, Switches
+from evs.emulator.simulation.world import World
 from reference.planned import IDEAL, NEEDS, PATH, PLAIN, SKY, Film, told
 
 TICKS = 10

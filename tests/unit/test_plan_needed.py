@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evs.emulator.base.features import FEATURES, NAMES, UNFORCED, Switches
 from evs.emulator.config import PlanConfig
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.plan import FEATURES, NAMES, UNFORCED, Switches
+from evs.emulator.evsnet.model import EvsNetModel
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
 from reference.networks import random_network

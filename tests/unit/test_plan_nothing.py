@@ -14,7 +14,7 @@ import pytest
 
 import evs
 from evs.emulator.config import CameraConfig, RenderConfig, RunConfig, SceneConfig, SensorConfig
-from evs.emulator.loop import World
+from evs.emulator.simulation.world import World
 from reference.planned import IDEAL, PATH, SUN, Film, told
 
 TICKS = 8

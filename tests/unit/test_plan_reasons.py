@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
+from evs.emulator.base.features import FEATURES, NATIVE
+from evs.emulator.camera.plan.scene_plan import ScenePlan
 from evs.emulator.config import RenderConfig, RunConfig, SceneConfig, SensorConfig
-from evs.emulator.loop import World
-from evs.emulator.plan import FEATURES, NATIVE
-from evs.emulator.plan.scene_plan import ScenePlan
+from evs.emulator.simulation.world import World
 from evs.emulator.world import load_model
 from evs.msgs import EvsError
 from reference.planned import IDEAL, NEEDS, Film, told

@@ -7,8 +7,9 @@ import shlex
 
 import pytest
 
-from evs.launch import emulate, info, main
+from evs.launch import main
 from evs.launch.again import program
+from evs.launch.commands import emulate, info
 
 
 @pytest.fixture(autouse=True)

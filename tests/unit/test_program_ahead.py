@@ -11,12 +11,12 @@ import time
 import numpy as np
 import pytest
 
-from evs.drivers.pace import StopWatch
-from evs.drivers.pipeline.config import PipelineConfig, load
-from evs.drivers.pipeline.open_loop import depth_of, open_world
+from evs.drivers.clock import StopWatch
+from evs.drivers.run.config import PipelineConfig, load
+from evs.drivers.run.open_loop import depth_of, open_world
 from evs.emulator import UnstableError, World
-from evs.emulator.ahead import MOST_BYTES, Ahead, ahead
 from evs.emulator.config import ModelConfig, RenderConfig, SceneConfig, SensorConfig
+from evs.emulator.simulation.pipelined import MOST_BYTES, Ahead, ahead
 from evs.launch.main import main
 from evs.msgs import EvsError
 
@@ -191,7 +191,7 @@ def test_light_that_waits_has_bounded_memory(arm, monkeypatch):
     # as little as one tick at a time: the same packets
     options = {"model": ModelConfig(name="evsnet", chunk=8), "cameras": ("top",)}
     expected = run(arm, 2, **options)
-    monkeypatch.setattr("evs.emulator.ahead.MOST_BYTES", 1)
+    monkeypatch.setattr("evs.emulator.simulation.pipelined.MOST_BYTES", 1)
     assert run(arm, 2, **options) == expected
 
 

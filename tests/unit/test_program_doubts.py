@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from evs.drivers.pipeline.config import load, make_sink
-from evs.drivers.pipeline.doubts import doubts
-from evs.drivers.pipeline.run import run
+from evs.drivers.run.config import load, make_sink
+from evs.drivers.run.config_lint import doubts
+from evs.drivers.run.run import run
 from evs.emulator import World
 from evs.emulator.config import SensorConfig
 from evs.emulator.sensor import preset_names, resolve_sensor

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from evs.drivers.files import read
-from evs.drivers.pipeline import config as pipeline
-from evs.drivers.pipeline.run import run
+from evs.drivers.run import config as pipeline
+from evs.drivers.run.run import run
 from evs.emulator import World
 from evs.launch import main as program
 from evs.msgs import EventPacket, EvsError, StreamInfo, empty_imu

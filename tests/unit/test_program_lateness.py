@@ -10,11 +10,11 @@ from threading import Thread
 import pytest
 
 from evs.drivers.bus import Publisher, subscribe
-from evs.drivers.pace import Pacer
-from evs.drivers.pipeline import config as pipeline
-from evs.drivers.pipeline.lateness import Lateness
-from evs.drivers.pipeline.run import run
-from evs.drivers.pipeline.shipped import PIPELINES
+from evs.drivers.clock import Pacer
+from evs.drivers.run import config as pipeline
+from evs.drivers.run.lateness import Lateness
+from evs.drivers.run.run import run
+from evs.drivers.run.shipped import PIPELINES
 from evs.emulator import World
 from evs.msgs import EvsError, Pace, Status, StreamInfo, decode_status, encode_status
 from evs.msgs.packet import packb, unpackb

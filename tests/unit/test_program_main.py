@@ -11,9 +11,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from evs.drivers.pipeline.config import PipelineConfig
-from evs.drivers.pipeline.keys import describe
-from evs.launch import emulate, main
+from evs.drivers.run.config import PipelineConfig
+from evs.drivers.run.config_keys import describe
+from evs.launch import main
+from evs.launch.commands import emulate
 from evs.msgs import EvsError
 
 Capture = pytest.CaptureFixture[str]

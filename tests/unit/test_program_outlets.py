@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evs.drivers.pipeline.outlets import Outlets
+from evs.drivers.run.sink_set import Outlets
 from evs.drivers.sink import SinkStoppedError
-from evs.emulator.stages import NoMeter
+from evs.emulator.base.protocols import NoMeter
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo, Trigger, TriggerPacket
 
 INFO = StreamInfo(4, 3, camera="eye", frames=True, imu=True, triggers=True)

@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from evs.drivers.pace import Durations, Pacer, StopWatch, monotonic_s, sleep_s
-from evs.emulator.stages import Meter
+from evs.drivers.clock import Durations, Pacer, StopWatch, monotonic_s, sleep_s
+from evs.emulator.base.protocols import Meter
 from evs.msgs import EvsError
 
 

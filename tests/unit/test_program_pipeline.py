@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.drivers.pipeline import settings
-from evs.drivers.pipeline.config import (
+from evs.drivers import settings
+from evs.drivers.run.config import (
     PipelineConfig,
     SinkConfig,
     find_pipeline,
     load,
     make_sink,
 )
-from evs.drivers.pipeline.keys import describe
-from evs.drivers.pipeline.shipped import PIPELINES, PRESETS, about, pipelines
+from evs.drivers.run.config_keys import describe
+from evs.drivers.run.shipped import PIPELINES, PRESETS, about, pipelines
 from evs.drivers.sink import MeteredSink
 from evs.emulator.config import RunConfig
 from evs.msgs import EvsError

@@ -11,7 +11,7 @@ import pytest
 
 import evs
 from evs.drivers.pictures import channel_page
-from evs.drivers.pipeline import rendering
+from evs.drivers.run import rendering
 from evs.launch.main import main
 
 SCENE = """

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.drivers.pace import StageTime
-from evs.drivers.pipeline.report import Report, check_targets, report_beside, versions, write_report
+from evs.drivers.clock import StageTime
+from evs.drivers.run.report import Report, check_targets, report_beside, versions, write_report
 from evs.msgs import EvsError
 
 REPORT = Report(ticks=3, stage_ms={"world": StageTime(0.5, 0.75)}, seed=2**62)

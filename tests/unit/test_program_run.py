@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from evs.drivers.pace import Pacer, StopWatch, sleep_s
-from evs.drivers.pipeline.report import STAGES, Report
-from evs.drivers.pipeline.run import Progress, run, tick_count
-from evs.emulator.stages import Meter, NoMeter
+from evs.drivers.clock import Pacer, StopWatch, sleep_s
+from evs.drivers.run.report import STAGES, Report
+from evs.drivers.run.run import Progress, run, tick_count
+from evs.emulator.base.protocols import Meter, NoMeter
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo, make_events
 
 

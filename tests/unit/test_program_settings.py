@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.pipeline import settings
-from evs.drivers.pipeline.config import PipelineConfig
-from evs.drivers.pipeline.keys import describe, field_docs
+from evs.drivers import settings
+from evs.drivers.run.config import PipelineConfig
+from evs.drivers.run.config_keys import describe, field_docs
 from evs.msgs import EvsError
 
 

@@ -6,8 +6,8 @@ import signal
 
 import pytest
 
-from evs.drivers.pace import sleep_s
-from evs.drivers.pipeline.stopping import stop_signals
+from evs.drivers.clock import sleep_s
+from evs.drivers.run.stopping import stop_signals
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.pace import StageTime
-from evs.drivers.pipeline.report import STAGES, Report
+from evs.drivers.clock import StageTime
+from evs.drivers.run.report import STAGES, Report
 from evs.launch import terminal
 
 REPORT = Report(
@@ -84,7 +84,7 @@ def test_an_empty_run_is_shown_too(capsys: pytest.CaptureFixture[str]) -> None:
 PROGRAM = """
 import sys
 sys.path[:0] = [folder for folder in sys.argv[1].split(":")]
-from evs.drivers.pipeline.run import Progress
+from evs.drivers.run.run import Progress
 from evs.launch import terminal
 sys.path.insert(0, sys.argv[2])
 from test_program_terminal import REPORT

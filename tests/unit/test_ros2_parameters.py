@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from evs.drivers.launching.plan import read_plan
-from evs.drivers.pipeline import config as pipeline
 from evs.drivers.ros2 import Ros2Publisher
+from evs.drivers.run import config as pipeline
+from evs.drivers.run.launcher.plan import read_plan
 from evs.msgs import EventPacket, EvsError, StreamInfo
 
 pytest.importorskip("cyclonedds")

@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import pytest
 
-from evs.drivers.pace import monotonic_s
+from evs.drivers.clock import monotonic_s
 from evs.drivers.ros2 import sending
 from evs.drivers.ros2.gathering import EventMessage, Gatherer
 from evs.drivers.ros2.names import node_path
@@ -15,7 +15,7 @@ from evs.drivers.ros2.network import checked_domain, interface_of
 from evs.drivers.ros2.sending import Outlet, Sender
 from evs.drivers.ros2.statistics import Statistics
 from evs.msgs import EventPacket, Events, EvsError, make_events
-from evs.msgs.encodings import PayloadReader
+from evs.msgs.codecs import PayloadReader
 
 PACKETS = 12
 

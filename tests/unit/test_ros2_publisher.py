@@ -21,7 +21,7 @@ from evs.msgs import (
     StreamInfo,
     make_events,
 )
-from evs.msgs.encodings import PayloadReader
+from evs.msgs.codecs import PayloadReader
 from evs.msgs.imu import empty_imu
 from reference.ros_readers import KINDS, Ears, domains, ns
 

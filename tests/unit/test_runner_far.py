@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 import evs
-from evs.drivers.runner import run_jobs
-from evs.drivers.runner.far import fingerprint, make_far, unlike
-from evs.drivers.runner.parcel import PIECE_BYTES, End, Entry, Parcel, Said, pack
 from evs.msgs import EvsError
+from evs.tools.jobs import run_jobs
+from evs.tools.jobs.far import fingerprint, make_far, unlike
+from evs.tools.jobs.parcel import PIECE_BYTES, End, Entry, Parcel, Said, pack
 from speed import jobs
 
 
@@ -100,7 +100,7 @@ def test_a_node_that_is_another_is_named() -> None:
 
 
 def test_an_edit_makes_another_evs(tmp_path: Path) -> None:
-    from evs.drivers.runner.far import _sources
+    from evs.tools.jobs.far import _sources
 
     (tmp_path / "drivers").mkdir()
     (tmp_path / "drivers/a.py").write_text("A = 1\n")
@@ -135,7 +135,7 @@ def test_a_cluster_of_another_ray_is_told_in_what() -> None:
     pytest.importorskip("ray")
     from ray._private.utils import check_version_info
 
-    from evs.drivers.runner.cluster import _unreached
+    from evs.tools.jobs.cluster import _unreached
 
     with pytest.raises(RuntimeError) as caught:
         check_version_info({"ray_version": "2.0.1", "python_version": "3.9.0"}, "here")
@@ -154,7 +154,7 @@ def test_workers_here_and_a_cluster_are_two_things(tmp_path: Path) -> None:
 def test_nothing_of_ray_is_imported_where_no_cluster_is_asked_for(tmp_path: Path) -> None:
     text = (
         "import sys\nfrom pathlib import Path\nfrom speed.jobs import One\n"
-        "from evs.drivers.runner import run_jobs\n"
+        "from evs.tools.jobs import run_jobs\n"
         "run_jobs([One('a')], Path(sys.argv[1]))\nassert 'ray' not in sys.modules\n"
         "sys.modules['ray'] = None\n"
         "from evs.msgs import EvsError\n"

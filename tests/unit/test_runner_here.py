@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.pace import monotonic_s
-from evs.drivers.runner import Ran, job, run_jobs, work_off
-from evs.drivers.runner.target import PREFIX
+from evs.drivers.clock import monotonic_s
 from evs.msgs import EvsError
+from evs.tools.jobs import Ran, job, run_jobs, work_off
+from evs.tools.jobs.target import PREFIX
 from speed import jobs
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.pace import monotonic_s, sleep_s
-from evs.drivers.runner import run_jobs
-from evs.drivers.runner.target import PREFIX
+from evs.drivers.clock import monotonic_s, sleep_s
+from evs.tools.jobs import run_jobs
+from evs.tools.jobs.target import PREFIX
 from speed import jobs
 
 PROGRAM = """
@@ -22,8 +22,8 @@ import threading
 import time
 from pathlib import Path
 from speed.jobs import Noise
-from evs.drivers.pipeline.stopping import stop_signals
-from evs.drivers.runner import run_jobs
+from evs.drivers.run.stopping import stop_signals
+from evs.tools.jobs import run_jobs
 
 def hear(stopped):
     while not stopped:

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
-from evs.emulator.sensor.pixel.reference.comparators import PixelTick, compare
-from evs.emulator.sensor.pixel.reference.noise import Candidate
+from evs.emulator.sensor.reference.comparators import PixelTick, compare
+from evs.emulator.sensor.reference.noise import Candidate
 from evs.msgs import Cause
 
 TICK_US = 8

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from evs.emulator.scene import CameraPose
+from evs.emulator.base.scene import CameraPose
 from evs.emulator.sensor import Imu, ImuParameters, ImuState
-from evs.emulator.sensor.beside.rotation import rotation_vector
+from evs.emulator.sensor.rotation import rotation_vector
 from evs.msgs import DEGREE, STANDARD_GRAVITY, EvsError, ImuSamples
 
 F64 = npt.NDArray[np.float64]

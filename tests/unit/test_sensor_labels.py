@@ -11,10 +11,10 @@ import pytest
 
 from evs.drivers.files import read
 from evs.drivers.files.npz import NpzRecorder
-from evs.drivers.pipeline.config import load
+from evs.drivers.run.config import load
 from evs.emulator import Sensor, World
+from evs.emulator.base.scene import F32
 from evs.emulator.config import ModelConfig, SensorConfig
-from evs.emulator.scene import F32
 from evs.emulator.sensor import PlainModel, SensorParameters
 from evs.msgs import LABEL_DTYPE, Cause, EvsError, take_labels
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.scene import F32
-from evs.emulator.sensor import SensorParameters
-from evs.emulator.sensor.pixel import reference
+from evs.emulator.base.scene import F32
+from evs.emulator.sensor import SensorParameters, reference
 from evs.emulator.sensor.pixel.logmap import log_light
 
 F = np.float32

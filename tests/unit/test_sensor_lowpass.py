@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.scene import F32
-from evs.emulator.sensor.pixel.reference.filters import FADED, follow, shares
+from evs.emulator.base.scene import F32
+from evs.emulator.sensor.reference.filters import FADED, follow, shares
 
 F = np.float32
 EVERY_Z = np.concatenate(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
 from evs.emulator.sensor.pixel.fixed_pattern import draw_pattern
 from evs.emulator.sensor.random import Term, pixel_normals

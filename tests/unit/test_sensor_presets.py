@@ -7,14 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import ModelConfig, SensorConfig
-from evs.emulator.sensor import (
-    PlainModel,
-    SensorParameters,
-    make_event_model,
-    preset_names,
-    resolve_sensor,
-)
+from evs.emulator.sensor import PlainModel, SensorParameters, preset_names, resolve_sensor
 from evs.msgs import EvsError
 
 SIZES = {

@@ -7,7 +7,7 @@ import io
 import numpy as np
 import pytest
 
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
 from evs.msgs import EvsError
 

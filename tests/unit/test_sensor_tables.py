@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from evs.emulator.plain_config import plain_config
+from evs.emulator.config.plain_values import plain_config
 from evs.emulator.sensor.presets.tables import SensorFile, fill
 from evs.msgs import EvsError
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import pytest
 
-from evs.drivers.pipeline.shipped import PRESETS
-from evs.drivers.sweep import choose as chosen
-from evs.drivers.sweep.front import FIGURES, figure_named, front, spots, unmatched
-from evs.drivers.sweep.measured import FRAMES, STAGES, Error, Interval, Measured, Speed
-from evs.drivers.sweep.table import About, case_table, in_order, markdown, peers, with_interval
+from evs.drivers.run.shipped import PRESETS
 from evs.msgs import EvsError
+from evs.tools.sweep import choose as chosen
+from evs.tools.sweep.front import FIGURES, figure_named, front, spots, unmatched
+from evs.tools.sweep.measured import FRAMES, STAGES, Error, Interval, Measured, Speed
+from evs.tools.sweep.table import About, case_table, in_order, markdown, peers, with_interval
 
 
 def speed_of(factor: float) -> Speed:

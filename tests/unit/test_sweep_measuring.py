@@ -10,26 +10,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.drivers.evaluation import models
-from evs.drivers.evaluation.cache import LightCache
-from evs.drivers.evaluation.scenes import stage_of
-from evs.drivers.evaluation.stage import Stage
-from evs.drivers.evaluation.take import MOTIONS, SIZE, film
-from evs.drivers.pipeline.config import PipelineConfig
-from evs.drivers.sweep import axes
-from evs.drivers.sweep.errors import ErrorSettings, Judge
-from evs.drivers.sweep.front import unmatched
-from evs.drivers.sweep.measured import STAGES, Measured
-from evs.drivers.sweep.peers import way_of
-from evs.drivers.sweep.pixels import events_of
-from evs.drivers.sweep.points import Point, point_of, preset_of
-from evs.drivers.sweep.store import read_sweep
-from evs.drivers.sweep.world import SweepWorld
+from evs.drivers.run.config import PipelineConfig
+from evs.emulator.base.scene import F32
 from evs.emulator.config import ModelConfig
-from evs.emulator.light import make_renderer
-from evs.emulator.scene import F32
+from evs.emulator.render import make_renderer
 from evs.launch.main import main
 from evs.msgs import EvsError, join_events
+from evs.tools.evaluation import models
+from evs.tools.evaluation.cache import LightCache
+from evs.tools.evaluation.scene_setup import Stage
+from evs.tools.evaluation.scenes import stage_of
+from evs.tools.evaluation.take import MOTIONS, SIZE, film
+from evs.tools.sweep import axes
+from evs.tools.sweep.errors import ErrorSettings, Judge
+from evs.tools.sweep.front import unmatched
+from evs.tools.sweep.measured import STAGES, Measured
+from evs.tools.sweep.peers import way_of
+from evs.tools.sweep.pixels import events_of
+from evs.tools.sweep.points import Point, point_of, preset_of
+from evs.tools.sweep.store import read_sweep
+from evs.tools.sweep.world import SweepWorld
 from reference.judged import written
 
 TINY = ErrorSettings(pixels=160, ticks=60, reference_spp=512)

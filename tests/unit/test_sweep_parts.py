@@ -12,19 +12,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.drivers.evaluation import models
-from evs.drivers.sweep import axes
-from evs.drivers.sweep import usable as usable_module
-from evs.drivers.sweep.errors import ErrorSettings, instants, times_of
-from evs.drivers.sweep.interval import STUDENT, interval, order
-from evs.drivers.sweep.measured import CAMERAS, Error, Interval, Measured, Speed
-from evs.drivers.sweep.peers import Way, between, coded, way_of
-from evs.drivers.sweep.pixels import events_of, judged_sensor
-from evs.drivers.sweep.points import Point, configured, differences, point_of, preset_of
-from evs.drivers.sweep.speed import SpeedSettings
-from evs.drivers.sweep.store import Header, Store, read_sweep
 from evs.emulator.config import ModelConfig, SensorConfig
 from evs.msgs import EvsError
+from evs.tools.evaluation import models
+from evs.tools.sweep import axes
+from evs.tools.sweep import usable as usable_module
+from evs.tools.sweep.errors import ErrorSettings, instants, times_of
+from evs.tools.sweep.interval import STUDENT, interval, order
+from evs.tools.sweep.measured import CAMERAS, Error, Interval, Measured, Speed
+from evs.tools.sweep.peers import Way, between, coded, way_of
+from evs.tools.sweep.pixels import events_of, judged_sensor
+from evs.tools.sweep.points import Point, configured, differences, point_of, preset_of
+from evs.tools.sweep.speed import SpeedSettings
+from evs.tools.sweep.store import Header, Store, read_sweep
 from reference.judged import light_of_steps
 
 PRESETS = tuple(axes.DEFAULT)
@@ -374,6 +374,6 @@ def test_points_that_this_machine_cannot_draw_are_told_once(
 
 
 def test_motions_are_those_of_the_evaluation() -> None:
-    from evs.drivers.evaluation.take import MOTIONS
+    from evs.tools.evaluation.take import MOTIONS
 
     assert CAMERAS == MOTIONS

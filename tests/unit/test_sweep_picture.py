@@ -14,9 +14,10 @@ from evs.drivers.pictures.layout import frame_of, place_of
 from evs.drivers.pictures.names import names_of
 from evs.drivers.pictures.pen import INK_RGB, POINT_PX
 from evs.drivers.pictures.scales import steps_around
-from evs.drivers.sweep.front import FIGURES
-from evs.drivers.sweep.measured import FRAMES, PAPER, STAGES, Error, Interval, Measured, Speed
-from evs.drivers.sweep.picture import (
+from evs.launch.commands import sweep as launch_sweep
+from evs.tools.sweep.front import FIGURES
+from evs.tools.sweep.measured import FRAMES, PAPER, STAGES, Error, Interval, Measured, Speed
+from evs.tools.sweep.picture import (
     CHART_PX,
     COLOURS,
     PEERS,
@@ -24,7 +25,6 @@ from evs.drivers.sweep.picture import (
     pareto_chart,
     pareto_page,
 )
-from evs.launch import sweep as launch_sweep
 
 
 def measured(

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evs.drivers.testing import Run, Trace
 from evs.msgs import EvsError
+from evs.tools.testing import Run, Trace
 
 
 def trace(values: Any, seed: int = 0, done: str = "", took_us: Any = 50.0, **more: Any) -> Trace:

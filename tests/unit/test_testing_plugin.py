@@ -14,8 +14,8 @@ import pytest
 
 import evs
 
-PLUGIN = "evs.drivers.testing.plugin"
-PAGE = Path(__file__).parents[2] / "drivers/testing/README.md"
+PLUGIN = "evs.tools.testing.plugin"
+PAGE = Path(__file__).parents[2] / "tools/testing/README.md"
 
 
 def environment(*folders: Path) -> dict[str, str]:
@@ -66,7 +66,7 @@ def test_the_example_can_fail_and_says_what_an_engineer_needs(tmp_path: Path) ->
     ), ran.stdout
     assert "3 of 3 seeds fail: 0, 1, 2" in ran.stdout
     # the traceback ends in the test and not in our code
-    assert "drivers/testing/run.py" not in ran.stdout
+    assert "tools/testing/run.py" not in ran.stdout
     (program,) = set(re.findall(r"run it again: (from .*)$", ran.stdout, re.MULTILINE))
     again = subprocess.run(
         [sys.executable, "-c", program.replace("list(", "print(len(list(").rstrip() + "))"],
@@ -111,7 +111,7 @@ def test_it_is_declared_and_named_so_that_it_is_never_loaded_twice(tmp_path: Pat
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: evs_again\nVersion: 1\n")
     (metadata / "entry_points.txt").write_text(f"[pytest11]\n{PLUGIN} = {PLUGIN}\n")
     # pytest rewrites the asserts of every module that a plugin's distribution holds
-    (metadata / "RECORD").write_text("evs/__init__.py,,\nevs/drivers/testing/plugin.py,,\n")
+    (metadata / "RECORD").write_text("evs/__init__.py,,\nevs/tools/testing/plugin.py,,\n")
     (tmp_path / "test_it.py").write_text("def test_it(evs_loop):\n    assert evs_loop\n")
     for arguments in ((), ("-p", PLUGIN)):
         ran = subprocess.run(
@@ -126,7 +126,7 @@ def test_it_is_declared_and_named_so_that_it_is_never_loaded_twice(tmp_path: Pat
 
 
 def test_the_names_of_the_room_come_at_first_use() -> None:
-    import evs.drivers.testing as room
+    import evs.tools.testing as room
 
     assert set(room.__all__) <= set(dir(room))
     for name in room.__all__:

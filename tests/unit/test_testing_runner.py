@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import evs
-from evs.drivers.testing import LoopRunner, Push, Run, replay
-from evs.drivers.testing.options import options_of, plain_options
 from evs.msgs import EvsError, Observation
+from evs.tools.testing import LoopRunner, Push, Run, replay
+from evs.tools.testing.options import options_of, plain_options
 
 CART = "evs:config/scenes/cartpole.xml"
 OPTIONS: dict[str, Any] = {

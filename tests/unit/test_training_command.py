@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.training.recipes import RECIPES
-from evs.launch import fit
+from evs.launch.commands import fit
 from evs.launch.main import main
+from evs.tools.training.recipes import RECIPES
 from reference.shards import synthetic_data
 
 
@@ -72,8 +72,8 @@ def test_help_and_the_list_of_commands_need_no_jax() -> None:
 def test_a_missing_library_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     import importlib.util
 
-    from evs.drivers.training.extra import need_jax
     from evs.msgs import EvsError
+    from evs.tools.training.extra import need_jax
 
     need_jax()
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)

@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.drivers.training import make
-from evs.drivers.training.make import make_data, make_shard, work_of
-from evs.drivers.training.pilot import Pilot, choose_pixels
-from evs.drivers.training.settings import DataSettings, Variant
-from evs.drivers.training.shards import ARRAYS, Shard, Shards, read_shard
 from evs.launch.main import main
 from evs.msgs import EvsError
+from evs.tools.training import make
+from evs.tools.training.make import make_data, make_shard, work_of
+from evs.tools.training.pilot import Pilot, choose_pixels
+from evs.tools.training.settings import DataSettings, Variant
+from evs.tools.training.shards import ARRAYS, Shard, Shards, read_shard
 from reference.shards import synthetic_data
 
 TINY = DataSettings(

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.drivers.training import examples as module
-from evs.drivers.training.calibration import MOST_PRICE, Calibration
-from evs.drivers.training.examples import (
+from evs.msgs import EvsError
+from evs.tools.training import examples as module
+from evs.tools.training.calibration import MOST_PRICE, Calibration
+from evs.tools.training.examples import (
     Examples,
     differences,
     louder,
@@ -19,13 +20,12 @@ from evs.drivers.training.examples import (
     sample_held_out,
     true_membranes,
 )
-from evs.drivers.training.fit import LINLOG_DN
-from evs.drivers.training.network import Architecture
-from evs.drivers.training.recipes import RECIPES, Recipe, recipe_named
-from evs.drivers.training.settings import Variant
-from evs.drivers.training.shards import Shards
-from evs.drivers.training.validation import plain_events
-from evs.msgs import EvsError
+from evs.tools.training.fit import LINLOG_DN
+from evs.tools.training.network import Architecture
+from evs.tools.training.recipes import RECIPES, Recipe, recipe_named
+from evs.tools.training.settings import Variant
+from evs.tools.training.shards import Shards
+from evs.tools.training.validation import plain_events
 from reference.shards import synthetic_data
 
 VARIANTS = (Variant(4, "fixed"), Variant(4, "fresh"))

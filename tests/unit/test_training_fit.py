@@ -11,19 +11,25 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from evs.drivers.training import fit as module
-from evs.drivers.training import initial, report
-from evs.drivers.training.examples import Examples, Prepared, differences
-from evs.drivers.training.fit import LINLOG_DN, Fitted, fit
-from evs.drivers.training.initial import identity
-from evs.drivers.training.losses import Terms
-from evs.drivers.training.network import Architecture, currents, spread_look_ahead
-from evs.drivers.training.recipes import Recipe
-from evs.drivers.training.settings import Variant
-from evs.drivers.training.shards import Shards
-from evs.drivers.training.step import Stepper, learning_rate
-from evs.drivers.training.truth import IDEAL
-from evs.drivers.training.validation import (
+from evs.emulator.evsnet import NetworkWeights
+from evs.emulator.evsnet.model import EvsNetModel
+from evs.emulator.evsnet.network_files import read_network
+from evs.emulator.sensor import resolve_sensor
+from evs.msgs import EVENT_DTYPE, Events, EvsError
+from evs.tools.metrics import Window, count_ratio, mean_emd
+from evs.tools.training import fit as module
+from evs.tools.training import initial, report
+from evs.tools.training.examples import Examples, Prepared, differences
+from evs.tools.training.fit import LINLOG_DN, Fitted, fit
+from evs.tools.training.initial import identity
+from evs.tools.training.losses import Terms
+from evs.tools.training.network import Architecture, currents, spread_look_ahead
+from evs.tools.training.recipes import Recipe
+from evs.tools.training.settings import Variant
+from evs.tools.training.shards import Shards
+from evs.tools.training.step import Stepper, learning_rate
+from evs.tools.training.targets import IDEAL
+from evs.tools.training.validation import (
     Scores,
     Validation,
     compared,
@@ -31,12 +37,6 @@ from evs.drivers.training.validation import (
     plain_events,
     predict,
 )
-from evs.emulator.metrics import Window, count_ratio, mean_emd
-from evs.emulator.network import NetworkWeights
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.network.stored import read_network
-from evs.emulator.sensor import resolve_sensor
-from evs.msgs import EVENT_DTYPE, Events, EvsError
 from reference.shards import synthetic_data
 
 VARIANTS = (Variant(4, "fixed"), Variant(4, "fresh"))

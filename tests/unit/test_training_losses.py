@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from evs.drivers.training import losses
-from evs.drivers.training.losses import Terms
-from evs.emulator.metrics import Window, mean_emd
 from evs.msgs import EVENT_DTYPE
+from evs.tools.metrics import Window, mean_emd
+from evs.tools.training import losses
+from evs.tools.training.losses import Terms
 
 K = 12
 

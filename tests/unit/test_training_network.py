@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from jax import lax
 
-from evs.drivers.training import initial, network
-from evs.drivers.training.convolve import convolve
-from evs.drivers.training.network import Architecture, bilif, currents, fires, stream
-from evs.emulator.network import NetworkWeights
+from evs.emulator.evsnet import NetworkWeights
 from evs.msgs import EvsError
+from evs.tools.training import initial, network
+from evs.tools.training.convolve import convolve
+from evs.tools.training.network import Architecture, bilif, currents, fires, stream
 from reference.networks import random_network
 
 

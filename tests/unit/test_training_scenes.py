@@ -11,15 +11,15 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from evs.drivers.training.pilot import look
-from evs.drivers.training.scenes import KINDS, make_scene
-from evs.drivers.training.scenes.draft import Draft, encoded, num
-from evs.drivers.training.scenes.materials import albedo
-from evs.drivers.training.scenes.motion import Eye, moving
-from evs.drivers.training.scenes.patterns import PATTERNS, pattern_file
-from evs.drivers.training.scenes.scene import TrainingScene
-from evs.drivers.training.stage import load_scene, set_up
 from evs.emulator.world import bytes_of
+from evs.tools.training.pilot import look
+from evs.tools.training.scenes import KINDS, make_scene
+from evs.tools.training.scenes.draft import Draft, encoded, num
+from evs.tools.training.scenes.materials import albedo
+from evs.tools.training.scenes.motion import Eye, moving
+from evs.tools.training.scenes.patterns import PATTERNS, pattern_file
+from evs.tools.training.scenes.scene import TrainingScene
+from evs.tools.training.traced_scene import load_scene, set_up
 
 MANY = 150
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.drivers.training.settings import DataSettings, Variant, claim_folder, read_settings
-from evs.drivers.training.shards import ARRAYS, Shards, read_meta, read_shard, write_shard
 from evs.msgs import EvsError
+from evs.tools.training.settings import DataSettings, Variant, claim_folder, read_settings
+from evs.tools.training.shards import ARRAYS, Shards, read_meta, read_shard, write_shard
 from reference.shards import synthetic_data, synthetic_shard
 
 

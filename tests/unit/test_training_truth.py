@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evs.drivers.training.truth import IDEAL, NOISY, draw_phases, event_counts
+from evs.tools.training.targets import IDEAL, NOISY, draw_phases, event_counts
 
 
 def ladder(changes: list[float], pixels: int = 1) -> np.ndarray:

@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
-from evs.drivers.pipeline.config import load
-from evs.drivers.pipeline.shipped import PIPELINES
-from evs.drivers.tuning import gauge
-from evs.drivers.tuning.space import Candidate
+from evs.drivers.run.config import load
+from evs.drivers.run.shipped import PIPELINES
 from evs.launch.main import main
+from evs.tools.tuning import gauge
+from evs.tools.tuning.space import Candidate
 
 SCENE = str(PIPELINES.parent / "scenes" / "pendulum.xml")
 

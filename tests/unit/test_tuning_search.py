@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from evs.drivers.pipeline.config import PipelineConfig
-from evs.drivers.pipeline.settings import override, to_text
-from evs.drivers.sweep.points import check
-from evs.drivers.tuning.search import MOST, Found, Goal, Search
-from evs.drivers.tuning.space import Candidate, calibration, candidates
-from evs.drivers.tuning.surface import COST, EFFECTS, ERROR, Surface, effects_of
+from evs.drivers.run.config import PipelineConfig
+from evs.drivers.settings import override, to_text
 from evs.emulator.config import ModelConfig
 from evs.msgs import EvsError
+from evs.tools.sweep.points import check
+from evs.tools.tuning.search import MOST, Found, Goal, Search
+from evs.tools.tuning.space import Candidate, calibration, candidates
+from evs.tools.tuning.surface import COST, EFFECTS, ERROR, Surface, effects_of
 
 
 @dataclass

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.pipeline.config import PipelineConfig, load
-from evs.drivers.pipeline.shipped import PIPELINES
-from evs.drivers.sweep.front import DEFAULT
-from evs.drivers.tuning.base import base_of
-from evs.drivers.tuning.search import Found, Goal, Outcome
-from evs.drivers.tuning.space import Candidate, candidates
-from evs.drivers.tuning.words import facts, table
-from evs.drivers.tuning.written import FIRST, check_own, pipeline_text
+from evs.drivers.run.config import PipelineConfig, load
+from evs.drivers.run.shipped import PIPELINES
 from evs.msgs import EvsError
+from evs.tools.sweep.front import DEFAULT
+from evs.tools.tuning.base import base_of
+from evs.tools.tuning.search import Found, Goal, Outcome
+from evs.tools.tuning.space import Candidate, candidates
+from evs.tools.tuning.text import facts, table
+from evs.tools.tuning.written import FIRST, check_own, pipeline_text
 
 SCENE = str(PIPELINES.parent / "scenes" / "pendulum.xml")
 

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 
 from evs.drivers.bus import Publisher
-from evs.drivers.pipeline import config as pipeline
-from evs.drivers.view import ViewSink
-from evs.launch import live
+from evs.drivers.run import config as pipeline
+from evs.drivers.viewer import ViewSink
 from evs.launch import main as program
+from evs.launch.commands import live
 from evs.msgs import EventPacket, EvsError, Frame, Pose, StreamInfo, make_events
 
 pytest.importorskip("rerun", reason="the extra `view` is not installed")
@@ -39,7 +39,7 @@ ROWS = re.compile(r"with (\d+) rows .* - /(\S+) - data columns: \[(\w+)")
 
 def rerun(folder: Path, *words: object) -> str:
     """Rerun's own program, its telemetry off; what it prints."""
-    from evs.drivers.view.viewer import PROGRAM, quiet_environment
+    from evs.drivers.viewer.viewer import PROGRAM, quiet_environment
 
     done = subprocess.run(
         [*PROGRAM, *map(str, words)],
@@ -158,8 +158,8 @@ def test_a_live_stream_leaves_a_file_that_rerun_verifies(
 
 @pytest.mark.slow
 def test_a_running_viewer_gets_everything(tmp_path: Path) -> None:
-    from evs.drivers.view import Gatherer
-    from evs.drivers.view.viewer import PROGRAM, Drawing, quiet_environment
+    from evs.drivers.viewer import Gatherer
+    from evs.drivers.viewer.viewer import PROGRAM, Drawing, quiet_environment
 
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]
@@ -228,7 +228,7 @@ def test_the_sink_thins_out_and_takes_nothing_else(tmp_path: Path) -> None:
 FULL = """
 import resource, sys
 from evs.drivers.sink import SinkStoppedError
-from evs.drivers.view import ViewSink
+from evs.drivers.viewer import ViewSink
 from evs.msgs import EventPacket, StreamInfo, make_events
 import numpy as np
 
@@ -288,7 +288,7 @@ def test_without_the_extra_one_line_says_how_to_get_it(
 
 def test_nothing_else_imports_rerun() -> None:
     code = (
-        "import sys, evs, evs.drivers.view, evs.launch.live\n"
+        "import sys, evs, evs.drivers.viewer, evs.launch.commands.live\n"
         "from evs.launch.main import main\n"
         "try: main(['view', '--help'])\n"
         "except SystemExit: pass\n"

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers.view import Gatherer, Window, sketch
+from evs.drivers.viewer import Gatherer, Window, sketch
 from evs.msgs import EventPacket, make_events
 
 ESCAPE = re.compile(r"\x1b\[[0-9;]*m")

@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from evs.emulator.scene import LightKind
+from evs.emulator.base.scene import LightKind
 from evs.emulator.world import (
     MUJOCO_VERSION,
     ORTHOGRAPHIC,

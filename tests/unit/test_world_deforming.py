@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
+from evs.emulator.base.scene import Shape
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer
-from evs.emulator.scene import Shape
+from evs.emulator.render import DirectRenderer
 from evs.emulator.world import Poser, bind_camera, extract_scene, load_model
 
 CLOTH = """

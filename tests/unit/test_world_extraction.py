@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator.scene import LightKind, SceneModel, Shape, TextureKind, Thing
+from evs.emulator.base.scene import LightKind, SceneModel, Shape, TextureKind, Thing
 from evs.emulator.world import Poser, extract_scene, load_model
 from evs.msgs import EvsError
 

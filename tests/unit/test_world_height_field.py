@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator.scene import Shape
+from evs.emulator.base.scene import Shape
 from evs.emulator.world import extract_scene
 
 ROWS, COLUMNS = 5, 7

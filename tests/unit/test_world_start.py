@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from evs.emulator import Loop, World
+from evs.emulator.base.stamps import MAX_START_US
 from evs.emulator.config import (
     ApsConfig,
     FlickerConfig,
@@ -19,7 +20,6 @@ from evs.emulator.config import (
     SceneConfig,
     SensorConfig,
 )
-from evs.emulator.stamps import MAX_START_US
 from evs.msgs import EvsError
 
 PENDULUM = SceneConfig(file="config/scenes/pendulum.xml", camera="front", control="random")

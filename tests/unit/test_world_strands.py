@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
+from evs.emulator.base.scene import SceneModel, SceneSnapshot, Thing
+from evs.emulator.camera.plan.contents import contents_of
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer, PathRenderer
-from evs.emulator.plan.contents import contents_of
-from evs.emulator.scene import SceneModel, SceneSnapshot, Thing
+from evs.emulator.render import DirectRenderer, PathRenderer
 from evs.emulator.world import Poser, bind_camera, extract_scene, load_model
 from evs.emulator.world.curves import catenary
 

@@ -13,8 +13,7 @@ import pytest
 from evs.emulator import _core, world
 from evs.emulator.config import CameraConfig
 from evs.emulator.world import bind_camera, extract_scene
-from evs.emulator.world.poses import Poser
-from evs.emulator.world.watch import (
+from evs.emulator.world.model_edits import (
     DEFORMING,
     MESHES,
     NUMBERS,
@@ -24,6 +23,7 @@ from evs.emulator.world.watch import (
     Parts,
     arrays_of,
 )
+from evs.emulator.world.snapshots import Poser
 from reference.edited import STAGE
 
 EVERYTHING = (

@@ -17,7 +17,7 @@ from evs.drivers.files.aedat4.writer import Aedat4Writer
 from evs.drivers.files.numbered import check_no_parts, part_path
 from evs.drivers.files.recording import one_stream, target_error
 from evs.drivers.sink import SinkStoppedError
-from evs.emulator.stages import Meter, NoMeter
+from evs.emulator.base.protocols import Meter, NoMeter
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo, TriggerPacket
 
 MAX_PACKET_EVENTS = 1 << 22

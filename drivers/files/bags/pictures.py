@@ -7,8 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.files.bags.beside import EXPOSURE, IMAGE, SAMPLE, TOPICS, frame_of, sample_of
 from evs.drivers.files.bags.messages import deserialised
+from evs.drivers.files.bags.sensor_messages import (
+    EXPOSURE,
+    IMAGE,
+    SAMPLE,
+    TOPICS,
+    frame_of,
+    sample_of,
+)
 from evs.drivers.files.bags.walk import Found
 from evs.msgs import Frame, ImuSamples
 

@@ -45,7 +45,7 @@ from evs.msgs import (
     StreamInfo,
     Triggers,
 )
-from evs.msgs.encodings import READABLE, PayloadReader
+from evs.msgs.codecs import READABLE, PayloadReader
 
 ARRAYS = (ARRAY, "prophesee_event_msgs/msg/EventArray")
 PACKETS = (PACKET, "event_array_msgs/msg/EventArray")

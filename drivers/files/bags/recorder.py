@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.files.bags.beside import (
+from evs.drivers.files.bags.library import ARRAY, PACKET, TEXT, load, typestore
+from evs.drivers.files.bags.messages import array_bytes
+from evs.drivers.files.bags.sensor_messages import (
     EXPOSURE,
     IMAGE,
     INFO,
@@ -21,13 +23,11 @@ from evs.drivers.files.bags.beside import (
     info_message,
     sample_message,
 )
-from evs.drivers.files.bags.library import ARRAY, PACKET, TEXT, load, typestore
-from evs.drivers.files.bags.messages import array_bytes
 from evs.drivers.files.bags.storage import Chunks, Database, Ros1Chunks, Storage
 from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.guarded import GuardedRecorder
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, unknown
-from evs.msgs.encodings import PAYLOADS, TIME_ORIGIN_US, PayloadWriter
+from evs.msgs.codecs import PAYLOADS, TIME_ORIGIN_US, PayloadWriter
 
 DVS = "dvs"
 """encoding: dvs_msgs/EventArray instead of an encoding of event_camera_msgs/EventPacket"""

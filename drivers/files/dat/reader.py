@@ -16,7 +16,7 @@ from evs.drivers.files.header_text import head_of, said_in, stream_from
 from evs.drivers.files.ordered import InOrder
 from evs.drivers.files.recorded import EventsFile
 from evs.msgs import Events, EvsError, StreamInfo
-from evs.msgs.encodings import DatState, decode_dat
+from evs.msgs.codecs import DatState, decode_dat
 
 _PIECE_BYTES = 1 << 20
 _KINDS = {0x00: "change events", CHANGE_EVENTS: "change events", 0x0E: "trigger events"}

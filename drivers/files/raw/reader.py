@@ -18,7 +18,7 @@ from evs.drivers.files.raw.header import MAX_HEADER_BYTES, parse_header
 from evs.drivers.files.recorded import MixedFile, by_tick
 from evs.drivers.files.recording import existing
 from evs.msgs import Events, EvsError, Triggers
-from evs.msgs.encodings import decode_evt2, decode_evt3, decode_evt21
+from evs.msgs.codecs import decode_evt2, decode_evt3, decode_evt21
 
 _PIECE_BYTES = 1 << 18
 _UNTOLD = "events before the first time stamp, or too far right for the format,"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from evs.drivers.files.appending import AppendingRecorder
 from evs.drivers.files.raw.header import header_bytes
 from evs.msgs import Events, EvsError, StreamInfo
-from evs.msgs.encodings import TIME_ORIGIN_US, encode_evt2, encode_evt3, encode_evt21
+from evs.msgs.codecs import TIME_ORIGIN_US, encode_evt2, encode_evt3, encode_evt21
 
 
 class _RawRecorder(AppendingRecorder):

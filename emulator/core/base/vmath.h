@@ -1,6 +1,6 @@
 // Elementary functions of our own, so that every compiler, machine and vector width gives the same
 // bits. Only + - * / and integer operations; loops over them vectorise. No fma: the build turns
-// contraction off, and NumPy repeats every step (emulator/sensor/pixel/reference is the oracle).
+// contraction off, and NumPy repeats every step (emulator/sensor/reference is the oracle).
 #pragma once
 
 #include <bit>

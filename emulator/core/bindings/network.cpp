@@ -1,4 +1,4 @@
-// Python's view of the network: NetworkArray, for emulator/network/native.py.
+// Python's view of the network: NetworkArray, for emulator/evsnet/native.py.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
@@ -178,7 +178,7 @@ class BoundNetwork {
 
 void bind_network(nb::module_& m) {
   nb::class_<BoundNetwork>(m, "NetworkArray",
-                           "A network on an array of pixels: emulator/network/native.py.")
+                           "A network on an array of pixels: emulator/evsnet/native.py.")
       .def(nb::init<int, int, Line, Array<const float, 2>, Array<const int32_t, 1>, Line, float,
                     float, float, Line, Line, float, float, float, int64_t, bool, int,
                     const std::string&>(),

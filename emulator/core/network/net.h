@@ -28,7 +28,7 @@ inline constexpr float kLargestV = 64.0f;
 inline constexpr int kDecayLow = 256;
 inline constexpr int kDecayHigh = 4096;
 
-// The filters, as emulator/network/weights.py has them. Convolutions are 0 (the encoder), then two
+// The filters, as emulator/evsnet/weights.py has them. Convolutions are 0 (the encoder), then two
 // of each block.
 struct Net {
   int channels = 0;

@@ -26,7 +26,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
 from evs.msgs import EvsError
 
 BLACK = np.float32(2.0**-64)

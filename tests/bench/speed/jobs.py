@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from evs.drivers.runner import job_threads, tell_share
 from evs.msgs import EvsError
+from evs.tools.jobs import job_threads, tell_share
 
 
 @dataclass(frozen=True)

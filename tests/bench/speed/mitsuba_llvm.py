@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from evs.emulator.scene import Light, LightKind, Shape, Surface
+from evs.emulator.base.scene import Light, LightKind, Shape, Surface
 from reference.stage import Stage
 from reference.tessellation import ball
 from speed.elsewhere import AbsentError, Elsewhere, elsewhere

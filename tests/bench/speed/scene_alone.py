@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from evs.drivers.training.make import make_shard
-from evs.drivers.training.settings import DataSettings
+from evs.tools.training.make import make_shard
+from evs.tools.training.settings import DataSettings
 
 SCENE = DataSettings(pixels=64, truth_spp=64, ticks=64)
 """Of a training scene that takes about a second of one core."""

@@ -9,9 +9,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from evs.emulator.base.scene import CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer, make_renderer
-from evs.emulator.scene import CameraModel, CameraPose, SceneModel, SceneSnapshot
+from evs.emulator.render import DirectRenderer, make_renderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 
 WIDTH, HEIGHT = 346, 260

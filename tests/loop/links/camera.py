@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from evs.drivers.pace import monotonic_s, sleep_s
+from evs.drivers.clock import monotonic_s, sleep_s
 from links.link import Side
 
 PROGRAM = Path(__file__).with_name("camera_program.py")

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.bus import Publisher
+from evs.drivers.clock import Pacer, monotonic_s
 from evs.drivers.dv import DvServer
-from evs.drivers.pace import Pacer, monotonic_s
 from evs.drivers.ros2 import Ros2Publisher
 from evs.msgs import EventPacket, StreamInfo, make_events
 

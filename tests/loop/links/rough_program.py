@@ -18,7 +18,7 @@ import struct
 import subprocess
 import sys
 
-from evs.drivers.pace import monotonic_s
+from evs.drivers.clock import monotonic_s
 
 _TUNSETIFF = 0x400454CA
 _IFF_TUN, _IFF_NO_PI = 0x0001, 0x1000

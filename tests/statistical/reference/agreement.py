@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from evs.emulator.network.bilif import BiLIF
-from evs.emulator.network.decay import decay_tables
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.network.state import NetworkState
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.bilif import BiLIF
+from evs.emulator.evsnet.decay import decay_tables
+from evs.emulator.evsnet.model import EvsNetModel
+from evs.emulator.evsnet.state import NetworkState
 from evs.msgs import Events
 
 CLOSE = 1e-4

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.pipeline.aside import AsideSink
-from evs.drivers.pipeline.config import SinkConfig, make_sink
-from evs.drivers.pipeline.outlets import Outlets
+from evs.drivers.run.config import SinkConfig, make_sink
+from evs.drivers.run.sink_set import Outlets
+from evs.drivers.run.worker import AsideSink
 from evs.drivers.sink import Sink
-from evs.emulator.stages import NoMeter
+from evs.emulator.base.protocols import NoMeter
 from evs.msgs import (
     LABEL_DTYPE,
     EventPacket,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from evs.emulator.scene import LightKind, Shape, Surface, Texture, TextureKind
+from evs.emulator.base.scene import LightKind, Shape, Surface, Texture, TextureKind
 from reference.stage import Builder, Stage, matt, matt_rgb, turned
 from reference.tessellation import ball, sheet, waves
 

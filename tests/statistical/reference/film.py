@@ -10,14 +10,14 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from evs.emulator.base.protocols import Renderer
+from evs.emulator.base.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import CameraConfig
-from evs.emulator.metrics import compare
-from evs.emulator.metrics.compare import Comparison
-from evs.emulator.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.sensor import PlainModel, SensorParameters
-from evs.emulator.stages import Renderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 from evs.msgs import Events, join_events
+from evs.tools.metrics import compare
+from evs.tools.metrics.compare import Comparison
 
 TICK_US = 1000
 VIEWS = {

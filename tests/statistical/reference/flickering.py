@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
 
 HEIGHT, WIDTH = 36, 40
 """six bands of six rows; 1440 px, no multiple of a block of any runtime"""

@@ -9,9 +9,9 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from evs.drivers.training.export import sidecar
-from evs.emulator.network import NetworkWeights
-from evs.emulator.network.graph import streaming_graph
+from evs.emulator.evsnet import NetworkWeights
+from evs.emulator.evsnet.graph import streaming_graph
+from evs.tools.training.export import sidecar
 
 Shape = Sequence[int | str]
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.evaluation.measure import Measures
-from evs.drivers.evaluation.pool import Cell
+from evs.tools.evaluation.measure import Measures
+from evs.tools.evaluation.pool import Cell
 
 SCENE = """<mujoco><statistic center="0 0 .5" extent="1"/>
   <visual><headlight ambient=".2 .2 .2" diffuse="0 0 0" specular="0 0 0"/></visual>

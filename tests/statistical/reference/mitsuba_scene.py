@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.scene import Light, LightKind, Mesh, Shape, Surface, TextureKind
+from evs.emulator.base.scene import Light, LightKind, Mesh, Shape, Surface, TextureKind
 from reference.stage import Stage
 from reference.tessellation import ball
 

@@ -15,9 +15,9 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from evs.emulator.base.scene import F32, I32, U8, CameraModel, CameraPose
 from evs.emulator.config import CameraConfig, RenderConfig
-from evs.emulator.light import DirectRenderer, PathRenderer, make_renderer
-from evs.emulator.scene import F32, I32, U8, CameraModel, CameraPose
+from evs.emulator.render import DirectRenderer, PathRenderer, make_renderer
 from evs.emulator.world import Poser, bind_camera, extract_scene
 from speed.elsewhere import Elsewhere, elsewhere
 from speed.mujoco_gl import make_context

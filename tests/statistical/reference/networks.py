@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from evs.emulator.network import Block, Convolution, NetworkWeights
-from evs.emulator.network.stored import load_network, network_names
+from evs.emulator.evsnet import Block, Convolution, NetworkWeights
+from evs.emulator.evsnet.network_files import load_network, network_names
 
 
 def random_network(

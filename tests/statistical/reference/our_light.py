@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.light import make_renderer
+from evs.emulator.render import make_renderer
 from reference.stage import Stage
 
 F64 = npt.NDArray[np.float64]

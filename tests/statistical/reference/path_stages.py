@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from evs.emulator.scene import LightKind, Shape, Surface, Texture, TextureKind
+from evs.emulator.base.scene import LightKind, Shape, Surface, Texture, TextureKind
 from reference.sky import radiance_of, skybox
 from reference.stage import Builder, Stage, Vector, matt, matt_rgb, turned
 from reference.tessellation import ball, waves

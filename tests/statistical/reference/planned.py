@@ -20,7 +20,7 @@ from evs.emulator.config import (
     SceneConfig,
     SensorConfig,
 )
-from evs.emulator.loop import World
+from evs.emulator.simulation.world import World
 
 SUN = '<light type="directional" dir=".2 .3 -1" diffuse=".7 .7 .7" specular=".2 .2 .2"/>'
 SCENE = """<mujoco>

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from evs.emulator import _core
-from evs.emulator.config import FlickerConfig, RenderConfig
-from evs.emulator.light import DirectRenderer, make_renderer
-from evs.emulator.scene import (
+from evs.emulator.base.protocols import Renderer
+from evs.emulator.base.scene import (
     Air,
     CameraPose,
     Light,
@@ -22,7 +21,8 @@ from evs.emulator.scene import (
     Texture,
     TextureKind,
 )
-from evs.emulator.stages import Renderer
+from evs.emulator.config import FlickerConfig, RenderConfig
+from evs.emulator.render import DirectRenderer, make_renderer
 from reference.scenes import camera_of, scene_of, shot_of
 
 Random = np.random.Generator

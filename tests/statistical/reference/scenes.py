@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.scene import CameraModel, Light, LightKind, SceneModel, SceneSnapshot, Shape
+from evs.emulator.base.scene import CameraModel, Light, LightKind, SceneModel, SceneSnapshot, Shape
 
 SUN = Light(LightKind.DIRECTIONAL)
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from evs.drivers.training.settings import SETTINGS_FILE, DataSettings, Variant
-from evs.drivers.training.shards import Shard, shard_name, write_shard
-from evs.drivers.training.truth import IDEAL, NOISY, draw_phases, event_counts
+from evs.tools.training.settings import SETTINGS_FILE, DataSettings, Variant
+from evs.tools.training.shards import Shard, shard_name, write_shard
+from evs.tools.training.targets import IDEAL, NOISY, draw_phases, event_counts
 
 
 def synthetic_shard(

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.scene import Texture, TextureKind
+from evs.emulator.base.scene import Texture, TextureKind
 
 F64 = npt.NDArray[np.float64]
 

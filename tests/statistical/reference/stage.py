@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.config import RenderConfig
-from evs.emulator.scene import (
+from evs.emulator.base.scene import (
     CameraModel,
     CameraPose,
     Light,
@@ -22,6 +21,7 @@ from evs.emulator.scene import (
     Surface,
     Texture,
 )
+from evs.emulator.config import RenderConfig
 from reference.scenes import scene_of, shot_of
 
 F64 = npt.NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.scene import Mesh
+from evs.emulator.base.scene import Mesh
 
 
 def ball(rows: int, size: npt.ArrayLike, smooth: bool = True) -> Mesh:

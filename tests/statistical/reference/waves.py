@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evs.emulator.scene import F32, F64
+from evs.emulator.base.scene import F32, F64
 from evs.emulator.sensor import PlainModel, SensorParameters
 from evs.msgs import Events, join_events
 
