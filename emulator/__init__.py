@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from evs.emulator.base.registry import load
 
 if TYPE_CHECKING:
     from evs.emulator.camera.camera import Camera
@@ -15,15 +16,15 @@ if TYPE_CHECKING:
     from evs.emulator.world import LeftOutWarning, UnstableError
 
 _HOMES = {
-    "Camera": "evs.emulator.camera.camera",
-    "LeftOutWarning": "evs.emulator.world",
-    "Loop": "evs.emulator.simulation.closed_loop",
-    "Observation": "evs.emulator.simulation.closed_loop",
-    "Sensor": "evs.emulator.simulation.event_camera",
-    "UnstableError": "evs.emulator.world",
-    "View": "evs.emulator.camera.view",
-    "VirtualCamera": "evs.emulator.simulation.virtual_camera",
-    "World": "evs.emulator.simulation.world",
+    "Camera": "evs.emulator.camera.camera:Camera",
+    "LeftOutWarning": "evs.emulator.world:LeftOutWarning",
+    "Loop": "evs.emulator.simulation.closed_loop:Loop",
+    "Observation": "evs.emulator.simulation.closed_loop:Observation",
+    "Sensor": "evs.emulator.simulation.event_camera:Sensor",
+    "UnstableError": "evs.emulator.world:UnstableError",
+    "View": "evs.emulator.camera.view:View",
+    "VirtualCamera": "evs.emulator.simulation.virtual_camera:VirtualCamera",
+    "World": "evs.emulator.simulation.world:World",
 }
 
 __all__ = [
@@ -42,7 +43,7 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'evs.emulator' has no attribute {name!r}")
-    return getattr(import_module(_HOMES[name]), name)
+    return load(_HOMES[name])
 
 
 def __dir__() -> list[str]:

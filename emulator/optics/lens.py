@@ -1,7 +1,7 @@
 """A camera's lens as the tracer takes it: tables that know no model.
 
 The tracer interpolates the corners' directions inside a pixel. Against the exact inversion that is
-off by at most 0.004 px, measured at 346 x 260 (tests/unit/test_optics_models.py): 0.0008 px with 85
+off by at most 0.004 px, measured at 346 x 260 (test_optics_models.py): 0.0008 px with 85
 degrees of plumb_bob, 0.004 with 149 of rational_polynomial, 0.002 with 200 of a fisheye, which
 grows to 0.01 at 300; 360 degrees end in a point, and 0.4 px at its rim. The error in pixels is
 inversely proportional to the resolution.
