@@ -1,4 +1,4 @@
-"""Import paths that the pages of 0.1 named still work, for one version."""
+"""Import paths that earlier pages named still work, for one version."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 import evs
 
-PAGES_OF_0_1 = """
+EARLIER_PAGES = """
 from evs.drivers.dataset import Dataset
 from evs.drivers.runner import job_threads, run_jobs, tell_share
 from evs.drivers.testing import Push, replay
@@ -29,7 +29,7 @@ def ran(program: str, *options: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_what_pages_imported_still_imports() -> None:
-    done = ran(PAGES_OF_0_1, "-W", "ignore::DeprecationWarning")
+    done = ran(EARLIER_PAGES, "-W", "ignore::DeprecationWarning")
     assert done.returncode == 0, done.stderr
 
 
