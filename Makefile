@@ -7,7 +7,7 @@ help:
 
 # make demo      a humanoid seen by an event camera for 1 s: stream, recording, pictures in out/demo
 demo:
-	@sh .ci/setup.sh
+	@sh .ci/setup.sh demo
 	.venv/bin/evs demo
 
 # make test      the quick tests
