@@ -6,13 +6,14 @@
 #       demo    what evs itself requires; the core for this machine's processor only
 #       test    and what the tests run on; the core for every instruction set (the default)
 #       dev     and the tools of `make check`
+#       docs    what `make docs` builds the site with, too
 set -eu
 cd "$(dirname "$0")/.."
 checkout=$(pwd)
 level=${1:-test}
 case $level in
-demo | test | dev) ;;
-*) echo "evs: no level '$level': demo, test or dev" >&2 && exit 2 ;;
+demo | test | dev | docs) ;;
+*) echo "evs: no level '$level': demo, test, dev or docs" >&2 && exit 2 ;;
 esac
 say() { echo "evs: $*" >&2; }
 
@@ -66,7 +67,9 @@ install_all() {
     [ "$level" != demo ] || return 0
     if is_wanted test build; then install test build; fi
     install_oracles
-    [ "$level" != dev ] || { if is_wanted dev; then install dev; fi; }
+    case $level in
+    dev | docs) if is_wanted "$level"; then install "$level"; fi ;;
+    esac
 }
 
 # the tools that build the core come first, everything else is installed while it is compiled

@@ -61,7 +61,7 @@ class Ros2Publisher:
         wait_s: float = 10.0,
         linger_s: float = LINGER_S,
     ) -> None:
-        """In: README.md beside this file tells each. EvsError: what cannot be, no such extra."""
+        """In: docs/reference/ros2.md describes each. EvsError: what cannot be, no such extra."""
         for name, value, least in (
             ("send_queue_size", send_queue_size, 1),
             ("wait_for", wait_for, 0),

@@ -107,7 +107,7 @@ class PipelineConfig(RunConfig):
     sink: tuple[SinkConfig, ...] = ()
     pace: str = "free"
     """free: as fast as it goes | realtime: no faster than the wall clock |
-    lockstep: when controllers decide (README, Closed loop)"""
+    lockstep: when controllers decide (docs/tutorials/closed_loop.md)"""
     realtime: RealtimeConfig = dataclasses.field(default_factory=RealtimeConfig)
     lockstep: LockstepConfig = dataclasses.field(default_factory=LockstepConfig)
     loop: LoopConfig = dataclasses.field(default_factory=LoopConfig)

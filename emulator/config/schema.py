@@ -278,7 +278,7 @@ class RenderConfig:
     bounces: int = 2
     """path: how often light may go from one surface to another on its way: 0 ... 64"""
     sampler: str = "owen"
-    """path: owen | sobol | global | random: how its samples lie (emulator/render/README.md)
+    """path: owen | sobol | global | random: how its samples lie (docs/explanation/light.md)
     anchored: as owen, but the noise moves with the surface that is seen (for studies)"""
     headlight: str = "model"
     """model: as the model has it | off: removed"""

@@ -1,4 +1,4 @@
-"""Pole balancing on gymnasium's inverted pendulum, from its cart. See examples/README.md."""
+"""Pole balancing on gymnasium's inverted pendulum, from its cart. See docs/explanation/demos.md."""
 
 TRACKERS = {"events": 0}
 """Name of a tracker -> frames per second; 0: events."""

@@ -129,7 +129,7 @@ def _about(about: About) -> list[str]:
 def overview(records: Sequence[Measured], figure: Figure = DEFAULT) -> list[str]:
     """Lines of Markdown: a row for each scene and camera, a column for each preset.
 
-    Real-time factor, unmatched, EMD of each; the table of the README.
+    Real-time factor, unmatched, EMD of each; the table in docs/explanation/sweep.md.
     """
     ours = sorted((r for r in records if r.kind == OURS and not r.axis), key=_preset_rank)
     return _short(ours, [(r.preset, r) for r in ours], "the reference's own", figure)
