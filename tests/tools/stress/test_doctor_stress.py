@@ -17,7 +17,7 @@ from evs.tools.doctor import trial
 from evs.tools.stress import GROUPS, Extreme, Outcome, Tried, extremes_of
 from evs.tools.stress.report import BEGIN, END, measured, rows_of, write_table
 
-PAGE = Path(__file__).parents[3] / "docs/reference/stress.md"
+PAGE = Path(__file__).parents[3] / "docs/reference/extremes.md"
 
 GOOD = Outcome(0.263, 1.0019, "thresholds", ("4 events", "a|b"))
 BAD = Outcome(2.5, 1.0, "ms")
@@ -134,7 +134,7 @@ def test_a_file_that_is_no_page_is_left_as_it_is(found: list[Tried], tmp_path: P
 
 
 def test_the_page_has_a_row_for_every_extreme_with_its_bound() -> None:
-    """Written by `evs doctor --markdown docs/reference/stress.md`; again where this fails."""
+    """Written by `evs doctor --markdown docs/reference/extremes.md`; again where this fails."""
     registry = [
         (group, one.name, " ".join(one.what.split()), " ".join(one.bound.split()))
         for group in GROUPS
