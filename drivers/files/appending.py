@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from contextlib import suppress
 from io import FileIO
@@ -12,12 +12,11 @@ from typing import Any
 
 from evs.drivers.files.formats import AnyPath, Format, by_name
 from evs.drivers.files.recording import check_stamps, one_stream, target_error
-from evs.drivers.sink import SinkStoppedError
-from evs.emulator.base.protocols import Meter, NoMeter
+from evs.drivers.sink import Sink, SinkStoppedError
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo
 
 
-class AppendingRecorder(ABC):
+class AppendingRecorder(Sink):
     """A Sink that appends each packet's bytes, unbuffered: with the system when write returns.
 
     A process that is killed leaves all packets until then, the last perhaps torn; a disk that is
@@ -29,7 +28,6 @@ class AppendingRecorder(ABC):
     """of the format in the table"""
 
     def __init__(self, path: AnyPath) -> None:
-        self.meter: Meter = NoMeter()
         self.stream = StreamInfo(0, 0)
         self._path = Path(path)
         self._format: Format = by_name(self.NAME)

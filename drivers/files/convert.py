@@ -16,7 +16,7 @@ from evs.drivers.files.reading import messages_of, recorder_for
 from evs.drivers.files.recorded import RecordedFile, part_us
 from evs.drivers.files.recording import check_stamps, fits, one_stream, target_error
 from evs.drivers.files.series import SeriesFile, opened_series
-from evs.drivers.sink import FrameSink, ImuSink, Sink, TriggerSink
+from evs.drivers.sink import Sink, Stream
 from evs.msgs import (
     IMU_DTYPE,
     EventPacket,
@@ -211,18 +211,18 @@ def _put(sink: Sink, message: Message, done: Converted) -> None:
         sink.write(message)
         done.events += len(message)
     elif isinstance(message, Frame):
-        if isinstance(sink, FrameSink) and holds.frames:
+        if Stream.FRAMES in sink.streams and holds.frames:
             sink.write_frame(message)
             done.frames += 1
         else:
             _count(done, BESIDE["frames"], 1)
     elif isinstance(message, ImuPacket):
-        if isinstance(sink, ImuSink) and holds.imu:
+        if Stream.IMU in sink.streams and holds.imu:
             sink.write_imu(message)
             done.imu_samples += len(message)
         else:
             _count(done, BESIDE["imu"], len(message))
-    elif isinstance(sink, TriggerSink) and holds.triggers:
+    elif Stream.TRIGGERS in sink.streams and holds.triggers:
         sink.write_triggers(message)
         done.triggers += len(message)
     else:

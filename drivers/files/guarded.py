@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,7 @@ from typing import Any
 from evs.drivers.files.formats import AnyPath, Format, by_name
 from evs.drivers.files.recording import check_stamps, one_stream, target_error
 from evs.drivers.files.reserved_space import Room
-from evs.drivers.sink import SinkStoppedError
-from evs.emulator.base.protocols import Meter, NoMeter
+from evs.drivers.sink import Sink, SinkStoppedError
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo
 
 _EVENT_BYTES = 24
@@ -26,7 +25,7 @@ _INDEX_BYTES = 64
 """What a packet adds to an index that is written at the end."""
 
 
-class GuardedRecorder(ABC):
+class GuardedRecorder(Sink):
     """A Sink over a library that holds back what it is given.
 
     Every KEEP_US of the stream's time, all of it is handed to the system: a process that is killed
@@ -43,7 +42,6 @@ class GuardedRecorder(ABC):
     """what the library raises where the disk does not take it"""
 
     def __init__(self, path: AnyPath) -> None:
-        self.meter: Meter = NoMeter()
         self.stream = StreamInfo(0, 0)
         self._path = Path(path)
         hidden = f".{os.getpid()}.{id(self)}.{self._path.name[-60:]}"

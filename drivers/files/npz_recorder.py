@@ -16,7 +16,7 @@ import numpy as np
 from evs.drivers.files.npz_auxiliary import LABEL_ARRAYS, PIXELS, STAMPS, arrays_of
 from evs.drivers.files.npz_columns import Spool, write_array
 from evs.drivers.files.recording import one_stream, target_error
-from evs.drivers.sink import SinkStoppedError
+from evs.drivers.sink import Sink, SinkStoppedError, Stream
 from evs.msgs import (
     EVENT_DTYPE,
     LABEL_DTYPE,
@@ -39,7 +39,7 @@ STREAM = "stream"
 _RESERVE_BYTES = 1 << 20
 
 
-class NpzRecorder:
+class NpzRecorder(Sink):
     """A Sink that spools events and frames, and writes the archive when it is closed.
 
     The file appears whole or not at all. Room for it is reserved as events come, so that a full
@@ -47,6 +47,8 @@ class NpzRecorder:
     records it takes up to 27 bytes an event beside the target. A killed process leaves nothing:
     record to .aedat4 where that may happen.
     """
+
+    streams = frozenset({Stream.EVENTS, Stream.FRAMES, Stream.IMU, Stream.TRIGGERS})
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path = Path(path)

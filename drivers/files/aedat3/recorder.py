@@ -25,7 +25,7 @@ from evs.drivers.files.aedat3.layout import (
 from evs.drivers.files.appending import AppendingRecorder
 from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.header_text import stream_json
-from evs.drivers.sink import SinkStoppedError
+from evs.drivers.sink import SinkStoppedError, Stream
 from evs.msgs import (
     DEGREE,
     STANDARD_GRAVITY,
@@ -50,6 +50,7 @@ class Aedat3Recorder(AppendingRecorder):
     """
 
     NAME = "aedat3"
+    streams = frozenset({Stream.EVENTS, Stream.FRAMES, Stream.IMU})
 
     def __init__(self, path: AnyPath) -> None:
         super().__init__(path)

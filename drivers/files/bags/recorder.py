@@ -26,6 +26,7 @@ from evs.drivers.files.bags.sensor_messages import (
 from evs.drivers.files.bags.storage import Chunks, Database, Ros1Chunks, Storage
 from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.guarded import GuardedRecorder
+from evs.drivers.sink import Stream
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, unknown
 from evs.msgs.codecs import PAYLOADS, TIME_ORIGIN_US, PayloadWriter
 
@@ -41,6 +42,7 @@ class _BagRecorder(GuardedRecorder):
 
     ROS: int
     NAMESPACE: str
+    streams = frozenset({Stream.EVENTS, Stream.FRAMES, Stream.IMU})
     FAULTS = (OSError, RuntimeError)
 
     def __init__(self, path: AnyPath, encoding: str | None = None) -> None:
