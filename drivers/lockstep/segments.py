@@ -198,7 +198,7 @@ class Segments:
         file = table.rrd or table.file or ""
         several = not table.rrd and len(infos) > 1
         files = [camera_path(file, info.camera) for info in infos] if several else [file]
-        return [segment_path(overwriting.beside(one, self._place), number) for one in files]
+        return [segment_path(overwriting.numbered_path(one, self._place), number) for one in files]
 
     def _share(self, table: SinkConfig, infos: tuple[StreamInfo, ...]) -> _Share:
         return _Share(SinkSet([make_sink(table)], self._meter, self._warn), infos)

@@ -116,7 +116,7 @@ SINK_PLACES = {name: kind.place for name, kind in LIVE_SINKS.items()} | {
 """sink type -> the key that every such table needs; empty: none"""
 
 SINK_KEYS = {name: kind.keys for name, kind in LIVE_SINKS.items()} | {
-    kind.name: kind.keys for kind in formats.FORMATS
+    kind.name: kind.options for kind in formats.FORMATS
 }
 """sink type -> the other keys that it has"""
 
@@ -314,7 +314,7 @@ def settled(tables: Iterable[SinkConfig], beside: bool) -> list[SinkConfig]:
     for table in tables:
         file = table.file or table.rrd
         if file and beside:
-            free = overwriting.beside(file, overwriting.free_number([file]))
+            free = overwriting.numbered_path(file, overwriting.free_number([file]))
             table = dataclasses.replace(table, file=table.file and free, rrd=table.rrd and free)
         elif file and not table.overwrite:
             overwriting.check_new([file], overwriting.FORCE)
@@ -388,7 +388,7 @@ def _check_sink(sink: SinkConfig, path: str) -> None:
         raise EvsError(f"at {path}.{place}: missing; a {sink.type} sink needs it")
     if sink.file:
         kind = formats.by_name(sink.type)
-        known = kind.suffixes + kind.also
+        known = kind.suffixes + kind.shared_suffixes
         if Path(sink.file).suffix.lower() not in known:
             raise EvsError(f"at {path}.file: '{sink.file}' does not end in {' or '.join(known)}")
 
@@ -396,7 +396,7 @@ def _check_sink(sink: SinkConfig, path: str) -> None:
 def _check_held(config: PipelineConfig) -> None:
     """What is asked for has to go somewhere."""
     files = [sink.file for sink in config.sinks() if sink.file]
-    held = [formats.by_name(sink.type).holds for sink in config.sinks() if sink.file]
+    held = [formats.by_name(sink.type).capabilities for sink in config.sinks() if sink.file]
     if config.model.labels and held and not any(holds.labels for holds in held):
         raise EvsError("at model.labels: only .npz recordings hold labels; add --record FILE.npz")
     for key, on in (("aps", config.sensor.aps.enabled), ("imu", config.sensor.imu.enabled)):

@@ -10,7 +10,7 @@ from pathlib import Path
 from evs.drivers.bus import Connection, Subscription
 from evs.drivers.files import to_write
 from evs.drivers.files.formats import Format
-from evs.drivers.files.recording import target_error
+from evs.drivers.files.paths import target_error
 from evs.drivers.run.loss_log import Gap, Missing
 from evs.drivers.run.report import check_targets, report_beside, versions, write_whole
 from evs.drivers.run.sink_set import SinkSet
@@ -89,7 +89,7 @@ class Taking:
     ) -> None:
         """In: sink, the recorder if it has options. Raises EvsError for an unknown ending."""
         wanted: Format = to_write(file)
-        self._stream, self._file, self._holds = stream, file, wanted.holds
+        self._stream, self._file, self._holds = stream, file, wanted.capabilities
         tell = warn or (lambda _: None)
         if not Path(file).parent.is_dir():
             raise target_error(Path(file), FileNotFoundError())

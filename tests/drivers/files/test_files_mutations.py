@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from evs.drivers import files
-from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning, TornTailWarning
+from evs.drivers.files.integrity import BackwardsWarning, DamagedPacketWarning, TornTailWarning
 from evs.drivers.sink import Stream
 from evs.msgs import (
     EVENT_DTYPE,
@@ -138,7 +138,7 @@ def survives(name: str, data: bytes) -> None:
         try:
             recording = files.read(path)
             told = files.summary(path)
-            beside = len(recording.frames), len(recording.imu), len(recording.triggers)
+            auxiliary = len(recording.frames), len(recording.imu), len(recording.triggers)
         except EvsError as error:
             refused = str(error)
         grown_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak_kib
@@ -148,7 +148,7 @@ def survives(name: str, data: bytes) -> None:
             return
         assert recording.dtype == EVENT_DTYPE
         assert len(recording) == told.events
-        assert beside == (told.frames, told.imu_samples, told.triggers)
+        assert auxiliary == (told.frames, told.imu_samples, told.triggers)
         if len(recording):
             assert recording["x"].min() >= 0
             assert recording["y"].min() >= 0

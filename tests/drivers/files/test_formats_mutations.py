@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from evs.drivers import files
 from evs.drivers.files import LeftOutWarning
-from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning, TornTailWarning
+from evs.drivers.files.integrity import BackwardsWarning, DamagedPacketWarning, TornTailWarning
 from evs.drivers.sink import Stream
 from evs.msgs import (
     EVENT_DTYPE,
@@ -51,8 +51,8 @@ of a file and what becomes of it, at the most expanding words."""
 def recorded(folder: Path, kind: str) -> bytes:
     path = folder / KINDS[kind]
     sink = files.recorder_for(path, kind="rosbag2" if kind == "database" else kind)
-    beside = Stream.FRAMES in sink.streams
-    sink.open([StreamInfo(64, 48, config={"a": 1}, frames=beside, imu=beside)])
+    auxiliary = Stream.FRAMES in sink.streams
+    sink.open([StreamInfo(64, 48, config={"a": 1}, frames=auxiliary, imu=auxiliary)])
     random = np.random.default_rng(3)
     for tick in range(6):
         t = np.sort(random.integers(1000 * tick + 1, 1000 * tick + 1001, 25))

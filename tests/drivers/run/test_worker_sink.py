@@ -40,7 +40,7 @@ KINDS = {each.name: each for each in formats.FORMATS}
 
 @pytest.mark.parametrize("kind", ["aedat4", "npz", "csv", "aedat2", "aedat3", "hdf5", "rosbag2"])
 def test_files_have_the_same_bytes(tmp_path: Path, kind: str) -> None:
-    holds, suffix = KINDS[kind].holds, KINDS[kind].suffixes[0]
+    holds, suffix = KINDS[kind].capabilities, KINDS[kind].suffixes[0]
     info = replace(INFO, frames=holds.frames, imu=holds.imu, triggers=holds.triggers)
     # a bag holds its own name
     files = [tmp_path / folder / f"run{suffix}" for folder in ("here", "aside")]

@@ -1,15 +1,9 @@
-"""Repair of a recording: a torn tail is cut, in place."""
+"""Repair: the report on a recording that was repaired in place."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-from evs.drivers.files.recording import target_error
-
-if TYPE_CHECKING:
-    from evs.drivers.files.recorded import RecordedFile
 
 
 @dataclass(frozen=True)
@@ -43,18 +37,3 @@ class Repair:
         if self.done:
             done.append(self.done)
         return f"{self.path}: {' and '.join(done)}; every whole packet is kept"
-
-
-def cut(file: RecordedFile) -> Repair:
-    """Cut what a walk over a recording found to be a torn tail. EvsError: not writable."""
-    for _ in file.messages():
-        pass
-    at = file.size if file.damage.torn_at is None else file.damage.torn_at
-    report = Repair(file.path, file.size - at, at, False)
-    if report.needed:
-        try:
-            with file.path.open("r+b") as target:
-                target.truncate(at)
-        except OSError as reason:
-            raise target_error(file.path, reason) from None
-    return report

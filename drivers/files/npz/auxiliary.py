@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.files.npz_columns import Archive
-from evs.drivers.files.recorded import by_tick
+from evs.drivers.files.npz.columns import Archive
+from evs.drivers.files.recording_file import by_tick
 from evs.msgs import (
     LABEL_DTYPE,
     TRIGGER_DTYPE,
@@ -149,7 +149,7 @@ def triggers_of(names: Collection[str], get: Get) -> Triggers:
     return marks
 
 
-def in_order(
+def merge_by_time(
     ticks: Iterable[Array],
     frames: Iterable[Frame],
     imu: ImuSamples,

@@ -1,4 +1,4 @@
-"""GuardedRecorder: what recorders share whose libraries write a file in many places."""
+"""LibraryRecorder: what recorders share whose libraries write a file in many places."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from evs.drivers.files.capabilities import check_stamps, one_stream
 from evs.drivers.files.formats import AnyPath, Format, by_name
-from evs.drivers.files.recording import check_stamps, one_stream, target_error
-from evs.drivers.files.reserved_space import Room
+from evs.drivers.files.paths import target_error
+from evs.drivers.files.reserved_space import ReservedSpace
 from evs.drivers.sink import Sink, SinkStoppedError
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo
 
@@ -25,7 +26,7 @@ _INDEX_BYTES = 64
 """What a packet adds to an index that is written at the end."""
 
 
-class GuardedRecorder(Sink):
+class LibraryRecorder(Sink):
     """A Sink over a library that holds back what it is given.
 
     Every KEEP_US of the stream's time, all of it is handed to the system: a process that is killed
@@ -36,9 +37,9 @@ class GuardedRecorder(Sink):
 
     NAME: str
     """of the format in the table"""
-    KEEP_US = 100_000
+    FLUSH_PERIOD_US = 100_000
     """of the stream's time; what came later a kill may lose"""
-    FAULTS: tuple[type[BaseException], ...] = (OSError,)
+    LIBRARY_ERRORS: tuple[type[BaseException], ...] = (OSError,)
     """what the library raises where the disk does not take it"""
 
     def __init__(self, path: AnyPath) -> None:
@@ -47,9 +48,9 @@ class GuardedRecorder(Sink):
         hidden = f".{os.getpid()}.{id(self)}.{self._path.name[-60:]}"
         self._temporary = self._path.parent / hidden
         self._format: Format = by_name(self.NAME)
-        self._holds = self._format.holds
-        self._called = self._format.title.partition(":")[0]
-        self._room: Room | None = None
+        self._limits = self._format.capabilities
+        self._format_name = self._format.title.partition(":")[0]
+        self._room: ReservedSpace | None = None
         self._is_open = False
         self._packets = 0
         self._events = 0
@@ -79,11 +80,11 @@ class GuardedRecorder(Sink):
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
         """Create the file. EvsError: a stream that does not fit, no place to write."""
-        self.stream = one_stream(self._path, streams, self._holds, self._called)
+        self.stream = one_stream(self._path, streams, self._limits, self._format_name)
         if self._path.is_dir():
             raise target_error(self._path, IsADirectoryError())
         try:
-            self._room = Room(self._temporary.with_name(f"{self._temporary.name}.room"))
+            self._room = ReservedSpace(self._temporary.with_name(f"{self._temporary.name}.room"))
         except OSError as reason:
             raise target_error(self._path, reason) from None
         try:
@@ -100,7 +101,7 @@ class GuardedRecorder(Sink):
         """Take one packet. EvsError where the disk does not."""
         self._check_open()
         if len(packet.events):
-            check_stamps(self._path, packet.events, self._holds, self._called, self.stream)
+            check_stamps(self._path, packet.events, self._limits, self._format_name, self.stream)
             self._check(packet.events)
             self._make_room(_EVENT_BYTES * len(packet.events))
             with self._faults():
@@ -112,7 +113,7 @@ class GuardedRecorder(Sink):
 
     def _keep_by(self, t_us: int) -> None:
         """The stream has come to this time: keep what was written, if it is time for that."""
-        if t_us - self._kept_us >= self.KEEP_US:
+        if t_us - self._kept_us >= self.FLUSH_PERIOD_US:
             with self._faults():
                 self._keep()
             self._kept_us = t_us
@@ -144,7 +145,7 @@ class GuardedRecorder(Sink):
         if first_us < self._last_us:
             raise EvsError(
                 f"{self._path}: events at {first_us} us come after {self._last_us} us, and "
-                f"{self._called} has no way back in time; record to .aedat4"
+                f"{self._format_name} has no way back in time; record to .aedat4"
             )
 
     def _make_room(self, size: int) -> None:
@@ -170,7 +171,7 @@ class GuardedRecorder(Sink):
         """A library's error as the one line that users see."""
         try:
             yield
-        except self.FAULTS as reason:
+        except self.LIBRARY_ERRORS as reason:
             said = getattr(reason, "strerror", None) or str(reason)
             first = said.splitlines()[0] if said else type(reason).__name__
             self._failure = (

@@ -1,4 +1,4 @@
-"""SeriesFile: a recording that goes on in several files, as one.
+"""MultiFileRecording: a recording that goes on in several files, as one.
 
 Only files that our recorders wrote as its further parts belong to it: they lie beside the first,
 are called after it (run-001.aedat4, run-002.aedat4, ...) without a gap, say in their headers that
@@ -14,10 +14,10 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from evs.drivers.files.damage import Damage
+from evs.drivers.files.file_parts import part_path
 from evs.drivers.files.formats import AnyPath, Format, to_read
-from evs.drivers.files.numbered import part_path
-from evs.drivers.files.recorded import RecordedFile
+from evs.drivers.files.integrity import IntegrityReport
+from evs.drivers.files.recording_file import RecordingFile
 from evs.msgs import Events, EvsError, Frame, ImuSamples, Labels, StreamInfo, Triggers
 
 Message = Events | Frame | ImuSamples | Triggers
@@ -25,7 +25,7 @@ Message = Events | Frame | ImuSamples | Triggers
 
 @runtime_checkable
 class PartFile(Protocol):
-    """A RecordedFile that knows which part of a recording it is."""
+    """A RecordingFile that knows which part of a recording it is."""
 
     @property
     def part(self) -> int | None:
@@ -33,22 +33,22 @@ class PartFile(Protocol):
 
 
 @dataclass
-class SeriesDamage(Damage):
+class MultiFileReport(IntegrityReport):
     """What a walk over all files met: places are those of the first that has any."""
 
-    parts: list[tuple[Path, Damage]] = field(default_factory=list)
+    parts: list[tuple[Path, IntegrityReport]] = field(default_factory=list)
 
-    def take(self, path: Path, met: Damage) -> None:
-        """What the walk over the next file met."""
+    def take(self, path: Path, met: IntegrityReport) -> None:
+        """Add what was found in the next file."""
         self.parts.append((path, met))
         if self.torn_at is None:
             self.torn_at = met.torn_at
         self.torn_bytes += met.torn_bytes
         if met.packets and not self.packets:
-            self.first, self.what = met.first, met.what
+            self.first, self.noun = met.first, met.noun
         self.packets += met.packets
         if met.backwards_at is not None and self.backwards_at is None:
-            self.backwards_at, self.unit = met.backwards_at, met.unit
+            self.backwards_at, self.place_unit = met.backwards_at, met.place_unit
         self.unsorted += met.unsorted
         self.resets += met.resets
 
@@ -59,11 +59,11 @@ class SeriesDamage(Damage):
 
 
 @dataclass
-class SeriesFile:
-    """Several files as one RecordedFile."""
+class MultiFileRecording:
+    """Several files as one RecordingFile."""
 
-    files: list[RecordedFile]
-    damage: Damage = field(default_factory=Damage)
+    files: list[RecordingFile]
+    integrity: IntegrityReport = field(default_factory=IntegrityReport)
     left_out: dict[str, int] = field(default_factory=dict)
     position: int = 0
     labels: Labels | None = None
@@ -106,20 +106,20 @@ class SeriesFile:
 
     def events(self) -> Iterator[Events]:
         """Events of all, one file after the other."""
-        for message in self._walk("events"):
+        for message in self._chain("events"):
             assert isinstance(message, np.ndarray)
             yield message
 
     def messages(self) -> Iterator[Message]:
         """All messages, one file after the other; frames are numbered through."""
-        yield from self._walk("messages")
+        yield from self._chain("messages")
 
-    def beside(self) -> Iterator[Frame | ImuSamples | Triggers]:
+    def auxiliary(self) -> Iterator[Frame | ImuSamples | Triggers]:
         """Frames, IMU samples and triggers of all."""
-        yield from self._walk("beside")
+        yield from self._chain("auxiliary")
 
-    def _walk(self, what: str) -> Iterator[Message]:
-        damage, left_out = SeriesDamage(), dict[str, int]()
+    def _chain(self, what: str) -> Iterator[Message]:
+        integrity, left_out = MultiFileReport(), dict[str, int]()
         done = frames = 0
         for file in self.files:
             for message in getattr(file, what)():
@@ -130,13 +130,13 @@ class SeriesFile:
                 else:
                     yield message
             done += file.size
-            damage.take(file.path, file.damage)
+            integrity.take(file.path, file.integrity)
             for name, count in file.left_out.items():
                 left_out[name] = left_out.get(name, 0) + count
-        self.damage, self.left_out = damage, left_out
+        self.integrity, self.left_out = integrity, left_out
 
 
-def opened_series(path: AnyPath, kind: Format | None = None) -> RecordedFile:
+def open_recording(path: AnyPath, kind: Format | None = None) -> RecordingFile:
     """The recording that begins at a path: its only file, or all of them as one."""
     kind = kind or to_read(path)
     first = kind.open(Path(path))
@@ -144,10 +144,10 @@ def opened_series(path: AnyPath, kind: Format | None = None) -> RecordedFile:
     if isinstance(first, PartFile) and first.part == 0:
         while (further := _next(kind, files)) is not None:
             files.append(further)
-    return first if len(files) == 1 else SeriesFile(files)
+    return first if len(files) == 1 else MultiFileRecording(files)
 
 
-def _next(kind: Format, files: list[RecordedFile]) -> RecordedFile | None:
+def _next(kind: Format, files: list[RecordingFile]) -> RecordingFile | None:
     """The file that goes on where these end; None where there is none."""
     path = part_path(files[0].path, len(files))
     if not path.is_file():
@@ -164,7 +164,7 @@ def _next(kind: Format, files: list[RecordedFile]) -> RecordedFile | None:
     return found if same and late else None
 
 
-def _begin_us(file: RecordedFile) -> int | None:
+def _begin_us(file: RecordingFile) -> int | None:
     """When its first events are; None without any."""
     for events in file.events():
         return int(events["t"][0])

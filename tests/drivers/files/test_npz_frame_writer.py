@@ -16,8 +16,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers.files import archive
-from evs.drivers.files.stacks import Channel, StackWriter
+from evs.drivers.files.npz import zip_archive
+from evs.drivers.files.npz.frame_writer import Channel, NpzFrameWriter
 from evs.msgs import EvsError
 
 CHANNELS = {
@@ -57,7 +57,7 @@ def expect(path: Path, frames: int) -> None:
 @pytest.mark.parametrize("frames", [0, 1, 2, 11])
 def test_what_goes_in_comes_back(tmp_path: Path, frames: int) -> None:
     path = tmp_path / "a.npz"
-    writer = StackWriter(path, frames, CHANNELS, TEXTS)
+    writer = NpzFrameWriter(path, frames, CHANNELS, TEXTS)
     for k in range(frames):
         writer.write(frame(k))
     assert writer.close() == path.stat().st_size
@@ -69,7 +69,7 @@ def test_what_goes_in_comes_back(tmp_path: Path, frames: int) -> None:
 
 def test_it_can_be_read_after_every_frame(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
-    writer = StackWriter(path, 12, CHANNELS, TEXTS)
+    writer = NpzFrameWriter(path, 12, CHANNELS, TEXTS)
     expect(path, 0)
     for k in range(12):
         writer.write(frame(k))
@@ -81,7 +81,7 @@ def test_it_can_be_read_after_every_frame(tmp_path: Path) -> None:
 def test_an_early_end_leaves_no_gaps(tmp_path: Path, done: int) -> None:
     early, whole = tmp_path / "early.npz", tmp_path / "whole.npz"
     for path, frames in ((early, 1000), (whole, done)):
-        writer = StackWriter(path, frames, CHANNELS, TEXTS)
+        writer = NpzFrameWriter(path, frames, CHANNELS, TEXTS)
         for k in range(done):
             writer.write(frame(k))
         assert writer.close() == path.stat().st_size
@@ -92,7 +92,7 @@ def test_an_early_end_leaves_no_gaps(tmp_path: Path, done: int) -> None:
 def test_an_early_end_moves_more_than_a_chunk(tmp_path: Path) -> None:
     path, shape = tmp_path / "a.npz", (700, 900)
     channels = {"a": Channel("<f4", shape), "b": Channel("<f4", shape)}
-    writer = StackWriter(path, 8, channels, {})
+    writer = NpzFrameWriter(path, 8, channels, {})
     for k in range(4):
         writer.write({"a": np.full(shape, k), "b": np.full(shape, -k)})
     writer.close()
@@ -105,7 +105,7 @@ def test_an_early_end_moves_more_than_a_chunk(tmp_path: Path) -> None:
 def test_a_file_that_is_there_is_written_over(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     path.write_bytes(b"x" * 100_000)
-    writer = StackWriter(path, 1, CHANNELS, TEXTS)
+    writer = NpzFrameWriter(path, 1, CHANNELS, TEXTS)
     writer.write(frame(0))
     writer.close()
     expect(path, 1)
@@ -114,8 +114,9 @@ def test_a_file_that_is_there_is_written_over(tmp_path: Path) -> None:
 KILLED = """
 import os, signal
 import numpy as np
-from evs.drivers.files.stacks import Channel, StackWriter
-writer = StackWriter({path!r}, 50, {{"x": Channel("<i8", (3,)), "y": Channel("<f4", (2, 2))}}, {{}})
+from evs.drivers.files.npz.frame_writer import Channel, NpzFrameWriter
+channels = {{"x": Channel("<i8", (3,)), "y": Channel("<f4", (2, 2))}}
+writer = NpzFrameWriter({path!r}, 50, channels, {{}})
 for k in range(7):
     writer.write({{"x": np.full(3, k), "y": np.full((2, 2), k)}})
 put, left = os.pwrite, {writes}
@@ -154,7 +155,7 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
         ("device.npz", "no file"),
     ):
         with pytest.raises(EvsError, match=says):
-            StackWriter(tmp_path / name, 1, CHANNELS, TEXTS)
+            NpzFrameWriter(tmp_path / name, 1, CHANNELS, TEXTS)
 
 
 @pytest.fixture
@@ -173,7 +174,7 @@ def test_a_disk_that_is_too_small_is_told_before_anything_is_lost(
     old.write_bytes(b"precious")
     for path in (new, old):
         with pytest.raises(EvsError, match=r"cannot write .*0\.4 MB are needed"):
-            StackWriter(path, 1000, CHANNELS, TEXTS)
+            NpzFrameWriter(path, 1000, CHANNELS, TEXTS)
     assert not new.exists()
     assert old.read_bytes() == b"precious"
 
@@ -182,7 +183,7 @@ def test_a_disk_that_fails_on_the_way_keeps_what_is_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, calls = tmp_path / "a.npz", 0
-    writer = StackWriter(path, 9, CHANNELS, TEXTS)
+    writer = NpzFrameWriter(path, 9, CHANNELS, TEXTS)
     for k in range(4):
         writer.write(frame(k))
     good = os.pwrite
@@ -205,7 +206,7 @@ def test_a_disk_that_fails_on_the_way_keeps_what_is_there(
 
 
 def test_a_frame_of_another_shape_is_refused(tmp_path: Path) -> None:
-    writer = StackWriter(tmp_path / "a.npz", 1, {"x": Channel("<f4", (2, 2))}, {})
+    writer = NpzFrameWriter(tmp_path / "a.npz", 1, {"x": Channel("<f4", (2, 2))}, {})
     with pytest.raises(ValueError, match=r"x is \(3,\), not \(2, 2\)"):
         writer.write({"x": np.zeros(3)})
     writer.close()
@@ -213,18 +214,20 @@ def test_a_frame_of_another_shape_is_refused(tmp_path: Path) -> None:
 
 @given(st.binary(max_size=300), st.binary(max_size=300))
 def test_checksums_of_pieces_join(front: bytes, back: bytes) -> None:
-    shift = archive.zeros(len(back))
-    assert archive.joined(zlib.crc32(front), shift, zlib.crc32(back)) == zlib.crc32(front + back)
+    shift = zip_archive.zeros(len(back))
+    assert zip_archive.joined(zlib.crc32(front), shift, zlib.crc32(back)) == zlib.crc32(
+        front + back
+    )
 
 
 def test_archives_over_four_gigabytes_are_described_in_64_bits(tmp_path: Path) -> None:
     # a sparse file: a member whose header stands at 5 GB
     body = b"hello"
-    member = archive.Member("a.txt", 5 << 30, len(body), zlib.crc32(body))
-    head, path = archive.header(member), tmp_path / "a.zip"
+    member = zip_archive.Member("a.txt", 5 << 30, len(body), zlib.crc32(body))
+    head, path = zip_archive.header(member), tmp_path / "a.zip"
     end = member.offset + len(head) + len(body)
     with path.open("wb") as file:
         file.seek(member.offset)
-        file.write(head + body + archive.directory([member], end))
+        file.write(head + body + zip_archive.directory([member], end))
     with zipfile.ZipFile(path) as archived:
         assert archived.read("a.txt") == body

@@ -21,7 +21,7 @@ _IN_MEMORY_BYTES = 1 << 20
 """A spool that is larger goes to the disk."""
 
 
-class OtherError(Exception):
+class NotARecordingError(Exception):
     """The archive is sound, but no recording. Never reaches users."""
 
 
@@ -54,19 +54,21 @@ class Archive(zipfile.ZipFile):
         try:
             info = self.getinfo(f"{name}.npy")
         except KeyError:
-            raise OtherError(f"it has no array '{name}'; it needs t, x, y, p") from None
+            raise NotARecordingError(f"it has no array '{name}'; it needs t, x, y, p") from None
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise OtherError(f"array '{name}' is compressed in another way than numpy does")
+            raise NotARecordingError(f"array '{name}' is compressed in another way than numpy does")
         if info.file_size > MAX_RATIO * (info.compress_size + 64):
-            raise OtherError(f"array '{name}' states {info.file_size} bytes, which cannot be in it")
+            raise NotARecordingError(
+                f"array '{name}' states {info.file_size} bytes, which cannot be in it"
+            )
         return info
 
 
 class Column:
     """An array of an archive, from its first row to its last; nothing is allocated before.
 
-    OtherError where it is not there or of another kind. The archive's checksum is compared when
-    the last row is read.
+    NotARecordingError where it is missing or of another kind. The archive's checksum is compared
+    when the last row is read.
     """
 
     def __init__(
@@ -81,9 +83,9 @@ class Column:
         else:
             shape, _, dtype = np.lib.format.read_array_header_2_0(self._member)
         if dtype.kind not in kinds or len(shape) != axes:
-            raise OtherError(f"array '{name}' is {dtype} of shape {shape}")
+            raise NotARecordingError(f"array '{name}' is {dtype} of shape {shape}")
         if math.prod(shape) * dtype.itemsize != info.file_size - self._member.tell():
-            raise OtherError(f"array '{name}' is not of the size that it states")
+            raise NotARecordingError(f"array '{name}' is not of the size that it states")
         self.dtype, self.shape = dtype, shape
         self.left = shape[0] if shape else 1
         """rows that were not read yet"""
@@ -95,7 +97,7 @@ class Column:
         data = self._member.read(count * self.row_bytes)
         self.left -= count
         if not self.left and self._member.read(1):
-            raise OtherError("an array is followed by something else")
+            raise NotARecordingError("an array is followed by something else")
         return np.frombuffer(data, self.dtype).reshape((count, *self.shape[1:]))
 
     def close(self) -> None:

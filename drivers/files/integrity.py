@@ -1,4 +1,4 @@
-"""What is wrong with a recording that is being read, and how the reader's user hears of it."""
+"""Integrity of a recording: what a reader had to skip or sort, and the warnings about it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from evs.msgs import Events, StreamInfo, clean_events, make_events
 
 MAX_STAMP_US = 1 << 62
-"""Time stamps beyond it (146,000 years) are damage; sums with them would overflow int64."""
+"""Time stamps beyond it (146,000 years) are corrupt; sums with them would overflow int64."""
 
 
 class TornTailWarning(UserWarning):
@@ -27,8 +27,8 @@ class BackwardsWarning(UserWarning):
 
 
 @dataclass
-class Damage:
-    """What one walk over a file met besides whole packets."""
+class IntegrityReport:
+    """What one pass over a file found in addition to whole packets."""
 
     torn_at: int | None = None
     """byte offset at which the readable part ends; None: nothing is torn"""
@@ -37,39 +37,51 @@ class Damage:
     """damaged packets that lie between whole ones"""
     first: str = ""
     """place and reason of the first of them"""
-    what: str = "packets"
+    noun: str = "packets"
     """what they are called: packets, words, lines"""
     unsorted: int = 0
-    """events with a lower stamp than the one before, which were sorted"""
+    """events with a lower time stamp than the one before, which were sorted"""
     resets: int = 0
-    """places at which the stamps step back by so much that the clock must have been set anew"""
+    """places at which the time stamps step back so far that the clock must have been reset"""
     backwards_at: int | None = None
-    """place of the first event with a lower stamp than the one before"""
-    unit: str = "byte"
+    """place of the first event with a lower time stamp than the one before"""
+    place_unit: str = "byte"
     """what that place counts"""
 
-    def packet(self, at: int, reason: str, count: int = 1) -> None:
-        """Something that is no packet of sound values, and a whole packet follows it."""
-        self.lost(f"at byte {at}", reason, count)
+    def corrupt(self, at: int, reason: str, count: int = 1) -> None:
+        """Add packets without valid content; a whole packet follows them.
 
-    def lost(self, where: str, reason: str, count: int = 1) -> None:
-        """The same, where a library reads the file and tells no offset."""
+        Args:
+            at: Byte offset of the first.
+            reason: Why it is not valid.
+            count: How many there are.
+        """
+        self.corrupt_part(f"at byte {at}", reason, count)
+
+    def corrupt_part(self, where: str, reason: str, count: int = 1) -> None:
+        """The same as `corrupt`, where a library reads the file and reports no byte offset."""
         self.first = self.first or f"{where}: {reason}"
         self.packets += count
 
     def backwards(self, unsorted: int, resets: int, at: int) -> None:
-        """So many steps back in time, the first at the byte offset `at`."""
+        """Add steps back in time.
+
+        Args:
+            unsorted: Steps that sorting removes.
+            resets: Steps so large that the clock must have been reset.
+            at: Place of the first of them, in `place_unit`.
+        """
         self.unsorted += unsorted
         self.resets += resets
         self.backwards_at = at if self.backwards_at is None else self.backwards_at
 
-    def tail(self, at: int, end: int) -> None:
-        """Nothing whole lies between the byte offsets `at` and `end`."""
+    def torn_tail(self, at: int, end: int) -> None:
+        """Record that nothing whole lies between the byte offsets `at` and `end`."""
         if at < end:
             self.torn_at, self.torn_bytes = at, end - at
 
     def warn(self, path: Path) -> None:
-        """One warning for a torn tail, one for damaged packets; none for a sound file."""
+        """Issue one warning for each kind of problem; none for a sound file."""
         if self.torn_at is not None:
             text = (
                 f"{path}: {self.torn_bytes} bytes at offset {self.torn_at} are no whole packet and "
@@ -78,23 +90,23 @@ class Damage:
             warnings.warn(text, TornTailWarning, stacklevel=3)
         if self.packets:
             text = (
-                f"{path}: {self.packets} damaged {self.what} were left out, the first {self.first}"
+                f"{path}: {self.packets} damaged {self.noun} were left out, the first {self.first}"
             )
             warnings.warn(text, DamagedPacketWarning, stacklevel=3)
         if self.backwards_at is not None:
-            text = f"{path}: {self.backwards_words()}"
+            text = f"{path}: {self.backwards_text()}"
             warnings.warn(text, BackwardsWarning, stacklevel=3)
 
-    def backwards_words(self) -> str:
-        """One line on stamps that run backwards; empty if none do."""
+    def backwards_text(self) -> str:
+        """One line about time stamps that run backwards; empty if none do."""
         if self.backwards_at is None:
             return ""
-        told = []
+        parts = []
         if self.unsorted:
-            told.append(f"{self.unsorted} time stamps ran backwards and were sorted")
+            parts.append(f"{self.unsorted} time stamps ran backwards and were sorted")
         if self.resets:
-            told.append(f"time begins anew {self.resets} times, as after a reset of the clock")
-        return f"{'; '.join(told)}; the first at {self.unit} {self.backwards_at}"
+            parts.append(f"time begins anew {self.resets} times, as after a reset of the clock")
+        return f"{'; '.join(parts)}; the first at {self.place_unit} {self.backwards_at}"
 
 
 def bad_values(events: Events, stream: StreamInfo) -> str:
@@ -110,16 +122,25 @@ def bad_values(events: Events, stream: StreamInfo) -> str:
 
 
 def on_sensor(events: Events, width: int, height: int) -> tuple[Events, int]:
-    """The events, (n,), that lie on a sensor of this size, px, and how many do not."""
-    right = (events["x"].view(np.uint16) < width) & (events["y"].view(np.uint16) < height)
-    wrong = len(events) - int(np.count_nonzero(right))
-    return (clean_events(events[right]), wrong) if wrong else (events, 0)
+    """Keep the events that lie on the sensor.
+
+    Args:
+        events: (n,) EVENT_DTYPE.
+        width: Sensor width, px.
+        height: Sensor height, px.
+
+    Returns:
+        (m,) the events on the sensor, and how many are not.
+    """
+    inside = (events["x"].view(np.uint16) < width) & (events["y"].view(np.uint16) < height)
+    outside = len(events) - int(np.count_nonzero(inside))
+    return (clean_events(events[inside]), outside) if outside else (events, 0)
 
 
 def normalised(events: Events) -> Events:
-    """The events with p 0 or 1 and zero padding; a copy only where they have not."""
+    """The events with p 0 or 1 and zero padding; copied only where they differ from that."""
     clean = clean_events(events)
     if int(clean["p"].view(np.uint8).max(initial=0)) <= 1:
         return clean
-    signs = clean["p"] != 0
-    return make_events(clean["t"], clean["x"], clean["y"], signs)
+    on = clean["p"] != 0
+    return make_events(clean["t"], clean["x"], clean["y"], on)

@@ -7,24 +7,24 @@ from collections.abc import Iterator
 
 from evs.msgs import Events, Frame, ImuSamples, Triggers
 
-Beside = Frame | ImuSamples | Triggers
-Message = Events | Beside
+AuxiliaryMessage = Frame | ImuSamples | Triggers
+Message = Events | AuxiliaryMessage
 
-MOST_WAITING = 64
+MAX_WAITING = 64
 """So many messages wait for the events of their time at most; a frame is large."""
 
 
-class Interleaved:
+class Interleaver:
     """What lies beside events waits for those of its time, which their reader may hold back."""
 
-    def __init__(self, most_waiting: int = MOST_WAITING) -> None:
-        self._most_waiting = most_waiting
-        self._waiting: list[tuple[int, Beside]] = []
+    def __init__(self, max_waiting: int = MAX_WAITING) -> None:
+        self._max_waiting = max_waiting
+        self._waiting: list[tuple[int, AuxiliaryMessage]] = []
 
-    def put(self, t_us: int, message: Beside) -> Iterator[Beside]:
+    def put(self, t_us: int, message: AuxiliaryMessage) -> Iterator[AuxiliaryMessage]:
         """Take a message whose time is t_us; gives those that waited too long."""
         insort(self._waiting, (t_us, message), key=lambda waiting: waiting[0])
-        if len(self._waiting) > self._most_waiting:
+        if len(self._waiting) > self._max_waiting:
             yield self._waiting.pop(0)[1]
 
     def between(self, part: Events) -> Iterator[Message]:
@@ -34,7 +34,7 @@ class Interleaved:
             yield self._waiting.pop(0)[1]
         yield part
 
-    def rest(self) -> Iterator[Beside]:
+    def flush(self) -> Iterator[AuxiliaryMessage]:
         """All that still waits."""
         while self._waiting:
             yield self._waiting.pop(0)[1]

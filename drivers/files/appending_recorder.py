@@ -10,8 +10,9 @@ from io import FileIO
 from pathlib import Path
 from typing import Any
 
+from evs.drivers.files.capabilities import check_stamps, one_stream
 from evs.drivers.files.formats import AnyPath, Format, by_name
-from evs.drivers.files.recording import check_stamps, one_stream, target_error
+from evs.drivers.files.paths import target_error
 from evs.drivers.sink import Sink, SinkStoppedError
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo
 
@@ -31,7 +32,7 @@ class AppendingRecorder(Sink):
         self.stream = StreamInfo(0, 0)
         self._path = Path(path)
         self._format: Format = by_name(self.NAME)
-        self._called = self._format.called
+        self._format_name = self._format.display_name
         self._file: FileIO | None = None
         self._position = 0
         self._packets = 0
@@ -52,7 +53,7 @@ class AppendingRecorder(Sink):
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
         """Create the file and write its header. EvsError: a stream that does not fit, no place."""
-        self.stream = one_stream(self._path, streams, self._format.holds, self._called)
+        self.stream = one_stream(self._path, streams, self._format.capabilities, self._format_name)
         self._start(self._path)
 
     def write(self, packet: EventPacket) -> None:
@@ -60,8 +61,8 @@ class AppendingRecorder(Sink):
         if self._failure:
             raise SinkStoppedError(self._failure)
         if len(packet.events):
-            holds = self._format.holds
-            check_stamps(self._path, packet.events, holds, self._called, self.stream)
+            limits = self._format.capabilities
+            check_stamps(self._path, packet.events, limits, self._format_name, self.stream)
             self._put(packet.events)
 
     def close(self) -> dict[str, Any]:

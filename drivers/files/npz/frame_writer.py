@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.files import archive
-from evs.drivers.files.recording import target_error
+from evs.drivers.files.npz import zip_archive
+from evs.drivers.files.paths import target_error
 from evs.msgs import EvsError
 
 _CHUNK_BYTES = 1 << 22
@@ -38,7 +38,7 @@ class _Stack:
     name: str
     channel: Channel
     offset: int
-    shift: archive.Operator = field(default_factory=lambda: archive.zeros(0))
+    shift: zip_archive.Operator = field(default_factory=lambda: zip_archive.zeros(0))
     """of all frames so far"""
     crc: int = 0
     """of all frames so far"""
@@ -46,27 +46,27 @@ class _Stack:
     def __post_init__(self) -> None:
         dtype = np.dtype(self.channel.dtype)
         self.frame_bytes = dtype.itemsize * int(np.prod(self.channel.shape, dtype=np.int64))
-        self.step = archive.zeros(self.frame_bytes)
+        self.step = zip_archive.zeros(self.frame_bytes)
         self.head_bytes = len(self.head(0))
 
     def head(self, frames: int) -> bytes:
         """Everything before the first frame; its length is the same for any number of frames."""
         npy = _npy_header(self.channel.dtype, (frames, *self.channel.shape))
-        return archive.header(self.member(frames, npy)) + npy
+        return zip_archive.header(self.member(frames, npy)) + npy
 
-    def member(self, frames: int, npy: bytes | None = None) -> archive.Member:
+    def member(self, frames: int, npy: bytes | None = None) -> zip_archive.Member:
         """Its entry in the archive's directory."""
         npy = npy or _npy_header(self.channel.dtype, (frames, *self.channel.shape))
-        crc = archive.joined(zlib.crc32(npy), self.shift, self.crc)
+        crc = zip_archive.joined(zlib.crc32(npy), self.shift, self.crc)
         size = len(npy) + frames * self.frame_bytes
-        return archive.Member(f"{self.name}.npy", self.offset, size, crc)
+        return zip_archive.Member(f"{self.name}.npy", self.offset, size, crc)
 
     def place(self, frame: int) -> int:
         """Where a frame begins."""
         return self.offset + self.head_bytes + frame * self.frame_bytes
 
 
-class StackWriter:
+class NpzFrameWriter:
     """Writes an .npz file of known length frame by frame.
 
     Room for all frames is taken first, so a disk that is too small is told at the start. After each
@@ -120,8 +120,8 @@ class StackWriter:
                 crcs.append(zlib.crc32(data))
             # the frame counts once all of it is there
             for stack, crc in zip(self._stacks, crcs, strict=True):
-                stack.crc = archive.joined(stack.crc, stack.step, crc)
-                stack.shift = archive.after(stack.step, stack.shift)
+                stack.crc = zip_archive.joined(stack.crc, stack.step, crc)
+                stack.shift = zip_archive.after(stack.step, stack.shift)
             self.written += 1
             self._tell()
         except OSError as reason:
@@ -180,7 +180,7 @@ class StackWriter:
 
     def _directory(self) -> bytes:
         members = [stack.member(self.written) for stack in self._stacks]
-        return archive.directory([*self._texts, *members], self._end)
+        return zip_archive.directory([*self._texts, *members], self._end)
 
     def _shrink(self) -> None:
         """Close the gaps that missing frames left."""
@@ -206,14 +206,14 @@ def _npy_header(dtype: str, shape: tuple[int, ...]) -> bytes:
     return out.getvalue()
 
 
-def _texts(texts: Mapping[str, str]) -> tuple[list[archive.Member], bytes]:
+def _texts(texts: Mapping[str, str]) -> tuple[list[zip_archive.Member], bytes]:
     """String arrays as members, and their bytes from the file's begin."""
     members, data = [], b""
     for name, text in texts.items():
         out = io.BytesIO()
         np.lib.format.write_array(out, np.array(text), allow_pickle=False)
         body = out.getvalue()
-        member = archive.Member(f"{name}.npy", len(data), len(body), zlib.crc32(body))
+        member = zip_archive.Member(f"{name}.npy", len(data), len(body), zlib.crc32(body))
         members.append(member)
-        data += archive.header(member) + body
+        data += zip_archive.header(member) + body
     return members, data

@@ -1,4 +1,4 @@
-"""RecordedFile: what every reader of a recording gives; EventsFile: what most of them share."""
+"""RecordingFile: what every reader of a recording gives; EventOnlyFile: what most of them share."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from evs.drivers.files.damage import Damage
+from evs.drivers.files.integrity import IntegrityReport
 from evs.msgs import (
     EVENT_DTYPE,
     Events,
@@ -23,10 +23,10 @@ from evs.msgs import (
 )
 
 
-class RecordedFile(Protocol):
+class RecordingFile(Protocol):
     """A recording whose header was read; each walk over it reads the file anew, in little memory.
 
-    A walk goes on behind what is damaged, and its end sets `damage`.
+    A walk goes on behind what is damaged, and its end sets `integrity`.
     """
 
     @property
@@ -46,7 +46,7 @@ class RecordedFile(Protocol):
         """`none`, or the name of one."""
 
     @property
-    def damage(self) -> Damage:
+    def integrity(self) -> IntegrityReport:
         """What the last complete walk met besides sound events."""
 
     @property
@@ -75,19 +75,19 @@ class RecordedFile(Protocol):
     def messages(self) -> Iterator[Events | Frame | ImuSamples | Triggers]:
         """Events, frames, IMU samples and triggers in the order recorded."""
 
-    def beside(self) -> Iterator[Frame | ImuSamples | Triggers]:
+    def auxiliary(self) -> Iterator[Frame | ImuSamples | Triggers]:
         """Frames, IMU samples and triggers alone."""
 
 
 @dataclass
-class EventsFile(ABC):
-    """A RecordedFile that holds events alone; a reader of one format gives `events`."""
+class EventOnlyFile(ABC):
+    """A RecordingFile that holds events alone; a reader of one format gives `events`."""
 
     path: Path
     stream: StreamInfo
     size: int
     compression: str = "none"
-    damage: Damage = field(default_factory=Damage)
+    integrity: IntegrityReport = field(default_factory=IntegrityReport)
     left_out: dict[str, int] = field(default_factory=dict)
     position: int = 0
     labels: Labels | None = None
@@ -98,42 +98,42 @@ class EventsFile(ABC):
 
     @abstractmethod
     def events(self) -> Iterator[Events]:
-        """Its events in parts, each sorted and not empty; the end sets `damage` and `left_out`."""
+        """Its events in sorted parts that are not empty; the end sets `integrity`, `left_out`."""
 
     def messages(self) -> Iterator[Events | Frame | ImuSamples | Triggers]:
         """The events, since there is nothing else."""
         yield from self.events()
 
-    def beside(self) -> Iterator[Frame | ImuSamples | Triggers]:
+    def auxiliary(self) -> Iterator[Frame | ImuSamples | Triggers]:
         """Nothing."""
         yield from ()
 
 
 @dataclass
-class MixedFile(EventsFile):
-    """A RecordedFile that may hold more than events; a reader gives `_walked`."""
+class MultiStreamFile(EventOnlyFile):
+    """A RecordingFile that may hold more than events; a reader gives `_iterate`."""
 
     @abstractmethod
-    def _walked(
-        self, events: bool, beside: bool
+    def _iterate(
+        self, events: bool, auxiliary: bool
     ) -> Iterator[Events | Frame | ImuSamples | Triggers]:
-        """What is asked for, in the order recorded; the end sets `damage` and `left_out`."""
+        """What is asked for, in the order recorded; the end sets `integrity` and `left_out`."""
 
     def events(self) -> Iterator[Events]:
         """Its events in parts, each sorted and not empty."""
-        for message in self._walked(events=True, beside=False):
+        for message in self._iterate(events=True, auxiliary=False):
             assert isinstance(message, np.ndarray)
             yield message
 
     def messages(self) -> Iterator[Events | Frame | ImuSamples | Triggers]:
         """Events, frames, IMU samples and triggers in the order recorded."""
         stream = self.stream
-        beside = stream.frames or stream.imu or stream.triggers
-        yield from self._walked(events=True, beside=beside)
+        auxiliary = stream.frames or stream.imu or stream.triggers
+        yield from self._iterate(events=True, auxiliary=auxiliary)
 
-    def beside(self) -> Iterator[Frame | ImuSamples | Triggers]:
+    def auxiliary(self) -> Iterator[Frame | ImuSamples | Triggers]:
         """Frames, IMU samples and triggers alone."""
-        for message in self._walked(events=False, beside=True):
+        for message in self._iterate(events=False, auxiliary=True):
             assert isinstance(message, Frame) or message.dtype != EVENT_DTYPE
             yield message
 
@@ -156,25 +156,3 @@ def part_us(tick_us: int) -> int:
 def size_of(path: str | os.PathLike[str]) -> int:
     """Bytes of a file."""
     return Path(path).stat().st_size
-
-
-def said_stream(said: Any, plain: StreamInfo) -> StreamInfo:
-    """A StreamInfo from what a header's JSON says; `plain` where it says nothing usable.
-
-    In: said, what json.loads gave; plain, the stream of a file that says nothing.
-    """
-    from dataclasses import fields, replace
-
-    from evs.drivers.files.formats import MAX_SIDE_PX
-
-    if not isinstance(said, dict):
-        return plain
-    known = {
-        item.name: said[item.name]
-        for item in fields(StreamInfo)
-        if type(said.get(item.name)) is type(getattr(plain, item.name))
-    }
-    stream = replace(plain, **known)
-    sides = stream.width, stream.height
-    possible = all(0 < side <= MAX_SIDE_PX for side in sides) and stream.tick_us > 0
-    return stream if possible else plain

@@ -13,7 +13,7 @@ import pytest
 
 import evs
 from evs.drivers import files
-from evs.drivers.files.damage import TornTailWarning
+from evs.drivers.files.integrity import TornTailWarning
 from evs.launch.main import main
 from evs.msgs import (
     EventPacket,

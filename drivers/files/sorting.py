@@ -7,17 +7,17 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.files.damage import Damage
-from evs.drivers.files.recorded import by_tick, part_us
+from evs.drivers.files.integrity import IntegrityReport
+from evs.drivers.files.recording_file import by_tick, part_us
 from evs.msgs import EVENT_DTYPE, Events, StreamInfo, join_events
 
-RESET_US = 1_000_000
+CLOCK_RESET_US = 1_000_000
 """A stamp that is so much lower than the one before is a clock that was set anew."""
 
-HELD = 8192
+REORDER_EVENTS = 8192
 """So many events wait for others that come late but belong before them."""
 
-MOST_HELD = 1 << 20
+MAX_REORDER_EVENTS = 1 << 20
 """Of a tick that has more events than this, some are given out before it ends."""
 
 WRAP_SLACK_US = 1 << 26
@@ -26,21 +26,21 @@ WRAP_SLACK_US = 1 << 26
 _WHOLE = np.dtype((np.void, EVENT_DTYPE.itemsize))
 
 
-class InOrder:
-    """Sorts a stream by t as it comes, in bounded memory; what it had to mend goes to `damage`.
+class EventSorter:
+    """Sorts a stream by t as it comes, in bounded memory; what it had to mend goes to `integrity`.
 
     Events among the last HELD ones are sorted into their place. An event that comes later than
     that is given out in a part of its own. Where the stamps step back by more than RESET_US, the
     camera's clock was set anew: what follows is a stream of its own and stays behind.
     """
 
-    def __init__(self, damage: Damage, stream: StreamInfo) -> None:
+    def __init__(self, integrity: IntegrityReport, stream: StreamInfo) -> None:
         """In: stream, parts are given out by its ticks."""
-        self._damage = damage
+        self._damage = integrity
         self._stream, self._tick_us = stream, part_us(stream.tick_us)
         self._parts: list[Events] = []
         self._count = 0
-        self._enough = 2 * HELD
+        self._enough = 2 * REORDER_EVENTS
         self._given_us: int | None = None
         self._before_us: int | None = None
 
@@ -53,23 +53,23 @@ class InOrder:
         steps = np.diff(stamps, prepend=before)
         self._before_us = int(stamps[-1])
         back = np.flatnonzero(steps < 0)
-        resets = back[steps[back] < -RESET_US]
+        resets = back[steps[back] < -CLOCK_RESET_US]
         if len(back):
             self._damage.backwards(len(back) - len(resets), len(resets), int(offsets[back[0]]))
         begin = 0
         for reset in resets.tolist():
             self._take(events[begin:reset])
-            yield from self.rest()
+            yield from self.flush()
             begin = reset
         self._take(events[begin:])
         if self._count >= self._enough:
             yield from self._ready()
 
-    def rest(self) -> Iterator[Events]:
+    def flush(self) -> Iterator[Events]:
         """What is still held; then a new stream may begin."""
         if self._count:
             yield from self._give(self._joined())
-        self._parts, self._count, self._enough, self._given_us = [], 0, 2 * HELD, None
+        self._parts, self._count, self._enough, self._given_us = [], 0, 2 * REORDER_EVENTS, None
 
     def _take(self, events: Events) -> None:
         if len(events):
@@ -79,22 +79,22 @@ class InOrder:
     def _joined(self) -> Events:
         joined = join_events(self._parts) if len(self._parts) != 1 else self._parts[0]
         stamps = joined["t"]
-        return in_order(joined) if (stamps[1:] < stamps[:-1]).any() else joined
+        return sort_events(joined) if (stamps[1:] < stamps[:-1]).any() else joined
 
     def _ready(self) -> Iterator[Events]:
         """All but the last HELD events, up to the end of a tick."""
         joined = self._joined()
-        ready = len(joined) - HELD
+        ready = len(joined) - REORDER_EVENTS
         begun_us = (int(joined["t"][ready]) - 1 - self._stream.start_us) % self._tick_us
         tick_begin_us = int(joined["t"][ready]) - 1 - begun_us
         whole = int(np.searchsorted(joined["t"], tick_begin_us, side="right"))
         # a tick that never ends is cut
-        ready = whole if whole or len(joined) < MOST_HELD else ready
+        ready = whole if whole or len(joined) < MAX_REORDER_EVENTS else ready
         yield from self._give(joined[:ready])
         self._parts = [joined[ready:]]
         self._count = len(self._parts[0])
         # what is held is looked at again when there is as much more
-        self._enough = self._count + max(HELD, self._count)
+        self._enough = self._count + max(REORDER_EVENTS, self._count)
 
     def _give(self, events: Events) -> Iterator[Events]:
         if not len(events):
@@ -108,7 +108,7 @@ class InOrder:
             yield from by_tick(part, self._stream)
 
 
-def in_order(events: Events) -> Events:
+def sort_events(events: Events) -> Events:
     """The events sorted by t, those of one stamp as they were; padding goes along."""
     order = np.argsort(events["t"], kind="stable")
     whole = np.ascontiguousarray(events).view(_WHOLE)[order]
@@ -116,7 +116,7 @@ def in_order(events: Events) -> Events:
     return sorted_events
 
 
-class Unwrap:
+class TimestampUnwrapper:
     """The clock behind stamps of 32 bits, which wrap: from 2^31 - 1 us to -2^31 or to 0."""
 
     def __init__(self, begin_us: int = 0) -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from evs.drivers.files.aedat4.frames import FORMATS, OtherFormatError, frame_body, parse_frame
 from evs.drivers.files.aedat4.imu import imu_body, parse_imu
-from evs.drivers.files.aedat4.layout import DamageError
+from evs.drivers.files.aedat4.layout import CorruptDataError
 from evs.msgs import DEGREE, STANDARD_GRAVITY, Frame, empty_imu
 
 pytestmark = pytest.mark.property
@@ -55,7 +55,7 @@ def test_changed_frames_are_damage_or_keep_the_promises(
         body[place % len(body)] = value
     try:
         frame = parse_frame(bytes(body[: len(body) - cut]), 0, "cam")
-    except (DamageError, OtherFormatError):
+    except (CorruptDataError, OtherFormatError):
         return
     assert frame.begin_us <= frame.exposure_begin_us <= frame.exposure_end_us <= frame.end_us
     assert frame.pixels.ndim == 2
@@ -72,7 +72,7 @@ def test_changed_samples_are_damage_or_keep_the_promises(
         body[place % len(body)] = value
     try:
         samples = parse_imu(bytes(body[: len(body) - cut]))
-    except DamageError:
+    except CorruptDataError:
         return
     assert list(samples["t"]) == sorted(samples["t"])
     assert np.isfinite(samples["acceleration"]).all()

@@ -10,15 +10,15 @@ from dataclasses import dataclass, field
 from typing import BinaryIO
 
 from evs.drivers.files.aedat4.compression import MAX_BODY_BYTES, expanded
-from evs.drivers.files.aedat4.layout import DamageError
-from evs.drivers.files.damage import Damage
+from evs.drivers.files.aedat4.layout import CorruptDataError
+from evs.drivers.files.integrity import IntegrityReport
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 ROS1_MAGIC = b"#ROSBAG V2.0\n"
 
 
 @dataclass(frozen=True)
-class Found:
+class BagMessage:
     """One message of a bag, still as bytes."""
 
     topic: str
@@ -30,36 +30,36 @@ class Found:
 
 
 @dataclass
-class Walk:
-    """One walk over a bag; `kinds` grows on the way, `damage` is complete at its end."""
+class BagScan:
+    """One walk over a bag; `kinds` grows on the way, `integrity` is complete at its end."""
 
     file: BinaryIO
     size: int
     """bytes of the file"""
-    damage: Damage = field(default_factory=Damage)
+    integrity: IntegrityReport = field(default_factory=IntegrityReport)
     kinds: dict[str, str] = field(default_factory=dict)
     """topic -> type, of all that were declared so far"""
 
 
-def walk_mcap(walk: Walk) -> Iterator[Found]:
-    """Every message of an MCAP file, in the file's order. DamageError: it is none."""
-    if walk.file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
-        raise DamageError("it does not begin as MCAP does")
-    declared = _McapNames(walk)
+def scan_mcap(scan: BagScan) -> Iterator[BagMessage]:
+    """Every message of an MCAP file, in the file's order. CorruptDataError: it is none."""
+    if scan.file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
+        raise CorruptDataError("it does not begin as MCAP does")
+    declared = _McapNames(scan)
     at = len(MCAP_MAGIC)
-    while at < walk.size:
-        walk.file.seek(at)
-        head = walk.file.read(9)
+    while at < scan.size:
+        scan.file.seek(at)
+        head = scan.file.read(9)
         # data end, or the footer: what follows is an index
         if head[:1] in (b"\x0f", b"\x02"):
             return
         length = int.from_bytes(head[1:], "little")
-        if len(head) < 9 or length > walk.size - at - 9:
-            walk.damage.tail(at, walk.size)
+        if len(head) < 9 or length > scan.size - at - 9:
+            scan.integrity.torn_tail(at, scan.size)
             return
         # what we do not look into is passed over
         if head[0] in _MCAP_READ:
-            yield from declared.take(head[0], walk.file.read(length), at)
+            yield from declared.take(head[0], scan.file.read(length), at)
         at += 9 + length
 
 
@@ -69,12 +69,12 @@ _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = _MCAP_READ = (3, 4, 5, 6)
 class _McapNames:
     """What the schemas and channels of an MCAP file are called."""
 
-    def __init__(self, walk: Walk) -> None:
-        self.walk = walk
+    def __init__(self, scan: BagScan) -> None:
+        self.scan = scan
         self.schemas: dict[int, str] = {}
         self.channels: dict[int, tuple[str, str]] = {}
 
-    def take(self, op: int, body: bytes, at: int) -> Iterator[Found]:
+    def take(self, op: int, body: bytes, at: int) -> Iterator[BagMessage]:
         """The messages in one record; damage is told."""
         try:
             if op == _SCHEMA:
@@ -82,16 +82,16 @@ class _McapNames:
             elif op == _CHANNEL:
                 topic, kind = _text(body, 4)[0], self.schemas.get(_u16(body, 2), "")
                 self.channels[_u16(body, 0)] = topic, kind
-                self.walk.kinds[topic] = kind
+                self.scan.kinds[topic] = kind
             elif op == _MESSAGE and _u16(body, 0) in self.channels:
-                yield Found(*self.channels[_u16(body, 0)], body[22:], at)
+                yield BagMessage(*self.channels[_u16(body, 0)], body[22:], at)
             elif op == _CHUNK:
                 for inner, part in _mcap_records(_mcap_chunk(body)):
                     # no chunk is in another
                     if inner != _CHUNK:
                         yield from self.take(inner, part, at)
-        except (struct.error, DamageError) as reason:
-            self.walk.damage.packet(at, str(reason))
+        except (struct.error, CorruptDataError) as reason:
+            self.scan.integrity.corrupt(at, str(reason))
 
 
 def _mcap_chunk(body: bytes) -> bytes:
@@ -100,12 +100,12 @@ def _mcap_chunk(body: bytes) -> bytes:
     compression, at = _text(body, 28)
     packed = body[at + 8 : at + 8 + struct.unpack_from("<Q", body, at)[0]]
     if size > MAX_BODY_BYTES:
-        raise DamageError(f"a chunk states {size} bytes")
+        raise CorruptDataError(f"a chunk states {size} bytes")
     if compression not in ("", "lz4", "zstd"):
-        raise DamageError(f"a chunk's compression {compression[:20]!r} does not exist")
+        raise CorruptDataError(f"a chunk's compression {compression[:20]!r} does not exist")
     records = expanded(packed, compression, size) if compression else packed
     if len(records) != size or (crc and zlib.crc32(records) != crc):
-        raise DamageError("a chunk is damaged, its checksum says")
+        raise CorruptDataError("a chunk is damaged, its checksum says")
     return records
 
 
@@ -114,39 +114,39 @@ def _mcap_records(records: bytes) -> Iterator[tuple[int, bytes]]:
     while at < len(records):
         op, length = struct.unpack_from("<BQ", records, at)
         if length > len(records) - at - 9:
-            raise DamageError("a record does not fit into its chunk")
+            raise CorruptDataError("a record does not fit into its chunk")
         yield op, records[at + 9 : at + 9 + length]
         at += 9 + length
 
 
-def walk_ros1(walk: Walk) -> Iterator[Found]:
-    """Every message of a ROS 1 bag, in the file's order. DamageError: it is none."""
-    if walk.file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
-        raise DamageError("it does not begin as a ROS 1 bag does")
+def scan_ros1(scan: BagScan) -> Iterator[BagMessage]:
+    """Every message of a ROS 1 bag, in the file's order. CorruptDataError: it is none."""
+    if scan.file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
+        raise CorruptDataError("it does not begin as a ROS 1 bag does")
     connections: dict[int, tuple[str, str]] = {}
 
-    def take(fields: dict[bytes, bytes], data: bytes, at: int) -> Iterator[Found]:
+    def take(fields: dict[bytes, bytes], data: bytes, at: int) -> Iterator[BagMessage]:
         op = fields.get(b"op", b"")
         try:
             if op == b"\x07":
                 topic, said = fields[b"topic"].decode(), ros1_fields(data)
                 package, _, name = said[b"type"].decode().partition("/")
                 connections[_u32(fields[b"conn"], 0)] = topic, f"{package}/msg/{name}"
-                walk.kinds[topic] = f"{package}/msg/{name}"
+                scan.kinds[topic] = f"{package}/msg/{name}"
             elif op == b"\x02" and _u32(fields[b"conn"], 0) in connections:
-                yield Found(*connections[_u32(fields[b"conn"], 0)], data, at)
+                yield BagMessage(*connections[_u32(fields[b"conn"], 0)], data, at)
             elif op == b"\x05":
-                for _, inner, _, part in ros1_records(ros1_chunk(fields, data)):
+                for _, inner, _, part in ros1_chunk_records(ros1_chunk(fields, data)):
                     if inner.get(b"op") != b"\x05":
                         yield from take(inner, part[4:], at)
-        except (struct.error, KeyError, UnicodeDecodeError, DamageError) as reason:
-            walk.damage.packet(at, f"a record lacks {reason}")
+        except (struct.error, KeyError, UnicodeDecodeError, CorruptDataError) as reason:
+            scan.integrity.corrupt(at, f"a record lacks {reason}")
 
     end = len(ROS1_MAGIC)
-    for record in ros1_top(walk.file, walk.size):
+    for record in ros1_file_records(scan.file, scan.size):
         yield from take(record.fields, record.data[4:], record.at)
         end = record.end
-    walk.damage.tail(end, walk.size)
+    scan.integrity.torn_tail(end, scan.size)
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ class Ros1Record:
         return ros1_fields(self.head[4:])
 
 
-def ros1_top(file: BinaryIO, size: int) -> Iterator[Ros1Record]:
+def ros1_file_records(file: BinaryIO, size: int) -> Iterator[Ros1Record]:
     """Each whole record of a bag of so many bytes, up to the first that is torn."""
     at = len(ROS1_MAGIC)
     while at < size:
@@ -198,14 +198,14 @@ def ros1_fields(head: bytes) -> dict[bytes, bytes]:
     return fields
 
 
-def ros1_records(records: bytes) -> Iterator[tuple[int, dict[bytes, bytes], bytes, bytes]]:
+def ros1_chunk_records(records: bytes) -> Iterator[tuple[int, dict[bytes, bytes], bytes, bytes]]:
     """(offset, fields, header, data, each with its length) of each record in a chunk."""
     at = 0
     while at < len(records):
         middle = at + 4 + _u32(records, at)
         end = middle + 4 + _u32(records, middle)
         if end > len(records):
-            raise DamageError("whole records in its chunk")
+            raise CorruptDataError("whole records in its chunk")
         yield at, ros1_fields(records[at + 4 : middle]), records[at:middle], records[middle:end]
         at = end
 
@@ -214,18 +214,18 @@ def ros1_chunk(fields: dict[bytes, bytes], data: bytes) -> bytes:
     """The records in a chunk."""
     compression, size = fields[b"compression"], _u32(fields[b"size"], 0)
     if size > MAX_BODY_BYTES:
-        raise DamageError(f"a chunk of a size that exists: it states {size} bytes")
+        raise CorruptDataError(f"a chunk of a size that exists: it states {size} bytes")
     if compression == b"bz2":
         try:
             data = bz2.BZ2Decompressor().decompress(data, size + 1)
         except OSError as reason:
-            raise DamageError(str(reason)) from None
+            raise CorruptDataError(str(reason)) from None
     elif compression == b"lz4":
         data = expanded(data, "lz4", size)
     elif compression != b"none":
-        raise DamageError(f"a compression that exists: it says {compression[:20]!r}")
+        raise CorruptDataError(f"a compression that exists: it says {compression[:20]!r}")
     if len(data) != size:
-        raise DamageError(f"{size} bytes in its chunk")
+        raise CorruptDataError(f"{size} bytes in its chunk")
     return data
 
 

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.files.damage import Damage, bad_values
-from evs.drivers.files.formats import MAX_SIDE_PX
-from evs.drivers.files.npz_auxiliary import frames_in, imu_of, in_order, labels_of, triggers_of
-from evs.drivers.files.npz_columns import Archive, OtherError
-from evs.drivers.files.npz_recorder import COLUMNS, STREAM, NpzRecorder
-from evs.drivers.files.ordered import InOrder
-from evs.drivers.files.recorded import said_stream
-from evs.drivers.files.recording import existing
+from evs.drivers.files.capabilities import MAX_SIDE_PX
+from evs.drivers.files.header_text import stream_from_json
+from evs.drivers.files.integrity import IntegrityReport, bad_values
+from evs.drivers.files.npz.auxiliary import frames_in, imu_of, labels_of, merge_by_time, triggers_of
+from evs.drivers.files.npz.columns import Archive, NotARecordingError
+from evs.drivers.files.npz.recorder import COLUMNS, STREAM, NpzRecorder
+from evs.drivers.files.paths import existing
+from evs.drivers.files.sorting import EventSorter
 from evs.msgs import (
     Events,
     EvsError,
@@ -64,7 +64,7 @@ class NpzFile:
     table_packets: int | None = None
     """an NPZ file has no data table"""
     broken_pointer: bool = False
-    damage: Damage = field(default_factory=Damage)
+    integrity: IntegrityReport = field(default_factory=IntegrityReport)
     """never but stamps that run backwards: the archive's checksums hold, or it is not opened"""
 
     @classmethod
@@ -75,7 +75,7 @@ class NpzFile:
         try:
             with Archive(found) as archive:
                 opened._look(archive)
-        except OtherError as reason:
+        except NotARecordingError as reason:
             raise EvsError(f"{found} is not a recording: {reason}") from None
         except Exception as reason:  # damaged bytes make zipfile and numpy raise a dozen kinds
             raise EvsError(f"cannot read {found}: {str(reason) or type(reason).__name__}") from None
@@ -83,22 +83,24 @@ class NpzFile:
 
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any."""
-        damage = Damage(unit="event")
-        order = InOrder(damage, self.stream)
+        integrity = IntegrityReport(place_unit="event")
+        order = EventSorter(integrity, self.stream)
         at = 0
         with Archive(self.path) as archive:
             for events, _ in _pieces(archive):
                 self.position = at * self.size // max(1, self.events_there)
                 yield from order.feed(events, np.arange(at, at + len(events)))
                 at += len(events)
-        yield from order.rest()
-        self.damage = damage
+        yield from order.flush()
+        self.integrity = integrity
 
     def messages(self) -> Iterator[Events | Frame | ImuSamples | Triggers]:
         """Events, frames, IMU samples and triggers of each tick, in time's order."""
-        yield from in_order(self.events(), self._frames(), self.imu, self.triggers, self.stream)
+        yield from merge_by_time(
+            self.events(), self._frames(), self.imu, self.triggers, self.stream
+        )
 
-    def beside(self) -> Iterator[Frame | ImuSamples | Triggers]:
+    def auxiliary(self) -> Iterator[Frame | ImuSamples | Triggers]:
         """Frames, IMU samples and triggers alone."""
         yield from self._frames()
         yield self.imu
@@ -123,7 +125,7 @@ class NpzFile:
                 said = json.loads(str(get(STREAM, "U", 0)))
             except (ValueError, RecursionError):
                 said = {}
-        stated = said_stream(said, StreamInfo(0, 0, sensor="unknown"))
+        stated = stream_from_json(said, StreamInfo(0, 0, sensor="unknown"))
         width = height = 0
         backwards, last_us = False, -(1 << 63)
         for events, fits in _pieces(archive):
@@ -132,7 +134,7 @@ class NpzFile:
             last_us = int(stamps[-1])
             wrong = bad_values(events, stated)
             if wrong or not fits:
-                raise OtherError(wrong or "a value is too large for an event")
+                raise NotARecordingError(wrong or "a value is too large for an event")
             width = max(width, 1 + int(events["x"].max()))
             height = max(height, 1 + int(events["y"].max()))
             self.events_there += len(events)
@@ -140,10 +142,10 @@ class NpzFile:
         self.imu, self.triggers = imu_of(names, get), triggers_of(names, get)
         self.labels = labels_of(names, get, self.events_there)
         if backwards and self.labels is not None:
-            raise OtherError("its time stamps run backwards, and labels go with them")
+            raise NotARecordingError("its time stamps run backwards, and labels go with them")
         self.compression = "deflate" if compressed else "none"
         plain = StreamInfo(max(1, width), max(1, height), sensor="unknown")
-        stream = stated if 0 < stated.width <= MAX_SIDE_PX else said_stream(said, plain)
+        stream = stated if 0 < stated.width <= MAX_SIDE_PX else stream_from_json(said, plain)
         # an archive of somebody else's says nothing of them
         self.stream = dataclasses.replace(
             stream,
@@ -157,7 +159,7 @@ def _pieces(archive: Archive) -> Iterator[tuple[Events, bool]]:
     """(events (n,) with n > 0 as they were recorded, whether every value fits) of each piece."""
     columns = [archive.column(name, "iub", 1) for name in COLUMNS]
     if len({column.shape for column in columns}) > 1:
-        raise OtherError("t, x, y, p are not of one length")
+        raise NotARecordingError("t, x, y, p are not of one length")
     while columns[0].left:
         t, x, y, p = (column.read(_PIECE_EVENTS) for column in columns)
         events = make_events(t, x, y, p > 0)

@@ -19,11 +19,11 @@ def later_parts(path: Path) -> list[Path]:
     form = re.compile(re.escape(path.stem) + r"-(\d{3,9})" + re.escape(path.suffix))
     found: list[tuple[int, Path]] = []
     try:
-        beside = list(path.parent.iterdir())
+        siblings = list(path.parent.iterdir())
     except OSError:
         # whoever opens the file says what is wrong with its folder
         return []
-    for file in beside:
+    for file in siblings:
         match = form.fullmatch(file.name)
         if match:
             found.append((int(match[1]), file))

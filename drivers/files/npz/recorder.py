@@ -13,9 +13,10 @@ from typing import IO, Any
 
 import numpy as np
 
-from evs.drivers.files.npz_auxiliary import LABEL_ARRAYS, PIXELS, STAMPS, arrays_of
-from evs.drivers.files.npz_columns import Spool, write_array
-from evs.drivers.files.recording import one_stream, target_error
+from evs.drivers.files.capabilities import one_stream
+from evs.drivers.files.npz.auxiliary import LABEL_ARRAYS, PIXELS, STAMPS, arrays_of
+from evs.drivers.files.npz.columns import Spool, write_array
+from evs.drivers.files.paths import target_error
 from evs.drivers.sink import Sink, SinkStoppedError, Stream
 from evs.msgs import (
     EVENT_DTYPE,
@@ -60,7 +61,7 @@ class NpzRecorder(Sink):
         self._imu: list[ImuSamples] = []
         self._triggers: list[Triggers] = []
         self._labels = 0
-        self._beside_bytes = 0
+        self._auxiliary_bytes = 0
         self._packets = 0
         self._events = 0
         self._reserved = 0
@@ -121,11 +122,13 @@ class NpzRecorder(Sink):
         if self._file is None:
             raise EvsError(f"{self._path} is not open for recording: call open first")
 
-    def _keep(self, rows: dict[str, np.ndarray[Any, Any]], events: int, beside_bytes: int) -> None:
+    def _keep(
+        self, rows: dict[str, np.ndarray[Any, Any]], events: int, auxiliary_bytes: int
+    ) -> None:
         """Take room for more and spool it, or EvsError; what came before can still be written."""
         self._check_open()
         try:
-            self._reserve(self._events + events, self._beside_bytes + beside_bytes)
+            self._reserve(self._events + events, self._auxiliary_bytes + auxiliary_bytes)
             for name, values in rows.items():
                 if name not in self._spools:
                     made = Spool(self._path.parent, values.dtype, values.shape[1:])
@@ -137,7 +140,7 @@ class NpzRecorder(Sink):
                 f"{reason.strerror}; they are kept, free some space and run again"
             )
             raise SinkStoppedError(self._failure) from None
-        self._beside_bytes += beside_bytes
+        self._auxiliary_bytes += auxiliary_bytes
 
     def close(self) -> dict[str, Any]:
         """Write the file and let go of it. EvsError where the disk does not take it."""
@@ -186,10 +189,10 @@ class NpzRecorder(Sink):
             self._spools[name] = Spool(self._path.parent, dtype)
         return self._spools[name]
 
-    def _reserve(self, events: int, beside_bytes: int = 0) -> None:
+    def _reserve(self, events: int, auxiliary_bytes: int = 0) -> None:
         """Make the temporary file large enough for so much; OSError if the disk is not."""
         # incompressible columns grow by less than a byte an event; the rest is header and stream
-        needed = _RESERVE_BYTES + 14 * events + beside_bytes + beside_bytes // 1000
+        needed = _RESERVE_BYTES + 14 * events + auxiliary_bytes + auxiliary_bytes // 1000
         if needed > self._reserved and self._file is not None:
             grown = needed + _RESERVE_BYTES
             os.posix_fallocate(self._file.fileno(), 0, grown)

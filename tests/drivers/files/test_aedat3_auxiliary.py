@@ -14,7 +14,7 @@ from PIL import Image
 
 from evs.drivers import files
 from evs.drivers.files.aedat3.compressed import expanded
-from evs.drivers.files.damage import DamagedPacketWarning
+from evs.drivers.files.integrity import DamagedPacketWarning
 from evs.msgs import (
     EventPacket,
     EvsError,
