@@ -26,7 +26,7 @@
 #include <limits>
 #include <vector>
 
-#include "shot.h"
+#include "shot_noise.h"
 #include "vmath.h"
 
 namespace evs {

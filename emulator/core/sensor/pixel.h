@@ -10,10 +10,10 @@
 #include <cstdint>
 #include <limits>
 
-#include "logmap.h"
+#include "log_map.h"
 #include "lowpass.h"
 #include "running_mean.h"
-#include "shot.h"
+#include "shot_noise.h"
 
 namespace evs {
 

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "event_order.h"
-#include "pixel_isa.h"
+#include "pixel_targets.h"
 #include "pool.h"
 
 namespace evs {

@@ -12,14 +12,14 @@
 #include <stdexcept>
 #include <vector>
 
+#include "arbiter.h"
+#include "array_scan.h"
 #include "event_order.h"
 #include "normal.h"
-#include "readout_arbiter.h"
-#include "readout_held.h"
-#include "readout_out.h"
-#include "readout_scan.h"
+#include "pixel_latches.h"
+#include "readout_output.h"
 #include "readout_state.h"
-#include "row_times.h"
+#include "row_access_times.h"
 
 namespace evs {
 

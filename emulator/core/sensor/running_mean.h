@@ -4,7 +4,7 @@
 
 #include <cstddef>
 
-#include "logmap.h"
+#include "log_map.h"
 
 namespace evs {
 

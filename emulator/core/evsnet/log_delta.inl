@@ -1,6 +1,6 @@
-// Light to X_k = L_log(k) - L_log(k-1), tile by tile; as to_log_light of sensor/stages.h.
+// Light to X_k = L_log(k) - L_log(k-1), tile by tile; as to_log_light of sensor/pixel_front_end.h.
 //
-// Included by kernel.inc inside a namespace of its own.
+// Included by kernel.inl inside a namespace of its own.
 
 EVS_INLINE unsigned flagged(Int now, Int before, Int limit) {
   // a float of the other sign is a negative integer

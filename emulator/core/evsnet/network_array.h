@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "event_order.h"
-#include "net.h"
+#include "fifo_rows.h"
+#include "network_kernel.h"
 #include "pool.h"
-#include "pool_rows.h"
 
 namespace evs {
 

@@ -14,7 +14,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "net.h"
+#include "network_kernel.h"
 
 namespace evs {
 

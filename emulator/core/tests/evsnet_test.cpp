@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "network_array.h"
-#include "pixel_isa.h"
+#include "pixel_targets.h"
 #include "selftest.h"
 
 namespace evs {

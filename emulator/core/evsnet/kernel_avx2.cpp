@@ -3,4 +3,4 @@
 #define EVS_SPACE network_avx2
 #define EVS_KERNEL NETWORK_AVX2
 #define EVS_NATIVE(op) _mm256_##op
-#include "kernel.inc"
+#include "kernel.inl"

@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "readout_held.h"
+#include "pixel_latches.h"
 #include "readout_state.h"
 
 namespace evs {

@@ -8,7 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "logmap.h"
+#include "log_map.h"
 
 namespace evs {
 

@@ -13,9 +13,9 @@
 #include <vector>
 
 #include "normal.h"
-#include "readout_held.h"
+#include "pixel_latches.h"
 #include "readout_state.h"
-#include "row_times.h"
+#include "row_access_times.h"
 
 namespace evs {
 

@@ -4,7 +4,7 @@
 // one after another, in each its taps from the oldest on, one std::fma a term. So an output does
 // not depend on what is computed beside it.
 //
-// Included by kernel.inc inside a namespace of its own.
+// Included by kernel.inl inside a namespace of its own.
 
 // One register of lanes: with more of them in one variable, compilers keep sums in memory.
 #if EVS_WIDTH == 512

@@ -1,5 +1,6 @@
 // Thirty-two lanes: two 512-bit registers side by side, so that one half's wait is the other's
 // work.
+#pragma once
 
 constexpr int LANES = 32;
 constexpr unsigned ALL_LANES = 0xffffffffu;

@@ -1,11 +1,11 @@
 // One build of the network's kernels. The includer defines EVS_WIDTH (bits), EVS_SPACE and
-// EVS_KERNEL. As in light/kernel.inc, no template of the standard library may come out of here.
+// EVS_KERNEL. As in light/kernel.inl, no template of the standard library may come out of here.
 
 #if defined(__SSE2__)
 #include <immintrin.h>
 #endif
 
-#include "net.h"
+#include "network_kernel.h"
 
 // GCC's own AVX-512 headers set it off (PR 105593)
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
@@ -16,12 +16,12 @@
 namespace evs {
 namespace EVS_SPACE {
 namespace {
-#include "simd.h"
-#include "front.h"
-#include "membrane.h"
-#include "convolve.h"
-#include "turn.h"
-#include "layers.h"
+#include "simd.inl"
+#include "log_delta.inl"
+#include "bilif.inl"
+#include "convolution.inl"
+#include "transpose.inl"
+#include "layers.inl"
 }  // namespace
 }  // namespace EVS_SPACE
 

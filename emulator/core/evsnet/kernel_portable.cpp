@@ -4,4 +4,4 @@
 #define EVS_SPACE network_portable
 #define EVS_KERNEL NETWORK_PORTABLE
 #define EVS_NATIVE(op) _mm_##op
-#include "kernel.inc"
+#include "kernel.inl"

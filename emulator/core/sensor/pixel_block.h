@@ -11,7 +11,7 @@
 #include <limits>
 #include <vector>
 
-#include "stages.h"
+#include "pixel_front_end.h"
 
 namespace evs {
 

@@ -1,6 +1,6 @@
 // 16 rows of 16 floats into 16 columns, in registers.
 //
-// Included by kernel.inc inside a namespace of its own.
+// Included by kernel.inl inside a namespace of its own.
 
 // float k of row i becomes float i of column k. In: from(i), to(k), where rows and columns begin.
 #if EVS_WIDTH == 512

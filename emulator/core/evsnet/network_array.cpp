@@ -3,7 +3,7 @@
 #include <bit>
 #include <new>
 
-#include "pixel_isa.h"
+#include "pixel_targets.h"
 
 namespace evs {
 

@@ -3,7 +3,7 @@
 // Look-ahead needs no code of its own but the delay of the residual sum: in a stream, a convolution
 // that looks ahead is the same sum, told later.
 //
-// Included by kernel.inc inside a namespace of its own.
+// Included by kernel.inl inside a namespace of its own.
 
 // Floats [first, first + count) of what the pixels remember, into scratch memory or out of it.
 template <class Move>

@@ -4,7 +4,7 @@
 // V decays at once over all ticks since it was last told. No NaN stays: as I it counts as 0 and as
 // clamped, as V it becomes -64.
 //
-// Included by kernel.inc inside a namespace of its own.
+// Included by kernel.inl inside a namespace of its own.
 
 EVS_INLINE Mask over(Float v, const Membrane& m) { return (v >= m.on) | (v <= -m.off); }
 

@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "block.h"
 #include "isa.h"
+#include "pixel_block.h"
 
 namespace evs {
 
