@@ -1,5 +1,5 @@
-// Instruction sets that are chosen at run time. Target attributes, not compiler flags: no other
-// inline function of the program may come out with instructions that the machine lacks.
+// Instruction sets that are chosen at run time. These are target attributes, not compiler flags, so
+// that no other inline function of the program is compiled to instructions that the machine lacks.
 #pragma once
 
 #include <string>
@@ -13,7 +13,7 @@
 
 namespace evs {
 
-// Instruction sets that this machine runs, the best first (dispatch.cpp).
+// The instruction sets that this machine runs, best first: of "avx512", "avx2", "portable".
 std::vector<std::string> isa_available();
 
 }  // namespace evs

@@ -1,13 +1,14 @@
-// Four numbers that lie side by side, from a place of each lane's own: one load a lane, which no
-// gather does.
+// Gather four adjacent floats for each lane with one load a lane, which no gather instruction does.
 #pragma once
+
+#include "simd.inl"
 
 struct Quads {
   Float first, second, third, fourth;
 };
 
 #if EVS_WIDTH >= 512
-// Of sixteen lanes. Out: the first of all, the second of all, and so on.
+// For sixteen lanes. Out: the first float of every lane, the second of every lane, and so on.
 EVS_INLINE void sixteen_quads(const float* base, const int* at, __m512* out) {
   auto quad = [&](int i) { return _mm_loadu_ps(base + 2l * at[i]); };
   __m512 q[4];
@@ -17,7 +18,7 @@ EVS_INLINE void sixteen_quads(const float* base, const int* at, __m512* out) {
     q[i] = _mm512_insertf32x4(q[i], quad(8 + i), 2);
     q[i] = _mm512_insertf32x4(q[i], quad(12 + i), 3);
   }
-  // each 128 bits are transposed
+  // transpose within each 128 bits
   __m512d low = _mm512_castps_pd(_mm512_unpacklo_ps(q[0], q[1]));
   __m512d low_next = _mm512_castps_pd(_mm512_unpacklo_ps(q[2], q[3]));
   __m512d high = _mm512_castps_pd(_mm512_unpackhi_ps(q[0], q[1]));
@@ -29,11 +30,11 @@ EVS_INLINE void sixteen_quads(const float* base, const int* at, __m512* out) {
 }
 #endif
 
-// base[2 at] ... base[2 at + 3] of each lane.
+// base[2 at] ... base[2 at + 3] for each lane.
 EVS_INLINE Quads gather_quads(const float* base, Int at) {
   alignas(64) int index[LANES];
   store(index, at);
-  // through memory: taking lanes out of registers one by one is slower
+  // read the indices from memory: extracting lanes from a register one by one is slower
   __asm__("" : "+m"(index));
 #if EVS_WIDTH == 1024
   __m512 low[4], high[4];

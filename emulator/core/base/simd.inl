@@ -1,12 +1,13 @@
 // Sixteen lanes of float, int and mask: one source, three builds with the same bytes as result.
 //
-// Every build has 16 lanes (one 512-bit, two 256-bit or four 128-bit registers), so the flow of
-// control is the same too. Only correctly rounded operations are used (+ - * / sqrt, comparison,
-// truncation), nothing is contracted to fma, and no sum runs across lanes.
+// Every build has 16 lanes (one 512-bit, two 256-bit or four 128-bit registers), so control flow is
+// the same too. All operations are correctly rounded (+ - * / sqrt, comparison, truncation),
+// nothing is contracted to fma, and no sum runs across lanes.
 //
-// Included inside a namespace of its own by each kernel_*.cpp, which defines EVS_WIDTH first.
 // min(a, b) is a < b ? a : b and max(a, b) is a > b ? a : b: with a NaN the second argument wins.
 #pragma once
+
+#include "simd_target.h"
 
 #if EVS_WIDTH == 1024
 #include "simd_1024.inl"
@@ -71,7 +72,7 @@ EVS_INLINE Float gather(const float* base, Int at) { return {_mm512_i32gather_ps
 EVS_INLINE void store_at(float* base, Int at, Float a, Mask m) {
   _mm512_mask_i32scatter_ps(base, m.m, at.v, a.v, 4);
 }
-// The lanes of m side by side; what follows them up to 16 is of no meaning.
+// Write the lanes of m side by side; what follows them, up to 16, has no meaning.
 EVS_INLINE void compress(float* p, Float a, Mask m) {
   _mm512_storeu_ps(p, _mm512_maskz_compress_ps(m.m, a.v));
 }
@@ -255,7 +256,7 @@ EVS_INLINE void store_at(float* base, Int at, Float a, Mask m) {
     base[at.v[i / PART][i % PART]] = a.v[i / PART][i % PART];
   }
 }
-// The lanes of m side by side; what follows them up to 16 is of no meaning.
+// Write the lanes of m side by side; what follows them, up to 16, has no meaning.
 EVS_INLINE void compress(float* p, Float a, Mask m) {
   for (unsigned lanes = bits(m); lanes; lanes &= lanes - 1) {
     int i = __builtin_ctz(lanes);
@@ -267,7 +268,7 @@ EVS_INLINE void compress(float* p, Float a, Mask m) {
 #endif
 #endif
 
-// what all builds share
+// shared by all builds
 
 EVS_INLINE Mask operator>(Float a, Float b) { return b < a; }
 EVS_INLINE Mask operator>=(Float a, Float b) { return b <= a; }
@@ -298,7 +299,7 @@ EVS_INLINE Float floor(Float a) {
 // 1 / a, where an a too small to divide by counts as 1e-20: no infinity, hence no 0 * inf = NaN
 EVS_INLINE Float safe_inverse(Float a) { return 1.0f / select(abs(a) < 1e-20f, splat(1e-20f), a); }
 
-// one lane's value: for the few places that go lane by lane
+// value of one lane, for the few loops over lanes
 EVS_INLINE float lane(Float a, int i) {
   alignas(64) float values[LANES];
   store(values, a);

@@ -1,7 +1,9 @@
-// Elementary functions on 16 lanes, good to about 1e-6, the same bytes in every build.
+// Elementary functions on lanes, accurate to about 1e-6, with the same bytes in every build.
 #pragma once
 
-// log2 of a positive, finite number: exponent, then the series of atanh on the mantissa
+#include "simd.inl"
+
+// log2 of a positive, finite number: the exponent plus the series of atanh on the mantissa
 EVS_INLINE Float log2(Float a) {
   Int i = as_int(a);
   Int exponent = shift_right<23>(i - splat(0x3f3504f3));  // mantissa in [sqrt(1/2), sqrt(2))
@@ -21,7 +23,7 @@ EVS_INLINE Float exp2(Float a) {
   return select(a < -126.0f, splat(0.0f), power * as_float(scale));
 }
 
-constexpr float LARGEST_WHOLE = 1024;  // of the exponents that are powers by squaring
+constexpr float LARGEST_WHOLE = 1024;  // largest exponent that is raised by squaring
 
 // x^e for x in [0, 1] and e = 0, 1, ... LARGEST_WHOLE, by squaring
 EVS_INLINE Float power(Float x, int e) {
@@ -38,15 +40,15 @@ EVS_INLINE Float power_by_logarithm(Float x, Float e) {
   return select(x > 1e-30f, exp2(log2(max(x, splat(1e-30f))) * e), splat(0.0f));
 }
 
-// x^e for x in [0, 1] and e >= 0, whole or not
+// x^e for x in [0, 1] and e >= 0, integer or not
 EVS_INLINE Float power(Float x, float e) {
   int number = e <= LARGEST_WHOLE ? static_cast<int>(e) : -1;
   if (static_cast<float>(number) == e) return power(x, number);
   return power_by_logarithm(x, splat(e));
 }
 
-// The same on `lanes`, of an exponent for each: elsewhere anything. A lane's result depends on
-// itself only.
+// x^e on `lanes`, with an exponent for each; other lanes hold anything. The result of a lane
+// depends on that lane alone.
 inline Float power(Float x, Float e, Mask lanes) {
   Int number = truncate(min(e, splat(LARGEST_WHOLE)));
   Mask whole = lanes & (to_float(number) <= e) & (e <= to_float(number));
