@@ -1,5 +1,5 @@
-// The network's kernels for any machine. Where std::fma is a call, they are some hundred times
-// slower.
+// The kernels of EvSNet for any machine. Where std::fma is a function call, they are about a
+// hundred times slower.
 #define EVS_WIDTH 128
 #define EVS_SPACE network_portable
 #define EVS_KERNEL NETWORK_PORTABLE

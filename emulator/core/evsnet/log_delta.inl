@@ -1,87 +1,69 @@
-// Light to X_k = L_log(k) - L_log(k-1), tile by tile; as to_log_light of sensor/pixel_front_end.h.
-//
-// Included by kernel.inl inside a namespace of its own.
+// Luminance to the log intensity difference X_k = L_log(k) - L_log(k - 1), tile by tile (the
+// paper's equation 1). Luminance is mapped as by `log_intensity` in sensor/pixel_front_end.h.
+#pragma once
 
-EVS_INLINE unsigned flagged(Int now, Int before, Int limit) {
-  // a float of the other sign is a negative integer
+#include "network_kernel.h"
+#include "tile.inl"
+
+namespace evs::EVS_SPACE {
+namespace {
+
+// Lanes whose luminance changed or is unusable, as bits.
+EVS_INLINE unsigned changed_lanes(Int now, Int before, Int limit) {
+  // a float with its sign bit set is a negative integer
   return bits(~(now == before) | (now < splat(0)) | ~(now < limit));
 }
 
-void look(const Front& front, size_t pixel, size_t width, int rows, uint32_t* flags) {
-  const Int limit = splat(static_cast<int>(front.unusable_from));
+// Mark the ticks in which a tile of this row of tiles changes.
+void find_changes(const LogDeltaJob& job, size_t pixel, size_t width, int rows, uint32_t* ticks) {
+  const Int limit = splat(static_cast<int>(job.unusable_from));
   const size_t whole = width / LANES * LANES;
-  for (int t = 0; t < front.ticks; t++) {
-    const float* frame = front.luminance + static_cast<size_t>(t) * front.frame + pixel;
-    const float* before = t == 0 ? front.last_luminance + pixel : frame - front.frame;
+  for (int t = 0; t < job.ticks; t++) {
+    const float* frame = job.luminance + static_cast<size_t>(t) * job.frame + pixel;
+    const float* before = t == 0 ? job.last_luminance + pixel : frame - job.frame;
     const uint32_t bit = 1u << t;
+    // whole registers: four tiles at once
     for (size_t x = 0; x < whole; x += LANES) {
       unsigned changed = 0;
       for (int r = 0; r < rows; r++) {
         const size_t at = static_cast<size_t>(r) * width + x;
-        changed |= flagged(as_int(load(frame + at)), as_int(load(before + at)), limit);
+        changed |= changed_lanes(as_int(load(frame + at)), as_int(load(before + at)), limit);
       }
       if (changed == 0) continue;
-      for (int i = 0; i < LANES / kSide; i++) {
-        if ((changed >> (i * kSide) & 0xfu) != 0) flags[x / kSide + static_cast<size_t>(i)] |= bit;
+      for (int i = 0; i < LANES / kTileSide; i++) {
+        if ((changed >> (i * kTileSide) & 0xfu) != 0)
+          ticks[x / kTileSide + static_cast<size_t>(i)] |= bit;
       }
     }
+    // the rest of the row, pixel by pixel
     for (size_t x = whole; x < width; x++) {
       for (int r = 0; r < rows; r++) {
         const size_t at = static_cast<size_t>(r) * width + x;
         uint32_t now, then;
         __builtin_memcpy(&now, frame + at, sizeof now);
         __builtin_memcpy(&then, before + at, sizeof then);
-        if (now != then || now >= front.unusable_from) flags[x / kSide] |= bit;
+        if (now != then || now >= job.unusable_from) ticks[x / kTileSide] |= bit;
       }
     }
   }
 }
 
-// Lanes beyond the image are copies of its edge: what they hold never leaves the kernel.
-template <class T>
-EVS_INLINE void load_tile(T* lanes, const T* image, const TilePlace& place) {
-  const T* from = image + place.pixel;
-  if (place.whole()) {
-    for (int r = 0; r < kSide; r++) {
-      __builtin_memcpy(lanes + kSide * r, from + static_cast<size_t>(r) * place.width,
-                       sizeof(T) * kSide);
-    }
-    return;
-  }
-  for (int i = 0; i < LANES; i++) {
-    const int r = i / kSide < place.rows ? i / kSide : place.rows - 1;
-    const int c = i % kSide < place.columns ? i % kSide : place.columns - 1;
-    lanes[i] = from[static_cast<size_t>(r) * place.width + static_cast<size_t>(c)];
-  }
-}
-
-template <class T>
-EVS_INLINE void store_tile(const T* lanes, T* image, const TilePlace& place) {
-  T* to = image + place.pixel;
-  for (int r = 0; r < place.rows; r++) {
-    T* line = to + static_cast<size_t>(r) * place.width;
-    if (place.columns == kSide) {
-      __builtin_memcpy(line, lanes + kSide * r, sizeof(T) * kSide);
-    } else {
-      for (int c = 0; c < place.columns; c++) line[c] = lanes[kSide * r + c];
-    }
-  }
-}
-
-uint32_t to_x(const Front& front, const TilePlace& place, uint32_t flags, float* x, int64_t* moved,
-              FrontCounts& counts) {
+// X of a tile in each tick of the chunk.
+uint32_t log_delta(const LogDeltaJob& job, const TilePlace& place, uint32_t changed, float* x,
+                   int64_t* moved, LogDeltaCounts& counts) {
   alignas(64) float now[kChunk * LANES], dn[kChunk * LANES], part[kChunk * LANES];
-  alignas(64) float light[LANES], log[LANES];
+  alignas(64) float luminance[LANES], log[LANES];
   alignas(64) int last[LANES];
-  load_tile(light, front.last_luminance, place);
-  load_tile(log, front.last_log, place);
-  const LogMap map = front.map;
+  // load the state of the tile
+  load_tile(luminance, job.last_luminance, place);
+  load_tile(log, job.last_log, place);
+  const LogMap map = job.map;
 
-  // logarithms of all ticks side by side: one after another they would wait for each other
+  // take the logarithms of all changed ticks together, so that none waits for another
   int count = 0;
-  for (uint32_t left = flags; left != 0; left &= left - 1) {
+  for (uint32_t left = changed; left != 0; left &= left - 1) {
     const size_t t = static_cast<size_t>(__builtin_ctz(left));
-    load_tile(now + LANES * count++, front.luminance + t * front.frame, place);
+    load_tile(now + LANES * count++, job.luminance + t * job.frame, place);
   }
   for (int at = 0; at < count * LANES; at += LANES) {
     for (int i = at; i < at + LANES; i++) dn[i] = to_dn(map, now[i]);
@@ -89,44 +71,48 @@ uint32_t to_x(const Front& front, const TilePlace& place, uint32_t flags, float*
   }
 
   const Mask inside = mask_of(place.lanes());
-  Float last_light = load(light), last_log = load(log);
+  Float last_luminance = load(luminance), last_log = load(log);
   Int last_moved = splat(-1);
-  uint32_t ticks = 0;
+  uint32_t moved_ticks = 0;
   int at = 0;
-  for (int t = 0; t < front.ticks; t++) {
+  for (int t = 0; t < job.ticks; t++) {
     float* out = x + t * LANES;
-    if ((flags >> t & 1u) == 0) {
+    if ((changed >> t & 1u) == 0) {
       store(out, splat(0.0f));
       continue;
     }
-    // as is_light and with_log_part
-    const Float seen = load(now + at), seen_dn = load(dn + at);
-    const Mask usable = (seen > -kBlack) & (seen_dn <= kLargest);
-    const Float below = min(seen_dn * splat(map.slope), splat(map.ln_knee));
-    const Float seen_log = select(seen_dn >= map.knee, load(part + at), below);
-    const Float new_log = select(usable, seen_log, last_log);
-    // the first light only sets L_log
+    // map to log intensity, as is_usable and with_log_part; unusable light keeps the last one
+    const Float l_now = load(now + at), dn_now = load(dn + at);
+    const Mask usable = (l_now > -kBlack) & (dn_now <= kLargest);
+    const Float below = min(dn_now * splat(map.slope), splat(map.ln_knee));
+    const Float log_now = select(dn_now >= map.knee, load(part + at), below);
+    const Float new_log = select(usable, log_now, last_log);
+    // difference and clamp; the first light only sets L_log
     const Mask known = (last_log <= 0.0f) | (last_log >= 0.0f);
-    const Float value = select(known & inside, new_log - last_log, splat(0.0f));
-    const Float clamped = min(max(value, splat(-kLargestX)), splat(kLargestX));
-    const Mask moved = ~((clamped <= 0.0f) & (clamped >= 0.0f));
-    const Mask kept = (clamped <= value) & (value <= clamped);
+    const Float delta = select(known & inside, new_log - last_log, splat(0.0f));
+    const Float clamped = min(max(delta, splat(-kLargestX)), splat(kLargestX));
+    const Mask nonzero = ~((clamped <= 0.0f) & (clamped >= 0.0f));
+    const Mask unclamped = (clamped <= delta) & (delta <= clamped);
     store(out, clamped);
     last_log = new_log;
-    last_light = select(usable, seen, last_light);
-    last_moved = select(moved, splat(t), last_moved);
-    ticks |= (any(moved) ? 1u : 0u) << t;
-    counts.x_clamped += __builtin_popcount(bits(~kept));
+    last_luminance = select(usable, l_now, last_luminance);
+    last_moved = select(nonzero, splat(t), last_moved);
+    moved_ticks |= (any(nonzero) ? 1u : 0u) << t;
+    counts.x_clamped += __builtin_popcount(bits(~unclamped));
     counts.clamped += __builtin_popcount(bits(~usable & inside));
     at += LANES;
   }
-  store(light, last_light);
+  // store the state of the tile
+  store(luminance, last_luminance);
   store(log, last_log);
   store(last, last_moved);
-  store_tile(light, front.last_luminance, place);
-  store_tile(log, front.last_log, place);
+  store_tile(luminance, job.last_luminance, place);
+  store_tile(log, job.last_log, place);
   for (int i = 0; i < LANES; i++) {
-    if (last[i] >= 0) moved[i] = front.tick + last[i];
+    if (last[i] >= 0) moved[i] = job.tick + last[i];
   }
-  return ticks;
+  return moved_ticks;
 }
+
+}  // namespace
+}  // namespace evs::EVS_SPACE

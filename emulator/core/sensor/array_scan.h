@@ -1,7 +1,6 @@
-// The scan of a DVXplorer: at every multiple of scan_ns the whole array is held and read, row by
-// row, and everything is stamped with the moment of the hold. A pixel that has seen its event waits
-// for the scan and is blind: its first event counts, what else it makes until then is lost
-// ("scan").
+// The scanning readout of a DVXplorer: at every multiple of scan_ns the whole array is latched and
+// read, row by row, and its events are stamped with the time of the latch. A pixel holds its first
+// event until then and loses all others ("scan").
 #pragma once
 
 #include <cstdint>
@@ -12,15 +11,15 @@
 
 namespace evs {
 
-// In: requests [0, due): first what was held, then others by their moments, all <= end_ns. Out:
-// `stage.read` in order of time; `held` is what was not read.
+// In: requests [0, due), first those that pixels hold, then the others by time, all <= end_ns.
+// Calls `stage.read` in order of time. Out: `latches` with the requests that were not read.
 template <class Stage>
 void run_scan(int64_t scan_ns, const std::vector<Request>& requests, size_t due, int64_t end_ns,
-              ReadoutClock& clock, HeldPixels& held, Stage& stage) {
-  // what is held at once belongs to one scan: the first at or after its requests
+              ReadoutClock& clock, PixelLatches& latches, Stage& stage) {
+  // all latched requests belong to one scan, the first at or after them
   int64_t scan = 0;
   auto read_all = [&] {
-    held.take_all([&](uint32_t place) { stage.read(scan, requests[place].event); });
+    latches.take_all([&](uint32_t index) { stage.read(scan, requests[index].event); });
   };
   bool any = false;
   for (size_t i = 0; i < due; i++) {
@@ -30,7 +29,7 @@ void run_scan(int64_t scan_ns, const std::vector<Request>& requests, size_t due,
       any = true;
     }
     const Event& event = requests[i].event;
-    if (!held.hold(event.x, event.y, static_cast<uint32_t>(i))) clock[DropScan]++;
+    if (!latches.set(event.x, event.y, static_cast<uint32_t>(i))) clock[DropScan]++;
   }
   if (any && scan <= end_ns) read_all();
 }
