@@ -4,7 +4,7 @@
 set -eu
 cd "$(dirname "$0")/.."
 mkdir -p build
-first="tests/unit tests/property tests/statistical tests/golden tests/extremes"
+first="tests/emulator tests/msgs"
 ignored=""
 for folder in $first; do ignored="$ignored --ignore=$folder"; done
 # shellcheck disable=SC2086

@@ -16,15 +16,15 @@ dm_control|mujoco==3.17.0 numpy==2.4.6 dm_control==1.0.50|
 mujoco_4|mujoco==4.0.0 numpy==1.26.4|dm_control
 '
 TESTS='
-tests/golden/test_light_digest.py
-tests/golden/test_world_digest.py
-tests/unit/test_world_compat.py
-tests/unit/test_world_cameras.py
-tests/unit/test_world_extraction.py::test_every_shipped_robot_is_seen_as_mujoco_shows_it
-tests/unit/test_world_poses.py
-tests/unit/test_face_sensor.py
-tests/unit/test_closed_saved.py
-tests/unit/test_doctor_command.py::test_this_machine_is_fit
+tests/emulator/render/test_render_digest.py
+tests/emulator/world/test_world_digest.py
+tests/emulator/world/test_world_compat.py
+tests/emulator/world/test_world_cameras.py
+tests/emulator/world/test_world_extraction.py::test_every_shipped_robot_is_seen_as_mujoco_shows_it
+tests/emulator/world/test_world_poses.py
+tests/emulator/simulation/test_api_sensor.py
+tests/emulator/simulation/test_closed_saved.py
+tests/launch/test_doctor_command.py::test_this_machine_is_fit
 '
 # MuJoCo 3.3 has no sleeping bodies, and shifts the principal point up where 3.5 and later shift down
 OLD='not sleeping and not sees_what_mujoco_sees'

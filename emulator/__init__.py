@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from evs.emulator.base.registry import load
+
 if TYPE_CHECKING:
-    from evs.emulator.camera import Camera
-    from evs.emulator.closed import Loop, Observation
-    from evs.emulator.loop import World
-    from evs.emulator.observe import Sensor
-    from evs.emulator.view import View
-    from evs.emulator.virtual import VirtualCamera
+    from evs.emulator.camera.camera import Camera
+    from evs.emulator.camera.view import View
+    from evs.emulator.simulation.closed_loop import Loop, Observation
+    from evs.emulator.simulation.event_camera import Sensor
+    from evs.emulator.simulation.virtual_camera import VirtualCamera
+    from evs.emulator.simulation.world import World
     from evs.emulator.world import LeftOutWarning, UnstableError
+
+_HOMES = {
+    "Camera": "evs.emulator.camera.camera:Camera",
+    "LeftOutWarning": "evs.emulator.world:LeftOutWarning",
+    "Loop": "evs.emulator.simulation.closed_loop:Loop",
+    "Observation": "evs.emulator.simulation.closed_loop:Observation",
+    "Sensor": "evs.emulator.simulation.event_camera:Sensor",
+    "UnstableError": "evs.emulator.world:UnstableError",
+    "View": "evs.emulator.camera.view:View",
+    "VirtualCamera": "evs.emulator.simulation.virtual_camera:VirtualCamera",
+    "World": "evs.emulator.simulation.world:World",
+}
 
 __all__ = [
     "Camera",
@@ -28,26 +41,9 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # written out, so that the house's rules see every import
-    if name == "Camera":
-        return import_module("evs.emulator.camera").Camera
-    if name == "LeftOutWarning":
-        return import_module("evs.emulator.world").LeftOutWarning
-    if name == "Loop":
-        return import_module("evs.emulator.closed").Loop
-    if name == "Observation":
-        return import_module("evs.emulator.closed").Observation
-    if name == "Sensor":
-        return import_module("evs.emulator.observe").Sensor
-    if name == "UnstableError":
-        return import_module("evs.emulator.world").UnstableError
-    if name == "View":
-        return import_module("evs.emulator.view").View
-    if name == "VirtualCamera":
-        return import_module("evs.emulator.virtual").VirtualCamera
-    if name == "World":
-        return import_module("evs.emulator.loop").World
-    raise AttributeError(f"module 'evs.emulator' has no attribute {name!r}")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'evs.emulator' has no attribute {name!r}")
+    return load(_HOMES[name])
 
 
 def __dir__() -> list[str]:

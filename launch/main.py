@@ -14,32 +14,32 @@ from types import ModuleType
 from typing import NoReturn
 
 from evs import __version__
-from evs.emulator.memory import address_space_left
+from evs.emulator.base.memory import address_space_left
 from evs.msgs import EvsError, nearest_first, unknown
 
 COMMANDS = {
-    "demo": "evs.launch.demo",
-    "emulate": "evs.launch.emulate",
-    "plan": "evs.launch.plan",
-    "render": "evs.launch.render",
-    "sensors": "evs.launch.sensors",
-    "view": "evs.launch.view",
-    "echo": "evs.launch.echo",
-    "record": "evs.launch.record",
-    "topics": "evs.launch.topics",
-    "launch": "evs.launch.launch",
-    "loop": "evs.launch.loop",
-    "play": "evs.launch.play",
-    "info": "evs.launch.info",
-    "keygen": "evs.launch.keygen",
-    "convert": "evs.launch.convert",
-    "characterise": "evs.launch.characterise",
-    "evaluate": "evs.launch.evaluate",
-    "sweep": "evs.launch.sweep",
-    "tune": "evs.launch.tune",
-    "train": "evs.launch.train",
-    "dataset": "evs.launch.dataset",
-    "doctor": "evs.launch.doctor",
+    "demo": "evs.launch.commands.demo",
+    "emulate": "evs.launch.commands.emulate",
+    "plan": "evs.launch.commands.plan",
+    "render": "evs.launch.commands.render",
+    "sensors": "evs.launch.commands.sensors",
+    "view": "evs.launch.commands.view",
+    "echo": "evs.launch.commands.echo",
+    "record": "evs.launch.commands.record",
+    "topics": "evs.launch.commands.topics",
+    "launch": "evs.launch.commands.launch",
+    "loop": "evs.launch.commands.loop",
+    "play": "evs.launch.commands.play",
+    "info": "evs.launch.commands.info",
+    "keygen": "evs.launch.commands.keygen",
+    "convert": "evs.launch.commands.convert",
+    "characterise": "evs.launch.commands.characterise",
+    "evaluate": "evs.launch.commands.evaluate",
+    "sweep": "evs.launch.commands.sweep",
+    "tune": "evs.launch.commands.tune",
+    "train": "evs.launch.commands.train",
+    "dataset": "evs.launch.commands.dataset",
+    "doctor": "evs.launch.commands.doctor",
 }
 """Command -> module. Each has HELP (one line), configure(parser), run(args) -> exit code.
 SUBCOMMANDS = True: its first word is a command of its own."""

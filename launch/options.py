@@ -6,8 +6,9 @@ import argparse
 import textwrap
 from collections.abc import Collection, Mapping
 
-from evs.drivers.pipeline import config as pipeline
-from evs.drivers.pipeline import keys, settings, shipped
+from evs.drivers import settings
+from evs.drivers.run import config as pipeline
+from evs.drivers.run import config_keys, shipped
 from evs.msgs import EvsError
 
 Options = Mapping[str, tuple[str, str, str]]
@@ -94,7 +95,7 @@ def keys_text(without: Collection[str] = ()) -> str:
         "under its table, or here as key=value. Paths in a file are relative to that file, others",
         "to the working directory; package:path is a file inside an installed Python package.",
     ]
-    for table in keys.describe(pipeline.PipelineConfig):
+    for table in config_keys.describe(pipeline.PipelineConfig):
         told = [key for key in table.keys if key.name.partition(".")[0] not in without]
         if not told:
             continue

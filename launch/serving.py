@@ -7,17 +7,17 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from evs.drivers import settings
 from evs.drivers.lockstep import running
-from evs.drivers.pipeline import config as pipeline
-from evs.drivers.pipeline import settings
-from evs.drivers.pipeline.report import check_targets
+from evs.drivers.run import config as pipeline
+from evs.drivers.run.report import check_targets
 from evs.launch import terminal
 from evs.launch.again import command
-from evs.launch.keeper import Keeper
+from evs.launch.report_writer import Keeper
 
 if TYPE_CHECKING:
     from evs.emulator import Loop
-    from evs.emulator.stages import Meter
+    from evs.emulator.base.protocols import Meter
 
 
 def serve(

@@ -17,6 +17,7 @@ from evs.msgs.event import (
 )
 from evs.msgs.fields import MessageError
 from evs.msgs.frame import Frame, decode_frame, encode_frame
+from evs.msgs.ground_truth import TRUTH_CHANNELS, Truth, decode_truth, encode_truth
 from evs.msgs.imu import (
     DEGREE,
     IMU_DTYPE,
@@ -58,7 +59,6 @@ from evs.msgs.trigger import (
     frame_triggers,
     make_triggers,
 )
-from evs.msgs.truth import TRUTH_CHANNELS, Truth, decode_truth, encode_truth
 
 __all__ = [
     "CAMERA_INFO",

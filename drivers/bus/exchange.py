@@ -13,7 +13,6 @@ import zmq
 from zmq.utils.monitor import recv_monitor_message
 
 from evs.drivers.bus.address import check_unused, is_ipv6, leave
-from evs.drivers.bus.gate import Gate
 from evs.drivers.bus.keys import Keys, guard, new_keys, present
 from evs.drivers.bus.ports import ServerKeys, bind_error
 from evs.drivers.bus.sockets import (
@@ -24,7 +23,8 @@ from evs.drivers.bus.sockets import (
     readable,
     serve_anybody,
 )
-from evs.drivers.pace import monotonic_s
+from evs.drivers.bus.zap_authenticator import Gate
+from evs.drivers.clock import monotonic_s
 from evs.msgs import EvsError
 
 RETURN_S = 1.0

@@ -15,7 +15,7 @@ from pathlib import Path
 import zmq
 
 from evs.drivers.bus.sockets import Socket
-from evs.drivers.pipeline.settings import read_toml
+from evs.drivers.settings import read_toml
 from evs.msgs import EvsError
 
 PUBLIC, SECRET = ".key", ".secret.key"

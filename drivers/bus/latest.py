@@ -10,9 +10,9 @@ import math
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
-from evs.drivers.bus.listening import Listener
+from evs.drivers.bus.listener import Listener
 from evs.drivers.bus.sockets import Context, Socket, readable
-from evs.drivers.pace import monotonic_s
+from evs.drivers.clock import monotonic_s
 from evs.msgs import STATE_PREFIX, MessageError, State, decode_state
 from evs.msgs.state import MAX_STATE_BYTES
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from evs.drivers.pace import monotonic_s
+from evs.drivers.clock import monotonic_s
 
 
 @dataclass(frozen=True)

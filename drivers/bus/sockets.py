@@ -10,7 +10,7 @@ from zmq.backend import Socket as _Core
 from zmq.backend import zmq_poll
 from zmq.utils.monitor import recv_monitor_message
 
-from evs.drivers.pace import monotonic_s
+from evs.drivers.clock import monotonic_s
 
 Socket = zmq.Socket[bytes]
 Context = zmq.Context[Socket]

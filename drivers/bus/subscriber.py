@@ -8,12 +8,12 @@ from typing import Any
 
 import zmq
 
-from evs.drivers.bus.beside import Beside, of_kind
+from evs.drivers.bus.auxiliary import Beside, of_kind
 from evs.drivers.bus.checking import quick_check
-from evs.drivers.bus.listening import Listener
+from evs.drivers.bus.listener import Listener
 from evs.drivers.bus.losses import Gaps, Tally
 from evs.drivers.bus.sockets import readable, receive_parts
-from evs.drivers.pace import monotonic_s
+from evs.drivers.clock import monotonic_s
 from evs.msgs import (
     CAMERA_INFO,
     CLOCK,

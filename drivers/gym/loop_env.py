@@ -17,12 +17,12 @@ from evs.drivers.gym.picture import SCENE_PX, draw
 from evs.drivers.gym.rewards import Reward, check_reward, reward_of
 from evs.drivers.gym.views import Step, make_view
 from evs.drivers.pictures import U8
-from evs.drivers.pipeline.paths import in_package
+from evs.drivers.run.paths import in_package
 from evs.emulator import Loop, Observation
-from evs.emulator.closed.starts import Start, begin, check_start
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.loop_config import DelayConfig
-from evs.emulator.plain_config import plain_integer
+from evs.emulator.config.closed_loop import DelayConfig
+from evs.emulator.config.plain_values import plain_integer
+from evs.emulator.simulation.closed_loop.initial_states import Start, begin, check_start
 from evs.emulator.world import NamedSensors, Scene
 from evs.msgs import Events, EvsError, empty_events, join_events
 

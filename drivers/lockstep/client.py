@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from evs.drivers.bus.exchange import ClientEnd
 from evs.drivers.bus.keys import read_public, read_secret
+from evs.drivers.clock import monotonic_s
 from evs.drivers.lockstep.address import connectable
-from evs.drivers.lockstep.telling import camera_of
-from evs.drivers.pace import monotonic_s
+from evs.drivers.lockstep.description import camera_of
 from evs.msgs import EvsError, MessageError, Observation, StreamInfo
 from evs.msgs.fields import MAX_INT64, check_name, integer
 from evs.msgs.lockstep import (

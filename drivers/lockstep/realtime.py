@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from evs.drivers.lockstep.round import Decision, joint_controls
-from evs.drivers.lockstep.seats import Seat
+from evs.drivers.clock import monotonic_s
+from evs.drivers.lockstep.barrier import Decision, joint_controls
+from evs.drivers.lockstep.clients import Seat
 from evs.drivers.lockstep.server import LockstepServer, answer_of
-from evs.drivers.pace import monotonic_s
 from evs.msgs import EvsError, Observation
 from evs.msgs.lockstep import Bye, Parts, Restore, Step
 from evs.msgs.lockstep.common import F64

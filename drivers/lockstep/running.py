@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy.typing as npt
 
+from evs.drivers.clock import Pacer, StopWatch, monotonic_s
 from evs.drivers.lockstep.realtime import RealtimeServer
 from evs.drivers.lockstep.segments import Segments
 from evs.drivers.lockstep.server import LockstepServer
-from evs.drivers.pace import Pacer, StopWatch, monotonic_s
-from evs.drivers.pipeline.account import Account, Totals
-from evs.drivers.pipeline.config import PipelineConfig
-from evs.drivers.pipeline.lateness import Lateness
-from evs.drivers.pipeline.paces import PACES
-from evs.drivers.pipeline.report import COMPLETE, Report
-from evs.drivers.pipeline.stopping import stop_signals
+from evs.drivers.run.account import Account, Totals
+from evs.drivers.run.config import PipelineConfig
+from evs.drivers.run.lateness import Lateness
+from evs.drivers.run.paces import PACES
+from evs.drivers.run.report import COMPLETE, Report
+from evs.drivers.run.stopping import stop_signals
 from evs.emulator import Loop, World
-from evs.emulator.stages import Meter
+from evs.emulator.base.protocols import Meter
 from evs.msgs import EventPacket, EvsError, Observation, StreamInfo
 from evs.msgs.lockstep.common import F64
 
@@ -119,7 +119,7 @@ def serve(
         ended=ended,
         sim_seconds=beside.sim_seconds,
         wall_seconds=wall_s,
-        sinks=beside.segments.said,
+        sinks=beside.segments.reports,
         warnings=warnings,
         config=dict(said_config or {}),
         pace=pacer.report(),

@@ -9,12 +9,12 @@ import numpy as np
 
 from evs.drivers.bus.exchange import Peer, ServerEnd
 from evs.drivers.bus.ports import ServerKeys
+from evs.drivers.clock import Durations, monotonic_s
 from evs.drivers.lockstep.address import bindable
-from evs.drivers.lockstep.round import Decision, Round, joint_controls
-from evs.drivers.lockstep.seats import Seat, Seats
-from evs.drivers.lockstep.served import ServedLoop
-from evs.drivers.lockstep.telling import description
-from evs.drivers.pace import Durations, monotonic_s
+from evs.drivers.lockstep.barrier import Decision, Round, joint_controls
+from evs.drivers.lockstep.clients import Seat, Seats
+from evs.drivers.lockstep.description import description
+from evs.drivers.lockstep.served_loop import ServedLoop
 from evs.msgs import EvsError, MessageError, Observation
 from evs.msgs.lockstep import (
     LOCKSTEP_ADDRESS,

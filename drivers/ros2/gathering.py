@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from evs.msgs import EventPacket, EvsError
-from evs.msgs.encodings import LAST_ROS_US, PAYLOADS, TIME_ORIGIN_US, PayloadWriter
+from evs.msgs.codecs import LAST_ROS_US, PAYLOADS, TIME_ORIGIN_US, PayloadWriter
 
 LONGEST_S = 1000.0
 """A message in `libcaer` has 31 bits for the us, which wrap; its decoders take it to be shorter."""

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.files.bags.beside import (
+from evs.drivers.files.bags.library import PACKET, typestore
+from evs.drivers.files.bags.sensor_messages import (
     IMAGE,
     INFO,
     SAMPLE,
@@ -15,7 +16,6 @@ from evs.drivers.files.bags.beside import (
     info_message,
     sample_message,
 )
-from evs.drivers.files.bags.library import PACKET, typestore
 from evs.drivers.ros2.gathering import EventMessage
 from evs.drivers.ros2.names import CLOCK, POSE, TRANSFORMS
 from evs.msgs import Frame, Pose, StreamInfo

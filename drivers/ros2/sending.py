@@ -11,7 +11,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Protocol
 
-from evs.drivers.pace import monotonic_s
+from evs.drivers.clock import monotonic_s
 from evs.msgs import EvsError
 
 MAX_QUEUE_BYTES = 64 * 1024 * 1024

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
-from evs.drivers.pace import monotonic_s
+from evs.drivers.clock import monotonic_s
 from evs.msgs import EvsError
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import polynomial
 
-from evs.emulator.scene import F64
+from evs.emulator.base.scene import F64
 
 FLATTEST = 1e4
 """Largest radius that is looked for: 89.99 degrees off the axis."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from evs.emulator.scene import CameraModel
+from evs.emulator.base.scene import CameraModel
 
 
 def camera_info(camera: CameraModel) -> dict[str, Any]:

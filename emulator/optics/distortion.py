@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from evs.emulator.base.scene import F64, CameraModel
 from evs.emulator.optics.brown import Brown
 from evs.emulator.optics.equidistant import Equidistant
-from evs.emulator.scene import F64, CameraModel
 from evs.msgs import EvsError, unknown
 
 MODELS = {

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from evs.emulator.base.scene import F64
 from evs.emulator.optics.brown import SAMPLES, STEPS, first_root, value
-from evs.emulator.scene import F64
 
 
 @dataclass(frozen=True)

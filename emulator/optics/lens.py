@@ -1,7 +1,7 @@
 """A camera's lens as the tracer takes it: tables that know no model.
 
 The tracer interpolates the corners' directions inside a pixel. Against the exact inversion that is
-off by at most 0.004 px, measured at 346 x 260 (tests/unit/test_optics_models.py): 0.0008 px with 85
+off by at most 0.004 px, measured at 346 x 260 (test_optics_models.py): 0.0008 px with 85
 degrees of plumb_bob, 0.004 with 149 of rational_polynomial, 0.002 with 200 of a fisheye, which
 grows to 0.01 at 300; 360 degrees end in a point, and 0.4 px at its rim. The error in pixels is
 inversely proportional to the resolution.
@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from evs.emulator.base.scene import F32, F64, CameraModel
 from evs.emulator.optics.brown import Brown
 from evs.emulator.optics.distortion import check_distortion, is_distorted, project
 from evs.emulator.optics.equidistant import Equidistant
 from evs.emulator.optics.vignetting import check_vignetting, light_share
-from evs.emulator.scene import F32, F64, CameraModel
 from evs.msgs import EvsError
 
 MOST_OFF_PX = 0.5

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from evs.emulator.scene import F64, CameraModel
+from evs.emulator.base.scene import F64, CameraModel
 from evs.msgs import EvsError, unknown
 
 VIGNETTINGS = ("none", "cos4")

@@ -1,10 +1,9 @@
 """Light into events: sensor parameters and presets, log map, event models."""
 
-from evs.emulator.sensor.beside.aps import Aps, ApsState
-from evs.emulator.sensor.beside.aps_parameters import ApsParameters
-from evs.emulator.sensor.beside.imu import Imu, ImuState
-from evs.emulator.sensor.beside.imu_parameters import ImuParameters
-from evs.emulator.sensor.models import MODELS, make_event_model
+from evs.emulator.sensor.aps import Aps, ApsState
+from evs.emulator.sensor.aps_parameters import ApsParameters
+from evs.emulator.sensor.imu import Imu, ImuState
+from evs.emulator.sensor.imu_parameters import ImuParameters
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.pixel.plain import PlainModel
 from evs.emulator.sensor.pixel.state import PlainState
@@ -17,7 +16,6 @@ from evs.emulator.sensor.presets.resolve import (
 from evs.emulator.sensor.readout import Readout, ReadoutParameters, ReadoutState, make_readout
 
 __all__ = [
-    "MODELS",
     "Aps",
     "ApsParameters",
     "ApsState",
@@ -31,7 +29,6 @@ __all__ = [
     "ReadoutState",
     "SensorParameters",
     "completed",
-    "make_event_model",
     "make_readout",
     "preset_biases",
     "preset_names",

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from evs.emulator.scene import MAX_PIXELS
-from evs.emulator.sensor.beside.aps_parameters import ApsParameters
-from evs.emulator.sensor.beside.imu_parameters import ImuParameters
+from evs.emulator.base.scene import MAX_PIXELS
+from evs.emulator.sensor.aps_parameters import ApsParameters
+from evs.emulator.sensor.imu_parameters import ImuParameters
 from evs.emulator.sensor.ranges import check_ranges
 from evs.emulator.sensor.readout.parameters import ReadoutParameters
 from evs.msgs import EvsError, unknown

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from evs.emulator.plan import UNFORCED, Switches
+from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.sensor.parameters import SensorParameters
 
 IDLE_HIGHPASS = 1e-300
@@ -34,7 +34,7 @@ def reduced(sensor: SensorParameters, switches: Switches) -> SensorParameters:
 
 @dataclass(frozen=True)
 class SensorTerms:
-    """Of a plain pixel; each name is one of evs.emulator.plan.FEATURES, but for the last two."""
+    """Of a plain pixel; each name is one of base.features.FEATURES, except the last two."""
 
     threshold_spread: bool
     rate_spread: bool

@@ -23,16 +23,16 @@ from evs.emulator.world.controls import (
     starting_keyframe,
 )
 from evs.emulator.world.digest import ModelDigest, bytes_of, digest_of
+from evs.emulator.world.encoders import Gauges
 from evs.emulator.world.extraction import extract_scene, visible_geoms
-from evs.emulator.world.gauges import Gauges
 from evs.emulator.world.kinematics import gravity_of, moving_bodies
 from evs.emulator.world.left_out import LeftOutWarning, warn_left_out
 from evs.emulator.world.live_scene import LiveScene
 from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model, load_spec, load_text
+from evs.emulator.world.movable import Standing, standing_of
 from evs.emulator.world.named_sensors import NamedSensors, add_joint_sensors
 from evs.emulator.world.physics import Physics
-from evs.emulator.world.poses import Poser
-from evs.emulator.world.standing import Standing, standing_of
+from evs.emulator.world.snapshots import Poser
 from evs.emulator.world.ticks import Substeps, fill_tick
 from evs.emulator.world.unstable import UnstableError
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from evs.emulator.base.scene import F64, MAX_PIXELS, CameraModel, CameraPose
 from evs.emulator.config import CameraConfig
 from evs.emulator.optics import check_distortion, check_vignetting
-from evs.emulator.scene import F64, MAX_PIXELS, CameraModel, CameraPose
 from evs.emulator.world.compat import is_orthographic
 from evs.emulator.world.framing import robot_box
 from evs.emulator.world.names import find, name_of

@@ -18,8 +18,8 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.scene import F64
-from evs.emulator.small_files import read_small_text
+from evs.emulator.base.scene import F64
+from evs.emulator.base.small_files import read_small_text
 from evs.emulator.world.names import find, name_of, names_of
 from evs.msgs import EvsError, unknown
 

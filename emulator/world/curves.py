@@ -10,7 +10,7 @@ from itertools import chain, pairwise
 
 import numpy as np
 
-from evs.emulator.scene import F64
+from evs.emulator.base.scene import F64
 
 HALVINGS = 4
 """A stretch that lies on a sphere or cylinder is halved so often: at a right angle its pieces run

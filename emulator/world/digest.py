@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from evs.emulator import _core
-from evs.emulator.scene import U8
+from evs.emulator.base.scene import U8
 
 
 def bytes_of(model: mujoco.MjModel) -> bytes:

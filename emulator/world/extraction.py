@@ -8,21 +8,21 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.scene import I32, Mesh, SceneModel, Shape, Thing
-from evs.emulator.world.deforming import Deforming
+from evs.emulator.base.scene import I32, Mesh, SceneModel, Shape, Thing
+from evs.emulator.world.deformables import Deforming
 from evs.emulator.world.indices import check_indices
 from evs.emulator.world.left_out import warn_left_out
 from evs.emulator.world.lights import active_lights, extract_air, extract_light, unlit_images
+from evs.emulator.world.materials import Surfaces, geom_rgba, is_shown, site_rgba
 from evs.emulator.world.meshes import (
     extract_height_field,
     extract_mesh,
     height_field_arrays,
     mesh_arrays,
 )
+from evs.emulator.world.model_edits import DEFORMING, Parts, arrays_of
 from evs.emulator.world.names import names_of
-from evs.emulator.world.strands import Strands
-from evs.emulator.world.surfaces import Surfaces, geom_rgba, is_shown, site_rgba
-from evs.emulator.world.watch import DEFORMING, Parts, arrays_of
+from evs.emulator.world.tendons import Strands
 from evs.msgs import EvsError
 
 FROM_MESH = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF)

@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.scene import F64
+from evs.emulator.base.scene import F64
 from evs.emulator.world.controls import home_keyframe
 from evs.emulator.world.kinematics import moving_bodies, update_poses
-from evs.emulator.world.surfaces import geom_rgba, is_shown
+from evs.emulator.world.materials import geom_rgba, is_shown
 
 
 def robot_box(model: mujoco.MjModel) -> tuple[F64, F64] | None:

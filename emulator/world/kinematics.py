@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.scene import F64
+from evs.emulator.base.scene import F64
 
 
 def update_poses(model: mujoco.MjModel, data: mujoco.MjData) -> None:

@@ -7,11 +7,11 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from evs.emulator.scene import I32, Air, Light, LightKind
+from evs.emulator.base.scene import I32, Air, Light, LightKind
 from evs.emulator.world.bounds import BRIGHTEST, bounded, bounded_colour
 from evs.emulator.world.compat import light_number, light_type
+from evs.emulator.world.materials import Surfaces, is_encoded
 from evs.emulator.world.names import name_of
-from evs.emulator.world.surfaces import Surfaces, is_encoded
 
 SIX_FACES = 'type="cube" or type="skybox"'
 """What the texture of an image light has to have."""

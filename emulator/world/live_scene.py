@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 
 from evs.emulator import _core
-from evs.emulator.scene import SceneModel
+from evs.emulator.base.scene import SceneModel
 from evs.emulator.world.extraction import extract_scene
-from evs.emulator.world.watch import (
+from evs.emulator.world.model_edits import (
     DEFORMING,
     KINEMATICS,
     MESHES,

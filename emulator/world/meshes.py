@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from evs.emulator.scene import F32, F64, I32, Mesh
+from evs.emulator.base.scene import F32, F64, I32, Mesh
+from evs.emulator.world.model_edits import Array
 from evs.emulator.world.names import name_of
-from evs.emulator.world.watch import Array
 from evs.msgs import EvsError
 
 SMOOTH_COSINE = 0.8

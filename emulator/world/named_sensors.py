@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping
 
 import mujoco
 
-from evs.emulator.scene import F64
-from evs.emulator.world.gauges import Gauges
+from evs.emulator.base.scene import F64
+from evs.emulator.world.encoders import Gauges
 from evs.msgs import unknown
 
 

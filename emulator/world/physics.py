@@ -9,10 +9,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from evs.emulator.scene import F64
+from evs.emulator.base.scene import F64
 from evs.emulator.world.compat import actuator_of
 from evs.emulator.world.names import name_of, one_line
-from evs.emulator.world.saved_physics import (
+from evs.emulator.world.physics_state import (
     STATE,
     Arrays,
     check_physics,

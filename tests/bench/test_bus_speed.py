@@ -63,7 +63,7 @@ RECEIVER = (
     WINDOW
     + """
 from evs.drivers.bus import subscribe
-from evs.drivers.pace import monotonic_s
+from evs.drivers.clock import monotonic_s
 with subscribe(sys.argv[1], "cam", queue=count + 1, timeout_s=60) as stream:
     assert stream.receive(60) is not None
     begin_s, worked_s, got = monotonic_s(), time.process_time(), 0
@@ -96,7 +96,7 @@ BARE_RECEIVER = (
     WINDOW
     + """
 import zmq
-from evs.drivers.pace import monotonic_s
+from evs.drivers.clock import monotonic_s
 got = 0
 with zmq.Context() as context, context.socket(zmq.SUB) as client:
     client.set(zmq.RCVHWM, 0)

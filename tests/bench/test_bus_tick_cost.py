@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 
 from evs.drivers.bus import Publisher
-from evs.drivers.checkup.loopback import free_address
-from evs.drivers.pipeline.config import SinkConfig, make_sink
+from evs.drivers.bus.loopback import free_address
+from evs.drivers.run.config import SinkConfig, make_sink
 from evs.drivers.sink import Sink
 from evs.msgs import EventPacket, StreamInfo, make_events
 from speed.turns import target

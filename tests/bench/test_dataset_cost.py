@@ -1,7 +1,7 @@
 """What a simulated second of each scene of the data set costs: processor seconds, and bytes.
 
 `.venv/bin/pytest -m bench -s tests/bench/test_dataset_cost.py` prints the table of
-drivers/dataset/README.md: it makes TICKS ticks and one frame of each scene, 2 s into it, with one
+docs/howto/datasets.md: it makes TICKS ticks and one frame of each scene, 2 s into it, with one
 thread. Processor time, so that it holds for planning; neighbours on the machine still move it.
 """
 
@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evs.drivers.dataset import named, names
-from evs.drivers.dataset.shards import EVENTS, FRAMES, EventShard, FrameShard
-from evs.drivers.dataset.take import Take, take_of
 from evs.emulator import World
+from evs.tools.dataset import named, names
+from evs.tools.dataset.shards import EVENTS, FRAMES, EventShard, FrameShard
+from evs.tools.dataset.take import Take, take_of
 
 TICKS = 10
 BEGIN_S = 2.0

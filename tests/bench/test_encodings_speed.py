@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from evs.msgs import Events, make_events
-from evs.msgs.encodings import (
+from evs.msgs.codecs import (
     PayloadReader,
     PayloadWriter,
     decode_dat,

@@ -3,7 +3,7 @@ everywhere or only at edges, against 256; and what points that are new in every 
 
 Robots of gymnasium and dm_control; a camera that stands still, pans at 170 px/s or slides at half
 a metre a second. Light of `direct` has no noise, so all that differs is where in a pixel it is
-sampled. emulator/light/samples.md has the tables of
+sampled. docs/explanation/sampling.md has the tables of
 `.venv/bin/pytest -m bench -s tests/bench/test_light_hard_study.py`.
 """
 
@@ -15,9 +15,9 @@ import mujoco
 import pytest
 
 from evs.emulator.config import RenderConfig
-from evs.emulator.light import DirectRenderer, make_renderer
-from evs.emulator.metrics.compare import Comparison
+from evs.emulator.render import DirectRenderer, make_renderer
 from evs.msgs import Events
+from evs.tools.metrics.compare import Comparison
 from reference.film import VIEWS, Film
 
 WIDTH, HEIGHT, TICKS = 116, 87, 61

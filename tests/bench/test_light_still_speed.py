@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from evs.emulator.base.protocols import Renderer
+from evs.emulator.base.scene import SceneSnapshot
 from evs.emulator.config import RenderConfig
-from evs.emulator.light import make_renderer
-from evs.emulator.scene import SceneSnapshot
-from evs.emulator.stages import Renderer
+from evs.emulator.render import make_renderer
 from evs.emulator.world import Poser, bind_camera
 from speed.turns import Table, Time, spread, target
 from speed.view import FREE, HEIGHT, PRIMITIVES, WIDTH, View, robot

@@ -1,7 +1,7 @@
 """What reading images along what a pixel covers of them does for events: a fast orbit around robots
 on checkered floors, half a turn a second, against 64 samples a pixel.
 
-emulator/light/samples.md has the table of
+docs/explanation/sampling.md has the table of
 `.venv/bin/pytest -m bench -s tests/bench/test_light_texture_study.py`.
 """
 
@@ -12,11 +12,11 @@ from pathlib import Path
 import mujoco
 import pytest
 
+from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.config import RenderConfig
-from evs.emulator.light import DirectRenderer
-from evs.emulator.metrics.compare import Comparison
-from evs.emulator.plan import UNFORCED, Switches
+from evs.emulator.render import DirectRenderer
 from evs.msgs import Events
+from evs.tools.metrics.compare import Comparison
 from reference.film import VIEWS, Film
 
 WIDTH, HEIGHT, TICKS = 116, 87, 61

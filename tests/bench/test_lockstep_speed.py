@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import zmq
 
+from evs.drivers.clock import monotonic_s
 from evs.drivers.lockstep import connect
-from evs.drivers.pace import monotonic_s
 from speed.lockstep_servers import Served, serve_echo, serve_loop
 
 STEPS = 3000

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import pytest
 
-from evs.drivers.loops.pencil import TRACKERS
-from evs.drivers.loops.pencil.arena import PencilLoop
-from evs.drivers.loops.pencil.controller import Controller, make_tracker
-from evs.drivers.loops.pencil.views import F64
+from evs.examples.pencil import TRACKERS
+from evs.examples.pencil.arena import PencilLoop
+from evs.examples.pencil.controller import Controller, make_tracker
+from evs.examples.pencil.views import F64
 from speed.turns import Table, milliseconds
 
 TICKS = 300

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.network.model import EvsNetModel
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.model import EvsNetModel
 from evs.emulator.sensor import SensorParameters
 from reference.networks import random_network
 from speed.turns import Table, Time, milliseconds, target

@@ -12,8 +12,9 @@ from time import process_time
 
 import pytest
 
-from evs.drivers.pace import StopWatch
-from evs.drivers.pipeline.run import run
+from evs.drivers.clock import StopWatch
+from evs.drivers.run.run import run
+from evs.emulator.base.features import FEATURES
 from evs.emulator.config import (
     CameraConfig,
     PlanConfig,
@@ -22,8 +23,7 @@ from evs.emulator.config import (
     SceneConfig,
     SensorConfig,
 )
-from evs.emulator.loop import World
-from evs.emulator.plan import FEATURES
+from evs.emulator.simulation.world import World
 
 pytestmark = pytest.mark.bench
 

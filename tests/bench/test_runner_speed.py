@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.runner import Ran, run_jobs
-from evs.drivers.training.make import ShardJob
+from evs.tools.jobs import Ran, run_jobs
+from evs.tools.training.make import ShardJob
 from speed.scene_alone import SCENE, scene_alone
 from speed.turns import Table, milliseconds
 

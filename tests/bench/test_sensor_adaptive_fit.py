@@ -9,7 +9,7 @@ pixel (.01 is what the truth's own noise makes of it), F1 of one-to-one pairs wi
 pixel, as EMD alone rewards silence. Where next to nothing happens there is no F1, and it is EMD
 alone.
 
-emulator/sensor/README.md has the tables of
+docs/explanation/pixel.md has the tables of
 `.venv/bin/pytest -m bench -s tests/bench/test_sensor_adaptive_fit.py`.
 """
 
@@ -24,12 +24,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from evs.emulator.base.scene import F32
 from evs.emulator.config import RenderConfig
-from evs.emulator.light import make_renderer
-from evs.emulator.metrics.compare import Comparison
-from evs.emulator.scene import F32
+from evs.emulator.render import make_renderer
 from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants, running_mean
 from evs.msgs import Events
+from evs.tools.metrics.compare import Comparison
 from reference.film import VIEWS, Film, model_of
 
 WIDTH, HEIGHT, TICKS, SETTLED_US = 40, 30, 201, 80_000

@@ -2,7 +2,7 @@
 
 It takes half an hour of a core of its own, so `make bench` leaves it out:
 `.venv/bin/pytest -m bench -s tests/bench/test_sensor_day.py`. What can be known sooner is in
-tests/extremes/test_sensor_late_hours.py.
+tests/emulator/sensor/test_sensor_late_hours.py.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
 from evs.msgs import Events, join_events
 from reference.memory import resident_bytes

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from evs.drivers.files.appending import AppendingRecorder
+from evs.drivers.files.appending_recorder import AppendingRecorder
 from evs.drivers.files.header_text import stream_json
 from evs.msgs import Events, EvsError, StreamInfo
-from evs.msgs.encodings import encode_dat
-from evs.msgs.encodings.dat import WRAP_US
+from evs.msgs.codecs import encode_dat
+from evs.msgs.codecs.dat import WRAP_US
 
 STREAM, START = "evs_stream", "evs_start_us"
 CHANGE_EVENTS, EVENT_BYTES = 0x0C, 8

@@ -3,6 +3,7 @@
 #include <stdexcept>
 
 #include "caster.h"
+#include "isa.h"
 
 namespace evs {
 
@@ -12,11 +13,16 @@ const Kernel* kernel_of(const std::string& isa) {
   bool known = false;
   for (const std::string& name : names) known = known || name == wanted;
   if (!known) throw std::invalid_argument("this machine cannot run instruction set '" + isa + "'");
-#if defined(__x86_64__)
+#if EVS_BUILT_AVX512
   if (wanted == "avx512") return &KERNEL_AVX512;
+#endif
+#if EVS_BUILT_AVX2
   if (wanted == "avx2") return &KERNEL_AVX2;
 #endif
-  return &KERNEL_PORTABLE;
+#if EVS_BUILT_PORTABLE
+  if (wanted == "portable") return &KERNEL_PORTABLE;
+#endif
+  throw std::logic_error("no kernel for instruction set '" + wanted + "'");
 }
 
 }  // namespace evs

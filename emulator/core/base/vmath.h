@@ -1,6 +1,6 @@
 // Elementary functions that give the same bits for every compiler, machine and vector width. They
 // use only + - * / and integer operations, so that loops over them vectorise, and no fma: the build
-// turns contraction off. NumPy repeats every step (emulator/sensor/pixel/reference is the oracle).
+// turns contraction off. NumPy repeats every step (emulator/sensor/reference is the oracle).
 #pragma once
 
 #include <bit>

@@ -13,11 +13,16 @@ const NetworkKernel* network_kernel_of(const std::string& isa) {
   if (std::find(names.begin(), names.end(), wanted) == names.end()) {
     throw std::invalid_argument("this machine cannot run instruction set '" + isa + "'; use auto");
   }
-#if defined(__x86_64__)
+#if EVS_BUILT_AVX512
   if (wanted == "avx512") return &NETWORK_AVX512;
+#endif
+#if EVS_BUILT_AVX2
   if (wanted == "avx2") return &NETWORK_AVX2;
 #endif
-  return &NETWORK_PORTABLE;
+#if EVS_BUILT_PORTABLE
+  if (wanted == "portable") return &NETWORK_PORTABLE;
+#endif
+  throw std::logic_error("no kernel for instruction set '" + wanted + "'");
 }
 
 namespace {

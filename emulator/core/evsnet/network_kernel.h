@@ -32,7 +32,7 @@ inline constexpr float kLargestV = 64.0f;
 inline constexpr int kDecayLow = 256;
 inline constexpr int kDecayHigh = 4096;
 
-// The filters, laid out as in emulator/network/weights.py. Convolution 0 is the encoder; each
+// The filters, laid out as in emulator/evsnet/weights.py. Convolution 0 is the encoder; each
 // residual block has two more.
 struct Network {
   int channels = 0;

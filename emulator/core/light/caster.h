@@ -19,7 +19,7 @@
 
 namespace evs {
 
-// Where everything is, in the world's frame, double. Shapes as emulator/scene.py gives them.
+// Where everything is, in the world's frame, double. Shapes as emulator/base/scene.py gives them.
 struct Poses {
   const double *geom_pos, *geom_mat, *light_pos, *light_dir, *camera_pos, *camera_mat;
   int seed = 0;  // of the paths' samples

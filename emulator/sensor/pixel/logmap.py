@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from evs.emulator import _core
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
 from evs.emulator.sensor.parameters import SensorParameters
 
 

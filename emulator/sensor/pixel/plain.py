@@ -1,6 +1,6 @@
 """The plain DVS pixel, native. Its contract stands in core/sensor: comparator.h and pixel.h.
 
-The slow oracle that gives the same bytes is emulator/sensor/pixel/reference.
+The slow oracle that gives the same bytes is emulator/sensor/reference.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ import math
 import numpy as np
 
 from evs.emulator import _core
-from evs.emulator.plan import UNFORCED, Switches
-from evs.emulator.scene import F32
+from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.base.scene import F32
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.pixel.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants
 from evs.emulator.sensor.pixel.state import PlainState, check_tick
-from evs.emulator.sensor.saved import Arrays
+from evs.emulator.sensor.state_arrays import Arrays
 from evs.emulator.sensor.terms import SensorTerms, reduced
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 

@@ -17,7 +17,7 @@ they are the plain means of what has been seen.
 This is the oracle of the event model `adaptive`: sixteen float32 additions, multiplications and
 divisions a pixel and tick, in this order, none fused. No denormal outlives a tick and no square
 overflows, so the bytes do not depend on whether a thread flushes denormals.
-emulator/sensor/README.md tells how the constants were fitted.
+docs/explanation/pixel.md describes how the constants were fitted.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from evs.emulator.scene import F32
+from evs.emulator.base.scene import F32
 from evs.msgs import EvsError
 
 BLACK = np.float32(2.0**-64)

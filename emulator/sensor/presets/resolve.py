@@ -7,11 +7,11 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
+from evs.emulator.base.small_files import read_small_text
 from evs.emulator.config import SensorConfig
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.presets.biases import Nominal, nominal_biases, with_biases
 from evs.emulator.sensor.presets.tables import SensorFile, fill
-from evs.emulator.small_files import read_small_text
 from evs.msgs import EvsError, unknown
 
 # config/ lies beside emulator/, in the wheel as in the checkout; links are not followed

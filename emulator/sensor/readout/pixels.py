@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from evs.emulator.base.small_files import read_small_text
 from evs.emulator.sensor.readout.parameters import ReadoutParameters
-from evs.emulator.small_files import read_small_text
 from evs.msgs import EvsError
 
 KEPT = 255

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from evs.emulator import _core
-from evs.emulator.plan import UNFORCED, Switches
+from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.sensor.readout.pixels import draw_fates
 from evs.emulator.sensor.readout.state import ReadoutState
 from evs.msgs import EVENT_DTYPE, Events, EvsError, join_events

@@ -1,7 +1,0 @@
-"""The extremes of motion."""
-
-from evs.drivers.extremes.motion import many, meshes, places, scales, speeds
-
-EXTREMES = (*speeds.EXTREMES, *places.EXTREMES, *many.EXTREMES, *meshes.EXTREMES, *scales.EXTREMES)
-
-__all__ = ["EXTREMES"]

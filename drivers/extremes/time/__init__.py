@@ -1,7 +1,0 @@
-"""The extremes of time."""
-
-from evs.drivers.extremes.time import day, resets, starts, ticks
-
-EXTREMES = (*ticks.EXTREMES, *day.EXTREMES, *starts.EXTREMES, *resets.EXTREMES)
-
-__all__ = ["EXTREMES"]

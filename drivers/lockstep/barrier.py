@@ -1,0 +1,112 @@
+"""A decision of everybody: complete when all who joined have said the same thing to do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from evs.drivers.lockstep.clients import Seat, Seats
+from evs.msgs import EvsError
+from evs.msgs.lockstep import Reset, Restore, Step
+from evs.msgs.lockstep.common import F64
+
+Decision = Reset | Step | Restore
+"""What moves the loop, so what all have to agree on."""
+
+
+class Round:
+    """The decisions that are there, until they are all there."""
+
+    def __init__(self, seats: Seats) -> None:
+        self.since_s: float | None = None
+        """when the first of them came, s; None: none is there"""
+        self.decisions: dict[bytes, Decision] = {}
+        self._seats = seats
+
+    @property
+    def complete(self) -> bool:
+        """Whether everybody has decided."""
+        return len(self.decisions) >= max(len(self._seats.taken), self._seats.controllers)
+
+    @property
+    def missing(self) -> list[bytes]:
+        """Who has joined and not decided."""
+        return [one for one in self._seats.taken if one not in self.decisions]
+
+    def add(self, identity: bytes, decision: Decision, now_s: float) -> None:
+        """Take one controller's decision. Raises EvsError, and it has decided nothing."""
+        seat = self._seats.taken[identity]
+        # it may change its mind as long as the others have not all decided
+        self.withdraw(identity)
+        if isinstance(decision, Step):
+            self.check(seat, decision)
+        for other, theirs in self.decisions.items():
+            if not _agree(theirs, decision):
+                name = self._seats.taken[other].name
+                raise EvsError(
+                    f"'{name}' asks for {_said(theirs)} and '{seat.name}' for {_said(decision)}: "
+                    "all controllers have to ask for the same"
+                )
+        if not self.decisions:
+            self.since_s = now_s
+        self.decisions[identity] = decision
+
+    def withdraw(self, identity: bytes) -> None:
+        """It has not decided after all."""
+        self.decisions.pop(identity, None)
+        if not self.decisions:
+            self.since_s = None
+
+    @staticmethod
+    def check(seat: Seat, step: Step) -> None:
+        """EvsError where a controller gives controls that are not one for each of its actuators."""
+        count = len(seat.actuators)
+        if step.ctrl is not None and len(step.ctrl) != count:
+            raise EvsError(
+                f"ctrl has {len(step.ctrl)} numbers, but '{seat.name}' has {count} "
+                "actuators: give one number for each"
+            )
+
+    def clear(self) -> dict[bytes, Decision]:
+        """Begin anew; the decisions that were there."""
+        taken, self.decisions, self.since_s = self.decisions, {}, None
+        return taken
+
+
+def joint_controls(
+    decisions: dict[bytes, Decision], seats: dict[bytes, Seat], last: Callable[[], F64]
+) -> F64 | None:
+    """All controllers' controls as one vector (nu,); None: every one of them keeps its own.
+
+    In: last, the vector that was decided last; who keeps keeps its part of it.
+    """
+    given: list[tuple[Seat, F64]] = []
+    for identity, decision in decisions.items():
+        if isinstance(decision, Step) and decision.ctrl is not None:
+            given.append((seats[identity], decision.ctrl))
+    if not given:
+        return None
+    if len(given) == 1 and given[0][0].has_all:
+        return given[0][1]
+    controls = np.array(last(), np.float64)
+    for seat, ctrl in given:
+        controls[seat.actuators] = ctrl
+    return controls
+
+
+def _agree(one: Decision, other: Decision) -> bool:
+    if isinstance(one, Step) and isinstance(other, Step):
+        return one.ticks == other.ticks
+    if isinstance(one, Reset) and isinstance(other, Reset):
+        return (one.seed, one.keyframe) == (other.seed, other.keyframe)
+    return isinstance(one, Restore) and isinstance(other, Restore) and one.blob == other.blob
+
+
+def _said(decision: Decision) -> str:
+    if isinstance(decision, Step):
+        return f"a step of {decision.ticks} tick{'s' if decision.ticks > 1 else ''}"
+    if isinstance(decision, Reset):
+        keyframe = f", keyframe '{decision.keyframe}'" if decision.keyframe else ""
+        return f"a reset (seed {decision.seed}{keyframe})"
+    return f"a restore of {len(decision.blob)} bytes"

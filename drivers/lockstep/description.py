@@ -1,0 +1,34 @@
+"""What a server says of itself to those who come."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from evs.drivers.lockstep.clients import Seats
+from evs.drivers.lockstep.served_loop import ServedLoop
+from evs.msgs import StreamInfo
+from evs.msgs.lockstep import LOCKSTEP_PROTOCOL
+
+_STREAM = ("camera", "width", "height", "sensor", "tick_us", "seed", "latency_us")
+
+
+def description(loop: ServedLoop, seats: Seats) -> dict[str, Any]:
+    """Cameras, actuators and who is here, as plain values of a header."""
+    return {
+        "protocol": LOCKSTEP_PROTOCOL,
+        "tick_us": loop.tick_us,
+        "actuators": list(seats.actuators),
+        "cameras": [_stream(stream) for stream in loop.streams],
+        "controllers": seats.controllers,
+        "joined": [seat.name for seat in seats.taken.values()],
+    }
+
+
+def camera_of(told: dict[str, Any]) -> StreamInfo:
+    """A camera of a description."""
+    return StreamInfo(**{key: told[key] for key in _STREAM}, frames=told["frames"], imu=told["imu"])
+
+
+def _stream(stream: StreamInfo) -> dict[str, Any]:
+    plain = {key: getattr(stream, key) for key in _STREAM}
+    return {**plain, "frames": stream.frames, "imu": stream.imu}

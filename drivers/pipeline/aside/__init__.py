@@ -1,5 +1,0 @@
-"""Sinks aside: a sink in a process of its own, so that the camera's only copies its packets."""
-
-from evs.drivers.pipeline.aside.sink import AsideSink
-
-__all__ = ["AsideSink"]

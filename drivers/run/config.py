@@ -1,0 +1,443 @@
+"""A pipeline: the emulator's configuration plus where the packets go and at what pace.
+
+Precedence: defaults < the TOML file < the command line.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from evs.drivers import settings
+from evs.drivers.files import formats, overwriting
+from evs.drivers.run import driver_parameters
+from evs.drivers.run.driver_parameters import DriverParameters
+from evs.drivers.run.paces import LOCKSTEP, PACES, LockstepConfig, RealtimeConfig
+from evs.drivers.run.paths import beside, in_package, with_paths
+from evs.drivers.run.shipped import pipelines
+from evs.drivers.sink import Sink
+from evs.emulator.base import registry
+from evs.emulator.config import SEEDS, RunConfig
+from evs.emulator.config.closed_loop import LoopConfig
+from evs.msgs import EvsError, nearest_first, unknown
+
+T = TypeVar("T")
+
+_SCENE_SUFFIXES = (".xml", ".mjcf", ".mjb", ".urdf")
+
+
+@dataclass(frozen=True)
+class SinkConfig(DriverParameters):
+    """[[sink]]: one place that packets leave to. Any number of them."""
+
+    type: str = ""
+    """zmq | dv | ros2 | rerun, or a recording's format: aedat4 | ... (evs convert --help)"""
+    address: str | None = None
+    """zmq, dv: where to bind, as in tcp://127.0.0.1:5560; dv takes the port of the events"""
+    wait_for: int | None = None
+    """zmq, dv, ros2: subscribers of events to wait for before the first tick"""
+    wait_s: float | None = None
+    """zmq, dv, ros2: how long to wait for them, s"""
+    queue: int | None = None
+    """zmq, dv: packets held for a slow subscriber before it loses some"""
+    control: str | None = None
+    """zmq: one more port, which tells who is here and where, and takes requests (evs topics)"""
+    latest: str | None = None
+    """zmq: where the newest state is published; any free port if only control is given"""
+    truth_hz: float | None = None
+    """zmq: ground truth per simulated second, while somebody listens to it"""
+    key: str | None = None
+    """zmq: file of the publisher's secret key (evs keygen makes one); all is encrypted then"""
+    allow: tuple[str, ...] | None = None
+    """zmq: public keys that may listen (files, folders, or written out); else who knows its own"""
+    insecure: bool | None = None
+    """zmq, dv, ros2: true: other machines may listen although there is no key"""
+    file: str | None = None
+    """of a recording"""
+    overwrite: bool | None = None
+    """recordings, rerun: true: it replaces a file that is there; not given: as the run's"""
+    compression: str | None = None
+    """aedat4, dv: lz4 | zstd | none"""
+    encoding: str | None = None
+    """ros2, rosbag2, rosbag1: evt3 | libcaer | mono (event_camera_msgs); bags: dvs (dvs_msgs)"""
+    rotate_mb: float | None = None
+    """aedat4: go on in another file (run-001.aedat4, ...) before one grows over this, MB"""
+    rotate_s: float | None = None
+    """aedat4: go on in another file after this much simulated time, s"""
+    rrd: str | None = None
+    """rerun: the file to write, which Rerun's viewer opens"""
+    period_us: int | None = None
+    """rerun: simulated time from one picture to the next, us"""
+    aside: bool | None = None
+    """true: in a process of its own, so that it costs the camera a copy; not given: as the run's"""
+    aside_mb: float | None = None
+    """aside: MB of packets that may wait for that process, 64 if not given"""
+    aside_cores: tuple[int, ...] | None = None
+    """aside: processor cores that it may use; those of the camera if not given"""
+
+
+@dataclass(frozen=True)
+class SinkType:
+    """How the sinks of one type are made, and the keys that their tables have."""
+
+    target: str
+    """module:class, imported at first use"""
+    keys: tuple[str, ...] = ()
+    """of SinkConfig, each also a parameter of the class"""
+    place: str = ""
+    """the key that every such table needs, and the first argument of the class; empty: none"""
+
+
+LIVE_SINKS = {
+    "zmq": SinkType(
+        "evs.drivers.bus:Publisher",
+        (
+            *("wait_for", "wait_s", "queue", "control", "latest", "truth_hz"),
+            *("key", "allow", "insecure"),
+        ),
+        place="address",
+    ),
+    "dv": SinkType(
+        "evs.drivers.dv:DvServer",
+        ("compression", "wait_for", "wait_s", "queue", "insecure"),
+        place="address",
+    ),
+    "rerun": SinkType("evs.drivers.viewer:ViewSink", ("period_us",), place="rrd"),
+    "ros2": SinkType("evs.drivers.ros2:Ros2Publisher", driver_parameters.KEYS),
+}
+"""sink type -> how it is made; recordings have their own table (drivers/files/formats.py)"""
+
+SINK_PLACES = {name: kind.place for name, kind in LIVE_SINKS.items()} | {
+    kind.name: "file" for kind in formats.FORMATS
+}
+"""sink type -> the key that every such table needs; empty: none"""
+
+SINK_KEYS = {name: kind.keys for name, kind in LIVE_SINKS.items()} | {
+    kind.name: kind.options for kind in formats.FORMATS
+}
+"""sink type -> the other keys that it has"""
+
+MAX_AHEAD = 64
+"""ticks; the light of each is kept"""
+
+FILE_KEYS = ("overwrite",)
+"""keys that every sink has that writes a file"""
+
+ASIDE_KEYS = ("aside", "aside_mb", "aside_cores")
+"""keys that every sink has"""
+
+
+@dataclass(frozen=True)
+class PipelineConfig(RunConfig):
+    """Top-level keys."""
+
+    sink: tuple[SinkConfig, ...] = ()
+    pace: str = "free"
+    """free: as fast as it goes | realtime: no faster than the wall clock |
+    lockstep: when controllers decide (docs/tutorials/closed_loop.md)"""
+    realtime: RealtimeConfig = dataclasses.field(default_factory=RealtimeConfig)
+    lockstep: LockstepConfig = dataclasses.field(default_factory=LockstepConfig)
+    loop: LoopConfig = dataclasses.field(default_factory=LoopConfig)
+    record: str = ""
+    """one more recording, as in run.aedat4; the ending says the format"""
+    publish: str = ""
+    """one more zmq sink: the address it binds, as in tcp://127.0.0.1:5560"""
+    publish_wait_for: int = 0
+    """subscribers to wait for before the first tick"""
+    publish_wait_s: float = 10.0
+    """how long to wait for them, s"""
+    publish_control: str = ""
+    """its control port"""
+    publish_key: str = ""
+    """its secret key"""
+    publish_allow: tuple[str, ...] = ()
+    """public keys that may listen to it"""
+    publish_insecure: bool = False
+    """true: other machines may listen to it although it has no key"""
+    overwrite: bool = False
+    """true: recordings replace files that are there; else that is refused (--force)"""
+    beside: bool = False
+    """true: a recording whose file is there goes beside it, as run-1.aedat4: what evs launch sets
+    for a node that it starts again"""
+    aside: bool = False
+    """true: every sink that does not say otherwise runs in a process of its own"""
+    ahead: int = 2
+    """ticks whose physics and light may be made while pixels and sinks work on the present one, on
+    two cores and threads or more; 0: one after the other. The same bytes"""
+    report: str = ""
+    """where to write the run report (JSON); every recording has one beside it anyway"""
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether controllers drive it."""
+        return self.pace == LOCKSTEP or self.realtime.serve
+
+    def emulation(self) -> RunConfig:
+        """The part that shapes the events."""
+        names = [field.name for field in dataclasses.fields(RunConfig)]
+        plain = RunConfig(**{name: getattr(self, name) for name in names})
+        return dataclasses.replace(
+            plain, sensor=driver_parameters.passed_on(plain.sensor, self.sink)
+        )
+
+    def sinks(self) -> tuple[SinkConfig, ...]:
+        """Every sink: the [[sink]] tables, `record` and `publish`; files last.
+
+        So a port in use, or subscribers that do not come, cost no recording that is there already.
+        """
+        every = list(self.sink)
+        if self.record:
+            every.append(SinkConfig(type=formats.to_write(self.record).name, file=self.record))
+        if self.publish:
+            every.append(self._published())
+        if self.overwrite:
+            every = [
+                dataclasses.replace(sink, overwrite=True)
+                if (sink.file or sink.rrd) and sink.overwrite is None
+                else sink
+                for sink in every
+            ]
+        if self.aside:
+            every = [
+                dataclasses.replace(sink, aside=True) if sink.aside is None else sink
+                for sink in every
+            ]
+        return tuple(sorted(every, key=lambda sink: sink.file is not None))
+
+    def _published(self) -> SinkConfig:
+        return SinkConfig(
+            type="zmq",
+            address=self.publish,
+            wait_for=self.publish_wait_for or None,
+            wait_s=self.publish_wait_s if self.publish_wait_for else None,
+            control=self.publish_control or None,
+            key=self.publish_key or None,
+            allow=self.publish_allow or None,
+            insecure=self.publish_insecure or None,
+        )
+
+
+def load(
+    file: str | None = None,
+    overrides: Iterable[tuple[str, str]] = (),
+    tables: Mapping[str, Any] | None = None,
+) -> PipelineConfig:
+    """The pipeline of a TOML file (or the name of one that comes with evs) and command-line keys.
+
+    Of a key that is given twice the last counts. Paths in the file are relative to it, all others
+    to the working directory; `package:path` is a file inside an installed Python package. Raises
+    EvsError with the path to a bad value.
+    """
+    path = None if file is None else find_pipeline(file)
+    if path is not None:
+        config = _from_file(path)
+    else:
+        config = settings.build(PipelineConfig, tables or {})
+    for key, text in overrides:
+        config = settings.override(config, key, text)
+    config = with_paths(config, in_package)
+    check(config, path)
+    return config
+
+
+def _from_file(path: Path) -> PipelineConfig:
+    """What a pipeline file says; its name stands before an error in it."""
+    tables = settings.read_toml(path)
+    try:
+        config = settings.build(PipelineConfig, tables)
+    except EvsError as error:
+        raise EvsError(f"{path}: {error}") from None
+    return with_paths(config, lambda text: beside(path, text))
+
+
+def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
+    """Refuse what no stage of the emulator would notice. Raises EvsError with the path.
+
+    In: pipeline, the file that the configuration came from.
+    """
+    if not config.scene.file:
+        raise EvsError('no scene: give --scene FILE.xml, or file = "FILE.xml" under [scene]')
+    _check_pace(config)
+    if config.seed < 0:
+        raise EvsError(f"at seed: {config.seed}; give 0 or more")
+    if not 0 <= config.ahead <= MAX_AHEAD:
+        raise EvsError(
+            f"at ahead: {config.ahead} ticks; give 0 (one after the other) ... {MAX_AHEAD}"
+        )
+    for key in ("wait_for", "control", "key", "allow", "insecure"):
+        if getattr(config, f"publish_{key}") and not config.publish:
+            raise EvsError(f"at publish_{key}: of no use without publish (--publish ADDRESS)")
+    seeds = SEEDS.get(config.render.renderer, ())
+    if seeds and config.render.seeds not in seeds:
+        raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))
+    for place, sink in enumerate(config.sink):
+        _check_sink(sink, f"sink.{place}")
+        if not (config.aside if sink.aside is None else sink.aside):
+            for key in ASIDE_KEYS[1:]:
+                if getattr(sink, key) is not None:
+                    raise EvsError(f"at sink.{place}.{key}: of use only with aside = true")
+    config.emulation()
+    _check_held(config)
+    _check_outputs(config, pipeline)
+
+
+def _check_pace(config: PipelineConfig) -> None:
+    """A table of another pace would be of no use."""
+    if config.pace not in (*PACES, LOCKSTEP):
+        raise _at("pace", unknown("pace", config.pace, (*PACES, LOCKSTEP)))
+    if config.pace != "realtime" and config.realtime != RealtimeConfig():
+        raise EvsError('at realtime: it is for pace = "realtime" only; leave it out')
+    if not config.realtime.catch_up_s >= 0:
+        raise EvsError(f"at realtime.catch_up_s: {config.realtime.catch_up_s} s; give 0 s or more")
+    own = (config.loop, config.lockstep)
+    if not config.is_closed and own != (LoopConfig(), LockstepConfig()):
+        table = "loop" if config.loop != LoopConfig() else "lockstep"
+        raise EvsError(
+            f'at {table}: it is for pace = "lockstep" or realtime.serve = true only; leave it out'
+        )
+    if config.is_closed and config.duration_s != PipelineConfig.duration_s:
+        raise EvsError(
+            "at duration_s: a closed loop goes on until it is told to end; loop.max_s bounds an "
+            "episode"
+        )
+
+
+def settled(tables: Iterable[SinkConfig], beside: bool) -> list[SinkConfig]:
+    """The sinks with the names that their files get. EvsError: one would replace a file.
+
+    In: beside, as of PipelineConfig.
+    """
+    placed = []
+    for table in tables:
+        file = table.file or table.rrd
+        if file and beside:
+            free = overwriting.numbered_path(file, overwriting.free_number([file]))
+            table = dataclasses.replace(table, file=table.file and free, rrd=table.rrd and free)
+        elif file and not table.overwrite:
+            overwriting.check_new([file], overwriting.FORCE)
+        placed.append(table)
+    return placed
+
+
+def make_sink(config: SinkConfig) -> Sink:
+    """The sink of a table, not yet open. Its library is imported here, not before."""
+    if config.aside:
+        from evs.drivers.run.worker import AsideSink
+
+        plain = dataclasses.replace(config, aside=None, aside_mb=None, aside_cores=None)
+        return AsideSink(
+            # made here too, so that a bad value is told before anything starts
+            make_sink(plain),
+            settings.to_plain(plain),
+            lossless=bool(config.file or config.rrd),
+            ring_mb=config.aside_mb,
+            cores=config.aside_cores,
+        )
+    options = {
+        key: value
+        for key in SINK_KEYS[config.type]
+        # those have changed the sensor
+        if key not in driver_parameters.OF_THE_SENSOR
+        and (value := getattr(config, key)) is not None
+    }
+    if config.type not in LIVE_SINKS:
+        return formats.by_name(config.type).record(Path(config.file or ""), **options)
+    kind = LIVE_SINKS[config.type]
+    places = [getattr(config, kind.place)] if kind.place else []
+    sink: Sink = registry.load(kind.target)(*places, **options)
+    return sink
+
+
+def is_scene(word: str) -> bool:
+    """Whether a file is a scene, and no pipeline, by its ending."""
+    return Path(word).suffix.lower() in _SCENE_SUFFIXES
+
+
+def find_pipeline(word: str) -> Path:
+    """The file of a pipeline: a path, or the name of one that comes with evs."""
+    path = Path(word)
+    if is_scene(word):
+        raise EvsError(f"'{word}' is a scene, not a pipeline; give it as --scene {word}")
+    known = pipelines()
+    if path.is_file():
+        return path
+    if word in known:
+        return known[word]
+    if path.is_dir():
+        raise EvsError(f"'{word}' is a folder; give a pipeline file (.toml)")
+    if word in settings.key_names(PipelineConfig):
+        raise EvsError(f"{word} has no value; give it as {word}=VALUE")
+    names = ", ".join(nearest_first(path.stem, known))
+    raise EvsError(f"no pipeline file '{word}'; evs itself comes with: {names}")
+
+
+def _check_sink(sink: SinkConfig, path: str) -> None:
+    if sink.type not in SINK_KEYS:
+        raise _at(f"{path}.type", unknown("sink type", sink.type, SINK_KEYS))
+    place = SINK_PLACES[sink.type]
+    own = (place, *SINK_KEYS[sink.type]) if place else SINK_KEYS[sink.type]
+    also = (*(FILE_KEYS if place in ("file", "rrd") else ()), *ASIDE_KEYS)
+    for field in dataclasses.fields(sink):
+        if field.name not in ("type", *own, *also) and getattr(sink, field.name) is not None:
+            has = ", ".join(own)
+            raise EvsError(f"at {path}.{field.name}: a {sink.type} sink has only: {has}")
+    if place and not getattr(sink, place):
+        raise EvsError(f"at {path}.{place}: missing; a {sink.type} sink needs it")
+    if sink.file:
+        kind = formats.by_name(sink.type)
+        known = kind.suffixes + kind.shared_suffixes
+        if Path(sink.file).suffix.lower() not in known:
+            raise EvsError(f"at {path}.file: '{sink.file}' does not end in {' or '.join(known)}")
+
+
+def _check_held(config: PipelineConfig) -> None:
+    """What is asked for has to go somewhere."""
+    files = [sink.file for sink in config.sinks() if sink.file]
+    held = [formats.by_name(sink.type).capabilities for sink in config.sinks() if sink.file]
+    if config.model.labels and held and not any(holds.labels for holds in held):
+        raise EvsError("at model.labels: only .npz recordings hold labels; add --record FILE.npz")
+    for key, on in (("aps", config.sensor.aps.enabled), ("imu", config.sensor.imu.enabled)):
+        what = {"aps": "frames", "imu": "imu"}[key]
+        streams = len(files) < len(config.sinks())
+        if on and files and not streams and not any(getattr(holds, what) for holds in held):
+            words = {"aps": "frames", "imu": "IMU samples"}[key]
+            raise EvsError(
+                f"at sensor.{key}.enabled: '{files[0]}' cannot hold {words}; record to .aedat4 or "
+                f".npz, or leave sensor.{key}.enabled out"
+            )
+
+
+def _check_outputs(config: PipelineConfig, pipeline: Path | None) -> None:
+    """No file may be written twice, nor be written and read: one of the two would be lost."""
+    inputs = [Path(file) for file in (config.scene.file, config.scene.control_file) if file]
+    if pipeline is not None:
+        inputs.append(pipeline)
+    read = {_place(path) for path in inputs}
+    recorded: set[Path] = set()
+    for file in (file for sink in config.sinks() if (file := sink.file or sink.rrd)):
+        path = _place(file)
+        if path in recorded:
+            raise EvsError(f"two sinks record to '{path}'; give each its own file")
+        if path in read:
+            raise EvsError(f"'{file}' is an input of this run; record to another file")
+        recorded.add(path)
+    if config.report and _place(config.report) in recorded | read:
+        raise EvsError(
+            f"at report: '{config.report}' is the recording or an input of this run, the report "
+            "would overwrite it; give another name, as in report.json"
+        )
+
+
+def _place(file: str | Path) -> Path:
+    """Where a file really is, links followed; what cannot be a file is told by who opens it."""
+    try:
+        return Path(file).resolve()
+    except (OSError, RuntimeError, ValueError):
+        return Path(file).absolute()
+
+
+def _at(path: str, error: EvsError) -> EvsError:
+    return EvsError(f"at {path}: {error}")

@@ -1,0 +1,90 @@
+"""What every configuration key means: read from the classes' own source, so it is told once."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import textwrap
+import typing
+from dataclasses import dataclass
+from typing import Any
+
+from evs.drivers.settings import to_text
+
+
+@dataclass(frozen=True)
+class Key:
+    """One configuration key, for people."""
+
+    name: str
+    """dotted, as on the command line; `N` stands for a place in an array of tables"""
+    default: str
+    """as one would type it"""
+    doc: str
+    """the string below the field, on one line; empty if it has none"""
+
+
+@dataclass(frozen=True)
+class Table:
+    """The keys of one class."""
+
+    name: str
+    """`scene` for [scene], `sink.N` for [[sink]], empty for the top level"""
+    doc: str
+    """first paragraph of the class's docstring, on one line"""
+    keys: tuple[Key, ...]
+
+
+def describe(cls: type) -> list[Table]:
+    """Every table of a configuration class, the top level first, and every key in it."""
+    return _describe(cls, "")
+
+
+def _describe(cls: type, prefix: str) -> list[Table]:
+    hints = typing.get_type_hints(cls)
+    docs = field_docs(cls)
+    keys: list[Key] = []
+    tables: list[Table] = []
+    for field in dataclasses.fields(cls):
+        inner, place = _table(hints[field.name])
+        if inner is not None:
+            tables += _describe(inner, f"{prefix}{field.name}.{place}")
+        else:
+            default = to_text(_default(field))
+            keys.append(Key(prefix + field.name, default, docs.get(field.name, "")))
+    doc = inspect.getdoc(cls) or ""
+    top = Table(prefix.rstrip("."), " ".join(doc.split("\n\n")[0].split()), tuple(keys))
+    return [top, *tables]
+
+
+def field_docs(cls: type) -> dict[str, str]:
+    """field name -> the string below it in the source, on one line; base classes included."""
+    docs: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        if not dataclasses.is_dataclass(base):
+            continue
+        body = ast.parse(textwrap.dedent(inspect.getsource(base))).body[0]
+        assert isinstance(body, ast.ClassDef)
+        for before, after in zip(body.body, body.body[1:], strict=False):
+            if not (isinstance(before, ast.AnnAssign) and isinstance(before.target, ast.Name)):
+                continue
+            if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+                docs[before.target.id] = " ".join(str(after.value.value).split())
+    return docs
+
+
+def _table(annotation: Any) -> tuple[type | None, str]:
+    """(class, "") for a table, (class, "N.") for an array of tables, (None, "") for a plain key."""
+    if isinstance(annotation, type) and dataclasses.is_dataclass(annotation):
+        return annotation, ""
+    arguments = typing.get_args(annotation)
+    if arguments and dataclasses.is_dataclass(arguments[0]):
+        return typing.cast(type, arguments[0]), "N."
+    return None, ""
+
+
+def _default(field: dataclasses.Field[Any]) -> Any:
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    return field.default

@@ -1,0 +1,78 @@
+"""Whether a run keeps up with the wall clock: told to the sinks, and to the user if not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from evs.drivers.clock import Pacer
+from evs.msgs import Pace
+from evs.msgs.status import STATUS_PERIOD_US
+
+_ADVICE = "try a smaller render.spp or sensor, or --pace free"
+_FIRST_GAP_S = 10.0
+"""Between the first two warnings; each gap is twice the one before."""
+
+LATE_S = 0.1
+"""A run that fell behind by more and caught up is warned of at its end."""
+
+
+class Lateness:
+    """Watches the pacer of one run."""
+
+    def __init__(self, pacer: Pacer, warn: Callable[[str], None]) -> None:
+        self._pacer, self._warn = pacer, warn
+        self._told_s = self._told_back_s = 0.0
+        self._next_s = -1e300
+        self._gap_s = _FIRST_GAP_S
+        self._period = 0
+
+    def look(self) -> None:
+        """After a tick was waited for: warn at once where time slips, then now and then."""
+        pacer = self._pacer
+        if pacer.went_back_s > self._told_back_s:
+            self._warn(
+                f"this machine's clock went back by {pacer.went_back_s - self._told_back_s:.3g} s: "
+                "it is not waited for, packets go on as if it had not"
+            )
+            self._told_back_s = pacer.went_back_s
+        if pacer.slipped_s <= self._told_s:
+            return
+        now_s = pacer.now_s()
+        if now_s < self._next_s:
+            return
+        self._tell()
+        self._next_s = now_s + self._gap_s
+        self._gap_s *= 2
+
+    def end(self) -> None:
+        """The run is over: what was not told yet."""
+        if self._pacer.slipped_s > self._told_s:
+            self._tell()
+        elif not self._pacer.slips and self._pacer.worst_late_s > LATE_S:
+            self._warn(
+                f"packets left up to {self._pacer.worst_late_s:.2g} s late and the run caught up "
+                f"again: the pace is too much for this machine at times; {_ADVICE}"
+            )
+
+    def news(self, t_us: int) -> Pace | None:
+        """What a status may tell of it, where simulated time t_us is the first of its period."""
+        pacer, period = self._pacer, t_us // STATUS_PERIOD_US
+        if pacer.speed == 0 or period == self._period:
+            return None
+        self._period = period
+        return Pace(
+            speed=pacer.speed,
+            late_us=round(1e6 * pacer.late_s),
+            worst_late_us=round(1e6 * pacer.worst_late_s),
+            slipped_us=round(1e6 * pacer.slipped_s),
+            slips=pacer.slips,
+        )
+
+    def _tell(self) -> None:
+        pacer = self._pacer
+        self._told_s = pacer.slipped_s
+        self._warn(
+            f"this machine cannot keep up: packets leave up to {pacer.worst_late_s:.2g} s late, so "
+            f"simulated time has slipped {pacer.slipped_s:.3g} s behind the wall clock so far "
+            f"(slower, but no tick is left out); {_ADVICE}"
+        )

@@ -1,0 +1,46 @@
+"""Ctrl-C and SIGTERM as a wish that a loop can look at, so that it ends between two ticks."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from evs.drivers.clock import monotonic_s
+
+_AT_ONCE_S = 0.2
+"""nobody insists so soon"""
+
+
+@contextmanager
+def stop_signals() -> Iterator[list[str]]:
+    """A list that gets "interrupted" at Ctrl-C, "terminated" at SIGTERM; the second one interrupts.
+
+    The same signal twice at once is one: `timeout` sends it to a program and to its group. Only the
+    main thread can take signals; elsewhere the list stays empty. What handled the signals before
+    does so again after the block.
+    """
+    stopped: list[str] = []
+    first_s = 0.0
+    if threading.current_thread() is not threading.main_thread():
+        yield stopped
+        return
+
+    def stop(number: int, _: Any) -> None:
+        nonlocal first_s
+        # the loop may hang in a tick that never ends: who insists is obeyed at once
+        if stopped:
+            if monotonic_s() - first_s < _AT_ONCE_S:
+                return
+            raise KeyboardInterrupt
+        first_s = monotonic_s()
+        stopped.append("interrupted" if number == signal.SIGINT else "terminated")
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stopped
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,248 @@
+"""A live stream into a file: what a publisher sends, until it ends."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from evs.drivers.bus import Connection, Subscription
+from evs.drivers.files import to_write
+from evs.drivers.files.formats import Format
+from evs.drivers.files.paths import target_error
+from evs.drivers.run.loss_log import Gap, Missing
+from evs.drivers.run.report import check_targets, report_beside, versions, write_whole
+from evs.drivers.run.sink_set import SinkSet
+from evs.drivers.sink import Sink
+from evs.emulator.base.ground_truth import GroundTruth
+from evs.emulator.base.protocols import NoMeter
+from evs.emulator.base.scene import F32
+from evs.msgs import FRAMES, IMU, EventPacket, EvsError, Frame, ImuPacket, Status, StreamInfo
+
+_LOOK_S = 0.1
+"""how often it is looked whether to stop"""
+
+MOST_BEFORE = 100_000
+"""Packets that may come before the first status; it comes ten times a simulated second."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What a recording holds."""
+
+    file: str
+    packets: int = 0
+    events: int = 0
+    frames: int = 0
+    imu_samples: int = 0
+    lost: int = 0
+    """packets that were sent and did not arrive"""
+    gaps: tuple[Gap, ...] = ()
+    """where they are missing"""
+    ended: str = ""
+    """why it ended, in words"""
+
+
+@dataclass
+class _Batch:
+    """A packet and what came beside it."""
+
+    packet: EventPacket
+    frames: tuple[Frame, ...]
+    imu: tuple[ImuPacket, ...]
+
+
+@dataclass(frozen=True)
+class _Heard:
+    """A camera of which only the messages are here."""
+
+    info: StreamInfo
+    frames: tuple[Frame, ...]
+    imu_packet: ImuPacket | None = None
+    pose: None = None
+
+    @property
+    def luminance(self) -> F32:
+        """Of no use to a recorder."""
+        raise EvsError(f"camera '{self.info.camera}' is elsewhere: its light is not here")
+
+    def ground_truth(self) -> GroundTruth:
+        """Of no use to a recorder."""
+        raise EvsError(f"camera '{self.info.camera}' is elsewhere: its ground truth is not here")
+
+
+class Taking:
+    """Writes a subscription into a file. `run` returns when the stream ends or it is told to stop.
+
+    The subscription should ask for frames, IMU and camera_info. A recorder is opened at the first
+    status, which tells what no packet does; what came before it is written then. What was lost on
+    the way is told, place by place, in a report beside the file.
+    """
+
+    def __init__(
+        self,
+        stream: Subscription,
+        file: str,
+        sink: Sink | None = None,
+        warn: Callable[[str], None] | None = None,
+    ) -> None:
+        """In: sink, the recorder if it has options. Raises EvsError for an unknown ending."""
+        wanted: Format = to_write(file)
+        self._stream, self._file, self._holds = stream, file, wanted.capabilities
+        tell = warn or (lambda _: None)
+        if not Path(file).parent.is_dir():
+            raise target_error(Path(file), FileNotFoundError())
+        check_targets([report_beside(file)])
+        self._sinks = SinkSet([sink or wanted.record(Path(file))], NoMeter(), tell)
+        self._connection = Connection(stream, tell)
+        self._missing = Missing(stream)
+        self._waiting: list[_Batch] = []
+        self._camera = ""
+        self._info = StreamInfo(1, 1)
+        self._opened = False
+        self._counts = {"packets": 0, "events": 0, "frames": 0, "imu_samples": 0}
+
+    def run(
+        self, stopped: list[str], duration_s: float | None = None, timeout_s: float | None = None
+    ) -> Taken:
+        """Record until the publisher ends or `stopped` holds something.
+
+        Also when `duration_s` simulated seconds have come, or nothing has for `timeout_s`. Raises
+        EvsError: nothing came, several cameras, what the file cannot hold.
+        """
+        ended, failure = "", None
+        try:
+            ended = self._take_all(stopped, duration_s, timeout_s)
+            if not self._opened:
+                # it was stopped before the first status: what has come is kept all the same
+                self._open(self._stream.status)
+        except BaseException as error:
+            failure = error
+        closing = self._sinks.close()
+        if failure is not None or closing is not None:
+            raise failure or closing or EvsError("")
+        if not self._opened:
+            where = self._stream.address
+            raise EvsError(
+                f"nothing came from {where}, so '{self._file}' was not made: is a camera running "
+                "there? (evs emulate --publish starts one)"
+            )
+        lost = self._stream.tallies[self._camera].lost
+        taken = Taken(
+            self._file, **self._counts, lost=lost, gaps=tuple(self._missing.gaps), ended=ended
+        )
+        told = {**asdict(taken), "address": self._stream.address, "camera": self._camera}
+        write_whole(
+            json.dumps({**told, "versions": versions()}, indent=2) + "\n",
+            report_beside(self._file),
+        )
+        return taken
+
+    def _take_all(
+        self, stopped: list[str], duration_s: float | None, timeout_s: float | None
+    ) -> str:
+        first_us: int | None = None
+        silent_s = 0.0
+        while not stopped:
+            packet = self._stream.receive(_LOOK_S)
+            self._connection.look()
+            self._missing.look(packet)
+            if packet is None:
+                if self._stream.ended:
+                    return "the camera has ended"
+                silent_s += _LOOK_S
+                if timeout_s is not None and silent_s >= timeout_s:
+                    return f"nothing came for {timeout_s:g} s"
+                continue
+            silent_s = 0.0
+            if self._camera and packet.camera != self._camera:
+                raise self._several()
+            self._camera = packet.camera
+            if self._stream.tallies[packet.camera].restarts:
+                return "the camera began a new run"
+            self._take(_Batch(packet, self._stream.frames, self._stream.imu))
+            first_us = packet.time_base_us if first_us is None else first_us
+            if duration_s is not None and packet.time_end_us >= first_us + 1e6 * duration_s:
+                return f"{duration_s:g} s are recorded"
+        return stopped[0]
+
+    def _take(self, batch: _Batch) -> None:
+        if self._opened:
+            self._write(batch)
+            return
+        self._waiting.append(batch)
+        if len(self._waiting) > MOST_BEFORE:
+            raise EvsError(f"{MOST_BEFORE} packets without a status from {self._stream.address}")
+        if self._stream.status is not None:
+            self._open(self._stream.status)
+
+    def _open(self, status: Status | None) -> None:
+        if status is None and not self._waiting:
+            return
+        if status is not None and len(status.cameras) > 1 and not self._stream.camera:
+            raise self._several()
+        info = self._info_of(self._waiting[0].packet) if status is None else _info(status)
+        told = self._stream.camera_info.get(info.camera)
+        calibration = {} if told is None else asdict(told)
+        calibration.pop("camera", None)
+        plain = {k: list(v) if isinstance(v, tuple) else v for k, v in calibration.items()}
+        holds = self._holds
+        self._info = replace(
+            info,
+            camera_info=plain,
+            frames=info.frames and holds.frames,
+            triggers=info.frames and holds.triggers,
+            imu=info.imu and holds.imu,
+        )
+        self._camera = info.camera
+        self._sinks.open([self._info])
+        self._opened = True
+        for batch in self._waiting:
+            self._write(batch)
+        self._waiting.clear()
+
+    def _info_of(self, packet: EventPacket) -> StreamInfo:
+        """What the packets themselves tell."""
+        came = self._waiting
+        return StreamInfo(
+            width=packet.width,
+            height=packet.height,
+            camera=packet.camera,
+            sensor="unknown",
+            tick_us=max(1, packet.time_end_us - packet.time_base_us),
+            frames=any(batch.frames for batch in came),
+            imu=any(batch.imu for batch in came),
+        )
+
+    def _write(self, batch: _Batch) -> None:
+        t_us = batch.packet.time_end_us
+        if self._info.frames and batch.frames:
+            self._sinks.write_auxiliary([_Heard(self._info, batch.frames)], t_us)
+            self._counts["frames"] += len(batch.frames)
+        if self._info.imu:
+            for samples in batch.imu:
+                self._sinks.write_auxiliary([_Heard(self._info, (), samples)], t_us)
+                self._counts["imu_samples"] += len(samples)
+        self._sinks.write([batch.packet])
+        self._counts["packets"] += 1
+        self._counts["events"] += len(batch.packet)
+
+    def _several(self) -> EvsError:
+        status = self._stream.status
+        known = ", ".join(status.cameras if status is not None else self._stream.tallies)
+        return EvsError(f"several cameras are on {self._stream.address}: choose one of {known}")
+
+
+def _info(status: Status) -> StreamInfo:
+    """What a status tells."""
+    return StreamInfo(
+        width=status.width,
+        height=status.height,
+        camera=status.camera,
+        sensor=status.sensor,
+        tick_us=status.tick_us,
+        seed=status.seed,
+        frames=FRAMES.name in status.last,
+        imu=IMU.name in status.last,
+    )

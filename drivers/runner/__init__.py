@@ -1,8 +1,0 @@
-"""The one way to run jobs apart: here, in processes, or on a cluster; the same bytes each way."""
-
-from evs.drivers.runner.here import job_threads, tell_share
-from evs.drivers.runner.job import Job, Ran
-from evs.drivers.runner.run import check_workers, run_jobs
-from evs.drivers.runner.work import work_off
-
-__all__ = ["Job", "Ran", "check_workers", "job_threads", "run_jobs", "tell_share", "work_off"]

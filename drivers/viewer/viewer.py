@@ -1,0 +1,165 @@
+"""Rerun's viewer and its .rrd files. The only door to rerun, which comes with the extra `view`."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.drivers.files.paths import target_error
+from evs.drivers.pictures.colours import OFF_RGB, ON_RGB, PAPER
+from evs.drivers.viewer.spool import Spool
+from evs.drivers.viewer.windows import NOTHING, OFF, ON, Window
+from evs.msgs import EvsError, Frame, StreamInfo
+
+APPLICATION = "evs"
+TIMELINE = "sim_time"
+"""Simulated time; nothing carries the wall clock's."""
+
+PROGRAM = (sys.executable, "-P", "-m", "rerun")
+"""The viewer and its tools, as they come with the package."""
+
+
+def need_viewer() -> Any:
+    """The rerun module; EvsError with the fix where it is not installed."""
+    try:
+        import rerun
+    except ImportError:
+        raise EvsError("Rerun is not installed: pip install 'evs[view]'") from None
+    return rerun
+
+
+class Drawing:
+    """A stream of pictures for the viewer, into a file or to a running one.
+
+    Under each camera's name: events (by pixel: none, OFF, ON), rate/on and rate/off (events per
+    simulated second), luminance, frames, pose; all on the timeline of simulated time.
+    """
+
+    def __init__(self) -> None:
+        self._rerun = need_viewer()
+        self._stream = self._rerun.RecordingStream(APPLICATION, send_properties=False)
+        # no wall clock: neither when it was made nor when each thing was drawn
+        self._stream.set_log_time_enabled(False)
+        self._stream.set_log_tick_enabled(False)
+        self._spool: Spool | None = None
+
+    def to_file(self, path: Path) -> None:
+        """Write a .rrd file. EvsError where there is no place for it."""
+        try:
+            self._spool = Spool(path)
+        except OSError as reason:
+            raise target_error(path, reason) from None
+        try:
+            self._stream.save(self._spool.inlet)
+        finally:
+            self._spool.begun()
+
+    @property
+    def failure(self) -> str:
+        """Why the file takes no more; empty: all is well."""
+        return "" if self._spool is None else self._spool.failure
+
+    def to_viewer(self, port: int) -> None:
+        """Send to the viewer that listens on this machine."""
+        self._stream.connect_grpc(f"rerun+http://127.0.0.1:{port}/proxy")
+
+    def describe(self, streams: list[StreamInfo]) -> None:
+        """What is constant: colours of the events, optics, names of the curves."""
+        rerun = self._rerun
+        for stream in streams:
+            root = stream.camera
+            labels = [
+                (NOTHING, "nothing", (PAPER, PAPER, PAPER)),
+                (OFF, "OFF", OFF_RGB),
+                (ON, "ON", ON_RGB),
+            ]
+            self._stream.log(f"{root}/events", rerun.AnnotationContext(labels), static=True)
+            for name, colour in (("on", ON_RGB), ("off", OFF_RGB)):
+                curve = rerun.SeriesLines(colors=[colour], names=[f"{name.upper()} events/s"])
+                self._stream.log(f"{root}/rate/{name}", curve, static=True)
+            matrix = stream.camera_info.get("k")
+            if matrix:
+                optics = rerun.Pinhole(
+                    image_from_camera=np.reshape(matrix, (3, 3)),
+                    resolution=[stream.width, stream.height],
+                )
+                self._stream.log(f"{root}/pose", optics, static=True)
+
+    def window(self, window: Window) -> None:
+        """Events and rates."""
+        rerun, root = self._rerun, window.camera
+        self._at(window.end_us)
+        self._stream.log(f"{root}/events", rerun.SegmentationImage(window.picture))
+        self._stream.log(f"{root}/rate/on", rerun.Scalars([window.on_hz]))
+        self._stream.log(f"{root}/rate/off", rerun.Scalars([window.off_hz]))
+
+    def frame(self, frame: Frame) -> None:
+        """An intensity frame, at the end of its exposure."""
+        self._at(frame.exposure_end_us)
+        self._stream.log(f"{frame.camera}/frames", self._rerun.Image(frame.pixels))
+
+    def luminance(self, camera: str, t_us: int, picture: npt.NDArray[np.uint8]) -> None:
+        """The light that fell on the sensor, (h, w), as it is shown."""
+        self._at(t_us)
+        self._stream.log(f"{camera}/luminance", self._rerun.Image(picture))
+
+    def pose(
+        self,
+        camera: str,
+        t_us: int,
+        position: tuple[float, float, float],
+        orientation: tuple[float, float, float, float],
+    ) -> None:
+        """Where the camera is, in the world: m, and a quaternion (x, y, z, w)."""
+        turn = self._rerun.Quaternion(xyzw=list(orientation))
+        place = self._rerun.Transform3D(translation=list(position), quaternion=turn)
+        self._at(t_us)
+        self._stream.log(f"{camera}/pose", place)
+
+    def close(self) -> None:
+        """Hand over everything that waits, and let go."""
+        self._stream.disconnect()
+        if self._spool is not None:
+            self._spool.join()
+
+    def _at(self, t_us: int) -> None:
+        self._stream.set_time(TIMELINE, duration=np.timedelta64(t_us, "us"))
+
+
+def open_window() -> tuple[subprocess.Popen[bytes], Path, int]:
+    """Start the viewer; Out: its process, a folder to remove when it has ended, its port.
+
+    Its telemetry is off: it finds a configuration of ours that says so, and the user's stays.
+    """
+    need_viewer()
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = int(probe.getsockname()[1])
+    folder = Path(tempfile.mkdtemp(prefix="evs-view-"))
+    words = [*PROGRAM, "--port", str(port), "--bind", "127.0.0.1", "--hide-welcome-screen"]
+    return subprocess.Popen(words, env=quiet_environment(folder)), folder, port
+
+
+def quiet_environment(folder: Path) -> dict[str, str]:
+    """An environment in which Rerun's programs send nothing home; `folder` holds what says so."""
+    place = folder / "rerun"
+    place.mkdir(parents=True, exist_ok=True)
+    config = place / "analytics.json"
+    # with a field less it takes the file for a broken one, and begins to collect
+    said = {
+        "analytics_enabled": False,
+        "analytics_id": "evs",
+        "metadata": {},
+        "config_file_path": str(config),
+        "data_dir_path": str(place / "analytics"),
+    }
+    config.write_text(json.dumps(said))
+    return {**os.environ, "XDG_CONFIG_HOME": str(folder), "XDG_DATA_HOME": str(folder)}

@@ -1,0 +1,1 @@
+"""What every stage shares: arrays, scenes, protocols between stages, features, memory."""

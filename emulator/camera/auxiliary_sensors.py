@@ -1,0 +1,81 @@
+"""What a camera gives beside its events: intensity frames and IMU samples, where it has them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from evs.emulator.base.features import Switches
+from evs.emulator.base.scene import F32, CameraPose
+from evs.emulator.base.stamps import later_frame, later_imu
+from evs.emulator.sensor import Aps, Imu, SensorParameters
+from evs.emulator.sensor.imu import ImuState
+from evs.emulator.state import Saved, joined, number, numbers, part
+from evs.emulator.world import MjModel, gravity_of
+from evs.msgs import Frame, ImuPacket
+
+
+class Beside:
+    """Frames and IMU of one camera. What is off is not there: no state, no step."""
+
+    frames: tuple[Frame, ...]
+    """intensity frames whose read-out ended in the last tick; none unless sensor.aps is enabled"""
+    imu_packet: ImuPacket | None
+    """what the IMU said in the last tick; None: nothing, as ever unless sensor.imu is enabled"""
+
+    def __init__(
+        self, sensor: SensorParameters, name: str, switches: Switches, start_us: int
+    ) -> None:
+        """In: name, of the camera; start_us, by how much stamps are later than the world's time."""
+        size = int(sensor.width), int(sensor.height)
+        self._sensor, self._name, self._start_us = sensor, name, start_us
+        self._aps = (
+            Aps(sensor.aps, *size, float(sensor.exposure_dn), name)
+            if switches.decide("aps", sensor.aps.enabled)
+            else None
+        )
+        self._imu = Imu(sensor.imu) if switches.decide("imu", sensor.imu.enabled) else None
+        self.features = {"aps": self._aps is not None, "imu": self._imu is not None}
+        """which of them it makes, by the names of evs.emulator.base.features.FEATURES"""
+
+    def reset(self, seed: int) -> None:
+        """As new. In: seed, what their noise follows from."""
+        self._aps_state = None if self._aps is None else self._aps.init(seed)
+        self._imu_state = None if self._imu is None else self._imu.init(seed)
+        self._imu_seq = 0
+        self.frames, self.imu_packet = (), None
+
+    def save(self) -> Saved:
+        """Named arrays that `restoring` takes back."""
+        return {
+            **(joined(aps=self._aps_state.save()) if self._aps_state is not None else {}),
+            **(joined(imu=self._imu_state.save()) if self._imu_state is not None else {}),
+            **numbers(imu_seq=self._imu_seq),
+        }
+
+    def restoring(self, saved: Saved) -> Callable[[], None]:
+        """Checks what `save` gave; what comes back puts it in place. Raises EvsError."""
+        aps = None if self._aps is None else self._aps.restore(part(saved, "aps"))
+        imu = None if self._imu is None else ImuState.restore(part(saved, "imu"))
+        imu_seq = number(saved, "imu_seq", 0)
+
+        def put() -> None:
+            self._aps_state, self._imu_state, self._imu_seq = aps, imu, imu_seq
+
+        return put
+
+    def step(
+        self, luminance: F32, pose: CameraPose, world: MjModel, begin_us: int, end_us: int
+    ) -> None:
+        """A tick. What runs only because [plan] says so is worked out and given to nobody."""
+        if self._aps is not None and self._aps_state is not None:
+            frames, self._aps_state = self._aps.step(luminance, self._aps_state, begin_us, end_us)
+            if self._sensor.aps.enabled:
+                self.frames = tuple(later_frame(frame, self._start_us) for frame in frames)
+        if self._imu is not None and self._imu_state is not None:
+            samples, self._imu_state = self._imu.step(
+                pose, gravity_of(world), self._imu_state, end_us
+            )
+            if self._sensor.imu.enabled:
+                packet = ImuPacket(self._imu_seq, samples, self._name)
+                self.imu_packet = later_imu(packet, self._start_us) if len(samples) else None
+                self._imu_seq += len(samples) > 0

@@ -1,0 +1,426 @@
+"""One camera: light, events and packets of one pair of eyes in a world that others move."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from evs.emulator.base.ground_truth import GroundTruth
+from evs.emulator.base.pose import pose_message
+from evs.emulator.base.protocols import Meter, NoMeter, Renderer
+from evs.emulator.base.scene import F32, CameraPose, SceneModel, SceneSnapshot
+from evs.emulator.base.stamps import later_events
+from evs.emulator.camera.auxiliary_sensors import Beside
+from evs.emulator.camera.pixels import DoneTick, Pixels
+from evs.emulator.camera.plan.contents import is_unlit
+from evs.emulator.camera.plan.scene_plan import ScenePlan, plan_scene
+from evs.emulator.camera.rendered_frame import Lit, Viewpoint
+from evs.emulator.camera.setup import CameraPlan, free_name, identity_of, plain_plan
+from evs.emulator.config import SceneConfig
+from evs.emulator.optics import camera_info
+from evs.emulator.render import too_fast
+from evs.emulator.sensor import SensorParameters, completed, resolve_sensor
+from evs.emulator.state import Saved, joined, number, numbers, part
+from evs.emulator.state.versions import versions
+from evs.emulator.world import BoundCamera, MjModel, warn_left_out
+from evs.msgs import (
+    EventPacket,
+    EvsError,
+    Frame,
+    ImuPacket,
+    ImuSamples,
+    Pose,
+    StreamInfo,
+    clear_causes,
+    empty_imu,
+    take_labels,
+)
+
+
+class Camera:
+    """Renders what it sees of each snapshot and turns the change of light into events.
+
+    `start` sets the reference, then every `observe` gives the packet of the time since the last;
+    with model.chunk over 1 none while the chunk fills, then those of all its ticks.
+    """
+
+    sensor: SensorParameters
+    """with every value of its preset"""
+    _seen_from: Viewpoint
+    """whose light the last instant was"""
+    _now: tuple[SceneSnapshot, CameraPose] | None
+    _previous: tuple[SceneSnapshot, CameraPose] | None
+    rebuilt: dict[str, int]
+    """how often its scene was built again since it was made, as the model was edited, and of that
+    how many meshes and textures: scenes, meshes, textures"""
+    left_out: tuple[str, ...]
+    """one line for each thing that its ticks do not show, with the fix; said as warnings too"""
+
+    def __init__(
+        self,
+        world: MjModel,
+        scene: SceneModel,
+        plan: CameraPlan,
+        *,
+        place: int = 0,
+        tick_us: int = 1000,
+        taken: tuple[str, ...] = (),
+        scene_config: SceneConfig | None = None,
+        config: dict[str, Any] | None = None,
+        meter: Meter | None = None,
+    ) -> None:
+        """Build the stages.
+
+        In: place, which of a snapshot's cameras this is; taken, names that are not free; config,
+        the run's whole configuration, if there is one beyond the plan.
+        """
+        self._plan, self.place, self._meter = plan, place, meter or NoMeter()
+        self._tracing = Lock()
+        self.sensor = sensor = resolve_sensor(plan.sensor)
+        switches = plan.switches
+        self._size = (int(sensor.width), int(sensor.height))
+        self._tick_us, self._world = tick_us, world
+        self.left_out = ()
+        self._stand(plan.stand(world, scene, *self._size))
+        self.rebuilt = dict.fromkeys(("scenes", "meshes", "textures"), 0)
+        settings = (plan.seed, plan.threads, plan.render.noisy_samples)
+        self._pixels = Pixels(sensor, plan.model, *settings, switches, plan.render.isa)
+        name = free_name(plan.name, self.bound.name, taken)
+        scene_config = scene_config or SceneConfig(tick_us=tick_us)
+        self._start_us = scene_config.start_us
+        self._marks_causes = self._pixels.features.get("causes", False)
+        self._beside = Beside(sensor, name, switches, self._start_us)
+        self._traces_truth = switches.decide("ground_truth", plan.model.labels)
+        if config is None:
+            told = replace(scene_config, camera=plan.camera)
+            config = {"scene": asdict(told), **plain_plan(replace(plan, name=name))}
+        config = {**config, "sensor": completed(config["sensor"], sensor)}
+        self._info = StreamInfo(
+            width=self._size[0],
+            height=self._size[1],
+            camera=name,
+            sensor=str(sensor.name),
+            tick_us=tick_us,
+            seed=plan.seed,
+            versions={**versions(), **self._pixels.versions},
+            config=config,
+            camera_info=camera_info(self.bound.model),
+            frames=sensor.aps.enabled,
+            imu=sensor.imu.enabled,
+            triggers=sensor.aps.enabled,
+            latency_us=self._pixels.latency_us,
+        )
+        self.reset()
+
+    def reset(self, seed: int | None = None) -> None:
+        """Forget everything seen: as new. In: seed, another one from now on, as if made with it."""
+        if seed is not None:
+            self._reseed(seed)
+        seed = self._plan.seed
+        self._pixels.reset(seed)
+        self._beside.reset(seed)
+        self._luminance: F32 | None = None
+        self._traced = 0.0
+        self._t_us: int | None = None
+        self.forget_instants()
+        self._seq = self._seen = 0
+        self.events = 0
+
+    def _reseed(self, seed: int) -> None:
+        self._plan = replace(self._plan, seed=seed)
+        self._renderer.reseed(seed)
+        # a world of one pipeline has the run's whole configuration there, seed included
+        config = {**self._info.config, "seed": seed}
+        self._info = replace(self._info, seed=seed, config=config)
+
+    def save(self) -> Saved:
+        """Named arrays of all that the next tick needs, which `restoring` takes back."""
+        begun = [] if self._t_us is None else [self._t_us]
+        return {
+            **joined(pixels=self._pixels.save()),
+            **self._beside.save(),
+            **numbers(seq=self._seq, seen=self._seen, events=self.events),
+            **numbers(instants=(self._now is not None) + (self._previous is not None)),
+            "t_us": np.array(begun, np.int64),
+        }
+
+    def restoring(
+        self, saved: Saved, seed: int, now: SceneSnapshot | None, previous: SceneSnapshot | None
+    ) -> Callable[[], None]:
+        """Checks what `save` gave; what comes back puts it in place. Raises EvsError.
+
+        In: seed, that of the camera that was saved; now and previous, what it saw last and before.
+        """
+        pixels = self._pixels.restoring(part(saved, "pixels"), seed)
+        beside = self._beside.restoring(saved)
+        counts = [number(saved, name, 0) for name in ("seq", "seen", "events")]
+        instants = number(saved, "instants", 0, 2)
+        t_us = saved["t_us"].tolist()
+        needed = [now, previous][:instants]
+        if None in needed or (needed and now is not None and t_us != [now.t_us]):
+            raise EvsError("saved state is damaged: a camera's time cannot be; save it again")
+
+        def put() -> None:
+            self.reset(seed)
+            pixels()
+            beside()
+            self._seq, self._seen, self.events = counts
+            self._t_us = t_us[0] if t_us else None
+            seen = [(one, one.cameras[self.place]) for one in needed if one is not None]
+            self._now, self._previous = (*seen, None, None)[:2]
+            # the same light again: not saved, since it is found again
+            self._luminance = self._renderer.render(*self._now) if self._now else None
+
+        return put
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What shapes its events, seed aside, in plain values: where a saved state belongs."""
+        return {**identity_of(self._plan, self._info.config), **self._pixels.versions}
+
+    def refreshing(self, scene: SceneModel) -> Callable[[], None]:
+        """Builds what sees the edited world; what comes back puts it in place. Raises EvsError.
+
+        The pixels keep their state, so they see the change as they would see any other.
+        """
+        viewpoint = self._plan.stand(self._world, scene, *self._size, before=self._viewpoint)
+
+        def put() -> None:
+            if viewpoint.renderer is not self._renderer:
+                self.rebuilt["scenes"] += 1
+                everything = {"meshes": len(scene.meshes), "textures": len(scene.textures)}
+                for kind, count in getattr(viewpoint.renderer, "built", everything).items():
+                    self.rebuilt[kind] += count
+            self._stand(viewpoint)
+            self._info = replace(self._info, camera_info=camera_info(viewpoint.bound.model))
+
+        return put
+
+    def _stand(self, viewpoint: Viewpoint) -> None:
+        self._viewpoint = viewpoint
+        self._unlit = is_unlit(viewpoint.scene, self._plan.render)
+        lines = too_fast(viewpoint.scene.lights, self._plan.render, self._tick_us)
+        warn_left_out([line for line in lines if line not in self.left_out])
+        self.left_out = lines
+
+    @property
+    def _renderer(self) -> Renderer:
+        return self._viewpoint.renderer
+
+    @property
+    def bound(self) -> BoundCamera:
+        """The model's camera, or what describes it, with its optics."""
+        return self._viewpoint.bound
+
+    @property
+    def started(self) -> bool:
+        """Whether the reference is set."""
+        return self._t_us is not None
+
+    def start(self, snapshot: SceneSnapshot) -> None:
+        """The light of `snapshot` is the reference that later light is compared with.
+
+        With fresh noise a network sees this light for the ticks of its window before: it has to
+        know the noise, else the first ticks are full of it.
+        """
+        ticks = self._pixels.warm_up_ticks if self._plan.render.seeds == "fresh" else 0
+        if ticks:
+            self._warm_up(snapshot, ticks)
+        # the first tick has no events, so it may begin anywhere before its end
+        self._see(self.light(snapshot), snapshot.t_us - (self._info.tick_us if ticks else 1))
+        self._pixels.finish()
+
+    def _warm_up(self, snapshot: SceneSnapshot, ticks: int) -> None:
+        tick_us = self._info.tick_us
+        for back in range(ticks, 0, -1):
+            t_us = snapshot.t_us - back * tick_us
+            earlier = replace(snapshot, t_us=t_us)
+            luminance = self._renderer.render(earlier, snapshot.cameras[self.place])
+            self._pixels.see(luminance, t_us - tick_us, t_us)
+
+    def observe(self, snapshot: SceneSnapshot) -> tuple[EventPacket, ...]:
+        """The events between the last snapshot and this one. EvsError where time stood still.
+
+        One packet; with model.chunk over 1 none, or those of all ticks of the chunk.
+        """
+        self._check_time(snapshot)
+        return self.observe_light(self.light(snapshot))
+
+    def light(self, snapshot: SceneSnapshot, into: F32 | None = None) -> Lit:
+        """What falls on the sensor at `snapshot`: the half of `observe` that remembers no event.
+
+        May be called in another thread than the rest, ahead of it, snapshot by snapshot. In: into,
+        (h, w) where the light goes; without it, it is valid until the next call.
+        """
+        pose = snapshot.cameras[self.place]
+        with self._tracing:
+            viewpoint = self._viewpoint
+            luminance = viewpoint.renderer.render(snapshot, pose, into)
+            traced = float(viewpoint.renderer.traced_fraction)
+        self._meter.lap("render")
+        return Lit(snapshot, pose, luminance, viewpoint, traced)
+
+    def observe_light(self, lit: Lit) -> tuple[EventPacket, ...]:
+        """The other half of `observe`: the events from the last light to this."""
+        return self._packets(self._see(lit, self._check_time(lit.snapshot)))
+
+    def _check_time(self, snapshot: SceneSnapshot) -> int:
+        """Where the tick that ends at `snapshot` begins, us. EvsError where it cannot."""
+        begin_us = self._t_us
+        if begin_us is None:
+            raise EvsError("the camera has no reference yet: call start with the first snapshot")
+        if snapshot.t_us <= begin_us:
+            raise EvsError(
+                f"time went from {begin_us} us to {snapshot.t_us} us, so there is nothing between: "
+                "step the physics first, or call reset() after a reset"
+            )
+        return begin_us
+
+    def finish(self) -> tuple[EventPacket, ...]:
+        """The packets of ticks that wait for the rest of their chunk, without it."""
+        return self._packets(self._pixels.finish())
+
+    def _packets(self, ticks: list[DoneTick]) -> tuple[EventPacket, ...]:
+        return tuple([self._packet(tick) for tick in ticks])
+
+    def _packet(self, tick: DoneTick) -> EventPacket:
+        labelled = self._plan.model.labels and self._traces_truth
+        if not labelled and self._marks_causes:
+            clear_causes(tick.events)
+        events = later_events(tick.events, self._start_us)
+        packet = EventPacket(
+            seq=self._seq,
+            time_base_us=tick.begin_us + self._start_us,
+            time_end_us=tick.end_us + self._start_us,
+            width=self._size[0],
+            height=self._size[1],
+            events=events,
+            camera=self._info.camera,
+            labels=take_labels(events, self.ground_truth().geom_id) if labelled else None,
+        )
+        self._seq += 1
+        self.events += len(tick.events)
+        return packet
+
+    def _see(self, lit: Lit, begin_us: int) -> list[DoneTick]:
+        snapshot, pose = lit.snapshot, lit.pose
+        self._previous = self._now if lit.viewpoint.follows(self._seen_from) else None
+        self._now, self._seen_from = (snapshot, pose), lit.viewpoint
+        self._seen += 1
+        self._luminance, self._traced = lit.luminance, lit.traced_fraction
+        ticks = self._pixels.see(lit.luminance, begin_us, snapshot.t_us)
+        self._beside.step(lit.luminance, pose, self._world, begin_us, snapshot.t_us)
+        if self._traces_truth and not self._plan.model.labels:
+            # asked for by [plan] alone: nobody takes it
+            self.ground_truth()
+        self._t_us = snapshot.t_us
+        self._meter.lap("sensor")
+        return ticks
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """Intensity frames whose read-out ended in the last tick; none but with sensor.aps."""
+        return self._beside.frames
+
+    @property
+    def imu_packet(self) -> ImuPacket | None:
+        """What the IMU said in the last tick; None: nothing, as ever unless sensor.imu is on."""
+        return self._beside.imu_packet
+
+    @property
+    def pose(self) -> Pose | None:
+        """Where it was at the end of the last tick; None before the first snapshot."""
+        if self._now is None:
+            return None
+        snapshot, pose = self._now
+        t_us = snapshot.t_us + self._start_us
+        return pose_message(pose, self._seen - 1, t_us, self._info.camera)
+
+    def ground_truth(self) -> GroundTruth:
+        """Of the last tick's end: depth, normals, ids, ... and the flow during that tick.
+
+        Computed at each call. EvsError before the first snapshot.
+        """
+        if self._now is None:
+            raise EvsError("the camera has seen nothing yet: step the world first")
+        with self._tracing:
+            truth = self._seen_from.renderer.ground_truth(*self._now, self._previous)
+        return replace(truth, t_us=truth.t_us + self._start_us)
+
+    @property
+    def imu(self) -> ImuSamples:
+        """(n,) what the IMU said in the last tick: t, acceleration, angular_velocity, temperature.
+
+        Axes: x right, y down, z forward. Of the time up to the tick before; empty where it is off.
+        """
+        return empty_imu() if self.imu_packet is None else self.imu_packet.samples
+
+    def forget_instants(self) -> None:
+        """Forget what was seen last: no ground truth before the next tick, no flow in it."""
+        self._now = self._previous = None
+        self._seen_from = self._viewpoint
+
+    @property
+    def info(self) -> StreamInfo:
+        """What is constant of its stream."""
+        return self._info
+
+    @property
+    def chunk(self) -> int:
+        """Ticks whose packets leave together."""
+        return self._plan.model.chunk
+
+    @property
+    def name(self) -> str:
+        """Its name on the bus and in recordings."""
+        return self._info.camera
+
+    @property
+    def luminance(self) -> F32:
+        """(h, w) float32 linear luminance of the last tick, a copy; zeros before the first."""
+        if self._luminance is None:
+            return np.zeros(self._size[::-1], np.float32)
+        return np.array(self._luminance, np.float32)
+
+    @property
+    def is_dark(self) -> bool:
+        """Whether nothing was lit in the last tick: a black picture, or at most a sky."""
+        return self._luminance is not None and (self._unlit or not np.any(self._luminance))
+
+    @property
+    def clamps(self) -> int:
+        """Pixels times ticks whose light was negative, NaN or infinite and was replaced."""
+        return self._pixels.clamps
+
+    @property
+    def events_dropped(self) -> dict[str, int]:
+        """Events that the readout dropped so far, by cause; empty where the readout is ideal."""
+        return self._pixels.events_dropped
+
+    @property
+    def events_waiting(self) -> int:
+        """Events that are still on their way through the readout."""
+        return self._pixels.events_waiting
+
+    @property
+    def traced_fraction(self) -> float:
+        """Share of the pixels that the last tick traced, 0 ... 1."""
+        return self._traced
+
+    @property
+    def features(self) -> dict[str, bool]:
+        """Which code paths it runs, by the names of evs.emulator.base.features.FEATURES."""
+        with self._tracing:
+            light = dict(self._renderer.features)
+        truth = {"ground_truth": self._traces_truth}
+        return {**light, **truth, **self._pixels.features, **self._beside.features}
+
+    @property
+    def plan(self) -> ScenePlan:
+        """What its scene contains, which code paths are on, and why; worked out at each call."""
+        there = self._world, self._viewpoint.scene, self.bound, self.sensor
+        return plan_scene(*there, self._plan, self.features, self._tick_us)

@@ -1,0 +1,184 @@
+"""Pixels: light of ticks into events of ticks, through event model and readout.
+
+An event model may take several ticks at once (model.chunk): their light waits until the chunk is
+full, then the events of all its ticks come out, tick by tick, the same as with chunks of one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.base.protocols import ChunkedModel
+from evs.emulator.base.scene import F32
+from evs.emulator.camera.event_models import make_event_model
+from evs.emulator.config import ModelConfig
+from evs.emulator.sensor import SensorParameters, make_readout
+from evs.emulator.sensor.readout.state import ReadoutState
+from evs.emulator.state import Saved, joined, number, numbers, part
+from evs.msgs import Events, EvsError
+
+MAX_CHUNK = 256
+"""Ticks; longer chunks bring no speed any more."""
+
+
+class DoneTick(NamedTuple):
+    """The events of one tick."""
+
+    begin_us: int
+    end_us: int
+    events: Events
+
+
+class Pixels:
+    """The pixels of one camera with their state."""
+
+    def __init__(
+        self,
+        sensor: SensorParameters,
+        model: ModelConfig,
+        seed: int,
+        threads: int = 0,
+        spp: int = 0,
+        switches: Switches = UNFORCED,
+        isa: str = "auto",
+    ) -> None:
+        """In: seed, their fixed pattern and noise follow from it.
+
+        spp, switches and isa as of make_event_model. Raises EvsError.
+        """
+        self._model = make_event_model(sensor, model, threads, spp, switches, isa)
+        self._readout = make_readout(sensor, switches)
+        self._shape = (int(sensor.height), int(sensor.width))
+        self._seed = seed
+        check_chunk(model)
+        self._chunk = model.chunk
+        ahead = model.chunk if model.chunk > 1 else 0
+        self._light = np.empty((ahead, *self._shape), np.float32)
+        self.reset()
+
+    def reset(self, seed: int | None = None) -> None:
+        """As new: in the dark, before the first light. In: seed, another one from now on."""
+        self._seed = self._seed if seed is None else seed
+        self._state: Any = self._model.init(self._seed)
+        self._read = None if self._readout is None else self._readout.init(self._seed)
+        self._waiting: list[tuple[int, int]] = []  # their light comes first in self._light
+        self._lit = False
+
+    def save(self) -> Saved:
+        """Named arrays of all that they remember, which `restoring` takes back."""
+        return {
+            **joined(state=self._state.save()),
+            **(joined(readout=self._read.save()) if self._read is not None else {}),
+            **numbers(lit=self._lit),
+            "waiting_light": self._light[: len(self._waiting)].copy(),
+            "waiting_us": np.array(self._waiting, np.int64).reshape(-1, 2),
+        }
+
+    def restoring(self, saved: Saved, seed: int) -> Callable[[], None]:
+        """Checks what `save` gave; what comes back puts it in place. Raises EvsError.
+
+        In: seed, from now on, that of the pixels that were saved.
+        """
+        state = self._model.restore(part(saved, "state"))
+        read = None if self._readout is None else ReadoutState.restore(part(saved, "readout"))
+        lit = bool(number(saved, "lit", 0, 1))
+        light, ticks = saved.get("waiting_light"), saved.get("waiting_us")
+        if (
+            light is None
+            or ticks is None
+            or light.dtype != np.float32
+            or ticks.dtype != np.int64
+            or ticks.shape != (len(light), 2)
+            or light.shape != (len(ticks), *self._shape)
+            or len(ticks) >= self._chunk
+        ):
+            raise EvsError("saved state is damaged: the light that waits cannot be; save it again")
+
+        def put() -> None:
+            self._seed, self._state, self._read, self._lit = seed, state, read, lit
+            self._waiting = [(int(begin_us), int(end_us)) for begin_us, end_us in ticks]
+            self._light[: len(light)] = light
+
+        return put
+
+    def see(self, luminance: F32, begin_us: int, end_us: int) -> list[DoneTick]:
+        """The light at the end of a tick; ticks whose events are known now, in order.
+
+        The first light is the reference: its tick has no events and is done at once.
+        """
+        if not self._lit or self._chunk == 1:
+            events, self._state = self._model.step(luminance, self._state, begin_us, end_us)
+            self._lit = True
+            return [self._read_out(events, begin_us, end_us)]
+        found = np.shape(luminance)
+        if found != self._shape:
+            raise EvsError(f"luminance is {found}, the sensor (height, width) is {self._shape}")
+        # the renderer uses its array again
+        self._light[len(self._waiting)] = luminance
+        self._waiting.append((begin_us, end_us))
+        return self.finish() if len(self._waiting) == self._chunk else []
+
+    def finish(self) -> list[DoneTick]:
+        """The ticks that wait for the rest of their chunk, without it."""
+        if not self._waiting or not isinstance(self._model, ChunkedModel):
+            return []
+        ticks, self._waiting = self._waiting, []
+        light = self._light[: len(ticks)]
+        begin_us, end_us = ticks[0]
+        chunk, self._state = self._model.step_chunk(light, self._state, begin_us, end_us - begin_us)
+        return [self._read_out(events, *tick) for events, tick in zip(chunk, ticks, strict=True)]
+
+    def _read_out(self, events: Events, begin_us: int, end_us: int) -> DoneTick:
+        if self._readout is not None and self._read is not None:
+            events, self._read = self._readout.step(events, self._read, begin_us, end_us)
+        return DoneTick(begin_us, end_us, events)
+
+    @property
+    def latency_us(self) -> int:
+        """By how much events come later than their light; their stamps carry it."""
+        return self._model.latency_us
+
+    @property
+    def warm_up_ticks(self) -> int:
+        """How long they want to have seen the first light before, where that is noisy."""
+        return self._model.warm_up_ticks
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """What shapes the events beside code: the network."""
+        return self._model.versions
+
+    @property
+    def features(self) -> dict[str, bool]:
+        """Which code paths they run, by name."""
+        return {**self._model.features, "readout": self._readout is not None}
+
+    @property
+    def clamps(self) -> int:
+        """Pixels times ticks in which a value was impossible and was replaced."""
+        return int(self._state.clamps)
+
+    @property
+    def events_dropped(self) -> dict[str, int]:
+        """Events that the readout dropped so far, by cause; empty where the readout is ideal."""
+        return self._read.dropped if self._read is not None else {}
+
+    @property
+    def events_waiting(self) -> int:
+        """Events that are still on their way through the readout."""
+        return self._read.count_waiting if self._read is not None else 0
+
+
+def check_chunk(model: ModelConfig) -> None:
+    """EvsError where model.chunk is not possible."""
+    if not 1 <= model.chunk <= MAX_CHUNK:
+        raise EvsError(f"model.chunk is {model.chunk}; it must be 1 ... {MAX_CHUNK} ticks")
+    if model.chunk > 1 and model.name != "evsnet":
+        raise EvsError(
+            f"model.chunk is {model.chunk}, but model '{model.name}' goes tick by tick: leave "
+            "model.chunk out, or take model.name=evsnet"
+        )

@@ -1,6 +1,0 @@
-"""The closed loop in process: events and encoders to a controller, its controls back."""
-
-from evs.emulator.closed.loop import Loop
-from evs.msgs import Observation
-
-__all__ = ["Loop", "Observation"]

@@ -1,0 +1,83 @@
+"""BiLIF, the bipolar leaky integrate-and-fire unit (the paper's equations 3 and 4), per pixel.
+
+    charge  V' = d V + I           d = e^(-dt / tau)
+    fire    S  = +1 if V' >= V_on, -1 if V' <= -V_off, else 0
+    reset   V  = V' - V_on, V' + V_off or V'
+
+At most one event a pixel and tick: what a large step leaves over V_on fires in the ticks after it,
+one by one (the saturation effect). The paper has V_on = V_off = 1; here they are the sensor's
+thresholds in units of the network's.
+
+A pixel without current and between its thresholds is not touched: its V is as of tick `last`, and
+is decayed in one go when something reaches it. So leaving pixels out changes no bit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from evs.emulator.base.scene import F32, F64
+from evs.emulator.evsnet.decay import I64, Decay
+from evs.msgs import Events, make_events
+
+MAX_POTENTIAL = np.float32(64)
+"""|V'| is clamped to it, so that no trail is longer than 64 thresholds"""
+
+
+@dataclass(frozen=True, eq=False)
+class BiLIF:
+    """The unit's two thresholds and its decay."""
+
+    on: np.float32
+    """V_on"""
+    off: np.float32
+    """V_off, > 0"""
+    decay: Decay
+
+    def step(
+        self, current: F32, v: F32, last: I64, tick: int, begin_us: int, tick_us: int
+    ) -> tuple[Events, int]:
+        """One tick, number `tick`, of all pixels.
+
+        In: current (h, w). In/out: v (h, w) and last (h, w), the tick that each v is as of.
+        Out: events sorted by t, ties in pixel order; how many |V'| were clamped. A current that is
+        NaN, which no checked network gives, counts as 0 and as clamped.
+        """
+        width = v.shape[1]
+        flat_v, flat_last = v.reshape(-1), last.reshape(-1)
+        active = (current != 0) | (v >= self.on) | (v <= -self.off)
+        pixels = np.flatnonzero(active)
+        lost = np.isnan(current.reshape(-1)[pixels])
+        charge = np.where(lost, np.float32(0), current.reshape(-1)[pixels])
+
+        before = self.decay(flat_v[pixels], tick - flat_last[pixels])
+        unclamped = before + charge
+        after = np.clip(unclamped, -MAX_POTENTIAL, MAX_POTENTIAL)
+        up, down = after >= self.on, after <= -self.off
+        flat_v[pixels] = np.where(up, after - self.on, np.where(down, after + self.off, after))
+        flat_last[pixels] = tick
+        clamped = int(np.count_nonzero(lost | (after != unclamped)))
+
+        fired = up | down
+        level = np.where(up, np.float64(self.on), -np.float64(self.off))
+        offset = crossing_us(level[fired], before[fired], charge[fired], tick_us)
+        order = np.argsort(offset, kind="stable")
+        where, polarity = pixels[fired][order], up[fired][order]
+        stamps = begin_us + offset[order]
+        return make_events(stamps, where % width, where // width, polarity), clamped
+
+
+def crossing_us(level: F64, before: F32, charge: F32, tick_us: int) -> I64:
+    """When a membrane that goes from `before` in a line by `charge` reaches `level`.
+
+    In us after the start of the tick, rounded up, 1 ... tick_us; 1 where it was there already.
+    As core/sensor/comparator.h crossing_time.
+    """
+    start = before.astype(np.float64)
+    missing = np.where(level > 0, level - start > 0, level - start < 0)
+    span = np.where(missing, charge.astype(np.float64), 1.0)
+    exact = np.where(missing, (level - start) * np.float64(tick_us) / span, 0.0)
+    offset: I64 = np.ceil(np.clip(exact, 1.0, np.float64(tick_us))).astype(np.int64)
+    return offset

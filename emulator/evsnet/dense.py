@@ -1,0 +1,84 @@
+"""What the runtimes that compute every pixel share: front, FIFOs, BiLIF. All but the network."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+
+from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.bilif import BiLIF
+from evs.emulator.evsnet.decay import decay_tables
+from evs.emulator.evsnet.graph_network import Network, held_at_rest
+from evs.emulator.evsnet.log_delta import Front
+from evs.emulator.evsnet.state import NetworkState, check_arrays
+from evs.emulator.sensor.parameters import SensorParameters
+from evs.msgs import Events
+
+
+class DenseRuntime(ABC):
+    """Keeps the last 6 inputs of each convolution: fifo0, fifo1, ... (channels in, 6, h w).
+
+    A GraphNetwork may hold more or fewer ticks.
+    """
+
+    name: str
+
+    def __init__(self, sensor: SensorParameters, weights: Network) -> None:
+        """Raises EvsError where the network's numbers make no sense on this sensor."""
+        self.held = held_at_rest(weights)
+        self._tick_us = weights.tick_us
+        self.height, self.width = sensor.height, sensor.width
+        self._front = Front.of(sensor, weights)
+        self._bilif = BiLIF(
+            np.float32(sensor.pos_thres / weights.threshold),
+            np.float32(sensor.neg_thres / weights.threshold),
+            decay_tables(weights.tau_s, weights.tick_us),
+        )
+
+    @abstractmethod
+    def convolve(self, x: F32, fifos: list[F32]) -> tuple[F32, list[F32]]:
+        """The network without its BiLIF.
+
+        In: x (ticks, pixels); fifos, of each convolution (channels in, 6, pixels), oldest first.
+        Out: currents (ticks, pixels); the FIFOs after the chunk, which may be those given.
+        """
+
+    def own_arrays(self) -> dict[str, np.ndarray[Any, Any]]:
+        """FIFOs full of what each convolution reads while light stands still."""
+        pixels = self.height * self.width
+        return {
+            f"fifo{i}": np.repeat(held[:, :, np.newaxis], pixels, axis=2)
+            for i, held in enumerate(self.held)
+        }
+
+    def check(self, state: NetworkState) -> None:
+        """Raise EvsError unless the FIFOs in the state are of this network and sensor."""
+        pixels = self.height * self.width
+        shapes = [(*held.shape, pixels) for held in self.held]
+        check_arrays(state, {f"fifo{i}": (np.float32, shape) for i, shape in enumerate(shapes)})
+
+    def step(
+        self, luminance: F32, state: NetworkState, begin_us: int, currents: F32 | None = None
+    ) -> list[Events]:
+        """Runtime.step."""
+        x = self._front.step(luminance, state)
+        names = [f"fifo{i}" for i in range(len(self.held))]
+        current, fifos = self.convolve(
+            x.reshape(len(x), -1), [state.arrays[name] for name in names]
+        )
+        state.arrays.update(zip(names, fifos, strict=True))
+        current = current.reshape(luminance.shape)
+        if currents is not None:
+            currents[:] = current
+        events = []
+        for k, tick in enumerate(current):
+            begin = begin_us + k * self._tick_us
+            found, clamped = self._bilif.step(
+                tick, state.v, state.last, state.ticks, begin, self._tick_us
+            )
+            events.append(found)
+            state.ticks += 1
+            state.v_clamped += clamped
+        return events

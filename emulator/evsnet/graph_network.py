@@ -1,0 +1,78 @@
+"""GraphNetwork: a network that somebody else designed, known by its ONNX graph and its sidecar.
+
+The graph has the inputs and outputs of emulator/evsnet/graph.py, but its weights bear other names,
+or it computes something else. Only runtime onnxruntime runs it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.weights import TAPS, NetworkWeights, check_numbers
+from evs.msgs import EvsError
+
+MAX_LATENCY_TICKS = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class GraphNetwork:
+    """As much of a NetworkWeights as a graph tells. Raises EvsError where a number has no sense."""
+
+    name: str
+    graph: bytes
+    """the ONNX model"""
+    states: tuple[F32, ...]
+    """of each state that it carries from call to call: (channels, ticks) float32 of a pixel whose
+    light has stood still for ever"""
+    current_at_rest: float
+    """the current of such a pixel"""
+    look_ahead: tuple[int, ...]
+    """ticks; their sum is what its currents are late"""
+    tau_s: float
+    threshold: float
+    linlog_dn: float
+    tick_us: int
+    spp: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        check_numbers(self.name, self.tau_s, self.threshold, self.linlog_dn, self.tick_us, self.spp)
+        if not 0 <= self.latency_ticks <= MAX_LATENCY_TICKS or min(self.look_ahead, default=0) < 0:
+            raise EvsError(
+                f"network '{self.name}': look_ahead is {list(self.look_ahead)}; give ticks, "
+                f"{MAX_LATENCY_TICKS} in all at most"
+            )
+
+    @property
+    def channels(self) -> int:
+        """C, of the widest state."""
+        return max((int(state.shape[0]) for state in self.states), default=1)
+
+    @property
+    def receptive_field(self) -> int:
+        """Ticks of X that one current depends on."""
+        return 1 + sum(int(state.shape[1]) for state in self.states)
+
+    @property
+    def latency_ticks(self) -> int:
+        """By how many ticks the current comes late."""
+        return sum(self.look_ahead)
+
+    @property
+    def is_still(self) -> bool:
+        """Whether still light gives a current of exactly 0."""
+        return self.current_at_rest == 0.0
+
+
+Network = NetworkWeights | GraphNetwork
+"""What runtimes run."""
+
+
+def held_at_rest(network: Network) -> tuple[F32, ...]:
+    """What each of its FIFOs holds while light stands still: (channels, ticks) float32 each."""
+    if isinstance(network, GraphNetwork):
+        return network.states
+    return tuple(np.repeat(rest[:, np.newaxis], TAPS - 1, axis=1) for rest in network.rest())

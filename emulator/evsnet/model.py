@@ -1,0 +1,192 @@
+"""EventModel `evsnet`: the paper's network, streaming."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.base.scene import F32
+from evs.emulator.evsnet.decay import decay_tables
+from evs.emulator.evsnet.graph_network import Network
+from evs.emulator.evsnet.memory_budget import check_dense
+from evs.emulator.evsnet.runtime import make_runtime
+from evs.emulator.evsnet.state import MAX_TICKS, NetworkState, identity
+from evs.emulator.sensor.parameters import SensorParameters
+from evs.emulator.sensor.random import Term, pixel_uniforms
+from evs.emulator.sensor.state_arrays import Arrays
+from evs.msgs import Events, EvsError, unknown
+
+INITIAL_STATES = ("random", "zero")
+MAX_CHUNK = 32
+"""ticks that a runtime is given at once; longer chunks are cut, with the same bytes"""
+THRESHOLDS = (1 / 64, 32.0)
+"""of a pixel in units of the network's: membranes end at 64"""
+MAX_TIME_US = 2**52
+
+
+class EvsNetModel:
+    """Light into events by a trained network and a BiLIF unit per pixel.
+
+    Of the sensor it takes size, exposure, dark current and the mean thresholds. Bandwidth, noise
+    and fixed pattern are what the network has learnt, or are not there. docs/explanation/network.md
+    lists them.
+    """
+
+    def __init__(
+        self,
+        sensor: SensorParameters,
+        weights: Network,
+        *,
+        runtime: str = "native",
+        provider: str = "cpu",
+        threads: int = 0,
+        isa: str = "auto",
+        initial: str = "random",
+        sparse: bool = True,
+        labels: bool = False,
+        switches: Switches = UNFORCED,
+    ) -> None:
+        """In: runtime, provider, threads, isa, sparse as make_runtime.
+
+        initial: membranes at the start, "random" in (-V_off, V_on) or "zero". labels: refused,
+        a network cannot say why it fired. switches: cold tiles that are forced on or off. Raises
+        EvsError.
+        """
+        if initial not in INITIAL_STATES:
+            raise unknown("initial state", initial, INITIAL_STATES)
+        if labels:
+            raise EvsError(
+                "model evsnet cannot label its events; use model plain or adaptive, or "
+                "model.labels=false"
+            )
+        self.sensor, self.weights = sensor, weights
+        self._initial = initial
+        least, most = (limit * weights.threshold for limit in THRESHOLDS)
+        for key in ("pos_thres", "neg_thres"):
+            if not least <= getattr(sensor, key) <= most:
+                raise EvsError(
+                    f"sensor.{key} is {getattr(sensor, key):g}; network '{weights.name}' was "
+                    f"trained for {weights.threshold:g}: give {least:.3g} ... {most:.3g}"
+                )
+        self._on = np.float32(sensor.pos_thres / weights.threshold)
+        self._off = np.float32(sensor.neg_thres / weights.threshold)
+        decay_tables(weights.tau_s, weights.tick_us)  # refuses what has none
+        dense = switches.decide("cold_tiles", not sparse or not weights.is_still)
+        if runtime != "native" or dense:
+            check_dense(weights, sensor.width, sensor.height)
+        self.runtime = make_runtime(
+            runtime,
+            sensor,
+            weights,
+            provider=provider,
+            threads=threads,
+            isa=isa,
+            sparse=not dense,
+        )
+        self.features = {"cold_tiles": runtime != "native" or dense}
+        """which code paths it runs, by name"""
+        self._network = identity(weights)
+
+    @property
+    def latency_us(self) -> int:
+        """By how much events are late, and stamped so: the light that the network looks ahead."""
+        return self.weights.latency_ticks * self.weights.tick_us
+
+    @property
+    def warm_up_ticks(self) -> int:
+        """Its window: fresh noise has to fill it before events can be told from it."""
+        return self.weights.receptive_field - 1
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """The network: its name and a digest of its numbers."""
+        return {"network": self._network}
+
+    def init(self, seed: int) -> NetworkState:
+        """The state before the first tick."""
+        return NetworkState.dark(
+            seed, self.runtime.name, self._network, self._membranes(seed), self.runtime.own_arrays()
+        )
+
+    def restore(self, saved: Arrays) -> NetworkState:
+        """EventModel.restore."""
+        state = NetworkState.restore(saved)
+        self._check_state(state, 1)
+        return state
+
+    def step(
+        self, luminance: F32, state: NetworkState, t_begin_us: int, t_end_us: int
+    ) -> tuple[Events, NetworkState]:
+        """EventModel.step; the tick must be as long as those the network was trained on.
+
+        Only the first may have any length: before it, light stood still for ever.
+        """
+        frame = np.asarray(luminance)
+        if isinstance(state, NetworkState) and not state.ticks:
+            t_begin_us = t_end_us - self.weights.tick_us
+        (events,), state = self.step_chunk(
+            frame[np.newaxis], state, t_begin_us, t_end_us - t_begin_us
+        )
+        return events, state
+
+    def step_chunk(
+        self, luminance: F32, state: NetworkState, t_begin_us: int, tick_us: int
+    ) -> tuple[list[Events], NetworkState]:
+        """Events of several ticks at once, one array a tick: the same bytes for any cut.
+
+        In: luminance (ticks, h, w) float32, linear. The state handed in is consumed. Raises
+        EvsError: wrong shape, another tick length, a state of something else.
+        """
+        light = self._checked(luminance, state, t_begin_us, tick_us)
+        events: list[Events] = []
+        for first in range(0, len(light), MAX_CHUNK):
+            begin_us = t_begin_us + first * tick_us
+            events += self.runtime.step(light[first : first + MAX_CHUNK], state, begin_us)
+        return events, state
+
+    def _membranes(self, seed: int) -> F32:
+        """V(0) (h, w): the paper's internal state bias."""
+        width, height = self.sensor.width, self.sensor.height
+        if self._initial == "zero":
+            return np.zeros((height, width), np.float32)
+        share = 2.0 * pixel_uniforms(seed, Term.INTERNAL_STATE, width, height) - 1.0
+        v = np.where(share > 0, share * np.float64(self._on), share * np.float64(self._off))
+        # rounded to a threshold, a still pixel would fire
+        below, zero = np.nextafter, np.float32(0)
+        return np.clip(v.astype(np.float32), below(-self._off, zero), below(self._on, zero))
+
+    def _checked(self, luminance: F32, state: NetworkState, t_begin_us: int, tick_us: int) -> F32:
+        """The light as runtimes want it. Raises EvsError where it cannot be stepped."""
+        shape = (self.sensor.height, self.sensor.width)
+        found = np.shape(luminance)
+        if found[1:] != shape:
+            raise EvsError(f"luminance is {found[1:]}, the sensor (height, width) is {shape}")
+        if tick_us != self.weights.tick_us:
+            raise EvsError(
+                f"tick of {tick_us} us; network '{self.weights.name}' is for ticks of "
+                f"{self.weights.tick_us} us"
+            )
+        if max(-t_begin_us, t_begin_us + tick_us * found[0]) > MAX_TIME_US:
+            raise EvsError(f"tick at {t_begin_us} us is beyond {MAX_TIME_US} us")
+        self._check_state(state, found[0])
+        with np.errstate(over="ignore", invalid="ignore"):  # a float64 may be no float32
+            return np.ascontiguousarray(luminance, np.float32)
+
+    def _check_state(self, state: NetworkState, ticks: int) -> None:
+        if not isinstance(state, NetworkState):
+            raise EvsError(f"state is a {type(state).__name__}, not of model evsnet; init it anew")
+        if state.runtime != self.runtime.name:
+            raise EvsError(
+                f"state is of runtime {state.runtime}, the model's is {self.runtime.name}; "
+                "init it anew"
+            )
+        if state.network != self._network:
+            raise EvsError(
+                f"state is of network {state.network}, the model's is {self._network}; init it anew"
+            )
+        shape = (self.sensor.height, self.sensor.width)
+        if state.v.shape != shape:
+            raise EvsError(f"state is {state.v.shape}, the sensor is {shape}; init it anew")
+        if state.ticks + ticks > MAX_TICKS:
+            raise EvsError(f"state is {state.ticks} ticks old, past its end; init it anew")
+        self.runtime.check(state)

@@ -1,0 +1,8 @@
+"""Light: renderers behind one protocol."""
+
+from evs.emulator.render.direct import DirectRenderer
+from evs.emulator.render.flicker import too_fast
+from evs.emulator.render.path import PathRenderer
+from evs.emulator.render.renderers import make_renderer
+
+__all__ = ["DirectRenderer", "PathRenderer", "make_renderer", "too_fast"]

@@ -1,0 +1,282 @@
+"""The `direct` renderer: the native caster behind the Renderer protocol."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from evs.emulator import _core
+from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.base.ground_truth import GroundTruth
+from evs.emulator.base.scene import (
+    F32,
+    F64,
+    I32,
+    CameraModel,
+    CameraPose,
+    SceneModel,
+    SceneSnapshot,
+    TextureKind,
+)
+from evs.emulator.config import RenderConfig
+from evs.emulator.optics import Lens, make_lens
+from evs.emulator.render.flicker import Flicker
+from evs.emulator.render.ground_truth import trace_hits, trace_truth
+
+
+class DirectRenderer:
+    """Every light once, hard shadows, one mirror bounce, fixed sub-pixel samples: no noise at all.
+
+    With `config.incremental` and a still camera only packets of 4 x 4 pixels that a moved geom can
+    touch are traced again, and of those that a moved light or a shadow reaches only the light is
+    found again where that is enough; it is the same bit for bit.
+    """
+
+    integrator: ClassVar[str] = "direct"
+    """which of the core's"""
+    _lens: Lens
+    _caster: _core.Caster
+
+    def __init__(
+        self,
+        scene: SceneModel,
+        camera: CameraModel,
+        config: RenderConfig,
+        threads: int,
+        rgb: bool = False,
+        switches: Switches = UNFORCED,
+        like: DirectRenderer | None = None,
+    ) -> None:
+        """Build the caster.
+
+        In: rgb, colour is wanted too, and luminance keeps its bytes; switches, code paths that are
+        forced on or off; like, the same camera's renderer until now, of which is taken what stays.
+        """
+        scene = scene if config.sites else scene.without_sites()
+        self._scene, self._camera = scene, camera
+        self._lens = like._lens if like and like._camera == camera else make_lens(camera)
+        self._noise = 0
+        keep = [
+            i
+            for i, light in enumerate(scene.lights)
+            if config.headlight == "model" or not light.headlight
+        ]
+        self._lights = np.array(keep, np.intp)
+        self._flicker = Flicker(scene.lights, config.flicker)
+        bent, share = self._lens.directions, self._lens.share
+        self._own = {
+            "sky": switches.decide("sky", scene.skybox >= 0),
+            "light_gains": switches.decide("light_gains", not self._flicker.steady),
+            "lens": switches.decide("lens", bent is not None),
+            "vignetting": switches.decide("vignetting", share is not None),
+        }
+        if self._own["vignetting"] and share is None:
+            share = np.ones((camera.height, camera.width), np.float32)
+        self._deforming, self._stretching = scene.deforming, scene.stretching
+        shape = camera.height, camera.width
+        self._luminance = np.zeros(shape, np.float32)
+        self._rgb = np.zeros((*shape, 3), np.float32) if rgb else None
+        before = (like._scene, like._caster) if like else None
+        data, self.built = scene_data(scene, keep, config, self._own["sky"], before)
+        self._caster = _core.Caster(
+            data,
+            _core.Optics(
+                width=camera.width,
+                height=camera.height,
+                fx=camera.fx,
+                fy=camera.fy,
+                cx=camera.cx,
+                cy=camera.cy,
+                orthographic=camera.orthographic,
+                lens=bent if self._own["lens"] else None,
+                share=share if self._own["vignetting"] else None,
+            ),
+            _core.Tracing(
+                samples=config.samples,
+                adaptive=config.antialiasing == "adaptive" and self.integrator == "direct",
+                shadows=config.shadows,
+                incremental=config.incremental,
+                rgb=rgb,
+                integrator=self.integrator,
+                bounces=config.bounces,
+                sample_set=config.sampler,
+                forced=_forced(scene, switches),
+            ),
+            threads=threads,
+            isa=config.isa,
+            before=before[1] if before else None,
+        )
+
+    def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
+        """(h, w) float32 linear luminance.
+
+        In: into, where it goes; without it the array is this renderer's own and reused.
+        """
+        placed = self._place(snapshot, pose)
+        self._caster.render(*placed, self._luminance, self._rgb, self._noise, into)
+        return self._luminance if into is None else into
+
+    def reseed(self, seed: int) -> None:
+        """Nothing here follows from a seed."""
+
+    def trace(self, snapshot: SceneSnapshot, pose: CameraPose, pixels: I32) -> F32:
+        """Luminance of single pixels, the same as `render` gives them.
+
+        In: pixels (n, 2) columns and rows inside the image. Out: (n,) float32.
+        """
+        x, y = (np.ascontiguousarray(part, np.int32) for part in np.asarray(pixels).T)
+        luminance = np.zeros(len(x), np.float32)
+        self._caster.trace_pixels(*self._place(snapshot, pose), x, y, luminance, self._noise)
+        return luminance
+
+    def ground_truth(
+        self,
+        snapshot: SceneSnapshot,
+        pose: CameraPose,
+        previous: tuple[SceneSnapshot, CameraPose] | None = None,
+    ) -> GroundTruth:
+        """What each pixel's centre shows, and how it moved since `previous`."""
+        placed = self._place(snapshot, pose)
+        return trace_truth(
+            self._caster, placed, self._scene, self._camera, self._lens, snapshot, pose, previous
+        )
+
+    def hits(self, snapshot: SceneSnapshot, pose: CameraPose) -> tuple[I32, F32]:
+        """What each pixel's centre shows: index into the scene's geoms or -1, distance in m."""
+        found = trace_hits(
+            self._caster, self._place(snapshot, pose), self._luminance.shape, self._lens
+        )
+        return found.geom, np.where(found.geom < 0, np.float32(0), found.distance)
+
+    @property
+    def rgb(self) -> F32 | None:
+        """(h, w, 3) float32 linear light of the last `render`, reused; None: it was not wanted."""
+        return self._rgb
+
+    @property
+    def traced_fraction(self) -> float:
+        """Share of the pixels that the last call traced; those only lit again do not count."""
+        return self._caster.traced_fraction
+
+    @property
+    def features(self) -> dict[str, bool]:
+        """Which code paths it runs, by name: as of the last tick, where that decides."""
+        return {**self._own, **self._caster.features}
+
+    @property
+    def work(self) -> dict[str, int]:
+        """What it has done: ticks, packets of 4 x 4 pixels asked, traced and lit again, trees."""
+        return self._caster.work
+
+    def _place(
+        self, snapshot: SceneSnapshot, pose: CameraPose
+    ) -> tuple[F64, F64, F64, F64, F64, F64]:
+        for mesh, shape in zip(self._deforming, snapshot.deformed, strict=True):
+            self._caster.deform(mesh, shape.vertices, shape.normals)
+        if len(self._stretching):
+            self._caster.resize(self._stretching, snapshot.stretched)
+        lights = self._lights
+        light_pos, light_dir = snapshot.light_pos, snapshot.light_dir
+        if len(lights) < len(light_pos):
+            light_pos, light_dir = light_pos[lights], light_dir[lights]
+        if self._own["light_gains"]:
+            self._caster.set_light_gains(self._flicker.gains(snapshot)[lights])
+        return (
+            snapshot.geom_pos,
+            snapshot.geom_mat,
+            light_pos,
+            light_dir,
+            pose.pos,
+            pose.mat,
+        )
+
+
+def _forced(scene: SceneModel, switches: Switches) -> dict[str, bool]:
+    """What the tracer is told of its code paths."""
+    told = switches.told()
+    # fog that nobody asked for would hide the sky
+    if scene.skybox >= 0 and told.get("fog"):
+        del told["fog"]
+    return told
+
+
+def scene_data(
+    scene: SceneModel,
+    lights: list[int],
+    config: RenderConfig,
+    sky: bool = True,
+    before: tuple[SceneModel, _core.Caster] | None = None,
+) -> tuple[_core.SceneData, dict[str, int]]:
+    """The native copy of a scene's constant part with the lights of these indices.
+
+    In: sky, there is one: the scene's, else a black one; before, another scene and its caster,
+    whose meshes and textures are shared. Out: also how many of each were not, by kind.
+    """
+    data = _core.SceneData()
+    known = before[0] if before else None
+    textures = {id(one): place for place, one in enumerate(known.textures if known else ())}
+    meshes = {id(one): place for place, one in enumerate(known.meshes if known else ())}
+    for texture in scene.textures:
+        flat = texture.kind is TextureKind.FLAT
+        image = texture.data[np.newaxis] if flat else texture.data
+        srgb = texture.srgb and texture.name not in config.linear_textures
+        like = textures.get(id(texture), -1)
+        data.add_texture(np.ascontiguousarray(image), srgb, like)
+    for surface in scene.surfaces:
+        data.add_surface(
+            surface.rgba,
+            surface.texture,
+            surface.texrepeat,
+            surface.texuniform,
+            surface.emission,
+            surface.specular,
+            surface.shininess,
+            surface.reflectance,
+            surface.metallic,
+            surface.roughness,
+            (
+                surface.metallic_map,
+                surface.roughness_map,
+                surface.occlusion_map,
+                surface.opacity_map,
+                surface.normal_map,
+                surface.emissive_map,
+            ),
+        )
+    for mesh in scene.meshes:
+        if before and id(mesh) in meshes:
+            data.share_mesh(before[1], meshes[id(mesh)])
+        else:
+            data.add_mesh(mesh.vertices, mesh.faces, mesh.normals, mesh.texcoords)
+    for index in lights:
+        light = scene.lights[index]
+        data.add_light(
+            int(light.kind),
+            light.ambient,
+            light.diffuse,
+            light.specular,
+            light.castshadow,
+            light.attenuation,
+            light.cutoff_deg,
+            light.exponent,
+            light.intensity / config.lux_per_unit,
+            light.headlight,
+            light.range_m,
+            light.softness,
+            light.texture,
+            light.bulbradius_m,
+        )
+    data.set_geoms(scene.geom_type, scene.geom_size, scene.geom_mesh, scene.geom_surface)
+    data.skybox = scene.skybox if sky else -1
+    if sky and scene.skybox < 0:
+        data.skybox = data.add_texture(np.zeros((6, 1, 1, 3), np.uint8), True)
+    air = scene.air
+    if air is not None and config.fog:
+        data.set_fog(air.fog_start_m, air.fog_end_m, air.fog_rgb)
+    if air is not None and config.haze:
+        data.set_haze(air.haze_ratio, air.haze_radius_m, air.haze_rgb)
+    return data, {
+        "meshes": sum(id(mesh) not in meshes for mesh in scene.meshes),
+        "textures": sum(id(texture) not in textures for texture in scene.textures),
+    }

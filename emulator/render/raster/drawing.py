@@ -1,0 +1,204 @@
+"""What there is to draw, in numbers, under the names that shade.frag has for them. numpy only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from evs.emulator.base.scene import (
+    F32,
+    F64,
+    U8,
+    CameraModel,
+    CameraPose,
+    Light,
+    LightKind,
+    SceneModel,
+    SceneSnapshot,
+    Shape,
+    Surface,
+    TextureKind,
+)
+from evs.emulator.config import RenderConfig
+from evs.emulator.render.flicker import Flicker
+from evs.emulator.render.raster.tessellate import UNIT_CAPSULE, Facets, facets_of, room
+
+FLAT, CUBE = 0, 1
+"""texture_kind in shade.frag, and the texture units."""
+
+Uniforms = dict[str, Any]
+"""name -> bool, int, float, (3,) float, (n,) int or (n, 3) float"""
+
+NEAR, FAR, FAR_FLAT = 2e-3, 4e3, 400.0
+"""Where a perspective view begins and ends, and where an orthographic one ends: scene extents.
+A 32-bit depth of 1 - NEAR / FAR is still well below 1."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One thing to draw."""
+
+    facets: Facets
+    look: Uniforms
+    texture: int
+    """index into SceneModel.textures, -1 none"""
+
+
+def from_srgb(coded: F64) -> F64:
+    """Display-coded to linear (IEC 61966-2-1)."""
+    return np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
+
+
+def linear_texels(image: U8, srgb: bool) -> F32:
+    """(h, w, 3) linear light of an image (h, w, c)."""
+    rgb = image[..., :3] if image.shape[-1] >= 3 else np.repeat(image[..., :1], 3, axis=-1)
+    coded = rgb / 255.0
+    return np.ascontiguousarray(from_srgb(coded) if srgb else coded, np.float32)
+
+
+def smaller_versions(texels: F32) -> Iterator[F32]:
+    """The image (h, w, 3) itself, then halves of it by area down to (1, 1, 3)."""
+    image = texels.astype(np.float64)
+    while True:
+        yield np.ascontiguousarray(image, np.float32)
+        height, width = image.shape[:2]
+        if height == width == 1:
+            return
+        image = _halved(_halved(image).transpose(1, 0, 2)).transpose(1, 0, 2)
+
+
+def _halved(image: F64) -> F64:
+    """Half as many rows, each the mean of what it covers."""
+    rows = len(image)
+    if rows == 1:
+        return image
+    if rows % 2 == 0:
+        return np.asarray(0.5 * (image[0::2] + image[1::2]))
+    half = rows // 2
+    edges = np.arange(half + 1) * (rows / half)
+    share = np.minimum(edges[1:, None], np.arange(1, rows + 1))
+    share -= np.maximum(edges[:-1, None], np.arange(rows))
+    return np.tensordot(np.maximum(share, 0) * (half / rows), image, 1)
+
+
+def is_cube(scene: SceneModel, surface: Surface) -> bool:
+    """Whether a surface's texture is a cube."""
+    return surface.texture >= 0 and scene.textures[surface.texture].kind is not TextureKind.FLAT
+
+
+def surface_uniforms(scene: SceneModel, geom: int, surface: Surface) -> Uniforms:
+    """What a geom looks like."""
+    kind = CUBE if is_cube(scene, surface) else FLAT
+    return {
+        "geom": float(geom + 1),
+        "sky": False,
+        "albedo": from_srgb(np.array(surface.rgba[:3])),
+        "texture_kind": kind if surface.texture >= 0 else -1,
+        "alpha": min(float(surface.rgba[3]), 1.0),
+        "emission": float(surface.emission),
+        "specular": float(from_srgb(np.array(surface.specular))),
+        "exponent": float(surface.shininess) * 128.0,
+    }
+
+
+def drawn(scene: SceneModel, orthographic: bool) -> Iterator[Drawn]:
+    """Every geom in its order, then the sky if there is one."""
+    extent_m, stretching = extent_of(scene), set(scene.stretching.tolist())
+    for geom, kind in enumerate(scene.geom_type):
+        surface = scene.surfaces[scene.geom_surface[geom]]
+        index = int(scene.geom_mesh[geom])
+        mesh = scene.meshes[index] if index >= 0 else None
+        size, cube = scene.geom_size[geom], is_cube(scene, surface)
+        if geom in stretching:
+            size = UNIT_CAPSULE
+        facets = facets_of(Shape(int(kind)), size, mesh, surface, cube, extent_m)
+        yield Drawn(facets, surface_uniforms(scene, geom, surface), surface.texture)
+    if scene.skybox >= 0:
+        look: Uniforms = {"geom": 0.0, "sky": True, "alpha": 1.0}
+        look |= {"albedo": np.ones(3), "texture_kind": CUBE}
+        span = 0.25 * FAR_FLAT if orthographic else 0.5 * FAR
+        yield Drawn(room(span * extent_m), look, scene.skybox)
+
+
+def extent_of(scene: SceneModel) -> float:
+    """The scene's size in m, never 0."""
+    return max(scene.extent_m, 1e-9)
+
+
+def pose_matrix(turn: F64, position: F64) -> F64:
+    """(4, 4) local to world."""
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = turn.reshape(3, 3), position
+    return out
+
+
+def orthographic_matrix(camera: CameraModel, extent_m: float) -> F64:
+    """(4, 4) from the camera's frame to OpenGL's cube; depth 0 is the camera."""
+    far = FAR_FLAT * extent_m
+    out = np.diag([2 * camera.fx / camera.width, 2 * camera.fy / camera.height, -2 / far, 1.0])
+    out[:3, 3] = 2 * camera.cx / camera.width - 1, 1 - 2 * camera.cy / camera.height, -1
+    return out
+
+
+class Lamps:
+    """The lights that a renderer uses, as shade.frag wants them."""
+
+    def __init__(self, scene: SceneModel, config: RenderConfig) -> None:
+        """Image lights are left out: OpenGL has none."""
+        headlight, lux_per_unit = config.headlight == "model", config.lux_per_unit
+        used = [
+            i
+            for i, x in enumerate(scene.lights)
+            if (headlight or not x.headlight) and x.kind is not LightKind.IMAGE
+        ]
+        self._flicker = Flicker(scene.lights, config.flicker)
+        self._at_camera = np.array([[scene.lights[i].headlight] for i in used], bool)
+        self._used = used
+        self.constant = light_uniforms([scene.lights[i] for i in used], lux_per_unit)
+
+    def __len__(self) -> int:
+        return len(self._used)
+
+    def at(self, snapshot: SceneSnapshot, pose: CameraPose) -> Uniforms:
+        """Where they are, with the camera as the origin, and where they look."""
+        if not self._used:
+            return {}
+        ahead = -pose.mat.reshape(3, 3)[:, 2]
+        places = snapshot.light_pos[self._used] - pose.pos
+        moving: Uniforms = {
+            "light_position": np.where(self._at_camera, 0.0, places),
+            "light_direction": np.where(self._at_camera, ahead, snapshot.light_dir[self._used]),
+        }
+        if not self._flicker.steady:
+            gains = self._flicker.gains(snapshot)[self._used, np.newaxis]
+            for name in ("light_ambient", "light_diffuse", "light_specular"):
+                moving[name] = self.constant[name] * gains
+        return moving
+
+
+def light_uniforms(lights: list[Light], lux_per_unit: float) -> Uniforms:
+    """What never moves of the lights. A physical intensity counts instead of the colours' size."""
+    if not lights:
+        return {"light_count": 0}
+    # directional: lux; else candela, which falls off with the square of the distance
+    scale = np.array([[x.intensity / lux_per_unit if x.intensity > 0 else 1.0] for x in lights])
+    physical = np.array([[x.intensity > 0] for x in lights])
+    cutoff = np.cos(np.deg2rad([x.cutoff_deg for x in lights]))
+    square = [x.intensity > 0 and x.kind is not LightKind.DIRECTIONAL for x in lights]
+    inner = np.cos(np.deg2rad([(1.0 - x.softness) * x.cutoff_deg for x in lights]))
+    edge = 1.0 / np.maximum(inner - cutoff, 1.0 / 1024)
+    fade = [x.range_m**-2 if x.range_m > 0 else 0.0 for x in lights]
+    return {
+        "light_count": len(lights),
+        "light_kind": np.array([int(x.kind) for x in lights]),
+        "light_ambient": np.where(physical, 0.0, np.array([x.ambient for x in lights])),
+        "light_diffuse": scale * np.array([x.diffuse for x in lights]),
+        "light_specular": scale * np.array([x.specular for x in lights]),
+        "light_attenuation": np.array([x.attenuation for x in lights], np.float64),
+        "light_cone": np.stack([cutoff, [x.exponent for x in lights], square], 1),
+        # vectors have three numbers here
+        "light_end": np.stack([fade, edge, 0 * edge], 1) * np.array(square)[:, np.newaxis],
+    }

@@ -1,0 +1,83 @@
+"""Which renderer a configuration asks for."""
+
+from __future__ import annotations
+
+from evs.emulator import _core
+from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.base.protocols import Renderer
+from evs.emulator.base.scene import CameraModel, SceneModel
+from evs.emulator.config import SEEDS, RenderConfig
+from evs.emulator.render.direct import DirectRenderer
+from evs.emulator.render.path import PathRenderer
+from evs.msgs import EvsError, unknown
+
+MAX_SPP = {"direct": 64, "path": 4096, "raster": 64}
+RENDERERS = tuple(MAX_SPP)
+SAMPLERS = ("owen", "sobol", "global", "random", "anchored")
+MAX_BOUNCES = 64
+MAX_THREADS = 1024
+
+
+def make_renderer(
+    scene: SceneModel,
+    camera: CameraModel,
+    config: RenderConfig,
+    threads: int,
+    rgb: bool = False,
+    seed: int = 0,
+    switches: Switches = UNFORCED,
+    like: Renderer | None = None,
+) -> Renderer:
+    """The renderer of one camera. Raises EvsError where the configuration makes no sense.
+
+    In: rgb, colour is wanted beside the luminance; seed, what the noise of `path` follows from;
+    switches, code paths that are forced on or off (not of raster); like, the same camera's until
+    now, whose threads, meshes and images are shared where they are the same (not of raster).
+    """
+    check_render(config)
+    for name in config.linear_textures:
+        if name not in scene.texture_names:
+            raise unknown("render.linear_textures", name, list(scene.texture_names))
+    if not 0 <= threads <= MAX_THREADS:
+        raise EvsError(f"threads is {threads}; give 0 for one a core, or 1 ... {MAX_THREADS}")
+    if config.renderer == "raster":
+        # an extra: what it imports need not be there
+        from evs.emulator.render.raster import RasterRenderer
+
+        if rgb:
+            raise EvsError("raster gives no colour, only luminance: take render.renderer=direct")
+        return RasterRenderer(scene, camera, config)
+    known = like if isinstance(like, DirectRenderer) else None
+    if config.renderer == "path":
+        return PathRenderer(scene, camera, config, threads, rgb, seed, switches, known)
+    return DirectRenderer(scene, camera, config, threads, rgb, switches, known)
+
+
+def check_render(config: RenderConfig) -> None:
+    """EvsError where a value of the configuration makes no sense."""
+    if config.renderer not in RENDERERS:
+        raise unknown("renderer", config.renderer, list(RENDERERS))
+    _check_samples(config)
+    if config.antialiasing not in ("fixed", "adaptive"):
+        raise unknown("render.antialiasing", config.antialiasing, ["fixed", "adaptive"])
+    if config.headlight not in ("model", "off"):
+        raise unknown("render.headlight", config.headlight, ["model", "off"])
+    if config.lux_per_unit <= 0:
+        raise EvsError(f"render.lux_per_unit is {config.lux_per_unit}; it must be positive")
+    if config.isa not in ("auto", *_core.isa_available()):
+        raise unknown("instruction set", config.isa, ["auto", *_core.isa_available()])
+
+
+def _check_samples(config: RenderConfig) -> None:
+    most, spp = MAX_SPP[config.renderer], config.samples
+    if not 1 <= spp <= most:
+        raise EvsError(
+            f"render.spp is {spp}; with renderer {config.renderer} it must be 1 ... {most}"
+        )
+    seeds = SEEDS[config.renderer]
+    if config.seeds not in seeds:
+        raise unknown("render.seeds", config.seeds, list(seeds))
+    if not 0 <= config.bounces <= MAX_BOUNCES:
+        raise EvsError(f"render.bounces is {config.bounces}; it must be 0 ... {MAX_BOUNCES}")
+    if config.sampler not in SAMPLERS:
+        raise unknown("render.sampler", config.sampler, list(SAMPLERS))

@@ -1,1 +1,0 @@
-"""What a DAVIS gives beside its events: intensity frames and an IMU."""

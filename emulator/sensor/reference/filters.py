@@ -1,0 +1,91 @@
+"""The two poles between log light and comparators: core/sensor/lowpass.h.
+
+One pole is y' = w (x - y). All steps are float32, in the order of the formulas.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from evs.emulator.base.scene import F32
+from evs.emulator.sensor.parameters import SensorParameters
+from evs.emulator.sensor.reference.light import LN2_HIGH, LN2_LOW
+
+SETTLED = np.float32(80.0)
+"""z from which on nothing of the old value is left"""
+FOR_EVER = np.float32(2.0**100)
+"""the largest z"""
+FADED = np.float32(2.0**-64)
+"""a filter closer to 0 is 0, log units"""
+NEAR = np.float32(0.046875)
+"""z below which b comes from its series"""
+
+
+def share_of_tick(hz: float, tick_us: int) -> np.float32:
+    """2 pi f dt; 0 where it would be a denormal float32."""
+    return per_tick(2.0 * math.pi * 1e-6 * hz, tick_us)
+
+
+def per_tick(per_us: float, tick_us: int) -> np.float32:
+    """A rate per us in a tick, float32; 0 where it would be a denormal."""
+    rate = np.float32(per_us * float(tick_us))
+    return rate if rate >= np.finfo(np.float32).tiny else np.float32(0)
+
+
+def bandwidth(sensor: SensorParameters, dn: F32, tick_us: int) -> F32:
+    """z = 2 pi f dt of the photoreceptor at this light: f is a line over DN."""
+    turn = 2.0 * math.pi * 1e-6 * sensor.cutoff_hz
+    lux = sensor.bright_lux + sensor.dim_lux
+    in_the_dark = per_tick(turn * sensor.dim_lux / lux, tick_us)
+    for_each_dn = per_tick(turn * sensor.lux_per_dn / lux, tick_us)
+    with np.errstate(over="ignore", under="ignore"):
+        z: F32 = in_the_dark + for_each_dn * dn
+    return z
+
+
+def shares(z: F32) -> tuple[F32, F32]:
+    """(a, b) of a tick: how far y comes towards where x was, how much of x's line it follows.
+
+    a = 1 - e^-z and b = 1 - a / z, float32 as z; a NaN counts as infinite.
+    """
+    most = np.where(z < FOR_EVER, z, FOR_EVER)
+    z = np.where(z < SETTLED, z, SETTLED)
+    a = one_minus_exp(z)
+    with np.errstate(under="ignore"):
+        # (e^-z - 1 + z) / z = z / 2 - z^2 / 6 + ...
+        near = (np.float32(0.5) - (np.float32(1 / 6) - np.float32(1 / 24) * z) * z) * z
+    far = np.float32(1) - a / np.maximum(most, NEAR)
+    return a, np.where(z < NEAR, near, far)
+
+
+def one_minus_exp(z: F32) -> F32:
+    """1 - e^-z for 0 <= z <= 80: z = k ln 2 - r, e^r - 1 by its series, e^-z = 2^-k e^r."""
+    k = (z * np.float32(math.log2(math.e)) + np.float32(0.5)).astype(np.int32)
+    whole = k.astype(np.float32)
+    r = (whole * LN2_HIGH - z) + whole * LN2_LOW
+    scale = np.ldexp(np.float32(1), -k).astype(np.float32)
+    with np.errstate(under="ignore"):
+        series = _horner(r, [1.0 / math.factorial(n) for n in range(6, 0, -1)])
+        out: F32 = (np.float32(1) - scale) - scale * (series * r)
+    return out
+
+
+def follow(z: F32, y: F32, x0: F32, x1: F32, law: str) -> F32:
+    """The filter's next value: from y, while its input goes from x0 to x1 in a line."""
+    with np.errstate(under="ignore"):
+        if law == "euler":
+            out = y + np.where(z < np.float32(1), z, np.float32(1)) * (x1 - y)
+        else:
+            a, b = shares(z)
+            out = y + (a * (x0 - y) + b * (x1 - x0))
+    return np.where(np.abs(out) < FADED, np.float32(0), out)
+
+
+def _horner(x: F32, coefficients: list[float]) -> F32:
+    """The polynomial with these coefficients, the highest first."""
+    out = np.full_like(x, coefficients[0])
+    for coefficient in coefficients[1:]:
+        out = out * x + np.float32(coefficient)
+    return out

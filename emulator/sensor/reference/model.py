@@ -1,0 +1,214 @@
+"""ReferenceModel: the tick of a whole frame, term by term."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from evs.emulator.base.scene import F32, F64
+from evs.emulator.sensor.parameters import SensorParameters
+from evs.emulator.sensor.pixel import running_mean
+from evs.emulator.sensor.pixel.fixed_pattern import FixedPattern, draw_pattern
+from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants, RunningMeanState
+from evs.emulator.sensor.pixel.state import BLOCK, PlainState, check_tick
+from evs.emulator.sensor.reference.comparators import Happening, PixelTick, compare
+from evs.emulator.sensor.reference.filters import bandwidth, follow, share_of_tick, shares
+from evs.emulator.sensor.reference.light import is_light, log_light, to_dn
+from evs.emulator.sensor.reference.noise import (
+    Candidate,
+    candidates,
+    leak,
+    most_shot_hz,
+    on_grid,
+    shot_share,
+)
+from evs.msgs import Events, make_events
+
+
+class ReferenceModel:
+    """EventModel with the bytes of PlainModel, and none of its speed."""
+
+    def __init__(
+        self,
+        sensor: SensorParameters,
+        *,
+        average: RunningMeanConstants | None = None,
+        causes: bool = False,
+    ) -> None:
+        self.sensor, self.average, self.causes = sensor, average, causes
+        self._pattern = lru_cache(maxsize=1)(lambda seed: draw_pattern(sensor, seed))
+
+    def init(self, seed: int) -> PlainState:
+        """The state before the first tick."""
+        return PlainState.dark(seed, self.sensor, self.average is not None)
+
+    def step(
+        self, luminance: F32, state: PlainState, t_begin_us: int, t_end_us: int
+    ) -> tuple[Events, PlainState]:
+        """As PlainModel.step; this one leaves the state handed in as it was.
+
+        No block is ever left out: the state's due_us and since_us are its clock.
+        """
+        check_tick(self.sensor, luminance, state, t_begin_us, t_end_us)
+        state, tick_us = state.copy(), t_end_us - t_begin_us
+        pattern = self._pattern(state.seed % 2**64)
+        begins = np.isnan(state.last_log)
+
+        light, seen = self._light(luminance, state)
+        dn = to_dn(seen, self.sensor)
+        log = np.where(seen > -running_mean.BLACK, log_light(seen, self.sensor), state.last_log)
+        start, end = self._signal(log, dn, state, begins, tick_us)
+        drift = self._drift(start, end, dn, state, pattern, tick_us)
+        shots = self._shots(state, pattern, tick_us)
+
+        events: list[tuple[Happening, int]] = []
+        reference = state.reference.reshape(-1)
+        for i in range(reference.size):
+            if begins.flat[i]:
+                # the first light only sets the reference
+                phase = 0.0 if pattern.phase is None else float(pattern.phase.flat[i])
+                reference[i] = on_grid(float(end.flat[i]) - phase)
+                continue
+            pixel = PixelTick(
+                on=float(pattern.on.flat[i]),
+                off=float(pattern.off.flat[i]),
+                reference=float(reference[i]),
+                blind_until_us=0 if state.blind_until is None else int(state.blind_until.flat[i]),
+                signal=float(start.flat[i]),
+                signal_end=float(end.flat[i]),
+                drift=float(drift.flat[i]),
+                begin_us=state.clock_us,
+                tick_us=tick_us,
+                refractory_us=self.sensor.refractory_us,
+                hot=pattern.hot is not None and bool(pattern.hot.flat[i]),
+            )
+            if i in shots:
+                assert pattern.shot_on is not None
+                assert pattern.shot_off is not None
+                share = shot_share(self.sensor, float(dn.flat[i]))
+                on, off = float(pattern.shot_on.flat[i]), float(pattern.shot_off.flat[i])
+                pixel = replace(
+                    pixel, shots=tuple(shots[i]), shot_on_hz=on * share, shot_hz=(on + off) * share
+                )
+            found, reference[i], blind_until_us = compare(pixel)
+            events += [(event, i) for event in found]
+            if state.blind_until is not None:
+                state.blind_until.reshape(-1)[i] = blind_until_us
+
+        state.last_log, state.last_luminance = log, light
+        state.clock_us += tick_us
+        state.tick_us = tick_us
+        state.ticks += 1
+        for blocks in (state.due_us, state.since_us):
+            if blocks is not None:
+                blocks[:] = state.clock_us
+        return self._packet(events, t_begin_us), state
+
+    def _light(self, luminance: F32, state: PlainState) -> tuple[F32, F32]:
+        """Each pixel's last light, and what the pixel makes of it: that, or its running mean."""
+        usable = is_light(luminance, self.sensor)
+        if self.average is not None:
+            usable &= luminance <= running_mean.LARGEST_LIGHT
+        state.clamped += int(np.count_nonzero(~usable))
+        light: F32 = np.where(usable, luminance, state.last_luminance)
+        if self.average is None:
+            return light, light
+        assert state.mean is not None
+        assert state.noise is not None
+        assert state.drift is not None
+        last = np.where(np.abs(state.last_luminance) < running_mean.BLACK, 0, state.last_luminance)
+        before = RunningMeanState(
+            state.ticks, 0, last.astype(np.float32), state.mean, state.noise, state.drift
+        )
+        mean, after = running_mean.step(light, before, self.average)
+        state.mean, state.noise, state.drift = after.mean, after.noise, after.drift
+        return light, mean
+
+    def _signal(
+        self, log: F32, dn: F32, state: PlainState, begins: np.ndarray, tick_us: int
+    ) -> tuple[F32, F32]:
+        """The signal that the comparators see, at the start and the end of the tick."""
+        start, end, law = state.last_log, log, self.sensor.filter
+        if state.filtered is not None:
+            z = bandwidth(self.sensor, dn, tick_us)
+            after = follow(z, state.filtered, start, end, law)
+            start, end = state.filtered, np.where(begins, log, after)
+            start = np.where(begins, log, start)
+            state.filtered = end
+        if state.followed is not None:
+            z = np.full_like(log, share_of_tick(self.sensor.follower_hz, tick_us))
+            after = follow(z, state.followed, start, end, law)
+            start, end = state.followed, np.where(begins, log, after)
+            start = np.where(begins, log, start)
+            state.followed = end
+        return start, end
+
+    def _drift(
+        self,
+        start: F32,
+        end: F32,
+        dn: F32,
+        state: PlainState,
+        pattern: FixedPattern,
+        tick_us: int,
+    ) -> F64:
+        """How far references sink in the tick; the high pass draws them towards the signal."""
+        drift = leak(self.sensor, pattern, dn) * float(tick_us)
+        if not self.sensor.highpass_hz:
+            return drift
+        z = np.array([share_of_tick(self.sensor.highpass_hz, tick_us)])
+        a, b = (share.astype(np.float64) for share in shares(z))
+        x0, x1 = start.astype(np.float64), end.astype(np.float64)
+        rise = on_grid(a * (x0 - state.reference) + b * (x1 - x0))
+        return np.where(np.isnan(rise), drift, drift - rise)  # blind pixels only leak
+
+    def _shots(
+        self, state: PlainState, pattern: FixedPattern, tick_us: int
+    ) -> dict[int, list[Candidate]]:
+        """Candidates for shot noise in the tick, by pixel, in order."""
+        found: dict[int, list[Candidate]] = {}
+        if state.shot_next is None or state.shot_count is None:
+            return found
+        for block in range(len(state.shot_next)):
+            first = block * BLOCK
+            pixels = min(BLOCK, state.reference.size - first)
+            most = most_shot_hz(pattern, slice(first, first + pixels))
+            clock = int(state.shot_next[block]), int(state.shot_count[block])
+            end_us = state.clock_us + tick_us
+            shots, clock = candidates(
+                state.seed, block, pixels, most, clock, state.clock_us, end_us
+            )
+            state.shot_next[block], state.shot_count[block] = clock
+            for shot in shots:
+                found.setdefault(first + shot.pixel, []).append(shot)
+        return found
+
+    def _packet(self, events: list[tuple[Happening, int]], t_begin_us: int) -> Events:
+        """By time; ties by pixel, then in the order in which the pixel had them."""
+        events.sort(key=lambda event: event[0].offset_us)
+        y, x = np.divmod(np.array([pixel for _, pixel in events], np.int64), self.sensor.width)
+        packet = make_events(
+            [t_begin_us + event.offset_us for event, _ in events],
+            x,
+            y,
+            [event.polarity for event, _ in events],
+        )
+        if self.causes:
+            causes = np.array([event.cause for event, _ in events], np.uint8)
+            packet.view(np.uint8).reshape(-1, packet.itemsize)[:, 13] = causes
+        return packet
+
+
+def caught_up(sensor: SensorParameters, state: PlainState) -> PlainState:
+    """A native state as if no block had been left out: what has leaked is in the references."""
+    state = state.copy()
+    if state.since_us is None or state.due_us is None:
+        return state
+    pattern = draw_pattern(sensor, state.seed)
+    light = state.last_luminance if state.mean is None else state.mean
+    owed_us = np.repeat(state.clock_us - state.since_us, BLOCK)[: light.size].reshape(light.shape)
+    state.reference = state.reference - leak(sensor, pattern, to_dn(light, sensor)) * owed_us
+    state.since_us[:] = state.due_us[:] = state.clock_us
+    return state

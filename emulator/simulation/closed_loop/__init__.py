@@ -1,0 +1,6 @@
+"""The closed loop in process: events and encoders to a controller, its controls back."""
+
+from evs.emulator.simulation.closed_loop.closed_loop import Loop
+from evs.msgs import Observation
+
+__all__ = ["Loop", "Observation"]

@@ -1,0 +1,312 @@
+"""Loop: a world that moves only when a controller has decided."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.emulator.base.protocols import Meter
+from evs.emulator.base.scene import F64
+from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
+from evs.emulator.config.closed_loop import DelayConfig
+from evs.emulator.config.plain_values import plain_integer, plain_number
+from evs.emulator.simulation.closed_loop.channels import Channels, check_delays
+from evs.emulator.simulation.world import World
+from evs.emulator.state import (
+    Saved,
+    joined,
+    number,
+    numbers,
+    pack,
+    part,
+    unpack_here,
+    whole,
+    word,
+    words,
+)
+from evs.emulator.world import (
+    Gauges,
+    MjData,
+    Scene,
+    UnstableError,
+    actuator_names,
+    check_control,
+    control_range,
+)
+from evs.msgs import EventPacket, EvsError, Observation, StreamInfo
+
+
+class Loop:
+    """Lock-step: each `step` takes a decision, and gives what has arrived for the next one.
+
+        loop = Loop("cart.xml", cameras=("left", "right"), limits={"tilt": (-0.5, 0.5)}, max_s=30.0)
+        seen = loop.reset(seed=1)
+        while not seen.done:
+            seen = loop.step(controller(seen))
+
+    A camera's packets are those of whole ticks. Same seed, same controls: same bytes.
+    """
+
+    def __init__(
+        self,
+        scene: Scene | SceneConfig,
+        cameras: str | CameraConfig | tuple[str | CameraConfig, ...] = ("",),
+        *,
+        tick_us: int = 1000,
+        sensor: str | SensorConfig = "dvs128",
+        render: RenderConfig | None = None,
+        model: ModelConfig | None = None,
+        seed: int = 0,
+        threads: int = 0,
+        limits: Mapping[str, tuple[float, float]] | None = None,
+        max_s: float | None = None,
+        delays: DelayConfig | None = None,
+        meter: Meter | None = None,
+    ) -> None:
+        """A world with these cameras, all of the same kind, and a loop around it.
+
+        In: cameras, names of the model's, or descriptions; "" is its first, else a free one;
+        limits, name of a sensor of the model -> the range whose leaving ends the episode; max_s,
+        simulated seconds after which it ends; delays, None: there are none; the others as of
+        World and World.add_camera. Raises EvsError with one line for whatever cannot be.
+        """
+        world = World(scene, tick_us=tick_us, seed=seed, threads=threads, meter=meter)
+        several = (cameras,) if isinstance(cameras, str | CameraConfig) else tuple(cameras)
+        for camera in several:
+            world.add_camera(camera, sensor=sensor, render=render, model=model)
+        self._surround(world, limits, max_s, delays)
+
+    @classmethod
+    def around(
+        cls,
+        world: World,
+        *,
+        limits: Mapping[str, tuple[float, float]] | None = None,
+        max_s: float | None = None,
+        delays: DelayConfig | None = None,
+    ) -> Loop:
+        """A loop around a world, with all the cameras it has now; from then on it alone steps it.
+
+        Until the first control is given, the world's own control source acts.
+        """
+        loop = cls.__new__(cls)
+        loop._surround(world, limits, max_s, delays)
+        return loop
+
+    def _surround(
+        self,
+        world: World,
+        limits: Mapping[str, tuple[float, float]] | None,
+        max_s: float | None,
+        delays: DelayConfig | None,
+    ) -> None:
+        if max_s is not None and not (max_s := plain_number(max_s, "max_s")) > 0.0:
+            raise EvsError(f"max_s is {max_s:g}: give simulated seconds over 0, or None for no end")
+        self.world = world
+        self._gauges = Gauges(world.model, limits)
+        self._max_s = max_s
+        self._end_us = math.inf if max_s is None else max(1, round(max_s * 1e6))
+        self._delays = check_delays(delays or DelayConfig())
+        self._channels = self._new_channels()
+        self._wants_state = False
+        self._done: str | None = None
+        self.on_tick: Callable[[tuple[EventPacket, ...]], None] | None = None
+        """called after every tick with its packets, before any delay: for recorders beside"""
+
+    def __repr__(self) -> str:
+        return f"<evs.Loop around {self.world!r}{f'; {self._done}' if self._done else ''}>"
+
+    def _new_channels(self) -> Channels:
+        for camera in self.world.cameras:
+            if camera.chunk > 1:
+                raise EvsError(
+                    f"model.chunk is {camera.chunk}, but a decision needs the events of the tick "
+                    "before it: leave it 1"
+                )
+        names = [camera.name for camera in self.world.cameras]
+        return Channels(self._delays, names, self.nu, self.world.seed)
+
+    def reset(
+        self,
+        seed: int | None = None,
+        keyframe: str = "",
+        state: bool = False,
+        start: Callable[[MjData], None] | None = None,
+    ) -> Observation:
+        """Begin an episode; what is known before its first tick: no event, the encoders.
+
+        In: seed, all noise follows from it, None keeps the last one; keyframe, name or number of
+        the one to start from, "" is as the world was made; state, observations of this episode
+        carry the physics' state; start, puts the MjData somewhere else before the first look.
+        Raises EvsError.
+        """
+        self.world.reset(seed, keyframe)
+        # not begun, should `start` raise
+        self._done = None
+        if start is not None:
+            start(self.world.data)
+        self._channels = self._new_channels()
+        self._wants_state = bool(state)
+        self._look()
+        return self._seen()
+
+    def step(self, ctrl: npt.ArrayLike | None = None, ticks: int = 1) -> Observation:
+        """Decide, then go on for so many ticks, fewer where the episode ends.
+
+        In: ctrl (nu,) holds until another acts; None keeps the last. Raises EvsError, and the
+        world has not moved: another shape, a number that is not finite, no tick, no reset before,
+        an episode that is over.
+        """
+        self._check_going()
+        ticks = plain_integer(ticks, "ticks")
+        if ticks < 1:
+            raise EvsError(f"ticks is {ticks}: a step is one tick or more")
+        if ctrl is not None:
+            ctrl = check_control(ctrl, self.world.model.nu, "step(ctrl)")
+            self._channels.decide(ctrl, self.t_us)
+        for _ in range(ticks):
+            if not self._tick():
+                break
+        return self._seen()
+
+    def _tick(self) -> bool:
+        """Go on for one tick; whether the episode does."""
+        world, channels = self.world, self._channels
+        try:
+            packets = world.step(channels.acting(world.t_us))
+        except UnstableError as reason:
+            self._done = str(reason)
+            self._gauges.read(world.data)
+            return False
+        if self.on_tick is not None:
+            self.on_tick(packets)
+        for place, (camera, packet) in enumerate(zip(world.cameras, packets, strict=True)):
+            channels.send(place, packet, world.t_us)
+            for frame in camera.frames:
+                channels.send(place, frame, world.t_us)
+            if camera.imu_packet is not None:
+                channels.send(place, camera.imu_packet, world.t_us)
+        self._look()
+        return not self._done
+
+    def save(self, compress: bool = False) -> bytes:
+        """Everything that the next step follows from: world, delays, what is on its way, counts.
+
+        In: compress, as of World.save. Raises EvsError before the first reset.
+        """
+        if self._done is None:
+            raise EvsError("the loop has not begun: call reset before save")
+        return pack(self._identity(), self._arrays(self._channels), compress)
+
+    def restore(self, blob: bytes) -> Observation:
+        """Go on from where `save` was called, in this process or another, with the same bytes.
+
+        Out: the encoders there, and no packets: those that had arrived were handed out. Raises
+        EvsError where the blob is damaged, or of another model or configuration, and then nothing
+        has changed. A loop need not have been reset before.
+        """
+        # the world may have got another camera since
+        like = self._channels if self._knows_cameras else self._new_channels()
+        saved = unpack_here(blob, self._identity(), self._arrays(like))
+        done, wants_state = word(saved, "done"), bool(number(saved, "wants_state", 0, 1))
+        inner = part(saved, "world")
+        put = self.world.restoring(inner)
+        channels = like.read(part(saved, "channels"), whole(inner, "seed"))
+        put()
+        self._channels, self._done, self._wants_state = channels, done, wants_state
+        self._gauges.read(self.world.data)
+        return self._seen()
+
+    @property
+    def _knows_cameras(self) -> bool:
+        return len(self.world.cameras) == len(self._channels.cameras)
+
+    def _arrays(self, channels: Channels) -> Saved:
+        saved = joined(world=self.world.arrays(), channels=channels.save())
+        return saved | numbers(wants_state=self._wants_state) | words(done=self._done or "")
+
+    def _identity(self) -> dict[str, Any]:
+        limits = {limit.name: f"{limit.low:g} ... {limit.high:g}" for limit in self._gauges.limits}
+        own = {"max_s": self._max_s, "limits": limits, "delays": asdict(self._delays)}
+        return {"kind": "loop", **self.world.identity, "loop": own}
+
+    def _check_going(self) -> None:
+        if not self._knows_cameras:
+            raise EvsError("the world has another camera since the last reset: call reset")
+        if self._done is None:
+            raise EvsError("the loop has not begun: call reset first")
+        if self._done:
+            raise EvsError(f"the episode is over ({self._done}): call reset")
+
+    def _look(self) -> None:
+        """Read the encoders and see whether the episode is over."""
+        self._gauges.read(self.world.data)
+        self._done = self._gauges.left()
+        if not self._done and self.t_us - self.world.start_us >= self._end_us:
+            self._done = f"{self._max_s:g} s are over"
+
+    def _seen(self) -> Observation:
+        return Observation(
+            t_us=self.t_us,
+            position=self._gauges.position,
+            velocity=self._gauges.velocity,
+            done=self._done or "",
+            state=self.world.state if self._wants_state else None,
+            **self._channels.arrived(self.t_us),
+        )
+
+    @property
+    def t_us(self) -> int:
+        """Simulated time, us."""
+        return self.world.t_us
+
+    @property
+    def tick_us(self) -> int:
+        """Length of a tick, us."""
+        return self.world.substeps.tick_us
+
+    @property
+    def nu(self) -> int:
+        """How many controls there are."""
+        return int(self.world.model.nu)
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Packets, frames and IMU packets of each camera that got lost in this episode."""
+        return self._channels.dropped
+
+    @property
+    def events_dropped(self) -> int:
+        """Events in the packets that got lost in this episode."""
+        return self._channels.events_dropped
+
+    @property
+    def done(self) -> str:
+        """Why the episode is over; "": it goes on, or has not begun."""
+        return self._done or ""
+
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        """Names of the actuators, in the order of the controls. EvsError: one has several."""
+        return actuator_names(self.world.model)
+
+    @property
+    def ctrl(self) -> F64:
+        """(nu,) the last that was decided, whether it acts yet or not, a copy."""
+        waiting = self._channels.controls.waiting
+        return np.array(waiting[-1].message if waiting else self.world.data.ctrl, np.float64)
+
+    @property
+    def ctrl_range(self) -> F64:
+        """(nu, 2) lowest and highest control of each actuator; infinite where it has no limit."""
+        return control_range(self.world.model)
+
+    @property
+    def streams(self) -> tuple[StreamInfo, ...]:
+        """What is constant of each camera."""
+        return tuple(camera.info for camera in self.world.cameras)

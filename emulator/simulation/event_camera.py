@@ -1,0 +1,255 @@
+"""Sensor: an event camera inside a simulation loop that the user already owns."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from evs.emulator.base.ground_truth import GroundTruth
+from evs.emulator.base.scene import F32
+from evs.emulator.camera.camera import Camera
+from evs.emulator.camera.setup import plan_camera
+from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.simulation.snapshot_history import Moments
+from evs.emulator.state import (
+    Saved,
+    joined,
+    pack,
+    part,
+    unpack_here,
+    whole,
+    words,
+)
+from evs.emulator.state.versions import versions
+from evs.emulator.world import LiveScene, MjData, MjModel, ModelDigest, Poser
+from evs.msgs import (
+    EventPacket,
+    Events,
+    EvsError,
+    Frame,
+    ImuSamples,
+    Labels,
+    StreamInfo,
+    empty_events,
+)
+
+LATEST_US = 2**53
+"""285 years: from there on, time in s has no whole microseconds"""
+
+
+def _kind(thing: object) -> str:
+    """Its class with the package that it is from: several have a MjModel."""
+    kind = type(thing)
+    return kind.__name__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__name__}"
+
+
+class Sensor:
+    """An event camera for a mujoco.MjModel that somebody else steps.
+
+        sensor = Sensor(model, camera="track")
+        while True:
+            mujoco.mj_step(model, data)
+            events = sensor.observe(data)
+
+    Works with any step length, also a varying one. Neither the model nor the data is changed. A
+    daemon thread that observes is ended (SystemExit) when the interpreter exits.
+
+    The model may be edited between calls: the next observe shows it. Vertices of meshes, heights,
+    texels, skins and flexes are compared only in the first observe after `reset`, and in `refresh`.
+    """
+
+    def __init__(
+        self,
+        model: MjModel,
+        camera: str | CameraConfig = "",
+        *,
+        sensor: str | SensorConfig = "davis346",
+        render: RenderConfig | None = None,
+        model_config: ModelConfig | None = None,
+        seed: int = 0,
+        threads: int = 0,
+        name: str | None = None,
+    ) -> None:
+        """In: camera, the name of one of the model's, or a description; "" is its first."""
+        if not isinstance(model, MjModel):
+            raise EvsError(
+                f"a Sensor takes a mujoco.MjModel, not {_kind(model)}; "
+                "gymnasium: env.unwrapped.model (Metaworld too), dm_control: physics.model.ptr, "
+                "robosuite: env.sim.model._model"
+            )
+        self._model = model
+        plan = plan_camera(camera, sensor, render, model_config, name, seed, threads)
+        if plan.model.chunk > 1:
+            raise EvsError(
+                f"model.chunk is {plan.model.chunk}, but a Sensor gives its events at once: "
+                "leave it 1"
+            )
+        tick_us = max(1, round(model.opt.timestep * 1e6))
+        self._scene, self._digest = LiveScene(model), ModelDigest(model)
+        self._camera = Camera(model, self._scene.scene, plan, tick_us=tick_us)
+        self._tick_us = tick_us
+        self._t_us: int | None = None
+        self._poser = Poser(model, [self._camera.bound])
+        self._moments = Moments(self._poser)
+        self._packet: EventPacket | None = None
+
+    def _see_edits(self) -> None:
+        """Show the model as it is now, where somebody has edited it. Raises EvsError."""
+        if not self._scene.outdated():
+            return
+        scene = self._scene.extract()
+        self._camera.refreshing(scene)()
+        self._poser.fit([self._camera.bound])
+        self._scene.taken(scene)
+
+    def __repr__(self) -> str:
+        info = self.info
+        seen = "nothing seen yet" if self._t_us is None else f"t {self._t_us * 1e-6:g} s"
+        return f"<evs.Sensor '{info.camera}': {info.sensor} {info.width} x {info.height}, {seen}>"
+
+    def observe(self, data: MjData) -> Events:
+        """Events since the last call, (n,) EVENT_DTYPE, sorted by t in us of `data.time`.
+
+        The first call sets the reference and gives none. Raises EvsError where time did not
+        advance, the data is not of this model, or the model was edited into something that cannot
+        be shown.
+        """
+        if not isinstance(data, MjData):
+            raise EvsError(
+                f"observe takes a mujoco.MjData, not {_kind(data)}; "
+                "gymnasium: env.unwrapped.data (Metaworld too), dm_control: physics.data.ptr, "
+                "robosuite: env.sim.data._data"
+            )
+        if not math.isfinite(data.time):
+            raise EvsError(f"data.time is {data.time}: the simulation is unstable")
+        if abs(data.time) * 1e6 > LATEST_US:
+            raise EvsError(
+                f"data.time is {data.time:g} s: stamps in us end at {LATEST_US * 1e-6:.3g} s; let "
+                "it begin at 0"
+            )
+        self._scene.check_data(data)
+        self._see_edits()
+        t_us = round(data.time * 1e6)
+        passed_us = self._tick_us if self._t_us is None else max(t_us - self._t_us, 0)
+        snapshot = self._moments.look(data, t_us, passed_us)
+        self._t_us = t_us
+        if not self._camera.started:
+            self._camera.start(snapshot)
+            self._moments.keep(snapshot)
+            return empty_events()
+        (self._packet,) = self._camera.observe(snapshot)
+        self._moments.keep(snapshot)
+        return self._packet.events
+
+    def reset(self) -> None:
+        """As new: call it after the data was reset. The next observe sets the reference again.
+
+        That observe also compares what every one would take too long for: vertices of meshes,
+        heights, texels, skins and flexes.
+        """
+        self._scene.look_closely()
+        self._camera.reset()
+        self._moments.reset()
+        self._packet, self._t_us = None, None
+
+    def save(self, compress: bool = False) -> bytes:
+        """Everything that the next observe follows from, but for the data that it is given.
+
+        In: compress, half the size for some 6 times the time.
+        """
+        return pack(self._identity(), self._arrays(), compress)
+
+    def restore(self, blob: bytes) -> None:
+        """Go on from where `save` was called, in this process or another, with the same bytes.
+
+        Put the data back as well. Raises EvsError where the blob is damaged, or of another model or
+        configuration, and then nothing has changed.
+        """
+        self._scene.look_closely()
+        self._see_edits()
+        saved = unpack_here(blob, self._identity(), self._arrays())
+        t_us = saved["t_us"].tolist()
+        if len(t_us) > 1:
+            raise EvsError("saved state is damaged: its time cannot be; save it again")
+        moments, seen = self._moments.read(part(saved, "moments"), t_us[0] if t_us else 0)
+        now, previous = (*seen, None, None)[:2]
+        seed = whole(saved, "seed")
+        self._camera.restoring(part(saved, "camera"), seed, now, previous)()
+        self._moments, self._packet = moments, None
+        self._t_us = t_us[0] if t_us else None
+
+    def _arrays(self) -> Saved:
+        return {
+            **joined(camera=self._camera.save(), moments=self._moments.save()),
+            **words(seed=str(self._camera.info.seed)),
+            "t_us": np.array([] if self._t_us is None else [self._t_us], np.int64),
+        }
+
+    def _identity(self) -> dict[str, Any]:
+        return {
+            "kind": "sensor",
+            "versions": {key: versions()[key] for key in ("evs", "mujoco")},
+            "model": self._digest(),
+            "camera": {"name": self._camera.name, **self._camera.identity},
+        }
+
+    def refresh(self) -> None:
+        """Compare all of the model now, and show what was changed: large arrays as well.
+
+        Those are vertices of meshes, heights, texels, skins and flexes; whatever else is edited the
+        next observe shows of itself. The pixels keep their state, so they see the change as they
+        would see any other. Raises EvsError where it cannot be shown.
+        """
+        self._scene.look_closely()
+        self._see_edits()
+        self._camera.forget_instants()
+        self._moments.reset()
+
+    @property
+    def packet(self) -> EventPacket | None:
+        """The last observe's events as a packet; None before the second."""
+        return self._packet
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """Intensity frames whose read-out ended in the last observe; needs sensor.aps.enabled."""
+        return self._camera.frames
+
+    @property
+    def imu(self) -> ImuSamples:
+        """(n,) what the IMU said in the last observe; needs sensor.imu.enabled. See Camera.imu."""
+        return self._camera.imu
+
+    @property
+    def labels(self) -> Labels | None:
+        """(n,) why each of the last observe's events came about; None: model.labels is off."""
+        return None if self._packet is None else self._packet.labels
+
+    @property
+    def events_dropped(self) -> dict[str, int]:
+        """Events that the readout dropped since the last reset, by cause (empty: it is ideal)."""
+        return self._camera.events_dropped
+
+    @property
+    def rebuilt(self) -> dict[str, int]:
+        """How often the scene was built again since this was made, as the model was edited.
+
+        Out: scenes, and of these how many meshes and textures; nothing else was built again.
+        """
+        return dict(self._camera.rebuilt)
+
+    @property
+    def luminance(self) -> F32:
+        """(h, w) float32 linear luminance of the last observe, a copy."""
+        return self._camera.luminance
+
+    def ground_truth(self) -> GroundTruth:
+        """Depth, normals, ids, flow, ... of the last observe, computed at each call."""
+        return self._camera.ground_truth()
+
+    @property
+    def info(self) -> StreamInfo:
+        """What is constant of its stream."""
+        return self._camera.info

@@ -1,0 +1,73 @@
+"""Moments: the last two instants in which a world was seen, as few numbers."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from evs.emulator.base.scene import F64, SceneSnapshot
+from evs.emulator.state import Saved
+from evs.emulator.world import MjData, Poser
+from evs.msgs import EvsError
+
+
+class Moment(NamedTuple):
+    """What a snapshot follows from."""
+
+    t_us: int
+    exposure_us: int
+    places: F64
+    """(n,) as of Poser.places"""
+
+
+class Moments:
+    """Takes snapshots, and remembers what the last two of them followed from."""
+
+    def __init__(self, poser: Poser) -> None:
+        self._poser = poser
+        self._kept: tuple[Moment, ...] = ()
+
+    def reset(self) -> None:
+        """Forget them."""
+        self._kept = ()
+
+    def look(self, data: MjData, t_us: int, exposure_us: int) -> SceneSnapshot:
+        """A snapshot, of which nothing is remembered yet."""
+        return self._poser.snapshot(data, t_us, exposure_us)
+
+    def keep(self, snapshot: SceneSnapshot, only_first: bool = False) -> None:
+        """Remember the snapshot that was just taken. In: only_first, unless there is one before."""
+        if not (only_first and self._kept):
+            moment = Moment(snapshot.t_us, snapshot.exposure_us, self._poser.places)
+            self._kept = (moment, *self._kept[:1])
+
+    def save(self) -> Saved:
+        """Named arrays that `read` takes back."""
+        times = [(moment.t_us, moment.exposure_us) for moment in self._kept]
+        places = np.array([moment.places for moment in self._kept], np.float64)
+        return {
+            "times": np.array(times, np.int64).reshape(len(times), 2),
+            "places": places.reshape(len(times), self._poser.places.size),
+        }
+
+    def read(self, saved: Saved, now_us: int) -> tuple[Moments, list[SceneSnapshot]]:
+        """Those that were saved at now_us, and their snapshots, the last one first.
+
+        Raises EvsError.
+        """
+        times, places = saved["times"], saved["places"]
+        sound = (
+            len(places) == len(times) <= 2
+            and times.shape[1] == 2
+            and not (np.diff(times[:, 0]) >= 0).any()
+            and not (times[:, 1] < 0).any()
+        )
+        if not sound or (len(times) and times[0, 0] != now_us):
+            raise EvsError("saved state is damaged: its times cannot be; save it again")
+        other = Moments(self._poser)
+        other._kept = tuple(
+            Moment(t_us, exposure_us, place)
+            for (t_us, exposure_us), place in zip(times.tolist(), places, strict=True)
+        )
+        return other, [self._poser.again(m.places, m.t_us, m.exposure_us) for m in other._kept]

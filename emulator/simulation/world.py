@@ -1,0 +1,451 @@
+"""World: our own loop. A scene, its physics in exact ticks, any number of cameras on one clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+from weakref import ref
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.emulator.base.protocols import Meter, NoMeter
+from evs.emulator.base.scene import F64, SceneSnapshot
+from evs.emulator.base.stamps import check_start
+from evs.emulator.camera.camera import Camera
+from evs.emulator.camera.setup import CameraPlan, plan_camera, plan_of
+from evs.emulator.camera.view import View
+from evs.emulator.config import (
+    CameraConfig,
+    ModelConfig,
+    RenderConfig,
+    RunConfig,
+    SceneConfig,
+    SensorConfig,
+)
+from evs.emulator.config.plain_values import plain_config, plain_integer
+from evs.emulator.simulation.snapshot_history import Moments
+from evs.emulator.state import (
+    Saved,
+    joined,
+    pack,
+    part,
+    unpack_here,
+    whole,
+    words,
+)
+from evs.emulator.state.versions import versions
+from evs.emulator.world import (
+    BoundCamera,
+    ControlFunction,
+    LiveScene,
+    MjData,
+    MjModel,
+    ModelDigest,
+    Physics,
+    Poser,
+    Scene,
+    Substeps,
+    check_control,
+    load_model,
+    name_of_keyframe,
+    starting_keyframe,
+)
+from evs.emulator.world.control_source import ControlSource
+from evs.msgs import EventPacket, EvsError
+
+
+class World:
+    """A scene that we step, and the cameras that watch it.
+
+        world = World("humanoid.xml", control="random")
+        camera = world.add_camera("track")
+        for (packet,) in world.run(2.0): ...
+
+    Before the first step, `world.data` may be put into any state: the light then is the reference.
+    `world.model` may be edited between steps: the next one shows it. Vertices of meshes, heights,
+    texels, skins and flexes are compared only in the first step after `reset`.
+    """
+
+    def __init__(
+        self,
+        scene: Scene | SceneConfig,
+        *,
+        tick_us: int = 1000,
+        control: str | ControlFunction = "auto",
+        seed: int = 0,
+        threads: int = 0,
+        meter: Meter | None = None,
+    ) -> None:
+        """Load the scene.
+
+        In: scene, a path to MJCF or MJB, a MjModel or MjSpec (copied), or a SceneConfig, whose
+        tick, control and keyframe then hold; control, "auto" (those of `home` if it starts there,
+        else zero), "zero", "keyframe", "random" or `f(t_s, data) -> ctrl`; seed, every random
+        number of controls and sensors follows from it. Raises EvsError with one line for whatever
+        cannot be.
+        """
+        if isinstance(scene, SceneConfig):
+            settings = plain_config(scene, "scene")
+            source = settings.control if isinstance(control, str) else control
+            if not settings.file:
+                raise EvsError("scene.file is empty: name the .xml or .mjb file of a world")
+            model = load_model(settings.file)
+        else:
+            settings = SceneConfig(
+                file=str(scene) if isinstance(scene, str | Path) else "",
+                tick_us=tick_us,
+                control=control if isinstance(control, str) else "function",
+                control_seed=plain_integer(seed, "seed"),
+            )
+            model, source = load_model(scene), control
+        self._scene_config = settings
+        self._start_us = check_start(settings.start_us)
+        self._seed = plain_integer(seed, "seed")
+        self._threads, self._meter = threads, meter or NoMeter()
+        self._control = ControlSource(model, settings, source)
+        self._given: F64 | None = None
+        self._physics = Physics(model, settings.tick_us, self._control.keyframe)
+        self._scene = LiveScene(model)
+        self._poser = Poser(model)
+        self._moments = Moments(self._poser)
+        self._cameras: list[Camera] = []
+        # they hold the world, which would otherwise never be dropped with them
+        self._view_refs: list[ref[View]] = []
+        self._bounds: list[BoundCamera] = []
+        """of cameras and views, in the order of a snapshot's poses"""
+        self._digest = ModelDigest(model)
+
+    def __repr__(self) -> str:
+        cameras = ", ".join(camera.name for camera in self._cameras) or "no camera yet"
+        tick_us = self.substeps.tick_us
+        return f"<evs.World: {cameras}; t {self.t_us * 1e-6:g} s, ticks of {tick_us} us>"
+
+    @classmethod
+    def from_config(cls, config: RunConfig, meter: Meter | None = None) -> World:
+        """The world of a pipeline, with its one camera."""
+        world = cls(config.scene, seed=config.seed, threads=config.threads, meter=meter)
+        world._add(plan_of(config), asdict(config))
+        return world
+
+    @classmethod
+    def with_view(cls, config: RunConfig, rgb: bool = False) -> tuple[World, View]:
+        """The world of a pipeline, and what its camera would see: no pixels, no events."""
+        world = cls(config.scene, seed=config.seed, threads=config.threads)
+        return world, world._add_view(plan_of(config), rgb)
+
+    def add_camera(
+        self,
+        camera: str | CameraConfig = "",
+        *,
+        sensor: str | SensorConfig = "davis346",
+        render: RenderConfig | None = None,
+        model: ModelConfig | None = None,
+        name: str | None = None,
+    ) -> Camera:
+        """One more camera on this world's clock; its packets come last in each step.
+
+        In: camera, the name of one of the model's, or a description; "" is the model's first, else
+        a free one. The n-th camera's pixels follow from seed + n, so that no two are alike.
+        """
+        seed = self._seed + len(self._cameras)
+        return self._add(
+            plan_camera(camera, sensor, render, model, name, seed, self._threads), None
+        )
+
+    def _add(self, plan: CameraPlan, config: dict[str, Any] | None) -> Camera:
+        self._see_edits()
+        camera = Camera(
+            self.model,
+            self._scene.scene,
+            plan,
+            place=len(self._bounds),
+            tick_us=self.substeps.tick_us,
+            taken=tuple(other.name for other in self._cameras),
+            scene_config=self._scene_config,
+            config=config,
+            meter=self._meter,
+        )
+        self._pose(camera.bound)
+        self._cameras.append(camera)
+        return camera
+
+    def add_view(
+        self,
+        camera: str | CameraConfig = "",
+        *,
+        sensor: str | SensorConfig = "davis346",
+        render: RenderConfig | None = None,
+        rgb: bool = False,
+    ) -> View:
+        """A look at the world without pixels and events: light and ground truth, when asked for.
+
+        In: as of add_camera; of the sensor its size alone counts. rgb, colour is wanted too.
+        """
+        plan = plan_camera(camera, sensor, render, None, None, self._seed, self._threads)
+        return self._add_view(plan, rgb)
+
+    def _add_view(self, plan: CameraPlan, rgb: bool) -> View:
+        self._see_edits()
+        place, scene = len(self._bounds), self._scene.scene
+        view = View(self.model, scene, plan, place, self._snapshot, rgb, self._start_us)
+        self._pose(view.bound)
+        self._view_refs.append(ref(view))
+        return view
+
+    @property
+    def _views(self) -> list[View]:
+        """Those that somebody still has."""
+        return [view for one in self._view_refs if (view := one()) is not None]
+
+    def _pose(self, camera: BoundCamera) -> None:
+        """Every snapshot from now on has one more camera's pose."""
+        self._poser.add_camera(camera)
+        self._bounds.append(camera)
+
+    def _snapshot(self) -> SceneSnapshot:
+        self._see_edits()
+        return self._moments.look(self.data, self._physics.t_us, self.substeps.tick_us)
+
+    def _see_edits(self) -> None:
+        """Show the model as it is now, where somebody has edited it. Raises EvsError."""
+        if not self._scene.outdated():
+            return
+        scene = self._scene.extract()
+        seers: list[Camera | View] = [*self._cameras, *self._views]
+        puts = [one.refreshing(scene) for one in seers]
+        for put in puts:
+            put()
+        for one in seers:
+            self._bounds[one.place] = one.bound
+        self._poser.fit(self._bounds)
+        self._scene.taken(scene)
+
+    def save(self, compress: bool = False) -> bytes:
+        """Everything that the next tick follows from, of physics and cameras, as bytes.
+
+        In: compress, half the size for some 6 times the time. A control function of the
+        caller's own is not in it, and has no memory if it follows from its arguments alone.
+        """
+        return pack({"kind": "world", **self.identity}, self.arrays(), compress)
+
+    def restore(self, blob: bytes) -> None:
+        """Go on from where `save` was called, in this process or another, with the same bytes.
+
+        Raises EvsError where the blob is damaged, or of another model or configuration, and then
+        nothing has changed. Seed, threads and instruction set may be others: seeds are restored.
+        """
+        identity = {"kind": "world", **self.identity}
+        self.restoring(unpack_here(blob, identity, self.arrays()))()
+
+    def arrays(self) -> Saved:
+        """What `save` packs, by name."""
+        cameras = {f"cameras.{place}": one.save() for place, one in enumerate(self._cameras)}
+        given = [] if self._given is None else [self._given]
+        return {
+            **joined(physics=self._physics.save(), moments=self._moments.save(), **cameras),
+            **words(seed=str(self._seed), control_seed=str(self._control.seed)),
+            "given": np.array(given, np.float64).reshape(len(given), self.model.nu),
+        }
+
+    def restoring(self, saved: Saved) -> Callable[[], None]:
+        """Checks what `arrays` gave; what comes back puts it in place. Raises EvsError.
+
+        In: saved, with names, kinds and dimensions that were checked.
+        """
+        self._scene.look_closely()
+        self._see_edits()
+        physics = self._physics.restoring(part(saved, "physics"))
+        seed, control_seed = whole(saved, "seed"), whole(saved, "control_seed")
+        given = saved["given"]
+        if len(given) > 1 or given.shape[1] != self.model.nu or not np.isfinite(given).all():
+            raise EvsError("saved state is damaged: its control cannot be; save it again")
+        moments, seen = self._moments.read(
+            part(saved, "moments"), int(saved["physics.tick"]) * self.substeps.tick_us
+        )
+        now, previous = (*seen, None, None)[:2]
+        cameras = [
+            camera.restoring(part(saved, f"cameras.{place}"), seed + place, now, previous)
+            for place, camera in enumerate(self._cameras)
+        ]
+
+        def put() -> None:
+            self._seed = seed
+            self._control.reseed(control_seed)
+            self._given = given[0] if len(given) else None
+            self._moments = moments
+            for restore in (physics, *cameras):
+                restore()
+            for view in self._views:
+                view.reset(seed)
+                for snapshot in reversed(seen):
+                    view.move(snapshot)
+
+        return put
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Where a saved state belongs, in plain values: model, versions, what shapes the events."""
+        settings = asdict(self._scene_config)
+        keys = ("start_us", "control", "control_file", "control_hz", "control_scale", "keyframe")
+        return {
+            "versions": {key: versions()[key] for key in ("evs", "mujoco")},
+            "scene": {"tick_us": self.substeps.tick_us, **{key: settings[key] for key in keys}},
+            "model": self._digest(),
+            "cameras": [camera.name for camera in self._cameras],
+            "camera": {camera.name: camera.identity for camera in self._cameras},
+        }
+
+    def step(self, ctrl: npt.ArrayLike | None = None) -> tuple[EventPacket, ...]:
+        """Advance one tick; one packet a camera.
+
+        With model.chunk over 1 a camera has none while its chunk fills, then one of each tick.
+        In: ctrl (nu,) holds for this tick and the following ones, instead of the control source.
+        Raises UnstableError where the physics breaks down; the packets until then stay true.
+        """
+        if ctrl is not None:
+            self._given = check_control(ctrl, self.model.nu, "step(ctrl)")
+        snapshot = self.advance()
+        return tuple([packet for camera in self._cameras for packet in camera.observe(snapshot)])
+
+    def advance(self) -> SceneSnapshot:
+        """The physics of one tick, which no camera has seen yet: the first half of `step`."""
+        self._start_cameras()
+        physics, values = self._physics, self._given
+        if values is None:
+            values = self._control(physics.t_us, physics.data)
+        if values is not None:
+            physics.data.ctrl[:] = values
+        physics.advance()
+        snapshot = self._snapshot()
+        self._moments.keep(snapshot)
+        for view in self._views:
+            view.move(snapshot)
+        self._meter.lap("world")
+        return snapshot
+
+    def reset(self, seed: int | None = None, keyframe: str = "") -> None:
+        """Back to the beginning, whatever happened before: time, physics, pixels and counters.
+
+        In: seed, all random numbers follow from another one from now on, as in a new world of that
+        seed; keyframe, name or number of the one to start from, "" is as the world was made, "none"
+        the model's own qpos0. Until the next step `world.data` may be put into any state again.
+        Raises EvsError, and then nothing has changed.
+        """
+        start = self._control.keyframe
+        if keyframe != "":
+            start = starting_keyframe(self.model, str(keyframe))
+        if seed is not None:
+            seed = plain_integer(seed, "seed")
+            # a control seed of its own keeps its distance
+            self._control.reseed(self._control.seed + seed - self._seed)
+            self._seed = seed
+        self._given = None
+        self._scene.look_closely()
+        self._moments.reset()
+        self._physics.reset(start)
+        for place, camera in enumerate(self._cameras):
+            camera.reset(None if seed is None else seed + place)
+        for view in self._views:
+            view.reset(seed)
+
+    def finish(self) -> tuple[EventPacket, ...]:
+        """The packets of ticks that wait for the rest of their chunk (model.chunk), without it."""
+        return tuple(packet for camera in self._cameras for packet in camera.finish())
+
+    def run(self, duration_s: float) -> Iterator[tuple[EventPacket, ...]]:
+        """Step through the whole ticks nearest to `duration_s`, at least one; then `finish`."""
+        if not (duration_s > 0.0 and math.isfinite(duration_s)):
+            raise EvsError(f"duration_s is {duration_s}: it must be over 0 s, for example 1.0")
+        ticks = max(1, round(duration_s * 1e6 / self.substeps.tick_us))
+        return self._run(ticks)
+
+    def _run(self, ticks: int) -> Iterator[tuple[EventPacket, ...]]:
+        for _ in range(ticks):
+            yield self.step()
+        if rest := self.finish():
+            yield rest
+
+    def _start_cameras(self) -> None:
+        """Cameras that have seen nothing yet take the light before this tick as their reference."""
+        new = [camera for camera in self._cameras if not camera.started]
+        if new:
+            snapshot = self._snapshot()
+            self._moments.keep(snapshot, only_first=True)
+            for camera in new:
+                camera.start(snapshot)
+        for view in self._views:
+            view.start()
+
+    @property
+    def model(self) -> MjModel:
+        """The mujoco.MjModel, our own copy, which may be edited."""
+        return self._physics.model
+
+    @property
+    def state(self) -> F64:
+        """(n,) all physics that the next tick follows from, as mjSTATE_INTEGRATION; a copy."""
+        return self._physics.state
+
+    @property
+    def data(self) -> MjData:
+        """The live mujoco.MjData."""
+        return self._physics.data
+
+    @property
+    def seed(self) -> int:
+        """What all random numbers follow from, since the last reset."""
+        return self._seed
+
+    @property
+    def t_us(self) -> int:
+        """Simulated time, us, as the stamps have it: scene.start_us at the beginning."""
+        return self._start_us + self._physics.t_us
+
+    @property
+    def start_us(self) -> int:
+        """What its stamps begin at, us."""
+        return self._start_us
+
+    @property
+    def tick(self) -> int:
+        """Ticks done."""
+        return self._physics.tick
+
+    @property
+    def substeps(self) -> Substeps:
+        """How the model's time step was fitted to the tick; str() says it."""
+        return self._physics.substeps
+
+    @property
+    def keyframe(self) -> str:
+        """The keyframe that it starts from, by name or number; "": the model's own qpos0."""
+        return name_of_keyframe(self.model, self._control.keyframe)
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """One line for each thing that was decided in the user's place, with the key for it."""
+        lines = []
+        if self.keyframe and not self._scene_config.keyframe:
+            held = " and holds its control" if self._control.holds else ""
+            lines.append(
+                f"starts from keyframe '{self.keyframe}'{held}; scene.keyframe=none: from the "
+                "model's qpos0"
+            )
+        if not self.substeps.kept:
+            lines.append(str(self.substeps))
+        return tuple(lines)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """One line for each thing that is not shown, with the fix; said as warnings before."""
+        lines = (line for camera in self._cameras for line in camera.left_out)
+        return (*self._scene.scene.left_out, *dict.fromkeys(lines))
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """All cameras, in the order of the packets."""
+        return tuple(self._cameras)

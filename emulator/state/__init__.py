@@ -1,0 +1,35 @@
+"""Saved states: named arrays in bytes, checked; and whether they belong to this world."""
+
+from evs.emulator.state.blob import MAX_BYTES, pack, unpack
+from evs.emulator.state.identity import check_identity
+from evs.emulator.state.tree import (
+    MOST,
+    Saved,
+    check_like,
+    joined,
+    number,
+    numbers,
+    part,
+    unpack_here,
+    whole,
+    word,
+    words,
+)
+
+__all__ = [
+    "MAX_BYTES",
+    "MOST",
+    "Saved",
+    "check_identity",
+    "check_like",
+    "joined",
+    "number",
+    "numbers",
+    "pack",
+    "part",
+    "unpack",
+    "unpack_here",
+    "whole",
+    "word",
+    "words",
+]

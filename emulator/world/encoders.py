@@ -1,0 +1,133 @@
+"""Gauges: what a robot measures of itself at one instant, without touching the live data.
+
+After mj_step the live data's actuator lengths and sensors belong to the step's beginning. So the
+state is copied into a private mjData, and as much as is needed is computed again there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from evs.emulator.base.scene import F64
+from evs.emulator.world.kinematics import update_poses
+from evs.emulator.world.names import find
+from evs.emulator.world.physics_state import STATE
+from evs.msgs import EvsError
+
+Stages = mujoco.mjtStage
+Kinds = mujoco.mjtSensor
+
+_NEEDS_ALL = {
+    int(kind)
+    for kind in (
+        Kinds.mjSENS_E_KINETIC,
+        Kinds.mjSENS_JOINTLIMITPOS,
+        Kinds.mjSENS_JOINTLIMITVEL,
+        Kinds.mjSENS_TENDONLIMITPOS,
+        Kinds.mjSENS_TENDONLIMITVEL,
+        Kinds.mjSENS_USER,
+        Kinds.mjSENS_PLUGIN,
+    )
+}
+"""Kinds that read inertias, constraints or who knows what, earlier though their stage is."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The range that a sensor of the model has to stay in."""
+
+    name: str
+    low: float
+    high: float
+    begin: int
+    """its first place in sensordata"""
+    end: int
+    stage: int
+    """how much of the forward dynamics it needs, a mjtStage"""
+
+    def __str__(self) -> str:
+        """As the reason of an end."""
+        return f"{self.name} left {self.low:g} ... {self.high:g}"
+
+
+class Gauges:
+    """Encoders of the actuators, and sensors with limits, of one model."""
+
+    def __init__(self, model: mujoco.MjModel, limits: Mapping[str, Any] | None = None) -> None:
+        """In: limits, name of a sensor -> (low, high). Raises EvsError for what does not exist."""
+        self._model = model
+        self._data = mujoco.MjData(model)
+        self._state = np.zeros(mujoco.mj_stateSize(model, STATE))
+        self.limits = read_limits(model, limits or {})
+        self._stage = max((limit.stage for limit in self.limits), default=0)
+
+    def read(self, data: mujoco.MjData) -> None:
+        """Look at `data`, which is only read."""
+        model, own = self._model, self._data
+        mujoco.mj_getState(model, data, self._state, STATE)
+        mujoco.mj_setState(model, own, self._state, STATE)
+        if self._stage >= int(Stages.mjSTAGE_ACC):
+            mujoco.mj_forward(model, own)
+            return
+        update_poses(model, own)
+        mujoco.mj_tendon(model, own)
+        mujoco.mj_transmission(model, own)
+        mujoco.mj_fwdVelocity(model, own)
+        if self._stage >= int(Stages.mjSTAGE_POS):
+            mujoco.mj_sensorPos(model, own)
+        if self._stage >= int(Stages.mjSTAGE_VEL):
+            mujoco.mj_sensorVel(model, own)
+
+    @property
+    def position(self) -> F64:
+        """(n,) length of each actuator's transmission, a copy: rad, m, or what its gear makes."""
+        return np.array(self._data.actuator_length, np.float64)
+
+    @property
+    def velocity(self) -> F64:
+        """(n,) its change, 1/s of that, a copy."""
+        return np.array(self._data.actuator_velocity, np.float64)
+
+    @property
+    def values(self) -> dict[str, F64]:
+        """What each sensor with limits says, (its dimension,) float64, copies."""
+        return {
+            limit.name: np.array(self._data.sensordata[limit.begin : limit.end], np.float64)
+            for limit in self.limits
+        }
+
+    def left(self) -> str:
+        """The first limit that a sensor is not within, as a reason; "": all are kept.
+
+        The ends of a range belong to it; a NaN is outside.
+        """
+        for limit in self.limits:
+            values = self._data.sensordata[limit.begin : limit.end]
+            if not ((values >= limit.low) & (values <= limit.high)).all():
+                return str(limit)
+        return ""
+
+
+def read_limits(model: mujoco.MjModel, limits: Mapping[str, Any]) -> tuple[Limit, ...]:
+    """Limits by the names of sensors. Raises EvsError where one does not exist or is no range."""
+    return tuple(_limit(model, name, value) for name, value in limits.items())
+
+
+def _limit(model: mujoco.MjModel, name: str, value: Any) -> Limit:
+    index = find(model, mujoco.mjtObj.mjOBJ_SENSOR, "sensor", str(name))
+    try:
+        low, high = (float(end) for end in value)
+    except (TypeError, ValueError):
+        low = high = math.nan
+    if not low < high:
+        raise EvsError(f"limits['{name}'] is {value!r}; give (low, high), for example (-0.5, 0.5)")
+    begin = int(model.sensor_adr[index])
+    needs_all = int(model.sensor_type[index]) in _NEEDS_ALL
+    stage = int(Stages.mjSTAGE_ACC if needs_all else model.sensor_needstage[index])
+    return Limit(str(name), low, high, begin, begin + int(model.sensor_dim[index]), stage)

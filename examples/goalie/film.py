@@ -1,0 +1,68 @@
+"""A moving picture of shots: the scene, and the events with where the ball will come to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from evs.drivers.pictures import U8, to_srgb8
+from evs.drivers.pictures.colours import INK
+from evs.emulator.config import SensorConfig
+from evs.examples.filming import (
+    EXPOSURE,
+    FACTOR,
+    FPS,
+    SIDE_PX,
+    Recent,
+    check_film,
+    page,
+    write_film,
+)
+from evs.examples.goalie.keeper import Keeper
+from evs.examples.goalie.path import CENTRE_PX, FOCAL_PX, HEIGHT_M, LOOKS_AT_X_M
+from evs.examples.goalie.shots import SAVES_M, Goal
+from evs.msgs import Observation
+
+SHOTS = 4
+SHOWN_MS = 4
+"""From one picture to the next; a tenth of real time."""
+
+
+def film(path: Path, speed_m_s: float, tracker: str = "events", first: int = 0) -> int:
+    """Some shots, one after the other, as a GIF; how many are saved. In: first, their seed."""
+    check_film(path)
+    goal = Goal(tracker)
+    side = SIDE_PX * FACTOR
+    view = goal.loop.world.add_view("scene", sensor=SensorConfig("dvs128", width=side, height=side))
+    pages, saved = list[U8](), 0
+    for shot in range(SHOTS):
+        recent = Recent(SHOWN_MS)
+        words = f"{tracker}: shot {shot + 1} at {speed_m_s:g} m/s, {saved} saved"
+
+        def watch(
+            seen: Observation, keeper: Keeper, recent: Recent = recent, words: str = words
+        ) -> None:
+            recent.see(seen.packets)
+            if seen.t_us // 1000 % SHOWN_MS and not seen.done:
+                return
+            panel = recent.panel("above")
+            crossing = keeper.crossing
+            if crossing is not None:
+                draw_mark(panel, crossing.y_m)
+            scene = to_srgb8(view.render()[0], EXPOSURE)
+            pages.append(page([np.repeat(scene[:, :, np.newaxis], 3, axis=2), panel], words))
+
+        saved += goal.shoot(speed_m_s, first + shot, watch) <= SAVES_M
+    write_film(path, pages, speed=SHOWN_MS * 1e-3 * FPS)
+    return saved
+
+
+def draw_mark(panel: U8, y_m: float) -> None:
+    """A cross in ink where the ball will cross the line x = 0."""
+    column = round((CENTRE_PX - LOOKS_AT_X_M * FOCAL_PX / HEIGHT_M + 0.5) * FACTOR)
+    row = round((CENTRE_PX - y_m * FOCAL_PX / HEIGHT_M + 0.5) * FACTOR)
+    for step in range(-6, 7):
+        for y, x in ((row + step, column + step), (row + step, column - step)):
+            if 0 <= y < panel.shape[0] and 0 <= x < panel.shape[1]:
+                panel[y, x] = INK

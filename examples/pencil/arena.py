@@ -1,0 +1,164 @@
+"""Where a stick is balanced: scene, cameras, starts and pushes. Trials happen here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from evs.emulator.base.protocols import Meter
+from evs.emulator.config.closed_loop import DelayConfig
+from evs.emulator.simulation.closed_loop import Loop
+from evs.emulator.world import MjData, MjModel, load_model, load_spec
+from evs.examples.pencil import TRACKERS
+from evs.examples.pencil.balance import Gains
+from evs.examples.pencil.controller import CAMERAS, Controller, make_tracker
+from evs.examples.pushes import Pushes
+from evs.examples.sensing import sensor_of
+from evs.msgs import EvsError, Observation, unknown
+
+SCENE = Path(__file__).parents[2] / "config" / "scenes" / "pencil.xml"
+
+LENGTH_M = 0.2
+"""Of the pencil in the scene."""
+
+FALLEN_RAD = 0.7
+"""Nothing comes back from there."""
+
+PUSHES = Pushes(first_tick=500, every_ticks=1000)
+
+
+class PencilLoop(Loop):
+    """The loop: a seed says where the stick starts, and from where somebody pushes it."""
+
+    def __init__(
+        self,
+        fps: int = 0,
+        length_m: float = LENGTH_M,
+        *,
+        push_mns: float = 0.0,
+        delay_ms: float = 0.0,
+        max_s: float | None = None,
+        threads: int = 1,
+        meter: Meter | None = None,
+    ) -> None:
+        """In: fps, the cameras' frames per second, 0: events alone; the rest as of Trial."""
+        self.push_mns = push_mns
+        self._length_m = length_m
+        super().__init__(
+            pencil_model(length_m),
+            CAMERAS,
+            sensor=sensor_of(fps),
+            threads=threads,
+            meter=meter,
+            limits=dict.fromkeys(("tilt_x", "tilt_y"), (-FALLEN_RAD, FALLEN_RAD)),
+            max_s=max_s,
+            delays=DelayConfig(control_us=round(1000 * delay_ms)),
+        )
+        self._body = int(self.world.model.body("pencil").id)
+
+    def reset(
+        self,
+        seed: int | None = None,
+        keyframe: str = "",
+        state: bool = False,
+        start: Callable[[MjData], None] | None = None,
+    ) -> Observation:
+        """As Loop's; without `start`, the seed draws one. In: seed, None is 0."""
+        seed = seed or 0
+        random = np.random.default_rng(seed % 2**64)
+        place, tilt = random.uniform(-0.02, 0.02, 2), random.uniform(-0.05, 0.05, 2)
+
+        def drawn(data: MjData) -> None:
+            data.qpos[:] = np.concatenate([place, tilt])
+
+        return super().reset(seed, keyframe, state, start or drawn)
+
+    def _tick(self) -> bool:
+        random, force = PUSHES.random(self.world.tick, self.world.seed), np.zeros(2)
+        if random is not None:
+            angle = random.uniform(0.0, 2.0 * np.pi)
+            newton = push_ns(self.push_mns, self._length_m) / PUSHES.seconds
+            force[:] = newton * np.cos(angle), newton * np.sin(angle)
+        # in the middle of the stick
+        self.world.data.xfrc_applied[self._body, :2] = force
+        return super()._tick()
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One try: what the stick, the world and the wire are like."""
+
+    length_m: float = LENGTH_M
+    push_mns: float = 1.0
+    """impulse of each second's push, mN s, for 0.2 m; others get what makes them lean as much"""
+    delay_ms: float = 0.0
+    """how much later than decided a force acts: rounded up to whole ticks"""
+    seconds: float = 3.0
+    seed: int = 0
+    """start, directions of pushes, the cameras' noise"""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of it."""
+
+    stood_s: float
+    fallen: bool
+    sway_mm: float
+    """root mean square of the cart's way from the middle"""
+
+
+Watch = Callable[[Observation, Controller], None]
+"""Sees each tick of a trial, for pictures."""
+
+
+class Arena:
+    """A stick of one length and delay before one kind of eyes, for any number of trials."""
+
+    def __init__(self, tracker: str, length_m: float = LENGTH_M, delay_ms: float = 0.0) -> None:
+        """Build the scene. In: tracker, one of TRACKERS; the rest as of Trial."""
+        if tracker not in TRACKERS:
+            raise unknown("tracker", tracker, TRACKERS)
+        self.fps, self.length_m, self.delay_ms = TRACKERS[tracker], length_m, delay_ms
+        self.loop = PencilLoop(self.fps, length_m, delay_ms=delay_ms)
+
+    def play(self, trial: Trial, gains: Gains | None = None, watch: Watch | None = None) -> Outcome:
+        """Balance until it has fallen or time is over."""
+        if (trial.length_m, trial.delay_ms) != (self.length_m, self.delay_ms):
+            raise EvsError(f"{trial} in an arena for {self.length_m:g} m, {self.delay_ms:g} ms")
+        controller = Controller(make_tracker(self.fps, self.length_m), self.length_m, gains)
+        self.loop.push_mns = trial.push_mns
+        seen = self.loop.reset(trial.seed)
+        ticks, tick, way = max(1, round(trial.seconds * 1000)), 0, 0.0
+        while tick < ticks and not seen.done:
+            seen = self.loop.step(controller.decide(seen))
+            tick += 1
+            way += float(seen.position @ seen.position)
+            if watch is not None:
+                watch(seen, controller)
+        return Outcome(tick * 1e-3, bool(seen.done), 1e3 * float(np.sqrt(way / tick)))
+
+
+def pencil_model(length_m: float = LENGTH_M) -> MjModel:
+    """The scene with a stick of this length, cut from the same pencil. EvsError."""
+    if not 0.005 <= length_m <= 0.22:
+        raise EvsError(f"a stick of {length_m} m: the cameras see 0.005 ... 0.22 m")
+    spec = load_spec(SCENE)
+    share = length_m / LENGTH_M
+    for geom in spec.body("pencil").geoms:
+        geom.pos = np.array(geom.pos) * share
+        geom.size = np.array(geom.size) * (1.0, share, 1.0)
+        geom.mass = geom.mass * share
+    return load_model(spec)
+
+
+def push_ns(push_mns: float, length_m: float) -> float:
+    """The impulse that makes any stick lean as push_mns does one of 0.2 m, N s.
+
+    It turns at 3 J / (2 m L) at once, which counts for a lean of that over w; m grows with L and w
+    falls with its root.
+    """
+    return float(push_mns * 1e-3 * (length_m / LENGTH_M) ** 1.5)

@@ -1,0 +1,110 @@
+"""`evs characterise`: measures a sensor as its makers would, and lays it beside what was set."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from evs.drivers import settings
+from evs.emulator.config import RunConfig
+from evs.msgs import EvsError
+
+HELP = "measure a virtual sensor: thresholds, latency, bandwidth, noise, range, peak rate"
+
+KEYS = ("sensor", "seed", "threads")
+"""First parts of the configuration keys that mean something here."""
+
+EXAMPLES = """\
+examples:
+  evs characterise davis346                                 the table
+  evs characterise davis346 --picture davis346.png          and one page of charts
+  evs characterise mine.toml sensor.cutoff_hz=200 --json    your own sensor, for a program
+
+SENSOR is a preset (config/sensors) or a .toml file of the same form; key=value changes single keys
+as in evs emulate. All is measured from events, under a lamp of 0.001 ... 100,000 lux; bandwidth
+with low thresholds and without noise, so that the filter shows. `set` is what the parameters
+promise."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.usage = "evs characterise SENSOR [key=value ...] [options]"
+    add = parser.add_argument
+    add("words", nargs="+", metavar="SENSOR, key=value", help="the sensor, then any keys")
+    add("--json", nargs="?", const="-", metavar="FILE", help="all numbers as JSON; -: on stdout")
+    add("--picture", metavar="FILE.png", help="one page of charts")
+    add("--pixels", type=int, metavar="N", help="measure at most so many (100,000)")
+    add(
+        "--seed",
+        metavar="N",
+        help="all that is random follows from it; short for seed=",
+    )
+    add("--threads", metavar="N", help="worker threads; 0: one a core; short for threads=")
+    add("--quiet", action="store_true", help="print nothing but warnings and errors")
+    parser.epilog = EXAMPLES
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure; the exit code."""
+    config = _config(args)
+    # here, so that --help is quick
+    from evs.drivers.pictures import suffix_of, write_png
+    from evs.drivers.run.report import check_targets, write_whole
+    from evs.emulator.sensor import resolve_sensor
+    from evs.launch import terminal
+    from evs.tools import characterise as bench
+    from evs.tools.characterise import text
+    from evs.tools.characterise.chart_page import characterisation_page
+
+    picture = None if args.picture is None else Path(args.picture)
+    if picture is not None and suffix_of(picture) != ".png":
+        raise EvsError(f"--picture is '{picture}': end it in .png")
+    numbers = None if args.json in (None, "-") else Path(args.json)
+    check_targets([path for path in (numbers, picture) if path is not None])
+    sensor = resolve_sensor(config.sensor)
+    done = 0
+    with terminal.bar("measuring", bench.STEPS, args.quiet) as moved:
+
+        def next_step(what: str) -> None:
+            nonlocal done
+            moved(done, what)
+            done += 1
+
+        found = bench.characterise(
+            sensor,
+            config.seed,
+            config.threads,
+            bench.PIXELS if args.pixels is None else args.pixels,
+            next_step,
+        )
+    if picture is not None:
+        write_png(picture, characterisation_page(found), few_colours=True)
+    told = json.dumps(found.plain(), indent=2, allow_nan=False)
+    if numbers is not None:
+        write_whole(told + "\n", numbers)
+    if args.json == "-":
+        print(told)
+    elif not args.quiet:
+        terminal.table(
+            f"{sensor.name}: {found.pixels:,} pixels", text.HEADINGS, text.rows(found.results())
+        )
+    return 0
+
+
+def _config(args: argparse.Namespace) -> RunConfig:
+    sensors = [word for word in args.words if "=" not in word]
+    if len(sensors) != 1:
+        given = ", ".join(f"'{name}'" for name in sensors) or "none"
+        raise EvsError(f"one sensor is measured at a time, given: {given} (try: --help)")
+    overrides = [("sensor.preset", sensors[0])]
+    overrides += [settings.split_word(word) for word in args.words if "=" in word]
+    overrides += [(key, text) for key in ("seed", "threads") if (text := getattr(args, key))]
+    config = RunConfig()
+    for key, text in overrides:
+        if key.partition(".")[0] not in KEYS:
+            raise EvsError(f"{key} has no meaning for a sensor alone; give keys of sensor")
+        config = settings.override(config, key, text)
+    if config.seed < 0:
+        raise EvsError(f"at seed: {config.seed}; give 0 or more")
+    return config

@@ -1,0 +1,124 @@
+"""`evs convert IN OUT`: a recording of one format into a file of another."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+from collections.abc import Callable
+
+from evs.launch.again import command
+from evs.launch.single import add_single
+
+HELP = "write a recording in another format: IN and OUT go by their endings"
+
+EPILOG = """\
+examples:
+  evs convert run.aedat4 run.csv
+  evs convert run.aedat4 run.aedat --events-only     leave out frames and IMU, which it cannot hold
+  evs convert davis.aedat run.aedat4 --compression zstd
+
+OUT appears when it is complete. What it cannot hold is refused before anything is written.
+
+formats:
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The command line of `evs convert`."""
+    parser.add_argument("source", metavar="IN", help="a recording")
+    parser.add_argument("target", metavar="OUT", help="the file to write; its ending says as what")
+    parser.add_argument("--format", metavar="NAME", help="the format, where the ending is not its")
+    parser.add_argument(
+        "--compression", metavar="NAME", help="of the formats that have it: lz4, zstd or none"
+    )
+    parser.add_argument(
+        "--encoding", metavar="NAME", help="of ROS bags: evt3, libcaer, mono or dvs"
+    )
+    parser.add_argument(
+        "--events-only",
+        action="store_true",
+        help="leave out frames, IMU, triggers and labels that OUT cannot hold",
+    )
+    parser.add_argument(
+        "--start",
+        choices=("shift", "keep"),
+        default="shift",
+        help="where OUT cannot hold the stamps (Unix time): let its clock begin at the first one, "
+        "and say so in its header (shift, the default), or refuse (keep)",
+    )
+    parser.add_argument("--force", action="store_true", help="replace OUT if it is there")
+    add_single(parser)
+    parser.add_argument(
+        "--quiet", action="store_true", help="print nothing but warnings and errors"
+    )
+    parser.epilog = EPILOG + "\n".join(_formats())
+
+
+def run(args: argparse.Namespace) -> int:
+    """Convert; one line says what came of it."""
+    from evs.drivers.files import convert, overwriting, to_write
+    from evs.launch import terminal
+
+    asked = {"compression": args.compression, "encoding": args.encoding}
+    options = {key: value for key, value in asked.items() if value is not None}
+    steps = 1000
+    to_write(args.target, args.format)
+    if not args.force:
+        overwriting.check_new([args.target])
+    with terminal.bar("converting", steps, args.quiet) as moved:
+        done = convert(
+            args.source,
+            args.target,
+            args.format,
+            events_only=args.events_only,
+            single=args.single,
+            keep_start=args.start == "keep",
+            progress=_step_by_step(moved, steps),
+            **options,
+        )
+    if args.quiet:
+        return 0
+    counts = [("events", done.events), ("frames", done.frames)]
+    counts += [("IMU samples", done.imu_samples), ("triggers", done.triggers)]
+    told = ", ".join(f"{count:,} {what}" for what, count in counts if count or what == "events")
+    several = f" in {len(done.files)} files" if len(done.files) > 1 else ""
+    print(f"{args.target}: {told}, {done.size / 1e6:.2f} MB{several}")
+    if done.start_us is not None:
+        print(f"start: its clock begins at {done.start_us} us; its header holds this offset")
+    if done.left_out:
+        left = ", ".join(f"{count:,} {what}" for what, count in done.left_out.items())
+        print(f"left out: {left}")
+    print(f"next:\n  {command('info', args.target)}")
+    return 0
+
+
+def _step_by_step(moved: Callable[[int, str], None], steps: int) -> Callable[[float], None]:
+    """Moves a bar of so many steps by a share, and only when it comes to another step."""
+    shown = -1
+
+    def move(share: float) -> None:
+        nonlocal shown
+        step = int(steps * share)
+        if step != shown:
+            moved(step, "")
+            shown = step
+
+    return move
+
+
+def _formats() -> list[str]:
+    """What there is, a line or two each."""
+    from evs.drivers.files import FORMATS
+
+    lines = []
+    for one in FORMATS:
+        holds = one.capabilities
+        facts = [name for name in ("frames", "imu", "triggers", "labels") if getattr(holds, name)]
+        facts += [f"{holds.width} x {holds.height} px at most"] if holds.height < 1 << 15 else []
+        facts += [f"stamps from {holds.first_us} us"] if holds.first_us >= 0 else []
+        facts += [f"extra {one.extra}"] if one.extra else []
+        ends = ", ".join(one.suffixes + tuple(f"({also})" for also in one.shared_suffixes))
+        said = one.title + (f" ({', '.join(facts)})" if facts else "")
+        lead = f"  {one.name:8s} {ends:18s} "
+        lines += textwrap.wrap(said, 100, initial_indent=lead, subsequent_indent=" " * len(lead))
+    return lines

@@ -1,0 +1,153 @@
+"""`evs evaluate`: event models on light of few samples, against events of converged light."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from evs.launch import again
+from evs.msgs import EvsError
+
+HELP = "measure event models: error, false events, recall, timing, cost, against converged light"
+
+EXAMPLES = """\
+examples:
+  evs evaluate --quick                           two scenes, a first impression
+  evs evaluate --json all.json --markdown all.md --picture all.png      the whole table
+  evs evaluate mine.onnx --scenes gymnasium/ant --spp 4,16              your own network besides
+
+Scenes are robots that no network has seen in its training (gymnasium/ant, dm_control/walker ...),
+procedural scenes of seeds that are kept for this (procedural/0, procedural/1 ...), a file of yours
+or package:path. Light is traced at the pixels that count only, and kept: a second run traces
+nothing. docs/explanation/evaluation.md says what each column means."""
+
+LISTS = {
+    "scenes": "scenes, with commas between them",
+    "cameras": "how the camera moves: still, pan, slide",
+    "spp": "samples a pixel of the light that is judged",
+    "models": "plain, adaptive, and networks by name",
+}
+NUMBERS = {
+    "ticks": "ms of each take; the last 384 are measured",
+    "pixels": "pixels spread over the picture; a patch of 32 x 32 comes besides",
+    "reference-spp": "samples a pixel of converged light, two halves together",
+    "threads": "worker threads; 0: one a core",
+    "seed": "controls and pixels follow from it",
+}
+
+NAMES = {
+    "runtime": "of networks: native, onnxruntime, reference",
+    "provider": "execution provider of onnxruntime: cpu, cuda, tensorrt, openvino, coreml",
+}
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.usage = "evs evaluate [MODEL.onnx] [options]"
+    add = parser.add_argument
+    add("network", nargs="?", metavar="MODEL.onnx", help="your own network: checked, then judged")
+    for name, line in LISTS.items():
+        add(f"--{name}", metavar="A,B", help=line)
+    for name, line in NUMBERS.items():
+        add(f"--{name}", type=int, metavar="N", help=line, dest=name.replace("-", "_"))
+    for name, line in NAMES.items():
+        add(f"--{name}", metavar="NAME", help=line)
+    add("--quick", action="store_true", help="two scenes, few pixels: under two minutes")
+    add("--cache", metavar="DIR", help="where traced light is kept (the user's cache folder)")
+    add("--json", metavar="FILE", help="everything that was measured")
+    add("--markdown", metavar="FILE.md", help="the table; without it, it goes to stdout")
+    add("--picture", metavar="FILE.png", help="EMD and recall against samples a pixel")
+    add("--quiet", action="store_true", help="print nothing but warnings and errors")
+    parser.epilog = EXAMPLES
+
+
+def run(args: argparse.Namespace) -> int:
+    """Evaluate; the exit code."""
+    # here, so that --help is quick
+    from evs.drivers.pictures import suffix_of, write_png
+    from evs.drivers.run.report import check_targets, write_whole
+    from evs.launch import terminal
+    from evs.tools.evaluation import evaluate, models, table
+    from evs.tools.evaluation.cache import LightCache, user_cache
+    from evs.tools.evaluation.chart_page import evaluation_page
+
+    numbers, words, picture = (
+        None if text is None else Path(text) for text in (args.json, args.markdown, args.picture)
+    )
+    if picture is not None and suffix_of(picture) != ".png":
+        raise EvsError(f"--picture is '{picture}': end it in .png")
+    check_targets([path for path in (numbers, words, picture) if path is not None])
+    settings = _settings(args, evaluate.QUICK if args.quick else evaluate.Settings())
+    judged, missing = models.contenders(settings.models, settings.network, settings.how)
+    for line in missing:
+        terminal.warn(line)
+    own = settings.network
+    checked = None if own is None else _checked(own, settings.provider)
+    cache = LightCache(user_cache() if args.cache is None else Path(args.cache).expanduser())
+    total = evaluate.work(settings, evaluate.look_ahead(judged))
+    with terminal.bar("tracing", total, args.quiet) as moved:
+        found = evaluate.evaluate(settings, cache, judged, moved, _command(args))
+    found = replace(found, left_out=missing, check=checked)
+    told = table.markdown(found)
+    if numbers is not None:
+        write_whole(found.to_json(), numbers)
+    if words is not None:
+        write_whole(told, words)
+    elif not args.quiet:
+        print(told, end="")
+    if picture is not None:
+        write_png(picture, evaluation_page(found), few_colours=True)
+    return 0
+
+
+def _checked(network: Path, provider: str) -> Any:
+    """What was found out about a user's network; each thing that is bad is a warning."""
+    from evs.launch import terminal
+    from evs.tools.doctor.check import BAD
+    from evs.tools.evaluation.check import check_model
+
+    checked = check_model(network, provider)
+    for finding in checked.findings:
+        if finding.verdict == BAD:
+            terminal.warn(f"{network}: {finding.what}: {finding.found}")
+    return checked
+
+
+def _settings(args: argparse.Namespace, settings: Any) -> Any:
+    """The settings of the command line over these."""
+    given: dict[str, Any] = {}
+    for name in LISTS:
+        text = getattr(args, name)
+        if text is not None:
+            words = [word.strip() for word in text.split(",") if word.strip()]
+            given[name] = tuple(_whole(name, words) if name == "spp" else words)
+    for name in (*(name.replace("-", "_") for name in NUMBERS), *NAMES):
+        if getattr(args, name) is not None:
+            given[name] = getattr(args, name)
+    if args.network is not None:
+        given["network"] = Path(args.network)
+    return replace(settings, **given)
+
+
+def _whole(name: str, words: list[str]) -> list[int]:
+    try:
+        return [int(word) for word in words]
+    except ValueError:
+        raise EvsError(f"--{name} is '{','.join(words)}': give whole numbers, as in 4,16") from None
+
+
+def _command(args: argparse.Namespace) -> str:
+    """The command line, without what changes no number."""
+    parts: list[str] = ["evaluate"]
+    if args.network is not None:
+        parts.append(args.network)
+    shown = [*LISTS, *NUMBERS, *NAMES, "json", "markdown", "picture"]
+    for name in shown:
+        given = getattr(args, name.replace("-", "_"))
+        if given is not None:
+            parts += [f"--{name}", str(given)]
+    if args.quick:
+        parts.insert(1, "--quick")
+    return again.command(parts)

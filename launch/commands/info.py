@@ -1,0 +1,121 @@
+"""`evs info FILE`: what a recording holds, whether it is whole, `--repair`, `--camera-info`."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from evs.launch.again import command
+from evs.launch.single import add_single
+
+if TYPE_CHECKING:
+    from evs.drivers.files import Summary
+
+HELP = "say what a recording holds and whether it is whole; --repair cuts a torn tail"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The command line of `evs info`."""
+    from evs.drivers.files import endings
+
+    parser.add_argument("file", metavar="FILE", help=f"a recording: {endings()}")
+    parser.add_argument(
+        "--repair", action="store_true", help="first cut a torn tail, in place; no packet is lost"
+    )
+    add_single(parser)
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="one JSON object instead of lines")
+    form.add_argument(
+        "--camera-info",
+        action="store_true",
+        help="the camera's calibration instead, as the YAML that ROS's camera_info_manager reads",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Repair if asked to, then print the summary."""
+    from evs.drivers.files import calibration_yaml, parts, repair, stream_of, summary
+
+    paths = [args.file] if args.single or not args.repair else parts(args.file)
+    repaired = [repair(path) for path in paths] if args.repair else []
+    if args.camera_info:
+        print(calibration_yaml(stream_of(args.file)), end="")
+        return 0
+    found = summary(args.file, single=args.single)
+    if args.json:
+        said = dataclasses.asdict(found)
+        said |= {"duration_s": found.duration_s, "rate_hz": found.rate_hz}
+        if repaired:
+            cut = sum(one.cut_bytes for one in repaired)
+            said |= {"repaired": any(one.needed for one in repaired), "cut_bytes": cut}
+        print(json.dumps(said, default=str))
+        return 0
+    for one in repaired:
+        print(one)
+    for name, value in _lines(found):
+        print(f"{name:11s} {value}")
+    return 0
+
+
+def _lines(found: Summary) -> list[tuple[str, str]]:
+    """(name, value) of each line."""
+    from evs.drivers.files.file_parts import later_parts
+    from evs.drivers.files.formats import by_name
+
+    stream = found.stream
+    rate = "" if found.rate_hz is None else f", {found.rate_hz:,.0f} per second"
+    table = f", data table {'present' if found.table else 'absent'}"
+    versions = ", ".join(f"{name} {number}" for name, number in stream.versions.items())
+    lines = [
+        ("file", f"{found.path}, {found.size:,} bytes, compression {found.compression}"),
+        ("format", by_name(found.format).title),
+        ("resolution", f"{stream.width} x {stream.height} px"),
+        ("camera", f"{stream.camera} (sensor {stream.sensor}, tick {stream.tick_us} us)"),
+        ("events", f"{found.events:,} ({found.on:,} ON, {found.off:,} OFF){rate}"),
+        ("time", f"{found.duration_s:.6f} s, from {found.first_us:,} to {found.last_us:,} us"),
+        ("packets", f"{found.packets:,}{table if found.format == 'aedat4' else ''}"),
+        *_beside(found),
+        ("seed", str(stream.seed)),
+        ("versions", versions or "not told"),
+    ]
+    if found.files:
+        lines.insert(1, ("files", f"{len(found.files)}, up to {found.files[-1]}"))
+    later = [path for path in later_parts(Path(found.path)) if str(path) not in found.files]
+    if later:
+        more = f" and {len(later) - 1} more" if len(later) > 1 else ""
+        lines.append(("goes on in", f"{later[0]}{more}"))
+    if found.left_out:
+        told = ", ".join(f"{count:,} {what}" for what, count in found.left_out.items())
+        lines.append(("left out", told))
+    if found.damaged_packets:
+        what = found.damaged_what
+        lines.append(("damaged", f"{found.damaged_packets:,} {what} between whole ones"))
+    if found.backwards:
+        lines.append(("backwards", found.backwards))
+    repair = command("info", "--repair", str(found.path))
+    if found.broken_pointer:
+        lines.append(("pointer", f"to a data table that is not there; {repair} takes it out"))
+    if found.unfinished:
+        lines.append(("unfinished", f"other programs want the end that {repair} gives it"))
+    if found.torn_at is not None:
+        where = f"{found.torn_bytes:,} bytes at offset {found.torn_at:,}"
+        lines.append(("torn", f"{where}; {repair} cuts them"))
+    return lines
+
+
+def _beside(found: Summary) -> list[tuple[str, str]]:
+    """Lines on what a recording holds beside events; none for events alone."""
+    lines = []
+    for name, there, count, rate_hz, unit in (
+        ("frames", found.stream.frames, found.frames, found.frame_rate_hz, "intensity frames"),
+        ("imu", found.stream.imu, found.imu_samples, found.imu_rate_hz, "samples"),
+    ):
+        if there or count:
+            rate = "" if rate_hz is None else f", {rate_hz:,.1f} per second"
+            lines.append((name, f"{count:,} {unit}{rate}"))
+    if found.stream.triggers or found.triggers:
+        lines.append(("triggers", f"{found.triggers:,}"))
+    return lines

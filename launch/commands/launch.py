@@ -1,0 +1,54 @@
+"""`evs launch FILE.toml [NAME:=VALUE]`: several programs at once, as a ROS launch file does."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+import threading
+
+HELP = "run cameras, recorders, viewers and controllers together, from one file"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The command line of `evs launch`."""
+    parser.usage = "evs launch FILE.toml [NAME:=VALUE ...] [--show]"
+    parser.epilog = (
+        "Subscribers start before what they listen to, and a camera waits for them. One Ctrl-C\n"
+        "stops every node, publishers first; a second one kills what is left. The exit code is\n"
+        "the worst node's. config/launch/stereo.toml shows every key; evs launch stereo runs it.\n"
+        "pencil, goalie, cartpole: closed loops; controller: one with a program of yours; ros2."
+    )
+    parser.add_argument("file", metavar="FILE.toml", help="a launch file, or one of evs by name")
+    parser.add_argument(
+        "given", nargs="*", default=[], metavar="NAME:=VALUE", help="an argument of the file"
+    )
+    parser.add_argument(
+        "--show", action="store_true", help="print what would be run, in order, and run nothing"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the plan; the worst node's exit code."""
+    from evs.drivers.run.launcher.plan import read_plan
+    from evs.drivers.run.launcher.supervise import Launch, check_programs
+
+    plan = read_plan(args.file, args.given)
+    if args.show:
+        for name, value in plan.arguments.items():
+            print(f"{name} := {value}")
+        for node in plan.nodes:
+            print(f"{node.name}: {shlex.join(node.run)}")
+        return 0
+    check_programs(plan)
+    one_line = threading.Lock()
+
+    def say(name: str, line: str) -> None:
+        with one_line:
+            print(f"[{name}] {line}", flush=True)
+
+    def tell(line: str) -> None:
+        with one_line:
+            print(f"launch: {line}", file=sys.stderr, flush=True)
+
+    return Launch(plan, say, tell).run()

@@ -1,0 +1,88 @@
+"""`evs record ADDRESS FILE`: what a camera publishes, into a file, until it ends."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from evs.launch.again import command
+from evs.launch.options import declare_keys
+from evs.msgs import EVENTS, EvsError
+
+HELP = "record what a camera publishes: events, frames and IMU"
+
+_QUEUE = 100 * EVENTS.queue
+"""packets that may wait while the disk is busy: 100 s of them at 1 kHz"""
+
+_GAPS_SHOWN = 5
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The command line of `evs record`."""
+    parser.usage = "evs record ADDRESS FILE [options]"
+    parser.add_argument("address", metavar="ADDRESS", help="a publisher, e.g. tcp://127.0.0.1:5560")
+    parser.add_argument("file", metavar="FILE", help="the recording; its ending says the format")
+    parser.add_argument("--camera", default="", metavar="NAME", help="which, if there are several")
+    parser.add_argument("--duration", type=float, metavar="S", help="simulated seconds to record")
+    parser.add_argument(
+        "--timeout", type=float, metavar="S", help="end when nothing came for S seconds"
+    )
+    parser.add_argument("--force", action="store_true", help="replace a file that is there")
+    parser.add_argument(
+        "--beside",
+        action="store_true",
+        help="record beside a file that is there, as run-1.aedat4: what evs launch adds where it "
+        "starts a recorder again",
+    )
+    declare_keys(parser)
+    parser.epilog = (
+        "Ends with the camera, --duration, --timeout or Ctrl-C; the file is whole each time. Exit\n"
+        "code 1 if packets were lost on the way: how many and where is told, and in\n"
+        "FILE.report.json."
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record; a line says what came of it. 1 if packets were lost."""
+    from evs.drivers.bus import subscribe
+    from evs.drivers.files import overwriting
+    from evs.drivers.run.stopping import stop_signals
+    from evs.drivers.run.stream_recorder import Taking
+
+    for option in ("duration", "timeout"):
+        value = getattr(args, option)
+        if value is not None and not value > 0:
+            raise EvsError(f"--{option} {value} is not possible: give more than 0 seconds")
+    if args.beside:
+        args.file = overwriting.numbered_path(args.file, overwriting.free_number([args.file]))
+    elif not args.force:
+        overwriting.check_new([args.file])
+    listening = subscribe(
+        args.address,
+        args.camera,
+        queue=_QUEUE,
+        frames=True,
+        imu=True,
+        camera_info=True,
+        server_key=args.server_key,
+        key=args.key,
+    )
+    with listening as stream, stop_signals() as stopped:
+        taking = Taking(stream, args.file, warn=_warn)
+        print(f"recording {stream.address} to {args.file} (Ctrl-C ends)", file=sys.stderr)
+        taken = taking.run(stopped, args.duration, args.timeout)
+    told = f"{taken.packets:,} packets, {taken.events:,} events"
+    told += f", {taken.frames:,} frames" if taken.frames else ""
+    told += f", {taken.imu_samples:,} IMU samples" if taken.imu_samples else ""
+    print(f"{taken.file}: {told}, {taken.lost:,} packets lost; {taken.ended}")
+    for gap in taken.gaps[:_GAPS_SHOWN]:
+        print(f"  lost: {gap}")
+    if len(taken.gaps) > _GAPS_SHOWN:
+        print(f"  ... and in other places: {taken.file}.report.json has them")
+    if not taken.lost:
+        print(f"  {command('info', taken.file)}")
+    return 1 if taken.lost else 0
+
+
+def _warn(line: str) -> None:
+    print(f"evs: warning: {line}", file=sys.stderr)

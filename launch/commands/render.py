@@ -1,0 +1,131 @@
+"""`evs render`: what the camera would see, as arrays: light and ground truth, no events."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import fields
+from pathlib import Path
+
+from evs.drivers import settings
+from evs.drivers.run import config as pipeline
+from evs.launch import options
+from evs.msgs import EvsError
+
+HELP = "luminance, colour, depth, normals, ids and optical flow of a scene, into one .npz file"
+
+OPTIONS = {
+    "scene": ("scene.file", "FILE", "MJCF or MJB file of the world"),
+    "camera": ("scene.camera", "NAME", "camera of the model to look through"),
+    "sensor": ("sensor.preset", "NAME", "sensor preset; its size alone counts"),
+    "renderer": ("render.renderer", "NAME", "how light is computed"),
+    "spp": ("render.spp", "N", "samples per pixel"),
+    "seeds": ("render.seeds", "WAY", "where the samples come from"),
+    "duration": ("duration_s", "S", "simulated seconds; 0: one frame"),
+    "threads": ("threads", "N", "worker threads; 0: one a core"),
+    "seed": ("seed", "N", "every random number follows from it"),
+}
+"""option -> (the key it is short for, placeholder, one line). Defaults stand with the keys."""
+
+NOT_HERE = (
+    *("sink", "record", "overwrite", "beside", "report", "pace"),
+    *(field.name for field in fields(pipeline.PipelineConfig) if field.name.startswith("publish")),
+)
+"""keys that only a run with events has; in a pipeline file they do no harm"""
+
+EVERY_TICK = "tick"
+
+EXAMPLES = """\
+examples:
+  evs render --scene robot.xml -o robot.npz                 a second at 25 fps, every channel
+  evs render --scene robot.xml --duration 0 --size 640x480 -o still.npz --preview still.png
+  evs render --scene robot.xml --fps tick --channels luminance,flow -o ticks.npz
+
+The file: numpy.load("robot.npz") has t_us (n,), info (JSON: camera_info, configuration, seed,
+versions) and of each channel one array (n, height, width, ...):
+  luminance   linear, BT.709 weights            rgb        (3) linear
+  depth       m, along the optical axis         distance   m, along the ray; both inf: nothing there
+  normal      (3) unit, world frame             position   (3) m, world frame; both NaN: nothing
+  geom_id     MuJoCo's; -1 nothing; counted on from -2: skins, flexes, sites, tendons, actuators
+  body_id     MuJoCo's; -1 nothing, or what hangs on many bodies
+  flow        (2) px/s to the right and down, mean over the tick that ends there; NaN at t = 0
+Ground truth is of the ray through each pixel's centre. A frame stands in the file as soon as it is
+rendered: Ctrl-C ends it and loses nothing.
+
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments; what is short for a key stays text."""
+    parser.usage = "evs render [SCENE.xml] [PIPELINE.toml] [key=value ...] [options] -o FILE.npz"
+    options.declare(parser, OPTIONS)
+    add = parser.add_argument
+    add("-o", "--out", metavar="FILE.npz", required=True, help="the file to write")
+    add("--fps", default="25", metavar="N", help="frames per simulated second (25), or tick: every")
+    add("--channels", default="all", metavar="A,B", help="which channels (default: all)")
+    add("--size", metavar="WxH", help="px; short for sensor.width= and sensor.height=")
+    add("--preview", metavar="FILE.png", help="the last frame's channels as one picture")
+    add("--force", action="store_true", help="replace files that are there")
+    add("--quiet", action="store_true", help="print nothing but warnings and errors")
+    parser.epilog = EXAMPLES + options.keys_text(NOT_HERE)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Render; the exit code."""
+    file, overrides = options.given(args, OPTIONS)
+    for key, _ in overrides:
+        if key.partition(".")[0] in NOT_HERE:
+            raise EvsError(f"{key} is a key of evs emulate; evs render writes one file, -o")
+    if args.size is not None:
+        overrides += _size(args.size)
+    config = pipeline.load(file, overrides)
+    # here, so that --help is quick
+    from evs.drivers.files import overwriting
+    from evs.drivers.run import rendering
+    from evs.launch import terminal
+    from evs.launch.commands.emulate import STOPPED
+
+    channels = rendering.chosen_channels(args.channels, config.render.renderer)
+    ticks = rendering.instants(config.duration_s, _fps(args.fps), config.scene.tick_us)
+    out = rendering.check_target(args.out, [config.scene.file, config.scene.control_file])
+    preview = None if args.preview is None else Path(args.preview)
+    if preview is not None and preview.suffix.lower() != ".png":
+        raise EvsError(f"--preview is '{preview}': end it in .png")
+    if not args.force:
+        overwriting.check_new([out, *([] if preview is None else [preview])])
+    with terminal.bar("rendering", len(ticks), args.quiet) as moved:
+        done = rendering.render(
+            config.emulation(),
+            out,
+            channels,
+            ticks,
+            lambda frames, t_us: moved(frames, f"{t_us / 1e6:7.3f} s"),
+            settings.to_plain(config),
+        )
+    if preview is not None and done.last is not None:
+        from evs.drivers.pictures import channel_page, write_png
+
+        write_png(preview, channel_page(done.last))
+    if not args.quiet:
+        whole = "" if done.frames == len(ticks) else f" of {len(ticks)} ({done.ended})"
+        size = f"{done.size / 1e6:.2f} MB"
+        print(f"{out}: {done.frames} frames{whole}, {size}: t_us, {', '.join(channels)}")
+    return STOPPED.get(done.ended, 0)
+
+
+def _fps(text: str) -> float | None:
+    if text == EVERY_TICK:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise EvsError(
+            f"--fps is '{text}': give a number, or {EVERY_TICK} for every tick"
+        ) from None
+
+
+def _size(text: str) -> list[tuple[str, str]]:
+    """WxH as the two keys it is short for."""
+    width, times, height = text.lower().partition("x")
+    if not (times and width.isdecimal() and height.isdecimal()):
+        raise EvsError(f"--size is '{text}': give width and height in px, as in 640x480")
+    return [("sensor.width", width), ("sensor.height", height)]

@@ -1,0 +1,167 @@
+"""`evs sensors [NAME]`: the sensors that there are, or one with every parameter and its source."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import textwrap
+from typing import TYPE_CHECKING, Any
+
+from evs.drivers import settings
+from evs.emulator.config import RunConfig, SensorConfig
+from evs.msgs import EvsError
+
+if TYPE_CHECKING:
+    from evs.emulator.sensor.presets.described import Bias, Description, Parameter
+
+HELP = "the sensors that there are, or every parameter of one and where it comes from"
+
+WIDTH = 110
+"""columns of a page"""
+
+EPILOG = """\
+examples:
+  evs sensors                                           a line for each, as a Markdown table
+  evs sensors imx636                                    its parameters, their sources, its biases
+  evs sensors davis346 sensor.biases.PrBp_fine=30       what that bias makes of them
+  evs sensors mine.toml --json                          a file of your own, as one JSON object
+A value with a * is not the preset's own: a key or a bias changes it."""
+
+COLUMNS = {
+    "sensor": ("name", "{}"),
+    "px": ("size", "{}"),
+    "ON, OFF thresholds": ("thresholds", "{}"),
+    "spread": ("sigma_thres", "{:g}"),
+    "bandwidth, Hz": ("cutoff_hz", "{:g}"),
+    "follower, Hz": ("follower_hz", "{:g}"),
+    "leak, Hz": ("leak_rate_hz", "{:g}"),
+    "noise in the dark, Hz": ("shot_noise_rate_hz", "{:g}"),
+    "refractory, s": ("refractory_period_s", "{:g}"),
+    "dark current, lux": ("dark_lux", "{:g}"),
+    "readout": ("readout", "{}"),
+}
+"""column of the table of all sensors -> (what it shows, how)"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The command line of `evs sensors`."""
+    parser.usage = "evs sensors [NAME or FILE.toml] [sensor.key=value ...] [--json]"
+    parser.epilog = EPILOG
+    parser.add_argument(
+        "words",
+        nargs="*",
+        metavar="NAME, sensor.key=value",
+        help="a sensor, and keys as `evs emulate` takes them",
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON instead")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print every sensor, or one."""
+    # here, so that --help is quick
+    from evs.emulator.sensor import preset_names
+    from evs.emulator.sensor.presets.described import describe_sensor
+
+    names = [word for word in args.words if "=" not in word]
+    if len(names) > 1:
+        raise EvsError(f"two sensors, '{names[0]}' and '{names[1]}'; give one, then key=value")
+    config = RunConfig(sensor=SensorConfig(preset=names[0]) if names else SensorConfig())
+    for key, text in (settings.split_word(word) for word in args.words if "=" in word):
+        if not key.startswith("sensor."):
+            raise EvsError(f"{key} is no key of a sensor; those begin with sensor.")
+        config = settings.override(config, key, text)
+    if names or args.words:
+        _print_one(describe_sensor(config.sensor), args.json)
+        return 0
+    every = [describe_sensor(SensorConfig(preset=name)) for name in preset_names()]
+    if args.json:
+        print(json.dumps([_plain(sensor) for sensor in every], indent=2))
+    else:
+        print("\n".join(table(every)))
+    return 0
+
+
+def table(sensors: list[Description]) -> list[str]:
+    """The lines of a Markdown table, a sensor each."""
+    rows = [list(COLUMNS), ["---"] * len(COLUMNS)]
+    for sensor in sensors:
+        shown = _shown(sensor)
+        rows.append([_cell(shown.get(key), how) for key, how in COLUMNS.values()])
+    return ["| " + " | ".join(row) + " |" for row in rows]
+
+
+def _cell(value: Any, how: str) -> str:
+    """Nothing for a parameter that is off or that the sensor does not have."""
+    return how.format(value) if value else "-"
+
+
+def _shown(sensor: Description) -> dict[str, Any]:
+    """What a row of the table can show."""
+    values = {parameter.key: parameter.value for parameter in sensor.parameters}
+    on, off = values["pos_thres"], values["neg_thres"]
+    return values | {
+        "name": sensor.name,
+        "size": f"{values['width']} x {values['height']}",
+        "readout": _readout(values),
+        "thresholds": f"{on:.3g}" if on == off else f"{on:.3g}, {off:.3g}",
+    }
+
+
+def _readout(values: dict[str, Any]) -> str:
+    """How events leave, and at most how many."""
+    order = str(values.get("readout.order", ""))
+    most = values.get("readout.bandwidth_mevs")
+    return f"{order}, {most:g} Mev/s" if most else order
+
+
+def _print_one(sensor: Description, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(_plain(sensor), indent=2))
+        return
+    print(f"{sensor.name}: {sensor.about}" if sensor.about else sensor.name)
+    for parameter in sensor.parameters:
+        _print_line(parameter.key, _changed(parameter), _source(parameter))
+    for bias in sensor.biases:
+        mark = "" if bias.value == bias.nominal else "*"
+        _print_line(f"biases.{bias.key}", f"{bias.value}{mark}", _range(bias))
+
+
+def _print_line(key: str, value: str, source: str) -> None:
+    """One line, and more where the source is long."""
+    head = f"  {key:30} {value:10} "
+    lines = textwrap.wrap(source, WIDTH - len(head)) or [""]
+    print("\n".join([head + lines[0], *(" " * len(head) + line for line in lines[1:])]))
+
+
+def _changed(parameter: Parameter) -> str:
+    text = settings.to_text(parameter.value)
+    if isinstance(parameter.value, float):
+        text = f"{parameter.value:.6g}"
+    return text if parameter.value == parameter.preset else f"{text}*"
+
+
+def _source(parameter: Parameter) -> str:
+    if parameter.value == parameter.preset:
+        return parameter.source
+    return f"the preset: {settings.to_text(parameter.preset)}"
+
+
+def _range(bias: Bias) -> str:
+    nominal = "" if bias.value == bias.nominal else f" (the preset: {bias.nominal})"
+    return f"{bias.lowest} ... {bias.highest}{nominal}; {bias.source}"
+
+
+def _plain(sensor: Description) -> dict[str, Any]:
+    """As JSON: parameters and biases by name."""
+
+    def rows(many: tuple[Parameter, ...] | tuple[Bias, ...]) -> dict[str, Any]:
+        plain = [dataclasses.asdict(one) for one in many]
+        return {one.pop("key"): one for one in plain}
+
+    return {
+        "name": sensor.name,
+        "about": sensor.about,
+        "parameters": rows(sensor.parameters),
+        "biases": rows(sensor.biases),
+    }

@@ -1,0 +1,200 @@
+"""`evs sweep`: speed against error, one axis at a time around each preset."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from evs.launch import again
+from evs.msgs import EvsError
+
+HELP = "measure speed against error, around each preset, beside frame-based ways"
+
+EXAMPLES = """\
+examples:
+  evs sweep robot.xml --quick                     two presets, a first impression: two minutes
+  evs sweep --json all.jsonl --errors-only        what needs no quiet machine, first
+  evs sweep --json all.jsonl --markdown all.md --picture front.png    then the timings
+  evs sweep gymnasium/ant --preset fast --axis samples,tick --camera pan
+
+Scenes are those of evs evaluate: FILE.xml, package:path, gymnasium/ROBOT, dm_control/ROBOT,
+procedural/NUMBER. Whatever is done is kept: the same command goes on where it was stopped, and
+draws table and picture of all that the file holds. docs/explanation/sweep.md says what it means."""
+
+LISTS = {
+    "preset": "presets (fast, balanced, accurate, reference) or pipeline files, with commas",
+    "axis": (
+        "axes to go along, around every preset: renderer, samples, seeds, model, network, chunk, "
+        "tick, resolution, precision, threads, ahead, incremental, frames, paper; some for each "
+        "preset if not given"
+    ),
+    "camera": "how the camera moves: still, pan, slide",
+}
+NUMBERS: dict[str, tuple[type, str, str]] = {
+    "repeats": (int, "N", "of each timing; from 6 on its interval needs no law of the noise"),
+    "seconds": (float, "S", "wall clock of all repeats of a point together"),
+    "ticks": (int, "N", "ms of light that errors are measured on"),
+    "pixels": (int, "N", "that errors are measured on"),
+    "reference-spp": (int, "N", "samples a pixel of converged light, two halves together"),
+    "seed": (int, "N", "controls and pixels follow from it"),
+    "workers": (int, "N", "processes that work out errors at once; timings are never shared"),
+}
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.usage = "evs sweep [SCENE ...] [options]"
+    add = parser.add_argument
+    add("scenes", nargs="*", metavar="SCENE", help="scenes; six of different kinds if not given")
+    for name, line in LISTS.items():
+        add(f"--{name}", metavar="A,B", help=line)
+    for name, (kind, letter, line) in NUMBERS.items():
+        add(f"--{name}", type=kind, metavar=letter, help=line, dest=name.replace("-", "_"))
+    add("--ray", default="", metavar="ADDRESS", help="a Ray cluster that works out errors instead")
+    add("--quick", action="store_true", help="one scene, two presets: under two minutes")
+    add("--errors-only", action="store_true", help="no timings: any machine will do")
+    add("--speed-only", action="store_true", help="no errors: timings, on a quiet machine")
+    add("--cache", metavar="DIR", help="where traced light is kept (the user's cache folder)")
+    add(
+        "--json",
+        metavar="FILE.jsonl",
+        help="the file of the records; one in the cache if not given",
+    )
+    add("--markdown", metavar="FILE.md", help="the tables; without it, they go to stdout")
+    add(
+        "--picture",
+        metavar="FILE.png",
+        help="error against speed; of several scenes FILE-SCENE.png",
+    )
+    add("--quiet", action="store_true", help="print nothing but warnings and errors")
+    parser.epilog = EXAMPLES
+
+
+def run(args: argparse.Namespace) -> int:
+    """Sweep; the exit code: 0, 1 where a point could not be measured."""
+    # here, so that --help is quick
+    from evs.drivers.pictures import suffix_of
+    from evs.drivers.run.report import check_targets
+    from evs.launch import terminal
+    from evs.tools.evaluation.cache import LightCache, user_cache
+    from evs.tools.sweep import sweep
+    from evs.tools.sweep.store import Store
+
+    words, picture = (None if t is None else Path(t) for t in (args.markdown, args.picture))
+    if picture is not None and suffix_of(picture) != ".png":
+        raise EvsError(f"--picture is '{picture}': end it in .png")
+    settings = _settings(args)
+    drawn = {} if picture is None else _pictures(picture, settings.scenes)
+    check_targets([path for path in (words, *drawn.values()) if path is not None])
+    folder = user_cache() if args.cache is None else Path(args.cache).expanduser()
+    cache = LightCache(folder)
+    file = sweep.own_store(folder, settings) if args.json is None else Path(args.json)
+    if file.is_dir():
+        raise EvsError(f"--json is '{file}', a folder; give a file, as in sweep.jsonl")
+    # a scene that is not there is told before a file is begun
+    cases = sweep.cases_of(settings)
+    header = sweep.header(settings, _command(args))
+    store = Store(file, header)
+    whole = sweep.Sweep(settings, cases, store, cache, header.about, warn=terminal.warn)
+    try:
+        with terminal.bar("sweeping", whole.total(), args.quiet) as moved:
+            whole.moved = moved
+            whole.run()
+    except KeyboardInterrupt:
+        terminal.warn(f"stopped; {file} has what is done, and the same command goes on")
+        raise
+    _tell(store, words, drawn, args.quiet)
+    return 1 if whole.failed else 0
+
+
+def _settings(args: argparse.Namespace) -> Any:
+    """What the command line asks for."""
+    from evs.tools.sweep import axes, scenes, sweep
+    from evs.tools.sweep.errors import ErrorSettings
+    from evs.tools.sweep.speed import SpeedSettings
+
+    if args.errors_only and args.speed_only:
+        raise EvsError("--errors-only and --speed-only leave nothing to do: give one of them")
+    lists = {name: _words(name, getattr(args, name)) for name in LISTS}
+    quick = bool(args.quick)
+    presets = lists["preset"] or tuple(axes.QUICK if quick else axes.DEFAULT)
+    errors = sweep.QUICK_ERRORS if quick else ErrorSettings()
+    speeds = sweep.QUICK_SPEEDS if quick else SpeedSettings()
+    what: tuple[str, ...] = (sweep.ERRORS, sweep.SPEEDS)
+    what = what[:1] if args.errors_only else what[1:] if args.speed_only else what
+    return sweep.Settings(
+        scenes=tuple(args.scenes) or (scenes.QUICK if quick else tuple(scenes.DEFAULT)),
+        cameras=lists["camera"] or ("still", "pan"),
+        points=tuple(axes.points(presets, lists["axis"], quick=quick)),
+        errors=_with(errors, args),
+        speeds=_with(speeds, args),
+        what=what,
+        workers=1 if args.workers is None else args.workers,
+        ray=args.ray,
+    )
+
+
+def _with(settings: Any, args: argparse.Namespace) -> Any:
+    """The same with what the command line says of it."""
+    import dataclasses
+
+    names = [field.name for field in dataclasses.fields(settings)]
+    given = {name: getattr(args, name) for name in names if getattr(args, name, None) is not None}
+    return dataclasses.replace(settings, **given)
+
+
+def _words(name: str, text: str | None) -> tuple[str, ...]:
+    if text is None:
+        return ()
+    words = tuple(word.strip() for word in text.split(",") if word.strip())
+    if not words:
+        raise EvsError(f"--{name} is empty: give names with commas between them")
+    return words
+
+
+def _pictures(path: Path, scenes: tuple[str, ...]) -> dict[str, Path]:
+    """Scene -> file of its picture."""
+    if len({*scenes}) == 1:
+        return {scenes[0]: path}
+    names: dict[str, str] = {}
+    for scene in dict.fromkeys(scenes):
+        slug, count = _slug(scene), 2
+        while slug in names.values():
+            # a/b and a_b are alike
+            slug, count = f"{_slug(scene)}_{count}", count + 1
+        names[scene] = slug
+    return {scene: path.with_name(f"{path.stem}-{slug}.png") for scene, slug in names.items()}
+
+
+def _slug(scene: str) -> str:
+    return "".join(sign if sign.isalnum() else "_" for sign in scene.removesuffix(".xml"))
+
+
+def _tell(store: Any, words: Path | None, drawn: dict[str, Path], quiet: bool) -> None:
+    """Table and pictures of everything that the file holds."""
+    from evs.drivers.pictures import write_png
+    from evs.drivers.run.report import write_whole
+    from evs.tools.sweep.picture import pareto_page
+    from evs.tools.sweep.table import About, markdown
+
+    told = markdown(store.records, About(**store.header.about))
+    if words is not None:
+        write_whole(told, words)
+    elif not quiet:
+        print(told, end="")
+    for scene, path in drawn.items():
+        here = [record for record in store.records if record.scene == scene]
+        write_png(path, pareto_page(here), few_colours=True)
+
+
+def _command(args: argparse.Namespace) -> str:
+    """The command line, without what changes no number."""
+    parts: list[str] = ["sweep", *args.scenes]
+    for name in (*LISTS, *NUMBERS):
+        given = getattr(args, name.replace("-", "_"))
+        if given is not None and name != "workers":
+            parts += [f"--{name}", str(given)]
+    if args.quick:
+        parts.append("--quick")
+    return again.command(parts)

@@ -1,0 +1,145 @@
+"""`evs tune`: the most accurate pipeline that keeps a speed, the fastest that keeps an error."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from evs.launch import again, options
+from evs.msgs import EvsError
+
+HELP = "find the pipeline for a scene that reaches a speed, or keeps an error, and write it"
+
+OPTIONS = {
+    "camera": ("scene.camera", "NAME", "camera of the model to look through"),
+    "sensor": ("sensor.preset", "NAME", "sensor preset"),
+    "seed": ("seed", "N", "every random number follows from it"),
+}
+"""option -> (the key it is short for, placeholder, one line)"""
+
+OUTPUT = "tuned.toml"
+BUDGET_S, MAX_BUDGET_S = 300.0, 1e6
+
+EXAMPLES = """\
+examples:
+  evs tune robot.xml --rtf 1.0                         the most accurate that keeps real time
+  evs tune robot.xml --error 0.1 --camera wrist        the fastest with one event in ten wrong
+  evs tune gymnasium/ant --rtf 0.5 model.name=plain    keys that are given are not touched
+  evs emulate tuned.toml --record run.aedat4           run what it wrote
+
+SCENE is an MJCF or MJB file, package:path, a robot as `evs evaluate` names it, or a pipeline file
+that has one. Its controls are random ones, as in `evs evaluate`. The error is the share of events,
+ours and those of converged light, that have no partner on their pixel within 3 ms: silence has 1.
+A few configurations are measured, all others predicted from them; the best is then measured too,
+and so is what might beat it. Exit code 1: the goal cannot be reached; the best there is was told.
+docs/howto/tuning.md says how."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    scene = (
+        "SCENE, key=value",
+        "the scene (or a pipeline that has one), then keys that stay as given",
+    )
+    options.declare(parser, OPTIONS, scene)
+    parser.usage = "evs tune SCENE (--rtf R | --error E) [key=value ...] [options]"
+    add = parser.add_argument
+    add("--rtf", type=float, metavar="R", help="real-time factor to reach, as accurate as can be")
+    add("--error", type=float, metavar="E", help="error to keep, as fast as can be")
+    add("--figure", default="unmatched", metavar="NAME", help="what --error is: unmatched, emd")
+    add("--motion", default="still", metavar="HOW", help="camera: still, pan, slide (still)")
+    add("--budget", type=float, default=BUDGET_S, metavar="S", help=f"seconds ({BUDGET_S:g})")
+    add("-o", "--output", default=OUTPUT, metavar="FILE", help=f"what to write ({OUTPUT})")
+    add("--anyway", action="store_true", help="write it although the goal is not reached")
+    add("--quick", action="store_true", help="fewer pixels and a coarser reference: a rough answer")
+    add("--cache", metavar="DIR", help="where traced light is kept (the user's cache folder)")
+    add("--quiet", action="store_true", help="print nothing but warnings and errors")
+    parser.epilog = EXAMPLES
+
+
+def run(args: argparse.Namespace) -> int:
+    """Tune; the exit code."""
+    # here, so that --help is quick
+    from evs.drivers.clock import monotonic_s
+    from evs.drivers.cores import cores
+    from evs.drivers.run.config import is_scene
+    from evs.drivers.run.report import check_targets, write_whole
+    from evs.launch import terminal
+    from evs.tools.doctor.machine import cpu_name
+    from evs.tools.evaluation.cache import LightCache, user_cache
+    from evs.tools.sweep.front import figure_named
+    from evs.tools.tuning import gauge, search, text
+    from evs.tools.tuning.base import base_of
+    from evs.tools.tuning.space import candidates
+    from evs.tools.tuning.written import check_own, pipeline_text
+
+    begin_s = monotonic_s()
+    goal, figure = search.Goal(args.rtf, args.error), figure_named(args.figure)
+    budget_s: float = args.budget
+    if not 0.0 < budget_s <= MAX_BUDGET_S:
+        raise EvsError(f"--budget is {budget_s:g} s: give more than 0, {MAX_BUDGET_S:g} at most")
+    output = Path(args.output)
+    if is_scene(args.output):
+        raise EvsError(f"--output is '{output}', a scene by its ending: give one in .toml")
+    check_own(output)
+    check_targets([output])
+    base = base_of(*options.given(args, OPTIONS))
+    able = candidates(base.pinned)
+    cache = LightCache(user_cache() if args.cache is None else Path(args.cache).expanduser())
+    effort = gauge.QUICK if args.quick else gauge.USUAL
+    told = ""
+
+    def left_s() -> float:
+        return budget_s - (monotonic_s() - begin_s)
+
+    with terminal.bar("tuning", round(budget_s), args.quiet) as moved:
+
+        def step() -> None:
+            moved(round(budget_s - max(0.0, left_s())), told)
+
+        def begin(_done: int, what: str) -> None:
+            nonlocal told
+            told = what
+            step()
+
+        with gauge.opened(base, args.motion, figure, cache, effort, step) as measures:
+            found = search.Search(able, goal, measures, left_s, begin).run()
+    facts = text.facts(found, figure, measures.own, monotonic_s() - begin_s)
+    facts.append(("machine", f"{cpu_name()}, {cores()} cores"))
+    if found.reached or args.anyway:
+        config = base.with_settings(found.winner.candidate.settings)
+        why = [_command(args), *(f"{name}: {line}" for name, line in facts)]
+        write_whole(pipeline_text(config, output, why), output)
+        facts.append(("written", str(output)))
+    else:
+        facts.append(("not written", "--anyway writes it as it is"))
+    if not args.quiet:
+        _show(facts, text.table(found), str(output) if found.reached or args.anyway else "")
+    return 0 if found.reached else 1
+
+
+def _show(facts: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]], written: str) -> None:
+    """What was measured, then what was found, then what to try next."""
+    from evs.launch import terminal
+
+    headings = ("configuration", "real-time factor", "predicted", "error", "predicted")
+    terminal.table("measured", headings, rows)
+    for name, line in facts:
+        print(f"{name:17s} {line}")
+    if written:
+        print("next:")
+        print(f"  {again.command('emulate', written, '--record', 'run.aedat4')}")
+
+
+def _command(args: argparse.Namespace) -> str:
+    """The command line, without what changes no number."""
+    parts: list[str] = ["tune", *args.words]
+    for name in (*OPTIONS, "rtf", "error"):
+        given = getattr(args, name)
+        if given is not None:
+            parts += [f"--{name}", f"{given:g}" if isinstance(given, float) else given]
+    for name, usual in (("figure", "unmatched"), ("motion", "still")):
+        if getattr(args, name) != usual:
+            parts += [f"--{name}", getattr(args, name)]
+    return again.command([*parts, *(["--quick"] if args.quick else [])])

@@ -1,0 +1,209 @@
+"""`evs view`: a recording as a picture that anyone can open; a live stream as it comes."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from evs.launch import options
+from evs.launch.single import add_single
+from evs.msgs import Events, EvsError
+
+if TYPE_CHECKING:
+    from evs.drivers.files.recording import Recording
+    from evs.drivers.pictures import Playback
+
+HELP = "a recording as a picture or a film (.png, .gif, .mp4); --live: what a camera publishes"
+
+EPILOG = """\
+examples:
+  evs view run.aedat4                                three instants, as run.aedat4.png
+  evs view run.aedat4 -o run.gif                     the whole recording at 1/4 real time
+  evs view run.npz -o run.mp4 --speed 0.1 --start 0.5 --stop 1
+  evs view --live tcp://127.0.0.1:5560               as it comes: Rerun's viewer, or characters
+  evs view --live tcp://127.0.0.1:5560 -o live.rrd   into a file that Rerun's viewer opens
+blue: brighter (ON), red: darker (OFF). Times are the stream's own, in seconds."""
+
+MAX_SCALE = 64
+"""Larger pixels help nobody."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    from evs.drivers.files import endings
+
+    parser.epilog = EPILOG
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    add = parser.add_argument
+    add("file", metavar="FILE", nargs="?", help=f"a recording: {endings()}")
+    add("-o", "--out", metavar="PICTURE", help=".png, .gif or .mp4 (default: FILE.png); live: .rrd")
+    add("--window", metavar="MS", type=float, help="events of this long (default: of one frame)")
+    add("--fps", metavar="N", type=float, help="frames per second of the film")
+    add(
+        "--speed", metavar="X", type=float, help="of the film: 1 is real time, 0.25 a quarter of it"
+    )
+    add("--start", metavar="S", type=float, help="from this time on (default: the first event)")
+    add("--stop", metavar="S", type=float, help="up to this time (default: the last event)")
+    add("--scale", metavar="N", type=int, help="picture pixels per sensor pixel (default: by size)")
+    add_single(parser)
+    live = parser.add_argument_group("live")
+    live.add_argument("--live", metavar="ADDRESS", help="listen to a publisher instead")
+    live.add_argument("--camera", default="", metavar="NAME", help="only this camera")
+    live.add_argument(
+        "--sketch", action="store_true", help="characters in the terminal, even with a display"
+    )
+    live.add_argument(
+        "--timeout", type=float, metavar="S", help="end when no packet came for S seconds"
+    )
+    options.declare_keys(live)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the picture; one line says what it shows. Or show a live stream until it ends."""
+    if (args.file is None) == (args.live is None):
+        raise EvsError("give a recording, as in evs view run.aedat4, or --live ADDRESS")
+    if args.live is not None:
+        from evs.launch.commands import live
+
+        _only("--live", args, ("window", "fps", "speed", "start", "stop", "scale"))
+        return live.run(args)
+    if args.sketch or args.camera or args.server_key or args.key or args.timeout is not None:
+        raise EvsError("--sketch, --camera, --timeout and keys belong to --live ADDRESS")
+    from evs.drivers.pictures import need_video, suffix_of
+
+    # refuse bad words before anything is read
+    out = Path(args.out) if args.out else Path(f"{args.file}.png")
+    suffix = suffix_of(out)
+    if suffix == ".mp4":
+        need_video()
+    if args.scale is not None and not 1 <= args.scale <= MAX_SCALE:
+        raise EvsError(f"--scale is {args.scale}: give a whole number from 1 to {MAX_SCALE}")
+    recording = _read(args.file, args.single)
+    playback = _playback(args, recording)
+    if suffix == ".png":
+        said = _still(out, recording, playback, args.scale, Path(args.file).name)
+    else:
+        said = _film(out, suffix, recording, playback, args.scale)
+    print(f"{out}: {said}, {out.stat().st_size / 1e6:.2f} MB")
+    return 0
+
+
+def _only(what: str, args: argparse.Namespace, others: tuple[str, ...]) -> None:
+    """Refuse options that mean nothing there."""
+    for name in others:
+        if getattr(args, name) is not None:
+            raise EvsError(f"--{name} is for recordings: leave it out with {what}")
+
+
+def _read(file: str, single: bool) -> Recording:
+    from evs.drivers.files import read
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        recording = read(file, single=single)
+    for warning in caught:
+        print(f"evs: warning: {warning.message}", file=sys.stderr)
+    if not len(recording):
+        print(f"evs: warning: {file} has no events", file=sys.stderr)
+    return recording
+
+
+def _playback(args: argparse.Namespace, events: Events) -> Playback:
+    from evs.drivers.pictures import Playback, span_us
+
+    first_us, last_us = span_us(events)
+    start_us = first_us if args.start is None else _us("--start", args.start, 1e6)
+    stop_us = last_us if args.stop is None else _us("--stop", args.stop, 1e6)
+    if start_us >= last_us or stop_us <= first_us:
+        raise EvsError(
+            f"{args.file} has events from {first_us / 1e6:g} s to {last_us / 1e6:g} s: "
+            "choose --start and --stop in there"
+        )
+    window_us = None if args.window is None else _us("--window", args.window, 1e3)
+    given = {"fps": args.fps, "speed": args.speed, "window_us": window_us}
+    chosen = {name: value for name, value in given.items() if value is not None}
+    return Playback(start_us, stop_us, **chosen)
+
+
+def _us(option: str, value: float, unit_us: float) -> int:
+    if not math.isfinite(value):
+        raise EvsError(f"{option} is {value:g}: give a number")
+    return round(value * unit_us)
+
+
+def _still(
+    out: Path, recording: Recording, playback: Playback, scale: int | None, title: str
+) -> str:
+    from evs.drivers.pictures import (
+        Shot,
+        events_between,
+        preview,
+        recorded_light,
+        shot_times,
+        write_png,
+    )
+
+    begin_us, end_us = playback.frame_window(0)
+    window_us = end_us - begin_us
+    times = shot_times(playback.start_us, playback.stop_us)
+    stream = recording.stream
+    light = recorded_light(recording.frames, stream.width, stream.height)
+    behind = (lambda _t_us: None) if light is None else light.at
+    shots = [
+        Shot(t, window_us, events_between(recording, t - window_us, t), behind(t)) for t in times
+    ]
+    page = preview(shots, stream.width, stream.height, f"{title}, {stream.sensor}", scale)
+    write_png(out, page)
+    when = ", ".join(f"{t / 1e6:g}" for t in times)
+    return f"{len(shots)} instants ({when} s), {page.shape[1]} x {page.shape[0]} px"
+
+
+def _film(
+    out: Path, suffix: str, recording: Recording, playback: Playback, scale: int | None
+) -> str:
+    from evs.drivers.pictures import (
+        MAX_FRAMES,
+        clip_frames,
+        events_between,
+        recorded_light,
+        speed_words,
+        write_gif,
+        write_mp4,
+    )
+
+    count, most = playback.frame_count, MAX_FRAMES[suffix]
+    if count > most:
+        where = _silence(events_between(recording, playback.start_us, playback.stop_us))
+        other = ", or use .mp4" if most < count <= MAX_FRAMES[".mp4"] else ""
+        raise EvsError(
+            f"a film of {count} frames is too long (most of {suffix}: {most}): "
+            f"{where}show less (--start, --stop) or faster (--speed){other}"
+        )
+    stream = recording.stream
+    light = recorded_light(recording.frames, stream.width, stream.height)
+    behind = None if light is None else light.at
+    frames = clip_frames(recording, stream.width, stream.height, playback, scale, behind)
+    if suffix == ".gif":
+        write_gif(out, frames, playback)
+    else:
+        write_mp4(out, frames, playback.fps)
+    return f"{count} frames, {count / playback.fps:.2f} s at {speed_words(playback.speed)}"
+
+
+def _silence(events: Events) -> str:
+    """What to leave out where one gap is most of a recording, as a damaged stamp makes it."""
+    t = events["t"]
+    if len(t) < 2:
+        return ""
+    gaps = t[1:] - t[:-1]
+    place = int(gaps.argmax())
+    before_us, after_us = int(t[place]), int(t[place + 1])
+    if 2 * (after_us - before_us) < int(t[-1]) - int(t[0]):
+        return ""
+    first = place + 1 < len(t) / 2
+    fix = f"--start {(after_us - 1) / 1e6:.6f}" if first else f"--stop {before_us / 1e6:.6f}"
+    return f"no event from {before_us / 1e6:.6f} s to {after_us / 1e6:.6f} s, so give {fix}; else "

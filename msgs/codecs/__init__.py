@@ -1,0 +1,55 @@
+"""Event encodings of cameras and of ROS, in NumPy: arrays in, bytes out, and back."""
+
+from evs.msgs.codecs.dat import MAX_SIDE_DAT_PX, DatState, decode_dat, encode_dat
+from evs.msgs.codecs.evt2 import Evt2State, decode_evt2, encode_evt2
+from evs.msgs.codecs.evt3 import Evt3State, decode_evt3, encode_evt3
+from evs.msgs.codecs.evt21 import Evt21State, decode_evt21, encode_evt21
+from evs.msgs.codecs.fixed import (
+    Payload,
+    decode_libcaer,
+    decode_mono,
+    encode_libcaer,
+    encode_mono,
+)
+from evs.msgs.codecs.libcaer_cmp import decode_libcaer_cmp
+from evs.msgs.codecs.limits import (
+    LAST_ROS_US,
+    LONGEST_US,
+    MAX_SIDE_EVT_PX,
+    TIME_ORIGIN_US,
+    EncodingLimits,
+    check_fits,
+)
+from evs.msgs.codecs.table import PAYLOADS, READABLE, PayloadReader, PayloadWriter
+
+__all__ = [
+    "LAST_ROS_US",
+    "LONGEST_US",
+    "MAX_SIDE_DAT_PX",
+    "MAX_SIDE_EVT_PX",
+    "PAYLOADS",
+    "READABLE",
+    "TIME_ORIGIN_US",
+    "DatState",
+    "EncodingLimits",
+    "Evt2State",
+    "Evt3State",
+    "Evt21State",
+    "Payload",
+    "PayloadReader",
+    "PayloadWriter",
+    "check_fits",
+    "decode_dat",
+    "decode_evt2",
+    "decode_evt3",
+    "decode_evt21",
+    "decode_libcaer",
+    "decode_libcaer_cmp",
+    "decode_mono",
+    "encode_dat",
+    "encode_evt2",
+    "encode_evt3",
+    "encode_evt21",
+    "encode_libcaer",
+    "encode_mono",
+]

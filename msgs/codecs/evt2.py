@@ -1,0 +1,126 @@
+"""EVT2, Prophesee's format of 32-bit words, little-endian: type in bits 31-28, then its value.
+
+    0 CD_OFF, 1 CD_ON  bits 27-22 lower bits of the time, us; 21-11 x; 10-0 y: one event
+    8 TIME_HIGH        bits 27-0: bits 33-6 of the time; wraps every 4.8 h
+    10 EXT_TRIGGER     bits 27-22 lower bits of the time; 12-8 input; bit 0: the edge rises
+Others (counters) say nothing of events and are passed over.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.msgs.codecs.limits import (
+    LONGEST_US,
+    MAX_SIDE_EVT_PX,
+    TIME_ORIGIN_US,
+    EncodingLimits,
+    check_fits,
+    known_before_us,
+)
+from evs.msgs.codecs.wraps import told_between, unwrapped
+from evs.msgs.event import Events, empty_events
+from evs.msgs.trigger import Triggers, external_triggers
+
+EVT2 = EncodingLimits("EVT2", MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, LONGEST_US)
+
+_ON, _HIGH, _TRIGGER = 1, 8, 10
+_LOW_BITS, _BITS = 6, 28
+_MASK = (1 << _BITS) - 1
+_BLOCK = 1 << 14
+"""Events encoded at once: their columns stay in the cache."""
+
+Words = npt.NDArray[np.uint32]
+
+
+def encode_evt2(
+    events: Events, *, time_origin_us: int = TIME_ORIGIN_US, after_us: int | None = None
+) -> bytes:
+    """The words of one packet; it begins with the upper bits of the time.
+
+    In, out and errors as encode_evt3.
+    """
+    check_fits(events, EVT2, time_origin_us)
+    if not len(events):
+        return b""
+    stamps = events["t"] + time_origin_us
+    known = known_before_us(events, time_origin_us, after_us)
+    parts = [] if after_us is None else [_high_words(np.array([known >> _LOW_BITS]))]
+    for start in range(0, len(events), _BLOCK):
+        end = start + _BLOCK
+        parts.append(_block(events[start:end], stamps[start:end], known))
+        known = int(stamps[start:end][-1])
+    return np.concatenate(parts).tobytes()
+
+
+def _block(events: Events, stamps: npt.NDArray[np.int64], known_us: int) -> Words:
+    """The words of some events, after those that bring a decoder from `known_us` here."""
+    high = stamps >> _LOW_BITS
+    words = np.empty((len(events), 2), "<u4")
+    words[:, 0] = (high & _MASK) | _HIGH << _BITS
+    low = (stamps & ((1 << _LOW_BITS) - 1)).astype(np.uint32)
+    place = events["x"].astype(np.uint32) << 11 | events["y"].astype(np.uint32)
+    words[:, 1] = (events["p"] != 0).astype(np.uint32) << _BITS | low << 22 | place
+    said = np.ones((len(events), 2), bool)
+    np.not_equal(high[1:], high[:-1], out=said[1:, 0])
+    chosen = words[said]
+    before = np.concatenate([[known_us >> _LOW_BITS], high[:-1]])
+    if before[0] >> _BITS - 1 == high[-1] >> _BITS - 1:
+        return chosen
+    # where the counter passes half of its range or wraps, say so at length
+    counts, told = told_between(before, high, _BITS)
+    starts = np.cumsum(np.count_nonzero(said, 1)) - np.count_nonzero(said, 1)
+    return np.insert(chosen, np.repeat(starts, counts), _high_words(told))
+
+
+def _high_words(high: npt.NDArray[Any]) -> Words:
+    return ((high & _MASK) | _HIGH << _BITS).astype("<u4")
+
+
+@dataclass(frozen=True)
+class Evt2State:
+    """What a decoder knows between two pieces of a stream."""
+
+    high: int = -1
+    """upper bits of the time, wraps counted; -1: not yet told"""
+    skipped: int = 0
+    """events so far that no time was told for"""
+
+
+def decode_evt2(
+    data: Any,
+    state: Evt2State | None = None,
+    *,
+    time_origin_us: int = TIME_ORIGIN_US,
+    triggers: list[Triggers] | None = None,
+) -> tuple[Events, Evt2State]:
+    """The events in a piece of a stream, and the state to decode the next piece with.
+
+    In: data, any contiguous buffer of whole words (up to 3 last bytes are not looked at). In and
+    out as decode_evt3.
+    """
+    state = state or Evt2State()
+    words = np.frombuffer(data, "<u4", memoryview(data).nbytes // 4)
+    kinds = (words >> _BITS).astype(np.uint8)
+    is_high, is_event = kinds == _HIGH, kinds <= _ON
+    highs = np.concatenate(
+        [[state.high], unwrapped(words[is_high] & _MASK, state.high, _BITS)]
+    ).astype(np.int64)
+    numbers = np.cumsum(is_high, dtype=np.int32)
+    if triggers is not None and (is_trigger := kinds == _TRIGGER).any():
+        marks, high = words[is_trigger], highs[numbers[is_trigger]]
+        marks, high = marks[high >= 0], high[high >= 0]
+        t = (high << _LOW_BITS | (marks >> 22 & 0x3F)) - time_origin_us
+        triggers.append(external_triggers(t, marks & 1))
+    taken, high = words[is_event], highs[numbers[is_event]]
+    events = empty_events(len(taken))
+    events["t"] = (high << _LOW_BITS | (taken >> 22 & 0x3F)) - time_origin_us
+    events["x"] = taken >> 11 & 0x7FF
+    events["y"] = taken & 0x7FF
+    events["p"] = taken >> _BITS
+    untold = int(np.count_nonzero(high < 0))
+    return events[untold:], Evt2State(int(highs[-1]), state.skipped + untold)

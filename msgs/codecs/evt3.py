@@ -1,0 +1,220 @@
+"""EVT3, Prophesee's format of 16-bit words, little-endian: type in bits 15-12, then its value.
+
+    0 ADDR_Y       bits 10-0 y; stays for the events that follow
+    2 ADDR_X       bits 10-0 x, bit 11 polarity: one event
+    3 VECT_BASE_X  bits 10-0 x, bit 11 polarity, of the vectors that follow
+    4 VECT_12      bit k: an event at base + k; then the base moves on by 12
+    5 VECT_8       the same, 8 pixels
+    6 TIME_LOW     bits 11-0 of the time, us
+    8 TIME_HIGH    bits 23-12 of the time; wraps every 16.8 s
+    10 EXT_TRIGGER bits 11-8 input, bit 0: the edge rises
+Others (counters, padding) say nothing of events and are passed over.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.msgs.codecs.limits import (
+    LONGEST_US,
+    MAX_SIDE_EVT_PX,
+    TIME_ORIGIN_US,
+    EncodingLimits,
+    check_fits,
+    known_before_us,
+)
+from evs.msgs.codecs.wraps import told_between, unwrapped
+from evs.msgs.event import Events, empty_events, join_events
+from evs.msgs.trigger import Triggers, external_triggers
+
+EVT3 = EncodingLimits("EVT3", MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, LONGEST_US)
+
+_Y, _X, _BASE, _VECT_12, _VECT_8, _LOW, _HIGH, _TRIGGER = 0, 2, 3, 4, 5, 6, 8, 10
+_BITS = 12
+_BLOCK = 1 << 14
+"""Events encoded at once: their columns stay in the cache."""
+_WORDS = 1 << 15
+"""Words decoded at once."""
+
+Words = npt.NDArray[np.uint16]
+
+
+def encode_evt3(
+    events: Events, *, time_origin_us: int = TIME_ORIGIN_US, after_us: int | None = None
+) -> bytes:
+    """The words of one packet; it begins with the whole time and the row, whatever came before.
+
+    In: events (n,), sorted, with their t in us; stamps in the stream are `time_origin_us` later.
+    after_us: simulated time of the stream's last packet, so that wraps of the counter since then
+    are told; -time_origin_us for the first packet of a file, which then tells the time from zero;
+    None: the decoder is to count from here. Out: bytes, none for no events.
+    MessageError: x or y over 2047, negative stamps, stamps that step back.
+    """
+    check_fits(events, EVT3, time_origin_us)
+    if not len(events):
+        return b""
+    known = known_before_us(events, time_origin_us, after_us)
+    parts = [] if after_us is None else [_high_words(np.array([known >> _BITS]))]
+    for start in range(0, len(events), _BLOCK):
+        part = events[start : start + _BLOCK]
+        parts += _block(part, part["t"] + time_origin_us, known)
+        known = int(part["t"][-1]) + time_origin_us
+    return np.concatenate(parts).tobytes()
+
+
+def _block(events: Events, stamps: npt.NDArray[np.int64], known_us: int) -> list[Words]:
+    """The words of some events, after those that bring a decoder from `known_us` here."""
+    high = stamps >> _BITS
+    x, y = events["x"].view(np.uint16), events["y"].view(np.uint16)
+    # up to four words for each event, of which those are said that say something new
+    words = np.empty((len(events), 4), "<u2")
+    words[:, 0] = (high & 0xFFF) | _HIGH << 12
+    words[:, 1] = (stamps & 0xFFF) | _LOW << 12
+    words[:, 2] = y
+    words[:, 3] = x | _X << 12
+    words[:, 3] |= (events["p"] != 0).astype(np.uint16) << 11
+    said = np.ones((len(events), 4), bool)
+    np.not_equal(high[1:], high[:-1], out=said[1:, 0])
+    np.not_equal(stamps[1:], stamps[:-1], out=said[1:, 1])
+    np.not_equal(y[1:], y[:-1], out=said[1:, 2])
+    chosen = words[said]
+    before = np.concatenate([[known_us >> _BITS], high[:-1]])
+    if before[0] >> _BITS - 1 == high[-1] >> _BITS - 1:
+        return [chosen]
+    # where the counter passes half of its range or wraps, say so at length
+    counts, told = told_between(before, high, _BITS)
+    starts = np.cumsum(np.count_nonzero(said, 1)) - np.count_nonzero(said, 1)
+    return [np.insert(chosen, np.repeat(starts, counts), _high_words(told))]
+
+
+def _high_words(high: npt.NDArray[Any]) -> Words:
+    return ((high & 0xFFF) | _HIGH << 12).astype("<u2")
+
+
+@dataclass(frozen=True)
+class Evt3State:
+    """What a decoder knows between two pieces of a stream."""
+
+    high: int = -1
+    """upper bits of the time, wraps counted; -1: not yet told"""
+    low: int = 0
+    """lower 12 bits of the time"""
+    y: int = -1
+    """row of the next event; -1: not yet told"""
+    base: int = 0
+    """x of the next vector's first pixel"""
+    on: int = 0
+    """polarity of the next vector"""
+    skipped: int = 0
+    """events so far that no time or row was told for, or that lie beyond x = 2047"""
+
+
+def decode_evt3(
+    data: Any,
+    state: Evt3State | None = None,
+    *,
+    time_origin_us: int = TIME_ORIGIN_US,
+    triggers: list[Triggers] | None = None,
+) -> tuple[Events, Evt3State]:
+    """The events in a piece of a stream, and the state to decode the next piece with.
+
+    In: data, any contiguous buffer of whole words (an odd last byte is not looked at); state as
+    the piece before left it, None at the start; triggers, a list that takes the external triggers
+    of the piece, (m,), those of no time left out. Out: events (n,) in the order of the words, as
+    unsorted as they were, with t = stamp - time_origin_us. Never raises for what the words say.
+    """
+    state = state or Evt3State()
+    words = np.frombuffer(data, "<u2", memoryview(data).nbytes // 2)
+    parts = []
+    for start in range(0, len(words), _WORDS):
+        part, state = _piece(words[start : start + _WORDS], state, time_origin_us, triggers)
+        parts.append(part)
+    return parts[0] if len(parts) == 1 else join_events(parts), state
+
+
+def _piece(
+    words: Words, state: Evt3State, time_origin_us: int, triggers: list[Triggers] | None
+) -> tuple[Events, Evt3State]:
+    """decode_evt3 of not many words, at least one."""
+    kinds = (words >> 12).astype(np.uint8)
+    stamps, numbers, high, low = _times(words, kinds, state)
+    if triggers is not None and len(marks := np.flatnonzero(kinds == _TRIGGER)):
+        marks_t = stamps[numbers[marks]]
+        marks, marks_t = marks[marks_t >= 0], marks_t[marks_t >= 0]
+        triggers.append(external_triggers(marks_t - time_origin_us, words[marks] & 1))
+    is_row = kinds == _Y
+    rows = np.concatenate([[state.y], words[is_row] & 0x7FF]).astype(np.int16)
+    is_vector = (kinds == _VECT_12) | (kinds == _VECT_8)
+    base, on = state.base, state.on
+    if is_vector.any() or (kinds == _BASE).any():
+        places, x, p, base, on = _with_vectors(words, kinds, is_vector, state)
+    else:
+        places = np.flatnonzero(kinds == _X)
+        taken = words[places]
+        x, p = taken & 0x7FF, taken >> 11 & 1
+    t, y = stamps[numbers[places]], rows[np.cumsum(is_row, dtype=np.int32)[places]]
+    skipped = 0
+    if state.high < 0 or state.y < 0 or is_vector.any():
+        right = (t >= 0) & (y >= 0) & (x < MAX_SIDE_EVT_PX)
+        skipped = len(right) - int(np.count_nonzero(right))
+        t, x, y, p = t[right], x[right], y[right], p[right]
+    events = empty_events(len(t))
+    np.subtract(t, time_origin_us, out=events["t"])
+    events["x"], events["y"], events["p"] = x, y, p
+    next_state = Evt3State(high, low, int(rows[-1]), base, on, state.skipped + skipped)
+    return events, next_state
+
+
+def _times(
+    words: Words, kinds: npt.NDArray[np.uint8], state: Evt3State
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], int, int]:
+    """Stamps that occur, in order, -1 where untold; for each word, which of them holds.
+
+    Then the upper and the lower bits at the end.
+    """
+    is_time = (kinds == _LOW) | (kinds == _HIGH)
+    time_words, is_high = words[is_time] & 0xFFF, kinds[is_time] == _HIGH
+    highs = np.concatenate([[state.high], unwrapped(time_words[is_high], state.high, _BITS)])
+    high_number = np.concatenate([[0], np.cumsum(is_high)])
+    high = highs[high_number]
+    # a new upper part starts at 0 until a lower one is told; one that is only repeated does not
+    low = np.concatenate([[state.low], time_words]).astype(np.int64)
+    repeated = np.concatenate([[False], is_high & (high[1:] == high[:-1])])
+    low[1:][is_high] = 0
+    if repeated.any():
+        last_said = np.maximum.accumulate(np.where(repeated, 0, np.arange(len(low))))
+        low = low[last_said]
+    stamps = np.where(high < 0, -1, high << _BITS | low)
+    return stamps, np.cumsum(is_time, dtype=np.int32), int(high[-1]), int(low[-1])
+
+
+def _with_vectors(
+    words: Words, kinds: npt.NDArray[np.uint8], is_vector: npt.NDArray[np.bool_], state: Evt3State
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int8], int, int]:
+    """Place of the word, x and polarity of each event, where vectors are among the words.
+
+    Then the base and the polarity for the next vector.
+    """
+    # where each word's base was told, and how far vectors have moved it on since
+    moved = np.cumsum(np.where(is_vector, np.where(kinds == _VECT_12, 12, 8), 0), dtype=np.int64)
+    is_base = kinds == _BASE
+    told = words[is_base].astype(np.int64)
+    bases = np.concatenate([[state.base], (told & 0x7FF) - moved[is_base]])
+    signs = np.concatenate([[state.on], told >> 11 & 1]).astype(np.int8)
+    number = np.cumsum(is_base, dtype=np.int32)
+    # one row of pixels a word: a single event fills one of twelve
+    places = np.flatnonzero(is_vector | (kinds == _X))
+    kind, word = kinds[places], words[places]
+    single = kind == _X
+    valid = np.where(single, 1, word & np.where(kind == _VECT_12, 0xFFF, 0xFF))
+    pixels = (valid[:, None] >> np.arange(12, dtype=np.uint16) & 1).astype(bool)
+    row, k = np.nonzero(pixels)
+    before = moved[places] - np.where(kind == _VECT_12, 12, 8)
+    first = np.where(single, word & 0x7FF, bases[number[places]] + before)
+    sign = np.where(single, word >> 11 & 1, signs[number[places]]).astype(np.int8)
+    end = int(moved[-1]) if len(moved) else 0
+    return places[row], first[row] + k, sign[row], int(bases[-1]) + end, int(signs[-1])

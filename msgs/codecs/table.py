@@ -1,0 +1,90 @@
+"""The encodings of event_camera_msgs/EventPacket by name, and what runs from packet to packet."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from evs.msgs.codecs.evt3 import EVT3, Evt3State, decode_evt3, encode_evt3
+from evs.msgs.codecs.fixed import (
+    LIBCAER,
+    MONO,
+    Payload,
+    decode_libcaer,
+    decode_mono,
+    encode_libcaer,
+    encode_mono,
+)
+from evs.msgs.codecs.libcaer_cmp import decode_libcaer_cmp
+from evs.msgs.codecs.limits import TIME_ORIGIN_US, EncodingLimits
+from evs.msgs.errors import unknown
+from evs.msgs.event import Events
+from evs.msgs.trigger import Triggers
+
+PAYLOADS: dict[str, EncodingLimits] = {"evt3": EVT3, "libcaer": LIBCAER, "mono": MONO}
+"""name of an encoding -> what it can hold"""
+
+READABLE = (*PAYLOADS, "libcaer_cmp")
+"""Encodings that are read; the last one only that."""
+
+
+class PayloadWriter:
+    """Makes the payloads of one camera's packets, one after the other."""
+
+    def __init__(self, encoding: str, *, time_origin_us: int = TIME_ORIGIN_US) -> None:
+        """In: evt3, libcaer or mono; time_origin_us is evt3's. EvsError for another encoding."""
+        if encoding not in PAYLOADS:
+            raise unknown("encoding", encoding, PAYLOADS)
+        self.encoding, self.time_origin_us = encoding, time_origin_us
+        self._after_us = -time_origin_us
+
+    def payload(self, events: Events, time_base_us: int | None = None) -> Payload:
+        """The payload of the next packet. In: events (n,), sorted, none before the last packet's.
+
+        Payloads that follow one another may be joined under the first one's time base, those of
+        mono if time_base_us (the first event's time if None) is the same for all, those of libcaer
+        up to 2147 s. That of evt3 is 0, as real drivers have it: the words tell the time.
+        MessageError: what the encoding does not hold.
+        """
+        if self.encoding == "mono":
+            return encode_mono(events, time_base_us)
+        if self.encoding == "libcaer":
+            return encode_libcaer(events)
+        data = encode_evt3(events, time_origin_us=self.time_origin_us, after_us=self._after_us)
+        if len(events):
+            self._after_us = int(events["t"][-1])
+        return Payload(0, data)
+
+
+class PayloadReader:
+    """Takes the payloads of one camera's packets, one after the other."""
+
+    def __init__(self, encoding: str, *, time_origin_us: int = TIME_ORIGIN_US) -> None:
+        """In: one of READABLE; time_origin_us is evt3's. EvsError for another encoding."""
+        if encoding not in READABLE:
+            raise unknown("encoding", encoding, READABLE)
+        self.encoding, self.time_origin_us = encoding, time_origin_us
+        self._state = Evt3State()
+
+    @property
+    def skipped(self) -> int:
+        """Events so far that came before their time was told."""
+        return self._state.skipped
+
+    def events(
+        self, data: Any, time_base_ns: int, triggers: list[Triggers] | None = None
+    ) -> Events:
+        """The events of the next packet, (n,), as unsorted as they were. Never raises.
+
+        In: triggers, a list that takes the packet's external triggers; only evt3 has them.
+        """
+        if self.encoding == "mono":
+            return decode_mono(data, time_base_ns)
+        if self.encoding == "libcaer":
+            return decode_libcaer(data, time_base_ns)
+        if self.encoding == "libcaer_cmp":
+            return decode_libcaer_cmp(data, time_base_ns)
+        origin = self.time_origin_us
+        events, self._state = decode_evt3(
+            data, self._state, time_origin_us=origin, triggers=triggers
+        )
+        return events

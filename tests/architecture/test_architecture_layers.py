@@ -1,0 +1,203 @@
+"""Imports point one way, and each third-party library has one door."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+LEVEL = {"msgs": 0, "emulator": 1, "drivers": 2, "tools": 3, "examples": 4, "launch": 5}
+
+DOORS = {
+    "numpy": ("msgs/", "emulator/", "drivers/", "tools/", "examples/"),
+    "mujoco": ("emulator/world/",),
+    "msgpack": ("msgs/packet.py",),
+    "zmq": ("drivers/bus/",),
+    "h5py": ("drivers/files/hdf5/",),
+    "hdf5plugin": ("drivers/files/hdf5/",),
+    "rosbags": ("drivers/files/bags/",),
+    "cyclonedds": ("drivers/ros2/middleware.py",),
+    "flatbuffers": ("drivers/files/aedat4/",),
+    "lz4": ("drivers/files/aedat4/",),
+    "zstandard": ("drivers/files/aedat4/",),
+    "PIL": ("drivers/pictures/",),
+    "imageio_ffmpeg": ("drivers/pictures/",),
+    "rich": ("launch/terminal.py",),
+    "rerun": ("drivers/viewer/viewer.py",),
+    "pyrender": ("emulator/render/raster/",),
+    "OpenGL": ("emulator/render/raster/",),
+    "jax": ("tools/training/",),
+    "optax": ("tools/training/",),
+    "onnxruntime": ("emulator/evsnet/session.py",),
+    "gymnasium": ("drivers/gym/",),
+    "ray": ("tools/jobs/cluster.py",),
+    "pytest": ("tools/testing/plugin.py",),
+}
+"""Import name -> the only places that may import it. What is not listed may not be imported."""
+
+EXTRAS = ("raster", "gym", "video", "train", "view", "formats", "ros2", "cluster")
+"""Whose libraries the package imports; those of the others are for tests and tools."""
+
+OUTSIDE = {
+    *("asyncio", "ftplib", "http", "mmap", "multiprocessing", "select", "selectors", "shelve"),
+    *("smtplib", "socket", "socketserver", "sqlite3", "ssl", "subprocess", "urllib"),
+}
+"""Standard modules that reach outside: not below drivers."""
+
+REGISTERED = re.compile(r"evs(\.\w+)+:\w+")
+"""An entry of a registry."""
+
+REGISTRY_DOOR = "emulator/base/registry.py"
+"""Where the entries of every registry are imported."""
+
+CLOCKS = {"datetime", "sched", "time", "timeit"}
+CLOCK_DOOR = "drivers/clock.py"
+
+
+def imported(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """(line, dotted name) of everything a module imports, also inside functions and by name.
+
+    A string "module:name" counts as an import: it stands in a registry.
+    """
+    constants = {
+        ast.unparse(node.targets[0]): node.value.value
+        for node in tree.body
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            dots = "." * node.level
+            yield from ((node.lineno, f"{dots}{node.module or ''}.{a.name}") for a in node.names)
+        elif isinstance(node, ast.Constant) and REGISTERED.fullmatch(str(node.value)):
+            yield node.lineno, str(node.value).partition(":")[0]
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in (
+            "import_module",
+            "__import__",
+        ):
+            # written out, or a constant of this module; "?" for what only running it tells
+            name = node.args[0] if node.args else None
+            told = name.value if isinstance(name, ast.Constant) else None
+            told = constants.get(name.id) if isinstance(name, ast.Name) else told
+            yield node.lineno, told if isinstance(told, str) else "?"
+
+
+def faults(path: str, tree: ast.Module) -> list[str]:
+    """What is wrong with the imports of one module, one line each."""
+    layer = path.split("/")[0]
+    found = []
+    for line, name in imported(tree):
+        top, _, rest = name.partition(".")
+        inner = rest.split(".")[0]
+        wrong = ""
+        if name == "?":
+            # the table of commands, and the door of all other tables
+            known = layer == "launch" or path == REGISTRY_DOOR
+            wrong = "" if known else "imports a name that is not written out"
+        elif not top or top in LEVEL:
+            wrong = f"imports {name}: write evs.{name.lstrip('.')}"
+        elif top == "evs":
+            if inner in LEVEL and LEVEL[inner] > LEVEL[layer]:
+                wrong = f"{layer} imports {name}: layers point {' -> '.join(reversed(LEVEL))}"
+            elif inner not in LEVEL and inner != "__version__":
+                wrong = f"imports {name}: inside the package name the layer"
+        elif top in CLOCKS:
+            wrong = "" if path == CLOCK_DOOR else f"reads the clock ({name}): use {CLOCK_DOOR}"
+        elif top in OUTSIDE:
+            wrong = f"{layer} imports {name}: it reaches outside" if LEVEL[layer] < 2 else ""
+        elif top not in sys.stdlib_module_names and not path.startswith(DOORS.get(top, ())):
+            doors = DOORS.get(top)
+            wrong = f"imports {top}: its door is {doors or 'not in the table'}"
+        if wrong:
+            found.append(f"{path}:{line}: {wrong}")
+    return found
+
+
+def test_every_import_of_the_package_points_down_and_through_its_door(
+    sources: dict[str, ast.Module],
+) -> None:
+    assert sources
+    assert [line for path, tree in sources.items() for line in faults(path, tree)] == []
+
+
+@pytest.mark.parametrize(
+    ("path", "source", "says"),
+    [
+        ("msgs/a.py", "from evs.emulator import scene", "layers point"),
+        ("emulator/a.py", "def f():\n    import evs.drivers.bus", "layers point"),
+        ("drivers/a.py", "from evs.launch import main", "layers point"),
+        ("drivers/a.py", "import importlib\nimportlib.import_module('evs.launch.main')", "layers"),
+        ("drivers/a.py", "importlib.import_module(name)", "not written out"),
+        ("drivers/a.py", "NAME = 'evs.launch.main'\nimportlib.import_module(NAME)", "layers"),
+        ("drivers/a.py", "SINKS = {'a': 'evs.tools.jobs.job:Job'}", "layers point"),
+        ("drivers/a.py", "from evs.examples import pencil", "layers point"),
+        ("drivers/a.py", "from evs import World", "name the layer"),
+        ("launch/a.py", "import drivers.bus", "write evs.drivers.bus"),
+        ("launch/a.py", "from . import main", "write evs."),
+        ("drivers/a.py", "import mujoco", "emulator/world/"),
+        ("emulator/world/a.py", "import zmq", "drivers/bus/"),
+        ("emulator/a.py", "import scipy", "not in the table"),
+        ("launch/a.py", "import numpy", "msgs/"),
+        ("launch/a.py", "from time import monotonic", "reads the clock"),
+        ("drivers/run/run.py", "import datetime", "reads the clock"),
+        ("emulator/a.py", "import socket", "reaches outside"),
+        ("msgs/a.py", "from urllib.request import urlopen", "reaches outside"),
+    ],
+)
+def test_a_wrong_import_is_found(path: str, source: str, says: str) -> None:
+    found = faults(path, ast.parse(source))
+    assert len(found) == 1
+    assert says in found[0]
+
+
+@pytest.mark.parametrize(
+    ("path", "source"),
+    [
+        ("launch/a.py", "from evs.drivers.bus import subscribe\nimport argparse"),
+        ("launch/main.py", "importlib.import_module(COMMANDS[name])"),
+        ("drivers/a.py", "CORE = 'evs.emulator._core'\nimportlib.import_module(CORE)"),
+        ("drivers/a.py", "SINKS = {'a': 'evs.drivers.bus:Publisher'}\nload(SINKS['a'])"),
+        ("emulator/world/a.py", "import mujoco\nimport numpy as np"),
+        ("drivers/clock.py", "import time"),
+        ("drivers/bus/a.py", "import socket\nimport zmq"),
+        ("drivers/run/report.py", "from evs import __version__"),
+    ],
+)
+def test_a_right_import_passes(path: str, source: str) -> None:
+    assert faults(path, ast.parse(source)) == []
+
+
+def test_nothing_is_named_after_a_library(files: list[str]) -> None:
+    libraries = {name.lower() for name in DOORS} | {"pillow", "pyzmq"}
+    parts = {
+        part.lower()
+        for name in files
+        if name.split("/")[0] in LEVEL
+        for part in Path(name).with_suffix("").parts
+    }
+    assert parts & libraries == set()
+
+
+def test_the_core_reads_no_clock(checkout: Path, files: list[str]) -> None:
+    clock = re.compile(r"<(chrono|ctime|time\.h|sys/time\.h)>|clock_gettime|gettimeofday|__rdtsc")
+    native = [name for name in files if name.startswith("emulator/core/")]
+    assert [name for name in native if clock.search((checkout / name).read_text())] == []
+
+
+def test_every_library_behind_a_door_is_a_declared_requirement(checkout: Path) -> None:
+    project = tomllib.loads((checkout / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    declared = project["dependencies"] + [r for name in EXTRAS for r in extras[name]]
+    names = {re.split(r"[^\w-]", requirement)[0].replace("-", "_") for requirement in declared}
+    # pyrender brings its own OpenGL, and pytest is there when it loads its plugin
+    names |= {"PyOpenGL", "pytest"}
+    packages = {"PIL": "pillow", "zmq": "pyzmq", "OpenGL": "PyOpenGL", "rerun": "rerun_sdk"}
+    packages |= {"pyrender": "pyrender2"}
+    imports = {packages.get(name, name) for name in DOORS}
+    assert imports == names

@@ -1,0 +1,45 @@
+"""The C++ client in docs/reference/wire.md is built as it stands there, and counts right."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+
+from evs.drivers.bus import Publisher
+from evs.drivers.bus.loopback import free_address
+from evs.msgs import EventPacket, StreamInfo, make_events
+from reference.cpp_client import build, program_of
+
+LINES = 40
+PAGE = Path(__file__).parents[3] / "docs/reference/wire.md"
+
+
+def test_the_page_holds_a_short_program() -> None:
+    program = program_of(PAGE)
+    assert len([line for line in program.splitlines() if line]) <= LINES
+
+
+def test_a_client_in_another_language_counts_every_event(tmp_path: Path) -> None:
+    client = build(PAGE, tmp_path)
+    random = np.random.default_rng(0)
+    events = on = 0
+    address = free_address()
+    sender = Publisher(address, wait_for=1, wait_s=60)
+    with subprocess.Popen([client, address], stdout=subprocess.PIPE, text=True) as process:
+        sender.open([StreamInfo(346, 260, "cam")])
+        # seq as msgpack's one, two, three and five bytes, and packets that a full queue dropped
+        seqs = [0, 1, 126, 127, 128, 255, 256, 65_535, 65_536, 70_000]
+        for seq in seqs:
+            size = int(random.integers(0, 5000))
+            t = np.sort(random.integers(1000 * seq + 1, 1000 * seq + 1001, size))
+            p = random.integers(0, 2, size)
+            body = make_events(t, t % 346, t % 260, p)
+            sender.write(EventPacket(seq, 1000 * seq, 1000 * seq + 1000, 346, 260, body, "cam"))
+            events, on = events + size, on + int(p.sum())
+        sender.close()
+        out, _ = process.communicate(timeout=60)
+    assert process.returncode == 0
+    lost = seqs[-1] + 1 - len(seqs)
+    assert out == f"events {events}, ON {on}, lost {lost}\n"

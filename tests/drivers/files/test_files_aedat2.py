@@ -1,0 +1,262 @@
+"""AEDAT2: the DAVIS's address layout, the wrap at 2^31 us, and what else is in real files."""
+
+from __future__ import annotations
+
+import struct
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evs.drivers import files
+from evs.drivers.files.aedat2 import Aedat2File
+from evs.drivers.files.integrity import BackwardsWarning, DamagedPacketWarning, TornTailWarning
+from evs.launch.main import main
+from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
+
+STREAM = StreamInfo(346, 260, camera="eye", sensor="davis346", seed=9, config={"a": [1]})
+HEADER = (
+    b"#!AER-DAT2.0\r\n# jAER wrote this\r\n# AEChip: eu.seebetter.ini.chips.davis.Davis346blue\r\n"
+)
+
+
+def record(path: Path, events: Events, stream: StreamInfo = STREAM) -> dict[str, object]:
+    sink = files.recorder_for(path)
+    sink.open([stream])
+    ticks = -(-events["t"] // stream.tick_us)
+    try:
+        for seq, part in enumerate(np.split(events, np.flatnonzero(np.diff(ticks)) + 1)):
+            sink.write(EventPacket(seq, 0, 0, stream.width, stream.height, part, stream.camera))
+    finally:
+        report = sink.close()
+    return report
+
+
+def word(address: int, stamp: int) -> bytes:
+    return struct.pack(">Ii", address, stamp)
+
+
+def pixel(x: int, y: int, p: int, stamp: int) -> bytes:
+    """A word of a DAVIS346 at x, y from the upper left, by hand."""
+    return word((259 - y) << 22 | (345 - x) << 12 | p << 11, stamp)
+
+
+def written(path: Path, *words: bytes, header: bytes = HEADER) -> Path:
+    path.write_bytes(header + b"".join(words))
+    return path
+
+
+def test_the_bytes_are_the_daviss(tmp_path: Path) -> None:
+    path = tmp_path / "a.aedat"
+    record(path, make_events([1, 2, 1000], [0, 345, 10], [0, 259, 20], [1, 0, 1]))
+    data = path.read_bytes()
+    header, _, words = data.partition(b"#End Of ASCII Header\r\n")
+    assert header.startswith(b"#!AER-DAT2.0\r\n")
+    assert all(line.startswith(b"#") for line in header.split(b"\r\n")[:-1])
+    assert words == pixel(0, 0, 1, 1) + pixel(345, 259, 0, 2) + pixel(10, 20, 1, 1000)
+    # the first pixel is at the top left, which jAER counts from the lower right
+    assert words[:4] == ((259 << 22) | (345 << 12) | (1 << 11)).to_bytes(4, "big")
+    assert files.read(path).stream == STREAM
+
+
+def test_a_recording_is_split_where_the_clock_wraps(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.aedat"
+    wrap = 1 << 31
+    stamps = [wrap - 2, wrap - 1, wrap, wrap + 1, 2 * wrap - 1, 2 * wrap, 5 * wrap + 7]
+    events = make_events(stamps, range(7), range(7), [1] * 7)
+    stream = StreamInfo(346, 260, tick_us=1 << 40)
+    assert record(path, events, stream)["files"] == 4
+    parts = [path, *(tmp_path / f"a-00{k}.aedat" for k in (1, 2, 3))]
+    assert [files.read(part, single=True)["t"].tolist() for part in parts] == [
+        stamps[:2],
+        stamps[2:5],
+        stamps[5:6],
+        stamps[6:],
+    ]
+    raw = np.frombuffer(parts[1].read_bytes().partition(b"Header\r\n")[2], ">i4")
+    assert raw[1::2].tolist() == [0, 1, wrap - 1]
+    assert files.read(path)["t"].tolist() == stamps
+    assert main(["info", str(path), "--single"]) == 0
+    assert f"goes on in  {parts[1]} and 2 more" in capsys.readouterr().out
+    # the next recording would mix with those parts
+    with pytest.raises(EvsError, match="of an earlier recording would mix"):
+        record(path, events, stream)
+
+
+def test_a_recording_that_begins_late_is_one_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.aedat"
+    events = make_events([1 << 32, (1 << 32) + 5], [1, 2], [1, 2], [0, 1])
+    assert record(path, events)["files"] == 1
+    assert files.read(path).tobytes() == events.tobytes()
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_does_not_fit_is_refused_before_a_byte_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "a.aedat"
+    for width, height in ((1025, 260), (346, 513)):
+        sink = files.recorder_for(path)
+        with pytest.raises(EvsError, match="AEDAT2 holds at most 1024 x 512 px"):
+            sink.open([StreamInfo(width, height)])
+        assert not path.exists()
+    with pytest.raises(EvsError, match="cannot record an event at -1 us"):
+        record(path, make_events([-1], [1], [1], [1]))
+    record(path, make_events([0], [1023], [511], [1]), StreamInfo(1024, 512))
+    assert files.read(path)[["x", "y"]].tolist() == [(1023, 511)]
+    with pytest.raises(EvsError, match="time steps back"):
+        record(path, make_events([1 << 31, 5], [1, 1], [1, 1], [1, 1]))
+
+
+def test_words_of_no_whole_frame_or_sample_are_counted(tmp_path: Path) -> None:
+    aps, imu = 1 << 31, 1 << 31 | 0xC00
+    words = [pixel(1, 2, 1, 10), word(aps | 5 << 12, 11), word(aps | 0x400, 11), word(imu, 12)]
+    words += [word(0x400, 13), pixel(3, 4, 0, 14)]
+    path = written(tmp_path / "a.aedat", *words)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert files.read(path).tolist() == [(10, 1, 2, 1), (14, 3, 4, 0)]
+    found = files.summary(path)
+    assert found.left_out == {
+        "frames that are not whole": 1,
+        "IMU words of no whole sample": 1,
+        "external input events": 1,
+    }
+    assert (found.stream.width, found.stream.height, found.stream.sensor) == (346, 260, "davis346")
+
+
+@pytest.mark.parametrize("first", [-(1 << 31), 0])
+def test_a_wrap_inside_a_real_cameras_file_is_followed(tmp_path: Path, first: int) -> None:
+    end = (1 << 31) - 1
+    stamps = [end - 5, end, first, first + 7]
+    path = written(tmp_path / "a.aedat", *(pixel(1, 1, 1, stamp) for stamp in stamps))
+    assert files.read(path)["t"].tolist() == [end - 5, end, end + 1, end + 8]
+
+
+def test_unsorted_stamps_are_sorted_and_told(tmp_path: Path) -> None:
+    stamps = [10, 30, 20, 40, 39, 41]
+    path = written(tmp_path / "a.aedat", *(pixel(k, 1, 1, t) for k, t in enumerate(stamps)))
+    at = len(HEADER) + 8 * 2
+    said = f"2 time stamps ran backwards and were sorted; the first at byte {at}"
+    with pytest.warns(BackwardsWarning, match=said):
+        events = files.read(path)
+    assert events["t"].tolist() == sorted(stamps)
+    assert events["x"].tolist() == [0, 2, 1, 4, 3, 5]
+    assert files.summary(path).backwards == said
+
+
+def test_a_clock_that_was_set_anew_stays_so(tmp_path: Path) -> None:
+    stamps = [5_000_000, 5_000_010, 3, 9]
+    path = written(tmp_path / "a.aedat", *(pixel(1, 1, 1, t) for t in stamps))
+    with pytest.warns(BackwardsWarning, match="time begins anew 1 times"):
+        assert files.read(path)["t"].tolist() == stamps
+    found = files.summary(path)
+    assert (found.first_us, found.last_us, found.packets) == (3, 5_000_010, 3)
+
+
+def test_events_out_of_order_over_many_chunks_are_all_there(tmp_path: Path) -> None:
+    random = np.random.default_rng(5)
+    count = 200_000
+    stamps = np.arange(count) * 7 + random.integers(0, 20_000, count)
+    words = np.empty((count, 2), ">i4")
+    words[:, 0], words[:, 1] = (random.integers(0, 260, count) << 22), stamps
+    path = tmp_path / "a.aedat"
+    path.write_bytes(HEADER + words.tobytes())
+    with pytest.warns(BackwardsWarning):
+        events = files.read(path)
+    assert events["t"].tolist() == sorted(stamps.tolist())
+
+
+def test_damaged_words_and_a_torn_tail_are_told_by_their_offset(tmp_path: Path) -> None:
+    bad = word(300 << 22, 11)
+    path = written(tmp_path / "a.aedat", pixel(1, 1, 1, 10), bad, bad, pixel(2, 2, 1, 12), b"torn")
+    at, end = len(HEADER) + 8, len(HEADER) + 32
+    with (
+        pytest.warns(DamagedPacketWarning, match=f"2 damaged words .* at byte {at}: address 0x4b"),
+        pytest.warns(TornTailWarning, match=f"4 bytes at offset {end} "),
+    ):
+        assert files.read(path)["t"].tolist() == [10, 12]
+    assert files.repair(path).cut_bytes == 4
+    assert path.stat().st_size == end
+    assert not files.repair(path).needed
+
+
+def test_garbage_behind_the_last_event_is_a_torn_tail(tmp_path: Path) -> None:
+    bad = word(300 << 22, 11)
+    path = written(tmp_path / "a.aedat", pixel(1, 1, 1, 10), bad * 70_000, b"torn")
+    end = len(HEADER) + 8
+    with pytest.warns(TornTailWarning, match=f"560004 bytes at offset {end} "):
+        assert files.read(path)["t"].tolist() == [10]
+    assert files.repair(path).cut_bytes == 560_004
+    assert path.read_bytes() == HEADER + pixel(1, 1, 1, 10)
+    # where a sound word follows, it is damage in the middle
+    written(path, bad * 70_000, pixel(1, 1, 1, 10))
+    with pytest.warns(DamagedPacketWarning, match=f"70000 .* at byte {len(HEADER)}: address"):
+        assert files.read(path)["t"].tolist() == [10]
+
+
+def test_a_first_event_that_looks_like_a_comment_is_an_event(tmp_path: Path) -> None:
+    # y 140 ... 143 from below: the address begins with the byte of a '#'
+    events = make_events(range(1, 5), [9] * 4, [259 - y for y in range(140, 144)], [1] * 4)
+    path = tmp_path / "a.aedat"
+    record(path, events)
+    assert path.read_bytes().partition(b"Header\r\n")[2][:1] == b"#"
+    assert files.read(path).tobytes() == events.tobytes()
+    other = written(tmp_path / "b.aedat", *(pixel(9, int(e["y"]), 1, int(e["t"])) for e in events))
+    assert files.read(other)["y"].tolist() == events["y"].tolist()
+
+
+def test_a_dvs128_is_read_too(tmp_path: Path) -> None:
+    header = b"#!AER-DAT2.0\r\n# AEChip: ch.unizh.ini.jaer.chip.retina.DVS128\r\n"
+    words = [word(7 << 8 | 3 << 1, 5), word(127 << 8 | 127 << 1 | 1, 6), word(0x8000, 7)]
+    path = written(tmp_path / "a.aedat", *words, header=header)
+    events = files.read(path)
+    assert events.tolist() == [(5, 124, 120, 1), (6, 0, 0, 0)]
+    assert (events.stream.width, events.stream.height) == (128, 128)
+    assert files.summary(path).left_out == {"sync words": 1}
+
+
+def test_the_size_is_that_of_the_smallest_davis_that_fits(tmp_path: Path) -> None:
+    header = b"#!AER-DAT2.0\r\n"
+    for x, y, size in ((239, 179, (240, 180)), (240, 0, (346, 260)), (0, 260, (640, 480))):
+        path = written(tmp_path / "a.aedat", word(y << 22 | x << 12, 1), header=header)
+        assert Aedat2File.at(path).stream.width == size[0]
+        assert files.read(path)[["x", "y"]].tolist() == [(size[0] - 1 - x, size[1] - 1 - y)]
+
+
+def test_only_the_chips_own_line_names_the_camera(tmp_path: Path) -> None:
+    # jAER writes its preferences behind it, those of other cameras too
+    header = (
+        b"#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n"
+        b'#  <node name="davis"><entry key="Davis346blue.ADC" value="true"/></node>\r\n'
+        b'#  <entry key="ch.unizh.ini.jaer.chip.retina.DVS128.size" value="1"/>\r\n'
+    )
+    path = written(tmp_path / "a.aedat", word(179 << 22 | 239 << 12 | 1 << 11, 5), header=header)
+    events = files.read(path)
+    assert (events.stream.width, events.stream.height) == (240, 180)
+    assert events.tolist() == [(5, 0, 0, 1)]
+    assert events.stream.sensor == "davis240"
+
+
+def test_older_files_and_others_are_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.aedat"
+    for data in (
+        b"",
+        b"#!AER-DAT2\x00.0\r\n12345678",
+        b"#!AER-DAT2.0",
+        b"#!AER-DAT1.0\r\n12345678",
+        b"nothing",
+    ):
+        path.write_bytes(data)
+        with pytest.raises(EvsError, match="is not a readable AEDAT2 file"):
+            files.read(path)
+
+
+def test_the_first_bytes_say_which_aedat_it_is(tmp_path: Path) -> None:
+    events = make_events([1, 2], [3, 4], [5, 6], [1, 0])
+    for name, kind in (("a.aedat4", "aedat4"), ("a.aedat3", "aedat3"), ("a.aedat2", "aedat2")):
+        record(tmp_path / name, events)
+        (tmp_path / name).rename(tmp_path / "b.aedat")
+        assert files.summary(tmp_path / "b.aedat").format == kind
+        assert files.read(tmp_path / "b.aedat").tobytes() == events.tobytes()

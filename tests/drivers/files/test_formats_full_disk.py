@@ -1,0 +1,78 @@
+"""A disk that is full stops a recording that a library writes; all before it is there."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evs.drivers import files
+from evs.drivers.files import reserved_space
+from evs.drivers.sink import SinkStoppedError
+from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
+
+pytestmark = pytest.mark.extremes
+
+NAMES = ["a.h5", "a.mcap", "a.db3", "a.bag"]
+DISK_BYTES = 9_700_000
+
+
+def packet(tick: int) -> EventPacket:
+    random = np.random.default_rng(tick)
+    t = np.sort(random.integers(1000 * tick + 1, 1000 * tick + 1001, 2000))
+    x, y = random.integers(0, 1280, 2000), random.integers(0, 720, 2000)
+    return EventPacket(tick, 0, 0, 1280, 720, make_events(t, x, y, random.integers(0, 2, 2000)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_came_before_is_kept(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk of some MB, by what the system says of room on it."""
+    whole = os.posix_fallocate
+
+    def limited(file: int, offset: int, length: int) -> None:
+        on_disk = sum(each.stat().st_size for each in tmp_path.rglob("*") if each.is_file())
+        if on_disk + offset + length > DISK_BYTES:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        whole(file, offset, length)
+
+    monkeypatch.setattr(reserved_space.os, "posix_fallocate", limited)
+    path = tmp_path / name
+    sink = files.recorder_for(path)
+    sink.open([StreamInfo(1280, 720)])
+    written: list[Events] = []
+
+    def record() -> None:
+        for tick in range(5000):
+            sink.write(packet(tick))
+            written.append(packet(tick).events)
+
+    with pytest.raises(SinkStoppedError, match=r"No space left on device; they are kept, free"):
+        record()
+    with pytest.raises(SinkStoppedError, match="stopped after"):
+        sink.write(packet(5000))
+    report = sink.close()
+    assert report["error"].startswith(f"recording to {path} stopped after ")
+    assert report["events"] == 2000 * len(written) > 50_000
+    assert path.stat().st_size < DISK_BYTES
+    assert files.read(path).tobytes() == join_events(written).tobytes()
+    assert files.summary(path).torn_at is None
+    assert [one.name for one in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_disk_without_any_room_is_refused(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(file: int, offset: int, length: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(reserved_space.os, "posix_fallocate", full)
+    sink = files.recorder_for(tmp_path / name)
+    with pytest.raises(EvsError, match="No space left on device"):
+        sink.open([StreamInfo(1280, 720)])
+    assert list(tmp_path.iterdir()) == []

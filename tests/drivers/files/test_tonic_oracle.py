@@ -1,0 +1,134 @@
+"""AEDAT2, AEDAT3.1 and CSV as other projects read them: tonic, faery, numpy."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from evs.drivers import files
+from evs.drivers.files.recording_file import by_tick
+from evs.msgs import EventPacket, Events, StreamInfo, make_events
+
+SCRIPT = Path(__file__).parents[2] / "support" / "oracles" / "tonic_oracle.py"
+PYTHON = Path(sys.prefix, "oracles", "bin", "python")
+"""Of the environment that .ci/setup.sh makes for oracles under the GPL."""
+
+STREAM = StreamInfo(346, 260, camera="eye", sensor="davis346", seed=9, config={"a": "# \n"})
+COUNT = 120_000
+
+
+def random_events(begin_us: int, end_us: int, count: int = COUNT) -> Events:
+    """Sorted, over the whole sensor; the first and the last pixel are in it."""
+    random = np.random.default_rng(begin_us % 1000 + count)
+    t = np.sort(random.integers(begin_us, end_us, count))
+    x, y = random.integers(0, 346, count), random.integers(0, 260, count)
+    x[:2], y[:2] = (0, 345), (0, 259)
+    # tonic takes a first byte of '#' for one more line of header
+    y[0] = 0
+    return make_events(t, x, y, random.integers(0, 2, count))
+
+
+SPANS = {
+    "plain": (1, 3_000_000),
+    "2^24": ((1 << 24) - 500_000, (1 << 24) + 500_000),
+    "2^31": ((1 << 31) - 500_000, (1 << 31) + 500_000),
+    "2^32": ((1 << 32) - 500_000, (1 << 32) + 500_000),
+}
+
+
+def tonic(paths: list[Path]) -> list[dict[str, Any]]:
+    assert PYTHON.exists(), "no oracles here: sh .ci/setup.sh installs them"
+    words = [str(PYTHON), str(SCRIPT), *map(str, paths)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def digest(t: Any, events: Events) -> str:
+    spec = importlib.util.spec_from_file_location("tonic_oracle", SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    found: str = module.digest(t, *(events[name] for name in "xyp"))
+    return found
+
+
+def record(path: Path, events: Events, at_once: bool = False) -> None:
+    sink = files.recorder_for(path)
+    sink.open([STREAM])
+    parts = [events] if at_once else by_tick(events, STREAM)
+    for seq, part in enumerate(parts):
+        sink.write(EventPacket(seq, 0, 0, 346, 260, part, "eye"))
+    sink.close()
+
+
+def test_tonic_reads_aedat2_bit_exactly(tmp_path: Path) -> None:
+    wanted = []
+    for name, (begin_us, end_us) in SPANS.items():
+        events = random_events(begin_us, end_us)
+        path = tmp_path / f"{name}.aedat"
+        record(path, events)
+        # each file of a recording that wraps begins again at 0
+        parts = np.split(events, np.flatnonzero(np.diff(events["t"] >> 31)) + 1)
+        paths = [path, tmp_path / f"{name}-001.aedat"][: len(parts)]
+        for part_path, part in zip(paths, parts, strict=True):
+            wanted.append((part_path, len(part), digest(part["t"] & ((1 << 31) - 1), part)))
+            assert files.read(part_path, single=True).tobytes() == part.tobytes()
+    assert len(wanted) == 6
+    told = tonic([path for path, _, _ in wanted])
+    assert [(said["events"], said["digest"]) for said in told] == [each[1:] for each in wanted]
+    assert {said["version"] for said in told} == {2.0}
+
+
+def test_tonic_reads_aedat3_bit_exactly(tmp_path: Path) -> None:
+    wanted = []
+    cases = {name: (random_events(*span), False) for name, span in SPANS.items()}
+    cases["at_once"] = random_events((1 << 31) - 50, (1 << 31) + 50, 65_535), True
+    cases["one"] = random_events(5, 9, 2)[:1], False
+    for name, (events, at_once) in cases.items():
+        path = tmp_path / f"{name}.aedat3"
+        record(path, events, at_once)
+        # tonic does not look at the overflow counter
+        wanted.append((path, len(events), digest(events["t"] & ((1 << 31) - 1), events)))
+        assert files.read(path).tobytes() == events.tobytes()
+    told = tonic([path for path, _, _ in wanted])
+    assert [(said["events"], said["digest"]) for said in told] == [each[1:] for each in wanted]
+    assert {said["version"] for said in told} == {3.1}
+
+
+@pytest.mark.parametrize("span", SPANS)
+def test_numpy_reads_csv_bit_exactly(tmp_path: Path, span: str) -> None:
+    events = random_events(*SPANS[span])
+    path = tmp_path / "a.csv"
+    record(path, events)
+    table = np.loadtxt(path, np.int64, delimiter=",", skiprows=2)
+    assert np.array_equal(table, np.stack([events[name] for name in "txyp"], axis=1))
+    assert files.read(path).tobytes() == events.tobytes()
+
+
+def test_faerys_csv_is_read(tmp_path: Path) -> None:
+    events = random_events(1, 2_000_000)
+    np.save(tmp_path / "a.npy", np.stack([events[name] for name in "txyp"], axis=1))
+    code = (
+        "import sys, numpy as np, faery\n"
+        "given = np.load(sys.argv[1])\n"
+        "every = np.zeros(len(given), faery.EVENTS_DTYPE)\n"
+        "for k, name in enumerate(('t', 'x', 'y', 'on')):\n"
+        "    every[name] = given[:, k]\n"
+        "stream = faery.events_stream_from_array(every, dimensions=(346, 260))\n"
+        "stream.to_file(sys.argv[2])\n"
+    )
+    words = [sys.executable, "-c", code, str(tmp_path / "a.npy"), str(tmp_path / "a.csv")]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    read = files.read(tmp_path / "a.csv")
+    assert read.tobytes() == events.tobytes()
+    assert (read.stream.width, read.stream.height) == (346, 260)

@@ -1,0 +1,198 @@
+"""Settings: TOML and dotted keys into dataclasses, and the path to every bad value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from evs.drivers import settings
+from evs.drivers.run.config import PipelineConfig
+from evs.drivers.run.config_keys import describe, field_docs
+from evs.msgs import EvsError
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """[leaf]: a table."""
+
+    count: int = 3
+    """how many
+    of them"""
+    share: float = 0.5
+    name: str = "x"
+    flag: bool = False
+    """whether"""
+    maybe: int | None = None
+    word: str | None = None
+    point: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Root:
+    """The root."""
+
+    leaf: Leaf = field(default_factory=Leaf)
+    item: tuple[Leaf, ...] = ()
+    top: int = 1
+
+
+def message(call: object, *args: object) -> str:
+    assert callable(call)
+    with pytest.raises(EvsError) as caught:
+        call(*args)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_tables_become_dataclasses_and_absent_keys_keep_their_defaults() -> None:
+    text = (
+        'top = 7\n[leaf]\nshare = 2\npoint = [1, 2, 3]\n[[item]]\nname = "a"\n[[item]]\ncount = 9\n'
+    )
+    root = settings.build(Root, settings.parse_toml(text, "x.toml"))
+    assert root == Root(
+        leaf=Leaf(share=2.0, point=(1.0, 2.0, 3.0)), item=(Leaf(name="a"), Leaf(count=9)), top=7
+    )
+    # an integer in the file is a float in the class: 2 and 2.0 are one configuration
+    assert type(root.leaf.share) is float
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[leaf]\ncuont = 4", "at leaf.cuont: unknown key; nearest known: leaf.count"),
+        ("[laef]\ncount = 4", "at laef: unknown key; nearest known: leaf"),
+        (
+            "[[item]]\n[[item]]\nshaer = 1",
+            "at item.1.shaer: unknown key; nearest known: item.1.share",
+        ),
+        ('[leaf]\ncount = "x"', 'at leaf.count: expected an integer, got "x"'),
+        ("[leaf]\ncount = 1.5", "at leaf.count: expected an integer, got 1.5"),
+        ("[leaf]\ncount = true", "at leaf.count: expected an integer, got true"),
+        (
+            "[leaf]\ncount = 9223372036854775808",
+            "at leaf.count: expected an integer, got 9223372036854775808",
+        ),
+        ("[leaf]\nflag = 1", "at leaf.flag: expected true or false, got 1"),
+        ("[leaf]\nname = 1", "at leaf.name: expected a string, got 1"),
+        ("[leaf]\nshare = nan", "at leaf.share: expected a finite number, got nan"),
+        ("[leaf]\nshare = -inf", "at leaf.share: expected a finite number, got -inf"),
+        ('[leaf]\nmaybe = "a"', 'at leaf.maybe: expected an integer or none, got "a"'),
+        ("[leaf]\npoint = [1, 2]", "at leaf.point: expected 3 numbers or none, got [1, 2]"),
+        ('[leaf]\npoint = [1, "b", 2]', 'at leaf.point.1: expected a finite number, got "b"'),
+        ("leaf = 3", "at leaf: expected a table, got 3"),
+        ("item = 3", "at item: expected an array of tables [[item]], got a single value"),
+        ("item = [3]", "at item.0: expected a table, got 3"),
+        ("[leaf]\ncount = {a = 1}", "at leaf.count: expected an integer, got a table"),
+    ],
+)
+def test_a_bad_value_is_told_with_its_path(text: str, said: str) -> None:
+    assert message(settings.build, Root, settings.parse_toml(text, "x.toml")) == said
+
+
+def test_malformed_toml_is_told_with_its_line() -> None:
+    said = message(settings.parse_toml, "a = 1\nb = = 2\n", "x.toml")
+    assert said.startswith("x.toml: malformed TOML: ")
+    assert "line 2" in said
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    assert message(settings.read_toml, tmp_path / "no.toml") == f"no file '{tmp_path}/no.toml'"
+    assert "cannot read" in message(settings.read_toml, tmp_path)
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    assert "not UTF-8" in message(settings.read_toml, binary)
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "expected"),
+    [
+        ("top", "0x10", Root(top=16)),
+        ("leaf.count", "-4", Root(leaf=Leaf(count=-4))),
+        ("leaf.share", "1e-3", Root(leaf=Leaf(share=1e-3))),
+        ("leaf.share", ".5", Root(leaf=Leaf(share=0.5))),
+        ("leaf.share", "5.", Root(leaf=Leaf(share=5.0))),
+        ("leaf.name", "4", Root(leaf=Leaf(name="4"))),
+        ("leaf.name", '"a b"', Root(leaf=Leaf(name="a b"))),
+        ("leaf.name", "a=b#c", Root(leaf=Leaf(name="a=b#c"))),
+        ("leaf.name", "", Root(leaf=Leaf(name=""))),
+        ("leaf.name", "none", Root(leaf=Leaf(name="none"))),
+        ("leaf.word", "none", Root()),
+        ("leaf.word", '"none"', Root(leaf=Leaf(word="none"))),
+        ("leaf.flag", "True", Root(leaf=Leaf(flag=True))),
+        ("leaf.flag", "off", Root()),
+        ("leaf.maybe", "None", Root()),
+        ("leaf.point", "1,2,3", Root(leaf=Leaf(point=(1.0, 2.0, 3.0)))),
+        ("leaf.point", "[1, 2, 3]", Root(leaf=Leaf(point=(1.0, 2.0, 3.0)))),
+        ("item.0.count", "5", Root(item=(Leaf(count=5),))),
+    ],
+)
+def test_text_is_read_as_the_key_wants_it(key: str, text: str, expected: Root) -> None:
+    assert settings.override(Root(), key, text) == expected
+
+
+def test_an_array_of_tables_is_reached_by_place() -> None:
+    root = Root(item=(Leaf(), Leaf()))
+    changed = settings.override(root, "item.1.name", "b")
+    assert changed.item == (Leaf(), Leaf(name="b"))
+    assert root.item == (Leaf(), Leaf())
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "said"),
+    [
+        ("leaf.count", "x", 'at leaf.count: expected an integer, got "x"'),
+        ("leaf.count", "", 'at leaf.count: expected an integer, got ""'),
+        ("leaf.count", "[1]", "at leaf.count: expected an integer, got [1]"),
+        ("leaf.count", "1\ntop = 2", 'at leaf.count: expected an integer, got "1\\ntop = 2"'),
+        ("leaf.share", "nan", "at leaf.share: expected a finite number, got nan"),
+        ("leaf.flag", "maybe", 'at leaf.flag: expected true or false, got "maybe"'),
+        ("leaf.point", "1,2", "at leaf.point: expected 3 numbers or none, got [1, 2]"),
+        ("leaf.point", "7", "at leaf.point: expected 3 numbers or none, got [7]"),
+        ("laef.count", "1", "at laef.count: unknown key; nearest known: leaf.count"),
+        ("leaf.count.x", "1", "at leaf.count.x: unknown key; nearest known: leaf.count"),
+        ("count", "1", "at count: unknown key; nearest known: leaf.count"),
+        ("item.3.count", "1", "at item.3: expected a place 0 ... 0 and a key, as in item.0.count"),
+        (
+            "item.-1.count",
+            "1",
+            "at item.-1: expected a place 0 ... 0 and a key, as in item.0.count",
+        ),
+        ("item.0", "1", "at item.0: expected a place 0 ... 0 and a key, as in item.0.count"),
+    ],
+)
+def test_a_bad_override_is_told_with_its_path(key: str, text: str, said: str) -> None:
+    assert message(settings.override, Root(), key, text) == said
+
+
+def test_a_table_cannot_be_set_as_a_whole() -> None:
+    assert message(settings.override, Root(), "leaf", "1").startswith(
+        "at leaf: is a table; set one of its keys: leaf.count, leaf.share"
+    )
+
+
+def test_words_are_split_at_the_first_equals_sign() -> None:
+    assert settings.split_word(" a.b = c=d ") == ("a.b", "c=d")
+    assert "is not key=value" in message(settings.split_word, "=3")
+    assert "is not key=value" in message(settings.split_word, "abc")
+
+
+def test_plain_values_of_a_configuration_build_it_again() -> None:
+    root = Root(leaf=Leaf(point=(1.0, 2.0, 3.0), word="w"), item=(Leaf(), Leaf(flag=True)))
+    assert settings.build(Root, settings.to_plain(root)) == root
+
+
+def test_docs_come_from_the_strings_below_the_fields() -> None:
+    assert field_docs(Leaf) == {"count": "how many of them", "flag": "whether"}
+    tables = {table.name: table for table in describe(Root)}
+    assert list(tables) == ["", "leaf", "item.N"]
+    assert [key.name for key in tables[""].keys] == ["top"]
+    assert tables["leaf"].doc == "[leaf]: a table."
+    assert tables["item.N"].keys[0].name == "item.N.count"
+    assert tables["leaf"].keys[0].default == "3"
+
+
+def test_every_key_of_a_pipeline_is_documented() -> None:
+    bare = [key.name for table in describe(PipelineConfig) for key in table.keys if not key.doc]
+    assert bare == []

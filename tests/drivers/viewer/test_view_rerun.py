@@ -1,0 +1,309 @@
+"""Rerun's files and viewer: what a run and a live stream leave in a .rrd, verified by Rerun."""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evs.drivers.bus import Publisher
+from evs.drivers.run import config as pipeline
+from evs.drivers.viewer import ViewSink
+from evs.launch import main as program
+from evs.launch.commands import live
+from evs.msgs import EventPacket, EvsError, Frame, Pose, StreamInfo, make_events
+
+pytest.importorskip("rerun", reason="the extra `view` is not installed")
+
+OPTICS = {
+    "width": 64,
+    "height": 48,
+    "distortion_model": "plumb_bob",
+    "d": [0.0] * 5,
+    "k": [60.0, 0, 32, 0, 60, 24, 0, 0, 1],
+    "r": [1.0, 0, 0, 0, 1, 0, 0, 0, 1],
+    "p": [60.0, 0, 32, 0, 0, 60, 24, 0, 0, 0, 1, 0],
+}
+STREAM = StreamInfo(64, 48, camera="eye", frames=True, camera_info=OPTICS)
+ROWS = re.compile(r"with (\d+) rows .* - /(\S+) - data columns: \[(\w+)")
+
+
+def rerun(folder: Path, *words: object) -> str:
+    """Rerun's own program, its telemetry off; what it prints."""
+    from evs.drivers.viewer.viewer import PROGRAM, quiet_environment
+
+    done = subprocess.run(
+        [*PROGRAM, *map(str, words)],
+        env=quiet_environment(folder / "quiet"),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout + done.stderr
+
+
+def rows(folder: Path, file: Path, whole: bool = True) -> Counter[str]:
+    """`ENTITY COMPONENT` -> rows, of a file that Rerun verifies where it should be `whole`."""
+    if whole:
+        assert "verified without error" in rerun(folder, "rrd", "verify", file)
+    found: Counter[str] = Counter()
+    for line in rerun(folder, "rrd", "print", file).splitlines():
+        match = ROWS.search(line)
+        if match:
+            found[f"{match[2]} {match[3]}"] += int(match[1])
+    return found
+
+
+def packet(seq: int, camera: str = "eye") -> EventPacket:
+    random = np.random.default_rng(seq)
+    t = np.sort(random.integers(1000 * seq + 1, 1000 * seq + 1001, 30))
+    x, y = random.integers(0, 64, 30), random.integers(0, 48, 30)
+    events = make_events(t, x, y, t % 2)
+    return EventPacket(seq, 1000 * seq, 1000 * seq + 1000, 64, 48, events, camera)
+
+
+def frame(seq: int) -> Frame:
+    begin = 10_000 * seq
+    pixels = np.full((48, 64), seq, np.uint8)
+    return Frame(seq, begin, begin, begin + 500, begin + 800, pixels, "eye")
+
+
+def publish(publisher: Publisher, ticks: int) -> None:
+    """Everything that a live view shows, then the end."""
+    for seq in range(ticks):
+        if seq % 10 == 9:
+            publisher.write_frame(frame(seq // 10))
+        pose = Pose(seq, 1000 * seq + 1000, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0), "eye")
+        if publisher.wants_pose("eye"):
+            publisher.write_pose(pose)
+        publisher.write(packet(seq))
+    publisher.close()
+
+
+def watched(words: list[str], ticks: int = 100) -> int:
+    """Run `evs view --live ...` on a publisher of ours; its exit code."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{probe.getsockname()[1]}"
+    publisher = Publisher(address, wait_for=1)
+
+    def run() -> None:
+        publisher.open([STREAM])
+        # frames and poses are subscribed to beside the events
+        time.sleep(0.2)
+        publish(publisher, ticks)
+
+    publishing = threading.Thread(target=run)
+    publishing.start()
+    try:
+        return program.main(["view", "--live", address, "--timeout", "20", *words])
+    finally:
+        publishing.join()
+
+
+BALL = """
+<mujoco><worldbody><light pos="0 -1 3"/><camera name="eye" pos="0 -2 .6" xyaxes="1 0 0 0 .2 1"/>
+<geom type="plane" size="2 2 .1"/><body pos="0 0 .5"><joint name="spin" axis="0 1 0"/>
+<geom type="box" size=".5 .05 .05"/></body></worldbody>
+<keyframe><key name="fast" qpos="0" qvel="40"/></keyframe></mujoco>
+"""
+
+
+def test_a_run_leaves_a_file_that_rerun_verifies(tmp_path: Path) -> None:
+    (tmp_path / "ball.xml").write_text(BALL)
+    (tmp_path / "p.toml").write_text(
+        "duration_s = 0.2\n[scene]\nfile = 'ball.xml'\nkeyframe = 'fast'\n"
+        "[sensor]\nwidth = 48\nheight = 36\n[sensor.aps]\nenabled = true\n"
+        "[[sink]]\ntype = 'rerun'\nrrd = 'run.rrd'\nperiod_us = 10000\n"
+    )
+    assert program.main(["emulate", str(tmp_path / "p.toml"), "--quiet"]) == 0
+    found = rows(tmp_path, tmp_path / "run.rrd")
+    # 0.2 s in pictures of 10 ms
+    assert found["camera/events SegmentationImage"] == 20
+    assert found["camera/rate/on Scalars"] == found["camera/rate/off Scalars"] == 20
+    # the first tick's, and then one in each picture's time
+    assert found["camera/luminance Image"] == found["camera/pose Transform3D"] == 21
+    # 25 a second, and the last one's read-out ends after the run
+    assert found["camera/frames Image"] in (4, 5)
+    assert found["camera/events AnnotationContext"] == 1
+    assert found["camera/pose Pinhole"] == 1
+
+
+def test_a_live_stream_leaves_a_file_that_rerun_verifies(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "live.rrd"
+    assert watched(["-o", str(file)], ticks=150) == 0
+    assert "packets 150  events 4500" in capsys.readouterr().err
+    found = rows(tmp_path, file)
+    # seven windows of 20 ms and the rest
+    assert found["eye/events SegmentationImage"] == 8
+    assert found["eye/rate/on Scalars"] == 8
+    assert found["eye/frames Image"] == 15
+    assert found["eye/pose Transform3D"] == 150
+    # the optics come with the first status, after 100 ms
+    assert found["eye/pose Pinhole"] == 1
+
+
+@pytest.mark.slow
+def test_a_running_viewer_gets_everything(tmp_path: Path) -> None:
+    from evs.drivers.viewer import Gatherer
+    from evs.drivers.viewer.viewer import PROGRAM, Drawing, quiet_environment
+
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    # without a window: what comes is saved instead
+    saved = tmp_path / "came.rrd"
+    words = [*PROGRAM, "--save", str(saved), "--port", str(port), "--bind", "127.0.0.1"]
+    viewer = subprocess.Popen(
+        words, env=quiet_environment(tmp_path / "home"), stderr=subprocess.DEVNULL
+    )
+    try:
+        drawing = Drawing()
+        drawing.to_viewer(port)
+        drawing.describe([STREAM])
+        gatherer = Gatherer("eye", 64, 48)
+        for seq in range(100):
+            for window in gatherer.add(packet(seq)):
+                drawing.window(window)
+        drawing.close()
+        deadline = time.monotonic() + 20
+        while time.monotonic() < deadline and viewer.poll() is None:
+            # it ends by itself when its only client has gone, or else is told to
+            if saved.exists() and saved.stat().st_size > 10_000:
+                time.sleep(0.5)
+                viewer.send_signal(2)
+                viewer.wait(10)
+            time.sleep(0.1)
+    finally:
+        viewer.kill()
+        viewer.wait()
+    # a viewer that is interrupted writes no footer
+    assert rows(tmp_path, saved, whole=False)["eye/events SegmentationImage"] == 5
+
+
+def test_rerun_sends_nothing_home(tmp_path: Path) -> None:
+    sink = ViewSink(tmp_path / "a.rrd")
+    sink.open([STREAM])
+    sink.close()
+    for _ in range(2):
+        rerun(tmp_path, "rrd", "verify", tmp_path / "a.rrd")
+    quiet = tmp_path / "quiet"
+    # its programs would collect what they send in files there
+    assert [file.name for file in quiet.rglob("*") if file.is_file()] == ["analytics.json"]
+
+
+def test_the_sink_thins_out_and_takes_nothing_else(tmp_path: Path) -> None:
+    sink = ViewSink(tmp_path / "a.rrd", period_us=5000)
+    with pytest.raises(EvsError, match="not open"):
+        sink.write(packet(0))
+    sink.open([STREAM])
+    light = [t for t in range(1000, 21_000, 1000) if sink.wants_light("eye", t)]
+    assert light == [1000, 5000, 10_000, 15_000, 20_000]
+    # a light that is dark, or not a number, is drawn black
+    sink.write_light("eye", 1000, np.zeros((48, 64), np.float32))
+    sink.write_light("eye", 2000, np.full((48, 64), np.nan, np.float32))
+    for seq in range(12):
+        sink.write(packet(seq))
+    with pytest.raises(EvsError, match="no camera of this view 'ear'; there is: eye"):
+        sink.write(packet(13, "ear"))
+    said = sink.close()
+    assert sink.close() == said
+    # two whole windows and the rest
+    assert (said["windows"], said["events"]) == (3, 360)
+    assert rows(tmp_path, tmp_path / "a.rrd")["eye/luminance Image"] == 2
+
+
+FULL = """
+import resource, sys
+from evs.drivers.sink import SinkStoppedError
+from evs.drivers.viewer import ViewSink
+from evs.msgs import EventPacket, StreamInfo, make_events
+import numpy as np
+
+# a file size limit is what a full disk is to a process
+resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
+sink = ViewSink(sys.argv[1])
+sink.open([StreamInfo(346, 260, camera="eye")])
+random = np.random.default_rng(0)
+try:
+    for k in range(20_000):
+        x = random.integers(0, 260, 200)
+        events = make_events(np.full(200, 20_000 * k + 1), x, x[::-1], x % 2)
+        sink.write(EventPacket(k, 20_000 * k, 20_000 * k + 20_000, 346, 260, events, "eye"))
+except SinkStoppedError as error:
+    assert sink.close()["error"] == str(error), sink.close()
+    print(error)
+"""
+
+
+def test_a_full_disk_stops_the_file_and_rerun_shows_what_came_before(tmp_path: Path) -> None:
+    file = tmp_path / "a.rrd"
+    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
+    environment = {**os.environ, "PYTHONPATH": search, "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", FULL, str(file)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith(f"writing {file} stopped: File too large; Rerun shows what")
+    assert file.stat().st_size == 300_000
+    assert rows(tmp_path, file, whole=False)["eye/events SegmentationImage"] >= 1
+
+
+def test_what_cannot_be_written_is_told_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(EvsError, match=r"does not end in \.rrd"):
+        ViewSink(tmp_path / "a.png")
+    with pytest.raises(EvsError, match="period_us is 0"):
+        ViewSink(tmp_path / "a.rrd", period_us=0)
+    with pytest.raises(EvsError, match=r"cannot write .*no/a\.rrd: there is no folder"):
+        ViewSink(tmp_path / "no" / "a.rrd").open([STREAM])
+
+
+def test_without_the_extra_one_line_says_how_to_get_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(EvsError, match=r"pip install 'evs\[view\]'"):
+        pipeline.make_sink(pipeline.SinkConfig(type="rerun", rrd=str(tmp_path / "a.rrd")))
+    words = ["view", "--live", "tcp://127.0.0.1:9", "-o", str(tmp_path / "a.rrd")]
+    assert program.main(words) == 2
+    assert "pip install 'evs[view]'" in capsys.readouterr().err
+
+
+def test_nothing_else_imports_rerun() -> None:
+    code = (
+        "import sys, evs, evs.drivers.viewer, evs.launch.commands.live\n"
+        "from evs.launch.main import main\n"
+        "try: main(['view', '--help'])\n"
+        "except SystemExit: pass\n"
+        "assert 'rerun' not in sys.modules and 'pyarrow' not in sys.modules\n"
+    )
+    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
+    environment = {**os.environ, "PYTHONPATH": search, "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_window_opens_only_where_there_is_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    assert not live.has_display()
+    monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
+    assert live.has_display()

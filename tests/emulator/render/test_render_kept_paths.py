@@ -1,0 +1,128 @@
+"""Paths with a camera that stands: what is kept is what would be traced, bit for bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from evs.emulator import _core
+from evs.emulator.base.scene import CameraPose, SceneSnapshot, Shape
+from reference.random_scenes import PULSE, RandomStage, check_film, random_turn
+
+pytestmark = pytest.mark.property
+
+TICKS, SIZE = 12, (29, 22)
+
+
+def still_film(
+    stage: RandomStage, ticks: int, lamps: bool = False
+) -> list[tuple[SceneSnapshot, CameraPose]]:
+    """Geoms move: steadily, some of them faster or for a while only; rarely one jumps.
+
+    In: lamps, they move too, but for ticks in which they all stand.
+    """
+    rng, count, frames = stage.rng, len(stage.geom_pos), []
+    # a plane or a lamp that moves changes everything: in few scenes one does
+    glow = np.array([surface.emission > 0 for surface in stage.scene.surfaces])
+    everywhere = (stage.scene.geom_type == Shape.PLANE) | glow[stage.scene.geom_surface]
+    free = np.flatnonzero(~everywhere | (rng.random() < 0.2))
+    speed = rng.normal(size=(count, 3)) * 10.0 ** rng.uniform(-4, -1.5, (count, 1))
+    fast = np.isin(np.arange(count), free) & (rng.random(count) < 0.5)
+    for tick in range(ticks):
+        frames.append((stage.snapshot(1000 * tick), stage.pose))
+        stage.geom_pos += speed * (fast & (rng.random(count) < 0.7))[:, np.newaxis]
+        if len(free) and rng.random() < 0.15:
+            stage.geom_pos[rng.choice(free)] += rng.normal(size=3) * 10.0 ** rng.uniform(-6, 0)
+        if lamps and not 10 <= tick < 22 and rng.random() < 0.9:
+            stage.light_pos[rng.integers(len(stage.light_pos))] += rng.normal(size=3) * 0.01
+        if len(free) and rng.random() < 0.15:
+            stage.geom_mat[rng.choice(free)] = random_turn(rng)
+    return frames
+
+
+def shares(
+    seeds: range,
+    ticks: int,
+    spp: int = 0,
+    lamps: bool = False,
+    flicker: tuple[object, ...] = (),
+    **stage: object,
+) -> list[float]:
+    """Traced shares of all ticks but the first.
+
+    One thread and more, any instruction set, one sample a pixel or some: all give the bytes of the
+    full trace.
+    """
+    found = []
+    for seed in seeds:
+        scene = RandomStage(seed, **stage)  # type: ignore[arg-type]
+        isa = _core.isa_available()[seed % len(_core.isa_available())]
+        render = {
+            "renderer": "path",
+            "spp": spp or (1, 2, 3, 5)[seed % 4],
+            "bounces": seed % 5,
+            "sampler": ("owen", "sobol", "global", "random", "anchored")[seed % 5],
+            "flicker": flicker,
+        }
+        full = scene.renderer(threads=2, incremental=False, **render)
+        kept = [scene.renderer(threads=1 + seed % 3, **render), scene.renderer(isa=isa, **render)]
+        film = still_film(scene, ticks, lamps and len(scene.light_pos) > 0)
+        for tick, (frame, pose) in enumerate(film):
+            light = full.render(frame, pose)
+            for other in kept:
+                assert other.render(frame, pose).tobytes() == light.tobytes(), (seed, tick)
+                found += [other.traced_fraction] if tick else []  # type: ignore[attr-defined]
+    return found
+
+
+@pytest.mark.parametrize(("decades", "zoom"), [(1.0, 1.0), (6.0, 1.0), (1.0, 300.0), (1.0, 0.01)])
+def test_kept_paths_are_those_of_the_full_trace(decades: float, zoom: float) -> None:
+    found = shares(range(7), TICKS, decades=decades, zoom=zoom, size=SIZE)
+    # neither everything nor nothing
+    assert 0.0 < np.mean(found) < 0.8, np.mean(found)
+    assert min(found) < 0.1
+
+
+def test_kept_paths_among_physical_materials_in_fog_are_those_of_the_full_trace() -> None:
+    found = shares(range(40, 47), TICKS, rich=True, size=SIZE)
+    assert 0.0 < np.mean(found) < 0.8
+
+
+def test_blocks_of_samples_are_kept_as_a_whole() -> None:
+    found = shares(range(60, 64), TICKS, spp=66, size=(9, 7))
+    assert 0.0 < np.mean(found) < 0.8
+
+
+def test_of_lamps_that_move_their_own_light_alone_is_traced() -> None:
+    found = shares(range(7), 26, lamps=True, size=SIZE)
+    assert 0.0 < np.mean(found) < 0.8, np.mean(found)
+    assert min(found) < 0.1
+
+
+def test_of_lamps_that_move_in_fog_and_haze_their_own_light_alone_is_traced() -> None:
+    found = shares(range(40, 47), 26, lamps=True, rich=True, size=SIZE)
+    assert 0.0 < np.mean(found) < 0.8, np.mean(found)
+
+
+def test_of_lamps_that_flicker_their_own_light_alone_is_traced() -> None:
+    found = shares(range(40, 44), TICKS, flicker=(PULSE,), rich=True, size=SIZE)
+    assert 0.0 < np.mean(found) < 0.8, np.mean(found)
+
+
+def test_lamps_move_where_there_is_no_geom() -> None:
+    assert len(RandomStage(8106, rich=True, size=SIZE).geom_pos) == 0
+    shares(range(8106, 8107), 4, lamps=True, rich=True, size=SIZE)
+
+
+def test_blocks_of_samples_under_lamps_that_move() -> None:
+    shares(range(60, 64), TICKS, spp=66, lamps=True, size=(9, 7))
+
+
+def test_kept_paths_where_cameras_and_lights_move_too() -> None:
+    check_film(range(300, 306), 10, lambda seed: {"renderer": "path", "bounces": seed % 4})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("decades", "zoom"), [(1.0, 1.0), (6.0, 1.0), (3.0, 0.03)])
+def test_kept_paths_in_many_scenes(decades: float, zoom: float) -> None:
+    shares(range(8000, 8040), 40, decades=decades, zoom=zoom)

@@ -1,0 +1,169 @@
+"""The same light, byte for byte: any instruction set, any number of threads, traced anew or
+kept."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from evs.emulator import _core
+from evs.emulator.base.scene import CameraPose, SceneSnapshot
+from evs.emulator.config import CameraConfig, RenderConfig
+from evs.emulator.render import DirectRenderer
+from evs.emulator.world import Poser, bind_camera, extract_scene
+
+WIDTH, HEIGHT = 117, 83  # no multiple of a packet
+
+SCENE = """
+<mujoco>
+  <option timestep=".001"/>
+  <visual><headlight diffuse=".3 .3 .3" ambient=".1 .1 .1"/></visual>
+  <asset>
+    <texture name="sky" type="skybox" builtin="gradient" rgb1=".3 .5 .7" rgb2="0 0 0" width="32"
+            height="192"/>
+    <texture name="tiles" type="2d" builtin="checker" rgb1=".1 .2 .3" rgb2=".7 .8 .6" width="64"
+            height="64"/>
+    <texture name="skin" type="cube" builtin="gradient" rgb1=".8 .6 .4" rgb2=".2 .3 .4" width="32"
+            height="192"/>
+    <material name="floor" texture="tiles" texrepeat="4 4" texuniform="true" reflectance=".3"
+            specular=".8"/>
+    <material name="skin" texture="skin" specular=".5" shininess=".4"/>
+    <mesh name="wedge" vertex="0 0 0  .5 0 0  0 .5 0  0 0 .5"/>
+  </asset>
+  <worldbody>
+    <light type="directional" dir=".3 .2 -1" diffuse="{tint}"/>
+    <light type="spot" pos="1 -1 2" dir="-1 1 -2" cutoff="30" exponent="4" diffuse=".6 .6 .6"/>
+    <light type="point" pos="-1 -1 1.5" diffuse=".2 .2 .2" castshadow="true"/>
+    <geom type="plane" size="3 3 .1" material="floor"/>
+    <geom type="box" size=".2 .2 .2" pos="-.6 .5 .2" material="skin"/>
+    <geom type="mesh" mesh="wedge" pos=".6 .5 .1"/>
+    <body pos="0 0 .8"><freejoint/>
+      <geom type="capsule" size=".1 .25" euler="30 40 0" material="skin"/>
+      <geom type="sphere" size=".12" pos=".25 0 .1"/>
+      <geom type="ellipsoid" size=".1 .2 .1" pos="-.2 .2 0"/>
+      <geom type="cylinder" size=".08 .1" pos="0 -.2 .1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+VIEW = CameraConfig(lookat=(0, 0, 0.3), distance=2.6, azimuth=70, elevation=-25)
+
+
+class Film:
+    """A scene, its motion, and renderers for it."""
+
+    def __init__(self, tint: str = ".5 .5 .5") -> None:
+        self.model = mujoco.MjModel.from_xml_string(SCENE.format(tint=tint))
+        self.scene = extract_scene(self.model)
+        self.bound = bind_camera(self.model, "", WIDTH, HEIGHT, VIEW)
+
+    def snapshots(self, ticks: int) -> list[SceneSnapshot]:
+        """One a ms: a body that falls, tumbling."""
+        data = mujoco.MjData(self.model)
+        data.qvel[3:] = (3, 5, 2)
+        poser = Poser(self.model, [self.bound])
+        taken = []
+        for k in range(ticks):
+            taken.append(poser.snapshot(data, 1000 * k))
+            mujoco.mj_step(self.model, data)
+        return taken
+
+    def renderer(self, threads: int = 1, **render: object) -> DirectRenderer:
+        """A renderer of this scene with 2 samples a pixel."""
+        config = RenderConfig(spp=2, **render)  # type: ignore[arg-type]
+        return DirectRenderer(self.scene, self.bound.model, config, threads)
+
+
+@pytest.mark.parametrize("tint", [".5 .5 .5", ".5 .3 .2"], ids=["grey", "coloured"])
+def test_every_instruction_set_and_thread_count_gives_the_same_bytes(tint: str) -> None:
+    film = Film(tint)
+    frames = film.snapshots(30)[::10]
+    reference = film.renderer(isa="portable", incremental=False)
+    others = [
+        film.renderer(threads=threads, isa=isa, incremental=False)
+        for isa in _core.isa_available()
+        for threads in (1, 2, 3)
+    ]
+    for frame in frames:
+        light = reference.render(frame, frame.cameras[0]).tobytes()
+        assert all(o.render(frame, frame.cameras[0]).tobytes() == light for o in others)
+
+
+def test_every_instruction_set_hits_the_same() -> None:
+    film = Film()
+    frame = film.snapshots(1)[0]
+    hits = [film.renderer(isa=isa).hits(frame, frame.cameras[0]) for isa in _core.isa_available()]
+    for geom, distance in hits:
+        np.testing.assert_array_equal(geom, hits[0][0])
+        np.testing.assert_array_equal(distance, hits[0][1])
+
+
+def test_grey_lights_carry_one_channel_and_the_same_light() -> None:
+    # a light that is grey but for a rounding error has to be traced in colour
+    one, three = Film(".5 .5 .5"), Film(".5 .5 .5000001")
+    frame = one.snapshots(1)[0]
+    a, b = one.renderer(), three.renderer()
+    assert (a._caster.channels, b._caster.channels) == (1, 3)
+    pose = frame.cameras[0]
+    np.testing.assert_allclose(a.render(frame, pose), b.render(frame, pose), rtol=2e-5, atol=1e-6)
+
+
+def test_incremental_equals_full_tracing() -> None:
+    film = Film()
+    kept, full = film.renderer(incremental=True), film.renderer(incremental=False)
+    fractions = []
+    for frame in film.snapshots(200):
+        a, b = (r.render(frame, frame.cameras[0]) for r in (kept, full))
+        np.testing.assert_array_equal(a, b)
+        fractions.append(kept.traced_fraction)
+    # the first frame is traced whole; later ones only around the body, its shadows and mirror image
+    assert fractions[0] == 1
+    assert 0 < np.mean(fractions[1:]) < 0.6
+
+
+def test_incremental_with_nothing_moving_traces_nothing() -> None:
+    film = Film()
+    frame = film.snapshots(1)[0]
+    renderer = film.renderer()
+    first = renderer.render(frame, frame.cameras[0]).copy()
+    again = renderer.render(frame, frame.cameras[0])
+    assert renderer.traced_fraction == 0
+    np.testing.assert_array_equal(first, again)
+
+
+def test_incremental_with_a_camera_that_moves_and_rests() -> None:
+    film = Film()
+    kept, full = film.renderer(incremental=True), film.renderer(incremental=False)
+    for k, frame in enumerate(film.snapshots(40)):
+        rest = frame.cameras[0]
+        # moves for ten ticks, rests for ten
+        shift = min(k % 20, 10) + 10 * (k // 20)
+        pose = CameraPose(rest.pos + np.array([0.003 * shift, 0, 0]), rest.mat)
+        np.testing.assert_array_equal(kept.render(frame, pose), full.render(frame, pose))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", ["gymnasium/humanoid", "gymnasium/ant", "gymnasium/reacher", "dm_control/humanoid",
+             "dm_control/cheetah", "dm_control/quadruped", "dm_control/finger"],
+)  # fmt: skip
+def test_incremental_equals_full_tracing_on_robots(name: str, robot_files: dict[str, Path]) -> None:
+    model = mujoco.MjModel.from_xml_path(str(robot_files[name]))
+    model.opt.timestep = 1e-3
+    bound = bind_camera(model, "", WIDTH, HEIGHT, CameraConfig(azimuth=70, elevation=-20))
+    poser, scene, data = Poser(model, [bound]), extract_scene(model), mujoco.MjData(model)
+    kept, full = (
+        DirectRenderer(scene, bound.model, RenderConfig(spp=1, incremental=incremental), 2)
+        for incremental in (True, False)
+    )
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        data.ctrl[:] = rng.uniform(-0.4, 0.4, model.nu)
+        mujoco.mj_step(model, data)
+        frame = poser.snapshot(data, 0)
+        np.testing.assert_array_equal(
+            kept.render(frame, frame.cameras[0]), full.render(frame, frame.cameras[0])
+        )

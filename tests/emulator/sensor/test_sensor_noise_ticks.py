@@ -1,0 +1,117 @@
+"""Noise, leak, filters and blindness do not depend on how time is cut into ticks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from evs.emulator.base.scene import F32
+from evs.emulator.sensor import SensorParameters
+from evs.msgs import Events
+from reference.waves import MIDDLE, Waves, run
+
+SIDE, SECOND = 48, 1_000_000
+IDEAL = SensorParameters("ideal", SIDE, SIDE, 0.2, 0.2, exposure_dn=1.0)
+NOISY = replace(
+    IDEAL, sigma_thres=0.03, leak_rate_hz=2.0, parasitic_leak_hz=1.0, shot_noise_rate_hz=20.0,
+    noise_rate_cov_decades=0.2, refractory_period_s=0.002, hot_pixel_fraction=0.02,
+    hot_pixel_rate_hz=100.0,
+)  # fmt: skip
+
+
+def still(t_us: float) -> F32:
+    """From dark to bright, a brightness to each column; it never changes."""
+    return np.tile(np.geomspace(0.5, 255, SIDE).astype(np.float32), (SIDE, 1))
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("tick_us", [100, 500, 8_000, SECOND])
+def test_still_light_has_the_same_noise_in_ticks_of_any_length(tick_us: int) -> None:
+    """Leak, shot noise, hot pixels, blindness: event by event, not only in the mean."""
+    ours, theirs = run(NOISY, still, tick_us, SECOND), run(NOISY, still, 1000, SECOND)
+    assert len(theirs) > 20_000
+    assert ours.tobytes() == theirs.tobytes()
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("tick_us", [1000, 500, 100])
+def test_shot_noise_has_its_rate_in_ticks_of_any_length(tick_us: int) -> None:
+    """Poisson counts of other seeds, 48 brightnesses, against v2e's law; significance 1e-3."""
+    rate_hz, bright = 30.0, 0.25
+    sensor = replace(IDEAL, shot_noise_rate_hz=rate_hz, shot_noise_bright=bright)
+    events = run(sensor, still, tick_us, SECOND, seed=tick_us)
+    share = 1 - (1 - bright) * np.minimum(1, (still(0)[0] + 20) / 275)
+    expected = rate_hz * share * SIDE  # of a column in a second
+    found = np.bincount(events["x"], minlength=SIDE)
+    chi_square = ((found - expected) ** 2 / expected).sum()
+    assert stats.chi2.ppf(0.0005, SIDE) < chi_square < stats.chi2.ppf(0.9995, SIDE)
+    # half of them ON; and at any time of the tick
+    on = np.count_nonzero(events["p"])
+    assert abs(on - len(events) / 2) < 3.3 * math.sqrt(len(events) / 4)
+    place = np.bincount((events["t"] - 1) % tick_us * 20 // tick_us, minlength=20)
+    assert stats.chisquare(place).pvalue > 1e-3
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("tick_us", [1000, 500])
+def test_moving_light_and_noise_have_the_same_rates(tick_us: int) -> None:
+    """All terms on; counts of each polarity and 20 ms, significance 1e-3."""
+    sensor = replace(NOISY, cutoff_hz=300.0, follower_hz=1000.0, highpass_hz=0.1)
+    light = Waves.of(SIDE, 8.0, 4).luminance
+
+    def counts(events: Events) -> np.ndarray:
+        bins = (events["t"] - 1) // 20_000
+        return np.bincount(events["p"] * 50 + bins, minlength=100)
+
+    a, b = counts(run(sensor, light, tick_us, SECOND)), counts(run(sensor, light, 100, SECOND))
+    assert b.sum() > 50_000
+    chi_square = ((a - b) ** 2 / (a + b)).sum()
+    assert chi_square < stats.chi2.ppf(0.999, 100)
+
+
+RISE = np.linspace(0.55, 1.95, SIDE * SIDE).reshape(SIDE, SIDE)
+
+
+def rising(t_us: float) -> F32:
+    """Half a period of 2 Hz, trough to peak, of another height in each pixel."""
+    return np.exp(MIDDLE - RISE * math.cos(2 * math.pi * 2.0 * t_us * 1e-6)).astype(np.float32)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("poles", ["first", "both"])
+def test_crossing_times_of_filtered_light_converge_at_second_order(poles: str) -> None:
+    """dim_lux this large is a bandwidth that is the same in any light, so that y' = w (x - y) is
+    linear: its answer to MIDDLE - R cos is known."""
+    cutoff_hz, follower_hz = 8.0, 20.0 if poles == "both" else 0.0
+    sensor = replace(
+        IDEAL, cutoff_hz=cutoff_hz, follower_hz=follower_hz, dim_lux=1e6, bright_lux=1e-3
+    )
+    found = [run(sensor, rising, tick_us, 250_000) for tick_us in (25_000, 12_500, 6_250, 3_125)]
+    fine = run(sensor, rising, 125, 250_000)
+
+    def nth(events: Events) -> dict[tuple[int, int], int]:
+        """(pixel, how manieth of its ON events) -> stamp."""
+        on = events[events["p"] == 1]
+        seen, stamps = np.zeros(SIDE * SIDE, int), {}
+        for t, x, y in on[["t", "x", "y"]].tolist():
+            pixel = y * SIDE + x
+            stamps[pixel, int(seen[pixel])] = t
+            seen[pixel] += 1
+        return stamps
+
+    exact = nth(fine)
+    deviation = []
+    for events in found:
+        stamps = nth(events)
+        # late in the curve it is flat, and early it answers to the start: the steep part
+        errors = [
+            stamps[key] - t for key, t in exact.items() if key in stamps and 60_000 < t < 200_000
+        ]
+        assert len(errors) > 5000
+        deviation.append(math.sqrt(np.mean(np.square(errors))))
+    order = np.log2(np.array(deviation[:-1]) / deviation[1:])
+    assert np.all(np.abs(order - 2) < 0.25), (order, deviation)

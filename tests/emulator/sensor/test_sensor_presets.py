@@ -1,0 +1,164 @@
+"""Presets, the user's own sensor files, and every way to get them wrong."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from evs.emulator.camera.event_models import make_event_model
+from evs.emulator.config import ModelConfig, SensorConfig
+from evs.emulator.sensor import PlainModel, SensorParameters, preset_names, resolve_sensor
+from evs.msgs import EvsError
+
+SIZES = {
+    "davis240": (240, 180),
+    "davis346": (346, 260),
+    "dvs128": (128, 128),
+    "dvxplorer": (640, 480),
+    "genx320": (320, 320),
+    "ideal": (346, 260),
+    "imx636": (1280, 720),
+}
+OWN = "width = 20\nheight = 10\npos_thres = 0.3\nneg_thres = 0.4\n"
+
+
+def refusal(config: SensorConfig) -> str:
+    with pytest.raises(EvsError) as error:
+        resolve_sensor(config)
+    message = str(error.value)
+    assert "\n" not in message
+    return message
+
+
+def test_every_preset_resolves() -> None:
+    assert preset_names() == sorted(SIZES)
+    for name, size in SIZES.items():
+        sensor = resolve_sensor(SensorConfig(preset=name))
+        assert (sensor.name, sensor.width, sensor.height) == (name, *size)
+
+
+def test_every_value_of_a_preset_tells_its_source() -> None:
+    folder = Path(__file__).parents[3] / "config" / "sensors"
+    for path in folder.glob("*.toml"):
+        lines = [line for line in path.read_text().splitlines() if "=" in line.split("#")[0]]
+        assert lines
+        assert all("#" in line for line in lines), path
+
+
+NOISE = (
+    *("cutoff_hz", "follower_hz", "highpass_hz", "leak_rate_hz", "parasitic_leak_hz"),
+    *("shot_noise_rate_hz", "noise_rate_cov_decades", "refractory_period_s"),
+    *("hot_pixel_fraction", "dead_pixel_fraction", "sigma_thres", "dark_lux"),
+)
+LATENCY_US = {"davis346": 20, "davis240": 12, "dvxplorer": 50, "imx636": 100, "genx320": 150}
+"""of a step of 100 % at 1 klux, as the files tell"""
+
+
+def test_ideal_has_nothing_that_a_chip_has() -> None:
+    ideal = resolve_sensor(SensorConfig("ideal"))
+    assert {key: getattr(ideal, key) for key in NOISE} == dict.fromkeys(NOISE, 0.0)
+
+
+@pytest.mark.parametrize("name", sorted(set(SIZES) - {"ideal"}))
+def test_a_chip_has_noise_speed_and_a_floor(name: str) -> None:
+    chip = resolve_sensor(SensorConfig(name))
+    # leak of about one event in ten seconds, and little noise in light: of ON + OFF at white
+    assert 0.02 < chip.leak_rate_hz < 0.5
+    bright, dim = chip.shot_noise_bright, chip.dim_lux
+    white = chip.shot_noise_rate_hz * (bright + (1 - bright) * dim / (dim + chip.white_lux))
+    assert chip.shot_noise_law == "inverse"
+    assert 0.0 < white < 0.01 * chip.leak_rate_hz < chip.shot_noise_rate_hz
+    # bandwidth follows the photocurrent, of which the dark current is the rest
+    assert chip.dim_lux == chip.dark_lux > 0.0
+    # thresholds spread, and so much that none falls to the floor of 0.01
+    assert 0.0 < chip.sigma_thres < (min(chip.pos_thres, chip.neg_thres) - 0.01) / 2.5
+    assert chip.refractory_period_s < 1e-3
+
+
+@pytest.mark.parametrize("name", LATENCY_US)
+def test_bandwidth_gives_the_latency_that_the_maker_tells(name: str) -> None:
+    chip = resolve_sensor(SensorConfig(name))
+    tau_s = 1 / (2 * math.pi * chip.cutoff_hz)
+    latency_s = tau_s * math.log(math.log(2) / (math.log(2) - chip.pos_thres))
+    assert latency_s == pytest.approx(LATENCY_US[name] * 1e-6, rel=0.01)
+
+
+def test_configuration_overrides_the_preset() -> None:
+    sensor = resolve_sensor(SensorConfig(preset="imx636", width=64, pos_thres=0.5, log="log_eps"))
+    assert (sensor.width, sensor.height, sensor.pos_thres, sensor.log) == (64, 720, 0.5, "log_eps")
+
+
+def test_default_sensor_is_davis346_on_the_papers_log_map() -> None:
+    sensor = resolve_sensor(SensorConfig())
+    assert (sensor.name, sensor.log, sensor.linlog_dn) == ("davis346", "linlog", math.e)
+    assert sensor.exposure_dn == 255.0
+
+
+def test_own_file(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(OWN)
+    sensor = resolve_sensor(SensorConfig(preset=str(path), sigma_thres=0.1))
+    assert sensor == SensorParameters("mine", 20, 10, 0.3, 0.4, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (OWN + "pos_tres = 1\n", "there is: pos_thres"),
+        ("width = 20\nheight = 10\n", "lacks pos_thres, neg_thres"),
+        ("width = ", "is not TOML"),
+        (OWN.replace("20", "'wide'"), "sensor.width is 'wide'"),
+        (OWN.replace("0.3", "true"), "sensor.pos_thres is True"),
+    ],
+)
+def test_faults_of_an_own_file(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    assert said in refusal(SensorConfig(preset=str(path)))
+
+
+def test_no_such_file(tmp_path: Path) -> None:
+    assert "davis346" in refusal(SensorConfig(preset=str(tmp_path / "none.toml")))
+    assert "no sensor file" in refusal(SensorConfig(preset=str(tmp_path)))
+
+
+def test_unknown_preset_says_the_nearest_first() -> None:
+    assert "there is: davis346" in refusal(SensorConfig(preset="davis364"))
+    assert "there is: dvs128" in refusal(SensorConfig(preset="DVS128"))
+
+
+@pytest.mark.parametrize(
+    ("config", "said"),
+    [
+        (SensorConfig(width=0), "sensor.width is 0"),
+        (SensorConfig(height=-3), "sensor.height is -3"),
+        (SensorConfig(width=8193), "sensor.width is 8193; give 1 ... 8192"),
+        (SensorConfig(width=8192, height=8192), "make it at most 64000000 px"),
+        (SensorConfig(pos_thres=0.0), "sensor.pos_thres is 0"),
+        (SensorConfig(neg_thres=-0.2), "sensor.neg_thres is -0.2"),
+        (SensorConfig(pos_thres=math.nan), "sensor.pos_thres is nan"),
+        (SensorConfig(neg_thres=math.inf), "sensor.neg_thres is inf"),
+        (SensorConfig(sigma_thres=-0.1), "sensor.sigma_thres is -0.1"),
+        (SensorConfig(linlog_dn=1.0), "monotone only above 1"),
+        (SensorConfig(linlog_dn=math.nan), "sensor.linlog_dn is nan"),
+        (SensorConfig(log_eps=0.0), "sensor.log_eps is 0"),
+        (SensorConfig(dark_lux=-1.0), "sensor.dark_lux is -1"),
+        (SensorConfig(dark_lux=1e-40), "sensor.dark_lux is 1e-40; give 0 or"),
+        (SensorConfig(exposure_dn=0.0), "sensor.exposure_dn is 0"),
+        (SensorConfig(exposure_dn=math.nan), "sensor.exposure_dn is nan"),
+        (SensorConfig(log="linear"), "no log map (sensor.log) 'linear'; there is: linlog"),
+    ],
+)
+def test_senseless_values(config: SensorConfig, said: str) -> None:
+    assert said in refusal(config)
+
+
+def test_models_by_name() -> None:
+    sensor = resolve_sensor(SensorConfig(width=4, height=3))
+    assert isinstance(make_event_model(sensor, ModelConfig(), 1), PlainModel)
+    with pytest.raises(EvsError, match="no model 'plane'; there is: plain"):
+        make_event_model(sensor, ModelConfig(name="plane"))
+    with pytest.raises(EvsError, match="cannot run instruction set 'neon'"):
+        PlainModel(sensor, 1, isa="neon")

@@ -1,0 +1,210 @@
+"""evs convert: between all formats, nothing lost silently, nothing written that does not fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evs.drivers import files
+from evs.drivers.files import FORMATS, convert
+from evs.drivers.files.integrity import TornTailWarning
+from evs.launch.main import main
+from evs.msgs import (
+    EventPacket,
+    Events,
+    EvsError,
+    Frame,
+    ImuPacket,
+    StreamInfo,
+    empty_imu,
+    make_events,
+)
+
+STREAM = StreamInfo(346, 260, camera="eye", sensor="davis346", seed=9, config={"a": [1]})
+OWN = ("aedat4", "npz", "aedat2", "aedat3", "csv")
+
+
+def events() -> Events:
+    random = np.random.default_rng(4)
+    t = np.sort(random.integers(1, 40_001, 3000))
+    x, y = random.integers(0, 346, 3000), random.integers(0, 260, 3000)
+    return make_events(t, x, y, random.integers(0, 2, 3000))
+
+
+def record(path: Path, kind: str, beside: bool = False) -> Path:
+    stream = StreamInfo(
+        346, 260, "eye", "davis346", seed=9, config={"a": [1]}, frames=beside, imu=beside
+    )
+    sink = files.recorder_for(path, kind=kind)
+    sink.open([stream])
+    if beside:
+        sink.write_frame(Frame(0, 0, 1, 2, 3, np.ones((260, 346), np.uint8), "eye"))  # type: ignore[attr-defined]
+        samples = empty_imu(4)
+        samples["t"] = 5
+        sink.write_imu(ImuPacket(0, samples, "eye"))  # type: ignore[attr-defined]
+    every = events()
+    ticks = -(-every["t"] // 1000)
+    for seq, part in enumerate(np.split(every, np.flatnonzero(np.diff(ticks)) + 1)):
+        sink.write(EventPacket(seq, 0, 0, 346, 260, part, "eye"))
+    sink.close()
+    return path
+
+
+@pytest.mark.parametrize("source", OWN)
+@pytest.mark.parametrize("target", OWN)
+def test_every_format_becomes_every_other(tmp_path: Path, source: str, target: str) -> None:
+    ending = {one.name: one.suffixes[0] for one in FORMATS}
+    given = record(tmp_path / f"in{ending[source]}", source)
+    shares: list[float] = []
+    made = tmp_path / f"out{ending[target]}"
+    done = convert(given, made, progress=shares.append)
+    assert (done.events, done.files, done.left_out) == (3000, [made], {})
+    assert files.read(made).tobytes() == events().tobytes()
+    assert files.stream_of(made) == STREAM
+    assert files.summary(made).packets == files.summary(given).packets
+    assert shares == sorted(shares)
+    assert 0 <= shares[0] <= shares[-1] <= 1
+    # and the way back gives the first file's bytes
+    again = tmp_path / f"again{ending[source]}"
+    convert(made, again)
+    assert again.read_bytes() == given.read_bytes()
+
+
+@pytest.mark.parametrize("kind", ["evt3", "evt2", "evt21", "dat", "hdf5", "rosbag2", "rosbag1"])
+def test_what_needs_a_library_becomes_ours_and_back(tmp_path: Path, kind: str) -> None:
+    given = record(tmp_path / "in.aedat4", "aedat4")
+    made = tmp_path / f"out{files.formats.by_name(kind).suffixes[0]}"
+    assert convert(given, made, kind).events == 3000
+    again = tmp_path / "again.aedat4"
+    shares: list[float] = []
+    assert convert(made, again, progress=shares.append).events == 3000
+    assert files.read(again).tobytes() == events().tobytes()
+    assert shares == sorted(shares)
+    # DAT has no place for more than the size
+    wanted = STREAM
+    assert files.stream_of(again) == wanted
+
+
+def test_the_command_says_what_it_did(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = record(tmp_path / "run.aedat4", "aedat4")
+    assert main(["convert", str(given), str(tmp_path / "run.csv")]) == 0
+    said = capsys.readouterr()
+    assert said.out.startswith(f"{tmp_path}/run.csv: 3,000 events, 0.05 MB\nnext:\n  ")
+    assert said.err == ""
+    words = ["convert", str(given), str(tmp_path / "b.aedat"), "--format", "aedat3", "--quiet"]
+    assert main(words) == 0
+    assert capsys.readouterr().out == ""
+    assert files.summary(tmp_path / "b.aedat").format == "aedat3"
+    assert main(["convert", str(given), str(tmp_path / "c.aedat4"), "--compression", "zstd"]) == 0
+    assert files.summary(tmp_path / "c.aedat4").compression == "zstd"
+
+
+def test_frames_and_imu_go_along_or_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = record(tmp_path / "run.aedat4", "aedat4", beside=True)
+    made = tmp_path / "run.npz"
+    assert main(["convert", str(given), str(made)]) == 0
+    assert "3,000 events, 1 frames, 4 IMU samples" in capsys.readouterr().out
+    assert len(files.read(made).frames) == 1
+    assert len(files.read(made).imu) == 4
+    made = tmp_path / "run.csv"
+    assert main(["convert", str(given), str(made)]) == 2
+    said = capsys.readouterr().err
+    assert "cannot hold the intensity frames and IMU samples of" in said
+    assert "--events-only" in said
+    assert not made.exists()
+    assert main(["convert", str(given), str(made), "--events-only"]) == 0
+    assert "left out: 1 intensity frames, 4 IMU samples" in capsys.readouterr().out
+    assert files.read(made).tobytes() == events().tobytes()
+
+
+def test_labels_go_along_or_are_refused(tmp_path: Path) -> None:
+    given = tmp_path / "a.npz"
+    t = np.arange(1, 3001)
+    columns = {"t": t, "x": t % 9, "y": t % 7, "p": t % 2}
+    cause, geom = (t % 3).astype(np.uint8), (t % 50).astype(np.int32)
+    np.savez(given, **columns, cause=cause, geom_id=geom)
+    with pytest.raises(EvsError, match="cannot hold the labels"):
+        convert(given, tmp_path / "a.aedat4")
+    convert(given, tmp_path / "b.npz")
+    labels = files.read(tmp_path / "b.npz").labels
+    assert labels is not None
+    assert labels["geom_id"].tolist() == geom.tolist()
+    done = convert(given, tmp_path / "a.aedat4", events_only=True)
+    assert done.left_out == {"labels": 3000}
+
+
+@pytest.mark.parametrize(
+    ("target", "size", "first_us", "said"),
+    [
+        ("a.aedat", (1025, 4), 5, "AEDAT2 holds at most 1024 x 512 px"),
+        ("a.aedat", (4, 513), 5, "AEDAT2 holds at most 1024 x 512 px"),
+        ("a.aedat", (4, 4), -1, "cannot record an event at -1 us"),
+        ("a.aedat3", (4, 4), -1, "AEDAT3.1 holds 0 ..."),
+    ],
+)
+def test_what_does_not_fit_leaves_everything_as_it_was(
+    tmp_path: Path, target: str, size: tuple[int, int], first_us: int, said: str
+) -> None:
+    given = tmp_path / "in.npz"
+    sink = files.recorder_for(given)
+    sink.open([StreamInfo(*size)])
+    sink.write(EventPacket(0, 0, 0, *size, make_events([first_us], [1], [1], [1])))
+    sink.close()
+    (tmp_path / target).write_text("precious")
+    with pytest.raises(EvsError, match=said):
+        convert(given, tmp_path / target)
+    assert (tmp_path / target).read_text() == "precious"
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["in.npz", target])
+
+
+def test_the_source_cannot_be_the_target(tmp_path: Path) -> None:
+    given = record(tmp_path / "a.csv", "csv")
+    (tmp_path / "link.csv").symlink_to(given)
+    for target in (given, tmp_path / "link.csv"):
+        with pytest.raises(EvsError, match="is what would be converted"):
+            convert(given, target)
+    with pytest.raises(EvsError, match="there is no folder"):
+        convert(given, tmp_path / "no" / "a.npz")
+    with pytest.raises(EvsError, match=r"no recording format '\.xyz'"):
+        convert(given, tmp_path / "a.xyz")
+    (tmp_path / "dir.npz").mkdir()
+    with pytest.raises(EvsError, match="it is a folder"):
+        convert(given, tmp_path / "dir.npz")
+
+
+def test_an_error_in_the_middle_leaves_no_half_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = record(tmp_path / "a.csv", "csv")
+    from evs.drivers.files.appending_recorder import AppendingRecorder
+
+    monkeypatch.setattr(
+        AppendingRecorder, "_put", lambda *_: (_ for _ in ()).throw(EvsError("full"))
+    )
+    with pytest.raises(EvsError, match="full"):
+        convert(given, tmp_path / "b.aedat")
+    assert list(tmp_path.iterdir()) == [given]
+
+
+def test_a_damaged_source_is_converted_as_far_as_it_is_whole(tmp_path: Path) -> None:
+    given = record(tmp_path / "a.aedat", "aedat2")
+    with given.open("ab") as file:
+        file.write(b"torn")
+    with pytest.warns(TornTailWarning):
+        convert(given, tmp_path / "b.npz")
+    assert files.read(tmp_path / "b.npz").tobytes() == events().tobytes()
+
+
+def test_a_recording_of_many_files_comes_out_whole(tmp_path: Path) -> None:
+    given = tmp_path / "a.csv"
+    wrap = 1 << 31
+    given.write_text(f'# evs {{"width": 9, "height": 9}}\n{wrap - 1},1,1,1\n{wrap},2,2,1\n')
+    done = convert(given, tmp_path / "b.aedat")
+    assert [path.name for path in done.files] == ["b-001.aedat", "b.aedat"]
+    alone = [files.read(path, single=True)["t"].tolist() for path in done.files]
+    assert alone == [[wrap], [wrap - 1]]
+    assert files.read(tmp_path / "b.aedat")["t"].tolist() == [wrap - 1, wrap]

@@ -1,0 +1,193 @@
+"""`evs` itself: help that teaches, one line for every mistake, tracebacks for our own bugs."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from types import SimpleNamespace
+
+import pytest
+
+from evs.drivers.run.config import PipelineConfig
+from evs.drivers.run.config_keys import describe
+from evs.launch import main
+from evs.launch.commands import emulate
+from evs.msgs import EvsError
+
+Capture = pytest.CaptureFixture[str]
+
+
+def add_command(
+    monkeypatch: pytest.MonkeyPatch, run: Callable[[argparse.Namespace], int | None]
+) -> None:
+    """A command `fake` with one option and one positional."""
+
+    def configure(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("words", nargs="*")
+        parser.add_argument("--number", type=int)
+
+    module = SimpleNamespace(HELP="does nothing", configure=configure, run=run)
+    monkeypatch.setitem(sys.modules, "evs_fake_command", module)
+    monkeypatch.setitem(main.COMMANDS, "fake", "evs_fake_command")
+
+
+@pytest.mark.parametrize("words", [[], ["-h"], ["--help"], ["help"]])
+def test_help_teaches_what_evs_is_its_commands_and_three_examples(
+    words: list[str], capsys: Capture
+) -> None:
+    assert main.main(words) == 0
+    told = capsys.readouterr().out
+    assert "event camera for MuJoCo" in told
+    for name in main.COMMANDS:
+        line = re.search(rf"^  {name} +(\S.*)$", told, re.MULTILINE)
+        assert line, name
+    # each example is one line to copy, and names a command that exists
+    examples = re.findall(r"^  evs (\w+) .*$", told, re.MULTILINE)
+    assert len(examples) >= 3
+    assert set(examples) <= set(main.COMMANDS)
+
+
+def test_help_of_every_command_works(capsys: Capture) -> None:
+    for name in main.COMMANDS:
+        with pytest.raises(SystemExit) as ended:
+            main.main([name, "--help"])
+        assert ended.value.code == 0
+        assert capsys.readouterr().out.startswith(f"usage: evs {name}")
+
+
+def test_emulates_help_lists_every_key_with_its_default_and_its_meaning(capsys: Capture) -> None:
+    with pytest.raises(SystemExit):
+        main.main(["emulate", "--help"])
+    told = capsys.readouterr().out
+    flat = " ".join(told.split())
+    for table in describe(PipelineConfig):
+        for key in table.keys:
+            assert f"  {key.name}={key.default}\n" in told
+            assert key.doc in flat
+    for option, (key_name, _, _) in emulate.OPTIONS.items():
+        assert f"--{option} " in told
+        assert f"short for {key_name}=" in flat
+
+
+def test_the_version_is_told(capsys: Capture) -> None:
+    assert main.main(["--version"]) == 0
+    assert re.fullmatch(r"evs \S.*\n", capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["emulat"], "evs: no command 'emulat'; there is: emulate, "),
+        (["--vresion"], "evs: no option '--vresion'"),
+        (["fake", "--nubmer", "3"], "evs: unrecognized arguments: --nubmer"),
+        (["fake", "--numb", "3"], "evs: unrecognized arguments: --numb"),
+        (["fake", "--number", "x"], "evs: argument --number: invalid int value: 'x'"),
+        (["fake", "--number"], "evs: argument --number: expected one argument"),
+    ],
+)
+def test_a_wrong_command_line_is_one_line_with_the_way_to_help(
+    words: list[str], said: str, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    add_command(monkeypatch, lambda args: 0)
+    assert main.main(words) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.startswith(said)
+    assert told.err.count("\n") == 1
+    assert "--help)" in told.err
+
+
+def test_options_and_words_may_be_mixed(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[argparse.Namespace] = []
+    add_command(monkeypatch, lambda args: seen.append(args))
+    assert main.main(["fake", "a", "--number", "3", "b=c", "d=-4"]) == 0
+    assert seen[0].words == ["a", "b=c", "d=-4"]
+    assert seen[0].number == 3
+
+
+def test_the_exit_code_is_the_commands(monkeypatch: pytest.MonkeyPatch) -> None:
+    add_command(monkeypatch, lambda args: 7)
+    assert main.main(["fake"]) == 7
+
+
+def test_an_error_of_many_lines_becomes_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    def run(args: argparse.Namespace) -> int:
+        raise EvsError("XML Error:\n  line 3\n")
+
+    add_command(monkeypatch, run)
+    assert main.main(["fake"]) == 2
+    assert capsys.readouterr().err == "evs: XML Error: line 3\n"
+
+
+def test_ctrl_c_outside_of_a_run_is_130(monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(args: argparse.Namespace) -> int:
+        raise KeyboardInterrupt
+
+    add_command(monkeypatch, run)
+    assert main.main(["fake"]) == 130
+
+
+def test_our_own_bugs_keep_their_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(args: argparse.Namespace) -> int:
+        raise ZeroDivisionError
+
+    add_command(monkeypatch, run)
+    with pytest.raises(ZeroDivisionError):
+        main.main(["fake"])
+
+
+def test_a_reader_that_leaves_is_no_error() -> None:
+    line = (
+        f"'{sys.executable}' -m evs.launch.main emulate --help | head -1; exit ${{PIPESTATUS[0]}}"
+    )
+    ended = subprocess.run(["bash", "-c", line], capture_output=True, text=True, timeout=60)
+    assert ended.stderr == ""
+    assert ended.returncode in (0, 141)
+
+
+def test_help_imports_nothing_heavy() -> None:
+    program = (
+        "import sys; from evs.launch import main; main.main(['--help']);"
+        "heavy = {'mujoco', 'zmq', 'PIL', 'onnxruntime', 'rich', 'lz4'} & set(sys.modules);"
+        "sys.exit(str(heavy) if heavy else 0)"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MemoryError(), "evs: out of memory; take a smaller sensor"),
+        (
+            ImportError("x.so: failed to\n map"),
+            "evs: cannot load what it needs (x.so: failed to map)",
+        ),
+    ],
+)
+def test_no_memory_is_one_line(
+    error: Exception,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def fails(words: list[str]) -> int:
+        raise error
+
+    monkeypatch.setattr(main, "_dispatch", fails)
+    assert main.main(["emulate"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(said)
+
+
+@pytest.mark.parametrize("words", ["--version", "sensors"])
+def test_output_that_finds_no_room_is_one_line(words: str) -> None:
+    line = f"'{sys.executable}' -m evs.launch.main {words} > /dev/full"
+    ended = subprocess.run(["bash", "-c", line], capture_output=True, text=True, timeout=60)
+    assert ended.stderr == "evs: cannot write its output: No space left on device; make room\n"
+    assert ended.returncode == 2

@@ -1,0 +1,92 @@
+"""What is timed: a robot, the camera that sees it, and the ways to look at it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from evs.emulator.base.scene import CameraModel, CameraPose, SceneModel, SceneSnapshot
+from evs.emulator.config import CameraConfig, RenderConfig
+from evs.emulator.render import DirectRenderer, make_renderer
+from evs.emulator.world import Poser, bind_camera, extract_scene
+
+WIDTH, HEIGHT = 346, 260
+FRAME = f"{WIDTH}x{HEIGHT}, full frame with shadows"
+SCENES = [
+    "gymnasium/humanoid",
+    "dm_control/humanoid",
+    "dm_control/cartpole",
+    "dm_control/quadruped",
+]
+PRIMITIVES = SCENES[:3]
+"""Those without a mesh or a height field."""
+AZIMUTH, ELEVATION = 90.0, -20.0
+FREE = CameraConfig(azimuth=AZIMUTH, elevation=ELEVATION)
+"""A camera that stands beside the robot, degrees."""
+Rays = Callable[[CameraModel], np.ndarray]
+"""The rays through a camera's pixels, in its frame: (h, w, 3)."""
+
+
+@dataclass(frozen=True)
+class View:
+    """A model at one instant, seen by a camera."""
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    content: SceneModel
+    shot: SceneSnapshot
+    camera: CameraModel
+    pose: CameraPose
+
+    def light(self, threads: int, spp: int = 1, **render: str) -> Callable[[], np.ndarray]:
+        """A call that traces the full frame."""
+        config = RenderConfig(spp=spp, incremental=False, sites=False, **render)  # type: ignore[arg-type]
+        renderer = make_renderer(self.content, self.camera, config, threads)
+        return lambda: renderer.render(self.shot, self.pose)
+
+    def multi_ray(self, camera_rays: Rays) -> Callable[[], np.ndarray]:
+        """A call of MuJoCo's own ray casting, for the same pixels: the nearest geom of each."""
+        rays = camera_rays(self.camera).reshape(-1, 3) @ self.pose.mat.reshape(3, 3).T
+        flat = np.ascontiguousarray(rays).ravel()
+        ids, depth = np.zeros(len(rays), np.int32), np.zeros(len(rays))
+        # those that are shown
+        groups = np.array([1, 1, 1, 0, 0, 0], np.uint8)
+
+        def cast() -> np.ndarray:
+            mujoco.mj_multiRay(
+                self.model, self.data, self.pose.pos, flat, groups, 1, -1, ids, depth, None,
+                len(ids), 1e10,
+            )  # fmt: skip
+            return ids.reshape(self.camera.height, self.camera.width)
+
+        return cast
+
+
+def view_of(model: mujoco.MjModel, data: mujoco.MjData, camera: str = "") -> View:
+    """As it is; without a camera's name by a free one."""
+    mujoco.mj_forward(model, data)
+    bound = bind_camera(model, camera, WIDTH, HEIGHT, CameraConfig() if camera else FREE)
+    shot = Poser(model, [bound]).snapshot(data, 0)
+    return View(model, data, extract_scene(model), shot, bound.model, shot.cameras[0])
+
+
+def robot(path: Path) -> View:
+    """The robot of a file after 20 ms."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.timestep = 1e-3
+    data = mujoco.MjData(model)
+    for _ in range(20):
+        mujoco.mj_step(model, data)
+    return view_of(model, data)
+
+
+def share_of_the_same_geoms(view: View, camera_rays: Rays) -> float:
+    """Of the pixels: where both find the same, a geom or nothing."""
+    renderer = DirectRenderer(view.content, view.camera, RenderConfig(sites=False), 1)
+    index, _ = renderer.hits(view.shot, view.pose)
+    ours = np.where(index < 0, -1, view.content.geom_id[index])
+    return float((ours == view.multi_ray(camera_rays)()).mean())

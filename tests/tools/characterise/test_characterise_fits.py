@@ -1,0 +1,212 @@
+"""The bench's fits, laws and words, against closed forms and other people's functions."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy import optimize, stats
+
+from evs.drivers.pictures.chart import diverging, draw_chart
+from evs.drivers.pictures.layout import Chart, Series
+from evs.drivers.pictures.scales import Scale, decades_around
+from evs.emulator.sensor import SensorParameters
+from evs.tools.characterise import promised
+from evs.tools.characterise.bench import Bench, corner
+from evs.tools.characterise.fit import crossing, fit_normal, mean_and_error
+from evs.tools.characterise.renewal import Spreads, leak_without_noise, mean_excess
+from evs.tools.characterise.result import Result
+from evs.tools.characterise.text import rows
+
+SENSOR = SensorParameters("s", 20, 10, 0.2, 0.2, 0.02, cutoff_hz=300.0, follower_hz=900.0)
+
+
+@pytest.mark.parametrize("steps", [4, 9, 30])
+def test_grouped_normal_is_the_likeliest_one(steps: int) -> None:
+    values = np.random.default_rng(steps).normal(0.2, 0.03, 5000)
+    edges = np.linspace(0.12, 0.27, steps)
+    counts = np.histogram(values, np.concatenate(([-9.0], edges, [9.0])))[0].astype(np.float64)
+    fit = fit_normal(edges, counts)
+
+    def cost(at: np.ndarray) -> float:
+        shares = np.diff(np.concatenate(([0.0], stats.norm.cdf(edges, *at), [1.0])))
+        return -float(counts @ np.log(shares))
+
+    best = optimize.minimize(cost, [0.21, 0.02], method="Nelder-Mead", tol=1e-9).x
+    assert abs(fit.mean - best[0]) < 1e-6
+    assert abs(fit.sigma - best[1]) < 1e-6
+    assert abs(fit.mean - 0.2) < 4.0 * fit.mean_error
+    assert abs(fit.sigma - 0.03) < 4.0 * fit.sigma_error
+    # grouping can only lose: the errors are over those of the values themselves
+    assert fit.mean_error > 0.03 / math.sqrt(5000) * 0.99
+    assert fit.sigma_error > 0.03 / math.sqrt(10_000) * 0.99
+
+
+def test_errors_of_the_grouped_normal_are_those_of_repetition() -> None:
+    edges = np.linspace(-3.0, 3.0, 13)
+    generator = np.random.default_rng(5)
+    bins = np.concatenate(([-99.0], edges, [99.0]))
+    fits = [
+        fit_normal(edges, np.histogram(generator.normal(size=400), bins)[0].astype(np.float64))
+        for _ in range(400)
+    ]
+    for value, error in (("mean", "mean_error"), ("sigma", "sigma_error")):
+        seen = np.std([getattr(fit, value) for fit in fits], ddof=1)
+        said = np.mean([getattr(fit, error) for fit in fits])
+        # a standard deviation of 400 values is known to 1 / sqrt(800)
+        assert abs(seen / said - 1.0) < 4.5 / math.sqrt(800)
+
+
+@pytest.mark.parametrize("counts", [[0, 7, 0, 0], [0, 3, 4, 0], [7, 0, 0, 0], [0, 0, 0, 7]])
+def test_counts_in_one_place_have_no_spread(counts: list[int]) -> None:
+    fit = fit_normal(np.array([1.0, 2.0, 3.0]), np.array(counts, np.float64))
+    assert 1.0 <= fit.mean <= 3.0
+    assert fit.sigma == 0.0
+    assert fit.mean_error <= 2.0 / math.sqrt(12.0)
+
+
+def test_no_counts_no_numbers() -> None:
+    assert math.isnan(fit_normal(np.array([1.0, 2.0]), np.zeros(3)).mean)
+    assert math.isnan(mean_and_error(np.zeros(1))[0])
+    assert math.isnan(crossing(np.arange(3.0), np.zeros(3), 1.0))
+
+
+def test_half_power_of_two_poles() -> None:
+    for lux in (0.0, 30.0, 1000.0, 5e4):
+        f = promised.half_power_hz(SENSOR, lux)
+        power = 1.0
+        for pole in (promised.pole_hz(SENSOR, lux), SENSOR.follower_hz):
+            power /= 1.0 + (f / pole) ** 2
+        assert abs(power - 0.5) < 1e-12
+    assert promised.pole_hz(SENSOR, SENSOR.bright_lux) == 300.0
+    one = dataclasses.replace(SENSOR, follower_hz=0.0)
+    assert promised.half_power_hz(one, 1000.0) == 300.0
+    assert math.isinf(promised.half_power_hz(dataclasses.replace(one, cutoff_hz=0.0), 1.0))
+
+
+def test_step_time_of_two_poles_is_that_of_the_equation() -> None:
+    one, two = promised.time_constants_s(SENSOR, 100.0)
+    for share in (0.1, 0.5, 0.9):
+        t = promised.step_time_s(SENSOR, 100.0, share)
+        through = 1.0 - (one * math.exp(-t / one) - two * math.exp(-t / two)) / (one - two)
+        assert abs(through - share) < 1e-9
+    single = dataclasses.replace(SENSOR, follower_hz=0.0)
+    assert math.isclose(promised.step_time_s(single, 100.0, 1.0 - math.exp(-1.0)), one)
+    assert math.isinf(promised.step_time_s(single, 100.0, 1.0))
+    equal = dataclasses.replace(SENSOR, follower_hz=promised.pole_hz(SENSOR, 100.0))
+    x = promised.step_time_s(equal, 100.0, 0.5) / one
+    # two equal poles: 1 - (1 + x) e^-x
+    assert abs(1.0 - (1.0 + x) * math.exp(-x) - 0.5) < 1e-5
+
+
+def test_least_light_is_where_the_step_is_a_threshold() -> None:
+    lux = promised.lowest_lux(SENSOR, 1e-3, 1e5)
+    assert abs(promised.log_step(SENSOR, lux, promised.CONTRAST * lux) - 0.2) < 1e-6
+    deaf = dataclasses.replace(SENSOR, pos_thres=0.6)
+    assert math.isnan(promised.lowest_lux(deaf, 1e-3, 1e5))
+
+
+def test_leak_behind_noise_by_simulation() -> None:
+    """A pixel that leaks after 1 / L of silence: its events, counted one by one."""
+    generator = np.random.default_rng(8)
+    n, spreads = 40_000, Spreads(0.3, 0.4)
+    for leak, shot in ((1.0, 0.3), (1.0, 1.0), (1.0, 2.5)):
+        leaks = leak * np.exp(spreads.leak * generator.normal(size=n) - 0.5 * spreads.leak**2)
+        shots = shot * np.exp(spreads.shot * generator.normal(size=n) - 0.5 * spreads.shot**2)
+        waits = generator.exponential(1.0 / shots, (200, n))
+        # each silence has as many leak events as whole leak times fit in it
+        rate = np.floor(waits * leaks).sum(0) / waits.sum(0)
+        d, error = mean_and_error(rate)
+        assert abs(mean_excess(leak, shot, spreads) - d) < 4.5 * error + 2e-3 * d
+        found, _ = leak_without_noise((d, error), (shot, 0.0), spreads)
+        assert abs(found - leak) < 0.02
+
+
+def test_leak_lost_in_noise_has_no_number() -> None:
+    none = Spreads(0.0, 0.0)
+    assert math.isnan(leak_without_noise((0.01, 0.01), (1.0, 0.01), none)[0])
+    assert math.isnan(leak_without_noise((0.001, 1e-5), (1.0, 0.01), none)[0])
+    assert leak_without_noise((0.2, 0.01), (0.0, 0.0), none) == (0.2, 0.01)
+
+
+def test_rows_have_the_digits_that_their_errors_have() -> None:
+    told = rows(
+        [
+            Result("latency", "s", 0.00123456, 2.1e-6, 0.0012, 100.0),
+            Result("latency", "s", math.nan, math.nan, 0.0012, 1.0, "too dark"),
+            Result("bandwidth", "Hz", 1863.8, 4.4, 1865.0, 1e4),
+            Result("dead pixels", "", 0.0, 0.0, 0.0),
+        ]
+    )
+    assert told[0] == ("latency", "100", "1.2346 ms", "0.0021", "1.2000 ms", "+2.88 %", "")
+    assert told[1] == ("", "1", "-", "", "1.200 ms", "", "too dark")
+    assert told[2] == ("bandwidth", "10000", "1.8638 kHz", "0.0044", "1.8650 kHz", "-0.06 %", "")
+    assert told[3] == ("dead pixels", "-", "0", "0", "0", "", "")
+
+
+def test_a_corner_is_that_of_the_whole() -> None:
+    wide = dataclasses.replace(SENSOR, width=1280, height=720)
+    part = corner(wide, 40_000)
+    assert 39_000 < part.width * part.height <= 40_000
+    assert abs(part.width / part.height - 16 / 9) < 0.02
+    assert corner(SENSOR, 200) is SENSOR
+    slim = corner(dataclasses.replace(SENSOR, width=1, height=8000), 100)
+    assert (slim.width, slim.height) == (1, 100)
+
+
+def test_the_lamp_gives_the_illuminance_that_the_sensor_has() -> None:
+    sensor = dataclasses.replace(SENSOR, white_lux=500.0, exposure_dn=100.0)
+    # DN = exposure luminance, and 255 of them are white_lux
+    light = Bench(sensor, threads=1).luminance(500.0)
+    assert np.allclose(light * sensor.exposure_dn, 255.0)
+
+
+@pytest.mark.parametrize(
+    ("scale", "words"),
+    [
+        (Scale(0.1, 1e5, log=True), ["0.1", "1", "10", "100", "1 k", "10 k", "100 k"]),
+        (Scale(1e-6, 1e-2, log=True, unit="s"), ["1 us", "10 us", "100 us", "1 ms", "10 ms"]),
+        (Scale(0.0, 100.0), ["0", "20", "40", "60", "80", "100"]),
+        (Scale(-0.33, 0.33), ["-0.3", "-0.2", "-0.1", "0", "0.1", "0.2", "0.3"]),
+        (Scale(2.0, 60.0, log=True), ["2", "5", "10", "20", "50"]),
+    ],
+)
+def test_ticks(scale: Scale, words: list[str]) -> None:
+    assert [told for _, told in scale.ticks()] == words
+    assert all(-1e-9 <= scale.place(value) <= 1.0 + 1e-9 for value, _ in scale.ticks())
+
+
+def test_decades_around() -> None:
+    assert decades_around([0.3, 20.0]) == (0.1, 100.0)
+    assert decades_around([10.0]) == (10.0, 100.0)
+    assert decades_around([0.0, math.nan, math.inf]) == (0.1, 10.0)
+
+
+def test_a_point_stands_where_its_value_is() -> None:
+    red = (200, 0, 0)
+    scale = Scale(0.0, 1.0)
+    picture = draw_chart(
+        Chart("t", scale, Scale(1.0, 100.0, log=True), "x", [Series([0.5], [10.0], red)]), 400, 300
+    ).astype(int)
+    y, x = np.nonzero(picture[:, :, 0] - picture[:, :, 1] > 150)
+    # the middle of axes from 76 to 374 and from 62 to 248
+    assert abs(x.mean() - (76 + 374) / 2) < 1.0
+    assert abs(y.mean() - (62 + 248) / 2) < 1.0
+
+
+def test_what_has_no_place_is_left_out() -> None:
+    scale = Scale(1.0, 10.0, log=True)
+    bad = Series([0.0, -1.0, math.nan, 5.0, 5.0], [5.0, 5.0, 5.0, math.inf, 0.0], (200, 0, 0))
+    lines = dataclasses.replace(bad, line=True)
+    picture = draw_chart(Chart("t", scale, scale, "x", [bad, lines]), 400, 300).astype(int)
+    assert np.count_nonzero(picture[:, :, 0] - picture[:, :, 1] > 60) == 0
+
+
+def test_diverging_colours() -> None:
+    colours = diverging(np.array([-1.0, 0.0, 1.0, 7.0, math.nan])).astype(int)
+    assert colours[0, 2] > colours[0, 0] + 60
+    assert colours[2, 0] > colours[2, 2] + 60
+    assert np.array_equal(colours[2], colours[3])
+    assert len(set(colours[1])) == len(set(colours[4])) == 1

@@ -1,0 +1,50 @@
+"""A data set on a Ray cluster of two nodes, of which one is killed midway: the same bytes."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from evs.launch.main import main
+from evs.tools.dataset.manifest import MANIFEST, listed
+from links.nodes import nodes
+
+pytest.importorskip("ray")
+pytestmark = [pytest.mark.integration, pytest.mark.slow]
+
+WORDS = ["--short", "--scenes", "park,workshop", "--duration", "0.15", "sensor.width=43"]
+
+
+def test_a_data_set_completes_where_a_node_is_killed_midway(tmp_path: Path) -> None:
+    far, here = tmp_path / "far", tmp_path / "here"
+    with nodes(2) as cluster:
+        program = subprocess.Popen(
+            [sys.executable, "-m", "evs.launch.main", "dataset", far]
+            + [*WORDS, "--ray", cluster.address],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=cluster.environment(),
+        )
+        until_s = time.monotonic() + 60
+        while len(list(far.glob("*/*/0*"))) < 3 and time.monotonic() < until_s:
+            time.sleep(0.02)
+        assert not (far / MANIFEST).exists()
+        cluster.kill(1)
+        out, err = program.communicate(timeout=100)
+    assert program.returncode == 0, err
+    # two scenes of three ranges, events and frames
+    assert out == f"{far}: 12 shards made, 0 were there\n"
+    assert re.fullmatch(
+        r"(evs: warning: (park|workshop)/\w+/000\d: its node or worker died \(\w+\); "
+        r"it is made again\n)+",
+        err,
+    )
+    assert main(["dataset", str(here), "--quiet", *WORDS]) == 0
+    assert listed(far) == listed(here)
+    assert (far / MANIFEST).read_bytes() == (here / MANIFEST).read_bytes()

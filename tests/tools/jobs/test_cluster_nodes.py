@@ -1,0 +1,211 @@
+"""Jobs on a Ray cluster of two nodes, here: the same bytes, also where one node dies midway."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import pickle
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import evs
+from evs.launch.main import main
+from evs.tools.jobs import run_jobs
+from links.nodes import Nodes, nodes
+from speed import jobs
+
+pytest.importorskip("ray")
+pytestmark = [pytest.mark.integration, pytest.mark.slow]
+
+PROGRAM = """
+import json, pickle, sys
+from pathlib import Path
+from evs.drivers.run.stopping import stop_signals
+from evs.tools.jobs import run_jobs
+from evs.launch.main import main
+from evs.msgs import EvsError
+
+todo, threads = pickle.loads(bytes.fromhex(sys.argv[3]))
+with stop_signals() as stopped:
+    try:
+        ran = run_jobs(
+            todo,
+            Path(sys.argv[1]),
+            ray=sys.argv[2],
+            threads=threads,
+            on_done=lambda job, _: print(job.name, flush=True),
+            on_lost=lambda line: print("lost", line, flush=True),
+            stopped=lambda: bool(stopped),
+        )
+    except EvsError as error:
+        print("refused", error)
+    else:
+        print(json.dumps([ran.made, ran.kept, ran.left, list(ran.lost)]))
+"""
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Nodes]:
+    with nodes(2) as two:
+        yield two
+
+
+def driver(
+    cluster: Nodes, target: Path, todo: list[Any], threads: int = 0, address: str = ""
+) -> subprocess.Popen[str]:
+    """A program that has jobs made by the cluster; a process of its own, as Ray never lets go."""
+    told = pickle.dumps((todo, threads)).hex()
+    return subprocess.Popen(
+        [sys.executable, "-W", "error", "-c", PROGRAM, target, address or cluster.address, told],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=cluster.environment(),
+    )
+
+
+def said(program: subprocess.Popen[str]) -> list[str]:
+    """All that it says; nothing but that."""
+    out, err = program.communicate(timeout=100)
+    assert program.returncode == 0, err
+    assert err == ""
+    return out.splitlines()
+
+
+def digests(folder: Path) -> dict[str, str]:
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def test_a_cluster_brings_the_bytes_that_one_process_makes(cluster: Nodes, tmp_path: Path) -> None:
+    # one is larger than a piece
+    todo = [jobs.Noise(0, kib=9000), *map(jobs.Noise, range(1, 6)), jobs.One("a.txt")]
+    lines = said(driver(cluster, tmp_path / "far", todo))
+    assert json.loads(lines[-1]) == [7, 0, 0, []]
+    run_jobs(todo, tmp_path / "here", threads=1)
+    assert digests(tmp_path / "far") == digests(tmp_path / "here")
+    assert len(digests(tmp_path / "far")) == 19
+    assert sorted(path.name for path in (tmp_path / "far").iterdir()) == ["a.txt", "noise"]
+    lines = said(driver(cluster, tmp_path / "far", todo, address="auto"))
+    assert json.loads(lines[-1]) == [0, 7, 0, []]
+
+
+def test_errors_and_deaths_are_told_as_here(cluster: Nodes, tmp_path: Path) -> None:
+    lines = said(driver(cluster, tmp_path / "a", [jobs.Fails("bad/1", "evs")]))
+    assert lines == ["refused bad/1: the lamp is broken; take another"]
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    lines = said(
+        driver(
+            cluster,
+            tmp_path / "b",
+            [jobs.Dies("d", str(marks), 1), jobs.Noise(1), jobs.Dies("m", str(marks), 1, "starve")],
+        )
+    )
+    made, kept, left, lost = json.loads(lines[-1])
+    assert (made, kept, left) == (3, 0, 0)
+    assert sorted(line.partition(" died")[0] for line in lost) == [
+        "d: its node or worker",
+        "m: its node or worker",
+    ]
+    assert sorted(digests(tmp_path / "b/d")) == ["half1", "whole"]
+
+
+def test_a_stop_brings_home_what_runs(cluster: Nodes, tmp_path: Path) -> None:
+    todo = [jobs.Noise(number, seconds=(number > 0) * 0.5) for number in range(30)]
+    program = driver(cluster, tmp_path / "far", todo)
+    assert program.stdout is not None
+    assert program.stdout.readline().startswith("noise/")
+    program.send_signal(signal.SIGTERM)
+    made, kept, left, lost = json.loads(said(program)[-1])
+    assert kept == 0
+    assert 1 <= made < 30
+    assert left == 30 - made
+    assert lost == []
+    assert [path.name for path in (tmp_path / "far").iterdir()] == ["noise"]
+    assert len(digests(tmp_path / "far")) == 3 * made
+
+
+def evs_command(cluster: Nodes, *words: str | Path) -> subprocess.Popen[str]:
+    """`evs ...` on the cluster."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "evs.launch.main", *words, "--ray", cluster.address],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=cluster.environment(),
+    )
+
+
+def test_training_data_is_the_same_on_a_cluster(cluster: Nodes, tmp_path: Path) -> None:
+    words = ["--scenes", "3", "--pixels", "8", "--ticks", "12", "--truth-spp", "16"]
+    far, here = tmp_path / "far", tmp_path / "here"
+    assert said(evs_command(cluster, "train", "data", far, *words)) == [
+        f"{far}: 3 scenes made, 0 were there"
+    ]
+    assert main(["train", "data", str(here), "--quiet", *words]) == 0
+    assert digests(far) == digests(here)
+    assert len(digests(far)) == 4
+
+
+def test_a_data_set_completes_where_a_node_is_killed_midway(cluster: Nodes, tmp_path: Path) -> None:
+    words = ["--short", "--scenes", "street,tunnel", "duration_s=0.2"]
+    far, here = tmp_path / "far", tmp_path / "here"
+    program = evs_command(cluster, "dataset", far, *words)
+    until_s = time.monotonic() + 60
+    while len(list(far.glob("*/*/00*"))) < 3 and time.monotonic() < until_s:
+        time.sleep(0.02)
+    cluster.kill(1)
+    out, err = program.communicate(timeout=100)
+    assert program.returncode == 0, err
+    # it was at one of the shards; nothing else is said
+    assert re.fullmatch(
+        r"(evs: warning: [\w/]+: its node or worker died \(\w+\); it is made again\n)+", err
+    )
+    assert main(["dataset", str(here), *words, "--quiet"]) == 0
+    assert out == f"{far}: {len(list(here.glob('*/*/00*')))} shards made, 0 were there\n"
+    assert digests(far) == digests(here)
+    assert (far / "manifest.json").is_file()
+    assert main(["dataset", str(far), "--verify", "--quiet"]) == 0
+
+
+def test_nodes_that_are_not_like_this_machine_are_refused(cluster: Nodes, tmp_path: Path) -> None:
+    # the same evs, but for its number; only this node has room for two threads
+    package = Path(evs.__file__).parent
+    other = tmp_path / "other/evs"
+    other.mkdir(parents=True)
+    for folder in ("msgs", "emulator", "drivers", "tools", "examples", "launch", "config"):
+        (other / folder).symlink_to(package / folder)
+    text = Path(evs.__file__).read_text()
+    (other / "__init__.py").write_text(text.replace(evs.__version__, "0.0.9"))
+    cluster.add(2, str(other.parent))
+    (line,) = said(driver(cluster, tmp_path / "a", [jobs.Noise(1)], threads=2))
+    assert re.fullmatch(
+        r"refused node .* has evs 0\.0\.9 \(here 0\.1\.0\), sources of evs \w{12} "
+        r"\(here \w{12}\); install the same on every node",
+        line,
+    )
+    # none at all
+    none = tmp_path / "none/evs"
+    none.mkdir(parents=True)
+    (none / "__init__.py").touch()
+    cluster.add(3, str(none.parent))
+    (line,) = said(driver(cluster, tmp_path / "b", [jobs.Noise(1)], threads=3))
+    assert re.fullmatch(
+        r"refused noise/001: a node cannot take the job \(ModuleNotFoundError: No module named "
+        r"'evs\.drivers'\); install evs 0\.1\.0 with the same extras on every node",
+        line,
+    )
+    (line,) = said(driver(cluster, tmp_path / "c", [jobs.Noise(1)], threads=9))
+    assert line.startswith("refused no node of the cluster has 9 CPUs")

@@ -1,0 +1,1 @@
+"""Programs around the emulator: training, evaluation, data sets, jobs, doctor."""

@@ -1,0 +1,207 @@
+"""Background rate: what the pixels say of light that stands still, by polarity and regularity.
+
+Leak is regular and ON. Shot noise comes at random and is of both polarities alike, and starts the
+pixel's leak anew. So OFF events tell the shot noise, and the ON events in excess the leak.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.emulator.sensor import SensorParameters
+from evs.tools.characterise.bench import F64, Bench, Exposure, Mask, pixel_numbers
+from evs.tools.characterise.fit import mean_and_error
+from evs.tools.characterise.promised import leak_rate_hz, shot_rate_hz
+from evs.tools.characterise.renewal import Spreads, find_spreads, leak_without_noise
+from evs.tools.characterise.result import Result
+
+LADDER_LUX = (0.1, 1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
+
+EVENTS = 600_000
+"""So many are waited for, about."""
+
+A_PIXEL = 100.0
+"""Of one pixel no more."""
+
+LONGEST_S = 1000.0
+FIRST_LOOK_S = 0.1
+TICKS = 32
+"""Of a look; noise does not depend on how long they are."""
+
+MOST_A_TICK = 0.1
+"""Events of a pixel in a tick, at most; in the mean."""
+
+HOT = 10.0
+"""A pixel with more events than chance gives one of so many times the usual rate is hot."""
+
+LEAST_INTERVALS = 4
+"""Of a pixel whose regularity counts."""
+
+
+@dataclass(frozen=True)
+class Background:
+    """Of one illuminance; rates are the mean over the pixels that are not hot, in Hz."""
+
+    lux: float
+    pixels: int
+    """how many there were"""
+    seconds: float
+    """how long they were looked at"""
+    on: tuple[float, float]
+    """rate, standard error"""
+    off: tuple[float, float]
+    leak: tuple[float, float]
+    """rate that the leak would have without noise; NaN: lost in it"""
+    shot: tuple[float, float]
+    """both polarities"""
+    irregularity: float
+    """of the intervals between ON events of a pixel, standard deviation over mean: 0 for leak
+    alone, 1 for shot noise alone; NaN: too few"""
+    hot_share: float
+    """of all pixels"""
+    hot_rate: tuple[float, float]
+    """of those, both polarities; NaN: there are none"""
+
+
+@dataclass(frozen=True)
+class _Look:
+    """What one illuminance gave."""
+
+    lux: float
+    seconds: float
+    on: F64
+    """(h w,) rates, Hz"""
+    off: F64
+    hot: Mask
+    irregularity: float
+
+
+def measure_background(
+    bench: Bench,
+    ladder_lux: Sequence[float],
+    unevenness: float = 0.0,
+    moved: Callable[[float], None] = lambda _: None,
+) -> list[Background]:
+    """Each illuminance until there are enough events.
+
+    In: unevenness of OFF thresholds, standard deviation over mean, as their S-curve told: uneven
+    pixels are unevenly noisy; moved, told each illuminance before it begins.
+    """
+    looks = []
+    for lux in ladder_lux:
+        moved(lux)
+        looks.append(_look(bench, lux))
+    # where noise is strongest, chance hides its spread least
+    noisy = max(looks, key=lambda look: float(look.off.mean()))
+    spreads = find_spreads(noisy.off[~noisy.hot], noisy.seconds, unevenness)
+    return [_tell(look, spreads) for look in looks]
+
+
+def _look(bench: Bench, lux: float) -> _Look:
+    exposure = bench.start(lux)
+    rate = _first_rate(exposure, lux)
+    nothing = np.zeros(bench.pixels)
+    if rate == 0.0:
+        quiet = np.zeros(bench.pixels, bool)
+        return _Look(lux, exposure.t_us * 1e-6, nothing, nothing, quiet, math.nan)
+    seconds = min(LONGEST_S, min(EVENTS / bench.pixels, A_PIXEL) / rate)
+    ticks = math.ceil(max(2 * TICKS, seconds * rate / MOST_A_TICK))
+    tick_us = math.ceil(seconds / ticks * 1e6)
+    begin_us, span_us = exposure.t_us, ticks * tick_us
+    pixels, times, polarities = [], [], []
+    for _ in range(ticks):
+        events = exposure.expose(lux, tick_us)
+        pixels.append(pixel_numbers(events, bench.sensor))
+        times.append((events["t"] - begin_us) / span_us)
+        polarities.append(events["p"] == 1)
+    pixel, when, on = (np.concatenate(parts) for parts in (pixels, times, polarities))
+    seconds = span_us * 1e-6
+
+    # Hann's window: regular events count by their rate, wherever in their period the look began
+    weight = 1.0 - np.cos(2.0 * math.pi * when)
+    rate_on = np.bincount(pixel[on], weight[on], bench.pixels) / seconds
+    rate_off = np.bincount(pixel[~on], weight[~on], bench.pixels) / seconds
+    # while a pixel is blind it cannot say anything
+    blind = (rate_on + rate_off) * bench.sensor.refractory_period_s
+    awake = 1.0 / np.maximum(1.0 - blind, 0.1)
+    hot = _hot(np.bincount(pixel, minlength=bench.pixels))
+    irregularity = _irregularity(pixel[on], when[on], hot)
+    return _Look(lux, seconds, rate_on * awake, rate_off * awake, hot, irregularity)
+
+
+def _first_rate(exposure: Exposure, lux: float) -> float:
+    """Events of a pixel and second, roughly; 0: there are none."""
+    pixels, tick_us = exposure.bench.pixels, math.ceil(FIRST_LOOK_S / TICKS * 1e6)
+    while True:
+        count = sum(len(exposure.expose(lux, tick_us)) for _ in range(TICKS))
+        if count >= 0.2 * pixels or exposure.t_us > 0.5e6 * LONGEST_S:
+            return count / pixels / (TICKS * tick_us * 1e-6)
+        tick_us *= 2
+
+
+def _tell(look: _Look, spreads: Spreads) -> Background:
+    usual = ~look.hot
+    off = mean_and_error(look.off[usual])
+    excess = mean_and_error((look.on - look.off)[usual])
+    return Background(
+        look.lux,
+        len(look.hot),
+        look.seconds,
+        on=mean_and_error(look.on[usual]),
+        off=off,
+        leak=leak_without_noise(excess, (2.0 * off[0], 2.0 * off[1]), spreads),
+        shot=(2.0 * off[0], 2.0 * off[1]),
+        irregularity=look.irregularity,
+        hot_share=float(look.hot.mean()),
+        hot_rate=mean_and_error((look.on + look.off)[look.hot]),
+    )
+
+
+def _hot(counts: npt.NDArray[np.int64]) -> Mask:
+    usual = counts[counts <= np.quantile(counts, 0.95)].mean()
+    limit = HOT * usual
+    hot: Mask = counts > limit + 6.0 * math.sqrt(limit) + 6.0
+    return hot
+
+
+def _irregularity(pixel: npt.NDArray[np.int64], when: F64, hot: Mask) -> float:
+    """Over the pixels with enough intervals, but hot ones."""
+    order = np.lexsort((when, pixel))
+    pixel, when = pixel[order], when[order]
+    same = np.diff(pixel) == 0
+    owner, interval = pixel[1:][same], np.diff(when)[same]
+    count = np.bincount(owner, minlength=len(hot))
+    total = np.bincount(owner, interval, len(hot))
+    squares = np.bincount(owner, interval**2, len(hot))
+    chosen = (count >= LEAST_INTERVALS) & ~hot
+    if not chosen.any():
+        return math.nan
+    count, mean = count[chosen], total[chosen] / count[chosen]
+    variance = (squares[chosen] - count * mean**2) / (count - 1)
+    return float(np.sqrt(np.maximum(variance, 0.0).sum() / (mean**2).sum()))
+
+
+def background_results(sensor: SensorParameters, found: Sequence[Background]) -> list[Result]:
+    """Leak and shot noise of every illuminance; hot pixels of the quietest."""
+    results = []
+    for at in found:
+        promised = shot_rate_hz(sensor, at.lux)
+        results.append(Result("shot noise rate", "Hz", *at.shot, promised, at.lux))
+    for at in found:
+        note = "the high pass takes part of it" if sensor.highpass_hz else ""
+        note = "lost in shot noise" if math.isnan(at.leak[0]) else note
+        promised = leak_rate_hz(sensor, at.lux)
+        results.append(Result("leak rate", "Hz", *at.leak, promised, at.lux, note))
+    last = min(found, key=lambda at: at.on[0] + at.off[0])
+    share = last.hot_share
+    error = math.sqrt(share * (1.0 - share) / last.pixels)
+    results.append(Result("hot pixels", "", share, error, sensor.hot_pixel_fraction, last.lux))
+    if share > 0.0:
+        promised = sensor.hot_pixel_rate_hz if sensor.has_hot_pixels else math.nan
+        results.append(Result("rate of hot pixels", "Hz", *last.hot_rate, promised, last.lux))
+    return results

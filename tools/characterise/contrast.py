@@ -1,0 +1,116 @@
+"""The S-curve: which share of the pixels answers a step of contrast, and each pixel's threshold."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from evs.emulator.sensor import SensorParameters
+from evs.tools.characterise.bench import F64, Bench, Mask
+from evs.tools.characterise.fit import Normal, fit_normal
+from evs.tools.characterise.result import Result
+from evs.tools.characterise.settle import Settled, least_contrast, settle
+
+DAYLIGHT_LUX = 10_000.0
+"""Where the pixel is fast and dark current is nothing."""
+
+STEPS = 29
+SIGMAS = 3.5
+"""The contrasts of the curve reach so far to both sides of its middle."""
+
+
+@dataclass(frozen=True)
+class SCurve:
+    """Of one polarity."""
+
+    contrast: F64
+    """(n,) steps that were shown, ln of the ratio of light"""
+    share: F64
+    """(n,) of the pixels that answered"""
+    fit: Normal
+    """of the thresholds, log units"""
+    thresholds: F64
+    """(h, w) each pixel's own, log units; NaN: it did not tell"""
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """Both polarities of a sensor in daylight."""
+
+    on: SCurve
+    off: SCurve
+    dead_share: float
+    """of the pixels: those that answer nothing"""
+
+    @property
+    def unevenness(self) -> float:
+        """Of OFF thresholds, standard deviation over mean; 0: nothing is known."""
+        fit = self.off.fit
+        return fit.sigma / fit.mean if fit.mean > 0.0 else 0.0
+
+    def results(self, sensor: SensorParameters) -> list[Result]:
+        """Mean and spread of both, and how many pixels are dead."""
+        found = []
+        for name, curve, mean in (
+            ("ON threshold", self.on, sensor.pos_thres),
+            ("OFF threshold", self.off, sensor.neg_thres),
+        ):
+            fit = curve.fit
+            note = "no pixel answers" if math.isnan(fit.mean) else ""
+            found += [
+                Result(name, "log", fit.mean, fit.mean_error, mean, DAYLIGHT_LUX, note),
+                Result(
+                    f"{name}, sigma over pixels",
+                    "log",
+                    fit.sigma,
+                    fit.sigma_error,
+                    sensor.sigma_thres,
+                    DAYLIGHT_LUX,
+                    note,
+                ),
+            ]
+        dead = sensor.dead_pixel_fraction
+        error = math.sqrt(
+            max(self.dead_share * (1 - self.dead_share), 0.0) / self.on.thresholds.size
+        )
+        found.append(Result("dead pixels", "", self.dead_share, error, dead, DAYLIGHT_LUX))
+        return found
+
+
+def measure_thresholds(bench: Bench) -> Thresholds:
+    """S-curves of both polarities, from rest in daylight."""
+    settled = settle(bench, DAYLIGHT_LUX)
+    quiet = settled.quiet()
+    dead = float(np.mean(settled.dead))
+    return Thresholds(_curve(settled, quiet, True), _curve(settled, quiet, False), dead)
+
+
+def _curve(settled: Settled, quiet: Mask, on: bool) -> SCurve:
+    sensor = settled.exposure.bench.sensor
+    sign = 1.0 if on else -1.0
+
+    def answers(contrast: F64) -> Mask:
+        return settled.step(settled.lux * np.exp(sign * contrast), on)
+
+    own = least_contrast(answers, settled.exposure.bench.pixels)
+    own[~quiet] = np.nan
+    thresholds = own.reshape(sensor.height, sensor.width)
+    asked = own[np.isfinite(own)]
+    if not len(asked):
+        nothing = Normal(math.nan, math.nan, math.nan, math.nan)
+        return SCurve(np.zeros(0), np.zeros(0), nothing, thresholds)
+
+    # the steps that all pixels see together, around what each one said
+    low, middle, high = np.quantile(asked, (0.16, 0.5, 0.84))
+    reach = SIGMAS * max(0.5 * (high - low), 1e-4 * middle)
+    contrast = np.linspace(max(middle - reach, 0.05 * middle), middle + reach, STEPS)
+    told = np.isfinite(own)
+    counts = [
+        np.count_nonzero(settled.step(settled.lux * math.exp(sign * step), on) & told)
+        for step in contrast
+    ]
+    reached = np.maximum.accumulate(np.array([0, *counts, len(asked)], np.float64))
+    return SCurve(contrast, reached[1:-1] / len(asked), fit_normal(contrast, np.diff(reached)),
+                  thresholds)  # fmt: skip

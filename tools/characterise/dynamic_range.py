@@ -1,0 +1,111 @@
+"""Dynamic range: from the least light in which half of the pixels answer, to the most there is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from evs.emulator.sensor import SensorParameters
+from evs.tools.characterise.bench import F64, Bench, share_of
+from evs.tools.characterise.promised import CONTRAST, lowest_lux
+from evs.tools.characterise.result import Result
+from evs.tools.characterise.settle import settle
+
+DARKEST_LUX, BRIGHTEST_LUX = 1e-3, 1e5
+"""What the lamp gives; full sun is 100 klux."""
+
+PIXELS = 10_000
+A_DECADE = 2
+"""Points of the curve; then the two beside one half are halved between."""
+
+HALVINGS = 5
+
+
+@dataclass(frozen=True)
+class DynamicRange:
+    """Which share of the pixels answers, by illuminance."""
+
+    lux: F64
+    """(n,) ascending, before the step"""
+    share: F64
+    """(n,)"""
+    lowest_lux: tuple[float, float]
+    """where half of them answer, standard error; NaN: nowhere"""
+    highest_lux: float
+
+    @property
+    def decibels(self) -> float:
+        """20 log10 of their ratio."""
+        return 20.0 * math.log10(self.highest_lux / self.lowest_lux[0])
+
+    def results(self, sensor: SensorParameters) -> list[Result]:
+        """The least light, and the range up to where half of the pixels answer no more."""
+        promised = lowest_lux(sensor, DARKEST_LUX, BRIGHTEST_LUX)
+        lowest, error = self.lowest_lux
+        note = "the lamp ends here" if self.highest_lux == BRIGHTEST_LUX else ""
+        nowhere = "half of the pixels answer nowhere" if math.isnan(lowest) else ""
+        range_error = 20.0 / math.log(10.0) * error / lowest
+        promised_range = 20.0 * math.log10(BRIGHTEST_LUX / promised)
+        return [
+            Result("least illuminance", "lux", lowest, error, promised, None, nowhere),
+            Result(
+                "dynamic range",
+                "dB",
+                self.decibels,
+                range_error,
+                promised_range,
+                None,
+                note or nowhere,
+            ),
+        ]
+
+
+def measure_dynamic_range(bench: Bench) -> DynamicRange:
+    """Share of the pixels that answer, over all the lamp gives."""
+    part = bench.part(PIXELS)
+    told: dict[float, tuple[float, int]] = {}
+
+    def ask(exponent: float) -> float:
+        if exponent not in told:
+            settled = settle(part, 10.0**exponent)
+            quiet = settled.quiet()
+            yes = settled.step(CONTRAST * settled.lux, True)
+            told[exponent] = (share_of(yes, quiet), int(np.count_nonzero(quiet)))
+        return told[exponent][0]
+
+    low, high = math.log10(DARKEST_LUX), math.log10(BRIGHTEST_LUX)
+    ladder = np.linspace(low, high, round((high - low) * A_DECADE) + 1).tolist()
+    enough = [ask(exponent) >= 0.5 for exponent in ladder]
+    lowest, highest = (math.nan, math.nan), math.nan
+    if any(enough):
+        first = enough.index(True)
+        highest = 10.0 ** ladder[len(enough) - 1 - enough[::-1].index(True)]
+        lowest = (10.0 ** ladder[0], 0.0)
+        if first > 0:
+            dark, light = _halve(ask, ladder[first - 1], ladder[first])
+            lowest = _between(dark, ask(dark), light, ask(light), told[light][1])
+    exponents = sorted(told)
+    shares = np.array([told[exponent][0] for exponent in exponents])
+    return DynamicRange(10.0 ** np.array(exponents), shares, lowest, highest)
+
+
+def _halve(ask: Callable[[float], float], dark: float, light: float) -> tuple[float, float]:
+    """Two exponents close to each other, with one half of the pixels between."""
+    for _ in range(HALVINGS):
+        middle = 0.5 * (dark + light)
+        dark, light = (dark, middle) if ask(middle) >= 0.5 else (middle, light)
+    return dark, light
+
+
+def _between(
+    dark: float, below: float, light: float, above: float, pixels: int
+) -> tuple[float, float]:
+    """(illuminance, standard error) where a straight line reaches one half."""
+    slope = max((above - below) / (light - dark), 1e-9)
+    lux = 10.0 ** (dark + (0.5 - below) / slope)
+    # of a share, or of the step where all pixels turn at once
+    error = min(0.5 / math.sqrt(max(pixels, 1)) / slope, light - dark)
+    return lux, lux * math.log(10.0) * error

@@ -1,0 +1,113 @@
+"""Latency and its jitter: when each pixel first answers light that doubles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.emulator.sensor import SensorParameters, make_readout
+from evs.emulator.sensor.readout import ReadoutParameters
+from evs.tools.characterise.bench import Bench, Exposure, pixel_numbers, share_of
+from evs.tools.characterise.promised import DOUBLED, HALF, latency_s
+from evs.tools.characterise.result import Result
+from evs.tools.characterise.settle import growing_us, settle, window_us
+
+LADDER_LUX = (1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
+PIXELS = 40_000
+ATTEMPTS = 8
+ENOUGH = 0.99
+"""Of the pixels that were asked undisturbed, or are dead."""
+
+GROWTH = 0.04
+"""Ticks grow with the time since the step, by which the pixel slows down."""
+
+CLOCK_S = 1e-6 / math.sqrt(12.0)
+"""What a microsecond's rounding does to a stamp, standard deviation."""
+
+
+@dataclass(frozen=True)
+class Latency:
+    """Of one illuminance: that after the step."""
+
+    lux: float
+    share: float
+    """of the pixels that answered; NaN: none was at rest"""
+    mean_s: tuple[float, float]
+    """mean over pixels, standard error"""
+    jitter_s: tuple[float, float]
+    """standard deviation over pixels, standard error"""
+
+
+def measure_latency(bench: Bench, lux: float) -> Latency:
+    """From rest at lux / DOUBLED, the time from the step to each pixel's first ON event.
+
+    So few pixels are lit at a time that none waits for another: the readout has no limits here.
+    Pixels in which noise spoke meanwhile are asked again; left out, those with low thresholds,
+    which are noisier, would be missing.
+    """
+    part = bench.part(PIXELS, readout=ReadoutParameters())
+    window = sum(window_us(part, lux / DOUBLED))
+    took_us = np.full(part.pixels, -1, np.int64)
+    asked = np.zeros(part.pixels, bool)
+    for attempt in range(ATTEMPTS):
+        settled = settle(part, lux / DOUBLED, 1 + attempt * 2 * window)
+        new = settled.quiet() & ~asked
+        answer = _first_answers(settled.exposure.copy(), lux, window)
+        took_us[new] = answer[new]
+        asked |= new
+        if np.count_nonzero(asked | settled.dead) >= ENOUGH * part.pixels:
+            break
+    told = took_us >= 0
+    share = share_of(told, asked)
+    times = took_us[told].astype(np.float64) * 1e-6
+    nothing = (math.nan, math.nan)
+    if share < HALF or len(times) < 2:
+        return Latency(lux, share if asked.any() else math.nan, nothing, nothing)
+    spread = float(times.std(ddof=1))
+    centred = times - times.mean()
+    kurtosis = float((centred**4).mean()) / max(spread**4, 1e-60)
+    mean_error = math.hypot(spread / math.sqrt(len(times)), CLOCK_S)
+    spread_error = spread * math.sqrt(max(kurtosis - 1.0, 0.0) / (4.0 * len(times)))
+    return Latency(
+        lux,
+        share,
+        (float(times.mean()), mean_error),
+        (spread, math.hypot(spread_error, CLOCK_S)),
+    )
+
+
+def _first_answers(exposure: Exposure, lux: float, window_us: int) -> npt.NDArray[np.int64]:
+    """(h w,) us from a step to `lux` until each pixel's first ON event has left; -1: none."""
+    sensor = exposure.bench.sensor
+    readout = make_readout(sensor)
+    state = readout.init(exposure.bench.seed) if readout else None
+    begin_us = exposure.t_us
+    late_us = math.ceil(sensor.latency_us + 8.0 * sensor.latency_sigma_us)
+    first = np.full(exposure.bench.pixels, -1, np.int64)
+    for tick_us in growing_us(window_us + late_us, GROWTH):
+        events = exposure.expose(lux, tick_us)
+        if readout is not None and state is not None:
+            events, state = readout.step(events, state, exposure.t_us - tick_us, exposure.t_us)
+        events = events[events["p"] == 1][::-1]  # the earliest is written last
+        pixel = pixel_numbers(events, sensor)
+        new = first[pixel] < 0
+        # the step itself takes the first microsecond
+        first[pixel[new]] = events["t"][new] - begin_us - 1
+    return first
+
+
+def latency_results(sensor: SensorParameters, found: Sequence[Latency]) -> list[Result]:
+    """Mean and jitter of every illuminance."""
+    means, jitters = [], []
+    for at in found:
+        mean, jitter = latency_s(sensor, at.lux)
+        note = "the high pass delays it" if sensor.highpass_hz else ""
+        note = note if at.share >= HALF else "too dark for half of the pixels"
+        note = "buried in noise" if math.isnan(at.share) else note
+        means.append(Result("latency", "s", *at.mean_s, mean, at.lux, note))
+        jitters.append(Result("jitter", "s", *at.jitter_s, jitter, at.lux, note))
+    return means + jitters

@@ -1,0 +1,110 @@
+"""Peak rate: light that swings ever faster everywhere, and how many events come out of the chip."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from evs.emulator.sensor import SensorParameters, make_readout
+from evs.tools.characterise import promised
+from evs.tools.characterise.bench import F64, Bench
+from evs.tools.characterise.result import Result
+
+LUX = 10_000.0
+SWING = 1.0
+"""Of log light, to both sides."""
+
+OFFERED = tuple(1e6 * 10.0 ** (k / 3.0) for k in range(-1, 11))
+"""Events a second that the swing is made for, in the mean of all pixels; as far as it must go."""
+
+SATURATED = 0.4
+"""With a smaller share of what the pixels give coming out, the chip gives all it can."""
+
+SECONDS = 0.02
+TICKS = 100
+FILLED = 0.5
+"""Share of the time after which the queues are full, and counting begins."""
+
+MOST_EVENTS = 8_000_000
+"""Of a look; a faster one is shorter."""
+
+LEAST_PATH = 4.0
+"""Thresholds that the light goes by in a look, at least: the first events come late."""
+
+BLOCKS = 10
+"""Of the time that is counted; their spread is the error."""
+
+
+@dataclass(frozen=True)
+class PeakRate:
+    """What goes in and comes out, ascending."""
+
+    offered: F64
+    """(n,) events a second that the pixels gave"""
+    passed: F64
+    """(n,) events a second that came out"""
+    peak: tuple[float, float]
+    """most that came out, standard error; NaN: there is no limit up to what was offered"""
+
+    def results(self, sensor: SensorParameters) -> list[Result]:
+        """The most that comes out."""
+        note = ""
+        if math.isnan(self.peak[0]):
+            note = f"no limit up to {self.passed.max() / 1e6:.0f} Mev/s"
+        return [Result("peak rate", "ev/s", *self.peak, promised.peak_rate(sensor), LUX, note)]
+
+
+def measure_peak_rate(bench: Bench) -> PeakRate:
+    """Faster and faster, until the chip is full or the pixels are."""
+    offered, passed, errors = [], [], []
+    for wanted in OFFERED:
+        given, out, error = _look(bench, wanted)
+        offered.append(given)
+        passed.append(out)
+        errors.append(error)
+        # the chip gives all it can, or the pixels do; slow light may give nothing (high pass)
+        full = len(offered) > 1 and 0.0 < given < 1.2 * offered[-2]
+        if out < SATURATED * given or full:
+            break
+    best = int(np.argmax(passed))
+    limited = passed[-1] < 0.9 * offered[-1]
+    peak = (passed[best], errors[best]) if limited else (math.nan, math.nan)
+    return PeakRate(np.array(offered), np.array(passed), peak)
+
+
+def _look(bench: Bench, wanted: float) -> tuple[float, float, float]:
+    """(events a second given, passed, standard error of that)."""
+    sensor = bench.sensor
+    readout = make_readout(sensor)
+    exposure = bench.start(LUX)
+    state = readout.init(bench.seed) if readout else None
+    # log light goes up and down in straight lines; each pixel gives an event a threshold
+    theta = 0.5 * (sensor.pos_thres + sensor.neg_thres)
+    speed = wanted * theta / bench.pixels
+    seconds = max(min(SECONDS, MOST_EVENTS / wanted), LEAST_PATH * bench.pixels / wanted)
+    tick_us = max(1, round(seconds / TICKS * 1e6))
+    given = np.zeros(TICKS)
+    out = np.zeros(TICKS)
+    for k in range(TICKS):
+        path = speed * (k + 1) * tick_us * 1e-6
+        events = exposure.expose(LUX * math.exp(_triangle(path)), tick_us)
+        given[k] = len(events)
+        if readout is not None and state is not None:
+            events, state = readout.step(events, state, exposure.t_us - tick_us, exposure.t_us)
+        out[k] = len(events)
+    counted = int(FILLED * TICKS)
+    block_s = (TICKS - counted) // BLOCKS * tick_us * 1e-6
+    blocks = out[counted:].reshape(BLOCKS, -1).sum(1) / block_s
+    return (
+        float(given[counted:].mean()) / (tick_us * 1e-6),
+        float(blocks.mean()),
+        float(blocks.std(ddof=1)) / math.sqrt(BLOCKS),
+    )
+
+
+def _triangle(path: float) -> float:
+    """Up and down between -SWING and SWING, as far as `path` all together."""
+    place = (path + SWING) % (4.0 * SWING)
+    return place - SWING if place < 2.0 * SWING else 3.0 * SWING - place

@@ -1,0 +1,205 @@
+"""make_dataset: the shards of all scenes by the runner, then what is put together of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from evs.drivers import settings
+from evs.drivers.files import messages, recorder_for, stream_of
+from evs.drivers.pictures import write_png
+from evs.emulator import World
+from evs.emulator.state.versions import versions
+from evs.emulator.world import digest_of
+from evs.msgs import EvsError, Frame, ImuPacket, TriggerPacket
+from evs.tools.dataset.manifest import KIND, MANIFEST, claim, listed, missing, write_json
+from evs.tools.dataset.reading import Recorded
+from evs.tools.dataset.scenes import SceneFile
+from evs.tools.dataset.shards import EVENTS, STATE, EventShard, FrameShard, Shard, cut
+from evs.tools.dataset.sheet import scene_page
+from evs.tools.dataset.take import Take, take_of
+from evs.tools.jobs import check_workers, run_jobs
+
+SHARD_S = 1.0
+"""simulated seconds of a shard: what a kill may cost"""
+RECORDING, SHEET = "events.aedat4", "sheet.png"
+"""files of a scene, beside its folders of shards"""
+
+
+@dataclass(frozen=True)
+class Made:
+    """What make_dataset did."""
+
+    made: int
+    """shards that are new"""
+    kept: int
+    """shards that were there"""
+    whole: bool
+    """whether all is there, and the manifest"""
+    lost: tuple[str, ...] = ()
+    """one line for each worker that died over a shard, which was then made elsewhere"""
+
+
+def make_dataset(
+    folder: Path,
+    scenes: Mapping[str, SceneFile],
+    *,
+    shard_s: float = SHARD_S,
+    workers: int = 1,
+    ray: str = "",
+    moved: Callable[[float, str], None] = lambda _done, _told: None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Made:
+    """Make, or go on with, a data set of these scenes; the same bytes with any number of workers.
+
+    In: shard_s, simulated seconds of a shard; workers, ray, as run_jobs takes them; moved, told how
+    many shards are done and which one moves; stopped, asked before each shard.
+    Raises EvsError; what arrived before stays, and the same call goes on there.
+    """
+    check_workers(workers, ray)
+    takes = [take_of(name, scene) for name, scene in scenes.items()]
+    told = told_of(takes, scenes, shard_s)
+    claim(folder, told)
+    if missing(folder):
+        # it says that the set is whole, and is written anew once it is
+        (folder / MANIFEST).unlink()
+    jobs = _jobs(takes, shard_s)
+    shares: dict[str, float] = {}
+
+    def tell(job: Shard, share: float) -> None:
+        shares[job.name] = share
+        moved(sum(shares.values()), job.name)
+
+    ran = run_jobs(
+        jobs,
+        folder,
+        workers=workers,
+        ray=ray,
+        threads=max((take.config.threads for take in takes), default=0),
+        on_done=lambda job, _: tell(job, 1.0),
+        on_share=tell,
+        stopped=stopped,
+        then=lambda job: _next(folder, job, shard_s),
+    )
+    if ran.left or stopped():
+        return Made(ran.made, ran.kept, False, ran.lost)
+    if not (folder / MANIFEST).exists():
+        for take in takes:
+            moved(sum(shares.values()), f"{take.name}/{RECORDING}")
+            _finish(folder / take.name)
+        write_json(folder / MANIFEST, {**told, "files": listed(folder)})
+    return Made(ran.made, ran.kept, True, ran.lost)
+
+
+def shard_count(scenes: Mapping[str, SceneFile], shard_s: float = SHARD_S) -> int:
+    """How many shards make_dataset has to make at most."""
+    count = 0
+    for scene in scenes.values():
+        length = max(1, round(shard_s * 1e6 / scene.scene.tick_us))
+        count += 2 * -(-max(1, round(scene.duration_s * 1e6 / scene.scene.tick_us)) // length)
+    return count
+
+
+def told_of(
+    takes: Sequence[Take], scenes: Mapping[str, SceneFile], shard_s: float
+) -> dict[str, Any]:
+    """Everything that the bytes follow from, in plain values, and what the numbers in them mean."""
+    return {
+        "kind": KIND,
+        "versions": {**versions(), "zlib": zlib.ZLIB_RUNTIME_VERSION},
+        "shard_s": shard_s,
+        "scenes": {take.name: _told_of_scene(take, scenes[take.name]) for take in takes},
+    }
+
+
+def _told_of_scene(take: Take, scene: SceneFile) -> dict[str, Any]:
+    with take.standing() as config:
+        world = World.from_config(config)
+    (camera,) = world.cameras
+    model = world.model
+    config = take.said(take.config)
+    said = settings.to_plain(dataclasses.replace(scene, scene=config.scene, threads=0))
+    if take.rows is not None:
+        said["controls_crc32"] = zlib.crc32(take.rows.tobytes())
+    return {
+        "about": scene.about,
+        "place": scene.place,
+        "model": digest_of(model),
+        "begin_us": take.begin * take.tick_us,
+        "end_us": take.end * take.tick_us,
+        "frames": len(take.frame_ticks()),
+        "camera_info": json.loads(json.dumps(camera.info.camera_info)),
+        "geoms": [model.geom(place).name for place in range(model.ngeom)],
+        "bodies": [model.body(place).name for place in range(model.nbody)],
+        "body_of_geom": [int(body) for body in model.geom_bodyid],
+        "config": said,
+    }
+
+
+def _jobs(takes: Sequence[Take], shard_s: float) -> list[Shard]:
+    """What can begin at once: the first events of every scene, and all frames."""
+    first: list[Shard] = []
+    frames: list[Shard] = []
+    for take in takes:
+        ranges = cut(take, shard_s)
+        first.append(EventShard(take, 0, *ranges[0]))
+        ticks = take.frame_ticks()
+        frames += [
+            FrameShard(take, index, begin, end)
+            for index, (begin, end) in enumerate(ranges)
+            if any(begin <= tick < end for tick in ticks)
+        ]
+    return [*first, *frames]
+
+
+def _next(folder: Path, job: Shard, shard_s: float) -> list[Shard]:
+    """The events that go on where these ended."""
+    if not isinstance(job, EventShard) or job.is_last:
+        return []
+    index = job.index + 1
+    begin, end = cut(job.take, shard_s)[index]
+    path = folder / job.name / STATE
+    following = EventShard(job.take, index, begin, end)
+    if (folder / following.name).exists():
+        # it is there: nobody needs the state that it began with
+        return [following]
+    try:
+        state = path.read_bytes()
+    except OSError as reason:
+        raise EvsError(
+            f"cannot read {path}: {reason.strerror}; remove {path.parents[1]} and give the command "
+            "again"
+        ) from None
+    return [dataclasses.replace(following, state=state)]
+
+
+def _finish(folder: Path) -> None:
+    """One recording of all events of a scene, its contact sheet; the states are not needed more."""
+    shards = sorted((folder / "events").iterdir())
+    part = folder / f".{RECORDING}"
+    recorder = recorder_for(part, kind="aedat4")
+    recorder.open([stream_of(shards[0] / EVENTS)])
+    try:
+        for shard in shards:
+            for message in messages(shard / EVENTS):
+                if isinstance(message, ImuPacket):
+                    recorder.write_imu(message)
+                elif isinstance(message, Frame):
+                    recorder.write_frame(message)
+                elif isinstance(message, TriggerPacket):
+                    recorder.write_triggers(message)
+                else:
+                    recorder.write(message)
+    finally:
+        recorder.close()
+    part.replace(folder / RECORDING)
+    scene = Recorded(folder)
+    if scene.frame_count > 1:
+        write_png(folder / SHEET, scene_page(scene))
+    for shard in shards:
+        (shard / STATE).unlink(missing_ok=True)

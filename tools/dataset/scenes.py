@@ -1,0 +1,151 @@
+"""The scenes of a data set: those that come with evs, and any other one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+
+from evs.drivers import settings
+from evs.drivers.run.paths import beside, in_package, with_run_paths
+from evs.emulator.config import ModelConfig, RenderConfig, RunConfig, SensorConfig
+from evs.emulator.sensor import resolve_sensor
+from evs.emulator.world import MjModel, load_model
+from evs.msgs import EvsError, nearest_first
+from evs.tools.dataset.motion import Track, control_of
+
+FOLDER = Path(__file__).parents[2] / "config" / "scenes" / "dataset"
+"""NAME.xml and NAME.toml of each scene that comes with evs"""
+
+PLACES = ("indoor", "outdoor", "night")
+MOST_SECONDS = 3600.0
+
+Overrides = Iterable[tuple[str, str]]
+"""(dotted key, text) of the command line"""
+
+
+@dataclass(frozen=True)
+class FramesConfig:
+    """[frames]: pictures with their ground truth."""
+
+    fps: float = 60.0
+    """a simulated second, each at the nearest tick"""
+    spp: int | None = None
+    """samples per pixel of their light; 256 if not given, 64 with the renderer direct: its most"""
+
+
+@dataclass(frozen=True)
+class SceneFile(RunConfig):
+    """A scene of a data set: a pipeline's tables, and what moves, where it is, how it is filmed."""
+
+    render: RenderConfig = field(default_factory=lambda: RenderConfig(renderer="path"))
+    model: ModelConfig = field(default_factory=lambda: ModelConfig(labels=True))
+    about: str = ""
+    """one line"""
+    place: str = ""
+    """indoor | outdoor | night"""
+    begin_s: float = 0.0
+    """where in the scene's time the recording begins; no earlier than `settle_s`"""
+    settle_s: float = 0.25
+    """how long the camera has watched the scene by then, what it saw thrown away: a camera that
+    has just been switched on to things that move has more ON events than OFF where it is dark"""
+    frames: FramesConfig = field(default_factory=FramesConfig)
+    motion: tuple[Track, ...] = ()
+
+    def run(self) -> RunConfig:
+        """The part that shapes the events."""
+        return RunConfig(**{one.name: getattr(self, one.name) for one in fields(RunConfig)})
+
+
+def names() -> tuple[str, ...]:
+    """The scenes that come with evs."""
+    return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
+
+
+def named(name: str, overrides: Overrides = ()) -> SceneFile:
+    """One of those. EvsError for another name."""
+    if name not in names():
+        known = ", ".join(nearest_first(name, names()))
+        raise EvsError(f"no scene '{name}' in the set; it has: {known} (another one: --scene FILE)")
+    path = FOLDER / f"{name}.toml"
+    try:
+        scene = settings.build(SceneFile, _with_defaults(settings.read_toml(path)))
+    except EvsError as error:
+        raise EvsError(f"{path}: {error}") from None
+    scene = replace(scene, scene=replace(scene.scene, file=f"{name}.xml"), name=name)
+    return _finished(with_run_paths(scene, lambda text: beside(path, text)), overrides)
+
+
+def of_file(file: str, name: str, overrides: Overrides = ()) -> SceneFile:
+    """A scene of the user's: a file that MuJoCo reads, its actuators moved at random.
+
+    If FILE.toml lies beside FILE.xml, it is read as those of the set are.
+    """
+    path = Path(file)
+    beside_it = path.with_suffix(".toml")
+    tables = settings.read_toml(beside_it) if beside_it.is_file() else {}
+    try:
+        scene = settings.build(SceneFile, _with_defaults(tables))
+    except EvsError as error:
+        raise EvsError(f"{beside_it}: {error}") from None
+    if tables:
+        scene = with_run_paths(scene, lambda text: beside(beside_it, text))
+    if "control" not in tables.get("scene", {}) and not scene.motion:
+        scene = replace(scene, scene=replace(scene.scene, control="random"))
+    scene = replace(scene, scene=replace(scene.scene, file=file), name=name)
+    return _finished(scene, overrides)
+
+
+def _with_defaults(tables: dict[str, object]) -> dict[str, object]:
+    """Labels and an IMU unless a scene says otherwise, and light by paths."""
+    wanted: dict[str, dict[str, object]] = {
+        "render": {"renderer": "path"},
+        "model": {"labels": True},
+        "sensor": {"imu": {"enabled": True}},
+    }
+    made = dict(tables)
+    for table, keys in wanted.items():
+        given = made.get(table, {})
+        made[table] = {**keys, **given} if isinstance(given, dict) else given
+    return made
+
+
+def _finished(scene: SceneFile, overrides: Overrides) -> SceneFile:
+    for key, text in overrides:
+        scene = settings.override(scene, key, text)
+    scene = with_run_paths(scene, in_package)
+    if scene.frames.spp is None:
+        spp = 256 if scene.render.renderer == "path" else 64
+        scene = replace(scene, frames=replace(scene.frames, spp=spp))
+    check(scene)
+    return scene
+
+
+def check(scene: SceneFile) -> None:
+    """Refuse what no stage of the emulator would notice. EvsError with the path."""
+    tick_us = scene.scene.tick_us
+    if scene.place and scene.place not in PLACES:
+        raise EvsError(f"at place: '{scene.place}' is none of {', '.join(PLACES)}")
+    for key in ("duration_s", "begin_s", "settle_s"):
+        value = getattr(scene, key)
+        least = tick_us * 1e-6 if key == "duration_s" else 0.0
+        if not (math.isfinite(value) and least <= value <= MOST_SECONDS):
+            raise EvsError(f"at {key}: {value:g} s; give {least:g} ... {MOST_SECONDS:g}")
+    if not 0 < scene.frames.fps <= 1e6 / tick_us:
+        raise EvsError(
+            f"at frames.fps: {scene.frames.fps:g}; give more than 0, at most the "
+            f"{1e6 / tick_us:g} ticks of a second"
+        )
+    if scene.model.name != "plain" and scene.model.labels:
+        # another model knows no causes; the geoms it does know
+        return
+    resolve_sensor(SensorConfig(**vars(scene.sensor)))
+
+
+def model_of(scene: SceneFile) -> MjModel:
+    """Its model. EvsError where it does not exist, or a track moves nothing of it."""
+    model = load_model(scene.scene.file)
+    if scene.motion:
+        control_of(scene.motion, model, scene.seed)
+    return model

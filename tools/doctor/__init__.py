@@ -1,0 +1,29 @@
+"""The check-up of a machine: everything evs needs, looked at once."""
+
+from evs.tools.doctor.check import BAD, NOTE, OK, Check, guarded
+from evs.tools.doctor.machine import (
+    check_cores,
+    check_disk,
+    check_memory,
+    check_platform,
+    check_python,
+)
+from evs.tools.doctor.packages import CORE, EXTRAS, check_core, check_extras, check_packages
+
+__all__ = [
+    "BAD",
+    "CORE",
+    "EXTRAS",
+    "NOTE",
+    "OK",
+    "Check",
+    "check_core",
+    "check_cores",
+    "check_disk",
+    "check_extras",
+    "check_memory",
+    "check_packages",
+    "check_platform",
+    "check_python",
+    "guarded",
+]

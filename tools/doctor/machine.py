@@ -1,0 +1,85 @@
+"""The machine: Python, platform, processor, memory, and places to write to."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+from evs.drivers.cores import cores
+from evs.emulator.base.memory import memory_gb
+from evs.tools.doctor.check import BAD, NOTE, OK, Check
+
+MIN_PYTHON = (3, 11)
+ENOUGH_MEMORY_GB = 2.0
+ENOUGH_DISK_GB = 1.0
+
+CPU_FILE = Path("/proc/cpuinfo")
+
+
+def check_python() -> Check:
+    """The interpreter's version."""
+    says = f"{platform.python_implementation()} {platform.python_version()}, {sys.executable}"
+    if sys.version_info < MIN_PYTHON:
+        wanted = ".".join(str(number) for number in MIN_PYTHON)
+        return Check("python", BAD, says, f"install Python {wanted} or newer")
+    return Check("python", OK, says)
+
+
+def check_platform(system: str = sys.platform) -> Check:
+    """Operating system and processor family. In: sys.platform."""
+    says = f"{platform.platform()}"
+    if system.startswith("linux"):
+        return Check("platform", OK, says)
+    return Check("platform", NOTE, says, "evs is tested on Linux only")
+
+
+def check_cores() -> Check:
+    """How many cores this process may use, which is what threads = 0 takes."""
+    says = f"{cores()} usable of {os.cpu_count()}, {cpu_name()}"
+    return Check("cpu", OK, says)
+
+
+def check_memory() -> Check:
+    """Memory that is free for programs."""
+    total_gb, free_gb = memory_gb()
+    says = f"{free_gb:.1f} GB free of {total_gb:.1f} GB"
+    if free_gb < ENOUGH_MEMORY_GB:
+        return Check("memory", NOTE, says, "large meshes and long GIFs may not fit")
+    return Check("memory", OK, says)
+
+
+def check_disk(folders: Iterable[Path]) -> list[Check]:
+    """Whether each folder takes files, and how much."""
+    return [_folder(folder) for folder in folders]
+
+
+def cpu_name() -> str:
+    """The processor as its maker calls it."""
+    if CPU_FILE.is_file():
+        for line in CPU_FILE.read_text(errors="replace").splitlines():
+            key, _, value = line.partition(":")
+            if key.strip() == "model name":
+                return value.strip()
+    return platform.processor() or platform.machine()
+
+
+def _folder(folder: Path) -> Check:
+    name = f"disk {folder}"
+    try:
+        with tempfile.NamedTemporaryFile(dir=folder) as file:
+            file.write(b"evs" * 1000)
+            file.flush()
+            os.fsync(file.fileno())
+        free_gb = shutil.disk_usage(folder).free / 1e9
+    except OSError as reason:
+        fix = f"make {folder} writable, or work in another folder"
+        return Check(name, BAD, f"not writable: {reason.strerror}", fix)
+    says = f"writable, {free_gb:.1f} GB free"
+    if free_gb < ENOUGH_DISK_GB:
+        return Check(name, NOTE, says, "a minute of a busy scene may need more: free some space")
+    return Check(name, OK, says)

@@ -1,0 +1,241 @@
+"""The whole evaluation: every model, on every light, of every take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evs.drivers.run.report import versions
+from evs.emulator.base.scene import F32
+from evs.emulator.sensor.pixel.logmap import log_light
+from evs.emulator.state.versions import versions as emulator_versions
+from evs.msgs import Events, EvsError
+from evs.tools.evaluation import models, scenes
+from evs.tools.evaluation.cache import LightCache
+from evs.tools.evaluation.light import HALF_SEEDS, LightSpec, light_of
+from evs.tools.evaluation.measure import Mask, measure
+from evs.tools.evaluation.models import Running
+from evs.tools.evaluation.pool import Cell
+from evs.tools.evaluation.table import Evaluation, TakeFacts
+from evs.tools.evaluation.take import MOTIONS, PATCH_PX, SIZE, TICK_US, Take, film
+from evs.tools.evaluation.verdict import NOTHING, REFERENCE
+
+SPP = (1, 4, 16, 64)
+SEEDS = ("fixed", "fresh")
+MAX_SPP = 4096
+K = 384
+"""ticks of the earth mover's distance, the last ones of a take"""
+DIRECT_SPP = 4
+WARM = 42
+"""ticks of the first instant with fresh noise, which a network sees before a take: its window"""
+STILL = 0.05
+"""log units: a pixel whose converged light moves by less in all, a quarter of a threshold, stands
+still, and every event on it is false"""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is evaluated. Raises EvsError for values without sense."""
+
+    scenes: tuple[str, ...] = scenes.DEFAULT
+    cameras: tuple[str, ...] = ("still", "pan")
+    spp: tuple[int, ...] = SPP
+    models: tuple[str, ...] = models.DEFAULT
+    network: Path | None = None
+    """a user's own, besides"""
+    ticks: int = 400
+    pixels: int = 4096
+    reference_spp: int = 1024
+    runtime: str = "native"
+    provider: str = "cpu"
+    threads: int = 0
+    seed: int = 0
+    size: tuple[int, int] = SIZE
+    patch_px: int = PATCH_PX
+
+    def __post_init__(self) -> None:
+        scenes.check_names(self.scenes)
+        if not self.models and self.network is None:
+            raise EvsError("no model is asked for; give for example plain,adaptive")
+        for spp in self.spp:
+            if not 1 <= spp <= MAX_SPP:
+                raise EvsError(f"{spp} samples a pixel are asked for; give 1 ... {MAX_SPP}")
+        if not 2 <= self.reference_spp <= 2 * MAX_SPP or self.reference_spp % 2:
+            raise EvsError(
+                f"the reference of {self.reference_spp} spp has no two halves; "
+                f"give an even number, 2 ... {2 * MAX_SPP}"
+            )
+        if not 3 <= self.ticks <= 100_000:
+            raise EvsError(f"{self.ticks} ticks are asked for; give 3 ... 100,000")
+        for what, values in (("camera", self.cameras), ("spp", self.spp), ("model", self.models)):
+            if len(set(values)) < len(values):
+                raise EvsError(f"a {what} stands twice in {', '.join(map(str, values))}")
+        if not (self.cameras and self.spp):
+            raise EvsError(f"give at least one camera ({', '.join(MOTIONS)}) and one spp")
+
+    @property
+    def how(self) -> Running:
+        """How models are run."""
+        return Running(self.threads, self.runtime, self.provider)
+
+    @property
+    def measured_ticks(self) -> int:
+        """The last ticks of a take; what comes before lets running means and windows settle."""
+        return min(K, self.ticks - 1)
+
+
+QUICK = Settings(
+    scenes=scenes.QUICK,
+    spp=(4, 16),
+    pixels=512,
+    patch_px=16,
+    ticks=200,
+    reference_spp=256,
+)
+"""A first impression."""
+
+Moved = Callable[[int, str], None]
+"""(samples a pixel and tick done so far, what is being done)"""
+
+
+def lights(settings: Settings) -> Iterator[LightSpec]:
+    """What models are judged on."""
+    for seeds in SEEDS:
+        for spp in settings.spp:
+            yield LightSpec("path", spp, seeds)
+    yield LightSpec("direct", DIRECT_SPP)
+
+
+def work(settings: Settings, latency: int) -> int:
+    """Samples a pixel and tick of the whole evaluation: the length of its progress bar."""
+    takes = len(settings.scenes) * len(settings.cameras)
+    noisy = sum(spec.spp for spec in lights(settings)) * (settings.ticks + latency)
+    warm = sum(spec.spp for spec in lights(settings) if spec.seeds == "fresh") * WARM
+    return takes * (noisy + warm + settings.reference_spp * settings.ticks)
+
+
+def evaluate(
+    settings: Settings,
+    cache: LightCache,
+    contenders: Sequence[models.Contender],
+    moved: Moved | None = None,
+    command: str = "",
+) -> Evaluation:
+    """Measure everything. Raises EvsError; what was traced until then stays in the cache."""
+    stages = [scenes.stage_of(name) for name in settings.scenes]
+    told = Evaluation(command, _plain(settings), {**versions(), **emulator_versions()})
+    latency = look_ahead(contenders)
+    done = 0
+    for stage in stages:
+        for motion in settings.cameras:
+            take = film(
+                stage,
+                motion,
+                settings.ticks + latency,
+                sampled=settings.pixels,
+                patch_px=settings.patch_px,
+                size=settings.size,
+                seed=settings.seed,
+                look_ticks=settings.ticks,
+            )
+
+            def step(samples: int, what: str = take.name) -> None:
+                nonlocal done
+                done += samples
+                if moved is not None:
+                    moved(done, what)
+
+            facts, cells = _judge(take, settings, cache, contenders, latency, step)
+            told.takes.append(facts)
+            told.cells.extend(cells)
+    return told
+
+
+def look_ahead(contenders: Sequence[models.Contender]) -> int:
+    """Ticks of light after the last one measured that some model needs, in steps of 24.
+
+    In steps, so that models of different latency find the same light in the cache.
+    """
+    most = max((one.latency_ticks for one in contenders), default=0)
+    return 24 * max(1, -(-most // 24))
+
+
+def _judge(
+    take: Take,
+    settings: Settings,
+    cache: LightCache,
+    contenders: Sequence[models.Contender],
+    latency: int,
+    step: Callable[[int], None],
+) -> tuple[TakeFacts, list[Cell]]:
+    """All cells of one take."""
+    ticks, threads = settings.ticks, settings.threads
+    begin_us, end_us = TICK_US * (ticks - 1 - settings.measured_ticks), TICK_US * (ticks - 1)
+    key = take.fingerprint(ticks)
+    one, two = (
+        light_of(take, key, LightSpec("path", settings.reference_spp // 2, seed=seed), ticks,
+                 cache, threads, step)
+        for seed in HALF_SEEDS
+    )  # fmt: skip
+    converged: F32 = (one + two) * np.float32(0.5)
+    reference = models.true_events(converged, threads)
+    still = stands_still(converged)
+
+    def cell(
+        spec: LightSpec, light: str, model: str, events: Events, ms: float, of: Events
+    ) -> Cell:
+        found = measure(events, of, take, still, begin_us, end_us, ms)
+        return Cell(
+            take.scene_name, take.motion, take.soft, light, spec.spp, spec.seeds, model, found
+        )
+
+    half = LightSpec("path", settings.reference_spp // 2)
+    halves = [models.true_events(light, threads) for light in (one, two)]
+    cells = [
+        cell(half, "converged", REFERENCE, halves[1], 0.0, halves[0]),
+        cell(replace(half, spp=0), "none", NOTHING, reference[:0], 0.0, reference),
+    ]
+    longer = take.fingerprint(ticks + latency)
+    still_before = take.before(WARM)
+    earlier = still_before.fingerprint(WARM)
+    for spec in lights(settings):
+        light = light_of(take, longer, spec, ticks + latency, cache, threads, step)
+        warm = None
+        if spec.seeds == "fresh":
+            warm = light_of(still_before, earlier, spec, WARM, cache, threads, step)
+        for contender in contenders:
+            chosen = contender.at(spec.noisy_samples)
+            out = models.run(chosen, light, warm)
+            cells.append(
+                cell(spec, spec.renderer, contender.name, out.events, out.ms_per_tick, reference)
+            )
+    patch = take.pixels[take.sampled]
+    wanted = cells[1].measures
+    facts = TakeFacts(
+        take.scene_name,
+        take.motion,
+        take.soft,
+        take.sampled,
+        wanted.static_px,
+        (int(patch[0]), int(patch[1]), take.patch_px),
+        wanted.reference_on + wanted.reference_off,
+        wanted.patch_reference,
+    )
+    return facts, cells
+
+
+def stands_still(light: F32) -> Mask:
+    """(n,) pixels whose log light never moves by more than STILL in all. In: (ticks, n) light."""
+    log = log_light(light, models.sensor_of(1))
+    still: Mask = np.ptp(log, axis=0) < STILL
+    return still
+
+
+def _plain(settings: Settings) -> dict[str, Any]:
+    told = asdict(settings)
+    told["network"] = None if settings.network is None else str(settings.network)
+    return told

@@ -1,0 +1,37 @@
+"""How close two event streams are: events found and false, stamps, counts, mover's distance."""
+
+from evs.tools.metrics.compare import Comparison, compare
+from evs.tools.metrics.counts import (
+    CountRatio,
+    RateMaps,
+    compare_rate_maps,
+    count_loss,
+    count_map,
+    count_ratio,
+)
+from evs.tools.metrics.emd import emd_map, mean_emd
+from evs.tools.metrics.matching import Matching, match_events
+from evs.tools.metrics.spurious import Spurious, measure_spurious, static_pixels
+from evs.tools.metrics.timing import TimingError, measure_timing
+from evs.tools.metrics.window import Window
+
+__all__ = [
+    "Comparison",
+    "CountRatio",
+    "Matching",
+    "RateMaps",
+    "Spurious",
+    "TimingError",
+    "Window",
+    "compare",
+    "compare_rate_maps",
+    "count_loss",
+    "count_map",
+    "count_ratio",
+    "emd_map",
+    "match_events",
+    "mean_emd",
+    "measure_spurious",
+    "measure_timing",
+    "static_pixels",
+]

@@ -1,0 +1,141 @@
+"""A wall of glowing plates before a camera without perspective: light that is known to the bit.
+
+A plate is a whole number of pixels wide and the wall moves by whole pixels, so every sample of a
+pixel lies on one plate and its light is the plate's emission.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from evs.emulator import World
+from evs.emulator.base.scene import F64
+from evs.emulator.world import ORTHOGRAPHIC
+from evs.tools.stress.capture import Film, film
+from evs.tools.stress.closed_form import NEAR, miscounted, untold
+
+HEIGHT_PX = 8
+"""of the picture; a pixel is 1 m"""
+
+FLASH_PX = 16
+"""width of a picture that shows one plate at a time"""
+
+
+def wall(levels: Sequence[float], plate_px: int, more: str = "") -> str:
+    """MJCF: the plates side by side on a mocap body, the first at its origin.
+
+    In: levels, what each emits; more, what else stands in the world.
+    """
+    materials = "".join(
+        f'<material name="level{k}" {_glow(level)}/>' for k, level in enumerate(map(float, levels))
+    )
+    plates = "".join(
+        f'<geom type="box" size="{plate_px / 2} {2 * HEIGHT_PX} .25" '
+        f'pos="{(k + 0.5) * plate_px} 0 0" material="level{k}"/>'
+        for k in range(len(levels))
+    )
+    return f"""<mujoco><option timestep="1000"/>
+<visual><headlight active="0"/></visual><asset>{materials}</asset>
+<worldbody><camera name="eye" pos="0 0 9" {ORTHOGRAPHIC} fovy="{HEIGHT_PX}"/>
+<body name="wall" mocap="true">{plates}</body>{more}</worldbody></mujoco>"""
+
+
+def _glow(level: float) -> str:
+    """A material's emission. MuJoCo 3 reads no denormal number: a dark colour does the rest."""
+    if not 0.0 < level < float(np.finfo(np.float32).tiny):
+        return f'rgba="1 1 1 1" emission="{level!r}"'
+    # in the straight part of the sRGB curve
+    coded = repr(12.92 * 2.0**-40)
+    return f'rgba="{coded} {coded} {coded} 1" emission="{level * 2.0**40!r}"'
+
+
+def place(world: World, first_px: int) -> None:
+    """Move the wall: the picture's left column shows its column `first_px`."""
+    half_px = world.cameras[0].info.width / 2
+    world.data.mocap_pos[0] = (-half_px - first_px, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A wall that was filmed."""
+
+    film: Film
+    light: F64
+    """(ticks + 1, h, w) what each pixel sees at the end of each tick, by the plates' emissions"""
+    tick_us: int
+
+    @property
+    def wrong(self) -> float:
+        """Events too many or too few in a pixel, tick and polarity, over all."""
+        return miscounted(self.film.events, self.light, self.tick_us)
+
+    @property
+    def told(self) -> bool:
+        """Whether every pixel's events add up to its light at the end, within a threshold."""
+        return untold(self.film.events, self.light[0], self.light[-1]) < 1.0 + NEAR
+
+
+def watch(
+    mjcf: str,
+    ticks: int,
+    act: Callable[[int, World], None],
+    sensor: Mapping[str, Any] | None = None,
+    files: Mapping[str, bytes] | None = None,
+) -> Shown:
+    """Film any scene in ticks of 1 ms; what each pixel sees is what the renderer says.
+
+    In: act, as of film; what it moves before the first tick is moved in the reference already.
+    """
+    light: list[F64] = []
+
+    def note(tick: int, world: World) -> None:
+        if tick:
+            light.append(np.asarray(world.cameras[0].luminance, np.float64))
+        act(tick, world)
+
+    seen = film(mjcf, ticks / 1e3, {"sensor": dict(sensor or {})}, note, files=files)
+    return Shown(seen, np.array([light[0], *light]), 1000)
+
+
+def show(
+    levels: Sequence[float],
+    firsts: Sequence[int],
+    width_px: int,
+    plate_px: int = 1,
+    tables: Mapping[str, Any] | None = None,
+    more: str = "",
+    first: Callable[[World], None] | None = None,
+) -> Shown:
+    """Film a wall, whose column firsts[k] is the picture's left one in tick k + 1.
+
+    In: tables, of the pipeline; first, called with the world before anything is seen; the others
+    as of wall. The reference is firsts[0] too.
+    """
+    given = dict(tables or {})
+    given["sensor"] = {"width": width_px, "height": HEIGHT_PX, **given.get("sensor", {})}
+    tick_us = int(given.get("scene", {}).get("tick_us", 1000))
+
+    def act(tick: int, world: World) -> None:
+        if tick == 0 and first is not None:
+            first(world)
+        place(world, firsts[min(tick, len(firsts) - 1)])
+
+    seen = film(wall(levels, plate_px, more), len(firsts) * tick_us / 1e6, given, act)
+    columns = np.repeat(np.asarray(levels, np.float64), plate_px)
+    rows = np.array([columns[first : first + width_px] for first in (firsts[0], *firsts)])
+    light = np.repeat(rows[:, np.newaxis], HEIGHT_PX, 1)
+    return Shown(seen, light, tick_us)
+
+
+def flash(
+    levels: Sequence[float],
+    tables: Mapping[str, Any] | None = None,
+    first: Callable[[World], None] | None = None,
+) -> Shown:
+    """Film light that fills the picture, another in each tick."""
+    firsts = [place * FLASH_PX for place in range(len(levels))]
+    return show(levels, firsts, FLASH_PX, FLASH_PX, tables, first=first)

@@ -1,0 +1,88 @@
+"""`evs emulate` in a process of its own, short of something: what it says and leaves behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from evs.drivers.files import read
+from evs.msgs import Events, EvsError, empty_events
+
+PATIENCE_S = 120.0
+
+_CODE = """
+import resource, sys
+from evs.tools.stress.limits import address_space
+from evs.launch.main import main
+memory, file = int(sys.argv[1]), int(sys.argv[2])
+if file:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (file, file))
+if not memory:
+    sys.exit(main(sys.argv[3:]))
+with address_space(memory):
+    sys.exit(main(sys.argv[3:]))
+"""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A run of a child."""
+
+    code: int
+    """exit code"""
+    errors: tuple[str, ...]
+    """lines on stderr, those of warnings left out"""
+    warnings: tuple[str, ...]
+    report: dict[str, Any]
+    """its run report; empty where it has none"""
+    recorded: Events
+    """what is read back from its recording; empty where there is none"""
+
+
+def emulate(
+    folder: Path,
+    mjcf: str,
+    words: Sequence[str] = (),
+    *,
+    memory_bytes: int = 0,
+    file_bytes: int = 0,
+    environment: Mapping[str, str] | None = None,
+) -> Ended:
+    """`evs emulate` of this scene, recorded and reported into `folder`.
+
+    In: words, more arguments; memory_bytes, how much more than its program it may take, 0: any;
+    file_bytes, how large a file may be, 0: any: as on a full disk; environment, variables beside
+    this process's. Raises EvsError where it does not end, or its recording cannot be read.
+    """
+    scene, recording, report = (folder / name for name in ("s.xml", "run.aedat4", "report.json"))
+    scene.write_text(mjcf, encoding="utf-8")
+    command = [sys.executable, "-P", "-c", _CODE, str(memory_bytes), str(file_bytes), "emulate"]
+    command += ["--scene", str(scene), "--record", str(recording), "--report", str(report)]
+    search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
+    try:
+        ended = subprocess.run(
+            [*command, "--quiet", *words],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            env={**os.environ, "PYTHONPATH": search, **(environment or {})},
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise EvsError(f"a run did not end in {PATIENCE_S:g} s: try again when less runs") from None
+    lines = ended.stderr.splitlines()
+    warned = tuple(line for line in lines if line.startswith("evs: warning: "))
+    return Ended(
+        ended.returncode,
+        tuple(line for line in lines if line not in warned),
+        warned,
+        json.loads(report.read_text()) if report.is_file() else {},
+        read(recording) if recording.is_file() else empty_events(),
+    )

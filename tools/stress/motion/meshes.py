@@ -1,0 +1,165 @@
+"""Meshes that no modeller should make: triangles without an area, doubles, a sheet, no numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from evs.emulator import World
+from evs.emulator.base.scene import F32, I32
+from evs.emulator.world import MjModel, load_model
+from evs.msgs import EvsError
+from evs.tools.stress.extreme import Extreme, Outcome
+from evs.tools.stress.grid_target import Shown, watch
+from evs.tools.stress.motion.many import SOLID, mesh_file
+
+CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], "<f4")
+SIDES = np.array(
+    [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+)
+CUBE = np.concatenate([SIDES[:, [0, 1, 2]], SIDES[:, [0, 2, 3]]]).astype("<i4")
+
+
+MESH = 'type="mesh" mesh="cube"'
+THIN_M = 1e-6
+"""half the thickness of a box beside the sheet: thinner ones than 1e-7 of their distance have no
+side that float32 could tell"""
+
+MOST_APART = 1e-3
+"""share of the pixels: an eighth of them have an edge in them, and in one of a hundred of these a
+sample may be as near to it as float32 rounds"""
+
+NUMBERS = """<mujoco><asset><mesh name="cube" file="cube.msh" inertia="shell"/>
+<hfield name="hills" nrow="3" ncol="3" size="1 1 1 1" elevation="0 1 0 1 2 1 0 1 0"/></asset>
+<worldbody><camera pos="0 0 9"/><geom type="mesh" mesh="cube"/>
+<geom type="hfield" hfield="hills"/></worldbody></mujoco>"""
+
+
+def _spoilt(name: str, vertices: F32, faces: I32) -> tuple[F32, I32]:
+    """The same surface, made badly."""
+    if name == "no area":
+        # points, and edges there and back
+        points = np.repeat(np.arange(8, dtype="<i4")[:, None], 3, 1)
+        return vertices, np.concatenate([points, faces, faces[:, [0, 1, 0]], faces[:, [1, 2, 2]]])
+    if name == "doubles":
+        # every corner of every triangle is a vertex of its own, and every triangle is there twice
+        apart = np.arange(3 * len(faces), dtype="<i4").reshape(-1, 3)
+        return vertices[faces.ravel()], np.concatenate([apart, apart])
+    # vertices that no triangle uses, a long way off
+    return np.concatenate([vertices, vertices * np.float32(1e6)]), faces
+
+
+def _move(tick: int, world: World) -> None:
+    world.data.mocap_pos[0] = (0.02 * tick, 0.0, 0.0)
+
+
+def _apart(one: Shown, other: Shown) -> float:
+    """Share of the pixels whose light is another; of both films the events are those of ln(light).
+
+    MuJoCo puts a mesh into the frame of its inertia, in float32, so samples at an edge may change.
+    """
+    wrong = one.wrong + other.wrong + one.film.report.clamps
+    apart = np.abs(one.light - other.light) > 1e-4 * other.light.max()
+    return float(apart.mean()) if wrong == 0 else math.inf
+
+
+def _degenerate(short: bool) -> Outcome:
+    ticks, worst = 10 if short else 60, 0.0
+    said: list[str] = []
+    mjcf = SOLID.format('<mesh name="cube" file="cube.msh" inertia="shell"/>', MESH)
+    usual = watch(mjcf, ticks, _move, files={"cube.msh": mesh_file(CORNERS, CUBE)})
+    recovered = usual.told
+    for name in ("no area", "doubles", "unused"):
+        bad = {"cube.msh": mesh_file(*_spoilt(name, CORNERS, CUBE))}
+        shown = watch(mjcf, ticks, _move, files=bad)
+        worst, recovered = max(worst, _apart(shown, usual)), recovered and shown.told
+        said += [f"{name}: events {shown.film.report.events:,}", *shown.film.warnings]
+    said.append(f"as it should be: events {usual.film.report.events:,}")
+    return Outcome(worst, MOST_APART, "of the pixels", tuple(said), recovered)
+
+
+def _sheet(short: bool) -> Outcome:
+    ticks = 10 if short else 60
+    # no turn: a box's sides would be seen, a sheet has none
+    scene = SOLID.replace('quat=".9 .3 .2 .1"', "").replace(".4 .5 .6 1", ".05 .05 .05 1")
+    front = (CORNERS[[1, 5, 7, 3]] * (1, 1, 0)).astype("<f4")
+    files = {"cube.msh": mesh_file(front, np.array([[0, 1, 2], [0, 2, 3]], "<i4"))}
+    asset = '<mesh name="cube" file="cube.msh" inertia="shell"/>'
+    sheet = watch(scene.format(asset, MESH), ticks, _move, files=files)
+    box = watch(scene.format("", f'type="box" size="1 1 {THIN_M}"'), ticks, _move)
+    right = sheet.told and box.told and box.film.report.events > 50
+    said = (*sheet.film.warnings, f"events {sheet.film.report.events:,}")
+    return Outcome(_apart(sheet, box), MOST_APART, "of the pixels", said, right)
+
+
+def _no_numbers(short: bool) -> Outcome:
+    """Meshes, height fields and skins with NaN and infinite vertices: how many are let in."""
+    missed, said = 0, []
+    for number in ("nan",) if short else ("nan", "inf", "-inf"):
+        for what, spoil in SPOILS.items():
+            model = _model()
+            spoil(model, float(number))
+            try:
+                World(model)
+                missed += 1
+            except EvsError as refusal:
+                said.append(str(refusal))
+                missed += not (what in said[-1] and "give" in said[-1] and "\n" not in said[-1])
+    world = World(_model())
+    world.add_camera(sensor="ideal")
+    return Outcome(missed, 0, "meshes let in", tuple(said), len(world.step()) == 1)
+
+
+def _model() -> MjModel:
+    """A mesh, a height field and a skin that are as they should be."""
+    with TemporaryDirectory() as name:
+        (Path(name) / "cube.msh").write_bytes(mesh_file(CORNERS, CUBE))
+        scene = Path(name) / "scene.xml"
+        scene.write_text(NUMBERS, encoding="utf-8")
+        return load_model(scene)
+
+
+def _spoil_mesh(model: MjModel, number: float) -> None:
+    model.mesh_vert[3, 1] = number
+
+
+def _spoil_field(model: MjModel, number: float) -> None:
+    model.hfield_data[2] = number
+
+
+SPOILS: dict[str, Callable[[MjModel, float], None]] = {
+    "mesh 'cube'": _spoil_mesh,
+    "height field 'hills'": _spoil_field,
+}
+"""what is spoilt, as an error names it -> how"""
+
+EXTREMES = (
+    Extreme(
+        "degenerate-meshes",
+        "motion",
+        "a cube with triangles that are points and lines; with every triangle twice and every "
+        "corner six times; with vertices far off that nothing uses",
+        "the light of the cube but for samples that rounding puts beside an edge, under 1e-3 of "
+        "the pixels; the events are those of ln(light), one by one",
+        _degenerate,
+    ),
+    Extreme(
+        "flat-mesh",
+        "motion",
+        "a mesh without thickness beside a box of 2 um at 5 m",
+        "the same light but for samples that rounding puts beside an edge, under 1e-3 of the "
+        "pixels; the events are those of ln(light), one by one",
+        _sheet,
+    ),
+    Extreme(
+        "meshes-of-no-numbers",
+        "motion",
+        "NaN and infinite vertices of a mesh and heights of a height field",
+        "each is refused in one line that names it",
+        _no_numbers,
+    ),
+)

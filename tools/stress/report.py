@@ -1,0 +1,90 @@
+"""The table of extremes as Markdown, and its place in the page that tells of them."""
+
+from __future__ import annotations
+
+import math
+import re
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from evs.msgs import EvsError
+from evs.tools.stress.extreme import Tried
+
+BEGIN = "<!-- written by evs doctor --markdown from here -->"
+END = "<!-- to here -->"
+HEAD = "| | what is done | bound | measured | what a user sees |\n|---|---|---|---|---|"
+
+
+def measured(tried: Tried) -> str:
+    """What it came to beside the most that it may be: 0.263 thresholds, at most 1."""
+    if tried.outcome is None:
+        return f"broke down: {tried.error}"
+    found = tried.outcome
+    value = f"{_number(found.value)} {found.unit}".rstrip()
+    text = f"{value}, at most {_number(found.limit)}"
+    if found.recovered:
+        return text
+    return f"{text}, and the stream or what is said of it is not right afterwards"
+
+
+def table(every: Iterable[Tried]) -> str:
+    """One table for each group, in the order given; no newline at the end."""
+    parts: dict[str, list[str]] = {}
+    for tried in every:
+        extreme = tried.extreme
+        mark = "" if tried.holds else "**FAILS** "
+        said = "; ".join(tried.outcome.said) if tried.outcome is not None else ""
+        cells = (f"`{extreme.name}`", extreme.what, extreme.bound, mark + measured(tried), said)
+        row = " | ".join(_cell(cell) for cell in cells)
+        parts.setdefault(extreme.group, []).append(f"| {row} |")
+    return "\n\n".join(
+        f"### {group.capitalize()}\n\n" + "\n".join([HEAD, *rows]) for group, rows in parts.items()
+    )
+
+
+def write_table(path: str | Path, every: Iterable[Tried]) -> None:
+    """Write the table to a file: between BEGIN and END where it has them, else it is all of it.
+
+    Raises EvsError where the file cannot be written, or has one of the two only.
+    """
+    target = Path(path)
+    new = f"{BEGIN}\n\n{table(every)}\n\n{END}\n"
+    try:
+        if target.is_file():
+            old = target.read_text(encoding="utf-8")
+            if old.count(BEGIN) != 1 or old.count(END) != 1:
+                raise EvsError(f"{target} has no place for the table: give it a line {BEGIN} and a "
+                               f"line {END}, or name a new file")  # fmt: skip
+            before, after = old.split(BEGIN)[0], old.split(END + "\n")[-1]
+            new = before + new + after
+        target.write_text(new, encoding="utf-8")
+    except OSError as reason:
+        raise EvsError(f"cannot write '{target}': {reason.strerror}") from None
+
+
+def rows_of(text: str) -> Iterator[tuple[str, str, str, str]]:
+    """(group, name, what, bound) of each row of such tables."""
+    group = ""
+    for line in text.splitlines():
+        if line.startswith("### "):
+            group = line[4:].lower()
+        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)]
+        if len(cells) == 7 and cells[1].startswith("`"):
+            yield group, cells[1].strip("`"), plain(cells[2]), plain(cells[3])
+
+
+def plain(cell: str) -> str:
+    """The text of a cell."""
+    return cell.replace("\\|", "|")
+
+
+def _cell(text: str) -> str:
+    folder = re.escape(tempfile.gettempdir())
+    return re.sub(rf"{folder}/tmp\w+/", "", " ".join(text.split())).replace("|", "\\|")
+
+
+def _number(value: float) -> str:
+    if not math.isfinite(value):
+        return str(value)
+    return f"{value:,.0f}" if value == int(value) and abs(value) < 1e15 else f"{value:.3g}"

@@ -1,0 +1,144 @@
+"""A black curtain before a white wall, for the extremes of the sensor: light that is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.emulator import World
+from evs.emulator.base.scene import F32, F64
+from evs.emulator.config import SensorConfig
+from evs.emulator.sensor import SensorParameters, resolve_sensor
+from evs.emulator.sensor.pixel.fixed_pattern import draw_pattern
+from evs.msgs import Events
+from evs.tools.stress.capture import IDEAL, Act, Film, film
+
+WALL = """<mujoco><visual><headlight active="0"/></visual><worldbody>
+<light directional="true" castshadow="false" dir="0 1 0" diffuse="1 1 1" specular="0 0 0"/>
+<camera name="eye" pos="0 -3 0" xyaxes="1 0 0 0 0 1" fovy="45"/>
+<geom type="box" pos="0 1 0" size="90 .1 90" rgba="1 1 1 1"/>
+<body mocap="true" pos="0 9 0"><geom type="box" size="20 .1 20" rgba="0 0 0 1"/></body>
+</worldbody></mujoco>"""
+
+OPEN, SHUT = np.inf, -20.0
+"""where the curtain's left edge is, m: away, and over all that the camera sees"""
+
+I64 = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a camera made of the curtain."""
+
+    film: Film
+    sensor: SensorParameters
+    first: F32
+    """(h, w) luminance of the reference: the picture stood still for the first tick"""
+    last: F32
+    """(h, w) luminance at the end"""
+
+    def counts(self, events: Events | None = None) -> tuple[I64, I64]:
+        """ON and OFF events of each pixel, (h, w); of all events, or of these."""
+        shape = (self.sensor.height, self.sensor.width)
+        events = self.film.events if events is None else events
+        place = events["y"].astype(np.int64) * shape[1] + events["x"]
+        on, off = (
+            np.bincount(place[events["p"] == p], minlength=shape[0] * shape[1]).reshape(shape)
+            for p in (1, 0)
+        )
+        return on, off
+
+    def untold(self) -> float:
+        """Largest contrast that a pixel did not tell, in thresholds of its own.
+
+        What a pixel has told is its ON thresholds times ON events less the same of OFF. NaN where
+        no pixel fired. Without a refractory period and filters it is under 1 by the pixel's law: at
+        1 there would have been one more event.
+        """
+        on, off = self.counts()
+        if not (on.any() or off.any()):
+            return float("nan")
+        theta_on, theta_off = self._thresholds
+        change = log_of(self.last, self.sensor) - log_of(self.first, self.sensor)
+        rest = change - (on * theta_on - off * theta_off)
+        return float(np.where(rest > 0, rest / theta_on, -rest / theta_off).max() + 0.0)
+
+    def rounding(self) -> float:
+        """What two logarithms in float32 may add to that: each is right to a step of 2^-20."""
+        return 2.0**-19 / self.least_threshold()
+
+    def least_threshold(self) -> float:
+        """Of all pixels and both polarities, log units."""
+        return float(min(theta.min() for theta in self._thresholds))
+
+    @cached_property
+    def _thresholds(self) -> tuple[F64, F64]:
+        pattern = draw_pattern(self.sensor, self.film.world.cameras[0].info.seed)
+        return pattern.on.astype(np.float64), pattern.off.astype(np.float64)
+
+
+def log_of(luminance: F32, sensor: SensorParameters) -> F64:
+    """L_log of the map `linlog` in float64."""
+    dn = luminance.astype(np.float64) * sensor.exposure_dn + sensor.dark_dn
+    knee = sensor.linlog_dn
+    return np.where(dn >= knee, np.log(np.maximum(dn, knee)), np.log(knee) / knee * dn)
+
+
+def curtain(
+    left: Callable[[int], float],
+    ticks: int,
+    tables: Mapping[str, Any] | None = None,
+    mjcf: str = WALL,
+    watch: Act | None = None,
+) -> Shown:
+    """Draw the curtain in front of a camera. Raises EvsError as film does.
+
+    In: left, ticks done -> x of the curtain's left edge, m, OPEN or SHUT; it covers all on the
+    right of it, and the camera sees some 1.7 m to either side. `left(0)` holds until the end of the
+    first tick: that light is the reference. tables, of the pipeline; watch, called after each tick,
+    before the curtain moves.
+    """
+    told = {key: dict(value) if isinstance(value, Mapping) else value
+            for key, value in (tables or {}).items()}  # fmt: skip
+    render = {"spp": 1, **told.pop("render", {})}
+    first: list[F32] = []
+
+    def draw(tick: int, world: World) -> None:
+        if tick == 1:
+            first.append(world.cameras[0].luminance)
+        if watch is not None and tick:
+            watch(tick, world)
+        edge = left(tick)
+        world.data.mocap_pos[0] = (0, 9, 0) if edge == OPEN else (edge + 20, 0, 0)
+
+    tick_us = told.get("scene", {}).get("tick_us", 1000)
+    seen = film(mjcf, ticks * tick_us * 1e-6, {**told, "render": render}, draw)
+    camera = seen.world.cameras[0]
+    sensor = resolve_sensor(SensorConfig(**{**IDEAL, **_sensor(told)}))
+    return Shown(seen, sensor, first[0], camera.luminance)
+
+
+def _sensor(tables: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: v for k, v in tables.get("sensor", {}).items() if not isinstance(v, Mapping)}
+
+
+def swept(begin: int, length: int, tick: int) -> float:
+    """Where the curtain is that is drawn from ticks `begin` on and drawn back, `length` each."""
+    shut = min(tick - begin, begin + 2 * length - tick) / length
+    return OPEN if shut <= 0 else 2.0 - 4.0 * shut
+
+
+def sweep(length: int, still: int, sensor: Mapping[str, Any]) -> Shown:
+    """The curtain drawn and drawn back, `length` ticks each; `still` ticks. In: its [sensor]."""
+    return curtain(lambda tick: swept(1, length, tick), 1 + 2 * length + still, {"sensor": sensor})
+
+
+def said_of(shown: Shown) -> tuple[str, ...]:
+    """Its warnings, or how many events its report counts."""
+    report = shown.film.report
+    return shown.film.warnings or (f"{report.events:,} events, {report.events_dropped:,} dropped",)

@@ -1,0 +1,260 @@
+"""What a sweep varies: one axis at a time around each preset, never the full product."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from evs.drivers.run.config import PipelineConfig
+from evs.emulator.evsnet.families import families, members
+from evs.emulator.evsnet.network_files import network_names
+from evs.emulator.sensor import resolve_sensor
+from evs.msgs import EvsError, unknown
+from evs.tools.sweep.measured import FRAMES, OURS, PAPER, Setting
+from evs.tools.sweep.points import Point, point_of, preset_of, unique
+
+Changes = Mapping[str, Setting]
+Values = Sequence[tuple[str, Changes]]
+"""(in words, keys) of each value of an axis"""
+
+PATH_SPP = 2048
+"""the most that the axis goes to: the paper calls it noiseless"""
+DIRECT_SPP = (1, 2, 4, 8, 16)
+TICKS_US = (250, 500, 1000, 2000, 4000, 10000)
+SIZES = ((173, 130), (346, 260), (640, 480))
+CHUNKS = (1, 8, 32)
+THREADS = (1, 2, 4)
+FPS = (60, 100, 250, 500, 1000)
+NETWORKS = ("evsnet_c4", "evsnet_c8", "paper")
+FILTER_HZ = 300.0
+"""bandwidth with which the two filters are compared: v2e's own"""
+
+
+def renderer(base: PipelineConfig) -> Values:
+    """Each renderer with the samples that it takes by itself."""
+    del base
+    plain: Changes = {"render.seeds": "fixed", "render.antialiasing": "fixed"}
+    return [
+        ("raster 4", {**plain, "render.renderer": "raster", "render.spp": 4}),
+        ("direct 4", {**plain, "render.renderer": "direct", "render.spp": 4}),
+        ("path 16", {**plain, "render.renderer": "path", "render.spp": 16}),
+    ]
+
+
+def samples(base: PipelineConfig) -> Values:
+    """Samples a pixel: by powers of two with `direct`, by powers of four around it with `path`."""
+    render = base.render
+    if render.renderer == "path":
+        steps = [render.samples * 4**k for k in (-2, -1, 1, 2)]
+        wanted = sorted({min(PATH_SPP, step) for step in map(int, steps) if step >= 1})
+        return [(f"path {spp}", {"render.spp": spp}) for spp in wanted]
+    if render.renderer == "raster":
+        return [(f"raster {spp}", {"render.spp": spp}) for spp in (1, 4)]
+    every: Changes = {"render.antialiasing": "fixed"}
+    edges: Changes = {"render.antialiasing": "adaptive"}
+    return [
+        *((f"direct {spp}", {**every, "render.spp": spp}) for spp in DIRECT_SPP),
+        *((f"direct {spp} at edges", {**edges, "render.spp": spp}) for spp in (4, 16)),
+    ]
+
+
+def seeds(base: PipelineConfig) -> Values:
+    """Samples the same every tick, or new ones; `direct` has no noise that could be fresh."""
+    if base.render.renderer != "path":
+        return []
+    return [(name, {"render.seeds": name}) for name in ("fixed", "fresh")]
+
+
+def model(base: PipelineConfig) -> Values:
+    """What makes events of light."""
+    del base
+    return [
+        ("plain", {"model.name": "plain", "model.chunk": 1}),
+        ("adaptive", {"model.name": "adaptive", "model.chunk": 1}),
+        ("evsnet", {"model.name": "evsnet", "model.network": "evsnet_c8", "model.chunk": 8}),
+    ]
+
+
+def network(base: PipelineConfig) -> Values:
+    """Networks of several widths on fresh noise, for which they were trained."""
+    if base.render.renderer != "path":
+        return []
+    shipped = network_names()
+    there = [
+        name
+        for name in NETWORKS
+        if name in shipped or (name in families(shipped) and members(name, shipped))
+    ]
+    noisy: Changes = {"render.seeds": "fresh", "model.name": "evsnet", "model.chunk": 8}
+    return [(f"{name}, fresh", {**noisy, "model.network": name}) for name in there]
+
+
+def chunk(base: PipelineConfig) -> Values:
+    """Ticks that the network takes at once: the same events, later and faster."""
+    del base
+    evsnet: Changes = {"model.name": "evsnet", "model.network": "evsnet_c8"}
+    return [
+        (f"{ticks} tick{'s' * (ticks > 1)}", {**evsnet, "model.chunk": ticks}) for ticks in CHUNKS
+    ]
+
+
+def tick(base: PipelineConfig) -> Values:
+    """Length of a tick. Networks are for ticks of 1 ms, so a preset with one has none."""
+    if base.model.name == "evsnet":
+        return []
+    return [(f"{tick_us / 1000:g} ms", {"scene.tick_us": tick_us}) for tick_us in TICKS_US]
+
+
+def resolution(base: PipelineConfig) -> Values:
+    """Pixels of the sensor; the field of view stays."""
+    now = resolve_sensor(base.sensor)
+    return [
+        (f"{width} x {height}", {"sensor.width": width, "sensor.height": height})
+        for width, height in SIZES
+        if (width, height) != (now.width, now.height)
+    ]
+
+
+def precision(base: PipelineConfig) -> Values:
+    """What rounds or approximates: the pixel's filter, the network's runtime.
+
+    Light and networks are of 32-bit floats throughout and there is no other number format to choose
+    (bf16 cost 8 % EMD, so there is none): what remains are an exact and an Euler step of the low
+    pass, with a bandwidth that lets it matter, and the network's own kernel and onnxruntime, whose
+    sums run in another order. Light of 8 bits is on the axis of the peers that have it.
+    """
+    found: list[tuple[str, Changes]] = []
+    if base.model.name != "evsnet":
+        low: Changes = {"sensor.cutoff_hz": FILTER_HZ, "sensor.follower_hz": 0.0}
+        found = [
+            (f"{name} filter, {FILTER_HZ:g} Hz", {**low, "sensor.filter": name})
+            for name in ("exact", "euler")
+        ]
+    if base.render.renderer == "path":
+        evsnet: Changes = {
+            "model.name": "evsnet", "model.network": "evsnet_c8", "model.chunk": 8
+        }  # fmt: skip
+        found += [
+            (f"evsnet {name}", {**evsnet, "model.runtime": name})
+            for name in ("native", "onnxruntime")
+        ]
+    return found
+
+
+def threads(base: PipelineConfig) -> Values:
+    """Worker threads; the same bytes."""
+    del base
+    return [(f"{n} thread{'s' * (n > 1)}", {"threads": n}) for n in THREADS]
+
+
+def ahead(base: PipelineConfig) -> Values:
+    """Light of the next ticks made beside this one's events, or one after the other."""
+    del base
+    return [(f"{ticks} tick{'s' * (ticks != 1)}", {"ahead": ticks}) for ticks in (0, 2)]
+
+
+def incremental(base: PipelineConfig) -> Values:
+    """Only what moved is traced again, or everything; the same bytes."""
+    if base.render.renderer == "raster":
+        return []
+    return [("on", {"render.incremental": True}), ("off", {"render.incremental": False})]
+
+
+def frames(base: PipelineConfig) -> Values:
+    """The way of v2e and ESIM: pictures first, events from pictures (tools/sweep/peers.py)."""
+    del base
+    plain: Changes = {"model.name": "plain", "model.chunk": 1}
+    found: list[tuple[str, Changes]] = [
+        (f"{way}, {fps} FPS", {**plain, "scene.tick_us": round(1e6 / fps)})
+        for way in ("ESIM", "v2e")
+        for fps in FPS
+    ]
+    every_ms: Changes = {**plain, "scene.tick_us": 1000}
+    return [*found, ("v2e, 1000 FPS, 8 bit", every_ms), ("v2e, 1000 FPS, 8 bit sRGB", every_ms)]
+
+
+def paper(base: PipelineConfig) -> Values:
+    """A pipeline as the paper's: 64 samples, new noise every tick, its network that looks ahead."""
+    del base
+    return [
+        (
+            "64 spp fresh, its network",
+            {
+                "render.renderer": "path",
+                "render.spp": 64,
+                "render.seeds": "fresh",
+                "render.antialiasing": "fixed",
+                "model.name": "evsnet",
+                "model.network": "paper",
+                "model.chunk": 8,
+                "scene.tick_us": 1000,
+            },
+        )
+    ]
+
+
+AXES: dict[str, Callable[[PipelineConfig], Values]] = {
+    "renderer": renderer,
+    "samples": samples,
+    "seeds": seeds,
+    "model": model,
+    "network": network,
+    "chunk": chunk,
+    "tick": tick,
+    "resolution": resolution,
+    "precision": precision,
+    "threads": threads,
+    "ahead": ahead,
+    "incremental": incremental,
+    "frames": frames,
+    "paper": paper,
+}
+"""axis -> its values around a preset; none: it does not apply there"""
+
+KINDS = {"frames": FRAMES, "paper": PAPER}
+"""axes that are other people's way"""
+
+DEFAULT: dict[str, tuple[str, ...]] = {
+    "fast": ("renderer", "samples", "model", "tick", "resolution", "threads", "ahead",
+             "incremental"),
+    "balanced": ("samples", "seeds", "model", "network", "chunk", "tick", "precision",
+                 "incremental"),
+    "accurate": ("samples", "seeds", "model", "frames", "paper"),
+    "reference": ("samples",),
+}  # fmt: skip
+"""Preset -> axes of a sweep that is told nothing else: each where it says most for its time."""
+
+QUICK: dict[str, tuple[str, ...]] = {
+    "fast": ("samples", "tick"),
+    "balanced": ("seeds",),
+}
+"""The same of `--quick`."""
+
+
+def points(presets: Sequence[str], axes: Sequence[str] = (), *, quick: bool = False) -> list[Point]:
+    """The points of a sweep, each preset first, then its axes.
+
+    In: axes, around every preset; none: those of the table. Raises EvsError: an axis or preset that
+    does not exist, or twice; nothing of the axes applies.
+    """
+    for what, names in (("preset", presets), ("axis", axes)):
+        if len(set(names)) < len(names):
+            raise EvsError(f"a {what} stands twice in {', '.join(names)}; give each once")
+    if not presets:
+        raise EvsError(f"no preset is asked for; give for example {', '.join(DEFAULT)}")
+    for name in axes:
+        if name not in AXES:
+            raise unknown("axis", name, AXES)
+    found: list[Point] = []
+    for preset in presets:
+        base = preset_of(preset)
+        found.append(Point(preset))
+        table = QUICK if quick else DEFAULT
+        for axis in axes or table.get(preset, ("samples", "tick") if not quick else ()):
+            kind = KINDS.get(axis, OURS)
+            for value, changes in AXES[axis](base):
+                found.append(point_of(preset, axis, value, changes, kind))
+    if axes and not any(one.axis for one in unique(found)):
+        raise EvsError(
+            f"no value of {', '.join(axes)} differs from {', '.join(presets)}; give another axis"
+        )
+    return unique(found)

@@ -1,0 +1,246 @@
+"""How far the events of a point are from those of converged light, on one scene and camera motion.
+
+The definitions are those of `evs evaluate`: sampled pixels, events of converged light in two halves
+as the reference, a sensor without noise. Nothing here is timed, so any machine will do.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from evs.drivers.run.config import PipelineConfig
+from evs.emulator.base.scene import F32
+from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
+from evs.emulator.sensor import resolve_sensor
+from evs.msgs import Events, EvsError
+from evs.tools.evaluation.cache import LightCache
+from evs.tools.evaluation.digest import digest
+from evs.tools.evaluation.evaluate import WARM, stands_still
+from evs.tools.evaluation.light import HALF_SEEDS
+from evs.tools.evaluation.measure import Mask, Measures, measure
+from evs.tools.evaluation.scene_setup import Stage
+from evs.tools.evaluation.take import TICK_US, Take, film
+from evs.tools.sweep.light import Lights, Moved
+from evs.tools.sweep.measured import FRAMES, Error
+from evs.tools.sweep.peers import way_of
+from evs.tools.sweep.pixels import (
+    check_tick,
+    contender,
+    events_of,
+    judged_sensor,
+    network_events,
+)
+from evs.tools.sweep.points import Point, preset_of
+
+FINE_US = 250
+"""what the physics of every error is stepped by, and its shortest tick"""
+SETTLE_TICKS = 24
+"""ms at the start that are not measured, in which running means and windows settle"""
+AHEAD_TICKS = 24
+"""ms of light after the last one measured: networks look ahead, a frame may end late"""
+PATCH_PX = 4
+"""the least: an error has no value of the patch"""
+MAX_SPP = 4096
+
+
+@dataclass(frozen=True)
+class ErrorSettings:
+    """What errors are measured on. Raises EvsError for values without sense."""
+
+    pixels: int = 1024
+    """spread over the picture"""
+    ticks: int = 200
+    """ms of a take; all but the first 24 are measured"""
+    reference_spp: int = 1024
+    """of converged light, two halves together"""
+    seed: int = 0
+    """controls and pixels follow from it"""
+
+    def __post_init__(self) -> None:
+        if not SETTLE_TICKS + 2 <= self.ticks <= 10_000:
+            raise EvsError(f"{self.ticks} ticks are asked for; give {SETTLE_TICKS + 2} ... 10,000")
+        if not 1 <= self.pixels <= 16384:
+            raise EvsError(f"{self.pixels} pixels are asked for; give 1 ... 16384")
+        if not 2 <= self.reference_spp <= 2 * MAX_SPP or self.reference_spp % 2:
+            raise EvsError(
+                f"the reference of {self.reference_spp} spp has no two halves; "
+                f"give an even number, 2 ... {2 * MAX_SPP}"
+            )
+
+    @property
+    def begin_us(self) -> int:
+        """Events after it are measured."""
+        return TICK_US * (SETTLE_TICKS - 1)
+
+    @property
+    def end_us(self) -> int:
+        """Up to here."""
+        return TICK_US * (self.ticks - 1)
+
+
+@dataclass(frozen=True)
+class _Reference:
+    """Events of converged light."""
+
+    events: Events
+    still: Mask
+    own: Measures
+    """of one half against the other"""
+
+
+@dataclass
+class Judge:
+    """Measures points on one scene under one camera motion."""
+
+    stage: Stage
+    motion: str
+    settings: ErrorSettings
+    cache: LightCache
+    threads: int = 0
+    moved: Moved = lambda _samples: None
+    lit: RenderConfig = field(default_factory=RenderConfig)
+    """what lights the scene, for the reference too: headlight, shadows, fog, haze, units"""
+    _lights: dict[tuple[int, int], Lights] = field(default_factory=dict)
+    _references: dict[str, _Reference] = field(default_factory=dict)
+    _found: dict[str, Error] = field(default_factory=dict)
+
+    def error(self, point: Point) -> Error:
+        """Its error. Raises EvsError where it cannot be measured, as without its renderer."""
+        config = point.config
+        check_tick(config.model, config.scene.tick_us)
+        sensor = judged_sensor(config.sensor, preset_of(point.preset).sensor)
+        lights = self._of(size_of(config.sensor))
+        key = digest(
+            (
+                lights.take.camera.width,
+                lights.plain(config.render),
+                dataclasses.replace(config.model, chunk=1, labels=False),
+                sensor,
+                config.scene.tick_us,
+                point.value if point.kind == FRAMES else "",
+            )
+        )
+        if key not in self._found:
+            reference = self._reference(lights, sensor)
+            events = self._events(point, config, lights, sensor)
+            measures = self._measure(events, reference.events, lights.take, reference.still)
+            self._found[key] = error_of(measures, reference.own)
+        return self._found[key]
+
+    def _of(self, size: tuple[int, int]) -> Lights:
+        """The take of that size. Its motion is that of every other."""
+        if size not in self._lights:
+            told = self.settings
+            fine = TICK_US // FINE_US
+            take = film(
+                self.stage,
+                self.motion,
+                fine * (told.ticks + AHEAD_TICKS),
+                sampled=min(told.pixels, size[0] * size[1]),
+                patch_px=min(PATCH_PX, *size),
+                size=size,
+                seed=told.seed,
+                look_ticks=fine * told.ticks,
+                tick_us=FINE_US,
+            )
+            self._lights[size] = Lights(take, self.cache, self.threads, self.moved)
+        return self._lights[size]
+
+    def _reference(self, lights: Lights, sensor: SensorConfig) -> _Reference:
+        """Of this take, seen through the low pass of `sensor`, stepped exactly, every ms."""
+        sensor = dataclasses.replace(sensor, filter="exact")
+        key = digest((lights.take.camera.width, sensor))
+        if key not in self._references:
+            half = dataclasses.replace(
+                self.lit,
+                renderer="path",
+                spp=self.settings.reference_spp // 2,
+                seeds="fixed",
+                antialiasing="fixed",
+                sampler=RenderConfig.sampler,
+            )
+            every_ms = instants(TICK_US, self.settings.end_us)
+            one, two = (lights.at(half, every_ms, seed) for seed in HALF_SEEDS)
+            converged: F32 = (one + two) * np.float32(0.5)
+            still = stands_still(converged)
+            found = [
+                events_of(light, times_of(every_ms), ModelConfig(), sensor)
+                for light in (one, two, converged)
+            ]
+            own = self._measure(found[1], found[0], lights.take, still)
+            self._references[key] = _Reference(found[2], still, own)
+        return self._references[key]
+
+    def _events(
+        self, point: Point, config: PipelineConfig, lights: Lights, sensor: SensorConfig
+    ) -> Events:
+        render, model, tick_us = config.render, config.model, config.scene.tick_us
+        end_us = self.settings.end_us
+        if model.name != "evsnet":
+            shots = instants(tick_us, end_us)
+            way = way_of(point.value) if point.kind == FRAMES else None
+            return events_of(lights.at(render, shots), times_of(shots), model, sensor, way)
+        late = contender(model, render.noisy_samples).latency_ticks
+        light = lights.at(render, instants(tick_us, end_us + late * TICK_US))
+        warm = None
+        if render.seeds == "fresh":
+            before = dataclasses.replace(lights.take, tick_us=TICK_US).before(WARM)
+            earlier = Lights(before, self.cache, self.threads, self.moved)
+            warm = earlier.at(render, range(WARM))
+        return network_events(light, model, render.noisy_samples, warm)
+
+    def _measure(self, events: Events, of: Events, take: Take, still: Mask) -> Measures:
+        begin_us, end_us = self.settings.begin_us, self.settings.end_us
+        return measure(events, of, take, still, begin_us, end_us)
+
+
+def instants(tick_us: int, end_us: int) -> list[int]:
+    """The shots, FINE_US apart, that a run with such ticks sees until it has reached end_us.
+
+    The nearest ones where a tick is no multiple of FINE_US, as with 60 frames a second.
+    """
+    if tick_us < FINE_US:
+        raise EvsError(f"a tick of {tick_us} us: errors are measured from {FINE_US} us on")
+    ticks = -(-end_us // tick_us)
+    found = [round(tick * tick_us / FINE_US) for tick in range(ticks + 1)]
+    # rounding to the nearest may have stopped short of the end
+    while found[-1] * FINE_US < end_us:
+        found.append(round((len(found)) * tick_us / FINE_US))
+    return found
+
+
+def times_of(shots: list[int]) -> list[int]:
+    """Of each shot, us."""
+    return [FINE_US * shot for shot in shots]
+
+
+def size_of(sensor: SensorConfig) -> tuple[int, int]:
+    """Width and height, px."""
+    found = resolve_sensor(sensor)
+    return int(found.width), int(found.height)
+
+
+def error_of(found: Measures, own: Measures) -> Error:
+    """Shares and rates of the sums. In: own, of one half of the reference against the other."""
+    wanted = found.reference_on + found.reference_off
+    events = found.on + found.off
+    return Error(
+        emd=found.emd,
+        emd_reference=own.emd,
+        recall=_ratio(found.pairs, wanted),
+        precision=_ratio(found.pairs, events),
+        spurious_hz=(events - found.pairs) / (found.pixels * found.seconds),
+        count_ratio_on=_ratio(found.on, found.reference_on),
+        count_ratio_off=_ratio(found.off, found.reference_off),
+        delay_ms=1e-3 * found.delay_us,
+        timing_ms=1e-3 * found.timing_us,
+        recall_reference=_ratio(own.pairs, own.reference_on + own.reference_off),
+    )
+
+
+def _ratio(part: int, whole: int) -> float:
+    return part / whole if whole else math.nan

@@ -1,0 +1,99 @@
+"""Events of a row of pixels, at any tick, by any event model of a pipeline."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from evs.emulator.base.scene import F32
+from evs.emulator.camera.event_models import make_event_model
+from evs.emulator.config import ModelConfig, SensorConfig
+from evs.emulator.evsnet.families import families
+from evs.emulator.evsnet.network_files import load_network, network_names
+from evs.emulator.sensor import SensorParameters, resolve_sensor
+from evs.msgs import Events, EvsError, join_events
+from evs.tools.evaluation import models
+from evs.tools.evaluation.take import TICK_US
+from evs.tools.sweep.peers import Way, between, coded
+
+LOW_PASS = ("cutoff_hz", "filter", "follower_hz")
+"""what of a point's sensor its error is measured with, and the reference's with the exact filter"""
+
+
+def judged_sensor(asked: SensorConfig, preset: SensorConfig) -> SensorConfig:
+    """The sensor that errors are measured with: ideal, but for the low pass where a point sets one.
+
+    Noise is no error of the light, so errors have none.
+    """
+    changed = {k: getattr(asked, k) for k in LOW_PASS if getattr(asked, k) != getattr(preset, k)}
+    return dataclasses.replace(models.SENSOR, **changed)
+
+
+def row_of(sensor: SensorConfig, pixels: int) -> SensorParameters:
+    """Its parameters with so many pixels, in tiles of 4 x 4 as evaluation.models lays them."""
+    size = models.sensor_of(pixels)
+    return dataclasses.replace(resolve_sensor(sensor), width=size.width, height=size.height)
+
+
+def contender(model: ModelConfig, noisy_samples: int) -> models.Contender:
+    """The network of a pipeline, of a family the member for light of so many samples."""
+    how = models.Running(0, model.runtime, model.provider)
+    shipped = network_names()
+    if model.network in shipped or model.network in families(shipped):
+        return models.contenders([model.network], None, how)[0][0].at(noisy_samples)
+    return models.network(load_network(model.network), how)
+
+
+def events_of(
+    light: F32,
+    times_us: Sequence[int],
+    model: ModelConfig,
+    sensor: SensorConfig,
+    way: Way | None = None,
+) -> Events:
+    """(m,) events, x the number of the pixel and y 0, of an event pixel.
+
+    In: light (k, n) at times_us; the first only sets the reference. way: frames of a peer.
+    """
+    if way is not None:
+        light = coded(light, way.code)
+    row = row_of(sensor, light.shape[1])
+    pixel = make_event_model(row, model)
+    frames = models.frames_of(light)
+    state = pixel.init(0)
+    parts: list[Events] = []
+    before, before_us = frames[0], times_us[0]
+    some, state = pixel.step(before, state, before_us - 1, before_us)
+    for frame, t_us in zip(frames[1:], times_us[1:], strict=True):
+        steps = [(t_us, frame)]
+        if way is not None and way.upsampled:
+            steps = between(before, frame, before_us, t_us)
+        begin_us = before_us
+        for end_us, shown in steps:
+            some, state = pixel.step(np.ascontiguousarray(shown), state, begin_us, end_us)
+            parts.append(some)
+            begin_us = end_us
+        before, before_us = frame, t_us
+    return models.numbered(join_events(parts))
+
+
+def network_events(
+    light: F32, model: ModelConfig, noisy_samples: int, warm: F32 | None = None
+) -> Events:
+    """The same of a network, as `evs evaluate` runs it: ticks of 1 ms, its latency taken off.
+
+    In: light (ticks + latency, n); warm, what stood still before, with fresh noise.
+    """
+    chosen = contender(model, noisy_samples)
+    return models.run(chosen, light, warm).events
+
+
+def check_tick(model: ModelConfig, tick_us: int) -> None:
+    """Networks are trained for ticks of 1 ms. Raises EvsError."""
+    if model.name == "evsnet" and tick_us != TICK_US:
+        raise EvsError(
+            f"networks are for ticks of {TICK_US} us, not {tick_us}: take model.name=plain or "
+            "adaptive"
+        )

@@ -1,0 +1,167 @@
+"""The file of a sweep: a line of JSON each, first what was swept, then every record as it is done.
+
+A line is written at once and brought to the disk, so a sweep that ends early keeps what it has, and
+the same command goes on behind it. A last line that is torn is left out, and written over.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from evs.drivers.run.report import write_whole
+from evs.msgs import EvsError
+from evs.tools.sweep.measured import Measured, merged
+
+KEY = "sweep"
+"""of the first line"""
+
+SHAPING = ("evs", "mujoco")
+"""whose versions all records of a file have in common"""
+
+
+@dataclass(frozen=True)
+class Header:
+    """The first line: what makes records comparable, and with what they were measured."""
+
+    settings: Mapping[str, Any]
+    """of errors and speeds, without scenes, presets and axes: any of these may come to one file"""
+    about: Mapping[str, Any]
+    """machine, versions, yardstick, command"""
+
+    def to_json(self) -> str:
+        """One line."""
+        return json.dumps({KEY: {"settings": self.settings, "about": self.about}})
+
+
+class Store:
+    """A sweep's records on disk. Raises EvsError: not readable, or of another sweep."""
+
+    def __init__(self, path: Path, header: Header) -> None:
+        """Open it, or begin it."""
+        self.path = path
+        self._lines: list[Measured] = []
+        if path.exists() and path.stat().st_size:
+            found, self._lines, whole = _read(path)
+            self._check(found, header)
+            self.header = found
+            if whole < path.stat().st_size:
+                _cut(path, whole)
+        else:
+            self.header = header
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as reason:
+                raise self._cannot(reason) from None
+            self._append(header.to_json())
+
+    @property
+    def records(self) -> list[Measured]:
+        """Every point once, speed and error together."""
+        return merged(self._lines)
+
+    def add(self, record: Measured) -> None:
+        """Append it; it is on the disk when this returns."""
+        self._append(record.to_json())
+        self._lines.append(record)
+
+    def begin_timings(self, about: Mapping[str, Any]) -> None:
+        """Timings come next, on this machine; before the first the file is told which that is.
+
+        Raises EvsError where it holds timings of another one.
+        """
+        there, here = self.header.about.get("machine"), about.get("machine")
+        if there == here:
+            return
+        if any(one.speed is not None for one in self._lines):
+            raise EvsError(
+                f"the timings of '{self.path}' are of another machine ({there}; here: {here}): "
+                "give another --json"
+            )
+        self.header = Header(self.header.settings, dict(about))
+        lines = [self.header.to_json(), *(one.to_json() for one in self._lines)]
+        write_whole("".join(f"{line}\n" for line in lines), self.path)
+
+    def _append(self, line: str) -> None:
+        try:
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(line + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as reason:
+            raise self._cannot(reason) from None
+
+    def _cannot(self, reason: OSError) -> EvsError:
+        return EvsError(
+            f"cannot write '{self.path}': {reason.strerror}; what it holds is kept: make room, or "
+            "give another --json"
+        )
+
+    def _check(self, found: Header, wanted: Header) -> None:
+        """Records of other settings cannot stand beside these."""
+        differing = [
+            f"{name} {found.settings.get(name)} there, {value} here"
+            for name, value in wanted.settings.items()
+            if found.settings.get(name) != value
+        ]
+        there, here = (about.get("versions") or {} for about in (found.about, wanted.about))
+        differing += [
+            f"{name} {there.get(name)} there, {here.get(name)} here"
+            for name in SHAPING
+            if there.get(name) != here.get(name)
+        ]
+        if differing:
+            raise EvsError(
+                f"'{self.path}' is of another sweep ({'; '.join(differing)}): give another --json, "
+                "or what it was begun with"
+            )
+
+
+def read_sweep(path: Path) -> tuple[Header, list[Measured]]:
+    """What a sweep's file holds, every point once. Raises EvsError."""
+    header, lines, _ = _read(path)
+    return header, merged(lines)
+
+
+def _read(path: Path) -> tuple[Header, list[Measured], int]:
+    """(header, records line by line, bytes of all whole lines)."""
+    try:
+        data = path.read_bytes()
+    except OSError as reason:
+        raise EvsError(f"cannot read '{path}': {reason.strerror}") from None
+    lines = list(_whole_lines(data))
+    header = _header(lines[0]) if lines else None
+    if header is None:
+        raise EvsError(f"'{path}' is no file of a sweep; give another --json")
+    records = []
+    for number, line in enumerate(lines[1:], 2):
+        try:
+            records.append(Measured.from_json(line))
+        except EvsError as error:
+            raise EvsError(f"'{path}', line {number}: {error}") from None
+    return header, records, data.rfind(b"\n") + 1
+
+
+def _whole_lines(data: bytes) -> Iterator[str]:
+    for line in data.split(b"\n")[:-1]:
+        yield line.decode("utf-8", errors="replace")
+
+
+def _header(line: str) -> Header | None:
+    try:
+        told = json.loads(line)[KEY]
+        return Header(dict(told["settings"]), dict(told["about"]))
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
+def _cut(path: Path, size: int) -> None:
+    """Leave out a torn last line."""
+    try:
+        os.truncate(path, size)
+    except OSError as reason:
+        raise EvsError(f"cannot mend '{path}': {reason.strerror}; give another --json") from None

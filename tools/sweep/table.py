@@ -1,0 +1,223 @@
+"""A sweep in words: per scene the presets, then each axis around them, then how others do it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from evs.drivers.run.shipped import PRESETS
+from evs.tools.sweep.choose import choose, told
+from evs.tools.sweep.front import DEFAULT, FIGURES, Figure, cases, front, spots, unmatched
+from evs.tools.sweep.measured import OURS, STAGES, Error, Interval, Measured, Speed
+
+
+@dataclass(frozen=True)
+class About:
+    """What holds for all records of a sweep."""
+
+    command: str = ""
+    """the command line that made it"""
+    machine: str = ""
+    """processor, cores, instruction set"""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    yardstick: str = ""
+    """what the wall clock is told in multiples of"""
+    reference: str = ""
+    """what errors are against"""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One value of a row."""
+
+    heading: str
+    cell: Callable[[Measured], str]
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number of so many digits; a dash: not defined."""
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.{digits}g}" if abs(value) < 10**digits else f"{value:,.0f}"
+
+
+def with_interval(value: Interval) -> str:
+    """A median and its interval, which one repeat does not have."""
+    if not (math.isfinite(value.low) and math.isfinite(value.high)):
+        return number(value.median)
+    return f"{number(value.median)} [{number(value.low)}, {number(value.high)}]"
+
+
+def _speed(of: Callable[[Speed], str]) -> Callable[[Measured], str]:
+    return lambda record: "-" if record.speed is None else of(record.speed)
+
+
+def _error(of: Callable[[Error], float]) -> Callable[[Measured], str]:
+    return lambda record: "-" if record.error is None else number(of(record.error))
+
+
+def _stages(speed: Speed) -> str:
+    known = [speed.stage_ms.get(name) for name in STAGES]
+    return " / ".join("-" if one is None else number(one.median, 2) for one in known)
+
+
+COLUMNS = (
+    Column("real-time factor", _speed(lambda s: with_interval(s.real_time_factor))),
+    Column("CPU s per s", _speed(lambda s: with_interval(s.cpu_s_per_s))),
+    Column("yardsticks a tick", _speed(lambda s: with_interval(s.yardstick_ratio))),
+    Column("ms a tick: " + " / ".join(STAGES), _speed(_stages)),
+    Column("rays a tick", _speed(lambda s: number(s.rays_per_tick))),
+    Column("unmatched", _error(lambda e: unmatched(e.recall, e.precision))),
+    Column("EMD", _error(lambda e: e.emd)),
+    Column("recall", _error(lambda e: e.recall)),
+    Column("precision", _error(lambda e: e.precision)),
+    Column("spurious Hz", _error(lambda e: e.spurious_hz)),
+    Column("ON", _error(lambda e: e.count_ratio_on)),
+    Column("OFF", _error(lambda e: e.count_ratio_off)),
+    Column("delay ms", _error(lambda e: e.delay_ms)),
+    Column("timing ms", _error(lambda e: e.timing_ms)),
+)
+
+MEANS = """\
+Speed: the whole run, simulation to recorder, median of the repeats and its 95 % confidence
+interval. unmatched: of all events, those of the row and those of the reference, the share without a
+partner on its pixel within 3 ms (1 - F1): silence has 1. EMD: events a pixel, which alone would
+reward silence. spurious: events without a partner, per pixel and s. ON, OFF: events for each of the
+reference. ● on the front: no other row with the same sensor is both faster and less unmatched."""
+
+
+SHORT = "Real-time factor, unmatched, EMD:"
+
+
+def markdown(records: Iterable[Measured], about: About | None = None) -> str:
+    """All of it. In: records, of points each once (`merged`); about, of all of them."""
+    every = list(records)
+    lines = [
+        *_about(about or About()),
+        MEANS,
+        "",
+        "## Presets",
+        "",
+        SHORT,
+        "",
+        *overview(every),
+        "",
+    ]
+    if others := peers(every):
+        lines += ["## How others do it", "", *others, ""]
+    for (scene, camera), here in cases(every).items():
+        lines += [f"## {scene}, camera {camera}", "", own_error(here), "", *case_table(here), ""]
+    lines += ["## What each preset should be", "", *("    " + line for line in
+              told(choose(every)).splitlines())]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def _about(about: About) -> list[str]:
+    lines = [f"    {about.command}", ""] if about.command else []
+    versions = ", ".join(f"{name} {version}" for name, version in about.versions.items())
+    facts = (
+        ("Machine", about.machine),
+        ("Versions", versions),
+        ("Yardstick", about.yardstick),
+        ("Reference", about.reference),
+    )
+    lines += [f"{name}: {words}." for name, words in facts if words]
+    return [*lines, ""] if lines else []
+
+
+def overview(records: Sequence[Measured], figure: Figure = DEFAULT) -> list[str]:
+    """Lines of Markdown: a row for each scene and camera, a column for each preset.
+
+    Real-time factor, unmatched, EMD of each; the table in docs/explanation/sweep.md.
+    """
+    ours = sorted((r for r in records if r.kind == OURS and not r.axis), key=_preset_rank)
+    return _short(ours, [(r.preset, r) for r in ours], "the reference's own", figure)
+
+
+def peers(records: Sequence[Measured], figure: Figure = DEFAULT) -> list[str]:
+    """The same of other people's ways; none where none was measured."""
+    others = [r for r in records if r.kind != OURS]
+    # on the light of one preset its name says nothing
+    several = len({r.preset for r in others}) > 1
+    named = [(f"{r.preset}, {r.value}" if several else r.value, r) for r in others]
+    return _short(others, named, "", figure)
+
+
+def _short(
+    records: Sequence[Measured],
+    named: Sequence[tuple[str, Measured]],
+    own: str,
+    figure: Figure,
+) -> list[str]:
+    columns = list(dict.fromkeys(name for name, _ in named))
+    if not columns:
+        return []
+    headings = ["scene", "camera", *columns, *([own] if own else [])]
+    lines = ["| " + " | ".join(headings) + " |", "|" + "---|" * len(headings)]
+    for (scene, camera), here in cases(records).items():
+        cells = {
+            name: _in_short(r, figure)
+            for name, r in named
+            if (r.scene, r.camera) == (scene, camera)
+        }
+        row = [scene, camera, *(cells.get(name, "-") for name in columns)]
+        if own:
+            row.append(", ".join(number(value, 2) for value in own_values(here)) or "-")
+        lines.append("| " + " | ".join(row) + " |")
+    return lines
+
+
+def _preset_rank(record: Measured) -> tuple[int, str]:
+    return _rank(record.preset)
+
+
+def _rank(preset: str) -> tuple[int, str]:
+    return (PRESETS.index(preset) if preset in PRESETS else len(PRESETS), preset)
+
+
+def _in_short(record: Measured, figure: Figure) -> str:
+    speed = "-" if record.speed is None else f"{number(record.speed.real_time_factor.median, 2)}x"
+    if record.error is None:
+        return f"{speed}, -"
+    return f"{speed}, {number(figure.of(record.error), 2)}, {number(record.error.emd, 2)}"
+
+
+def own_values(records: Sequence[Measured]) -> list[float]:
+    """What the reference of a scene may itself be off by, of each figure; none without errors."""
+    errors = [r.error for r in records if r.error is not None]
+    return [figure.own(errors[0]) for figure in FIGURES.values()] if errors else []
+
+
+def own_error(records: Sequence[Measured]) -> str:
+    """The same as a sentence."""
+    own = own_values(records)
+    if not own:
+        return "No errors were measured here."
+    told = ", ".join(f"{name} {number(o, 2)}" for name, o in zip(FIGURES, own, strict=True))
+    return f"The reference's own error: {told}. Nothing can be seen to be better than that."
+
+
+def case_table(records: Sequence[Measured], figure: Figure = DEFAULT) -> list[str]:
+    """Lines of Markdown for one scene under one camera motion."""
+    best = {id(spot.record) for spot in front(spots(records, figure))}
+    lines = ["| around | axis | value | | " + " | ".join(c.heading for c in COLUMNS) + " |"]
+    lines.append("|---|---|---|---|" + "---:|" * len(COLUMNS))
+    for record in in_order(records):
+        cells = [record.preset, record.axis, record.value, "●" if id(record) in best else ""]
+        cells += [column.cell(record) for column in COLUMNS]
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def in_order(records: Sequence[Measured]) -> list[Measured]:
+    """Presets first, the fastest first; then each axis around each of them; then other ways."""
+
+    def place(record: Measured) -> tuple[int, tuple[int, str]]:
+        if record.kind != OURS:
+            return 2, (0, "")
+        return (1 if record.axis else 0), _rank(record.preset)
+
+    # sorted is stable: axes and values stay in the order in which they were measured
+    axes = list(dict.fromkeys(r.axis for r in records))
+    return sorted(records, key=lambda r: (place(r), axes.index(r.axis)))

@@ -1,0 +1,147 @@
+"""Evidence: an episode as a file that runs it again, and a recording of its events to look at."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evs.drivers.files.aedat4 import Aedat4Recorder
+from evs.emulator import Loop
+from evs.msgs import EventPacket, EvsError, Observation
+from evs.tools.testing.options import options_of
+from evs.tools.testing.pushes import Push, Pushes, plain_pushes, pushes_of
+from evs.tools.testing.trace import Trace
+
+KIND = "evs closed loop 1"
+"""What the file is, with its version."""
+
+
+_NO_ARCHIVE = (
+    *(OSError, ValueError, KeyError, EOFError, TypeError, NotImplementedError, RuntimeError),
+    *(zipfile.BadZipFile, zlib.error),
+)
+"""What NumPy raises of a file that is none of its archives, or a damaged one."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """How a run made its loop."""
+
+    scene: str = ""
+    """file; "": it was none"""
+    options: dict[str, Any] | None = None
+    """of the Loop, as `plain_options` has them; None: they are not plain"""
+
+
+def leave_behind(
+    folder: Path, loop: Loop, trace: Trace, ticks: int, pushes: Sequence[Push], origin: Origin
+) -> tuple[str, ...]:
+    """Write seed-N.npz, and one seed-N-CAMERA.aedat4 a camera. Out: what a message says of them.
+
+    In: the loop that the episode was of; ticks of a decision. The events are those of the very
+    same episode, run again.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"seed-{trace.seed}.npz"
+    about = {
+        "kind": KIND,
+        "seed": trace.seed,
+        "ticks": ticks,
+        "pushes": plain_pushes(pushes),
+        "scene": origin.scene,
+        "options": origin.options,
+    }
+    arrays: dict[str, Any] = {
+        "about": json.dumps(about),
+        "ctrl": trace.ctrl,
+        "t_us": trace.t_us,
+        "start": np.frombuffer(trace.start, np.uint8),
+        **{f"sensor/{name}": values for name, values in trace.sensors.items()},
+    }
+    np.savez_compressed(file, **arrays)
+    recordings = _record(folder, loop, file, trace.seed)
+    alone = bool(origin.scene) and origin.options is not None
+    call = f"replay({str(file)!r})" if alone else f"replay({str(file)!r}, loop=...)"
+    return (
+        f"left behind: {file} (start, controls, pushes, sensors)",
+        *(f"look: evs view {path} -o {path.with_suffix('.gif')}" for path in recordings),
+        f"run it again: from evs.tools.testing import replay; list({call})",
+    )
+
+
+def replay(path: str | Path, loop: Loop | None = None) -> Iterator[Observation]:
+    """Run an episode again from the file that a failed claim left behind: the same bytes.
+
+    In: loop, made as the run made its own; None: as the file says, where the scene was a file.
+    Out: what the controller saw, one Observation a decision, the start first. Raises EvsError for
+    a file that is none, or a loop of another kind.
+    """
+    about, ctrl, start = _read(Path(path))
+    loop = loop or _loop_of(about, path)
+    pushes = Pushes(loop, pushes_of(about["pushes"]))
+    seen = loop.restore(start)
+    pushes.begin()
+    try:
+        yield seen
+        for values in ctrl:
+            # a row of NaN: the last one was kept
+            yield loop.step(None if np.isnan(values).all() else values, int(about["ticks"]))
+    finally:
+        pushes.end()
+
+
+def _loop_of(about: dict[str, Any], path: str | Path) -> Loop:
+    if not about["scene"] or about["options"] is None:
+        raise EvsError(
+            f"'{path}' does not say how its loop was made: give loop=, made as in the test"
+        )
+    return Loop(about["scene"], **options_of(about["options"]))
+
+
+def _read(path: Path) -> tuple[dict[str, Any], Any, bytes]:
+    """The file's description, its controls (n, nu), and the state that it begins with."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            about = json.loads(str(file["about"]))
+            ctrl, start = file["ctrl"], file["start"].tobytes()
+    except FileNotFoundError:
+        raise EvsError(f"no file '{path}': give one that a failed claim left behind") from None
+    except _NO_ARCHIVE:
+        about = None
+    if not isinstance(about, dict) or about.get("kind") != KIND:
+        raise EvsError(f"'{path}' is no {KIND} file: give one that a failed claim left behind")
+    return about, ctrl, start
+
+
+def _record(folder: Path, loop: Loop, file: Path, seed: int) -> list[Path]:
+    """The events of every camera, before any delay, one AEDAT4 file each."""
+    paths = [folder / f"seed-{seed}-{stream.camera}.aedat4" for stream in loop.streams]
+    sinks = [Aedat4Recorder(path) for path in paths]
+    for sink, stream in zip(sinks, loop.streams, strict=True):
+        sink.open([stream])
+    before, episode = loop.on_tick, replay(file, loop)
+    next(episode)
+    pushing = loop.on_tick
+
+    def write(packets: tuple[EventPacket, ...]) -> None:
+        if pushing is not None:
+            pushing(packets)
+        for sink, packet in zip(sinks, packets, strict=True):
+            sink.write(packet)
+
+    loop.on_tick = write
+    try:
+        for _ in episode:
+            pass
+    finally:
+        loop.on_tick = before
+        for sink in sinks:
+            sink.close()
+    return paths

@@ -1,0 +1,190 @@
+"""LoopRunner: what the fixture evs_loop is. It runs the episodes and hands out a Run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.drivers.clock import monotonic_s
+from evs.drivers.run.paths import in_package
+from evs.emulator import Loop
+from evs.emulator.config.plain_values import plain_integer
+from evs.emulator.simulation.closed_loop.initial_states import Start, begin, check_start
+from evs.emulator.world import MjData, NamedSensors, Scene
+from evs.msgs import EvsError, Observation
+from evs.tools.testing.evidence import Origin, leave_behind
+from evs.tools.testing.options import plain_options
+from evs.tools.testing.pushes import Push, Pushes
+from evs.tools.testing.run import Run
+from evs.tools.testing.trace import Trace
+
+Decide = Callable[[Observation], npt.ArrayLike | None]
+"""What a controller is: from what was seen to (nu,) controls, or None to keep the last."""
+
+
+class LoopRunner:
+    """Runs controllers against scenes, and keeps the episodes of claims that fail."""
+
+    def __init__(self, folder: Path) -> None:
+        """In: where they are kept."""
+        self._folder, self._runs = folder, 0
+
+    def __call__(
+        self,
+        scene: Scene | Loop,
+        controller: Callable[[], Decide],
+        *,
+        seconds: float = 5.0,
+        seeds: int | Iterable[int] = 1,
+        ticks: int = 1,
+        start: Start | None = None,
+        keyframe: str = "",
+        pushes: Sequence[Push] = (),
+        sensors: Iterable[str] | None = None,
+        **options: Any,
+    ) -> Run:
+        """Run the controller once a seed, `seconds` of simulated time each, in lock-step.
+
+        Args:
+            scene: a file, `package:path`, MjModel or MjSpec; or a Loop, and then no options
+            controller: makes a new one for each seed: a class, or `lambda: function`. What it gives
+                is called with each Observation, and returns controls
+            seconds: how long an episode should last, simulated time
+            seeds: that all noise and the start follow from; a number n is range(n)
+            ticks: how many ticks a decision holds
+            start: name of a joint -> range of its position at the start; or f(random, data)
+            keyframe: the one to start from
+            pushes: forces from outside
+            sensors: names of <sensor>s that are kept for claims; None: all that have a name
+            options: of evs.Loop: cameras, sensor, limits, delays, tick_us, ...
+
+        Raises:
+            EvsError: for whatever cannot be, one line
+        """
+        loop, origin = _loop_of(scene, options)
+        ticks = plain_integer(ticks, "ticks")
+        decisions = round(seconds * 1e6 / (loop.tick_us * ticks)) if ticks > 0 else 0
+        if decisions < 1:
+            raise EvsError(f"seconds={seconds}, ticks={ticks}: that is not one decision")
+        named = NamedSensors(loop.world.model, sensors)
+        begins = None if start is None else check_start(loop.world.model, start)
+        forces = Pushes(loop, pushes)
+        self._runs += 1
+        folder = self._folder / f"evs_loop-{self._runs}"
+
+        def keep(trace: Trace) -> tuple[str, ...]:
+            return leave_behind(folder, loop, trace, ticks, pushes, origin)
+
+        traces = []
+        for seed in _seeds_of(seeds):
+            decide = _made(controller)
+            seen = loop.reset(seed, keyframe, start=_starter(begins, seed))
+            episode = _Episode(loop, named, seed, seen)
+            forces.begin()
+            try:
+                episode.run(decide, decisions, ticks)
+            except Exception as reason:
+                where = f"seed {seed}, t = {loop.t_us * 1e-6:.3f} s"
+                reason.add_note("\n  ".join([f"evs_loop: {where}", *keep(episode.trace())]))
+                raise
+            finally:
+                forces.end()
+            traces.append(episode.trace())
+        if not traces:
+            raise EvsError("seeds is empty: give at least one")
+        return Run(tuple(traces), decisions * ticks * loop.tick_us * 1e-6, keep)
+
+
+class _Episode:
+    """One episode while it runs."""
+
+    def __init__(self, loop: Loop, named: NamedSensors, seed: int, seen: Observation) -> None:
+        self._loop, self._named, self._seed, self._seen = loop, named, seed, seen
+        self._start = loop.save()
+        self._events = 0
+        self._t_us: list[int] = []
+        self._sensed: dict[str, list[npt.NDArray[np.float64]]] = {n: [] for n in named.names}
+        self._ctrl: list[npt.NDArray[np.float64]] = []
+        self._took_s: list[float] = []
+        self._look()
+
+    def run(self, decide: Decide, decisions: int, ticks: int) -> None:
+        """Decide and step until the time or the episode is over."""
+        for _ in range(decisions):
+            if self._seen.done:
+                return
+            began_s = monotonic_s()
+            ctrl = decide(self._seen)
+            took_s = monotonic_s() - began_s
+            # a copy: the controller may write to its own
+            decided = None if ctrl is None else np.array(ctrl, np.float64)
+            self._seen = self._loop.step(decided, ticks)
+            self._ctrl.append(np.full(self._loop.nu, np.nan) if decided is None else decided)
+            self._took_s.append(took_s)
+            self._look()
+
+    def _look(self) -> None:
+        self._t_us.append(self._seen.t_us)
+        for name, values in self._named.read(self._loop.world.data).items():
+            self._sensed[name].append(values)
+        self._events = sum(camera.events for camera in self._loop.world.cameras)
+
+    def trace(self) -> Trace:
+        """What it was so far."""
+        nu = self._loop.nu
+        return Trace(
+            seed=self._seed,
+            t_us=np.array(self._t_us, np.int64),
+            sensors={name: np.array(values) for name, values in self._sensed.items()},
+            ctrl=np.array(self._ctrl, np.float64).reshape(len(self._ctrl), nu),
+            compute_s=np.array(self._took_s, np.float64),
+            events=self._events,
+            done=self._seen.done,
+            start=self._start,
+        )
+
+
+def _loop_of(scene: Scene | Loop, options: dict[str, Any]) -> tuple[Loop, Origin]:
+    """The loop, and how it was made."""
+    if isinstance(scene, Loop):
+        if options:
+            raise EvsError(f"{next(iter(options))}= belongs to the Loop: give it there")
+        return scene, Origin()
+    file = str(Path(in_package(str(scene))).absolute()) if isinstance(scene, str | Path) else ""
+    try:
+        return Loop(file or scene, **options), Origin(file, plain_options(options))
+    except TypeError as reason:
+        raise EvsError(f"evs_loop: {reason}; see help(evs.Loop)") from None
+
+
+def _starter(start: Start | None, seed: int) -> Callable[[MjData], None] | None:
+    """What puts an episode's beginning somewhere; None: the loop knows by itself."""
+    if start is None:
+        return None
+    return lambda data: begin(start, np.random.default_rng(seed % 2**64), data)
+
+
+def _seeds_of(seeds: int | Iterable[int]) -> list[int]:
+    several = range(seeds) if isinstance(seeds, int) else seeds
+    return [plain_integer(seed, "seeds") for seed in several]
+
+
+def _made(controller: Callable[[], Decide]) -> Decide:
+    """A controller for one seed; EvsError where what was given makes none."""
+    if callable(controller):
+        try:
+            made = controller()
+        except TypeError as reason:
+            raise EvsError(
+                f"the controller cannot be made: {reason}; give a class, or lambda: function"
+            ) from reason
+        if callable(made):
+            return made
+    raise EvsError(
+        "the controller has to be something that makes a callable for each seed: "
+        "a class with __call__(seen), or lambda: function"
+    )

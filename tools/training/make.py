@@ -1,0 +1,203 @@
+"""make_shard: one scene from its number to its shard; make_data: all of them, into a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evs.emulator.state.versions import versions
+from evs.msgs import EvsError
+from evs.tools.jobs import check_workers, job_threads, run_jobs, tell_share
+from evs.tools.training.pilot import WHITE_DN, Pilot, choose_pixels, look
+from evs.tools.training.scenes import make_scene
+from evs.tools.training.settings import DataSettings, Variant, claim_folder
+from evs.tools.training.shards import Shard, read_meta, shard_name, write_shard
+from evs.tools.training.targets import IDEAL, NOISY, draw_phases, event_counts
+from evs.tools.training.traced_scene import Moved, Stage, set_up
+
+ATTEMPTS = 20
+"""How many scenes are tried before a number is given up."""
+STILL_SHARE = 0.15
+"""Where hardly anything moves, another scene is tried, but for this share of the numbers."""
+MOST_SCENES = 100_000
+
+
+@dataclass(frozen=True)
+class Made:
+    """What make_data did."""
+
+    made: int
+    """shards that are new"""
+    kept: int
+    """shards that were there"""
+
+
+def make_shard(
+    settings: DataSettings, number: int, threads: int = 1, moved: Moved = lambda _: None
+) -> Shard:
+    """The shard of scene `number`: the same bytes on any number of threads.
+
+    Raises EvsError where none of ATTEMPTS scenes is of any use.
+    """
+    words = np.random.SeedSequence([settings.seed, 4, number])
+    may_be_still = np.random.Generator(np.random.PCG64(words)).random() < STILL_SHARE
+    why = ""
+    for attempt in range(ATTEMPTS):
+
+        def seed(place: int, attempt: int = attempt) -> int:
+            words = [settings.seed, 3, number, attempt, place]
+            return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
+
+        scene = make_scene(settings.seed, number, attempt)
+        try:
+            stage = set_up(scene, settings.ticks, settings.tick_us, threads)
+        except EvsError as reason:
+            # it flies apart, or a mesh has no volume; the next one may not
+            why = str(reason)
+            continue
+        pilot = look(stage, seed(0))
+        if not pilot.is_useful or (pilot.is_still and not may_be_still):
+            why = "too dark, too bright, too fast, or nothing moves"
+            continue
+        rng = np.random.Generator(np.random.PCG64(seed(1)))
+        pixels = choose_pixels(pilot, settings.pixels, rng)
+        truth = stage.light(pixels, Variant(settings.truth_spp, "fixed"), seed(2), moved)
+        light = [
+            stage.light(pixels, variant, seed(4 + place), moved)
+            for place, variant in enumerate(settings.variants)
+        ]
+        phase = draw_phases(rng, settings.pixels)
+        meta = {
+            "settings": settings.plain(),
+            "scene": scene.meta,
+            "digest": scene.digest,
+            "versions": versions(),
+            "seen": _seen(pilot, stage),
+        }
+        return Shard(
+            light=np.stack(light),
+            truth=truth,
+            phase=phase,
+            counts=event_counts(truth, phase, IDEAL, tick_us=settings.tick_us),
+            noisy_counts=event_counts(truth, phase, NOISY, seed=seed(3), tick_us=settings.tick_us),
+            pixels=pixels.astype(np.int16),
+            variants=settings.variants,
+            meta=meta,
+        )
+    raise EvsError(
+        f"scene {number}: none of {ATTEMPTS} attempts is of any use (the last: {why}); take "
+        "another seed"
+    )
+
+
+def work_of(settings: DataSettings) -> int:
+    """Samples of pixels that a shard takes: what `moved` is told, in sum."""
+    spp = settings.truth_spp + sum(variant.spp for variant in settings.variants)
+    return spp * settings.pixels * settings.ticks
+
+
+@dataclass(frozen=True)
+class ShardJob:
+    """The shard of a scene, as a job of the runner."""
+
+    settings: DataSettings
+    number: int
+
+    @property
+    def name(self) -> str:
+        """Its file."""
+        return shard_name(self.number)
+
+    def make(self, folder: Path) -> None:
+        """Write it. Raises EvsError as make_shard, OSError where the disk is full."""
+        work, done = work_of(self.settings), 0
+
+        def traced(samples: int) -> None:
+            nonlocal done
+            done += samples
+            tell_share(done / work)
+
+        shard = make_shard(self.settings, self.number, job_threads(), traced)
+        write_shard(folder / self.name, shard)
+
+
+def make_data(
+    folder: Path,
+    settings: DataSettings,
+    numbers: range,
+    threads: int,
+    moved: Callable[[int, str], None],
+    stopped: Callable[[], bool],
+    *,
+    workers: int = 1,
+    ray: str = "",
+) -> Made:
+    """Make the shards of these scenes that are not there yet: the same bytes whoever makes them.
+
+    In: moved, told how many scenes times `work_of` are done, and a word; stopped, asked before
+    each scene; threads, workers, ray: as run_jobs. Raises EvsError where the folder is of other
+    settings or the disk is full, and as run_jobs.
+    """
+    if not (0 <= numbers.start < numbers.stop <= MOST_SCENES):
+        raise EvsError(
+            f"scenes {numbers.start} ... {numbers.stop - 1}: give at least one, all of them "
+            f"0 ... {MOST_SCENES - 1}"
+        )
+    check_workers(workers, ray)
+    claim_folder(folder, settings)
+    work = work_of(settings)
+    done = 0
+    shares: dict[int, float] = {}
+
+    def on_share(job: ShardJob, share: float) -> None:
+        shares[job.number] = share
+        moved(int((done + sum(shares.values())) * work), f"scene {job.number}")
+
+    def on_done(job: ShardJob, is_new: bool) -> None:
+        nonlocal done
+        if not is_new:
+            _check(folder / job.name, settings)
+        done += 1
+        on_share(job, 0.0)
+
+    ran = run_jobs(
+        [ShardJob(settings, number) for number in numbers],
+        folder,
+        workers=workers,
+        ray=ray,
+        threads=threads,
+        on_done=on_done,
+        on_share=on_share,
+        stopped=stopped,
+    )
+    return Made(ran.made, ran.kept)
+
+
+def _check(path: Path, settings: DataSettings) -> None:
+    """EvsError where a shard that is there is damaged, or of other settings."""
+    if read_meta(path).get("settings") != settings.plain():
+        raise EvsError(f"{path} is of other settings than its folder; delete it and go on")
+
+
+def _seen(pilot: Pilot, stage: Stage) -> dict[str, Any]:
+    """Statistics of the pilot frames, for people."""
+    speed = pilot.speed[np.isfinite(pilot.speed)]
+    shares = (1, 10, 50, 90, 99)
+
+    def told(values: Any) -> list[float]:
+        found = np.percentile(values, shares) if values.size else np.zeros(len(shares))
+        return [float(f"{value:.4g}") for value in found]
+
+    return {
+        "percentiles": list(shares),
+        "dn": told(pilot.light_dn),
+        "white_dn": WHITE_DN,
+        "speeds_px_s": told(speed),
+        "changing": float(f"{np.mean(pilot.score > 0):.4g}"),
+        "geoms": len(stage.scene.geom_type),
+        "lights": len(stage.scene.lights),
+    }

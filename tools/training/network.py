@@ -1,0 +1,239 @@
+"""The paper's network in JAX: the same sums as evs.emulator.evsnet, with gradients.
+
+Equation numbers are those of the EventTracer paper's Method section, counted from its first:
+1 log map (here evs.emulator.sensor), 2 LIF, 3 bipolar firing, 4 surrogate gradient, 5 network,
+6 output; 7 ... 11 are in losses.py.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+
+from evs.emulator.base.scene import F32
+from evs.emulator.evsnet import Block, Convolution, NetworkWeights
+from evs.emulator.evsnet.weights import TAPS
+from evs.msgs import EvsError
+from evs.tools.training.convolve import convolve
+
+Parameters = dict[str, Any]
+"""encoder, blocks (a list of first, second): each weight and maybe bias; last, maybe last_bias;
+log_tau"""
+
+ALPHA = 2.0
+"""Of the arctangent surrogate: its derivative at the threshold is ALPHA / 2 (SpikingJelly's)."""
+MOST_V = 64.0
+"""|V'| is clamped to it"""
+TAU_S = (0.02, 20.0)
+"""what tau is clamped to, s"""
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """What of a network is not learnt."""
+
+    channels: int = 8
+    """C"""
+    look_ahead: tuple[int, ...] = (0,) * 7
+    """ticks of the future that each convolution reads: the encoder, then two a block"""
+    biased: bool = False
+    tick_us: int = 1000
+    odd: bool = False
+    """light turned upside down gives ON for OFF and nothing else: channels are mirrored pairs, and
+    only one of each pair is learnt (`mirrored`). Not with biases; C is even"""
+
+    def __post_init__(self) -> None:
+        """Check what does not go together."""
+        if self.odd and (self.biased or self.channels % 2):
+            raise EvsError("an odd network has an even number of channels and no biases")
+
+    @property
+    def blocks(self) -> int:
+        """M."""
+        return (len(self.look_ahead) - 1) // 2
+
+    @property
+    def receptive_field(self) -> int:
+        """W, ticks."""
+        return 1 + (TAPS - 1) * len(self.look_ahead)
+
+    @property
+    def latency_ticks(self) -> int:
+        """By how many ticks a current comes late."""
+        return sum(self.look_ahead)
+
+
+def spread_look_ahead(ticks: int, blocks: int = 3) -> tuple[int, ...]:
+    """So many ticks of the future over all convolutions, as evenly as can be, early ones first."""
+    count = 1 + 2 * blocks
+    if not 0 <= ticks <= 3 * count:
+        raise EvsError(f"look-ahead is {ticks} ticks; 0 ... {3 * count} is possible")
+    return tuple(ticks // count + (i < ticks % count) for i in range(count))
+
+
+@jax.custom_jvp
+def fires(over: Array) -> Array:
+    """1 where over >= 0, else 0 (the fire step of equation 2); its derivative is made up.
+
+    sigma(u) = atan(pi/2 ALPHA u) / pi + 1/2; sigma'(u) = ALPHA / (2 (1 + (pi/2 ALPHA u)^2)).
+    """
+    return (over >= 0).astype(over.dtype)
+
+
+@fires.defjvp
+def _surrogate(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    (over,), (tangent,) = primals, tangents
+    slope = (ALPHA / 2) / (1 + jnp.square((math.pi / 2 * ALPHA) * over))
+    return fires(over), slope * tangent
+
+
+def bilif(current: Array, start: Array, decay: Array) -> tuple[Array, Array]:
+    """Equations 2 and 3 with V_th = 1: (K, P) ON and OFF spikes, 0 or 1, of (K, P) currents.
+
+    V' = d V + I; ON where V' >= 1, OFF where V' <= -1; V = V' - S. In: start (P,), V(0).
+
+    S = ON - OFF has equation 4's gradient. The reset is not detached (SpikingJelly's default): what
+    a little more current adds to S is taken from V, so that it is counted once over all ticks.
+    """
+
+    def tick(v: Array, current: Array) -> tuple[Array, tuple[Array, Array]]:
+        charged = jnp.clip(decay * v + current, -MOST_V, MOST_V)
+        on, off = fires(charged - 1), fires(-charged - 1)
+        return charged - on + off, (on, off)
+
+    # V(0) stands at the first tick: there nothing has decayed yet
+    # unrolled, it is slower: the whole tick is one loop over pixels already
+    spikes: tuple[Array, Array] = lax.scan(tick, start / decay, current)[1]
+    return spikes
+
+
+def decay_of(log_tau: Array, tick_us: int) -> Array:
+    """D = exp(-dt / tau), tau = exp(log_tau) s, clamped to TAU_S."""
+    tau = jnp.exp(jnp.clip(log_tau, math.log(TAU_S[0]), math.log(TAU_S[1])))
+    return jnp.exp(-1e-6 * tick_us / tau)
+
+
+def currents(parameters: Parameters, x: Array, architecture: Architecture, first: int = 0) -> Array:
+    """Equations 5 and 6 up to BiLIF: (P, K - first) currents of (P, K) X.
+
+    They are those of stream ticks `first` and on.
+    Before the first tick light stood still. With look-ahead, the current of stream tick k is that
+    of light k - latency_ticks.
+    """
+    if architecture.odd:
+        parameters = mirrored(parameters)
+    before = architecture.receptive_field - 1
+    x = x[:, max(0, first - before) :]
+    padded = jnp.pad(x, ((0, 0), (max(0, before - first), 0)))[..., jnp.newaxis]
+    held = jax.nn.relu(_layer(parameters["encoder"], padded))
+    for i, block in enumerate(parameters["blocks"]):
+        middle = jax.nn.relu(_layer(block["first"], held))
+        late = sum(architecture.look_ahead[1 + 2 * i : 3 + 2 * i])
+        added = _layer(block["second"], middle)
+        begin = 2 * (TAPS - 1) - late
+        held = jax.nn.relu(held[:, begin : begin + added.shape[1]] + added)
+    current: Array = held @ parameters["last"]
+    return current + parameters["last_bias"] if architecture.biased else current
+
+
+def mirrored(parameters: Parameters) -> Parameters:
+    """All filters of an odd network, of the half that is learnt.
+
+    Channel c + C/2 sees -X as channel c sees X: filters between them are [[A, B], [B, A]], those of
+    the encoder [e, -e] and of the last [l, -l]. The current of -X is then minus that of X.
+    """
+
+    def swap(layer: Parameters) -> Parameters:
+        weight = layer["weight"]
+        own, other = jnp.split(weight, 2, 1)
+        return {"weight": jnp.concatenate([weight, jnp.concatenate([other, own], 1)])}
+
+    def turned(half: Array) -> Array:
+        return jnp.concatenate([half, -half])
+
+    return {
+        "encoder": {"weight": turned(parameters["encoder"]["weight"])},
+        "blocks": [{key: swap(block[key]) for key in block} for block in parameters["blocks"]],
+        "last": turned(parameters["last"]),
+        "log_tau": parameters["log_tau"],
+    }
+
+
+def _layer(layer: Parameters, ticks: Array) -> Array:
+    out: Array = convolve(ticks, layer["weight"])
+    return out + layer["bias"] if "bias" in layer else out
+
+
+def stream(
+    parameters: Parameters, x: Array, start: Array, architecture: Architecture, first: int = 0
+) -> tuple[Array, Array]:
+    """The whole network, (2) ... (6): (K - first, P) ON and OFF spikes of (P, K) X.
+
+    In: start (P,), V before stream tick `first`, which is the first that comes out.
+    """
+    decay = decay_of(parameters["log_tau"], architecture.tick_us)
+    return bilif(currents(parameters, x, architecture, first).T, start, decay)
+
+
+def to_weights(
+    parameters: Parameters, architecture: Architecture, name: str, spp: tuple[int, int] = (1, 64)
+) -> NetworkWeights:
+    """What the runtimes take. Raises EvsError where training went to NaN."""
+    if architecture.odd:
+        parameters = mirrored(parameters)
+    look_ahead = architecture.look_ahead
+
+    def convolution(layer: Parameters, place: int) -> Convolution:
+        bias = _array(layer["bias"]) if "bias" in layer else None
+        return Convolution(_array(layer["weight"]), bias, look_ahead[place])
+
+    log_tau = float(np.clip(float(parameters["log_tau"]), *np.log(TAU_S)))
+    return NetworkWeights(
+        name=name,
+        encoder=convolution(parameters["encoder"], 0),
+        blocks=tuple(
+            Block(convolution(block["first"], 1 + 2 * i), convolution(block["second"], 2 + 2 * i))
+            for i, block in enumerate(parameters["blocks"])
+        ),
+        last=_array(parameters["last"]),
+        last_bias=float(parameters["last_bias"]) if architecture.biased else 0.0,
+        tau_s=float(np.float32(math.exp(log_tau))),
+        tick_us=architecture.tick_us,
+        spp=spp,
+    )
+
+
+def from_weights(weights: NetworkWeights) -> tuple[Parameters, Architecture]:
+    """The reverse of to_weights: to go on from a network, or to see what JAX makes of it."""
+    biased = weights.last_bias != 0.0 or any(c.bias is not None for c in weights.convolutions)
+
+    def layer(convolution: Convolution) -> Parameters:
+        if not biased:
+            return {"weight": jnp.asarray(convolution.weight)}
+        bias = convolution.bias
+        zeros = np.zeros(convolution.weight.shape[0], np.float32)
+        return {
+            "weight": jnp.asarray(convolution.weight),
+            "bias": jnp.asarray(zeros if bias is None else bias),
+        }
+
+    parameters: Parameters = {
+        "encoder": layer(weights.encoder),
+        "blocks": [{"first": layer(b.first), "second": layer(b.second)} for b in weights.blocks],
+        "last": jnp.asarray(weights.last),
+        "log_tau": jnp.asarray(math.log(weights.tau_s), jnp.float32),
+    }
+    if biased:
+        parameters["last_bias"] = jnp.asarray(weights.last_bias, jnp.float32)
+    look_ahead = tuple(convolution.look_ahead for convolution in weights.convolutions)
+    return parameters, Architecture(weights.channels, look_ahead, biased, weights.tick_us)
+
+
+def _array(value: Array) -> F32:
+    return np.asarray(value, np.float32)

@@ -1,0 +1,107 @@
+"""The pilot pass: a cheap look at a scene, which decides whether it is of use, and which pixels.
+
+A few frames of half the size, evenly spread over the scene, are traced with 4 fixed samples and
+averaged over 3 x 3 of their pixels. A pixel's score is how far its log light goes from frame to
+frame, in thresholds, summed; scores below MOVES are noise and count as 0, those above MOST as MOST.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from evs.emulator.base.scene import F32, F64, I32
+from evs.tools.training.settings import Variant
+from evs.tools.training.traced_scene import Stage
+
+FRAMES = 16
+SHRINK = 2
+LOOK = Variant(4, "fixed")
+THRESHOLD = 0.2
+MOVES, MOST = 0.5, 20.0
+"""thresholds"""
+WHITE_DN = 255.0
+
+DARKEST_DN, BRIGHTEST_DN = 0.5, 3000.0
+"""A scene is of no use where 99 % of it are darker, or half of it brighter."""
+FASTEST_PX_S = 20_000.0
+"""nor where half of what is seen is faster: the camera touches something"""
+STILL = 0.01
+"""A scene is nearly still where a smaller share of its pixels changes."""
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """What was seen of a scene."""
+
+    score: F64
+    """(h, w) of the small image"""
+    light_dn: F32
+    """(frames, h, w)"""
+    speed: F32
+    """(frames, h, w) px/s in the whole image, NaN where nothing is seen"""
+
+    @property
+    def is_still(self) -> bool:
+        """Whether hardly anything changes."""
+        return bool(np.mean(self.score > 0) < STILL)
+
+    @property
+    def is_useful(self) -> bool:
+        """Whether it is neither black nor blown out."""
+        dark, bright = np.percentile(self.light_dn, 99), np.percentile(self.light_dn, 50)
+        seen = self.speed[np.isfinite(self.speed)]
+        fast = seen.size and float(np.median(seen)) > FASTEST_PX_S
+        return bool(dark >= DARKEST_DN and bright <= BRIGHTEST_DN and not fast)
+
+
+def look(stage: Stage, seed: int) -> Pilot:
+    """Trace the pilot frames. In: seed of their noise."""
+    renderer = stage.renderer(LOOK, seed, SHRINK)
+    last = len(stage.snapshots) - 1
+    chosen = sorted({round(k * last / (FRAMES - 1)) for k in range(FRAMES)})
+    light, speed = [], []
+    for tick in chosen:
+        snapshot = stage.snapshots[tick]
+        pose = snapshot.cameras[0]
+        light.append(_blurred(WHITE_DN * renderer.render(snapshot, pose)))
+        # motion over one tick: from the tick before, or to the one after
+        first = stage.snapshots[max(0, tick - 1)]
+        second = stage.snapshots[max(1, tick)]
+        flow = renderer.ground_truth(second, second.cameras[0], (first, first.cameras[0])).flow
+        speed.append(SHRINK * np.hypot(flow[..., 0], flow[..., 1]))
+    dn = np.stack(light)
+    # linlog of e, as the pixels have it
+    log = np.where(dn < np.e, dn / np.e, np.log(np.maximum(dn, np.e)))
+    steps = np.abs(np.diff(log, axis=0)) / THRESHOLD
+    score = np.sum(np.where(steps < MOVES, 0.0, steps), 0)
+    return Pilot(np.minimum(score, MOST), dn, np.stack(speed).astype(np.float32))
+
+
+def choose_pixels(pilot: Pilot, count: int, rng: np.random.Generator) -> I32:
+    """(count, 2) columns and rows of the whole image, none twice: half of them anywhere.
+
+    The other half by their score; where too few have one, the rest of it lies anywhere too.
+    """
+    height, width = (SHRINK * side for side in pilot.score.shape)
+    score = np.kron(pilot.score, np.ones((SHRINK, SHRINK))).ravel()
+    order = rng.permutation(height * width)
+    anywhere = order[: count - count // 2]
+    score[anywhere] = 0.0
+    wanted = min(count // 2, int(np.count_nonzero(score)))
+    moving = np.zeros(0, np.intp)
+    if wanted:
+        moving = rng.choice(len(score), wanted, replace=False, p=score / score.sum())
+    rest = order[len(anywhere) :]
+    rest = rest[~np.isin(rest, moving)][: count - len(anywhere) - wanted]
+    places = np.concatenate([anywhere, moving, rest])
+    return np.stack([places % width, places // width], 1).astype(np.int32)
+
+
+def _blurred(image: F32) -> F32:
+    """The mean over 3 x 3 pixels; the border repeats."""
+    height, width = image.shape
+    wide = np.pad(image, 1, mode="edge")
+    parts = [wide[y : y + height, x : x + width] for y in range(3) for x in range(3)]
+    return np.asarray(sum(parts[1:], parts[0]) / np.float32(9), np.float32)

@@ -1,0 +1,91 @@
+"""make_scene: a whole training scene as MJCF text, from a seed and its number alone.
+
+No robot file and no other file is read: gymnasium's and dm_control's robots are for tests only.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from evs.emulator.config import FlickerConfig
+from evs.tools.training.scenes import kinds
+from evs.tools.training.scenes.draft import Draft, num
+from evs.tools.training.scenes.lamps import draw_level, light_up
+
+KINDS = {
+    "room": kinds.room,
+    "tabletop": kinds.tabletop,
+    "floor": kinds.floor,
+    "clutter": kinds.clutter,
+    "closeup": kinds.closeup,
+}
+CAMERA, START = "eye", "start"
+"""Names of the camera and of the keyframe that it starts from."""
+
+
+@dataclass(frozen=True)
+class TrainingScene:
+    """What `World` and the renderers need of it, and what is to be told of it."""
+
+    text: str
+    """MJCF; the files that it names lie beside it"""
+    files: dict[str, bytes]
+    """name to content: textures"""
+    flicker: tuple[FlickerConfig, ...]
+    bounces: int
+    """of light"""
+    meta: dict[str, Any]
+    """kind, level, tags, speeds that were asked for"""
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all that the scene follows from."""
+        found = hashlib.sha256(self.text.encode())
+        for name in sorted(self.files):
+            found.update(name.encode() + self.files[name])
+        found.update(repr((self.flicker, self.bounces)).encode())
+        return found.hexdigest()
+
+
+def make_scene(seed: int, number: int, attempt: int = 0) -> TrainingScene:
+    """Scene `number` of a seed. In: attempt, another one in its place, where the first is no use.
+
+    Of every five scenes in a row each is of another kind.
+    """
+    order = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 1, number // 5])))
+    kind = list(KINDS)[int(order.permutation(len(KINDS))[number % len(KINDS)])]
+    source = np.random.SeedSequence([seed, 2, number, attempt])
+    draft = Draft(np.random.Generator(np.random.PCG64(source)))
+    level = draw_level(draft)
+    eye, middle, reach = KINDS[kind](draft, level)
+    light_up(draft, eye, level, middle, reach)
+    bounces = draft.integer(1, 3)
+    # joints come in the order of their bodies, and so do the numbers of qvel
+    text = f"""<mujoco model="training {seed} {number}">
+<compiler angle="degree"/>
+<option timestep="0.001" gravity="0 0 {num(-draft.gravity)}" integrator="implicitfast"/>
+<default><geom contype="0" conaffinity="0"/></default>
+<visual>{draft.visual}<map haze="0"/></visual>
+<asset>
+{chr(10).join(draft.assets)}
+</asset>
+<worldbody>
+{chr(10).join(draft.bodies)}
+</worldbody>
+<keyframe><key name="{START}" qvel="{num(*draft.velocity)}"/></keyframe>
+</mujoco>
+"""
+    meta = {
+        "number": number,
+        "attempt": attempt,
+        "kind": kind,
+        "level": level,
+        "bounces": bounces,
+        "tags": sorted(set(draft.tags)),
+        "speeds_asked_px_s": [float(f"{speed:.4g}") for speed in draft.speeds],
+    }
+    return TrainingScene(text, draft.files, tuple(draft.flicker), bounces, meta)

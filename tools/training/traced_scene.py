@@ -1,0 +1,83 @@
+"""Stage: a training scene as it moves, and the light of its pixels, traced tick by tick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from evs.emulator.base.scene import F32, I32, CameraModel, SceneModel, SceneSnapshot
+from evs.emulator.config import RenderConfig
+from evs.emulator.render import PathRenderer
+from evs.emulator.world import (
+    MjModel,
+    Physics,
+    Poser,
+    bind_camera,
+    extract_scene,
+    find_keyframe,
+    load_text,
+)
+from evs.tools.training.scenes import CAMERA, START, TrainingScene
+from evs.tools.training.settings import HEIGHT, WIDTH, Variant
+
+Moved = Callable[[int], None]
+"""Told how many samples of how many pixels were traced since the last call."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """All that a renderer needs, for every tick."""
+
+    scene: SceneModel
+    camera: CameraModel
+    """of WIDTH x HEIGHT px"""
+    snapshots: tuple[SceneSnapshot, ...]
+    """one a tick, the first at t = 0"""
+    render: RenderConfig
+    """what all variants share"""
+    threads: int
+
+    def renderer(self, variant: Variant, seed: int, shrink: int = 1) -> PathRenderer:
+        """What traces a variant. In: shrink, the image is smaller by this factor."""
+        config = replace(self.render, spp=variant.spp, seeds=variant.seeds)
+        camera = self.camera
+        small = replace(
+            camera,
+            width=camera.width // shrink,
+            height=camera.height // shrink,
+            fx=camera.fx / shrink,
+            fy=camera.fy / shrink,
+            cx=camera.cx / shrink,
+            cy=camera.cy / shrink,
+        )
+        return PathRenderer(self.scene, small, config, self.threads, seed=seed)
+
+    def light(self, pixels: I32, variant: Variant, seed: int, moved: Moved) -> F32:
+        """(K, P) float32 luminance. In: pixels (P, 2); seed of the noise."""
+        renderer = self.renderer(variant, seed)
+        found = np.zeros((len(self.snapshots), len(pixels)), np.float32)
+        for tick, snapshot in enumerate(self.snapshots):
+            found[tick] = renderer.trace(snapshot, snapshot.cameras[0], pixels)
+            moved(variant.spp * len(pixels))
+        return found
+
+
+def load_scene(scene: TrainingScene) -> MjModel:
+    """Its model."""
+    return load_text(scene.text, scene.files)
+
+
+def set_up(scene: TrainingScene, ticks: int, tick_us: int, threads: int) -> Stage:
+    """Let a scene run for all its ticks. Raises EvsError where its physics breaks down."""
+    model = load_scene(scene)
+    physics = Physics(model, tick_us, find_keyframe(model, START))
+    bound = bind_camera(model, CAMERA, WIDTH, HEIGHT)
+    poser = Poser(model, [bound])
+    snapshots = [poser.snapshot(physics.data, 0, tick_us)]
+    for _ in range(ticks - 1):
+        physics.advance()
+        snapshots.append(poser.snapshot(physics.data, physics.t_us, tick_us))
+    render = RenderConfig(renderer="path", bounces=scene.bounces, flicker=scene.flicker)
+    return Stage(extract_scene(model), bound.model, tuple(snapshots), render, threads)
