@@ -1,5 +1,5 @@
 # Out: EVS_NATIVE_ISA, the best instruction set of this machine: avx512, avx2 or portable.
-# The conditions are those of base/dispatch.cpp.
+# The conditions are those of base/isa.cpp.
 set(question "
 #include <cstdio>
 int main() {

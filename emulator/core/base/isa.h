@@ -1,5 +1,5 @@
-// Instruction sets that are chosen at run time. Target attributes, not compiler flags: no other
-// inline function of the program may come out with instructions that the machine lacks.
+// Instruction sets that are chosen at run time. These are target attributes, not compiler flags, so
+// that no other inline function of the program is compiled to instructions that the machine lacks.
 #pragma once
 
 #include <string>
@@ -13,8 +13,7 @@
 #define EVS_X86 0
 #endif
 
-// Instruction sets whose kernels this build holds: all, unless CMake was asked for this machine's
-// best only (EVS_ISA=native).
+// Instruction sets in this build: all, or with EVS_ISA=native only the best of this machine.
 #ifndef EVS_BUILT_PORTABLE
 #define EVS_BUILT_PORTABLE 1
 #endif
@@ -27,7 +26,8 @@
 
 namespace evs {
 
-// Instruction sets that this machine runs and this build holds, the best first (dispatch.cpp).
+// The instruction sets that this machine runs and this build holds, best first: of "avx512",
+// "avx2", "portable".
 std::vector<std::string> isa_available();
 
 }  // namespace evs

@@ -30,7 +30,7 @@ from evs.emulator.base.scene import F32
 from evs.msgs import EvsError
 
 BLACK = np.float32(2.0**-64)
-"""light and means closer to 0 are 0, as in the pixel (core/sensor/logmap.h)"""
+"""light and means closer to 0 are 0, as in the pixel (core/sensor/log_map.h)"""
 LARGEST_LIGHT = np.float32(2.0**60)
 """more is no light: its square must stay a float"""
 LEAST_DRIFT = np.float32(2.0**-50)

@@ -1,4 +1,4 @@
-// Python's view of the network: NetworkArray, for emulator/evsnet/native.py.
+// Python binding of EvSNet: NetworkArray, the runtime `native`.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
@@ -31,9 +31,9 @@ Bytes owned(EventBuffer buffer) {
   return Bytes(reinterpret_cast<uint8_t*>(events), {buffer.count * sizeof(Event)}, owner);
 }
 
-// A copy of a network's numbers: nothing in Python can change them.
-struct Numbers {
-  std::vector<float> weights, biases, last, low, high;
+// Copies of the parameters, which nothing in Python can change.
+struct Parameters {
+  std::vector<float> weights, biases, pointwise, decay_low, decay_high;
   std::vector<int32_t> delays;
 };
 
@@ -51,35 +51,35 @@ class BoundNetwork {
     require(v_on > 0.0f && v_off > 0.0f, "thresholds must be over 0");
     require(decay_low.shape(0) == kDecayLow && decay_high.shape(0) == kDecayHigh,
             "decay tables must have 256 and 4096 entries");
-    numbers_.weights.assign(weights.data(), weights.data() + weights.size());
-    numbers_.biases.assign(biases.data(), biases.data() + biases.size());
-    numbers_.delays.assign(delays.data(), delays.data() + delays.size());
-    numbers_.last.assign(last.data(), last.data() + last.size());
-    numbers_.low.assign(decay_low.data(), decay_low.data() + decay_low.size());
-    numbers_.high.assign(decay_high.data(), decay_high.data() + decay_high.size());
-    for (int32_t delay : numbers_.delays) {
-      require(delay >= 0 && delay <= kOld, "delays must be 0 ... 6 ticks");
+    parameters_.weights.assign(weights.data(), weights.data() + weights.size());
+    parameters_.biases.assign(biases.data(), biases.data() + biases.size());
+    parameters_.delays.assign(delays.data(), delays.data() + delays.size());
+    parameters_.pointwise.assign(last.data(), last.data() + last.size());
+    parameters_.decay_low.assign(decay_low.data(), decay_low.data() + decay_low.size());
+    parameters_.decay_high.assign(decay_high.data(), decay_high.data() + decay_high.size());
+    for (int32_t delay : parameters_.delays) {
+      require(delay >= 0 && delay <= kFifoTicks, "delays must be 0 ... 6 ticks");
     }
     NetworkSettings settings;
     settings.map = LogMap::linlog(exposure_dn, dark_dn, linlog_dn);
-    Net& net = settings.net;
-    net.channels = static_cast<int>(numbers_.last.size());
-    net.blocks = static_cast<int>(numbers_.delays.size());
-    require(weights.shape(0) == net.weight_floats(), "weights are for another network");
-    require(biases.shape(0) == static_cast<size_t>(net.convolutions()) &&
-                biases.shape(1) == static_cast<size_t>(net.channels),
+    Network& network = settings.network;
+    network.channels = static_cast<int>(parameters_.pointwise.size());
+    network.blocks = static_cast<int>(parameters_.delays.size());
+    require(weights.shape(0) == network.weight_floats(), "weights are for another network");
+    require(biases.shape(0) == static_cast<size_t>(network.convolutions()) &&
+                biases.shape(1) == static_cast<size_t>(network.channels),
             "biases must be (convolutions, channels)");
-    net.weights = numbers_.weights.data();
-    net.biases = numbers_.biases.data();
-    net.delays = numbers_.delays.data();
-    net.last = numbers_.last.data();
-    net.last_bias = last_bias;
-    settings.membrane = {v_on, v_off, numbers_.low.data(), numbers_.high.data()};
+    network.weights = parameters_.weights.data();
+    network.biases = parameters_.biases.data();
+    network.delays = parameters_.delays.data();
+    network.pointwise = parameters_.pointwise.data();
+    network.pointwise_bias = last_bias;
+    settings.bilif = {v_on, v_off, parameters_.decay_low.data(), parameters_.decay_high.data()};
     settings.tick_us = tick_us;
     settings.dense = dense;
     width_ = static_cast<size_t>(width);
     height_ = static_cast<size_t>(height);
-    row_floats_ = net.row_floats();
+    row_floats_ = network.row_floats();
     tick_us_ = tick_us;
     array_ = std::make_unique<NetworkArray>(settings, width, height, threads, isa);
   }
@@ -111,7 +111,7 @@ class BoundNetwork {
     arrays.tile_moved = of_lanes(tile_moved);
     arrays.tile_loud = of_tiles(tile_loud);
 
-    // the larger memory lives as long as the call, and then where `grow` has put it
+    // `grown` keeps the larger memory alive during the call; `grow` has stored it by then
     nb::object grown;
     auto more = [&](size_t rows) {
       Locked hold;
@@ -167,18 +167,17 @@ class BoundNetwork {
     return array.data();
   }
 
-  Numbers numbers_;
+  Parameters parameters_;
   size_t width_, height_, row_floats_;
   int64_t tick_us_;
-  std::mutex callers_;  // the scratch memory is of one call
+  std::mutex callers_;  // one call at a time: the scratch memory is shared
   std::unique_ptr<NetworkArray> array_;
 };
 
 }  // namespace
 
 void bind_network(nb::module_& m) {
-  nb::class_<BoundNetwork>(m, "NetworkArray",
-                           "A network on an array of pixels: emulator/evsnet/native.py.")
+  nb::class_<BoundNetwork>(m, "NetworkArray", "EvSNet on an array of pixels.")
       .def(nb::init<int, int, Line, Array<const float, 2>, Array<const int32_t, 1>, Line, float,
                     float, float, Line, Line, float, float, float, int64_t, bool, int,
                     const std::string&>(),
@@ -188,21 +187,22 @@ void bind_network(nb::module_& m) {
            nb::arg("decay_low").noconvert(), nb::arg("decay_high").noconvert(),
            nb::arg("exposure_dn"), nb::arg("dark_dn"), nb::arg("linlog_dn"), nb::arg("tick_us"),
            nb::arg("dense") = false, nb::arg("threads") = 0, nb::arg("isa") = "auto",
-           "In: weights, of all convolutions one after another, each (out, in, 7); biases "
-           "(convolutions, channels); delays (blocks,) ticks by which each block's sum is late.")
+           "In: weights of all convolutions, one after another, each (out, in, 7); biases "
+           "(convolutions, channels); delays (blocks,), ticks by which each residual sum is late.")
       .def("step", &BoundNetwork::step, nb::arg("luminance").noconvert(), nb::arg("tick"),
            nb::arg("begin_us"), nb::kw_only(), nb::arg("last_luminance").noconvert(),
            nb::arg("last_log").noconvert(), nb::arg("v").noconvert(), nb::arg("last").noconvert(),
            nb::arg("fifo").noconvert(), nb::arg("tile_row").noconvert(),
            nb::arg("tile_moved").noconvert(), nb::arg("tile_loud").noconvert(), nb::arg("grow"),
            nb::arg("currents").noconvert().none() = nb::none(),
-           "Out: (a list of each tick's event bytes (16 n,) uint8; pixels whose light was "
-           "replaced, whose X and whose V were clamped). In: tick, number of the first. Every "
-           "array but luminance is changed in place. grow(rows) must copy fifo to one of more "
-           "rows, the new ones zero, and give it.")
+           "Out: (list of the event bytes of each tick, (16 n,) uint8; number of pixels whose "
+           "luminance was replaced, whose X was clamped, whose V was clamped). In: tick, number of "
+           "the first tick. All arrays but luminance are modified in place. grow(rows) must copy "
+           "fifo to an array with more rows, the new ones zero, and return it.")
       .def_prop_ro("row_floats", &BoundNetwork::row_floats,
-                   "float32 that a tile remembers: [16][6][feature]; tick n is in slot n mod 6.")
-      .def_prop_ro("tiles", &BoundNetwork::tiles, "(down, across), tiles of 4 x 4 pixels.");
+                   "float32 in the FIFOs of a tile: [16][6][feature]; tick n is in slot n mod 6.")
+      .def_prop_ro("tiles", &BoundNetwork::tiles,
+                   "(down, across), number of tiles of 4 x 4 pixels.");
 }
 
 }  // namespace evs

@@ -1,6 +1,5 @@
-// Linear light to log light. In: luminance, 1 is white paper in unit light. DN = exposure *
-// luminance
-// + dark; 255 DN is white, nothing is clipped.
+// Luminance to log intensity. A luminance of 1 is white paper in unit light;
+// DN = exposure * luminance + dark, where 255 DN is white and nothing is clipped.
 #pragma once
 
 #include "vmath.h"
@@ -8,7 +7,7 @@
 namespace evs {
 
 enum class LogKind {
-  linlog,   // ln DN from the knee on, (ln knee / knee) DN below
+  linlog,   // ln DN from the knee on, (ln knee / knee) DN below it
   log_eps,  // ln(DN / 255 + eps)
 };
 
@@ -30,28 +29,28 @@ struct LogMap {
   }
 };
 
-// Closer to zero than this is black, of either sign: then no denormal ever enters the arithmetic,
-// and the result does not depend on whether this thread flushes them.
+// Values closer to zero than this, of either sign, count as black. So no denormal enters the
+// arithmetic, and the result does not depend on whether this thread flushes them.
 inline constexpr float kBlack = 0x1p-64f;
 inline constexpr float kLargest = 0x1.fffffep127f;
 
-// DN of a luminance; a negative number, NaN or Inf where the luminance is none.
+// DN of a luminance. Unusable luminance gives a negative number, NaN or Inf.
 EVS_ALWAYS_INLINE float to_dn(const LogMap& map, float luminance) {
   return flush(luminance, kBlack) * map.exposure + map.dark;
 }
 
-// False for a negative luminance, NaN, Inf, and light so strong that its DN is no float.
-EVS_ALWAYS_INLINE bool is_light(float luminance, float dn) {
+// False for a luminance that is negative, NaN, Inf, or so large that its DN overflows.
+EVS_ALWAYS_INLINE bool is_usable(float luminance, float dn) {
   return (luminance > -kBlack) & (dn <= kLargest);
 }
 
-// The part of the map that is a logarithm; without meaning for DN that another part is for.
+// The logarithmic branch of the map; meaningless for a DN on the other branch.
 template <LogKind kind>
 EVS_ALWAYS_INLINE float log_part(const LogMap& map, float dn) {
   return ln(kind == LogKind::log_eps ? dn / 255.0f + map.eps : dn);
 }
 
-// Log light of a DN from that part. Monotone, also across the knee.
+// Log intensity of a DN, given its logarithmic branch. Monotone, also across the knee.
 template <LogKind kind>
 EVS_ALWAYS_INLINE float with_log_part(const LogMap& map, float dn, float part) {
   if constexpr (kind == LogKind::log_eps) {

@@ -1,4 +1,4 @@
-// The pixel step compiled once for each instruction set; the bytes are the same, only the speed
+// The pixel step compiled for each instruction set. All give the same bytes; only their speed
 // differs.
 #pragma once
 
@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "block.h"
 #include "isa.h"
+#include "pixel_block.h"
 
 namespace evs {
 
@@ -35,8 +35,8 @@ EVS_AVX512 inline size_t step_avx512(const PixelStep& step, size_t first, size_t
 }
 #endif
 
-// The best step of this machine ("auto"), or the one asked for: "avx512", "avx2" or "portable".
-// Throws std::invalid_argument where the machine does not have it.
+// The step of an instruction set; "auto" is the best that this machine runs. Throws
+// std::invalid_argument for others.
 inline StepPixels choose_step(const std::string& isa) {
   const std::vector<std::string> names = isa_available();
   const std::string wanted = isa == "auto" ? names.front() : isa;

@@ -1,5 +1,6 @@
-// How long the arbiter's accesses to rows take. Each follows from the seed and the access's number
-// alone, so many are worked out at a time: one by one they would be half of the readout.
+// Durations of the row accesses of the arbiter. Each depends on the seed and the number of the
+// access alone, so they are drawn in batches: one by one they would take half of the readout's
+// time.
 #pragma once
 
 #include <cstddef>
@@ -17,10 +18,10 @@ struct ArbiterTimes {
   double jitter_ns = 0;  // standard deviation of the row access
 };
 
-class RowTimes {
+class RowAccessTimes {
  public:
-  // ns that access number `access` takes. In: key, of the term and the seed.
-  int64_t of(const ArbiterTimes& times, uint64_t key, int64_t access) {
+  // Duration of access number `access`. In: key, from the seed and the term.
+  int64_t duration_ns(const ArbiterTimes& times, uint64_t key, int64_t access) {
     if (!(times.jitter_ns > 0)) return times.row_ns;
     const uint64_t number = static_cast<uint64_t>(access);
     if (!drawn_ || key != key_ || number - first_ >= kBatch) {
@@ -41,7 +42,7 @@ class RowTimes {
     const double row_ns = static_cast<double>(times.row_ns);
     const double jitter_ns = times.jitter_ns;
     for (size_t i = 0; i < kBatch; i++) {
-      out[i] = whole_ns(row_ns + jitter_ns * normal(key, (first + i) << 1));
+      out[i] = round_ns(row_ns + jitter_ns * normal(key, (first + i) << 1));
     }
   }
   static void draw_portable(const ArbiterTimes& times, uint64_t key, uint64_t first, int64_t* out) {
@@ -56,7 +57,7 @@ class RowTimes {
 
   static Draw choose() {
 #if EVS_X86
-    // AVX2 has neither 64-bit products nor their conversion: it would be no faster
+    // AVX2 has neither 64-bit products nor their conversion, so it would be no faster
     if (isa_available().front() == "avx512") return draw_avx512;
 #endif
     return draw_portable;

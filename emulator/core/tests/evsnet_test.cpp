@@ -1,5 +1,5 @@
-// The network on light of every kind: tiles beyond the edge, chunks of any length, nets of every
-// shape. Every instruction set, thread count and cut, sparse or dense, gives the same bytes.
+// EvSNet on light of every kind: tiles beyond the edge, chunks of any length, networks of every
+// shape. All instruction sets, thread counts and chunks, sparse or dense, give the same bytes.
 
 #include <cmath>
 #include <cstring>
@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "isa.h"
 #include "network_array.h"
-#include "pixel_isa.h"
 #include "selftest.h"
 
 namespace evs {
@@ -18,33 +18,35 @@ namespace {
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 constexpr int kFrames = 150;
 
-// A network and the memory of its numbers.
+// A network and the memory of its parameters.
 struct Filters {
-  std::vector<float> weights, biases, last, low, high;
+  std::vector<float> weights, biases, pointwise, decay_low, decay_high;
   std::vector<int32_t> delays;
   NetworkSettings settings;
 
   Filters(int channels, int blocks, int delay, bool biased, float scale) {
     std::mt19937 random(static_cast<unsigned>(channels * 10 + blocks));
     std::normal_distribution<float> normal;
-    Net& net = settings.net;
-    net.channels = channels;
-    net.blocks = blocks;
+    Network& network = settings.network;
+    network.channels = channels;
+    network.blocks = blocks;
     const float deviation = scale / std::sqrt(3.5f * static_cast<float>(channels));
-    for (size_t i = 0; i < net.weight_floats(); i++) weights.push_back(deviation * normal(random));
-    for (int i = 0; i < net.convolutions() * channels; i++) {
+    for (size_t i = 0; i < network.weight_floats(); i++)
+      weights.push_back(deviation * normal(random));
+    for (int i = 0; i < network.convolutions() * channels; i++) {
       biases.push_back(biased ? 0.05f * normal(random) : 0.0f);
     }
-    for (int i = 0; i < channels; i++) last.push_back(normal(random));
+    for (int i = 0; i < channels; i++) pointwise.push_back(normal(random));
     delays.assign(static_cast<size_t>(blocks), delay);
-    for (int i = 0; i < kDecayLow; i++) low.push_back(std::pow(0.998f, static_cast<float>(i)));
-    for (int i = 0; i < kDecayHigh; i++) high.push_back(i == 0 ? 1.0f : i == 1 ? 0.6f : 0.0f);
-    net.weights = weights.data();
-    net.biases = biases.data();
-    net.delays = delays.data();
-    net.last = last.data();
+    for (int i = 0; i < kDecayLow; i++)
+      decay_low.push_back(std::pow(0.998f, static_cast<float>(i)));
+    for (int i = 0; i < kDecayHigh; i++) decay_high.push_back(i == 0 ? 1.0f : i == 1 ? 0.6f : 0.0f);
+    network.weights = weights.data();
+    network.biases = biases.data();
+    network.delays = delays.data();
+    network.pointwise = pointwise.data();
     settings.map = LogMap::linlog(255, 0.1f, 2.7182817f);
-    settings.membrane = {1.0f, 1.25f, low.data(), high.data()};
+    settings.bilif = {1.0f, 1.25f, decay_low.data(), decay_high.data()};
     settings.tick_us = 1000;
     settings.dense = biased;
   }
@@ -56,14 +58,14 @@ struct Size {
   size_t tiles() const { return static_cast<size_t>((width + 3) / 4 * ((height + 3) / 4)); }
 };
 
-// Light that jumps here and there, stands still, and is none.
+// Luminance that jumps, stands still, and is unusable.
 std::vector<float> film(Size size) {
   std::mt19937 random(7);
   std::vector<float> light;
   std::vector<float> frame(size.pixels(), 0.5f);
   const float values[] = {0.5f, 0.0f, 1e9f, -1.0f, kNan, 1e-40f, -0.0f, 3e38f, 1e-19f, 0.7f};
   for (int k = 0; k < kFrames; k++) {
-    // nothing moves for longer than a row of memory is held
+    // stand still for longer than a tile keeps its row of memory
     if (k < 30 || k > 120) {
       for (float& pixel : frame) {
         if (random() % 8 == 0) pixel = values[random() % 10];
@@ -119,7 +121,7 @@ Result run(const NetworkSettings& settings, Size size, const std::vector<float>&
   size_t rows = 0;
   auto grow = [&](size_t needed) {
     rows = needed;
-    out.fifo.resize(rows * settings.net.row_floats());
+    out.fifo.resize(rows * settings.network.row_floats());
     return out.fifo.data();
   };
   for (int k = 0; k < kFrames; k += cut) {
@@ -142,11 +144,11 @@ void survives(const Filters& filters, Size size) {
   const std::vector<float> light = film(size);
   const Result expected = run(filters.settings, size, light, "portable", 1, 1);
   check(!expected.events.empty(), "moving light makes a network fire");
-  check(expected.counts.clamped > 0, "light that is none is counted");
+  check(expected.counts.clamped > 0, "unusable luminance is counted");
   bool finite = true, sorted = true;
   for (float v : expected.v) finite = finite && std::abs(v) <= kLargestV;
   for (float value : expected.fifo) finite = finite && std::isfinite(value);
-  check(finite, "no light leaves a membrane or a FIFO without bounds");
+  check(finite, "no light makes a membrane or a FIFO infinite");
   for (size_t i = 1; i < expected.events.size(); i++) {
     sorted = sorted && expected.events[i].t >= expected.events[i - 1].t;
   }
@@ -166,7 +168,7 @@ void survives(const Filters& filters, Size size) {
 
 void damage_is_refused() {
   for (int32_t row : {-2, 3, 5, 2000000000}) {
-    PoolRows rows;
+    FifoRows rows;
     std::vector<int32_t> tiles(6, -1);
     tiles[0] = 3;
     tiles[4] = row;
@@ -176,7 +178,7 @@ void damage_is_refused() {
     } catch (const std::invalid_argument&) {
       refused = true;
     }
-    check(refused, "a row that there is not, or that two tiles share, is refused");
+    check(refused, "a row that does not exist, or that two tiles share, is refused");
   }
 }
 

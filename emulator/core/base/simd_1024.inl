@@ -1,5 +1,8 @@
-// Thirty-two lanes: two 512-bit registers side by side, so that one half's wait is the other's
-// work.
+// Thirty-two lanes: two 512-bit registers side by side, so that one half computes while the other
+// waits for memory. Part of simd.inl, for EVS_WIDTH 1024.
+#pragma once
+
+#include "simd_target.h"
 
 constexpr int LANES = 32;
 constexpr unsigned ALL_LANES = 0xffffffffu;

@@ -1,14 +1,21 @@
-// 16 rows of 16 floats into 16 columns, in registers.
-//
-// Included by kernel.inc inside a namespace of its own.
+// Transposition of 16 rows of 16 floats in registers.
+#pragma once
 
-// float k of row i becomes float i of column k. In: from(i), to(k), where rows and columns begin.
+#include "target.inl"
+
+namespace evs::EVS_SPACE {
+namespace {
+
+// Move float k of row i to float i of column k. In: from(i) and to(k), where rows and columns
+// begin.
 #if EVS_WIDTH == 512
 template <class From, class To>
-EVS_INLINE void turn_all(const From& from, const To& to) {
+EVS_INLINE void transpose_16x16(const From& from, const To& to) {
   __m512 a[16], b[16];
+  // load the rows
 #pragma GCC unroll 16
   for (int i = 0; i < 16; i++) a[i] = _mm512_loadu_ps(from(i));
+  // interleave floats of neighbouring rows, then pairs of floats
 #pragma GCC unroll 8
   for (int i = 0; i < 16; i += 2) {
     b[i] = _mm512_unpacklo_ps(a[i], a[i + 1]);
@@ -23,7 +30,7 @@ EVS_INLINE void turn_all(const From& from, const To& to) {
       a[i + 2 * h + 1] = _mm512_castpd_ps(_mm512_unpackhi_pd(low, high));
     }
   }
-  // now quarter q of a[4 g + c] has float 4 q + c of rows 4 g ... 4 g + 3
+  // quarter q of a[4 g + c] now holds float 4 q + c of rows 4 g ... 4 g + 3; gather the quarters
 #pragma GCC unroll 4
   for (int c = 0; c < 4; c++) {
     const __m512 low_even = _mm512_shuffle_f32x4(a[c], a[4 + c], 0x88);
@@ -37,9 +44,9 @@ EVS_INLINE void turn_all(const From& from, const To& to) {
   }
 }
 #else
-// four by four
+// in blocks of 4 x 4
 template <class From, class To>
-EVS_INLINE void turn_all(const From& from, const To& to) {
+EVS_INLINE void transpose_16x16(const From& from, const To& to) {
   typedef float Four __attribute__((vector_size(16)));
   for (int r = 0; r < 16; r += 4) {
     for (int c = 0; c < 16; c += 4) {
@@ -61,11 +68,14 @@ EVS_INLINE void turn_all(const From& from, const To& to) {
 }
 #endif
 
-// The same of fewer rows or columns.
+// The same for any number of rows and columns up to 16.
 template <class From, class To>
-EVS_INLINE void turn(const From& from, const To& to, int rows, int columns) {
-  if (rows == LANES && columns == LANES) return turn_all(from, to);
+EVS_INLINE void transpose(const From& from, const To& to, int rows, int columns) {
+  if (rows == LANES && columns == LANES) return transpose_16x16(from, to);
   for (int i = 0; i < rows; i++) {
     for (int k = 0; k < columns; k++) to(k)[i] = from(i)[k];
   }
 }
+
+}  // namespace
+}  // namespace evs::EVS_SPACE
