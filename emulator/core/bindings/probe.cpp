@@ -8,7 +8,7 @@
 #include <string>
 
 #include "bound_caster.h"
-#include "probe_lanes.h"
+#include "simd/probe_lanes.h"
 
 namespace evs {
 namespace {
