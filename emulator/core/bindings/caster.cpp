@@ -135,17 +135,17 @@ void add_light(SceneData& s, int kind, Rgb ambient, Rgb diffuse, Rgb specular, b
 }
 
 void set_fog(SceneData& s, float start, float end, Rgb color) {
-  s.air.fog = true;
-  s.air.fog_start = start;
-  s.air.fog_end = end;
-  std::copy(color.begin(), color.end(), s.air.fog_color);
+  s.medium.fog = true;
+  s.medium.fog_start = start;
+  s.medium.fog_end = end;
+  std::copy(color.begin(), color.end(), s.medium.fog_color);
 }
 
 void set_haze(SceneData& s, float ratio, float radius, Rgb color) {
-  s.air.haze = true;
-  s.air.haze_ratio = ratio;
-  s.air.haze_radius = radius;
-  std::copy(color.begin(), color.end(), s.air.haze_color);
+  s.medium.haze = true;
+  s.medium.haze_ratio = ratio;
+  s.medium.haze_radius = radius;
+  std::copy(color.begin(), color.end(), s.medium.haze_color);
 }
 
 BoundCaster* make_caster(const SceneData& scene, const Optics& optics, const Tracing& tracing,
@@ -246,11 +246,11 @@ void trace_pixels(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> ge
 std::map<std::string, long> work_of(const BoundCaster& b) {
   const Work& w = b.caster.work();
   return {{"ticks", w.ticks},
-          {"packets_asked", w.packets_asked},
+          {"packets_asked", w.packets_tested},
           {"packets_traced", w.packets_traced},
           {"packets_relit", w.packets_relit},
-          {"trees_built", w.trees_built},
-          {"trees_refitted", w.trees_refitted}};
+          {"trees_built", w.bvhs_built},
+          {"trees_refitted", w.bvhs_refitted}};
 }
 
 }  // namespace

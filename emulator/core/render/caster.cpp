@@ -24,10 +24,10 @@ V3 to_float(D3 v) {
 }
 
 Mesh mesh_view(const SceneData::MeshData& m) {
-  return {m.tree.nodes.data(), m.tree.triangles.data(),
-          m.corners.data(),    static_cast<int>(m.tree.nodes.size()),
-          m.has_texcoords,     m.tree.center,
-          m.tree.radius};
+  return {m.bvh.nodes.data(), m.bvh.triangles.data(),
+          m.corners.data(),   static_cast<int>(m.bvh.nodes.size()),
+          m.has_texcoords,    m.bvh.center,
+          m.bvh.radius};
 }
 
 }  // namespace
@@ -39,11 +39,12 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
       incremental_(tracing.incremental),
       forced_(tracing.forced),
       mesh_data_(scene.meshes),
-      look_(make_appearance(scene, tracing.rgb || tracing.forced.on(COLOUR), tracing.path,
-                            tracing.forced.off(COLOUR), before ? &before->look_ : nullptr)) {
+      appearance_(make_appearance(scene, tracing.rgb || tracing.forced.on(COLOUR), tracing.path,
+                                  tracing.forced.off(COLOUR),
+                                  before ? &before->appearance_ : nullptr)) {
   for (const auto& m : mesh_data_) {
     bool shared = before && std::count(before->mesh_data_.begin(), before->mesh_data_.end(), m) > 0;
-    work_.trees_built += !shared;
+    work_.bvhs_built += !shared;
     meshes_.push_back(mesh_view(*m));
   }
   int count = static_cast<int>(scene.geom_type.size());
@@ -65,15 +66,15 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
     geoms_[k].surface = scene.geom_surface[g];
     for (int a = 0; a < 3; a++) geoms_[k].size[a] = scene.geom_size[3 * g + a];
   }
-  // nothing is allocated in a tick: what grows has its room from here on
+  // reserve here what a tick needs: it allocates nothing
   previous_geoms_ = geoms_;
   spheres_.resize(count);
-  balls_.resize(count);
-  previous_balls_.resize(count);
+  bounding_spheres_.resize(count);
+  previous_spheres_.resize(count);
   moved_.reserve(2 * count);
-  moved_rods_.reserve(2 * static_cast<size_t>(count));
-  moved_balls_.reserve(2 * static_cast<size_t>(count));
-  previous_lights_ = look_.lights;
+  moved_capsules_.reserve(2 * static_cast<size_t>(count));
+  moved_spheres_.reserve(2 * static_cast<size_t>(count));
+  previous_lights_ = appearance_.lights;
   camera_.reserve(12);
   deformed_.resize(mesh_data_.size());
   shapes_.resize(mesh_data_.size());
@@ -83,55 +84,57 @@ Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& trac
   frame_.plane_count = static_cast<int>(
       std::count_if(geoms_.begin(), geoms_.end(), [](const Geom& g) { return g.shape == PLANE; }));
   frame_.meshes = meshes_.data();
-  frame_.surfaces = look_.surfaces.data();
-  frame_.textures = look_.textures.data();
-  frame_.lights = look_.lights.data();
-  frame_.light_count = static_cast<int>(look_.lights.size());
-  frame_.skybox = look_.skybox;
-  frame_.channels = look_.channels;
-  std::copy(look_.weights, look_.weights + MAX_CHANNELS, frame_.weights);
-  frame_.lobes = forced_.decide(LOBES, look_.layered || tracing.path);
-  if (forced_.decide(TEXTURE_FILTER, look_.textured)) frame_.probes = probes_of(tracing.samples);
-  frame_.bumpy = forced_.decide(NORMAL_MAPS, look_.bumpy);
-  if (forced_.off(FOG)) look_.air.fog = false;
-  if (forced_.off(HAZE)) look_.air.haze = false;
-  if (forced_.on(FOG) && !look_.air.fog) add_clear_fog(look_.air);
-  frame_.air = look_.air;
-  // the first plane without bounds has the horizon
+  frame_.surfaces = appearance_.surfaces.data();
+  frame_.textures = appearance_.textures.data();
+  frame_.lights = appearance_.lights.data();
+  frame_.light_count = static_cast<int>(appearance_.lights.size());
+  frame_.skybox = appearance_.skybox;
+  frame_.channels = appearance_.channels;
+  std::copy(appearance_.weights, appearance_.weights + MAX_CHANNELS, frame_.weights);
+  frame_.lobes = forced_.decide(LOBES, appearance_.layered || tracing.path);
+  if (forced_.decide(TEXTURE_FILTER, appearance_.textured))
+    frame_.probes = probes_of(tracing.samples);
+  frame_.normal_mapped = forced_.decide(NORMAL_MAPS, appearance_.normal_mapped);
+  if (forced_.off(FOG)) appearance_.medium.fog = false;
+  if (forced_.off(HAZE)) appearance_.medium.haze = false;
+  if (forced_.on(FOG) && !appearance_.medium.fog) add_clear_fog(appearance_.medium);
+  frame_.medium = appearance_.medium;
+  // the first infinite plane has the horizon
   for (int k = count - 1; k >= 0; k--) {
     bool endless = geoms_[k].size[0] <= 0 && geoms_[k].size[1] <= 0;
     if (geoms_[k].shape == PLANE && endless) haze_plane_ = k;
   }
-  full_lights_ = look_.lights;
-  gains_.assign(look_.lights.size(), 1.0f);
+  full_lights_ = appearance_.lights;
+  gains_.assign(appearance_.lights.size(), 1.0f);
   frame_.colour = frame_.channels == 3 ? 0 : 1;
   frame_.shadows = forced_.decide(SHADOWS, tracing.shadows);
   if (tracing.adaptive && !tracing.path && tracing.samples > 1) {
     antialiasing_.emplace(optics, sampling_, tracing.rgb);
   }
   if (incremental_ && !tracing.path) {
-    // what is kept of a packet is one sample a pixel
+    // a packet's shading can be cached with one sample a pixel
     int channels = antialiasing_ ? frame_.channels + 1 : tracing.samples == 1 ? frame_.channels : 0;
-    ray_blocks_.emplace(sampling_, channels, look_.lights, frame_.shadows);
+    packet_cache_.emplace(sampling_, channels, appearance_.lights, frame_.shadows);
   }
   if (tracing.path) {
-    emitters_.emplace(scene, look_, order_);
+    emitters_.emplace(scene, appearance_, order_);
     paths_.bounces = tracing.bounces;
     paths_.sample_set = tracing.sample_set;
-    while ((1 << paths_.digits) < tracing.samples) paths_.digits++;
+    while ((1 << paths_.log2_samples) < tracing.samples) paths_.log2_samples++;
     set_paths();
     batches_ = std::make_unique_for_overwrite<PathBatch[]>(pool_->threads());
-    if (incremental_) kept_.emplace(optics.width, optics.height, tracing.samples, geoms_.size());
+    if (incremental_)
+      path_cache_.emplace(optics.width, optics.height, tracing.samples, geoms_.size());
   }
 }
 
-// The emitters' part of what the path kernels read.
+// Copy the emitters' part into the path frame.
 void Caster::set_paths() {
   PathFrame f = emitters_->frame();
   f.bounces = paths_.bounces;
   f.sample_set = paths_.sample_set;
-  f.digits = paths_.digits;
-  f.glowing = forced_.decide(GLOWING, f.glowing);
+  f.log2_samples = paths_.log2_samples;
+  f.emissive = forced_.decide(EMISSIVE, f.emissive);
   f.transparent = forced_.decide(TRANSPARENT, f.transparent);
   paths_ = f;
 }
@@ -140,13 +143,13 @@ void Caster::deform_mesh(int index, const float* vertices, const float* normals)
   std::shared_ptr<SceneData::MeshData>& data = mesh_data_.at(index);
   if (data.use_count() > 1) data = std::make_shared<SceneData::MeshData>(*data);
   SceneData::MeshData& mesh = *data;
-  // a body at rest costs a comparison
+  // a body at rest costs only a comparison
   size_t count = 3 * static_cast<size_t>(mesh.vertex_count);
   std::vector<float>& last = shapes_[index];
   bool same = last.size() == 2 * count && std::equal(vertices, vertices + count, last.begin()) &&
               std::equal(normals, normals + count, last.begin() + static_cast<long>(count));
   if (!forced_.decide(REFITS, !same)) return;
-  work_.trees_refitted++;
+  work_.bvhs_refitted++;
   last.assign(vertices, vertices + count);
   last.insert(last.end(), normals, normals + count);
   deform(mesh, vertices, normals);
@@ -173,7 +176,7 @@ void Caster::place_geoms(const Poses& p) {
   for (size_t k = 0; k < geoms_.size(); k++) {
     Geom& g = geoms_[k];
     const double *pos = p.geom_pos + 3 * order_[k], *mat = p.geom_mat + 9 * order_[k];
-    // all differences in double: a scene far from the origin loses nothing
+    // subtract in double: precision does not depend on the distance from the origin
     g.position = to_float(transposed_times(cm, minus(pos, p.camera_pos)));
     g.camera = to_float(transposed_times(mat, minus(p.camera_pos, pos)));
     for (int i = 0; i < 3; i++) {
@@ -183,20 +186,20 @@ void Caster::place_geoms(const Poses& p) {
         g.rotation[3 * i + j] = static_cast<float>(sum);
       }
     }
-    balls_[k] = sphere_of(g);
-    spheres_.set(static_cast<int>(k), balls_[k]);
+    bounding_spheres_[k] = bounding_sphere_of(g);
+    spheres_.set(static_cast<int>(k), bounding_spheres_[k]);
   }
   frame_.bounds = spheres_.view();
-  frame_.around = ball_around(balls_.data() + frame_.plane_count,
-                              geoms_.size() - static_cast<size_t>(frame_.plane_count));
-  frame_.mirrored = mirrored_in_plane();
-  for (int i = 0; i < 9; i++) frame_.sky_rotation[i] = static_cast<float>(cm[i]);
+  frame_.finite_bounds = sphere_around(bounding_spheres_.data() + frame_.plane_count,
+                                       geoms_.size() - static_cast<size_t>(frame_.plane_count));
+  frame_.mirrored_bounds = mirrored_in_plane();
+  for (int i = 0; i < 9; i++) frame_.camera_to_world[i] = static_cast<float>(cm[i]);
 }
 
-uint32_t Caster::idle_planes(const Light& l) const {
-  uint32_t idle = 0;
-  if (forced_.on(PLANE_SHADOWS)) return idle;
-  if (forced_.off(PLANE_SHADOWS)) return ~idle;
+uint32_t Caster::non_occluding_planes(const Light& l) const {
+  uint32_t non_occluders = 0;
+  if (forced_.on(PLANE_SHADOWS)) return non_occluders;
+  if (forced_.off(PLANE_SHADOWS)) return ~non_occluders;
   for (size_t k = 0; k < std::min<size_t>(geoms_.size(), 32); k++) {
     const Geom& g = geoms_[k];
     if (g.shape != PLANE) break;
@@ -205,23 +208,23 @@ uint32_t Caster::idle_planes(const Light& l) const {
       w = {l.position.x - g.position.x, l.position.y - g.position.y, l.position.z - g.position.z};
     }
     float height = w.x * g.rotation[2] + w.y * g.rotation[5] + w.z * g.rotation[8];
-    // and not by a rounding; nor, where lamps are bulbs, with a part of it
+    // exclude rounding errors and, where lights are bulbs, their radius
     float part = emitters_ && l.kind != DIRECTIONAL ? l.radius : 0;
-    if (height > 1e-5f * std::hypot(w.x, w.y, w.z) + part) idle |= 1u << k;
+    if (height > 1e-5f * std::hypot(w.x, w.y, w.z) + part) non_occluders |= 1u << k;
   }
-  return idle;
+  return non_occluders;
 }
 
 void Caster::place_lights(const Poses& p) {
-  for (size_t i = 0; i < look_.lights.size(); i++) {
-    Light& l = look_.lights[i];
+  for (size_t i = 0; i < appearance_.lights.size(); i++) {
+    Light& l = appearance_.lights[i];
     const Light& full = full_lights_[i];
     for (int c = 0; c < MAX_CHANNELS; c++) {
       l.ambient[c] = full.ambient[c] * gains_[i];
       l.diffuse[c] = full.diffuse[c] * gains_[i];
       l.specular[c] = full.specular[c] * gains_[i];
     }
-    if (look_.headlight[i]) {
+    if (appearance_.headlight[i]) {
       l.position = {0, 0, 0};
       l.direction = {0, 0, -1};
     } else {
@@ -230,7 +233,7 @@ void Caster::place_lights(const Poses& p) {
           to_float(transposed_times(p.camera_mat, minus(p.light_pos + 3 * i, p.camera_pos)));
       l.direction = to_float(transposed_times(p.camera_mat, {d[0], d[1], d[2]}));
     }
-    l.idle = idle_planes(l);
+    l.non_occluders = non_occluding_planes(l);
   }
 }
 
@@ -238,24 +241,24 @@ void Caster::set_light_gains(const float* gains) {
   std::copy(gains, gains + gains_.size(), gains_.begin());
 }
 
-// Haze is drawn from a camera above the plane only; an orthographic one has no horizon.
-void Caster::place_air() {
-  Air& air = frame_.air;
-  air = look_.air;
-  air.haze = look_.air.haze && haze_plane_ >= 0 && !frame_.orthographic;
-  if (air.haze) {
+// Haze is drawn only from a camera above the plane; an orthographic camera has no horizon.
+void Caster::place_medium() {
+  Medium& medium = frame_.medium;
+  medium = appearance_.medium;
+  medium.haze = appearance_.medium.haze && haze_plane_ >= 0 && !frame_.orthographic;
+  if (medium.haze) {
     const Geom& plane = geoms_[haze_plane_];
-    air.haze_up = {plane.rotation[2], plane.rotation[5], plane.rotation[8]};
-    air.haze_elevation = plane.camera.z / air.haze_radius;
-    air.haze = air.haze_elevation > 0;
+    medium.haze_up = {plane.rotation[2], plane.rotation[5], plane.rotation[8]};
+    medium.haze_elevation = plane.camera.z / medium.haze_radius;
+    medium.haze = medium.haze_elevation > 0;
   }
-  if (!air.haze && forced_.on(HAZE)) add_clear_haze(air);
+  if (!medium.haze && forced_.on(HAZE)) add_clear_haze(medium);
 }
 
 void Caster::render(const Poses& poses, float* luminance, float* rgb) {
   place_geoms(poses);
   place_lights(poses);
-  place_air();
+  place_medium();
 
   std::vector<double>& camera = camera_;
   bool first = camera.empty();
@@ -285,24 +288,24 @@ void Caster::render(const Poses& poses, float* luminance, float* rgb) {
 }
 
 bool Caster::same_lights() const {
-  size_t bytes = look_.lights.size() * sizeof(Light);
-  return bytes == 0 || std::memcmp(look_.lights.data(), previous_lights_.data(), bytes) == 0;
+  size_t bytes = appearance_.lights.size() * sizeof(Light);
+  return bytes == 0 || std::memcmp(appearance_.lights.data(), previous_lights_.data(), bytes) == 0;
 }
 
-// Are lights that are images those of the last tick?
+// Are the image lights those of the last tick?
 bool Caster::same_images() const {
-  for (size_t i = 0; i < look_.lights.size(); i++) {
-    const Light& l = look_.lights[i];
+  for (size_t i = 0; i < appearance_.lights.size(); i++) {
+    const Light& l = appearance_.lights[i];
     if (l.kind == IMAGE && std::memcmp(&l, &previous_lights_[i], sizeof l) != 0) return false;
   }
   return true;
 }
 
-// Which of the first 32 are those of the last tick, and cast no shadow? One bit each.
+// Find which of the first 32 lights are unchanged and cast no shadow, one bit each.
 uint32_t Caster::steady_lights() const {
   uint32_t steady = 0;
-  for (size_t i = 0; i < std::min<size_t>(look_.lights.size(), 32); i++) {
-    const Light& l = look_.lights[i];
+  for (size_t i = 0; i < std::min<size_t>(appearance_.lights.size(), 32); i++) {
+    const Light& l = appearance_.lights[i];
     bool same = std::memcmp(&l, &previous_lights_[i], sizeof l) == 0;
     if (same && !(l.castshadow && frame_.shadows)) steady |= 1u << i;
   }
@@ -311,9 +314,9 @@ uint32_t Caster::steady_lights() const {
 
 void Caster::end_tick() {
   previous_geoms_ = geoms_;
-  previous_balls_ = balls_;
+  previous_spheres_ = bounding_spheres_;
   deformed_.assign(deformed_.size(), false);
-  previous_lights_ = look_.lights;
+  previous_lights_ = appearance_.lights;
 }
 
 void Caster::trace_truth(const Poses& poses, const Truth& out) {
@@ -322,14 +325,14 @@ void Caster::trace_truth(const Poses& poses, const Truth& out) {
     for (int column = 0; column < sampling_.columns; column++) {
       kernel_->trace_truth(frame_, column, row, out);
     }
-    // the kernel's order of geoms and triangles is its own
+    // map the kernel's order of geoms and triangles to the scene's
     long begin = static_cast<long>(row) * PACKET_HEIGHT * frame_.width;
     long end = std::min<long>(begin + PACKET_HEIGHT * frame_.width,
                               static_cast<long>(frame_.width) * frame_.height);
     for (long i = begin; i < end; i++) {
       if (out.geom[i] < 0) continue;
       const Geom& g = geoms_[out.geom[i]];
-      if (out.triangle[i] >= 0) out.triangle[i] = mesh_data_[g.mesh]->tree.order[out.triangle[i]];
+      if (out.triangle[i] >= 0) out.triangle[i] = mesh_data_[g.mesh]->bvh.order[out.triangle[i]];
       out.geom[i] = order_[out.geom[i]];
     }
   });
@@ -339,7 +342,7 @@ void Caster::trace_pixels(const Poses& poses, const int32_t* x, const int32_t* y
                           float* luminance) {
   place_geoms(poses);
   place_lights(poses);
-  place_air();
+  place_medium();
   paths_.seed = poses.seed;
   Frame base = antialiasing_ ? antialiasing_->base_frame(frame_) : frame_;
   constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT, PACKETS_A_JOB = 16;

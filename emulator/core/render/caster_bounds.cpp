@@ -1,4 +1,4 @@
-// Balls around geoms: around each for the kernels, and those of what moved since the last tick.
+// Bounding volumes: of each geom for the kernels, and of the geoms that moved since the last tick.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -10,7 +10,7 @@ namespace {
 
 constexpr float HUGE_RADIUS = 1e15f;  // of an infinite plane
 
-// the widest kernel reads 32 at once
+// the widest kernel reads 32 at a time
 size_t padded(int count) { return static_cast<size_t>((count + 31) / 32) * 32; }
 
 }  // namespace
@@ -27,18 +27,18 @@ void Caster::Spheres::resize(int count) {
   radius.assign(size, -1.0f);
 }
 
-void Caster::Spheres::set(int i, const Ball& s) {
+void Caster::Spheres::set(int i, const BoundingSphere& s) {
   x[i] = s.center.x;
   y[i] = s.center.y;
   z[i] = s.center.z;
   radius[i] = s.radius;
 }
 
-Bounds Caster::Spheres::view() const {
+BoundingSphereArray Caster::Spheres::view() const {
   return {x.data(), y.data(), z.data(), radius.data(), static_cast<int>(x.size())};
 }
 
-Ball Caster::sphere_of(const Geom& g) const {
+BoundingSphere Caster::bounding_sphere_of(const Geom& g) const {
   const float* s = g.size;
   float r = 0;
   V3 c = g.position;
@@ -62,33 +62,33 @@ Ball Caster::sphere_of(const Geom& g) const {
       r = std::sqrt(s[0] * s[0] + s[1] * s[1] + s[2] * s[2]);
       break;
     default: {
-      const Tree& tree = mesh_data_[g.mesh]->tree;
+      const Bvh& bvh = mesh_data_[g.mesh]->bvh;
       const float* m = g.rotation;
-      V3 q = tree.center;
+      V3 q = bvh.center;
       c = {c.x + m[0] * q.x + m[1] * q.y + m[2] * q.z, c.y + m[3] * q.x + m[4] * q.y + m[5] * q.z,
            c.z + m[6] * q.x + m[7] * q.y + m[8] * q.z};
-      r = tree.radius;
+      r = bvh.radius;
     }
   }
-  // and the rounding of its place
+  // add the rounding of its position
   return {c, r * 1.0001f + (std::abs(c.x) + std::abs(c.y) + std::abs(c.z)) * 5e-7f};
 }
 
-Ball ball_around(const Ball* balls, size_t count) {
+BoundingSphere sphere_around(const BoundingSphere* spheres, size_t count) {
   if (count == 0) return {{0, 0, 0}, -1};
   double center[3] = {0, 0, 0}, radius = 0;
   for (size_t i = 0; i < count; i++) {
-    center[0] += balls[i].center.x;
-    center[1] += balls[i].center.y;
-    center[2] += balls[i].center.z;
+    center[0] += spheres[i].center.x;
+    center[1] += spheres[i].center.y;
+    center[2] += spheres[i].center.z;
   }
   for (double& c : center) c /= static_cast<double>(count);
   for (size_t i = 0; i < count; i++) {
-    V3 c = balls[i].center;
+    V3 c = spheres[i].center;
     double x = c.x - center[0], y = c.y - center[1], z = c.z - center[2];
-    radius = std::max(radius, std::sqrt(x * x + y * y + z * z) + balls[i].radius);
+    radius = std::max(radius, std::sqrt(x * x + y * y + z * z) + spheres[i].radius);
   }
-  // a pose that is not finite may have been anywhere
+  // a non-finite pose may have been anywhere
   bool finite = std::isfinite(center[0] + center[1] + center[2]) && radius < 1e29;
   if (!finite) center[0] = center[1] = center[2] = 0, radius = 1e29;
   return {
@@ -96,55 +96,57 @@ Ball ball_around(const Ball* balls, size_t count) {
       static_cast<float>(radius * 1.0001)};
 }
 
-// The image of everything else in the only plane; more of them: too large to be anywhere.
-Ball Caster::mirrored_in_plane() const {
+// Return the mirror image of everything else in the only plane; with more planes, an infinite
+// sphere.
+BoundingSphere Caster::mirrored_in_plane() const {
   if (frame_.plane_count != 1) return {{0, 0, 0}, 1e30f};
   const Geom& plane = geoms_[0];
-  Ball ball = frame_.around;
-  V3 n = {plane.rotation[2], plane.rotation[5], plane.rotation[8]}, c = ball.center;
+  BoundingSphere sphere = frame_.finite_bounds;
+  V3 n = {plane.rotation[2], plane.rotation[5], plane.rotation[8]}, c = sphere.center;
   V3 p = plane.position;
   float height = (c.x - p.x) * n.x + (c.y - p.y) * n.y + (c.z - p.z) * n.z;
-  ball.center = {c.x - 2 * height * n.x, c.y - 2 * height * n.y, c.z - 2 * height * n.z};
-  // the rounding of the places, and of rays that leave the plane from afar
+  sphere.center = {c.x - 2 * height * n.x, c.y - 2 * height * n.y, c.z - 2 * height * n.z};
+  // add the rounding of the positions, and of rays that leave the plane from far away
   float away =
       std::abs(c.x) + std::abs(c.y) + std::abs(c.z) + std::abs(height) + std::hypot(p.x, p.y, p.z);
-  if (ball.radius >= 0) ball.radius = ball.radius * 1.0001f + away * 1e-5f;
-  if (!(ball.radius < 1e28f)) ball.radius = 1e30f;
-  return ball;
+  if (sphere.radius >= 0) sphere.radius = sphere.radius * 1.0001f + away * 1e-5f;
+  if (!(sphere.radius < 1e28f)) sphere.radius = 1e30f;
+  return sphere;
 }
 
-// One rod that holds a geom's before and after it moved, or both if it moved far.
-void Caster::add_moved(const Rod& before, const Rod& now) {
+// Add one capsule that bounds a geom before and after its motion, or two if it moved far.
+void Caster::add_moved(const BoundingCapsule& before, const BoundingCapsule& now) {
   auto length = [](V3 a, V3 b) { return std::hypot(a.x - b.x, a.y - b.y, a.z - b.z); };
-  // no point of the axis went further
+  // no point of the axis moved further
   float gone = length(now.center, before.center) + now.half * length(now.axis, before.axis);
   float thickest = std::max(before.radius, now.radius);
   if (gone < 0.5f * thickest && now.half == before.half) {
-    moved_rods_.push_back({now.center, now.axis, now.half, (thickest + gone) * 1.00001f, 0, 0});
+    moved_capsules_.push_back({now.center, now.axis, now.half, (thickest + gone) * 1.00001f, 0, 0});
   } else {
-    moved_rods_.push_back(before);
-    moved_rods_.push_back(now);
+    moved_capsules_.push_back(before);
+    moved_capsules_.push_back(now);
   }
 }
 
-// Rods around every geom that moved, balls around those, and one around them all.
+// Bound every geom that moved by capsules, those by spheres, and all of them by one sphere.
 void Caster::find_moved() {
-  moved_rods_.clear();
+  moved_capsules_.clear();
   for (size_t k = 0; k < geoms_.size(); k++) {
-    // what has no radius, before and now, is not seen
+    // a geom without a radius, before and now, is invisible
     bool solid = geoms_[k].shape == PLANE || geoms_[k].mesh >= 0;
     if (!solid && !(geoms_[k].size[0] > 0) && !(previous_geoms_[k].size[0] > 0)) continue;
     bool deformed = geoms_[k].mesh >= 0 && deformed_[geoms_[k].mesh];
     if (!deformed && std::memcmp(&geoms_[k], &previous_geoms_[k], sizeof(Geom)) == 0) continue;
-    add_moved(rod_of(previous_geoms_[k], previous_balls_[k]), rod_of(geoms_[k], balls_[k]));
+    add_moved(bounding_capsule(previous_geoms_[k], previous_spheres_[k]),
+              bounding_capsule(geoms_[k], bounding_spheres_[k]));
   }
-  moved_balls_.clear();
-  moved_.resize(static_cast<int>(moved_rods_.size()));
-  for (const Rod& rod : moved_rods_) {
-    moved_balls_.push_back({rod.center, (rod.half + rod.radius) * 1.00001f});
-    moved_.set(static_cast<int>(moved_balls_.size()) - 1, moved_balls_.back());
+  moved_spheres_.clear();
+  moved_.resize(static_cast<int>(moved_capsules_.size()));
+  for (const BoundingCapsule& capsule : moved_capsules_) {
+    moved_spheres_.push_back({capsule.center, (capsule.half + capsule.radius) * 1.00001f});
+    moved_.set(static_cast<int>(moved_spheres_.size()) - 1, moved_spheres_.back());
   }
-  around_moved_ = ball_around(moved_balls_.data(), moved_balls_.size());
+  around_moved_ = sphere_around(moved_spheres_.data(), moved_spheres_.size());
 }
 
 }  // namespace evs

@@ -1,4 +1,4 @@
-// A tick of the caster whose light comes straight from the lamps.
+// One tick of the `direct` integrator.
 #include <atomic>
 
 #include "caster.h"
@@ -6,34 +6,35 @@
 namespace evs {
 namespace {
 
-bool keeps(const KeptPatch& patch) { return patch.numbers && *patch.geom >= 0; }
+bool has_shading(const CachedShading& shading) { return shading.numbers && *shading.geom >= 0; }
 
-// Can two packets be lit at once? In: the first, which keeps something.
-bool alike(const KeptPatch& a, const KeptPatch& b) {
-  return keeps(b) && *a.geom == *b.geom && a.lights == b.lights;
+// Can two packets be relit at once? In: the first has cached shading.
+bool alike(const CachedShading& a, const CachedShading& b) {
+  return has_shading(b) && *a.geom == *b.geom && a.lights == b.lights;
 }
 
 }  // namespace
 
-// In: whether the camera is where it was, and whether what can have changed is asked for then.
+// In: whether the camera stands still, and whether only dirty packets are traced then.
 void Caster::trace_direct(bool still, bool selective, const Outputs& out) {
-  bool recording = ray_blocks_ && (work_.ticks == 1 || still);
-  selective = selective && recorded_ && !ray_blocks_->outdated(look_.lights, previous_lights_);
+  bool recording = packet_cache_ && (work_.ticks == 1 || still);
+  selective = selective && recorded_ &&
+              !packet_cache_->drop_changed_lights(appearance_.lights, previous_lights_);
   recorded_ = recording;
   long packets = static_cast<long>(sampling_.rows) * sampling_.columns;
   if (selective) {
-    work_.packets_asked += packets;
+    work_.packets_tested += packets;
     find_moved();
     bool lights_stay = same_lights();
-    if (moved_rods_.empty() && lights_stay) {
+    if (moved_capsules_.empty() && lights_stay) {
       traced_fraction_ = 0;
       return;
     }
-    Change change = {moved_rods_.data(), moved_.view(), around_moved_,
-                     lights_stay ? nullptr : previous_lights_.data()};
-    ray_blocks_->ask(*kernel_, frame_, change, *pool_);
+    SceneChange change = {moved_capsules_.data(), moved_.view(), around_moved_,
+                          lights_stay ? nullptr : previous_lights_.data()};
+    packet_cache_->find_dirty(*kernel_, frame_, change, *pool_);
   } else if (recording) {
-    ray_blocks_->begin();
+    packet_cache_->record_all();
   }
 
   Outputs first_out = antialiasing_ ? antialiasing_->base() : out;
@@ -41,59 +42,60 @@ void Caster::trace_direct(bool still, bool selective, const Outputs& out) {
   std::atomic<long> traced{0}, relit{0};
   bool pairs = kernel_->trace_pair && frame_.pairs;
   pool_->run(sampling_.rows, [&](int row, int) {
-    using Need = RayBlocks::Need;
-    long anew = 0, lit = 0;
-    auto need_of = [&](int column) {
-      if (selective) return ray_blocks_->need(column, row);
-      return recording ? Need::ALL : Need::MET;
+    using Dirty = PacketCache::Dirty;
+    long retraced = 0, lit = 0;
+    auto dirty_of = [&](int column) {
+      if (selective) return packet_cache_->dirty(column, row);
+      return recording ? Dirty::RETRACE : Dirty::RETRACE_UNRECORDED;
     };
     for (int column = 0; column < sampling_.columns; column++) {
-      if (selective && column % BLOCK_WIDTH == 0 && !ray_blocks_->any_need(column, row)) {
+      if (selective && column % BLOCK_WIDTH == 0 && !packet_cache_->any_dirty(column, row)) {
         column += BLOCK_WIDTH - 1;
         continue;
       }
-      Need need = need_of(column);
-      if (need == Need::NOTHING) continue;
+      Dirty dirty = dirty_of(column);
+      if (dirty == Dirty::CLEAN) continue;
       bool even = column % 2 == 0 && column + 1 < sampling_.columns;
-      if (pairs && even && need == Need::MET && need_of(column + 1) == Need::MET) {
+      if (pairs && even && dirty == Dirty::RETRACE_UNRECORDED &&
+          dirty_of(column + 1) == Dirty::RETRACE_UNRECORDED) {
         kernel_->trace_pair(first_frame, column, row, first_out);
         for (int k = 0; k < 2 && antialiasing_; k++) antialiasing_->traced(column + k, row);
-        anew += 2;
+        retraced += 2;
         column++;
         continue;
       }
-      Record record = {};
-      if (recording) record = ray_blocks_->record(column, row);
-      if (need == Need::LIGHT && keeps(record.patch)) {
-        KeptPatch kept[2] = {record.patch, {}};
+      PacketRecord record = {};
+      if (recording) record = packet_cache_->record(column, row);
+      if (dirty == Dirty::RELIGHT && has_shading(record.shading)) {
+        CachedShading cache[2] = {record.shading, {}};
         if (kernel_->relight_pair && column + 1 < sampling_.columns &&
-            need_of(column + 1) == Need::LIGHT) {
-          kept[1] = ray_blocks_->record(column + 1, row).patch;
+            dirty_of(column + 1) == Dirty::RELIGHT) {
+          cache[1] = packet_cache_->record(column + 1, row).shading;
         }
-        if (alike(kept[0], kept[1])) {
-          kernel_->relight_pair(first_frame, column, row, first_out, kept);
+        if (alike(cache[0], cache[1])) {
+          kernel_->relight_pair(first_frame, column, row, first_out, cache);
           if (antialiasing_) antialiasing_->traced(column, row);
           column++;
           lit++;
         } else {
-          kernel_->relight(first_frame, column, row, first_out, kept);
+          kernel_->relight(first_frame, column, row, first_out, cache);
         }
         lit++;
       } else {
-        // where only the light changes, what is noted of the rays stays right
-        bool noting = recording && need == Need::ALL;
-        kernel_->trace(first_frame, column, row, first_out, noting ? &record : nullptr);
-        anew++;
+        // where only light changes, the recorded rays stay valid
+        bool recording_rays = recording && dirty == Dirty::RETRACE;
+        kernel_->trace(first_frame, column, row, first_out, recording_rays ? &record : nullptr);
+        retraced++;
       }
       if (antialiasing_) antialiasing_->traced(column, row);
     }
-    traced += anew;
+    traced += retraced;
     relit += lit;
   });
   if (antialiasing_ && traced + relit > 0) {
     antialiasing_->close_margin();
     pool_->run(sampling_.rows, [&](int row, int) {
-      antialiasing_->finish_row(*kernel_, frame_, row, out, recording ? &*ray_blocks_ : nullptr);
+      antialiasing_->finish_row(*kernel_, frame_, row, out, recording ? &*packet_cache_ : nullptr);
     });
     antialiasing_->next_tick();
   }

@@ -1,4 +1,4 @@
-// Which code paths a caster has: those that its scene asks for, unless a test says otherwise.
+// Feature flags: a caster enables the features that its scene needs, unless a test forces them.
 #pragma once
 
 #include <array>
@@ -10,17 +10,17 @@ namespace evs {
 
 enum Feature {
   COLOUR = 0,      // three channels instead of luminance alone
-  LOBES,           // GGX gloss: physical materials, maps
-  NORMAL_MAPS,     // bent normals
-  TEXTURE_FILTER,  // images are read along what a pixel covers of them
+  LOBES,           // GGX lobes: physical materials, maps
+  NORMAL_MAPS,     // normal mapping
+  TEXTURE_FILTER,  // anisotropic filtering along camera rays
   FOG,
   HAZE,
   SHADOWS,        // shadow rays
-  PLANE_SHADOWS,  // planes stand in the way of light that is on their front
-  FULL_RETRACE,   // pixels that nothing that moved can touch
-  REFITS,         // trees of deforming meshes that keep their shape
-  GLOWING,        // paths look for surfaces with light of their own after their last bounce
-  TRANSPARENT,    // paths ask each layer how much it lets pass
+  PLANE_SHADOWS,  // planes occlude lights that are on their front
+  FULL_RETRACE,   // ignore what nothing that moved can affect
+  REFITS,         // refit the BVHs of deforming meshes
+  EMISSIVE,       // paths look for emissive surfaces after their last bounce
+  TRANSPARENT,    // paths evaluate the opacity of each layer
   FEATURE_COUNT
 };
 
@@ -30,36 +30,36 @@ constexpr const char* FEATURE_NAMES[FEATURE_COUNT] = {
 
 using FeatureFlags = std::map<std::string, bool>;
 
-// What is forced on (but for TRANSPARENT its bytes stay the same) or off (for tests: what needs it
-// then comes out wrong).
+// Features forced on (the output's bytes stay the same, but for TRANSPARENT) or off (for tests:
+// what needs the feature is then wrong).
 class Forced {
  public:
-  Forced() { said_.fill(-1); }
+  Forced() { setting_.fill(-1); }
 
-  // Throws std::invalid_argument for a name that is none.
+  // Throws std::invalid_argument for an unknown name.
   explicit Forced(const FeatureFlags& flags) : Forced() {
     for (const auto& [name, on] : flags) {
       int feature = 0;
       while (feature < FEATURE_COUNT && name != FEATURE_NAMES[feature]) feature++;
       if (feature == FEATURE_COUNT) throw std::invalid_argument("no feature is called " + name);
-      said_[feature] = on;
+      setting_[feature] = on;
     }
   }
 
-  bool on(Feature feature) const { return said_[feature] == 1; }
-  bool off(Feature feature) const { return said_[feature] == 0; }
+  bool on(Feature feature) const { return setting_[feature] == 1; }
+  bool off(Feature feature) const { return setting_[feature] == 0; }
   bool decide(Feature feature, bool needed) const {
-    return said_[feature] < 0 ? needed : said_[feature] == 1;
+    return setting_[feature] < 0 ? needed : setting_[feature] == 1;
   }
 
  private:
-  std::array<int, FEATURE_COUNT> said_;
+  std::array<int, FEATURE_COUNT> setting_;
 };
 
-// Air that can be looked through as if it were not there, for a caster that has to have fog or
-// haze. A sky, which fog hides, is black behind it.
-struct Air;
-void add_clear_fog(Air& air);
-void add_clear_haze(Air& air);
+// Add fog or haze that is fully transparent, to a caster that must have it. An environment, which
+// fog hides, is black behind it.
+struct Medium;
+void add_clear_fog(Medium& medium);
+void add_clear_haze(Medium& medium);
 
 }  // namespace evs

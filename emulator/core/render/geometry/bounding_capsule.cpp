@@ -5,8 +5,7 @@
 
 namespace evs {
 
-// The smaller of the ball and a capsule along the longest axis.
-Rod rod_of(const Geom& g, const Ball& ball) {
+BoundingCapsule bounding_capsule(const Geom& g, const BoundingSphere& sphere) {
   const float* s = g.size;
   float half = 0, radius = 0;
   int axis = 2;
@@ -25,13 +24,15 @@ Rod rod_of(const Geom& g, const Ball& ball) {
       break;
     }
     default:
-      return {ball.center, {0, 0, 1}, 0, ball.radius, g.shape == SPHERE ? s[0] * 0.9999f : 0, 0};
+      return {
+          sphere.center, {0, 0, 1}, 0, sphere.radius, g.shape == SPHERE ? s[0] * 0.9999f : 0, 0};
   }
   auto cube = [](float x) { return x * x * x; };
-  if (radius * radius * half * 1.5f + cube(radius) >= cube(ball.radius)) {
-    return {ball.center, {0, 0, 1}, 0, ball.radius, 0, 0};
+  if (radius * radius * half * 1.5f + cube(radius) >= cube(sphere.radius)) {
+    return {sphere.center, {0, 0, 1}, 0, sphere.radius, 0, 0};
   }
-  // room for the rounding of its place, and for what `note` leaves out of nearly parallel lines
+  // leave room for the rounding of the position, and for what `ray_clearance` neglects between
+  // nearly parallel lines
   V3 c = g.position;
   float away = std::abs(c.x) + std::abs(c.y) + std::abs(c.z);
   float solid = g.shape == CAPSULE ? radius * 0.9999f - away * 5e-7f : 0;

@@ -1,11 +1,13 @@
-// Balls and capsules around geoms: what is long is thinner in a capsule than in a ball.
+// Bounding spheres and capsules of geoms. A capsule fits a long geom more closely than a sphere
+// does.
 #pragma once
 
 #include "path_scene.h"
 
 namespace evs {
 
-// The smaller of the ball around a geom and a capsule along its longest axis. No bit is set.
-Rod rod_of(const Geom& geom, const Ball& ball);
+// Return the smaller of a geom's bounding sphere and a capsule along its longest axis. `bit` is not
+// set.
+BoundingCapsule bounding_capsule(const Geom& geom, const BoundingSphere& sphere);
 
 }  // namespace evs

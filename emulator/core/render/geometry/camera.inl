@@ -1,4 +1,4 @@
-// The lens as data: directions at the corners of pixels, and the light that each pixel gets.
+// Camera rays: pinhole, orthographic, or a lens given as one direction at each pixel corner.
 #pragma once
 
 #include "geometry/rays.inl"
@@ -7,8 +7,9 @@
 namespace evs::EVS_SPACE {
 namespace {
 
-// The direction through a point of the image, px: between those at the four corners of its pixel,
-// so a cone that holds the corners holds it too. What overhangs the image sees its edge.
+// Interpolate the direction at a point of the image (px) between the four corners of its pixel. The
+// cone that bounds the corners therefore bounds every ray. Points outside the image are clamped to
+// its edge.
 EVS_INLINE Vec through_lens(const Frame& f, Float px, Float py) {
   Float x = min(max(px, splat(0.0f)), splat(static_cast<float>(f.width)));
   Float y = min(max(py, splat(0.0f)), splat(static_cast<float>(f.height)));
@@ -27,7 +28,7 @@ EVS_INLINE Vec through_lens(const Frame& f, Float px, Float py) {
   return normalize(top + (bottom - top) * v);
 }
 
-// Pixels of 16 lanes are a packet, of 32 two side by side.
+// With 16 lanes a packet is 4 x 4 pixels; with 32 lanes two packets lie side by side.
 constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT, PACKETS = LANES / PACKET;
 struct PixelOfLane {
   float column[LANES], row[LANES];
@@ -40,7 +41,7 @@ struct PixelOfLane {
 };
 constexpr PixelOfLane PIXEL;
 
-// The rays through these points of the image, px.
+// Generate the rays through these points of the image, in px.
 EVS_INLINE Rays rays_through(const Frame& f, Float px, Float py) {
   Float zero = splat(0.0f), back = splat(-1.0f);
   if (f.lens) return {{zero, zero, zero}, through_lens(f, px, py), true, true};
@@ -49,7 +50,7 @@ EVS_INLINE Rays rays_through(const Frame& f, Float px, Float py) {
   return {{zero, zero, zero}, normalize({x, y, back}), true, true};
 }
 
-// Sample positions of whole pixels, rounded as primary_rays rounds them.
+// Return the sample positions of pixels, rounded exactly as `primary_rays` rounds them.
 EVS_INLINE Float pixel_point(const int* pixel, float sub, int packet) {
   alignas(64) float point[LANES];
   for (int i = 0; i < LANES; i++) {
@@ -60,7 +61,7 @@ EVS_INLINE Float pixel_point(const int* pixel, float sub, int packet) {
 }
 
 EVS_INLINE Rays primary_rays(const Frame& f, int column, int row, float sub_x, float sub_y) {
-  // whole numbers below 2^24 and a sub-pixel position: the sums are rounded once
+  // pixel indices are exact below 2^24, so each sum rounds once
   return rays_through(f, load(PIXEL.column) + (static_cast<float>(column * PACKET_WIDTH) + sub_x),
                       load(PIXEL.row) + (static_cast<float>(row * PACKET_HEIGHT) + sub_y));
 }

@@ -7,20 +7,20 @@ namespace evs::EVS_SPACE {
 namespace {
 
 struct Rays {
-  Vec origin;     // camera frame; all zero where `common`
-  Vec direction;  // unit
-  bool common;    // every ray starts at the camera: the geoms' precomputed camera position holds
-  bool primary = false;  // rays of the image's pixels
+  Vec origin;            // camera frame; all zero where `common`
+  Vec direction;         // unit
+  bool common;           // all rays start at the camera, so Geom::camera is their local origin
+  bool primary = false;  // camera rays
 };
 
 struct Hit {
   Float distance;
-  Int geom;      // -1 none
+  Int geom;      // -1: none
   Int triangle;  // of a mesh
   Float u, v;    // barycentric
 };
 
-constexpr float FAR = 1e30f;
+constexpr float T_INFINITY = 1e30f;
 
 }  // namespace
 }  // namespace evs::EVS_SPACE

@@ -1,5 +1,5 @@
-// First points of samples that lamps light anew: what is seen there is kept from tick to tick, so
-// that neither the ray nor the texture is asked again.
+// Cached first hits of samples whose lights change: their interactions are kept between ticks, so
+// neither the camera ray nor the texture is evaluated again.
 #pragma once
 
 #include "integrators/wavefront.inl"
@@ -7,151 +7,159 @@
 namespace evs::EVS_SPACE {
 namespace {
 
-constexpr float UNKNOWN = -1;               // in place of the distance
-constexpr int NOT_KEPT = -2, NOTHING = -1;  // in place of the geom
+constexpr float NOT_KNOWN = -1;               // in place of the distance
+constexpr int NOT_CACHED = -2, NO_GEOM = -1;  // in place of the geom
 
-// A shape whose normals and numbers follow from the point, all but the texture's colour?
-EVS_INLINE bool is_plain(const Frame& f, int index) {
+// Is the shape's interaction determined by the hit point, except for a texture's colour?
+EVS_INLINE bool is_cacheable(const Frame& f, int index) {
   const Geom& g = f.geoms[index];
   const Surface& s = f.surfaces[g.surface];
   return g.shape != MESH && g.shape != HFIELD && !s.layered && s.normal_map < 0;
 }
 
-// What the first rays of `active` meet: `geom`, where not NOTHING; the other lanes keep what they
-// have.
-inline void keep_points(const Frame& f, const KeptLight& kept, long at, const Rays& rays,
-                        const Hit& hit, const Patch<3>& patch, Mask active, Mask lit) {
-  int geom = NOTHING;
+// Cache the first hits of `active`, if one cacheable geom covers them. The other lanes keep their
+// entries.
+inline void cache_hits(const Frame& f, const PathCacheView& cache, long at, const Rays& rays,
+                       const Hit& hit, const SurfaceInteraction<3>& interaction, Mask active,
+                       Mask lit) {
+  int geom = NO_GEOM;
   for (unsigned lanes = bits(lit); lanes && geom < 0;) {
     int index = lane(hit.geom, first_lane(lanes));
-    if (is_plain(f, index)) geom = index;
+    if (is_cacheable(f, index)) geom = index;
     lanes &= ~bits(hit.geom == splat(index));
   }
-  int32_t& seen = kept.seen[at / LANES];
+  int32_t& hit_geom = cache.hit_geom[at / LANES];
   Mask here = lit & (hit.geom == splat(geom));
-  Float away = select(here, hit.distance, select(lit, splat(UNKNOWN), splat(FAR)));
-  Float before = seen == geom ? load(kept.away + at) : splat(UNKNOWN);
-  away = select(active, away, before);
-  store(kept.away + at, away);
-  seen = geom;
-  kept.unlit[at / LANES] = 0;
-  Mask known = ~(away < 0.0f) & (away < FAR);
-  Region points = region_of(rays.origin + rays.direction * away, 0.0f, known);
-  Hull ball = ball_of(points);
-  float parts[4] = {ball.center.x, ball.center.y, ball.center.z, ball.radius};
-  for (int i = 0; i < 4; i++) kept.ball[i][at / LANES] = parts[i];
+  Float hit_distance = select(here, hit.distance, select(lit, splat(NOT_KNOWN), splat(T_INFINITY)));
+  Float before = hit_geom == geom ? load(cache.hit_distance + at) : splat(NOT_KNOWN);
+  hit_distance = select(active, hit_distance, before);
+  store(cache.hit_distance + at, hit_distance);
+  hit_geom = geom;
+  cache.only_steady_light[at / LANES] = 0;
+  Mask known = ~(hit_distance < 0.0f) & (hit_distance < T_INFINITY);
+  BoundingBox points = bounding_box(rays.origin + rays.direction * hit_distance, 0.0f, known);
+  RayCone sphere = bounding_sphere(points);
+  float parts[4] = {sphere.center.x, sphere.center.y, sphere.center.z, sphere.radius};
+  for (int i = 0; i < 4; i++) cache.sphere[i][at / LANES] = parts[i];
   if (geom < 0 || f.surfaces[f.geoms[geom].surface].texture < 0) return;
   Int places = splat(static_cast<int>(at)) + load(LANE);
-  for (int c = 0; c < 3; c++) store_at(kept.albedo[c], places, patch.albedo[c], here);
+  for (int c = 0; c < 3; c++) store_at(cache.albedo[c], places, interaction.albedo[c], here);
 }
 
-// The same patch as patch_of, of a plain shape. In: albedo, for a texture.
-inline void plain_patch(const Frame& f, int index, const Rays& rays, const Hit& hit,
-                        float* const* albedo, long at, Patch<3>& patch) {
+// Rebuild the interaction that surface_interaction gives on a cacheable shape. In: albedo, for a
+// texture.
+inline void cached_interaction(const Frame& f, int index, const Rays& rays, const Hit& hit,
+                               float* const* albedo, long at, SurfaceInteraction<3>& interaction) {
   const Geom& g = f.geoms[index];
   const Surface& s = f.surfaces[g.surface];
   Vec normal = {splat(0.0f), splat(0.0f), splat(1.0f)};
-  if (g.shape != PLANE) normal = site_of(f, g, rays, hit, ALL_LANES).normal;
-  patch.point = patch.origin = rays.origin + rays.direction * hit.distance;
-  patch.flat = to_camera(g.rotation, normal);
-  patch.normal = facing(patch.flat, rays.direction);
-  patch.reflectance = mirror_share(g, s, normal, to_local(g.rotation, rays.direction));
-  patch.alpha_ggx = splat(s.alpha_ggx);
-  patch.metallic = splat(s.physical ? s.metallic : 0.0f);
+  if (g.shape != PLANE) normal = local_hit(f, g, rays, hit, ALL_LANES).normal;
+  interaction.point = interaction.spawn_point = rays.origin + rays.direction * hit.distance;
+  interaction.geometric_normal = to_camera(g.rotation, normal);
+  interaction.normal = face_forward(interaction.geometric_normal, rays.direction);
+  interaction.reflectance = mirror_reflectance(g, s, normal, to_local(g.rotation, rays.direction));
+  interaction.alpha_ggx = splat(s.alpha_ggx);
+  interaction.metallic = splat(s.physical ? s.metallic : 0.0f);
   for (int c = 0; c < 3; c++) {
-    patch.albedo[c] = s.texture >= 0 ? load(albedo[c] + at) : splat(s.albedo[c]);
-    patch.emitted[c] = patch.albedo[c] * s.emission;
-    patch.f0[c] = splat(s.f0);
-    if (s.physical) patch.f0[c] = 0.04f + (patch.albedo[c] - 0.04f) * patch.metallic;
+    interaction.albedo[c] = s.texture >= 0 ? load(albedo[c] + at) : splat(s.albedo[c]);
+    interaction.emitted[c] = interaction.albedo[c] * s.emission;
+    interaction.f0[c] = splat(s.f0);
+    if (s.physical)
+      interaction.f0[c] = 0.04f + (interaction.albedo[c] - 0.04f) * interaction.metallic;
   }
 }
 
-// Brings what relight_unit will read near. More than a dozen arrays at once are too many for the
-// processor to foresee.
-EVS_INLINE void bring_near(const KeptLight& kept, long at) {
-  auto bring = [at](const float* array) {
+// Prefetch what relight_unit reads: the hardware prefetcher cannot follow a dozen arrays at once.
+EVS_INLINE void prefetch_unit(const PathCacheView& cache, long at) {
+  auto prefetch = [at](const float* array) {
     for (int i = 0; i < LANES; i += 16) __builtin_prefetch(array + at + i);
   };
-  for (const float* array : kept.rest) bring(array);
-  if (!kept.seen) return;
-  bring(kept.away);
-  for (int c = 0; c < 3; c++) bring(kept.albedo[c]), bring(kept.light[c]);
+  for (const float* array : cache.indirect) prefetch(array);
+  if (!cache.hit_geom) return;
+  prefetch(cache.hit_distance);
+  for (int c = 0; c < 3; c++) prefetch(cache.albedo[c]), prefetch(cache.light[c]);
 }
 
-// Of packets side by side from the `first` on: those whose points lights that are not steady may
-// reach, one bit each.
-inline unsigned reached_packets(const Frame& f, const KeptLight& kept, long first, int count) {
-  if (!kept.seen) return ALL_LANES;
+// Find the packets from `first` on whose hits a changing light may reach, one bit each.
+inline unsigned lit_packets(const Frame& f, const PathCacheView& cache, long first, int count) {
+  if (!cache.hit_geom) return ALL_LANES;
   alignas(64) float parts[4][LANES] = {};
   for (int i = 0; i < 4; i++) {
-    __builtin_memcpy(parts[i], kept.ball[i] + first, static_cast<size_t>(count) * sizeof(float));
+    __builtin_memcpy(parts[i], cache.sphere[i] + first, static_cast<size_t>(count) * sizeof(float));
   }
-  Balls balls = {{load(parts[0]), load(parts[1]), load(parts[2])}, load(parts[3])};
+  BoundingSpherePacket spheres = {{load(parts[0]), load(parts[1]), load(parts[2])}, load(parts[3])};
   Mask found = mask_of(0);
   for (int i = 0; i < f.light_count; i++) {
-    bool steady = f.lights[i].kind == IMAGE || (i < 32 && kept.steady >> i & 1);
-    if (!steady) found = found | in_reach(f.lights[i], balls);
+    bool steady = f.lights[i].kind == IMAGE || (i < 32 && cache.steady >> i & 1);
+    if (!steady) found = found | light_reaches(f.lights[i], spheres);
   }
   return bits(found);
 }
 
-// The units `unit` of `lanes` of pixels side by side, with MuJoCo's lights as they are now.
-// `reached`: a light that is not steady may shine on one. False: all shine as they did.
-inline bool relight_unit(const Frame& f, const PathFrame& p, const KeptLight& kept, int x, int y,
-                         int unit, unsigned lanes, bool reached) {
-  long at = (static_cast<long>(y) * kept.units + unit) * kept.columns + x;
-  int seen = kept.seen ? kept.seen[at / LANES] : NOT_KEPT;
-  Float zero = splat(0.0f), out[3] = {zero, zero, zero}, away = splat(UNKNOWN);
-  if (seen != NOT_KEPT) away = load(kept.away + at);
-  Mask active = mask_of(lanes), lit = active & (away < FAR);
-  bool known = !any(active & (away < 0.0f));
-  if (!any(lit) || (known && !reached && kept.unlit[at / LANES] && !kept.stirred)) return false;
-  Walk w;
-  Vec direction = set_out(f, p, splat(x) + load(LANE), splat(y), splat(unit), active, w);
-  Point point;
+// Relight the units `unit` of `lanes`, pixels side by side, with MuJoCo's current lights.
+// `reached`: a changing light may reach them. False: their light is unchanged.
+inline bool relight_unit(const Frame& f, const PathFrame& p, const PathCacheView& cache, int x,
+                         int y, int unit, unsigned lanes, bool reached) {
+  long at = (static_cast<long>(y) * cache.units + unit) * cache.columns + x;
+  int hit_geom = cache.hit_geom ? cache.hit_geom[at / LANES] : NOT_CACHED;
+  Float zero = splat(0.0f), out[3] = {zero, zero, zero}, hit_distance = splat(NOT_KNOWN);
+  if (hit_geom != NOT_CACHED) hit_distance = load(cache.hit_distance + at);
+  Mask active = mask_of(lanes), lit = active & (hit_distance < T_INFINITY);
+  bool known = !any(active & (hit_distance < 0.0f));
+  if (!any(lit) ||
+      (known && !reached && cache.only_steady_light[at / LANES] && !cache.fewer_steady))
+    return false;
+  PathState path;
+  Vec direction =
+      generate_camera_rays(f, p, splat(x) + load(LANE), splat(y), splat(unit), active, path);
+  ShadingPoint point;
   bool shaded;
   if (!known) {
-    lit = first_cast(f, p, w, nullptr, active, nullptr, out);
-    shaded = any(lit) && arrive(f, p, 0, w, lit, nullptr, nullptr, point, out);
-    if (kept.seen) keep_points(f, kept, at, w.rays, w.hit, point.patch, active, lit);
+    lit = intersect_camera_rays(f, p, path, nullptr, active, nullptr, out);
+    shaded = any(lit) && reach_surface(f, p, 0, path, lit, nullptr, nullptr, point, out);
+    if (cache.hit_geom)
+      cache_hits(f, cache, at, path.rays, path.hit, point.interaction, active, lit);
   } else {
-    kept.unlit[at / LANES] = !reached;
-    w.hit = {away, splat(seen), splat(0), zero, zero};
-    if (p.sample_set == SAMPLES_ANCHORED) w.sampler.pixel = anchor_of(f, w.rays, w.hit, lit);
-    plain_patch(f, seen, w.rays, w.hit, kept.albedo, at, point.patch);
-    shaded = light_point(f, p, 0, w, lit, nullptr, nullptr, point, out);
-    active = lit;  // what meets nothing shines as it did
+    cache.only_steady_light[at / LANES] = !reached;
+    path.hit = {hit_distance, splat(hit_geom), splat(0), zero, zero};
+    if (p.sample_set == SAMPLES_ANCHORED)
+      path.sampler.pixel = surface_anchor(f, path.rays, path.hit, lit);
+    cached_interaction(f, hit_geom, path.rays, path.hit, cache.albedo, at, point.interaction);
+    shaded = direct_lighting(f, p, 0, path, lit, nullptr, nullptr, point, out);
+    active = lit;  // what hits nothing keeps its light
   }
   for (int c = 0; c < 3; c++) {
     if (shaded) {
-      Float received = point.received[c] + load(kept.rest[c] + at);
-      out[c] = select(lit, out[c] + w.carried[c] * received, out[c]);
+      Float received = point.received[c] + load(cache.indirect[c] + at);
+      out[c] = select(lit, out[c] + path.throughput[c] * received, out[c]);
     }
-    out[c] = out[c] + load(kept.rest[3 + c] + at);
+    out[c] = out[c] + load(cache.indirect[3 + c] + at);
   }
-  add_air(f, direction, select(lit, w.hit.distance, splat(FAR)), out);
+  apply_medium(f, direction, select(lit, path.hit.distance, splat(T_INFINITY)), out);
   for (int c = 0; c < 3; c++) {
-    float* light = kept.light[c] + at;
+    float* light = cache.light[c] + at;
     store(light, bits(active) == ALL_LANES ? out[c] : select(active, out[c], load(light)));
   }
   return true;
 }
 
-// The units of a packet of slots were traced: what is kept of their first points holds no longer
-// where other points were met. In: owner, their places, -1 none.
-inline void check_points(const KeptLight& kept, const PathBatch& b, int slot, Int owner) {
+// Invalidate cached hits of a packet of slots that were traced and hit something else. In: owner,
+// their entries, -1 none.
+inline void validate_hits(const PathCacheView& cache, const PathBatch& b, int slot, Int owner) {
   Mask real = ~(owner < splat(0));
   Int place = select(real, owner, splat(0));
   constexpr int SHIFT = LANES == 32 ? 5 : 4;
-  Float away = load(b.away + slot);
-  Int seen = as_int(gather(reinterpret_cast<const float*>(kept.seen), shift_right<SHIFT>(place)));
-  Mask same = (seen == load(b.seen + slot)) | ~(away < FAR);
-  same = same & ~(away < gather(kept.away, place)) & ~(gather(kept.away, place) < away);
-  store_at(kept.away, owner, splat(UNKNOWN), real & ~same);
+  Float hit_distance = load(b.hit_distance + slot);
+  Int hit_geom =
+      as_int(gather(reinterpret_cast<const float*>(cache.hit_geom), shift_right<SHIFT>(place)));
+  Mask same = (hit_geom == load(b.hit_geom + slot)) | ~(hit_distance < T_INFINITY);
+  same = same & ~(hit_distance < gather(cache.hit_distance, place)) &
+         ~(gather(cache.hit_distance, place) < hit_distance);
+  store_at(cache.hit_distance, owner, splat(NOT_KNOWN), real & ~same);
   alignas(64) int places[LANES];
   store(places, owner);
   for (int i : places) {
-    if (i >= 0) kept.unlit[i / LANES] = 0;
+    if (i >= 0) cache.only_steady_light[i / LANES] = 0;
   }
 }
 

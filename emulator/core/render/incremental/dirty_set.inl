@@ -1,4 +1,12 @@
-// Which samples are due where the camera stands, and what a tick does with rows of packets.
+// The dirty set of `path` under a still camera: find the samples to trace again, and update rows of
+// packets.
+//
+//  1. Scan each image row for units that a moving geom may have touched (dirty), or whose gap the
+//     motion has used up (expired). Relight the others if lights have changed.
+//  2. Test the recorded rays of expired units. A new gap makes the unit valid again; a touched ray
+//     makes it dirty.
+//  3. Trace the dirty units in full packets, and store light, rays and gaps.
+//  4. Sum the units of every pixel that changed.
 #pragma once
 
 #include "incremental/cached_hits.inl"
@@ -7,183 +15,203 @@
 namespace evs::EVS_SPACE {
 namespace {
 
-// Those whose gap is used up: whose rays are all still clear of what moves get a new one, the
-// others join those that are traced.
-inline void ask_doubtful(const Frame& f, const PathFrame& p, Due& due) {
-  Units& u = due.doubtful;
+// Recheck expired units: those whose recorded rays are still clear get a new gap, the others become
+// dirty.
+inline void recheck_expired(const Frame& f, const PathFrame& p, DirtyBatch& dirty) {
+  SampleUnits& u = dirty.expired;
   if (u.count == 0) return;
-  const KeptLight& kept = *due.front.kept;
+  const PathCacheView& cache = *dirty.front.cache;
   Mask active = u.fill();
-  Int at = (load(u.y) * splat(kept.units) + load(u.unit)) * splat(kept.columns) + load(u.x);
-  Int fan = at * splat(FAN_WORDS);
-  auto word = [&](int i) { return gather(kept.fans + i, fan); };
+  Int at = (load(u.y) * splat(cache.units) + load(u.unit)) * splat(cache.columns) + load(u.x);
+  Int secondary = at * splat(SECONDARY_RAY_WORDS);
+  auto word = [&](int i) { return gather(cache.secondary_rays + i, secondary); };
   auto vector = [&](int i) { return Vec{word(i), word(i + 1), word(i + 2)}; };
-  Float limit = word(3);
-  Mask known = active & (limit >= 0.0f);
-  Clearance c = {&kept, splat(kept.reach), splat(0), nullptr};
-  Walk w;
-  Vec direction = set_out(f, p, load(u.x), load(u.y), load(u.unit), active, w);
-  note(c, w.rays.origin, direction, limit, known);
+  Float t_max = word(3);
+  Mask known = active & (t_max >= 0.0f);
+  Clearance c = {&cache, splat(cache.max_gap), splat(0), nullptr};
+  // measure the camera rays again
+  PathState path;
+  Vec direction = generate_camera_rays(f, p, load(u.x), load(u.y), load(u.unit), active, path);
+  note_ray(c, path.rays.origin, direction, t_max, known);
+  // measure the recorded secondary rays again
   Vec point = vector(0);
-  for (int i = 4; i < FAN_WORDS; i += 4) {
-    limit = word(i + 3);
-    Mask open = known & (limit > 0.0f), barred = known & (limit < 0.0f);
-    if (!any(open | barred)) continue;
+  for (int i = 4; i < SECONDARY_RAY_WORDS; i += 4) {
+    t_max = word(i + 3);
+    Mask open = known & (t_max > 0.0f), occluded_lanes = known & (t_max < 0.0f);
+    if (!any(open | occluded_lanes)) continue;
     direction = vector(i);
-    note(c, point, direction, limit, open);
-    note_barred(c, point, direction, -limit, barred);
+    note_ray(c, point, direction, t_max, open);
+    note_occluded_ray(c, point, direction, -t_max, occluded_lanes);
   }
-  // a rod that none of them met before is in the way of one
-  Int before = as_int(gather(reinterpret_cast<const float*>(kept.touched), at));
+  // clear: every ray keeps a gap, and touches no capsule that it did not touch before
+  Int before = as_int(gather(reinterpret_cast<const float*>(cache.touched), at));
   Mask clear = known & (c.gap >= 0.0f) & ((c.touched | before) == before);
-  store_at(kept.until, at, until_of(kept, c.gap), clear);
+  store_at(cache.valid_until, at, valid_until(cache, c.gap), clear);
+  // the others are dirty
   for (unsigned lanes = bits(active & ~clear); lanes; lanes &= lanes - 1) {
     int i = first_lane(lanes);
-    join(f, p, due, u.x[i], u.y[i], u.unit[i]);
+    add_dirty(f, p, dirty, u.x[i], u.y[i], u.unit[i]);
   }
   u.count = 0;
 }
 
-// The rays of one more unit are to be asked; they are brought near until then.
-inline void doubt(const Frame& f, const PathFrame& p, Due& due, int x, int y, int unit) {
-  const KeptLight& kept = *due.front.kept;
-  long at = (static_cast<long>(y) * kept.units + unit) * kept.columns + x;
-  if (kept.fans) __builtin_prefetch(kept.fans + at * FAN_WORDS);
-  due.doubtful.add(x, y, unit);
-  if (due.doubtful.count == LANES) ask_doubtful(f, p, due);
+// Queue one more expired unit for the recheck, and prefetch its rays.
+inline void add_expired(const Frame& f, const PathFrame& p, DirtyBatch& dirty, int x, int y,
+                        int unit) {
+  const PathCacheView& cache = *dirty.front.cache;
+  long at = (static_cast<long>(y) * cache.units + unit) * cache.columns + x;
+  if (cache.secondary_rays) __builtin_prefetch(cache.secondary_rays + at * SECONDARY_RAY_WORDS);
+  dirty.expired.add(x, y, unit);
+  if (dirty.expired.count == LANES) recheck_expired(f, p, dirty);
 }
 
-// Of a unit of pixels side by side, one bit each: what is traced, and whose gap is used up.
-struct Wanted {
-  unsigned traced, doubtful;
+// The state of one unit of adjacent pixels, one bit each: dirty, or expired.
+struct UnitState {
+  unsigned dirty, expired;
 };
 
-inline Wanted wanted_of(const KeptLight& kept, long at, unsigned inside) {
+// Classify a unit of adjacent pixels from its gap and the geoms that it touched. Lanes of `inside`
+// lie in the image.
+inline UnitState classify_units(const PathCacheView& cache, long at, unsigned inside) {
   long packet = at / LANES;
-  kept.soonest[packet] = MET;
-  if (kept.all) return {inside, 0};
-  Float until = load(kept.until + at);
-  Int touched = load(reinterpret_cast<const int*>(kept.touched) + at);
-  Mask late = until <= kept.travelled;
-  Mask met = ~((touched & splat(static_cast<int>(kept.moved))) == splat(0));
-  met = met | (kept.fans ? until < splat(0.5f * MET) : late);
-  if (kept.relit) met = met | (load(kept.rest[0] + at) < 0.0f);
-  unsigned traced = bits(met) & inside, doubtful = bits(late) & inside & ~traced;
-  if (!(traced | doubtful)) {
-    kept.soonest[packet] = lowest(select(mask_of(inside), until, splat(FAR)));
-    kept.met[packet] = any_bits(touched, inside);
+  cache.next_expiry[packet] = DIRTY;
+  if (cache.trace_all) return {inside, 0};
+  Float valid_until = load(cache.valid_until + at);
+  Int touched = load(reinterpret_cast<const int*>(cache.touched) + at);
+  // expired: the motion has used up the gap; dirty: a geom that it touched has moved
+  Mask used_up = valid_until <= cache.motion;
+  Mask touched_moving = ~((touched & splat(static_cast<int>(cache.moved))) == splat(0));
+  touched_moving =
+      touched_moving | (cache.secondary_rays ? valid_until < splat(0.5f * DIRTY) : used_up);
+  if (cache.relight_lamps) touched_moving = touched_moving | (load(cache.indirect[0] + at) < 0.0f);
+  unsigned retrace = bits(touched_moving) & inside, expired = bits(used_up) & inside & ~retrace;
+  // summarise clean packets, so that later ticks skip them as a whole
+  if (!(retrace | expired)) {
+    cache.next_expiry[packet] = lowest(select(mask_of(inside), valid_until, splat(T_INFINITY)));
+    cache.touched_any[packet] = reduce_or(touched, inside);
   }
-  return {traced, doubtful};
+  return {retrace, expired};
 }
 
-// Nothing can reach any unit of the packet yet?
-EVS_INLINE bool later(const KeptLight& kept, long packet) {
-  return kept.soonest[packet] > kept.travelled && !(kept.met[packet] & kept.moved);
+// Can nothing have touched any unit of the packet yet?
+EVS_INLINE bool still_valid(const PathCacheView& cache, long packet) {
+  return cache.next_expiry[packet] > cache.motion && !(cache.touched_any[packet] & cache.moved);
 }
 
-EVS_INLINE void bring_gaps_near(const KeptLight& kept, long at) {
+EVS_INLINE void prefetch_gaps(const PathCacheView& cache, long at) {
   for (int i = 0; i < LANES; i += 16) {
-    __builtin_prefetch(kept.until + at + i);
-    __builtin_prefetch(kept.touched + at + i);
+    __builtin_prefetch(cache.valid_until + at + i);
+    __builtin_prefetch(cache.touched + at + i);
   }
 }
 
-// Asks which units of an image row are due, and lights the others again where lamps move.
-inline void ask_units(const Frame& f, const PathFrame& p, const KeptLight& kept, int y) {
-  long at = static_cast<long>(y) * kept.units * kept.columns;
-  for (int unit = 0; unit < kept.units; unit++) {
+// Find the dirty and the expired units of an image row, and relight the others where lights change.
+inline void find_dirty_units(const Frame& f, const PathFrame& p, const PathCacheView& cache,
+                             int y) {
+  long at = static_cast<long>(y) * cache.units * cache.columns;
+  for (int unit = 0; unit < cache.units; unit++) {
     unsigned reached = 0;
-    for (int left = 0; left < kept.columns; left += LANES, at += LANES) {
+    for (int first_column = 0; first_column < cache.columns; first_column += LANES, at += LANES) {
       long packet = at / LANES;
-      int nth = left / LANES, rest = kept.columns / LANES - nth;
-      if (kept.relit && nth % LANES == 0) {
-        reached = reached_packets(f, kept, packet, rest < LANES ? rest : LANES);
+      int group = first_column / LANES, groups_left = cache.columns / LANES - group;
+      // test LANES packets at once against the lights that change
+      if (cache.relight_lamps && group % LANES == 0) {
+        reached = lit_packets(f, cache, packet, groups_left < LANES ? groups_left : LANES);
       }
-      unsigned inside = left < f.width ? first_lanes(f.width - left) : 0;
-      kept.due[packet] = kept.doubtful[packet] = 0;
-      if (kept.all && kept.seen) kept.seen[packet] = NOT_KEPT;
-      if (nth + 2 < kept.columns / LANES && !later(kept, packet + 2)) {
-        bring_gaps_near(kept, at + 2 * LANES);
+      unsigned inside = first_column < f.width ? first_lanes(f.width - first_column) : 0;
+      cache.dirty[packet] = cache.expired[packet] = 0;
+      if (cache.trace_all && cache.hit_geom) cache.hit_geom[packet] = NOT_CACHED;
+      if (group + 2 < cache.columns / LANES && !still_valid(cache, packet + 2)) {
+        prefetch_gaps(cache, at + 2 * LANES);
       }
-      if (!inside || (later(kept, packet) && !kept.relit && !kept.all)) continue;
-      Wanted wanted = wanted_of(kept, at, inside);
-      kept.due[packet] = wanted.traced;
-      kept.doubtful[packet] = wanted.doubtful;
-      unsigned others = kept.relit ? inside & ~wanted.traced : 0;
-      if (kept.relit) bring_near(kept, at + 2 * LANES);
-      bool lit = reached >> nth % LANES & 1;
-      if (others && relight_unit(f, p, kept, left, y, unit, others, lit)) change(kept, left, y);
+      if (!inside || (still_valid(cache, packet) && !cache.relight_lamps && !cache.trace_all))
+        continue;
+      // mark what is to be traced or rechecked
+      UnitState state = classify_units(cache, at, inside);
+      cache.dirty[packet] = state.dirty;
+      cache.expired[packet] = state.expired;
+      // relight the others
+      unsigned clean = cache.relight_lamps ? inside & ~state.dirty : 0;
+      if (cache.relight_lamps) prefetch_unit(cache, at + 2 * LANES);
+      bool lit = reached >> group % LANES & 1;
+      if (clean && relight_unit(f, p, cache, first_column, y, unit, clean, lit))
+        mark_changed(cache, first_column, y);
     }
   }
 }
 
-// The units first ... first + count of LANES pixels side by side in each image row of a packet row
-// that are due join the others.
-inline void join_due(const Frame& f, const PathFrame& p, Due& due, int row, int group, int first,
-                     int count) {
-  const KeptLight& kept = *due.front.kept;
-  int top = row * PACKET_HEIGHT, left = group * LANES, stride = kept.columns / LANES;
+// Queue the dirty and expired units first ... first + count of LANES adjacent pixels in each image
+// row of a packet row.
+inline void collect_dirty(const Frame& f, const PathFrame& p, DirtyBatch& dirty, int row, int group,
+                          int first, int count) {
+  const PathCacheView& cache = *dirty.front.cache;
+  int top = row * PACKET_HEIGHT, first_column = group * LANES, stride = cache.columns / LANES;
   int rows = f.height - top < PACKET_HEIGHT ? f.height - top : PACKET_HEIGHT;
-  unsigned traced[MOST_SINGLE][PACKET_HEIGHT], doubtful[MOST_SINGLE][PACKET_HEIGHT];
-  unsigned of_unit[MOST_SINGLE], some = 0;
+  unsigned retrace[MAX_SINGLE_UNITS][PACKET_HEIGHT], expired[MAX_SINGLE_UNITS][PACKET_HEIGHT];
+  unsigned of_unit[MAX_SINGLE_UNITS], some = 0;
   for (int u = 0; u < count; u++) {
     of_unit[u] = 0;
     for (int j = 0; j < rows; j++) {
-      long packet = (static_cast<long>(top + j) * kept.units + first + u) * stride + group;
-      traced[u][j] = kept.due[packet];
-      doubtful[u][j] = kept.doubtful[packet];
-      of_unit[u] |= traced[u][j] | doubtful[u][j];
+      long packet = (static_cast<long>(top + j) * cache.units + first + u) * stride + group;
+      retrace[u][j] = cache.dirty[packet];
+      expired[u][j] = cache.expired[packet];
+      of_unit[u] |= retrace[u][j] | expired[u][j];
     }
     some |= of_unit[u];
   }
-  // packet by packet, with all samples of a pixel: their rays lie close together
+  // go packet by packet, through all samples of a pixel, so that the rays are coherent
   for (int k = 0; k < LANES; k += PACKET_WIDTH) {
     if (!(some >> k & 15u)) continue;
     for (int u = 0; u < count; u++) {
       if (!(of_unit[u] >> k & 15u)) continue;
       for (int j = 0; j < rows; j++) {
-        int x = left + k, y = top + j;
-        for (unsigned four = traced[u][j] >> k & 15u; four; four &= four - 1) {
-          join(f, p, due, x + first_lane(four), y, first + u);
+        int x = first_column + k, y = top + j;
+        for (unsigned four = retrace[u][j] >> k & 15u; four; four &= four - 1) {
+          add_dirty(f, p, dirty, x + first_lane(four), y, first + u);
         }
-        for (unsigned four = doubtful[u][j] >> k & 15u; four; four &= four - 1) {
-          doubt(f, p, due, x + first_lane(four), y, first + u);
+        for (unsigned four = expired[u][j] >> k & 15u; four; four &= four - 1) {
+          add_expired(f, p, dirty, x + first_lane(four), y, first + u);
         }
       }
     }
   }
 }
 
-inline long retrace_paths(const Frame& f, const PathFrame& p, PathBatch& batch,
-                          const KeptLight& kept, int begin, int end, const Outputs& out) {
-  int groups = (f.width + LANES - 1) / LANES, stride = kept.columns / LANES;
-  for (int i = begin * stride; i < end * stride; i++) kept.changed[i] = 0;
-  Due due = {{batch, &kept}};
+// Update packet rows begin ... end. Returns the number of samples traced.
+inline long update_cached_paths(const Frame& f, const PathFrame& p, PathBatch& batch,
+                                const PathCacheView& cache, int begin, int end,
+                                const Outputs& out) {
+  int groups = (f.width + LANES - 1) / LANES, stride = cache.columns / LANES;
+  for (int i = begin * stride; i < end * stride; i++) cache.changed[i] = 0;
+  DirtyBatch dirty = {{batch, &cache}};
   int last = end * PACKET_HEIGHT < f.height ? end * PACKET_HEIGHT : f.height;
-  for (int y = begin * PACKET_HEIGHT; y < last; y++) ask_units(f, p, kept, y);
+  // 1. scan for dirty and expired units
+  for (int y = begin * PACKET_HEIGHT; y < last; y++) find_dirty_units(f, p, cache, y);
+  // 2, 3. recheck the expired units and trace the dirty ones, in full packets
   for (int row = begin; row < end; row++) {
-    if (kept.size == 1) {
-      for (int g = 0; g < groups; g++) join_due(f, p, due, row, g, 0, kept.units);
+    if (cache.size == 1) {
+      for (int g = 0; g < groups; g++) collect_dirty(f, p, dirty, row, g, 0, cache.units);
     }
-    for (int unit = 0; unit < kept.units && kept.size > 1; unit++) {
-      for (int g = 0; g < groups; g++) join_due(f, p, due, row, g, unit, 1);
-      // samples of a block go side by side
-      trace_due(f, p, due);
+    for (int unit = 0; unit < cache.units && cache.size > 1; unit++) {
+      for (int g = 0; g < groups; g++) collect_dirty(f, p, dirty, row, g, unit, 1);
+      // the samples of a block form packets of their own
+      trace_pending(f, p, dirty);
     }
   }
-  ask_doubtful(f, p, due);
-  trace_due(f, p, due);
-  keep_batch(f, p, due);
+  recheck_expired(f, p, dirty);
+  trace_pending(f, p, dirty);
+  store_batch(f, p, dirty);
+  // 4. sum the pixels that changed
   for (int y = begin * PACKET_HEIGHT; y < last; y++) {
     auto changed = [&](int g) {
-      return kept.changed[y / PACKET_HEIGHT * stride + g] >> y % PACKET_HEIGHT & 1;
+      return cache.changed[y / PACKET_HEIGHT * stride + g] >> y % PACKET_HEIGHT & 1;
     };
     for (int g = 0; g < groups; g++) {
-      if (g + 1 < groups && changed(g + 1)) bring_units_near(kept, (g + 1) * LANES, y);
-      if (changed(g)) add_units(f, kept, g * LANES, y, out);
+      if (g + 1 < groups && changed(g + 1)) prefetch_light(cache, (g + 1) * LANES, y);
+      if (changed(g)) sum_units(f, cache, g * LANES, y, out);
     }
   }
-  return due.traced;
+  return dirty.traced;
 }
 
 }  // namespace

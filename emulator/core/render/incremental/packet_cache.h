@@ -1,4 +1,5 @@
-// What `direct` keeps from tick to tick while the camera stands: where each packet's rays went.
+// The packet cache of `direct`: where each packet's rays went, kept between ticks while the camera
+// stands still.
 #pragma once
 
 #include <cstddef>
@@ -10,41 +11,43 @@
 
 namespace evs {
 
-class RayBlocks {
+class PacketCache {
  public:
-  // In: channels, of patches that are kept; 0: none are. shadows: whether lights cast any.
-  RayBlocks(const Sampling& sampling, int channels, const std::vector<Light>& lights, bool shadows);
+  // In: channels of the cached shading; 0: none. shadows: whether lights cast any.
+  PacketCache(const Sampling& sampling, int channels, const std::vector<Light>& lights,
+              bool shadows);
 
-  // What a packet has to go through again. MET: all of it, and most likely in the next tick too, so
-  // that a record is not worth its time: without one it is traced then, whatever happens.
-  enum class Need { NOTHING, LIGHT, ALL, MET };
+  // What a packet needs. RETRACE_UNRECORDED: a moving geom touches its primary rays, and most
+  // likely will in the next tick too, so recording is not worth its time; it is traced again in any
+  // case.
+  enum class Dirty { CLEAN, RELIGHT, RETRACE, RETRACE_UNRECORDED };
 
-  // Does one of the lights change whose light patches contain? From now on they do without it, and
-  // those that there are have to be made anew.
-  bool outdated(const std::vector<Light>& now, const std::vector<Light>& before);
-  // Every packet gets a record.
-  void begin();
-  // Find out for each packet.
-  void ask(const Kernel& kernel, const Frame& frame, const Change& change, Pool& pool);
-  Need need(int column, int row) const {
-    const Needs& needs = needs_[index_of(column, row)];
+  // Has a light changed that cached shading contains? Then later shading excludes it, and all
+  // cached shading is stale.
+  bool drop_changed_lights(const std::vector<Light>& now, const std::vector<Light>& before);
+  // Record every packet.
+  void record_all();
+  // Find the dirty packets.
+  void find_dirty(const Kernel& kernel, const Frame& frame, const SceneChange& change, Pool& pool);
+  Dirty dirty(int column, int row) const {
+    const DirtyPackets& dirty = dirty_[index_of(column, row)];
     int bit = bit_of(column, row);
-    return needs.met >> bit & 1      ? Need::MET
-           : needs.traced >> bit & 1 ? Need::ALL
-           : needs.lit >> bit & 1    ? Need::LIGHT
-                                     : Need::NOTHING;
+    return dirty.primary_rays >> bit & 1 ? Dirty::RETRACE_UNRECORDED
+           : dirty.retrace >> bit & 1    ? Dirty::RETRACE
+           : dirty.relight >> bit & 1    ? Dirty::RELIGHT
+                                         : Dirty::CLEAN;
   }
-  // Does the row of a block that begins with this packet need anything?
-  bool any_need(int column, int row) const {
-    const Needs& needs = needs_[index_of(column, row)];
-    return (needs.traced | needs.lit) >> bit_of(column, row) & ((1u << BLOCK_WIDTH) - 1);
+  // Does any packet of the block's row that starts here need work?
+  bool any_dirty(int column, int row) const {
+    const DirtyPackets& dirty = dirty_[index_of(column, row)];
+    return (dirty.retrace | dirty.relight) >> bit_of(column, row) & ((1u << BLOCK_WIDTH) - 1);
   }
-  Record record(int column, int row) {
+  PacketRecord record(int column, int row) {
     size_t packet = static_cast<size_t>(row) * columns_ + column;
     return {&blocks_[index_of(column, row)],
             bit_of(column, row),
-            &trails_[packet],
-            {patch_size_ ? numbers_[packet * patch_size_].lane : nullptr, patch_lights_,
+            &secondary_bounds_[packet],
+            {shading_size_ ? numbers_[packet * shading_size_].lane : nullptr, shading_lights_,
              &geoms_[packet]}};
   }
 
@@ -60,13 +63,13 @@ class RayBlocks {
     float lane[16];
   };
 
-  int columns_, blocks_in_row_, patch_lights_ = 0;
-  size_t patch_size_;
-  std::vector<RayBlock> blocks_;
-  std::vector<Trail> trails_;
-  std::vector<Lanes> numbers_;  // of the patches
+  int columns_, blocks_in_row_, shading_lights_ = 0;
+  size_t shading_size_;
+  std::vector<PacketBlock> blocks_;
+  std::vector<SecondaryRayBounds> secondary_bounds_;
+  std::vector<Lanes> numbers_;  // of the cached shading
   std::vector<int32_t> geoms_;
-  std::vector<Needs> needs_;  // of each block
+  std::vector<DirtyPackets> dirty_;  // of each block
 };
 
 }  // namespace evs

@@ -1,4 +1,4 @@
-// What a packet notes while it is traced, so that it need not be traced again before it has to.
+// What a packet records while it is traced, so that later ticks can prove it clean.
 #pragma once
 
 #include "geometry/ray_cone.inl"
@@ -8,40 +8,44 @@
 namespace evs::EVS_SPACE {
 namespace {
 
-struct Notes : Trail {
-  KeptPatch keep = {nullptr, 0, nullptr};
+struct RayRecorder : SecondaryRayBounds {
+  CachedShading shading = {nullptr, 0, nullptr};
 };
 
-inline void write_ball(float (*to)[16], int i, const Region& region) {
-  Hull ball = ball_of(region);
-  to[0][i] = ball.center.x;
-  to[1][i] = ball.center.y;
-  to[2][i] = ball.center.z;
-  to[3][i] = region.low.x > region.high.x ? -1.0f : ball.radius + region.step;
+inline void write_sphere(float (*to)[16], int i, const BoundingBox& box) {
+  RayCone sphere = bounding_sphere(box);
+  to[0][i] = sphere.center.x;
+  to[1][i] = sphere.center.y;
+  to[2][i] = sphere.center.z;
+  to[3][i] = box.low.x > box.high.x ? -1.0f : sphere.radius + box.step;
 }
 
-inline void write_record(const Trail& trail, const Record& record) {
-  *record.trail = trail;
-  // mirrors are not kept
-  if (record.patch.numbers && !(trail.mirrored.low.x > trail.mirrored.high.x))
-    *record.patch.geom = -1;
-  RayBlock& b = *record.block;
+inline void write_record(const SecondaryRayBounds& secondary, const PacketRecord& record) {
+  *record.secondary = secondary;
+  // mirror images are not cached
+  if (record.shading.numbers && !(secondary.mirror_hits.low.x > secondary.mirror_hits.high.x))
+    *record.shading.geom = -1;
+  PacketBlock& b = *record.block;
   int i = record.column;
-  write_ball(b.seen, i, trail.seen);
-  write_ball(b.mirrored, i, trail.mirrored);
-  b.mirror[3][i] = -1;
-  if (trail.mirror_spread < 0) return;
-  Hull cone = {};
-  cone.radius = b.seen[3][i];
-  open(cone, trail.mirror_spread);
-  float parts[6] = {trail.mirror_axis.x, trail.mirror_axis.y, trail.mirror_axis.z,
-                    cone.radius,         cone.cosine,         cone.sine};
-  for (int k = 0; k < 6; k++) b.mirror[k][i] = parts[k];
+  write_sphere(b.primary_hits, i, secondary.primary_hits);
+  write_sphere(b.mirror_hits, i, secondary.mirror_hits);
+  b.mirror_rays[3][i] = -1;
+  if (secondary.mirror_spread < 0) return;
+  RayCone cone = {};
+  cone.radius = b.primary_hits[3][i];
+  open_cone(cone, secondary.mirror_spread);
+  float parts[6] = {secondary.mirror_axis.x,
+                    secondary.mirror_axis.y,
+                    secondary.mirror_axis.z,
+                    cone.radius,
+                    cone.cosine,
+                    cone.sine};
+  for (int k = 0; k < 6; k++) b.mirror_rays[k][i] = parts[k];
 }
 
-// Do all pixels show one shape that hides what is behind it, and can its normals be found again?
-inline bool can_keep(const Frame& f, const Hit& hit, Mask lit) {
-  if (bits(lit) != ALL_LANES || f.lobes || f.bumpy || f.air.haze) return false;
+// Do all lanes hit one opaque shape whose normals can be recomputed?
+inline bool can_cache_shading(const Frame& f, const Hit& hit, Mask lit) {
+  if (bits(lit) != ALL_LANES || f.lobes || f.normal_mapped || f.medium.haze) return false;
   int index = lane(hit.geom, 0);
   if (bits(hit.geom == splat(index)) != ALL_LANES) return false;
   const Geom& g = f.geoms[index];
@@ -49,14 +53,14 @@ inline bool can_keep(const Frame& f, const Hit& hit, Mask lit) {
   return g.mesh < 0 && !s.layered && s.normal_map < 0 && s.alpha >= 1;
 }
 
-// In: light, of the first lights.
+// In: light of the first lights.
 template <int CHANNELS>
-void store_patch(const Hit& hit, const Patch<CHANNELS>& patch, const Float* light,
-                 const KeptPatch& to) {
+void cache_shading(const Hit& hit, const SurfaceInteraction<CHANNELS>& interaction,
+                   const Float* light, const CachedShading& to) {
   *to.geom = lane(hit.geom, 0);
   store(to.numbers, hit.distance);
   for (int c = 0; c < CHANNELS; c++) {
-    store(to.numbers + (1 + c) * LANES, patch.albedo[c]);
+    store(to.numbers + (1 + c) * LANES, interaction.albedo[c]);
     store(to.numbers + (1 + CHANNELS + c) * LANES, light[c]);
   }
 }

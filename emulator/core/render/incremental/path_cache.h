@@ -1,8 +1,9 @@
-// What paths keep from tick to tick while the camera stands, scalar code around retrace.h.
+// The path cache: what `path` keeps between ticks while the camera stands still. Scalar code around
+// dirty_set.inl.
 //
-// A sample is traced again when something that one of its rays met has moved, or when the motion
-// since it was traced, that of the fastest thing summed over the ticks, has used up the gap between
-// its rays and whatever moves. So nothing is foreseen, and no bound is ever left.
+// A sample is traced again when a geom that one of its rays touched has moved, or when the motion
+// since it was traced (of the fastest geom, summed over the ticks) exceeds the gap between its rays
+// and the moving geoms. No motion is predicted, so no bound can be violated.
 #pragma once
 
 #include <cstdint>
@@ -14,53 +15,53 @@
 
 namespace evs {
 
-class KeptPaths {
+class PathCache {
  public:
-  // What a tick does: trace everything and keep nothing, or all of it, or trace what may have
-  // changed.
-  enum class Plan { FORGET, ALL, SOME };
+  // What a tick does: trace without the cache, trace everything into the cache, or trace the dirty
+  // set.
+  enum class Plan { TRACE_UNCACHED, TRACE_ALL, TRACE_DIRTY };
 
-  KeptPaths(int width, int height, int samples, size_t geoms);
+  PathCache(int width, int height, int samples, size_t geoms);
 
-  // Geoms and the balls around them, now and in the last tick.
-  struct Places {
+  // Geoms and their bounding spheres, now and in the last tick.
+  struct GeomStates {
     const std::vector<Geom>&now, &before;
-    const std::vector<Ball>&balls, &balls_before;
+    const std::vector<BoundingSphere>&spheres, &spheres_before;
     const std::vector<bool>& deformed;  // meshes
-    const int* emitter_of_geom;         // at which paths aim, else -1
+    const int* emitter_of_geom;         // of sampled emitters, else -1
   };
-  // same: camera, sky and seed are those of the last tick; same_lamps: and MuJoCo's lights; steady:
-  // which of them are and cast no shadow.
-  Plan plan(const Places& places, bool same, bool same_lamps, uint32_t steady);
-  const KeptLight& light() const { return light_; }
-  // After the tick. In: the share of the samples that was traced.
+  // same: camera, environment and seed are those of the last tick; same_lamps: so are MuJoCo's
+  // lights; steady: which lights are unchanged and cast no shadow.
+  Plan plan(const GeomStates& states, bool same, bool same_lamps, uint32_t steady);
+  const PathCacheView& view() const { return view_; }
+  // Call after the tick. In: the share of the samples that was traced.
   void traced(double share);
 
  private:
-  bool follow(const Places& places, double& farthest, bool& is_new);
-  void start_again();
+  bool track_motion(const GeomStates& states, double& max_motion, bool& is_new);
+  void rebase_motion();
 
-  KeptLight light_ = {};
+  PathCacheView view_ = {};
   size_t entries_;
   LargeArray<float> numbers_;
   LargeArray<uint32_t> touched_;
-  std::vector<int32_t> seen_;
-  std::vector<float> balls_;
-  std::vector<uint8_t> unlit_;
-  std::vector<uint32_t> due_, doubtful_;
-  LargeArray<float> fans_;
-  std::vector<float> soonest_;
-  std::vector<uint32_t> met_;
+  std::vector<int32_t> hit_geoms_;
+  std::vector<float> hit_spheres_;
+  std::vector<uint8_t> only_steady_light_;
+  std::vector<uint32_t> dirty_, expired_;
+  LargeArray<float> secondary_rays_;
+  std::vector<float> next_expiry_;
+  std::vector<uint32_t> touched_any_;
   std::vector<uint8_t> changed_;
-  float* rest_[6] = {};          // KeptLight's, once it is kept
-  std::vector<bool> watched_;    // geoms that have ever moved
+  float* indirect_[6] = {};      // PathCacheView's, once it is in use
+  std::vector<bool> tracked_;    // geoms that have ever moved
   std::vector<int32_t> moving_;  // geoms that moved since the last tick
-  std::vector<Rod> rods_;
+  std::vector<BoundingCapsule> capsules_;
   bool valid_ = false;
-  double travelled_ = 0;
-  int ticks_ = 0;        // since `until` was counted from 0
-  int lamps_still_ = 0;  // ticks
-  int pause_ = 0;        // ticks until keeping is tried again
+  double motion_ = 0;
+  int ticks_ = 0;             // since the last rebase
+  int still_lamp_ticks_ = 0;  // ticks
+  int pause_ = 0;             // ticks until the cache is tried again
 };
 
 }  // namespace evs

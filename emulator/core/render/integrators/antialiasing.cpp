@@ -7,7 +7,7 @@ namespace evs {
 namespace {
 
 constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT;
-constexpr int TAPS = 4;  // points in a pixel at which images are read
+constexpr int TAPS = 4;  // texture taps in a pixel
 
 float blend(float base, float refined, float weight) {
   return weight < 1 ? base + weight * (refined - base) : refined;
@@ -33,7 +33,7 @@ Antialiasing::Antialiasing(const Optics& optics, const Sampling& sampling, bool 
   rgb_.resize(rgb ? 3 * pixels : 0);
   // rows are read 16 pixels at a time
   stride_ = (width_ + PACKET - 1) / PACKET * PACKET + 2;
-  plain_.resize(static_cast<size_t>(rows_ * PACKET_HEIGHT + 2) * stride_);
+  untextured_.resize(static_cast<size_t>(rows_ * PACKET_HEIGHT + 2) * stride_);
   refined_.resize(packets * PACKET);
   refined_rgb_.resize(rgb ? 3 * packets * PACKET : 0);
   known_.resize(packets);
@@ -46,7 +46,7 @@ Frame Antialiasing::base_frame(const Frame& frame) const {
   f.sample_x = f.sample_y = &middle_;
   f.pixel_angle = base_angle_;
   f.channels++;
-  // the points are those of a pinhole's pixels; behind a lens the mip level alone filters
+  // the taps are those of a pinhole's pixel; with a lens the mip level alone filters
   f.taps = frame.lens ? 1 : static_cast<int>(tap_x_.size());
   f.tap_x = tap_x_.data();
   f.tap_y = tap_y_.data();
@@ -59,7 +59,7 @@ Frame Antialiasing::base_frame(const Frame& frame) const {
 }
 
 Outputs Antialiasing::base() {
-  return {luminance_.data(), rgb_.empty() ? nullptr : rgb_.data(), plain_.data(), stride_};
+  return {luminance_.data(), rgb_.empty() ? nullptr : rgb_.data(), untextured_.data(), stride_};
 }
 
 void Antialiasing::traced(int column, int row) {
@@ -70,16 +70,16 @@ void Antialiasing::traced(int column, int row) {
 
 void Antialiasing::close_margin() {
   for (int y = 1; y <= height_; y++) {
-    float* row = plain_.data() + y * stride_;
+    float* row = untextured_.data() + y * stride_;
     row[0] = row[1];
     row[width_ + 1] = row[width_];
   }
-  std::copy_n(plain_.begin() + stride_, width_ + 2, plain_.begin());
-  std::copy_n(plain_.begin() + height_ * stride_, width_ + 2,
-              plain_.begin() + (height_ + 1) * stride_);
+  std::copy_n(untextured_.begin() + stride_, width_ + 2, untextured_.begin());
+  std::copy_n(untextured_.begin() + height_ * stride_, width_ + 2,
+              untextured_.begin() + (height_ + 1) * stride_);
 }
 
-// Was a packet in or around the group traced that begins at column `first`?
+// Was any packet in or around the group at column `first` traced?
 bool Antialiasing::near_traced(int first, int row) const {
   int left = std::max(first - 1, 0), right = std::min(first + GROUP, columns_ - 1);
   for (int r = std::max(row - 1, 0); r <= std::min(row + 1, rows_ - 1); r++) {
@@ -92,7 +92,7 @@ bool Antialiasing::near_traced(int first, int row) const {
 }
 
 void Antialiasing::finish_row(const Kernel& kernel, const Frame& frame, int row, const Outputs& out,
-                              RayBlocks* rays) {
+                              PacketCache* rays) {
   int top = row * PACKET_HEIGHT, bottom = std::min(top + PACKET_HEIGHT, height_);
   for (int first = 0; first < columns_; first += GROUP) {
     if (!near_traced(first, row)) continue;
@@ -102,9 +102,9 @@ void Antialiasing::finish_row(const Kernel& kernel, const Frame& frame, int row,
     for (int y = top; y < bottom; y++) {
       const float* neighbours[9];
       for (int i = 0; i < 9; i++) {
-        neighbours[i] = plain_.data() + (y + i / 3) * stride_ + (left + i % 3);
+        neighbours[i] = untextured_.data() + (y + i / 3) * stride_ + (left + i % 3);
       }
-      kernel.weigh(neighbours, weight[y - top]);
+      kernel.refinement_weight(neighbours, weight[y - top]);
       long at = static_cast<long>(y) * width_ + left;
       std::copy_n(luminance_.data() + at, right - left, out.luminance + at);
       if (out.rgb) std::copy_n(rgb_.data() + 3 * at, 3 * (right - left), out.rgb + 3 * at);
@@ -122,7 +122,7 @@ void Antialiasing::finish_row(const Kernel& kernel, const Frame& frame, int row,
       float* colour = !rgb_.empty() ? refined_rgb_.data() + 3 * packet * PACKET : nullptr;
       unsigned missing = wanted[g] & ~static_cast<unsigned>(known_[packet]);
       if (missing) {
-        Record record = {};
+        PacketRecord record = {};
         if (rays) record = rays->record(first + g, row);
         kernel.refine(frame, first + g, row, missing, light, colour, rays ? &record : nullptr);
         known_[packet] |= static_cast<uint16_t>(missing);
@@ -146,19 +146,19 @@ void Antialiasing::next_tick() { std::fill(traced_.begin(), traced_.end(), uint8
 void Antialiasing::trace_pixels(const Kernel& kernel, const Frame& frame, const Frame& base,
                                 const int32_t* x, const int32_t* y, int count,
                                 float* luminance) const {
-  float own[PACKET], ignored[PACKET], plain[9][PACKET] = {}, weight[PACKET];
+  float own[PACKET], ignored[PACKET], untextured[9][PACKET] = {}, weight[PACKET];
   const float* neighbours[9];
   for (int i = 0; i < 9; i++) {
-    // beyond the image its rim goes on
+    // clamp to the image
     int32_t near_x[PACKET], near_y[PACKET];
     for (int k = 0; k < count; k++) {
       near_x[k] = std::clamp(x[k] + i % 3 - 1, 0, width_ - 1);
       near_y[k] = std::clamp(y[k] + i / 3 - 1, 0, height_ - 1);
     }
-    kernel.trace_pixels(base, near_x, near_y, count, i == 4 ? own : ignored, plain[i]);
-    neighbours[i] = plain[i];
+    kernel.trace_pixels(base, near_x, near_y, count, i == 4 ? own : ignored, untextured[i]);
+    neighbours[i] = untextured[i];
   }
-  kernel.weigh(neighbours, weight);
+  kernel.refinement_weight(neighbours, weight);
   for (int k = 0; k < count; k++) {
     luminance[k] = own[k];
     if (!(weight[k] > 0)) continue;

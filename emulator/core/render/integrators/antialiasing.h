@@ -1,5 +1,5 @@
-// Contrast-adaptive antialiasing around the wide kernels: what is kept from tick to tick, and the
-// second pass, which gives the pixels near an edge all their samples.
+// Contrast-adaptive antialiasing around the wide kernels: the state between ticks, and the second
+// pass, which traces all samples of the pixels near an edge.
 #pragma once
 
 #include <cstdint>
@@ -13,26 +13,26 @@ namespace evs {
 
 class Antialiasing {
  public:
-  // rgb: colour is carried beside the luminance.
+  // rgb: trace colour beside the luminance.
   Antialiasing(const Optics& optics, const Sampling& sampling, bool rgb);
 
-  // The first pass: one sample a pixel, and the light without textures. In: the frame of the
-  // second.
+  // The first pass: one sample a pixel, and the light without textures. In: the frame of the second
+  // pass.
   Frame base_frame(const Frame& frame) const;
   Outputs base();
-  // A packet was traced by the first pass: its refined pixels are too old.
+  // Mark a packet as traced by the first pass, which makes its refined pixels stale.
   void traced(int column, int row);
 
-  // Between the passes, once.
+  // Call once between the passes.
   void close_margin();
-  // The second pass, packet row `row`. Out: luminance and rgb or null. rays: what is kept of
-  // them, or null.
+  // Run the second pass on packet row `row`. Out: luminance, and rgb or null. rays: the packet
+  // cache to record into, or null.
   void finish_row(const Kernel& kernel, const Frame& frame, int row, const Outputs& out,
-                  RayBlocks* rays);
-  // After both.
+                  PacketCache* rays);
+  // Call after both passes.
   void next_tick();
 
-  // Single pixels, at most 16: the same light, from nothing that is kept.
+  // Trace at most 16 single pixels. The result is the same, without reading or writing any state.
   void trace_pixels(const Kernel& kernel, const Frame& frame, const Frame& base, const int32_t* x,
                     const int32_t* y, int count, float* luminance) const;
 
@@ -47,8 +47,8 @@ class Antialiasing {
   std::vector<float> tap_x_, tap_y_;  // px from the pixel's centre
   long stride_;                       // of plain_
   std::vector<float> luminance_;      // (h, w) of the first pass
-  std::vector<float> rgb_;            // (h, w, 3); empty: not wanted
-  std::vector<float> plain_;          // (h + 2, stride) light without textures, margin of one pixel
+  std::vector<float> rgb_;            // (h, w, 3); empty: no colour
+  std::vector<float> untextured_;     // (h + 2, stride) light without textures, margin of one pixel
   std::vector<float> refined_;        // (rows, columns, 16) mean of all samples, where `known_`
   std::vector<float> refined_rgb_;    // (rows, columns, 16, 3)
   std::vector<uint16_t> known_;       // (rows, columns) one bit a pixel

@@ -1,4 +1,5 @@
-// The `direct` integrator: each light once, shadows, one mirror bounce. No random number at all.
+// The `direct` integrator: every light once, shadow rays, one mirror bounce. It is deterministic:
+// no random numbers.
 #pragma once
 
 #include "geometry/culling.inl"
@@ -12,200 +13,221 @@
 namespace evs::EVS_SPACE {
 namespace {
 
-// How much of the light a surface gives back evenly: of a lamp's, and of light from everywhere.
+// Diffuse reflectance of a surface: for direct light and for ambient light.
 template <int CHANNELS>
-struct Matt {
-  Float lamp[CHANNELS], ambient[CHANNELS];
+struct DiffuseReflectance {
+  Float direct[CHANNELS], ambient[CHANNELS];
 };
 
 template <int CHANNELS>
-Matt<CHANNELS> matt_of(const Frame& f, const Patch<CHANNELS>& patch) {
-  Matt<CHANNELS> out;
-  for (int c = 0; c < CHANNELS; c++) out.lamp[c] = out.ambient[c] = patch.albedo[c];
+DiffuseReflectance<CHANNELS> diffuse_reflectance(const Frame& f,
+                                                 const SurfaceInteraction<CHANNELS>& interaction) {
+  DiffuseReflectance<CHANNELS> out;
+  for (int c = 0; c < CHANNELS; c++) out.direct[c] = out.ambient[c] = interaction.albedo[c];
   if (!f.lobes) return out;
   for (int c = 0; c < CHANNELS; c++) {
-    // the gloss of a physical surface takes its share of light from everywhere
-    Float gloss = select(patch.physical, patch.f0[c], splat(0.0f));
-    out.lamp[c] = patch.albedo[c] * (1.0f - patch.metallic);
-    out.ambient[c] = (out.lamp[c] + gloss) * patch.occlusion;
+    // the specular lobe of a physical surface reflects its share of the ambient light
+    Float specular = select(interaction.physical, interaction.f0[c], splat(0.0f));
+    out.direct[c] = interaction.albedo[c] * (1.0f - interaction.metallic);
+    out.ambient[c] = (out.direct[c] + specular) * interaction.occlusion;
   }
   return out;
 }
 
-// An image light: no shadow, and the gloss sees it as blurred as paper does, but where it mirrors.
+// Add an image light, without shadows. Specular lobes see it as blurred as a diffuse surface does,
+// in the mirror direction.
 template <int CHANNELS>
-void shade_image(const Frame& f, const Light& light, const Rays& rays, const Patch<CHANNELS>& patch,
-                 const Matt<CHANNELS>& matt, Float* out) {
+void add_image_light(const Frame& f, const Light& light, const Rays& rays,
+                     const SurfaceInteraction<CHANNELS>& interaction,
+                     const DiffuseReflectance<CHANNELS>& rho, Float* out) {
   Float received[CHANNELS];
-  received_from_image<CHANNELS>(f, light, patch.normal, received);
-  Float open = f.lobes ? patch.occlusion : splat(1.0f);
-  for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + matt.lamp[c] * open * received[c];
-  if (!f.lobes || !any(patch.physical)) return;
+  image_irradiance<CHANNELS>(f, light, interaction.normal, received);
+  Float open = f.lobes ? interaction.occlusion : splat(1.0f);
+  for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + rho.direct[c] * open * received[c];
+  if (!f.lobes || !any(interaction.physical)) return;
   Vec d = rays.direction;
-  received_from_image<CHANNELS>(f, light, d - patch.normal * (dot(d, patch.normal) * 2.0f),
-                                received);
+  image_irradiance<CHANNELS>(f, light, d - interaction.normal * (dot(d, interaction.normal) * 2.0f),
+                             received);
   for (int c = 0; c < CHANNELS; c++) {
-    Float gloss = out[c] + patch.f0[c] * open * received[c];
-    out[c] = select(patch.physical, gloss, out[c]);
+    Float specular = out[c] + interaction.f0[c] * open * received[c];
+    out[c] = select(interaction.physical, specular, out[c]);
   }
 }
 
-// What lights `begin` ... `end` - 1 send from the surface towards the ray's origin. `points`: those
-// of `lit`.
+// Add the light that lights `begin` ... `end` - 1 send along the rays towards their origin.
+// `bounds`: of the interactions of `lit`.
 template <int CHANNELS>
-void add_lights(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNELS>& patch,
-                Points& points, Mask lit, int begin, int end, Float* out) {
-  Matt<CHANNELS> matt = matt_of(f, patch);
-  Mask physical = f.lobes ? patch.physical & lit : mask_of(0);
+void add_lights(const Frame& f, const Rays& rays, const Hit& hit,
+                const SurfaceInteraction<CHANNELS>& interaction, LazyBounds& bounds, Mask lit,
+                int begin, int end, Float* out) {
+  DiffuseReflectance<CHANNELS> rho = diffuse_reflectance(f, interaction);
+  Mask physical = f.lobes ? interaction.physical & lit : mask_of(0);
   for (int i = begin; i < end; i++) {
     const Light& light = f.lights[i];
     if (light.kind == IMAGE) {
-      shade_image(f, light, rays, patch, matt, out);
+      add_image_light(f, light, rays, interaction, rho, out);
       continue;
     }
-    Incidence in = incidence(light, patch.point);
-    Float cosine = dot(in.towards, patch.normal);
+    // find the lanes that face the light
+    Incidence in = incidence(light, interaction.point);
+    Float cosine = dot(in.wi, interaction.normal);
     Mask facing = lit & (cosine > 0.0f) & (in.strength > 0.0f);
-    // a bent normal may see a lamp that is behind the surface
-    if (f.bumpy) facing = facing & (dot(in.towards, patch.plain) > 0.0f);
+    // a normal map can turn the normal towards a light behind the surface
+    if (f.normal_mapped) facing = facing & (dot(in.wi, interaction.unmapped_normal) > 0.0f);
     for (int c = 0; c < CHANNELS; c++) {
-      out[c] = out[c] + matt.ambient[c] * in.strength * light.ambient[c];
+      out[c] = out[c] + rho.ambient[c] * in.strength * light.ambient[c];
     }
     if (!any(facing)) continue;
-    Mask dark = mask_of(0);
+    // trace shadow rays, unless they can hit nothing
+    Mask blocked = mask_of(0);
     if (light.castshadow && f.shadows &&
-        (barred_by_planes(f, light.idle) ||
-         any_towards(f.around, patch.origin, in.towards, facing))) {
-      dark = occluded(f, patch.origin, in.towards, in.distance, hit.geom,
-                      shadow_hull(light, points.of(patch, lit)), facing, light.idle);
+        (planes_may_occlude(f, light.non_occluders) ||
+         any_ray_near_sphere(f.finite_bounds, interaction.spawn_point, in.wi, facing))) {
+      blocked =
+          occluded(f, interaction.spawn_point, in.wi, in.distance, hit.geom,
+                   shadow_cone(light, bounds.of(interaction, lit)), facing, light.non_occluders);
     }
-    Mask reached = facing & ~dark;
+    Mask reached = facing & ~blocked;
     if (!any(reached)) continue;
+    // diffuse
     Float received = select(reached, cosine * in.strength, splat(0.0f));
-    for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + matt.lamp[c] * received * light.diffuse[c];
+    for (int c = 0; c < CHANNELS; c++)
+      out[c] = out[c] + rho.direct[c] * received * light.diffuse[c];
+    // GGX specular lobe
     if (any(reached & physical)) {
       Vec view = rays.direction * splat(-1.0f);
-      Float lobe = ggx(patch.normal, view, in.towards, patch.alpha_ggx) * in.strength;
+      Float lobe = ggx_lobe(interaction.normal, view, in.wi, interaction.alpha_ggx) * in.strength;
       lobe = select(reached & physical, lobe, splat(0.0f));
-      for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + lobe * patch.f0[c] * light.diffuse[c];
+      for (int c = 0; c < CHANNELS; c++)
+        out[c] = out[c] + lobe * interaction.f0[c] * light.diffuse[c];
     }
-    // Blinn-Phong
-    Mask glossy = reached & ~physical & (patch.specular > 0.0f);
+    // Blinn-Phong highlight
+    Mask glossy = reached & ~physical & (interaction.specular > 0.0f);
     if (!any(glossy) ||
         light.specular[0] + light.specular[CHANNELS / 2] + light.specular[CHANNELS - 1] <= 0)
       continue;
-    Vec half = normalize(in.towards - rays.direction);
-    Float lobe = min(max(dot(half, patch.normal), splat(0.0f)), splat(1.0f));
-    // far from the highlight, where lobe^exponent < exp(-16.7) = 2^-24, there is none
-    glossy = glossy & ((1.0f - lobe) * patch.exponent < 16.7f);
+    Vec half = normalize(in.wi - rays.direction);
+    Float lobe = min(max(dot(half, interaction.normal), splat(0.0f)), splat(1.0f));
+    // skip lanes far from the highlight, where lobe^exponent < exp(-16.7) = 2^-24
+    glossy = glossy & ((1.0f - lobe) * interaction.exponent < 16.7f);
     if (!any(glossy)) continue;
-    Float gloss = power(lobe, patch.exponent, glossy) * patch.specular * in.strength;
-    gloss = select(glossy, gloss, splat(0.0f));
+    Float specular = power(lobe, interaction.exponent, glossy) * interaction.specular * in.strength;
+    specular = select(glossy, specular, splat(0.0f));
     for (int c = 0; c < CHANNELS; c++) {
-      out[c] = out[c] + gloss * patch.gloss_tint[c] * light.specular[c];
+      out[c] = out[c] + specular * interaction.specular_tint[c] * light.specular[c];
     }
   }
 }
 
-// Light that leaves the surface. In: keep, where to, or null.
+// Compute the radiance that leaves the surface. In: where to cache the shading, or null.
 template <int CHANNELS>
-void shade(const Frame& f, const Rays& rays, const Hit& hit, const Patch<CHANNELS>& patch,
-           Points& points, Mask lit, const KeptPatch* keep, Float* out) {
-  for (int c = 0; c < CHANNELS; c++) out[c] = patch.emitted[c];
+void shade(const Frame& f, const Rays& rays, const Hit& hit,
+           const SurfaceInteraction<CHANNELS>& interaction, LazyBounds& bounds, Mask lit,
+           const CachedShading* shading, Float* out) {
+  for (int c = 0; c < CHANNELS; c++) out[c] = interaction.emitted[c];
   int first = 0;
-  if (keep) {
-    first = keep->lights;
-    add_lights<CHANNELS>(f, rays, hit, patch, points, lit, 0, first, out);
-    store_patch<CHANNELS>(hit, patch, out, *keep);
+  if (shading) {
+    first = shading->lights;
+    add_lights<CHANNELS>(f, rays, hit, interaction, bounds, lit, 0, first, out);
+    cache_shading<CHANNELS>(hit, interaction, out, *shading);
   }
-  add_lights<CHANNELS>(f, rays, hit, patch, points, lit, first, f.light_count, out);
+  add_lights<CHANNELS>(f, rays, hit, interaction, bounds, lit, first, f.light_count, out);
 }
 
 template <int CHANNELS, bool FOLLOW>
-void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float travelled,
-              Notes* notes, Float* out);
+void radiance(const Frame& f, const Rays& rays, const RayCone& cone, Mask active, Float path_length,
+              RayRecorder* recorder, Float* out);
 
-// What the mirrors of `mirror` show, times their reflectance, is added to `surface`. `region`:
-// where their points are. `empty`: they are known to show nothing.
+// Add the mirror image seen in the lanes `mirror`, times the reflectance. `box`: bounds of the
+// mirrors' points. `empty`: the image is known to be empty.
 template <int CHANNELS>
-void reflect(const Frame& f, const Rays& rays, const Patch<CHANNELS>& patch, const Region& region,
-             Mask mirror, bool empty, Float travelled, Notes* notes, Float* surface) {
+void reflect(const Frame& f, const Rays& rays, const SurfaceInteraction<CHANNELS>& interaction,
+             const BoundingBox& box, Mask mirror, bool empty, Float path_length,
+             RayRecorder* recorder, Float* surface) {
   Vec d = rays.direction;
-  Vec bounced = d - patch.normal * (dot(d, patch.normal) * 2.0f);
-  Rays mirrored = {patch.origin, normalize(bounced), false};
+  Vec bounced = d - interaction.normal * (dot(d, interaction.normal) * 2.0f);
+  Rays mirrored = {interaction.spawn_point, normalize(bounced), false};
   float square;
-  Hull cone = hull_of(region, mirrored.direction, mirror, FAR, square);
-  if (notes) {
-    if (notes->mirror_spread < 0) {
-      notes->mirror_axis = cone.axis;
+  RayCone cone = ray_cone(box, mirrored.direction, mirror, T_INFINITY, square);
+  if (recorder) {
+    if (recorder->mirror_spread < 0) {
+      recorder->mirror_axis = cone.axis;
     } else {
-      square = spread(mirrored.direction, notes->mirror_axis, mirror);
+      square = max_squared_chord(mirrored.direction, recorder->mirror_axis, mirror);
     }
-    notes->mirror_spread = square > notes->mirror_spread ? square : notes->mirror_spread;
+    recorder->mirror_spread = square > recorder->mirror_spread ? square : recorder->mirror_spread;
   }
   if (empty) return;
   Float image[CHANNELS];
-  radiance<CHANNELS, false>(f, mirrored, cone, mirror, travelled, notes, image);
+  radiance<CHANNELS, false>(f, mirrored, cone, mirror, path_length, recorder, image);
   for (int c = 0; c < CHANNELS; c++) {
-    surface[c] = select(mirror, surface[c] + image[c] * patch.reflectance, surface[c]);
+    surface[c] = select(mirror, surface[c] + image[c] * interaction.reflectance, surface[c]);
   }
 }
 
-// Radiance along the rays of `active`: through transparent surfaces, front to back, and with FOLLOW
-// once off a mirror. Out: the light of each channel; notes, which grows, unless it is null.
+// Compute the radiance along the rays of `active`: through transparent surfaces from front to back
+// and, with FOLLOW, off one mirror. Out: radiance by channel; the recorder is extended unless it is
+// null.
 template <int CHANNELS, bool FOLLOW>
-void radiance(const Frame& f, const Rays& rays, const Hull& hull, Mask active, Float travelled,
-              Notes* notes, Float* out) {
+void radiance(const Frame& f, const Rays& rays, const RayCone& cone, Mask active, Float path_length,
+              RayRecorder* recorder, Float* out) {
   for (int c = 0; c < CHANNELS; c++) out[c] = splat(0.0f);
-  Float passing = splat(1.0f), beyond = splat(0.0f), cover = beyond, curtain = beyond;
+  Float transmittance = splat(1.0f), t_min = splat(0.0f), haze_alpha = t_min, haze_distance = t_min;
   for (int layer = 0; layer < MAX_LAYERS; layer++) {
-    Hit hit = closest(f, rays, hull, active, beyond);
+    Hit hit = intersect(f, rays, cone, active, t_min);
     Mask lit = active & ~(hit.geom < splat(0));
-    if (FOLLOW && f.air.haze) lit = lit & ~beyond_haze(f, rays.direction, hit);
+    if (FOLLOW && f.medium.haze) lit = lit & ~behind_haze(f, rays.direction, hit);
     Mask missed = active & ~lit;
-    if (FOLLOW && f.air.haze && layer == 0) cover = haze(f, rays.direction, curtain);
-    if (FOLLOW && f.air.haze) {
-      // what is hit behind the haze, or nothing
-      Mask behind = active & (hit.distance > curtain);
-      Float share = select(behind, passing * cover, splat(0.0f));
-      Float veil[CHANNELS];
-      for (int c = 0; c < CHANNELS; c++) veil[c] = splat(f.air.haze_color[c]);
-      if (f.air.fog) fog<CHANNELS>(f, curtain, veil);
-      for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + veil[c] * share;
-      passing = passing - share;
-      cover = select(behind, splat(0.0f), cover);
+    if (FOLLOW && f.medium.haze && layer == 0) haze_alpha = haze(f, rays.direction, haze_distance);
+    if (FOLLOW && f.medium.haze) {
+      // composite the haze over what is behind it
+      Mask behind = active & (hit.distance > haze_distance);
+      Float share = select(behind, transmittance * haze_alpha, splat(0.0f));
+      Float haze_radiance[CHANNELS];
+      for (int c = 0; c < CHANNELS; c++) haze_radiance[c] = splat(f.medium.haze_color[c]);
+      if (f.medium.fog) apply_fog<CHANNELS>(f, haze_distance, haze_radiance);
+      for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + haze_radiance[c] * share;
+      transmittance = transmittance - share;
+      haze_alpha = select(behind, splat(0.0f), haze_alpha);
     }
-    // mirrors do not show the sky, as in MuJoCo's viewer
-    if (FOLLOW && (f.skybox >= 0 || f.air.fog) && any(missed)) {
+    // mirrors do not show the environment, as in MuJoCo's viewer
+    if (FOLLOW && (f.skybox >= 0 || f.medium.fog) && any(missed)) {
       Float light[CHANNELS];
-      for (int c = 0; c < CHANNELS; c++) light[c] = splat(f.air.fog_color[c]);
-      if (!f.air.fog) sky<CHANNELS>(f, rays.direction, bits(missed), light);
+      for (int c = 0; c < CHANNELS; c++) light[c] = splat(f.medium.fog_color[c]);
+      if (!f.medium.fog) camera_environment<CHANNELS>(f, rays.direction, bits(missed), light);
       for (int c = 0; c < CHANNELS; c++) {
-        out[c] = select(missed, out[c] + light[c] * passing, out[c]);
+        out[c] = select(missed, out[c] + light[c] * transmittance, out[c]);
       }
     }
     if (!any(lit)) break;
-    Patch<CHANNELS> patch = patch_of<CHANNELS>(f, rays, hit, bits(lit), travelled);
-    Points points;
-    if (notes) grow(FOLLOW ? notes->seen : notes->mirrored, points.of(patch, lit));
+    // shade the layer
+    SurfaceInteraction<CHANNELS> interaction =
+        surface_interaction<CHANNELS>(f, rays, hit, bits(lit), path_length);
+    LazyBounds bounds;
+    if (recorder)
+      extend(FOLLOW ? recorder->primary_hits : recorder->mirror_hits, bounds.of(interaction, lit));
     Float surface[CHANNELS];
-    bool keeps = FOLLOW && layer == 0 && notes && notes->keep.numbers && can_keep(f, hit, lit);
-    shade<CHANNELS>(f, rays, hit, patch, points, lit, keeps ? &notes->keep : nullptr, surface);
+    bool caches = FOLLOW && layer == 0 && recorder && recorder->shading.numbers &&
+                  can_cache_shading(f, hit, lit);
+    shade<CHANNELS>(f, rays, hit, interaction, bounds, lit, caches ? &recorder->shading : nullptr,
+                    surface);
+    // follow mirrors once
     if constexpr (FOLLOW) {
-      Mask mirror = lit & (patch.reflectance > 0.0f);
-      bool empty = !any(mirror) || mirrors_nothing(f, rays, hit, mirror);
-      if (!empty || (notes && any(mirror))) {
-        reflect<CHANNELS>(f, rays, patch, points.of(patch, lit), mirror, empty,
-                          travelled + hit.distance, notes, surface);
+      Mask mirror = lit & (interaction.reflectance > 0.0f);
+      bool empty = !any(mirror) || mirror_is_empty(f, rays, hit, mirror);
+      if (!empty || (recorder && any(mirror))) {
+        reflect<CHANNELS>(f, rays, interaction, bounds.of(interaction, lit), mirror, empty,
+                          path_length + hit.distance, recorder, surface);
       }
     }
-    if (f.air.fog) fog<CHANNELS>(f, travelled + hit.distance, surface);
-    Float share = passing * patch.alpha;
+    if (f.medium.fog) apply_fog<CHANNELS>(f, path_length + hit.distance, surface);
+    // composite it, and continue behind it where it is transparent
+    Float share = transmittance * interaction.alpha;
     for (int c = 0; c < CHANNELS; c++) out[c] = select(lit, out[c] + surface[c] * share, out[c]);
-    active = lit & (patch.alpha < 1.0f);
+    active = lit & (interaction.alpha < 1.0f);
     if (!any(active)) break;
-    passing = passing * (1.0f - patch.alpha);
-    beyond = hit.distance;
+    transmittance = transmittance * (1.0f - interaction.alpha);
+    t_min = hit.distance;
   }
 }
 

@@ -1,4 +1,4 @@
-// The film: which pixels the lanes of a packet are, and writing their light.
+// The film: the pixels that belong to the lanes of a packet, and writing their light.
 #pragma once
 
 #include "geometry/camera.inl"
@@ -6,7 +6,7 @@
 namespace evs::EVS_SPACE {
 namespace {
 
-// The call with as many channels as the frame has.
+// Call with the frame's number of channels as a template argument.
 template <class Call>
 EVS_INLINE void for_channels(const Frame& f, Call call) {
   switch (f.channels) {
@@ -23,7 +23,7 @@ EVS_INLINE void for_channels(const Frame& f, Call call) {
   }
 }
 
-// Up to 16 pixels in 16 lanes: the last one stands in for the lanes that are left over.
+// Assign up to 16 pixels to the lanes. Unused lanes repeat the last pixel.
 inline void fill_lanes(const int32_t* x, const int32_t* y, int count, int* column, int* row) {
   for (int i = 0; i < LANES; i++) {
     column[i] = x[i < count ? i : count - 1];
@@ -31,11 +31,11 @@ inline void fill_lanes(const int32_t* x, const int32_t* y, int count, int* colum
   }
 }
 
-// What a pixel of the image, counted row by row, gets of the light that is meant for it.
-inline float shaded(const Frame& f, long pixel, float light) {
-  if (!f.share) return light;
-  // outside the image circle even an infinite light is dark
-  return f.share[pixel] > 0.0f ? light * f.share[pixel] : 0.0f;
+// Apply the lens's vignetting to a pixel, counted row by row.
+inline float vignetted(const Frame& f, long pixel, float light) {
+  if (!f.vignette) return light;
+  // outside the image circle even infinite light is 0
+  return f.vignette[pixel] > 0.0f ? light * f.vignette[pixel] : 0.0f;
 }
 
 template <int CHANNELS>
@@ -47,7 +47,8 @@ EVS_INLINE Float luminance_of(const Frame& f, const Float* light) {
   return luminance;
 }
 
-// Write the packets' pixels that lie in the image. In: light of the channels, mean of the samples.
+// Write the pixels of the packets that lie in the image. In: luminance and light by channel,
+// averaged over the samples.
 template <int CHANNELS>
 void write_pixels(const Frame& f, int column, int row, Float luminance, const Float* light,
                   const Outputs& out) {
@@ -58,7 +59,7 @@ void write_pixels(const Frame& f, int column, int row, Float luminance, const Fl
   constexpr int WIDTH = PACKETS * PACKET_WIDTH;
   int columns = f.width - x < WIDTH ? f.width - x : WIDTH;
   int rows = f.height - y < PACKET_HEIGHT ? f.height - y : PACKET_HEIGHT;
-  if (columns == WIDTH && !rgb && !out.plain && !f.share) {
+  if (columns == WIDTH && !rgb && !out.untextured && !f.vignette) {
     for (int j = 0; j < rows; j++) {
       float* to = out.luminance + static_cast<long>(y + j) * f.width + x;
       for (int p = 0; p < PACKETS; p++) {
@@ -69,17 +70,18 @@ void write_pixels(const Frame& f, int column, int row, Float luminance, const Fl
     return;
   }
   for (int c = 0; c < 3 && rgb; c++) store(colour[c], light[f.colour + c]);
-  alignas(64) float plain[LANES];
-  if (out.plain) store(plain, light[CHANNELS - 1]);
+  alignas(64) float untextured[LANES];
+  if (out.untextured) store(untextured, light[CHANNELS - 1]);
   for (int j = 0; j < rows; j++) {
     long at = static_cast<long>(y + j) * f.width + x;
     for (int i = 0; i < columns; i++) {
       int l = i / PACKET_WIDTH * PACKET + j * PACKET_WIDTH + i % PACKET_WIDTH;
-      out.luminance[at + i] = shaded(f, at + i, grey[l]);
+      out.luminance[at + i] = vignetted(f, at + i, grey[l]);
       for (int c = 0; c < 3 && rgb; c++) {
-        out.rgb[3 * (at + i) + c] = shaded(f, at + i, colour[c][l]);
+        out.rgb[3 * (at + i) + c] = vignetted(f, at + i, colour[c][l]);
       }
-      if (out.plain) out.plain[(y + j + 1) * out.plain_stride + (x + i + 1)] = plain[l];
+      if (out.untextured)
+        out.untextured[(y + j + 1) * out.untextured_stride + (x + i + 1)] = untextured[l];
     }
   }
 }

@@ -1,4 +1,4 @@
-// Ground truth: what the ray through each pixel's centre hits first, without any light.
+// Ground truth: the first hit of the ray through each pixel's centre, without light.
 #pragma once
 
 #include "geometry/camera.inl"
@@ -13,7 +13,7 @@ EVS_INLINE void store(float (*out)[LANES], Vec v) {
   store(out[2], v.z);
 }
 
-// The normals of the hits of `lanes`, unit, in the camera's frame, facing the rays.
+// Return the normals of the hits of `lanes`: unit, in the camera's frame, facing the rays.
 inline Vec shading_normal(const Frame& f, const Rays& rays, const Hit& hit, unsigned lanes) {
   Vec normal = splat(V3{0, 0, 0});
   while (lanes) {
@@ -22,16 +22,16 @@ inline Vec shading_normal(const Frame& f, const Rays& rays, const Hit& hit, unsi
     lanes &= ~bits(here);
     const Geom& g = f.geoms[index];
     normal =
-        select(here, to_camera(g.rotation, site_of(f, g, rays, hit, bits(here)).normal), normal);
+        select(here, to_camera(g.rotation, local_hit(f, g, rays, hit, bits(here)).normal), normal);
   }
-  return facing(normal, rays.direction);
+  return face_forward(normal, rays.direction);
 }
 
 // In: packet (column, row) of `f`. Out: its pixels of `out`.
 void trace_truth(const Frame& f, int column, int row, const Truth& out) {
-  const Hull& hull = f.primary[row * f.packet_columns + column];
+  const RayCone& cone = f.primary[row * f.packet_columns + column];
   Rays rays = primary_rays(f, column, row, 0.5f, 0.5f);
-  Hit hit = closest(f, rays, hull, mask_of(ALL_LANES), splat(0.0f));
+  Hit hit = intersect(f, rays, cone, mask_of(ALL_LANES), splat(0.0f));
   Mask missed = hit.geom < splat(0);
   Vec point = rays.origin + rays.direction * hit.distance, zero = splat(V3{0, 0, 0});
   Vec normal = select(missed, zero, shading_normal(f, rays, hit, bits(~missed)));

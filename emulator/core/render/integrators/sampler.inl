@@ -1,13 +1,13 @@
-// Sample points of the `path` integrator: dimension by dimension, each a point set of its own that
-// is filled evenly by the first 2^n samples. A counter, no state: (pixel, seed, dimension, sample).
+// Samplers of the `path` integrator. Each dimension is a point set of its own, filled evenly by the
+// first 2^n samples. Stateless: a function of (pixel, seed, dimension, sample).
 //
-// sobol    the Sobol points of every pixel moved by a shift of its own (Cranley & Patterson 1976)
-// owen     the Sobol points of every pixel scrambled in a way of its own (Owen 1995, with the hash
-//          of Laine & Karras 2011 as Burley 2020 has it)
-// global   the Owen-scrambled points, the same in every pixel
-// random   independent numbers
-// anchored as owen, but behind the first surface it is a cell of that surface that asks, not the
-//          pixel: the noise moves with the surface, as a texture would
+//  sobol    Sobol points, shifted at random for each pixel (Cranley & Patterson 1976)
+//  owen     Sobol points, scrambled for each pixel (Owen 1995, with the hash of Laine & Karras
+//           2011 as in Burley 2020)
+//  global   Owen-scrambled points, the same in every pixel
+//  random   independent random numbers
+//  anchored as owen, but beyond the first hit the pixel is replaced by a cell of that surface, so
+//           the noise moves with the surface as a texture would
 #pragma once
 
 #include "geometry/intersect.inl"
@@ -17,11 +17,11 @@ namespace evs::EVS_SPACE {
 namespace {
 
 struct Sampler {
-  Int pixel;     // who asks: row * width + column, or anchor_of
-  Int reversed;  // the sample's index, its bits in reverse
-  int mode;      // enum SampleSet
-  int seed;      // the whole image's
-  int digits;    // 2^digits samples or fewer are drawn
+  Int pixel;           // row * width + column, or surface_anchor
+  Int reversed_index;  // the sample's index, bit-reversed
+  int mode;            // enum SampleSet
+  int seed;            // of the whole image
+  int log2_samples;    // at most 2^log2_samples samples are drawn
 };
 
 template <int N>
@@ -29,8 +29,8 @@ EVS_INLINE Int shift_right_unsigned(Int a) {
   return shift_right<N>(a) & splat(static_cast<int>(0xffffffffu >> N));
 }
 
-// A permutation of 32 bits in which every bit depends on every other (the "lowbias32" of
-// C. Wellons, 2018).
+// A permutation of 32 bits in which every bit depends on every other ("lowbias32", C. Wellons
+// 2018).
 EVS_INLINE Int hash(Int a) {
   a = (a ^ shift_right_unsigned<16>(a)) * splat(0x7feb352d);
   a = (a ^ shift_right_unsigned<15>(a)) * splat(static_cast<int>(0x846ca68bu));
@@ -43,7 +43,7 @@ inline unsigned hash(unsigned a) {
 }
 
 #if EVS_WIDTH >= 256
-// Bytes in reverse by one shuffle, then each byte's halves by a table of 16.
+// Reverse the bytes by one shuffle, then the bits of each byte by a table of 16.
 EVS_INLINE Int reverse_bits(Int a) {
   const __m128i bytes = _mm_setr_epi8(3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12);
   const __m128i halves = _mm_setr_epi8(0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15);
@@ -84,7 +84,7 @@ EVS_INLINE Int reverse_bits(Int a) {
 }
 #endif
 
-// Nested uniform scramble of numbers whose most significant digit is bit 0.
+// Nested uniform scramble of bit-reversed numbers.
 EVS_INLINE Int scramble_reversed(Int a, Int seed) {
   a = a ^ (a * splat(0x3d20adea));
   a = a + seed;
@@ -93,51 +93,53 @@ EVS_INLINE Int scramble_reversed(Int a, Int seed) {
   return a ^ (a * splat(0x53a22864));
 }
 
-// 0 <= x < 1 of the 24 leading bits.
-EVS_INLINE Float unit(Int a) {
+// The 24 leading bits as a float in [0, 1).
+EVS_INLINE Float to_unit_float(Int a) {
   return to_float(shift_right_unsigned<8>(a)) * 5.9604644775390625e-8f;
 }
 
-// Two numbers in [0, 1) of one dimension.
-EVS_INLINE Pair pair_of(const Sampler& s, int dimension) {
-  Int own = s.pixel;
-  if (s.mode == SAMPLES_GLOBAL) own = splat(0);
+// Sample one dimension: two numbers in [0, 1).
+EVS_INLINE Point2 sample_2d(const Sampler& s, int dimension) {
+  Int seed_pixel = s.pixel;
+  if (s.mode == SAMPLES_GLOBAL) seed_pixel = splat(0);
   unsigned mixed =
       hash(static_cast<unsigned>(s.seed) * 0x9e3779b9u + static_cast<unsigned>(dimension));
-  Int key = hash(own ^ splat(static_cast<int>(mixed)));
+  Int key = hash(seed_pixel ^ splat(static_cast<int>(mixed)));
   if (s.mode == SAMPLES_RANDOM) {
-    Int a = hash(key + hash(reverse_bits(s.reversed) + splat(1)));
-    return {unit(a), unit(hash(a ^ splat(0x68bc21eb)))};
+    Int a = hash(key + hash(reverse_bits(s.reversed_index) + splat(1)));
+    return {to_unit_float(a), to_unit_float(hash(a ^ splat(0x68bc21eb)))};
   }
-  // the order of the points differs between dimensions, so that their pairings do too
+  // shuffle the order of the points, so that dimensions pair differently
   Int order = s.mode == SAMPLES_SOBOL ? splat(static_cast<int>(hash(mixed)))
                                       : hash(key ^ splat(0x2c1b3c6d));
-  Int index = reverse_bits(scramble_reversed(s.reversed, order)) & splat((1 << s.digits) - 1);
-  // the second dimension's direction numbers are Pascal's triangle modulo 2
+  Int index =
+      reverse_bits(scramble_reversed(s.reversed_index, order)) & splat((1 << s.log2_samples) - 1);
+  // the direction numbers of the second dimension are Pascal's triangle modulo 2
   Int second = splat(0);
   unsigned direction = 0x80000000u;
-  for (int i = 0; i < s.digits; i++) {
+  for (int i = 0; i < s.log2_samples; i++) {
     Mask set = (index & splat(1 << i)) == splat(1 << i);
     second = select(set, second ^ splat(static_cast<int>(direction)), second);
     direction ^= direction >> 1;
   }
   Int shift_x = hash(key + splat(0x1b873593)), shift_y = hash(key + splat(0x27d4eb2f));
-  if (s.mode == SAMPLES_SOBOL) return {unit(reverse_bits(index) + shift_x), unit(second + shift_y)};
-  return {unit(reverse_bits(scramble_reversed(index, shift_x))),
-          unit(reverse_bits(scramble_reversed(reverse_bits(second), shift_y)))};
+  if (s.mode == SAMPLES_SOBOL)
+    return {to_unit_float(reverse_bits(index) + shift_x), to_unit_float(second + shift_y)};
+  return {to_unit_float(reverse_bits(scramble_reversed(index, shift_x))),
+          to_unit_float(reverse_bits(scramble_reversed(reverse_bits(second), shift_y)))};
 }
 
-// Who asks where a ray of the camera hits: a number of the geom and of the cell around the point,
-// in the geom's own frame. A cell is a power of two wide, 3/4 to 3/2 of the pixel's footprint, so
-// that it stays the same cell while the camera comes nearer, until it is twice as near.
-inline Int anchor_of(const Frame& f, const Rays& rays, const Hit& hit, Mask lit) {
+// Identify the surface cell that a camera ray hits, in the geom's own frame. A cell is a power of
+// two wide, 3/4 to 3/2 of the pixel's footprint, so it stays the same until the camera is twice as
+// near.
+inline Int surface_anchor(const Frame& f, const Rays& rays, const Hit& hit, Mask lit) {
   float pixel = f.pixel_angle * __builtin_sqrtf(static_cast<float>(f.samples));
   Float footprint = (f.orthographic ? splat(1.0f) : hit.distance) * (1.5f * pixel);
   Int exponent = as_int(footprint) & splat(0x7f800000);
   Float inverse = 1.0f / as_float(exponent);
   auto cell = [&](Float x) {
-    // no border at 0 nor at round sizes: rounding would throw faces that lie there to both sides;
-    // and no cell, nor a NaN, that Int does not hold
+    // keep cell borders off 0 and round sizes, where rounding would split a face; clamp, so that
+    // any value, even a NaN, fits an Int
     return truncate(floor(min(max(x * inverse + 0.381966f, splat(-1e9f)), splat(1e9f))));
   };
   Int anchor = splat(0);

@@ -1,4 +1,5 @@
-// The sky along camera rays, on a perspective camera the mean of some points in each pixel.
+// Radiance of the environment along camera rays; with a perspective camera the mean of several
+// points in each pixel.
 #pragma once
 
 #include "scene.h"
@@ -8,9 +9,9 @@ namespace evs::EVS_SPACE {
 namespace {
 
 template <int CHANNELS>
-void sky(const Frame& f, Vec d, unsigned lanes, Float* out) {
+void camera_environment(const Frame& f, Vec d, unsigned lanes, Float* out) {
   const Texture& t = f.textures[f.skybox];
-  const float* r = f.sky_rotation;
+  const float* r = f.camera_to_world;
   Vec w = to_camera(r, d);
   float footprint = f.orthographic ? 0.0f : 0.5f * f.pixel_angle;
   Float scale = -d.z;
@@ -24,12 +25,12 @@ void sky(const Frame& f, Vec d, unsigned lanes, Float* out) {
     }
     Float u, v, major;
     Int face;
-    on_cube({to.x, to.z, -to.y}, u, v, face, major);
-    // the points lie so close together that the first one's level is that of all
+    cube_coordinates({to.x, to.z, -to.y}, u, v, face, major);
+    // the points lie close together, so all use the first one's level of detail
     if (i == 0)
       lod = lod_of(t, splat(taps > 1 ? footprint * f.tap_width : footprint) / major, lanes);
     Float texel[CHANNELS];
-    read_between(t, CHANNELS, lod, u, v, face, i == 0 ? out : texel);
+    read_lod(t, CHANNELS, lod, u, v, face, i == 0 ? out : texel);
     if (i == 0) continue;
     for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + texel[c];
   }

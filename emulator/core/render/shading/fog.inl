@@ -1,4 +1,4 @@
-// What lies between the camera and what it sees: fog, and the haze below a horizon.
+// Fog, and the haze below the horizon, between the camera and what it sees.
 #pragma once
 
 #include "geometry/rays.inl"
@@ -7,44 +7,45 @@
 namespace evs::EVS_SPACE {
 namespace {
 
-// Fog takes the place of light from afar: linear from its start to its end, as OpenGL's, by the
-// distance that light travelled.
+// Blend light with the fog's colour. The fog's transmittance falls linearly from its start to its
+// end, as in OpenGL.
 template <int CHANNELS>
-void fog(const Frame& f, Float distance, Float* light) {
-  Float clear = (f.air.fog_end - distance) * f.air.fog_slope;
-  clear = min(max(clear, splat(0.0f)), splat(1.0f));
+void apply_fog(const Frame& f, Float distance, Float* light) {
+  Float transmittance = (f.medium.fog_end - distance) * f.medium.fog_slope;
+  transmittance = min(max(transmittance, splat(0.0f)), splat(1.0f));
   for (int c = 0; c < CHANNELS; c++)
-    light[c] = f.air.fog_color[c] + (light[c] - f.air.fog_color[c]) * clear;
+    light[c] = f.medium.fog_color[c] + (light[c] - f.medium.fog_color[c]) * transmittance;
 }
 
-// Haze along primary rays. MuJoCo's viewer draws it on a cone around the camera, from the plane up
-// to the horizon; what lies behind the cone is behind the haze. Its colour fades in up to where the
-// plane ends, which it covers whole, and out again before the sky. Out: how much it covers, 0 ...
-// 1; distance to the cone.
+// Haze along camera rays. MuJoCo's viewer draws it on a cone around the camera, from the plane up
+// to the horizon; everything behind the cone is behind the haze. Its opacity rises up to where the
+// plane ends, where it is 1, and falls again towards the sky. Out: opacity, 0 ... 1; distance to
+// the cone.
 EVS_INLINE Float haze(const Frame& f, Vec direction, Float& distance) {
-  const Air& air = f.air;
-  Float rise = dot(direction, splat(air.haze_up));
+  const Medium& medium = f.medium;
+  Float rise = dot(direction, splat(medium.haze_up));
   Float along = sqrt(max(1.0f - rise * rise, splat(1e-12f)));
   Float drop = max(-rise, splat(0.0f)) / along;
-  // height on the cone, 1 at the horizon and 0 on the plane; `below` is the rest of it
-  Float below = drop / (drop * air.haze_ratio + air.haze_elevation);
+  // height on the cone: 0 on the plane, 1 at the horizon; `below` is the rest
+  Float below = drop / (drop * medium.haze_ratio + medium.haze_elevation);
   Float height = 1.0f - below;
-  distance = (1.0f - below * air.haze_ratio) * air.haze_radius / along;
-  Float cover = min(height * (1.0f / air.haze_peak), below * (1.0f / (1.0f - air.haze_peak)));
-  return max(cover, splat(0.0f));
+  distance = (1.0f - below * medium.haze_ratio) * medium.haze_radius / along;
+  Float haze_alpha =
+      min(height * (1.0f / medium.haze_peak), below * (1.0f / (1.0f - medium.haze_peak)));
+  return max(haze_alpha, splat(0.0f));
 }
 
-// Lanes whose primary ray meets a plane without bounds beyond the haze. MuJoCo's viewer stands the
-// sky there, a wall around the camera: such a plane ends at its foot.
-EVS_INLINE Mask beyond_haze(const Frame& f, Vec direction, const Hit& hit) {
-  Float rise = dot(direction, splat(f.air.haze_up));
+// Find the lanes whose camera ray meets an infinite plane behind the haze. MuJoCo's viewer ends
+// such a plane there and draws the sky from its edge up.
+EVS_INLINE Mask behind_haze(const Frame& f, Vec direction, const Hit& hit) {
+  Float rise = dot(direction, splat(f.medium.haze_up));
   Float along = sqrt(max(1.0f - rise * rise, splat(1e-12f)));
   Mask ended = mask_of(0);
   for (int k = 0; k < f.plane_count; k++) {
     const Geom& g = f.geoms[k];
     if (g.size[0] <= 0 || g.size[1] <= 0) ended = ended | (hit.geom == splat(k));
   }
-  return ended & (hit.distance * along > f.air.haze_radius);
+  return ended & (hit.distance * along > f.medium.haze_radius);
 }
 
 }  // namespace

@@ -1,6 +1,6 @@
-// What the sample of a camera ray covers of an image: an ellipse, read at some points along its
-// major axis, each as wide as the minor one (after Feline: McCormack et al. 1999). The points of
-// a lane depend on nothing but its ray.
+// Anisotropic texture filtering along camera rays. The footprint of a sample is an ellipse on the
+// image; it is read at several probes along its major axis, each as wide as the minor axis (after
+// Feline, McCormack et al. 1999). The probes of a lane depend on its ray only.
 #pragma once
 
 #include "geometry/rays.inl"
@@ -10,21 +10,21 @@
 namespace evs::EVS_SPACE {
 namespace {
 
-// Neighbouring samples are so far apart on the surface, along the image's rows and columns; in the
-// geom's frame, m.
+// Distance between neighbouring samples on the surface, along the image's rows and columns: geom's
+// frame, m.
 struct Footprint {
   Vec x, y;
 };
 
-// In: point p, unit direction d and unit normal n in the geom's frame; `least`: of the cosine
-// between the two, so that no footprint is endless.
+// In: point p, unit direction d and unit normal n in the geom's frame; `least` bounds the cosine
+// between d and n from below, so that every footprint is finite.
 EVS_INLINE Footprint footprint_of(const Frame& f, const Geom& g, const Rays& rays, Float distance,
                                   Vec d, Vec n, float least) {
   const float* r = g.rotation;
   Vec x = splat(V3{r[0], r[1], r[2]}), y = splat(V3{r[3], r[4], r[5]});
   Float width = splat(f.pixel_x), height = splat(f.pixel_y);
   if (f.lens) {
-    // about as wide everywhere, across the ray
+    // about equally wide everywhere, across the ray
     Vec aside = select(abs(d.y) < 0.9f, {splat(0.0f), splat(1.0f), splat(0.0f)},
                        {splat(1.0f), splat(0.0f), splat(0.0f)});
     x = normalize(cross(d, aside));
@@ -35,14 +35,14 @@ EVS_INLINE Footprint footprint_of(const Frame& f, const Geom& g, const Rays& ray
     width = width * depth;
     height = height * depth;
   }
-  // along the ray onto the surface
+  // project along the ray onto the surface
   Float cosine = dot(d, n);
   cosine = select(cosine < 0.0f, min(cosine, splat(-least)), max(cosine, splat(least)));
   Float slope = 1.0f / cosine;
   return {(x - d * (dot(x, n) * slope)) * width, (y - d * (dot(y, n) * slope)) * height};
 }
 
-// How fast the coordinates of `on_shape` grow at a point: image lengths per m, geom's frame.
+// Derivatives of `shape_coordinates` at a point: image lengths per m, geom's frame.
 struct Slopes {
   Vec u, v;
 };
@@ -64,7 +64,7 @@ inline Slopes slopes_on_shape(const Geom& g, const Surface& s, Vec p) {
   float ru = s.repeat[0] * (s.uniform ? sx : 1.0f), rv = s.repeat[1] * (s.uniform ? sy : 1.0f);
   constexpr float TURN = 0.159154943f;  // 1 / (2 pi)
   Vec u = {splat(0.5f / sx), zero, zero}, v = {zero, splat(-0.5f / sy), zero};
-  // around the axis; 1e-6: at a pole every direction is
+  // derivative around the axis; 1e-6: at a pole every direction is around it
   float around_y = g.shape == ELLIPSOID ? g.size[1] : sx;
   Float qx = p.x * (1.0f / sx), qy = p.y * (1.0f / around_y);
   Float off = max(qx * qx + qy * qy, splat(1e-6f));
@@ -107,7 +107,7 @@ inline Slopes slopes_on_shape(const Geom& g, const Surface& s, Vec p) {
   return {u * splat(ru), v * splat(rv)};
 }
 
-// The same of a mesh with coordinates of its own, lane by lane.
+// The same for a mesh with texture coordinates, lane by lane.
 inline Slopes slopes_on_mesh(const Mesh& mesh, const Hit& hit, unsigned lanes) {
   alignas(64) float out[6][LANES] = {};
   alignas(64) int triangle[LANES];
@@ -119,7 +119,7 @@ inline Slopes slopes_on_mesh(const Mesh& mesh, const Hit& hit, unsigned lanes) {
     V3 e1 = t.b - t.a, e2 = t.c - t.a, n = t.normal;
     float square = dot(n, n);
     if (!(square > 0)) continue;
-    // each is 1 along its edge and 0 along the other
+    // each gradient is 1 along its edge and 0 along the other
     V3 first = {e2.y * n.z - e2.z * n.y, e2.z * n.x - e2.x * n.z, e2.x * n.y - e2.y * n.x};
     V3 second = {n.y * e1.z - n.z * e1.y, n.z * e1.x - n.x * e1.z, n.x * e1.y - n.y * e1.x};
     for (int k = 0; k < 2; k++) {
@@ -132,8 +132,8 @@ inline Slopes slopes_on_mesh(const Mesh& mesh, const Hit& hit, unsigned lanes) {
   return {{load(out[0]), load(out[1]), load(out[2])}, {load(out[3]), load(out[4]), load(out[5])}};
 }
 
-// How fast `unit_point` grows at a point, by axis: 1 / m.
-EVS_INLINE Vec unit_slope(const Geom& g, Vec p) {
+// Derivative of `unit_shape_point` by axis, 1 / m.
+EVS_INLINE Vec unit_shape_slope(const Geom& g, Vec p) {
   const float* s = g.size;
   Float x = splat(1.0f), y = x, z = x;
   if (g.shape == BOX || g.shape == ELLIPSOID) {
@@ -147,12 +147,12 @@ EVS_INLINE Vec unit_slope(const Geom& g, Vec p) {
   return {x, y, z};
 }
 
-// How fast the place on a cube's face grows where the point there, u and v, moves along `side`.
-EVS_INLINE void side_on_cube(Vec side, Float u, Float v, Int face, Float major, Float& along_u,
-                             Float& along_v) {
+// Project a footprint's axis `side` onto the cube's face, at the point u, v.
+EVS_INLINE void footprint_on_cube(Vec side, Float u, Float v, Int face, Float major, Float& along_u,
+                                  Float& along_v) {
   Mask is_x = face < splat(2), is_y = ~is_x & (face < splat(4));
   Mask negative = (face & splat(1)) == splat(1);
-  // as on_cube
+  // as in cube_coordinates
   Float m = select(is_x, side.x, select(is_y, side.y, side.z));
   m = select(negative, -m, m);
   Float s = select(is_x, select(negative, side.z, -side.z),
@@ -163,21 +163,21 @@ EVS_INLINE void side_on_cube(Vec side, Float u, Float v, Int face, Float major, 
   along_v = (t - (v * 2.0f - 1.0f) * m) * half;
 }
 
-constexpr float PROBE_TEXELS = 1.4f;  // points closer together show no more
-constexpr float PROBE_SLACK = 0.75f;  // of a point's width: up to 1.25 stand for 1
+constexpr float PROBE_TEXELS = 1.4f;  // denser probes resolve nothing more
+constexpr float PROBE_SLACK = 0.75f;  // of a probe's width: one probe stands for up to 1.25
 
-// The points of an ellipse on an image.
+// The probes of an ellipse on an image.
 struct Probes {
-  Float across_x, across_y;  // its major axis: how many samples to go along each side
-  Float count, share;        // points in each lane, and the share of one
-  Float width;               // of a point, texels
-  int most;                  // points in any lane
+  Float across_x, across_y;  // the major axis, in samples along each side
+  Float count, share;        // probes of each lane, and the weight of one
+  Float width;               // of a probe, texels
+  int most;                  // most probes of any lane
 };
 
-// In: what a sample's sides are on the image, in texels: xu, xv and yu, yv.
+// In: a sample's sides on the image, in texels: (xu, xv) and (yu, yv).
 EVS_INLINE Probes probes_of(const Frame& f, Float xu, Float xv, Float yu, Float yv,
                             unsigned lanes) {
-  // the singular values of the matrix of both sides, and the direction of the larger
+  // the singular values of the matrix of both sides, and the direction of the larger one
   Float x = xu * xu + xv * xv, y = yu * yu + yv * yv, both = xu * yu + xv * yv;
   Float half = (x - y) * 0.5f;
   Float square = max((x + y) * 0.5f + sqrt(half * half + both * both), splat(1e-12f));
@@ -191,8 +191,8 @@ EVS_INLINE Probes probes_of(const Frame& f, Float xu, Float xv, Float yu, Float 
   out.count = to_float(truncate(select(mask_of(lanes), wanted, splat(1.0f))));
   out.share = 1.0f / out.count;
   Float apart = max(minor, major * out.share);
-  // a texel, which is a mean, between its neighbours varies as a box sqrt(3) times as wide; no
-  // smaller copy where the image is magnified
+  // interpolation between texels is as wide as a box of sqrt(3) texels; never read a smaller level
+  // where the image is magnified
   out.width = sqrt(max(apart * apart, splat(1.0f)) * (1.0f / 3) + (2.0f / 3));
   out.across_x = a * scale;
   out.across_y = b * scale;
@@ -200,18 +200,18 @@ EVS_INLINE Probes probes_of(const Frame& f, Float xu, Float xv, Float yu, Float 
   return out;
 }
 
-// The mean of an image at all points of each lane. `at(along, u, v, face)`: where one is that lies
-// so far along the major axis, -0.5 ... 0.5.
+// Average an image over the probes of each lane. `at(along, u, v, face)` places a probe on the
+// major axis, along = -0.5 ... 0.5.
 template <int CHANNELS, class At>
 EVS_INLINE void read_probes(const Texture& t, const Probes& probes, unsigned lanes, Float* out,
                             const At& at) {
-  Lod lod = lod_between(t, probes.width, lanes);
+  Lod lod = lod_of_width(t, probes.width, lanes);
   Float u, v;
   Int face;
   for (int i = 0; i < probes.most; i++) {
     Float index = splat(static_cast<float>(i)), texel[CHANNELS];
     at((index + 0.5f) * probes.share - 0.5f, u, v, face);
-    read_between(t, CHANNELS, lod, u, v, face, i == 0 ? out : texel);
+    read_lod(t, CHANNELS, lod, u, v, face, i == 0 ? out : texel);
     if (i == 0) continue;
     Mask there = index < probes.count;
     for (int c = 0; c < CHANNELS; c++) out[c] = select(there, out[c] + texel[c], out[c]);

@@ -1,5 +1,6 @@
-// Light that can be aimed at: points on glowing geoms and directions of the sky, drawn with a
-// density that can also be asked for any hit, so that both ways to find a light can be weighed.
+// Light sampling: points on emissive geoms and directions of the environment, with a pdf that can
+// also be evaluated for any hit. The path integrator combines it with BSDF sampling by multiple
+// importance sampling.
 #pragma once
 
 #include "path_scene.h"
@@ -9,73 +10,73 @@
 namespace evs::EVS_SPACE {
 namespace {
 
-struct Aim {
-  Vec towards;     // unit
-  Float distance;  // FAR: the sky
+struct LightSample {
+  Vec wi;          // unit
+  Float distance;  // T_INFINITY: the environment
   Float light[3];
-  Float density;  // per sr; 0: nothing was drawn
+  Float pdf;  // per sr; 0: no sample
 };
 
-// First index of a rising table whose value is over `x`; the table's last value counts as 1.
-EVS_INLINE Int search(const float* table, Int begin, int count, Float x) {
+// Binary search: the first entry of a CDF above `x`. The last entry counts as 1.
+EVS_INLINE Int search_cdf(const float* cdf, Int begin, int count, Float x) {
   Int low = splat(0);
   int step = 1;
   while (2 * step < count) step *= 2;
   for (; step >= 1; step /= 2) {
     Int middle = low + splat(step);
     Mask inside = middle < splat(count);
-    Float below = gather(table, begin + select(inside, middle - splat(1), splat(0)));
+    Float below = gather(cdf, begin + select(inside, middle - splat(1), splat(0)));
     low = select(inside & (below <= x), middle, low);
   }
   return low;
 }
 
-// The same from where a guide of as many entries says.
-EVS_INLINE Int search_on(const float* table, Int begin, int count, const int32_t* guide, Float x) {
+// The same search, started at a guide table with as many entries.
+EVS_INLINE Int search_cdf_guided(const float* cdf, Int begin, int count, const int32_t* guide,
+                                 Float x) {
   Int part = truncate(min(x * static_cast<float>(count), splat(static_cast<float>(count - 1))));
   Int at = as_int(gather(reinterpret_cast<const float*>(guide), begin + part));
   for (;;) {
-    Mask on = (gather(table, begin + at) <= x) & (at < splat(count - 1));
+    Mask on = (gather(cdf, begin + at) <= x) & (at < splat(count - 1));
     if (!any(on)) return at;
     at = select(on, at + splat(1), at);
   }
 }
 
-// Where in its step x lies, 0 ... 1.
-EVS_INLINE Float within(const float* table, Int begin, Int index, Float x) {
+// Return where x lies in its step of the CDF, 0 ... 1.
+EVS_INLINE Float cdf_fraction(const float* cdf, Int begin, Int index, Float x) {
   Mask first = index == splat(0);
   Float low =
-      select(first, splat(0.0f), gather(table, begin + select(first, splat(0), index - splat(1))));
-  Float high = gather(table, begin + index);
+      select(first, splat(0.0f), gather(cdf, begin + select(first, splat(0), index - splat(1))));
+  Float high = gather(cdf, begin + index);
   return max(min((x - low) / max(high - low, splat(1e-20f)), splat(0.99999994f)), splat(0.0f));
 }
 
-// A direction as a place on the sky's cube.
-struct SkyPlace {
-  Float u, v, major;  // major: the direction's largest component
+// A direction as a point of the environment's cube map.
+struct EnvironmentPoint {
+  Float u, v, major;  // the direction's largest component
   Int face;
 };
-EVS_INLINE SkyPlace on_sky(const Frame& f, Vec d) {
-  SkyPlace at;
-  Vec w = to_camera(f.sky_rotation, d);
-  on_cube({w.x, w.z, -w.y}, at.u, at.v, at.face, at.major);
+EVS_INLINE EnvironmentPoint environment_point(const Frame& f, Vec d) {
+  EnvironmentPoint at;
+  Vec w = to_camera(f.camera_to_world, d);
+  cube_coordinates({w.x, w.z, -w.y}, at.u, at.v, at.face, at.major);
   return at;
 }
 
-// Radiance of the sky at a place, where a surface scatters with the density `lobe`, per sr, or
-// where one drawn as wide sees it. `shown`: mirrors see it, which show no ambient light. A wide
-// lobe sees the sky blurred by a sixteenth of its own width, and at most by a texel of 32 a face
-// (after Krivanek & Colbert 2008): a small bright spot gives less noise, and what is read lies
-// close together.
-inline void sky_light(const Frame& f, const PathFrame& p, const SkyPlace& at, Float lobe,
-                      Mask shown, unsigned lanes, Float* light) {
-  for (int c = 0; c < 3; c++) light[c] = select(shown, splat(0.0f), splat(p.dome[c]));
-  Float width = 0.0625f / sqrt(max(lobe, splat(1.0f)));
+// Radiance of the environment at a point, for a BSDF lobe of pdf `bsdf_pdf` (per sr). Mirrors
+// (`shown`) see no ambient light. A wide lobe sees the environment blurred by a sixteenth of its
+// width, and by at most a texel of 32 a face (after Krivanek & Colbert 2008): small bright spots
+// give less noise, and texture reads stay close together.
+inline void environment_radiance(const Frame& f, const PathFrame& p, const EnvironmentPoint& at,
+                                 Float bsdf_pdf, Mask shown, unsigned lanes, Float* light) {
+  for (int c = 0; c < 3; c++) light[c] = select(shown, splat(0.0f), splat(p.ambient_radiance[c]));
+  Float width = 0.0625f / sqrt(max(bsdf_pdf, splat(1.0f)));
   if (!f.orthographic) width = max(width, splat(f.pixel_angle));
   Float footprint = min(width * 0.5f / at.major, splat(1.0f / 32));
   auto add = [&](int texture, const float* tint) {
     Float texel[3];
-    sample(f.textures[texture], 3, at.u, at.v, at.face, footprint, lanes, texel);
+    sample_texture(f.textures[texture], 3, at.u, at.v, at.face, footprint, lanes, texel);
     for (int c = 0; c < 3; c++) light[c] = light[c] + texel[c] * tint[c];
   };
   constexpr float WHITE[3] = {1, 1, 1};
@@ -85,33 +86,38 @@ inline void sky_light(const Frame& f, const PathFrame& p, const SkyPlace& at, Fl
   }
 }
 
-// The density of aiming at the sky's cell, per sr at a place in it.
-EVS_INLINE Float density_of_cell(const PathFrame& p, Int cell, Float major) {
-  return gather(p.sky.density, cell) / (major * major * major) * p.sky_share;
+// pdf of sampling a cell of the environment, per sr, at a point in it.
+EVS_INLINE Float cell_pdf(const PathFrame& p, Int cell, Float major) {
+  return gather(p.environment.pdf, cell) / (major * major * major) * p.environment_probability;
 }
 
-// The density of aiming at a place.
-inline Float sky_density(const PathFrame& p, const SkyPlace& at) {
-  if (p.sky.side == 0) return splat(0.0f);
-  float last = static_cast<float>(p.sky.side - 1), side = static_cast<float>(p.sky.side);
+// pdf of sampling a point of the environment.
+inline Float environment_pdf(const PathFrame& p, const EnvironmentPoint& at) {
+  if (p.environment.side == 0) return splat(0.0f);
+  float last = static_cast<float>(p.environment.side - 1),
+        side = static_cast<float>(p.environment.side);
   Int x = truncate(max(min(at.u * side, splat(last)), splat(0.0f)));
   Int y = truncate(max(min(at.v * side, splat(last)), splat(0.0f)));
-  return density_of_cell(p, (at.face * splat(p.sky.side) + y) * splat(p.sky.side) + x, at.major);
+  return cell_pdf(p, (at.face * splat(p.environment.side) + y) * splat(p.environment.side) + x,
+                  at.major);
 }
 
-// A direction of the sky, and as a place; its light is not asked for yet.
-inline Aim aim_at_sky(const Frame& f, const PathFrame& p, Pair place, SkyPlace& at) {
+// Sample a direction of the environment by its luminance. The radiance is not read yet.
+inline LightSample sample_environment(const Frame& f, const PathFrame& p, Point2 u_point,
+                                      EnvironmentPoint& at) {
   Int zero = splat(0);
-  Int row = search_on(p.sky.rows, zero, 6 * p.sky.side, p.sky.row_guide, place.y);
-  Float v = within(p.sky.rows, zero, row, place.y);
-  Int begin = row * splat(p.sky.side);
-  Int cell = search_on(p.sky.cells, begin, p.sky.side, p.sky.cell_guide, place.x);
-  Float u = within(p.sky.cells, begin, cell, place.x);
-  // row = face * side + y; the quotient of whole numbers this small is exact after rounding down
-  Float side = splat(static_cast<float>(p.sky.side));
+  Int row = search_cdf_guided(p.environment.rows, zero, 6 * p.environment.side,
+                              p.environment.row_guide, u_point.y);
+  Float v = cdf_fraction(p.environment.rows, zero, row, u_point.y);
+  Int begin = row * splat(p.environment.side);
+  Int cell = search_cdf_guided(p.environment.cells, begin, p.environment.side,
+                               p.environment.cell_guide, u_point.x);
+  Float u = cdf_fraction(p.environment.cells, begin, cell, u_point.x);
+  // row = face * side + y; the quotient of integers this small is exact after truncation
+  Float side = splat(static_cast<float>(p.environment.side));
   Int face = truncate((to_float(row) + 0.5f) / side);
   Float s = (to_float(cell) + u) / side * 2.0f - 1.0f;
-  Float t = (to_float(row - face * splat(p.sky.side)) + v) / side * 2.0f - 1.0f;
+  Float t = (to_float(row - face * splat(p.environment.side)) + v) / side * 2.0f - 1.0f;
   Float one = splat(1.0f);
   Mask is_x = face < splat(2), is_y = ~is_x & (face < splat(4));
   Mask negative = (face & splat(1)) == splat(1);
@@ -121,47 +127,48 @@ inline Aim aim_at_sky(const Frame& f, const PathFrame& p, Pair place, SkyPlace& 
   Vec d = select(is_x, x, select(is_y, y, z));
   Float inverse = 1.0f / sqrt(s * s + t * t + 1.0f);
   at = {(s + 1.0f) * 0.5f, (t + 1.0f) * 0.5f, inverse, face};
-  Aim aim;
-  aim.towards = to_local(f.sky_rotation, Vec{d.x, -d.z, d.y} * inverse);
-  aim.distance = splat(FAR);
-  aim.density = density_of_cell(p, begin + cell, inverse);
-  for (int c = 0; c < 3; c++) aim.light[c] = splat(0.0f);
-  return aim;
+  LightSample out;
+  out.wi = to_local(f.camera_to_world, Vec{d.x, -d.z, d.y} * inverse);
+  out.distance = splat(T_INFINITY);
+  out.pdf = cell_pdf(p, begin + cell, inverse);
+  for (int c = 0; c < 3; c++) out.light[c] = splat(0.0f);
+  return out;
 }
 
-// The cone in which a ball of `radius` is seen from `square` (squared distance) away: 1 - cosine of
-// its half angle. The ball's inside sees nothing.
-EVS_INLINE Float opening(Float square, float radius) {
+// 1 - cos of the half angle of the cone in which a sphere of `radius` is seen from the squared
+// distance `square`. A point inside the sphere sees nothing.
+EVS_INLINE Float one_minus_cos_cone(Float square, float radius) {
   Float sine = min(radius * radius / square, splat(1.0f));
   return sine / (sqrt(max(1.0f - sine, splat(0.0f))) + 1.0f);
 }
 
-// A direction in that cone around `axis`, and the distance to the ball along it.
-EVS_INLINE Vec into_cone(Vec axis, Float distance, float radius, Pair place, Float& reach) {
-  Float open = opening(distance * distance, radius) * place.x;
-  Float sine = sqrt(max(open * (2.0f - open), splat(0.0f))), x, y;
-  circle(place.y, x, y);
+// Sample a direction in that cone, uniformly over its solid angle. Out: the distance to the sphere.
+EVS_INLINE Vec sample_cone(Vec axis, Float distance, float radius, Point2 u_point,
+                           Float& distance_to_sphere) {
+  Float one_minus_cos = one_minus_cos_cone(distance * distance, radius) * u_point.x;
+  Float sine = sqrt(max(one_minus_cos * (2.0f - one_minus_cos), splat(0.0f))), x, y;
+  circle(u_point.y, x, y);
   Vec across, up;
   axes_of(axis, across, up);
-  Float along = distance * (1.0f - open), off = distance * sine;
-  reach = along - sqrt(max(radius * radius - off * off, splat(0.0f)));
-  return normalize(across * (x * sine) + up * (y * sine) + axis * (1.0f - open));
+  Float along = distance * (1.0f - one_minus_cos), off = distance * sine;
+  distance_to_sphere = along - sqrt(max(radius * radius - off * off, splat(0.0f)));
+  return normalize(across * (x * sine) + up * (y * sine) + axis * (1.0f - one_minus_cos));
 }
 
-// A point on an analytic shape, uniform over its area; of an ellipsoid over the sphere that it is
-// stretched from. In the geom's frame.
-inline void point_on(const Geom& g, Pair place, Vec& q, Vec& normal) {
+// Sample a point of an analytic shape uniformly by area; of an ellipsoid, uniformly on the sphere
+// that it is stretched from. In the geom's frame.
+inline void sample_shape(const Geom& g, Point2 u_point, Vec& q, Vec& normal) {
   const float* s = g.size;
   Float zero = splat(0.0f), one = splat(1.0f), x, y;
   switch (g.shape) {
     case PLANE:
-      q = {(place.x * 2.0f - 1.0f) * s[0], (place.y * 2.0f - 1.0f) * s[1], zero};
+      q = {(u_point.x * 2.0f - 1.0f) * s[0], (u_point.y * 2.0f - 1.0f) * s[1], zero};
       normal = {zero, zero, one};
       return;
     case BOX: {
-      // pairs of faces by area, then the side, then the place
+      // choose a pair of faces by area, then the side, then the point
       float yz = s[1] * s[2], zx = s[2] * s[0], xy = s[0] * s[1], all = yz + zx + xy;
-      Float u = place.x * all;
+      Float u = u_point.x * all;
       Mask on_x = u < yz, on_y = ~on_x & (u < yz + zx);
       Float share = select(on_x, u * (1.0f / max(splat(yz), splat(1e-30f))),
                            select(on_y, (u - yz) / max(splat(zx), splat(1e-30f)),
@@ -169,7 +176,7 @@ inline void point_on(const Geom& g, Pair place, Vec& q, Vec& normal) {
       Mask back = share < 0.5f;
       Float side = select(back, -one, one);
       Float a = max(min(select(back, share, share - 0.5f) * 4.0f - 1.0f, one), -one);
-      Float b = place.y * 2.0f - 1.0f;
+      Float b = u_point.y * 2.0f - 1.0f;
       q = select(
           on_x, Vec{side * s[0], a * s[1], b * s[2]},
           select(on_y, Vec{a * s[0], side * s[1], b * s[2]}, Vec{a * s[0], b * s[1], side * s[2]}));
@@ -179,8 +186,8 @@ inline void point_on(const Geom& g, Pair place, Vec& q, Vec& normal) {
     }
     case CYLINDER: {
       float barrel = 2 * s[1], lid = 0.5f * s[0], all = barrel + 2 * lid;
-      circle(place.y, x, y);
-      Float u = place.x * all;
+      circle(u_point.y, x, y);
+      Float u = u_point.x * all;
       Mask on_lid = u >= barrel;
       Float share = min((u - barrel) * (1.0f / lid), splat(1.999999f));
       Mask top = share >= 1.0f;
@@ -192,9 +199,9 @@ inline void point_on(const Geom& g, Pair place, Vec& q, Vec& normal) {
       return;
     }
     case CAPSULE: {
-      // a slice of the sphere has as much area as the barrel around it
-      circle(place.y, x, y);
-      Float height = (place.x * 2.0f - 1.0f) * (s[0] + s[1]);
+      // a slice of the sphere has the same area as the barrel around it
+      circle(u_point.y, x, y);
+      Float height = (u_point.x * 2.0f - 1.0f) * (s[0] + s[1]);
       Float beyond = height - max(min(height, splat(s[1])), splat(-s[1]));
       Float z = beyond * (1.0f / s[0]);
       Float ring = sqrt(max(1.0f - z * z, zero));
@@ -203,8 +210,8 @@ inline void point_on(const Geom& g, Pair place, Vec& q, Vec& normal) {
       return;
     }
     default: {  // sphere, ellipsoid
-      circle(place.y, x, y);
-      Float z = place.x * 2.0f - 1.0f, ring = sqrt(max(1.0f - z * z, zero));
+      circle(u_point.y, x, y);
+      Float z = u_point.x * 2.0f - 1.0f, ring = sqrt(max(1.0f - z * z, zero));
       Vec unit = {x * ring, y * ring, z};
       bool round = g.shape == SPHERE;
       float b = round ? s[0] : s[1], c = round ? s[0] : s[2];
@@ -214,8 +221,8 @@ inline void point_on(const Geom& g, Pair place, Vec& q, Vec& normal) {
   }
 }
 
-// Points per m^2 that `point_on` and the choice of a triangle give, at a point of the geom's frame.
-EVS_INLINE Float points_per_area(const Emitter& e, const Geom& g, Vec q) {
+// Area density (1 / m^2) of `sample_shape`, times the geom's probability, at a local point.
+EVS_INLINE Float area_pdf(const Emitter& e, const Geom& g, Vec q) {
   float share = (e.end - e.begin) / e.area;
   if (g.shape != ELLIPSOID) return splat(share);
   const float* s = g.size;
@@ -224,38 +231,40 @@ EVS_INLINE Float points_per_area(const Emitter& e, const Geom& g, Vec q) {
   return share / (sqrt(max(dot(n, n), splat(1e-30f))) * (s[0] * s[1] * s[2]));
 }
 
-// A point on the glowing geom that `choice` picks, seen from `from`. `travelled` as for patch_of.
-inline Aim aim_at_emitter(const Frame& f, const PathFrame& p, Vec from, Float choice, Pair place,
-                          Mask wanted, Float travelled) {
-  Aim aim = {splat(V3{0, 0, 1}), splat(0.0f), {}, splat(0.0f)};
+// Sample a point on the emissive geom that `u_choice` selects, seen from `from`. `path_length` as
+// in surface_interaction.
+inline LightSample sample_emitter(const Frame& f, const PathFrame& p, Vec from, Float u_choice,
+                                  Point2 u_point, Mask active, Float path_length) {
+  LightSample out = {splat(V3{0, 0, 1}), splat(0.0f), {}, splat(0.0f)};
   Hit hit = {splat(0.0f), splat(-1), splat(0), splat(0.0f), splat(0.0f)};
   for (int e = 0; e < p.emitter_count; e++) {
     const Emitter& emitter = p.emitters[e];
-    Mask here = wanted & (choice >= emitter.begin);
-    if (e + 1 < p.emitter_count) here = here & (choice < emitter.end);
+    Mask here = active & (u_choice >= emitter.begin);
+    if (e + 1 < p.emitter_count) here = here & (u_choice < emitter.end);
     if (!any(here)) continue;
     const Geom& g = f.geoms[emitter.geom];
     float share = emitter.end - emitter.begin;
     if (g.shape == SPHERE) {
       Vec apart = splat(g.position) - from;
-      Float square = dot(apart, apart), distance = sqrt(square), reach;
+      Float square = dot(apart, apart), distance = sqrt(square), distance_to_sphere;
       Mask outside = here & (distance > g.size[0]);
-      Vec w = into_cone(normalize(apart), distance, g.size[0], place, reach);
-      Float density = share / (opening(square, g.size[0]) * (2 * PI));
-      aim.towards = select(here, w, aim.towards);
-      aim.distance = select(here, max(reach, splat(0.0f)), aim.distance);
-      aim.density = select(outside, density, select(here, splat(0.0f), aim.density));
+      Vec w = sample_cone(normalize(apart), distance, g.size[0], u_point, distance_to_sphere);
+      Float pdf = share / (one_minus_cos_cone(square, g.size[0]) * (2 * PI));
+      out.wi = select(here, w, out.wi);
+      out.distance = select(here, max(distance_to_sphere, splat(0.0f)), out.distance);
+      out.pdf = select(outside, pdf, select(here, splat(0.0f), out.pdf));
       hit.geom = select(here, splat(emitter.geom), hit.geom);
       continue;
     }
     Vec q, normal;
     if (emitter.cumulative) {
       const Mesh& mesh = f.meshes[g.mesh];
-      Float u = min(max((choice - emitter.begin) / splat(share), splat(0.0f)), splat(0.99999994f));
-      Int index = search(emitter.cumulative, splat(0), emitter.triangles, u);
+      Float u =
+          min(max((u_choice - emitter.begin) / splat(share), splat(0.0f)), splat(0.99999994f));
+      Int index = search_cdf(emitter.cumulative, splat(0), emitter.triangles, u);
       // uniform on the triangle
-      Float root = sqrt(place.x);
-      Float wb = root * (1.0f - place.y), wc = root * place.y;
+      Float root = sqrt(u_point.x);
+      Float wb = root * (1.0f - u_point.y), wc = root * u_point.y;
       alignas(64) float parts[6][LANES] = {};
       alignas(64) int triangle[LANES];
       alignas(64) float b[LANES], c[LANES];
@@ -279,34 +288,36 @@ inline Aim aim_at_emitter(const Frame& f, const PathFrame& p, Vec from, Float ch
       hit.u = select(here, wb, hit.u);
       hit.v = select(here, wc, hit.v);
     } else {
-      point_on(g, place, q, normal);
+      sample_shape(g, u_point, q, normal);
     }
     Vec w = to_camera(g.rotation, q) + splat(g.position) - from;
     Float square = max(dot(w, w), splat(1e-20f)), distance = sqrt(square);
-    Vec towards = w * (1.0f / distance);
-    Float cosine = -dot(to_camera(g.rotation, normal), towards);
-    // light leaves the front only
+    Vec wi = w * (1.0f / distance);
+    Float cosine = -dot(to_camera(g.rotation, normal), wi);
+    // only the front emits
     Mask front = here & (cosine > 1e-6f);
-    Float density = points_per_area(emitter, g, q) * square / max(cosine, splat(1e-6f));
-    aim.towards = select(here, towards, aim.towards);
-    aim.distance = select(here, distance, aim.distance);
-    aim.density = select(front, density, select(here, splat(0.0f), aim.density));
+    Float pdf = area_pdf(emitter, g, q) * square / max(cosine, splat(1e-6f));
+    out.wi = select(here, wi, out.wi);
+    out.distance = select(here, distance, out.distance);
+    out.pdf = select(front, pdf, select(here, splat(0.0f), out.pdf));
     hit.geom = select(here, splat(emitter.geom), hit.geom);
   }
-  hit.distance = aim.distance;
-  Mask drawn = wanted & (aim.density > 0.0f);
+  hit.distance = out.distance;
+  Mask drawn = active & (out.pdf > 0.0f);
   if (any(drawn)) {
-    Patch<3> patch = patch_of<3>(f, {from, aim.towards, false}, hit, bits(drawn), travelled);
-    for (int c = 0; c < 3; c++) aim.light[c] = select(drawn, patch.emitted[c], splat(0.0f));
+    SurfaceInteraction<3> interaction =
+        surface_interaction<3>(f, {from, out.wi, false}, hit, bits(drawn), path_length);
+    for (int c = 0; c < 3; c++) out.light[c] = select(drawn, interaction.emitted[c], splat(0.0f));
   }
-  aim.density = aim.density * (1.0f - p.sky_share);
-  return aim;
+  out.pdf = out.pdf * (1.0f - p.environment_probability);
+  return out;
 }
 
-// The density with which `aim_at_emitter` finds what the rays of `lanes` hit; 0: it never does.
-inline Float density_of_hit(const Frame& f, const PathFrame& p, const Rays& rays, const Hit& hit,
-                            const Patch<3>& patch, unsigned lanes) {
-  Float density = splat(0.0f);
+// pdf (per sr) with which `sample_emitter` samples the hits of `lanes`; 0 for what it never
+// samples.
+inline Float emitter_pdf(const Frame& f, const PathFrame& p, const Rays& rays, const Hit& hit,
+                         const SurfaceInteraction<3>& interaction, unsigned lanes) {
+  Float pdf = splat(0.0f);
   while (lanes) {
     int index = lane(hit.geom, first_lane(lanes));
     Mask here = (hit.geom == splat(index)) & mask_of(lanes);
@@ -316,16 +327,16 @@ inline Float density_of_hit(const Frame& f, const PathFrame& p, const Rays& rays
     const Geom& g = f.geoms[index];
     if (g.shape == SPHERE) {
       Vec apart = splat(g.position) - rays.origin;
-      Float whole = opening(dot(apart, apart), g.size[0]) * (2 * PI);
-      density = select(here, (e.end - e.begin) / whole, density);
+      Float solid_angle = one_minus_cos_cone(dot(apart, apart), g.size[0]) * (2 * PI);
+      pdf = select(here, (e.end - e.begin) / solid_angle, pdf);
       continue;
     }
     Vec q = local_origin(g, rays) + to_local(g.rotation, rays.direction) * hit.distance;
-    Float cosine = max(abs(dot(patch.flat, rays.direction)), splat(1e-6f));
+    Float cosine = max(abs(dot(interaction.geometric_normal, rays.direction)), splat(1e-6f));
     Float square = hit.distance * hit.distance;
-    density = select(here, points_per_area(e, g, q) * square / cosine, density);
+    pdf = select(here, area_pdf(e, g, q) * square / cosine, pdf);
   }
-  return density * (1.0f - p.sky_share);
+  return pdf * (1.0f - p.environment_probability);
 }
 
 }  // namespace

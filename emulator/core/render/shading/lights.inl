@@ -1,4 +1,5 @@
-// What a light gives a point: direction, distance, strength; and the hull of the rays towards it.
+// MuJoCo's lights: direction, distance and strength at a point, and the bounding cone of shadow
+// rays.
 #pragma once
 
 #include "geometry/ray_cone.inl"
@@ -8,23 +9,23 @@ namespace evs::EVS_SPACE {
 namespace {
 
 struct Incidence {
-  Vec towards;     // unit
+  Vec wi;          // unit
   Float distance;  // m
-  Float strength;  // attenuation and cone, 0 ... ; shadows not counted
+  Float strength;  // attenuation times cone, without shadows
 };
 
 EVS_INLINE Incidence incidence(const Light& light, Vec point) {
   Incidence in;
   if (light.kind == DIRECTIONAL) {
-    in.towards = splat(scaled(light.direction, -1.0f));
-    in.distance = splat(FAR);
+    in.wi = splat(scaled(light.direction, -1.0f));
+    in.distance = splat(T_INFINITY);
     in.strength = splat(1.0f);
     return in;
   }
   Vec w = splat(light.position) - point;
   Float square = max(dot(w, w), splat(1e-12f));
   in.distance = sqrt(square);
-  in.towards = w * (1.0f / in.distance);
+  in.wi = w * (1.0f / in.distance);
   const float* a = light.attenuation;
   if (light.inverse_square || a[1] != 0 || a[2] != 0) {
     Float fall = light.inverse_square ? square : square * a[2] + in.distance * a[1] + a[0];
@@ -32,15 +33,15 @@ EVS_INLINE Incidence incidence(const Light& light, Vec point) {
   } else {
     in.strength = splat(1.0f / (a[0] > 1e-12f ? a[0] : 1e-12f));
   }
-  // physical light ends smoothly at its range, as in MuJoCo's physical renderer
+  // physical light falls smoothly to 0 at its range, as in MuJoCo's physical renderer
   if (light.fade > 0) {
     Float share = square * light.fade;
     Float left = max(1.0f - share * share, splat(0.0f));
     in.strength = in.strength * (left * left);
   }
   if (light.kind == SPOT) {
-    Float cosine = -(in.towards.x * light.direction.x + in.towards.y * light.direction.y +
-                     in.towards.z * light.direction.z);
+    Float cosine =
+        -(in.wi.x * light.direction.x + in.wi.y * light.direction.y + in.wi.z * light.direction.z);
     Mask inside = cosine >= light.cos_cutoff;
     Float cone = splat(1.0f);
     if (light.edge > 0) {
@@ -54,27 +55,28 @@ EVS_INLINE Incidence incidence(const Light& light, Vec point) {
   return in;
 }
 
-// Every segment from the region to the light lies within the ball's radius of the axis; rays that
-// start a step off their surface run parallel to that, and miss the light by the step.
-EVS_INLINE Hull shadow_hull(const Light& light, const Region& region) {
-  Hull hull = ball_of(region);
-  hull.radius += region.step;
+// Bound the shadow rays from a box to the light: every segment lies within the sphere's radius of
+// the axis. Rays start a step off their surface, parallel to that segment, and miss the light by
+// the step.
+EVS_INLINE RayCone shadow_cone(const Light& light, const BoundingBox& box) {
+  RayCone cone = bounding_sphere(box);
+  cone.radius += box.step;
   if (light.kind == DIRECTIONAL) {
-    hull.axis = scaled(light.direction, -1.0f);
-    hull.length = FAR;
+    cone.axis = scaled(light.direction, -1.0f);
+    cone.length = T_INFINITY;
   } else {
-    V3 w = light.position - hull.center;
-    hull.axis = normalized(w);
-    hull.length = __builtin_sqrtf(dot(w, w));
+    V3 w = light.position - cone.center;
+    cone.axis = normalized(w);
+    cone.length = __builtin_sqrtf(dot(w, w));
   }
-  return hull;
+  return cone;
 }
 
-// Light of an image light that a surface with this normal (camera frame) receives from everywhere,
-// over pi: what white paper gives back. Never negative, where the smooth fit of a hard sky is.
+// Irradiance of an image light, over pi, on a surface with this normal (camera frame): what white
+// paper reflects. Clamped at 0, because the smooth fit of a harsh sky can be negative.
 template <int CHANNELS>
-void received_from_image(const Frame& f, const Light& light, Vec normal, Float* out) {
-  Vec n = to_camera(f.sky_rotation, normal);  // here: from the camera's frame to the world's
+void image_irradiance(const Frame& f, const Light& light, Vec normal, Float* out) {
+  Vec n = to_camera(f.camera_to_world, normal);  // camera frame to world frame
   Float terms[8] = {n.y,       n.z,
                     n.x,       n.x * n.y,
                     n.y * n.z, n.z * n.z * 3.0f - 1.0f,

@@ -1,4 +1,4 @@
-// Gloss of physical materials: the GGX lobe.
+// The GGX microfacet lobe of physical materials.
 #pragma once
 
 #include "simd/vec.inl"
@@ -6,23 +6,24 @@
 namespace evs::EVS_SPACE {
 namespace {
 
-// pi times the density of the facets that face `half` (Trowbridge & Reitz), a unit vector.
-EVS_INLINE Float facets(Vec normal, Vec half, Float alpha) {
-  // sine and cosine apart: 1 - cosine^2 would leave nothing of a narrow lobe
-  Vec apart = cross(normal, half);
-  Float cosine = dot(normal, half), square = alpha * alpha;
-  Float spread = dot(apart, apart) + square * cosine * cosine;
-  return square / (spread * spread);
+// pi times the GGX distribution of microfacet normals (Trowbridge & Reitz), for a unit half vector.
+EVS_INLINE Float microfacet_distribution(Vec normal, Vec half_vector, Float alpha) {
+  // use the sine itself: 1 - cosine^2 would cancel in a narrow lobe
+  Vec sine = cross(normal, half_vector);
+  Float cosine = dot(normal, half_vector), alpha2 = alpha * alpha;
+  Float denominator = dot(sine, sine) + alpha2 * cosine * cosine;
+  return alpha2 / (denominator * denominator);
 }
 
-// pi times the lobe's BRDF for a reflectance of 1, times the cosine of the light (Walter et al.
-// 2007, with the separable shadowing of Smith that they use). In: unit vectors from the surface,
-// both on the normal's side. Nothing here divides by less than alpha's square times 1e-4.
-EVS_INLINE Float ggx(Vec normal, Vec view, Vec light, Float alpha) {
-  Float square = alpha * alpha, rest = 1.0f - square;
-  Float in = max(dot(normal, light), splat(0.0f)), out = max(dot(normal, view), splat(1e-4f));
-  Float masking = (in + sqrt(in * in * rest + square)) * (out + sqrt(out * out * rest + square));
-  return facets(normal, normalize(view + light), alpha) / masking * in;
+// pi times the GGX BRDF for a reflectance of 1, times cos_in (Walter et al. 2007, with their
+// separable Smith shadowing). In: unit vectors away from the surface, both on the normal's side. No
+// divisor is less than alpha^2 times 1e-4.
+EVS_INLINE Float ggx_lobe(Vec normal, Vec wo, Vec wi, Float alpha) {
+  Float alpha2 = alpha * alpha, one_minus_alpha2 = 1.0f - alpha2;
+  Float cos_in = max(dot(normal, wi), splat(0.0f)), cos_out = max(dot(normal, wo), splat(1e-4f));
+  Float masking = (cos_in + sqrt(cos_in * cos_in * one_minus_alpha2 + alpha2)) *
+                  (cos_out + sqrt(cos_out * cos_out * one_minus_alpha2 + alpha2));
+  return microfacet_distribution(normal, normalize(wo + wi), alpha) / masking * cos_in;
 }
 
 }  // namespace

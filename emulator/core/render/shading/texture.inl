@@ -1,5 +1,4 @@
-// Looking up textures: where on the image (as MuJoCo's viewer maps it), and how much of it to
-// average.
+// Texture lookup: coordinates as MuJoCo's viewer generates them, and trilinear filtering.
 #pragma once
 
 #include "scene.h"
@@ -8,10 +7,10 @@
 namespace evs::EVS_SPACE {
 namespace {
 
-// One level of an image in each lane.
+// One mip level in each lane.
 struct Level {
   Float width, height;
-  Int offset, stride, face;  // of the level, from row to row, from face to face
+  Int offset, stride, face;  // start of the level, row to row, face to face
 };
 
 EVS_INLINE Level level_of(const Texture& t, Int index) {
@@ -27,15 +26,14 @@ EVS_INLINE Level level_of(const Texture& t, int index) {
           splat(l.stride), splat(l.stride * (l.height + 1))};
 }
 
-// Four texels around a point of a level, and where between them it is.
-struct Spot {
-  Int at;  // the upper left one
+// Four texels around a point of a level, and the bilinear weights.
+struct TexelQuad {
+  Int at;  // upper left
   Float x, y;
 };
 
-// u, v in image lengths, 0 ... 1. Whatever they are, a NaN included, the spot lies in the image and
-// its rim.
-EVS_INLINE Spot spot_at(const Level& l, Float u, Float v, Int face) {
+// u, v in image lengths, 0 ... 1. Any value, even a NaN, gives texels inside the image and its rim.
+EVS_INLINE TexelQuad texel_quad(const Level& l, Float u, Float v, Int face) {
   Float x = max(min(u * l.width + 0.5f, l.width + 0.5f), splat(0.5f));
   Float y = max(min(v * l.height + 0.5f, l.height + 0.5f), splat(0.5f));
   Int column = truncate(x), row = truncate(y);
@@ -43,30 +41,29 @@ EVS_INLINE Spot spot_at(const Level& l, Float u, Float v, Int face) {
   return {at, x - to_float(column), y - to_float(row)};
 }
 
-EVS_INLINE Float bilinear(const float* texels, const Spot& s) {
-  // each texel has the one below at its side
+EVS_INLINE Float bilinear(const float* texels, const TexelQuad& s) {
+  // each texel is stored beside the one below it
   auto [a, c, b, d] = gather_quads(texels, s.at);
   Float top = a + (b - a) * s.x, bottom = c + (d - c) * s.x;
   return top + (bottom - top) * s.y;
 }
 
-// The two levels of an image between which a sample of some width lies.
+// The two mip levels around a filter width.
 struct Lod {
   Level l0, l1;
   Float share;
   bool blend;  // false: every lane reads one level only
 };
 
-// In: width, in texels of the whole image. Only `lanes` are asked for: on the others it may be
-// anything.
-EVS_INLINE Lod lod_between(const Texture& t, Float width, unsigned lanes) {
-  // log2, with straight lines from one power of two to the next
+// In: the filter width in texels of level 0. Only `lanes` count; the others may hold anything.
+EVS_INLINE Lod lod_of_width(const Texture& t, Float width, unsigned lanes) {
+  // log2, linear between powers of two
   Int texels = as_int(max(width, splat(1.0f)));
   Int whole = shift_right<23>(texels) - splat(127), last = splat(t.levels - 1);
   Float share = as_float((texels & splat(0x7fffff)) | splat(0x3f800000)) - 1.0f;
   whole = select(last < whole, last, whole);
   int first = lane(whole, first_lane(lanes));
-  // in most packets all lanes have the same
+  // in most packets all lanes share one level
   if (!(~bits(whole == splat(first)) & lanes)) {
     int next = first + 1 < t.levels ? first + 1 : first;
     return {level_of(t, first), level_of(t, next), share, (bits(share > 0.0f) & lanes) != 0};
@@ -75,23 +72,23 @@ EVS_INLINE Lod lod_between(const Texture& t, Float width, unsigned lanes) {
   return {level_of(t, whole), level_of(t, select(last < next, last, next)), share, true};
 }
 
-// The same of a width in image lengths.
+// The same for a width in image lengths.
 EVS_INLINE Lod lod_of(const Texture& t, Float footprint, unsigned lanes) {
   const TextureLevel& whole_image = t.level[0];
   float widest = static_cast<float>(whole_image.width > whole_image.height ? whole_image.width
                                                                            : whole_image.height);
-  return lod_between(t, footprint * widest, lanes);
+  return lod_of_width(t, footprint * widest, lanes);
 }
 
-// u, v in image lengths, repeating if one face. A channel that the image does not have is its mean.
-EVS_INLINE void read_between(const Texture& t, int channels, const Lod& lod, Float u, Float v,
-                             Int face, Float* out) {
+// u, v in image lengths; 2D images repeat. A channel that the image lacks reads as its mean.
+EVS_INLINE void read_lod(const Texture& t, int channels, const Lod& lod, Float u, Float v, Int face,
+                         Float* out) {
   if (t.faces == 1) {
     u = u - floor(u);
     v = v - floor(v);
   }
-  Spot s0 = spot_at(lod.l0, u, v, face), s1 = s0;
-  if (lod.blend) s1 = spot_at(lod.l1, u, v, face);
+  TexelQuad s0 = texel_quad(lod.l0, u, v, face), s1 = s0;
+  if (lod.blend) s1 = texel_quad(lod.l1, u, v, face);
   for (int c = 0; c < channels; c++) {
     if (c >= t.channels) {
       out[c] = splat(t.mean);
@@ -103,14 +100,15 @@ EVS_INLINE void read_between(const Texture& t, int channels, const Lod& lod, Flo
   }
 }
 
-// Trilinear: `footprint` is the width of what one sample sees, in image lengths. On `lanes`.
-inline void sample(const Texture& t, int channels, Float u, Float v, Int face, Float footprint,
-                   unsigned lanes, Float* out) {
-  read_between(t, channels, lod_of(t, footprint, lanes), u, v, face, out);
+// Trilinear lookup on `lanes`. `footprint` is the sample's width in image lengths.
+inline void sample_texture(const Texture& t, int channels, Float u, Float v, Int face,
+                           Float footprint, unsigned lanes, Float* out) {
+  read_lod(t, channels, lod_of(t, footprint, lanes), u, v, face, out);
 }
 
-// Cube map: face and position on it of direction d, as OpenGL numbers them (+X -X +Y -Y +Z -Z).
-EVS_INLINE void on_cube(Vec d, Float& u, Float& v, Int& face, Float& major) {
+// Cube map: the face of direction d and the position on it, numbered as in OpenGL (+X -X +Y -Y +Z
+// -Z).
+EVS_INLINE void cube_coordinates(Vec d, Float& u, Float& v, Int& face, Float& major) {
   Float ax = abs(d.x), ay = abs(d.y), az = abs(d.z);
   Mask is_x = (ax >= ay) & (ax >= az), is_y = ~is_x & (ay >= az);
   major = max(select(is_x, ax, select(is_y, ay, az)), splat(1e-30f));
@@ -124,8 +122,8 @@ EVS_INLINE void on_cube(Vec d, Float& u, Float& v, Int& face, Float& major) {
   v = (t / major + 1.0f) * 0.5f;
 }
 
-// A shape's point in units of its size, as the viewer's unit shapes have it.
-EVS_INLINE Vec unit_point(const Geom& g, Vec p) {
+// A local point in units of the shape's size, as on the viewer's unit shapes.
+EVS_INLINE Vec unit_shape_point(const Geom& g, Vec p) {
   const float* s = g.size;
   switch (g.shape) {
     case SPHERE:
@@ -146,9 +144,10 @@ EVS_INLINE Vec unit_point(const Geom& g, Vec p) {
   }
 }
 
-// Texture coordinates of a 2D image on a shape without coordinates of its own.
-// Out: u, v in [0, 1) once around the shape (before texrepeat); density: image lengths per m.
-inline void on_shape(const Geom& g, const Surface& s, Vec p, Float& u, Float& v, float& density) {
+// Texture coordinates of a 2D image on a shape without coordinates of its own. Out: u, v in [0, 1)
+// once around the shape (before texrepeat); uv_density: image lengths per m.
+inline void shape_coordinates(const Geom& g, const Surface& s, Vec p, Float& u, Float& v,
+                              float& uv_density) {
   float sx = g.size[0],
         sy = g.shape == CAPSULE || g.shape == CYLINDER || g.shape == SPHERE ? g.size[0] : g.size[1];
   if (g.shape == PLANE && (sx <= 0 || sy <= 0)) {
@@ -159,7 +158,7 @@ inline void on_shape(const Geom& g, const Surface& s, Vec p, Float& u, Float& v,
                : p.y * (-0.5f * s.repeat[1]) - 0.5f;
     float du = s.repeat[0] * (sx > 0 ? 0.5f / sx : 0.5f),
           dv = s.repeat[1] * (sy > 0 ? 0.5f / sy : 0.5f);
-    density = du > dv ? du : dv;
+    uv_density = du > dv ? du : dv;
     return;
   }
   float ru = s.repeat[0] * (s.uniform ? sx : 1.0f), rv = s.repeat[1] * (s.uniform ? sy : 1.0f);
@@ -169,10 +168,10 @@ inline void on_shape(const Geom& g, const Surface& s, Vec p, Float& u, Float& v,
     float ky = s.uniform ? 1.0f : (sy > 0 ? 1.0f / sy : 1.0f);
     u = p.x * (0.5f * s.repeat[0] * kx) - 0.5f;
     v = p.y * (-0.5f * s.repeat[1] * ky) - 0.5f;
-    density = 0.5f * (s.repeat[0] * kx > s.repeat[1] * ky ? s.repeat[0] * kx : s.repeat[1] * ky);
+    uv_density = 0.5f * (s.repeat[0] * kx > s.repeat[1] * ky ? s.repeat[0] * kx : s.repeat[1] * ky);
     return;
   }
-  Vec q = unit_point(g, p);
+  Vec q = unit_shape_point(g, p);
   float du = 0.5f / sx, dv = 0.5f / sy;
   switch (g.shape) {
     case SPHERE:
@@ -185,7 +184,7 @@ inline void on_shape(const Geom& g, const Surface& s, Vec p, Float& u, Float& v,
       break;
     }
     case CAPSULE: {
-      // the image once over the barrel, and once more over each cap: down to the rim, up from it
+      // the image covers the barrel once, and each cap once more: down to the rim, up from it
       Float beyond = abs(p.z) - g.size[1];
       Float cap = turns(max(beyond, splat(0.0f)), sqrt(p.x * p.x + p.y * p.y)) * 4.0f;
       u = turns(q.y, q.x);
@@ -215,11 +214,11 @@ inline void on_shape(const Geom& g, const Surface& s, Vec p, Float& u, Float& v,
   }
   u = u * ru;
   v = v * rv;
-  density = du * ru > dv * rv ? du * ru : dv * rv;
+  uv_density = du * ru > dv * rv ? du * ru : dv * rv;
 }
 
-// Where the right and the top of an image on a shape point, in the geom's frame; not unit, and only
-// about across the normal n.
+// Tangents of a shape: the image's right and top in the geom's frame, not unit, and only roughly
+// perpendicular to n.
 inline void shape_tangents(const Geom& g, Vec p, Vec n, Vec& right, Vec& up) {
   Float zero = splat(0.0f), one = splat(1.0f);
   right = {one, zero, zero};
@@ -232,7 +231,7 @@ inline void shape_tangents(const Geom& g, Vec p, Vec n, Vec& right, Vec& up) {
       float y = g.shape == ELLIPSOID ? g.size[1] : g.size[0];
       Vec around = {-p.y * (g.size[0] / y), p.x * (y / g.size[0]), zero};
       Vec north = cross(n, around);
-      // a lid shows the image as seen along its axis from above, upside down
+      // a lid shows the image upside down, as seen along its axis from above
       Mask lid = mask_of(0);
       if (g.shape == CYLINDER) lid = g.size[1] - abs(p.z) < g.size[0] - sqrt(p.x * p.x + p.y * p.y);
       right = select(lid, right, around);

@@ -1,5 +1,5 @@
-// Two packets of the `direct` integrator at once, in 32 lanes: what one waits for is the other's
-// time.
+// The `direct` integrator on two packets at once, in 32 lanes: while one half waits for a result,
+// the other half computes.
 #define EVS_WIDTH 1024
 #define EVS_SPACE avx512_pairs
 #include "incremental/relight.inl"
@@ -12,8 +12,8 @@ void trace_pair_avx512(const Frame& f, int column, int row, const Outputs& out) 
 }
 
 void relight_pair_avx512(const Frame& f, int column, int row, const Outputs& out,
-                         const KeptPatch* kept) {
-  avx512_pairs::relight(f, column, row, out, kept);
+                         const CachedShading* cache) {
+  avx512_pairs::relight(f, column, row, out, cache);
 }
 
 }  // namespace evs

@@ -1,4 +1,4 @@
-// The kernel for any machine: 128-bit vectors, no intrinsics needed.
+// The kernel for every machine: 128-bit vectors, no intrinsics required.
 #define EVS_WIDTH 128
 #define EVS_SPACE portable
 #define EVS_KERNEL KERNEL_PORTABLE

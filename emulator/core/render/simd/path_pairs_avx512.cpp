@@ -1,4 +1,4 @@
-// The `path` integrator in 32 lanes: what one half waits for is the other's time.
+// The `path` integrator in 32 lanes: while one half waits for a result, the other half computes.
 #define EVS_WIDTH 1024
 #define EVS_SPACE avx512_path_pairs
 #include "incremental/dirty_set.inl"
@@ -15,9 +15,10 @@ void trace_path_pixels_avx512(const Frame& f, const PathFrame& p, PathBatch& bat
   avx512_path_pairs::trace_path_pixels(f, p, batch, x, y, count, luminance);
 }
 
-long retrace_paths_avx512(const Frame& f, const PathFrame& p, PathBatch& batch,
-                          const KeptLight& kept, int begin, int end, const Outputs& out) {
-  return avx512_path_pairs::retrace_paths(f, p, batch, kept, begin, end, out);
+long update_cached_paths_avx512(const Frame& f, const PathFrame& p, PathBatch& batch,
+                                const PathCacheView& cache, int begin, int end,
+                                const Outputs& out) {
+  return avx512_path_pairs::update_cached_paths(f, p, batch, cache, begin, end, out);
 }
 
 }  // namespace evs

@@ -1,4 +1,4 @@
-// What the tests of the path integrator's samplers see: 16 draws at once. Plain structures.
+// What the tests of the path integrator's samplers read: 16 draws at once, in plain structures.
 #pragma once
 
 namespace evs {
@@ -13,11 +13,11 @@ struct ProbeSurface {
 };
 
 struct ProbeLanes {
-  float direction[3][PROBE_LANES];  // unit
-  float light[3][PROBE_LANES];      // throughput; f times cosine; or radiance
-  float density[PROBE_LANES];       // per sr
-  float again[PROBE_LANES];         // the density that a ray along the direction is told
-  int mirrored[PROBE_LANES], alive[PROBE_LANES];
+  float direction[3][PROBE_LANES];   // unit
+  float value[3][PROBE_LANES];       // weight of a BSDF sample; f cos; or radiance
+  float pdf[PROBE_LANES];            // per sr
+  float pdf_evaluated[PROBE_LANES];  // the pdf that the other technique evaluates for the direction
+  int specular[PROBE_LANES], alive[PROBE_LANES];
 };
 
 }  // namespace evs

@@ -44,7 +44,7 @@
 namespace evs::EVS_SPACE {
 namespace {
 
-// clang-format off: each needs the one before it
+// clang-format off: each file needs the one before it
 #include "simd.h"
 #include "quads.h"
 #include "wide_math.h"

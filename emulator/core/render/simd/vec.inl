@@ -42,7 +42,7 @@ EVS_INLINE V3 normalized(V3 a) {
   return n > 0 ? scaled(a, 1.0f / __builtin_sqrtf(n)) : V3{0, 0, -1};
 }
 
-struct Pair {
+struct Point2 {
   Float x, y;
 };
 
