@@ -1,5 +1,5 @@
-// The caster as Python sees it. Every array is checked for its shape here; nothing else trusts
-// Python.
+// The caster's Python binding. It checks the shape of every array; the code behind it relies on
+// that.
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
@@ -65,7 +65,7 @@ int add_texture(SceneData& s, In<uint8_t, N, N, N, N> data, bool srgb, int like)
   require(faces == 1 || faces == 6, "a texture has 1 or 6 faces");
   require(c == 1 || c == 3 || c == 4, "a texture has 1, 3 or 4 components");
   require(data.shape(1) > 0 && data.shape(2) > 0, "a texture has texels");
-  // texels are counted in 32 bits; the smaller copies are a third more
+  // texel indices have 32 bits; the mip levels are a third more
   require(data.shape(1) < (1u << 15) && data.shape(2) < (1u << 15) &&
               data.shape(0) * data.shape(1) * data.shape(2) < (1u << 30),
           "a texture is smaller than 32768 x 32768 and has fewer than 2^30 texels");
@@ -201,7 +201,7 @@ void render(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat
   poses.seed = seed;
   Unlocked release;
   b.caster.render(poses, luminance.data(), rgb ? rgb->data() : nullptr);
-  // here, where no other thread of Python waits for it
+  // copy here, without the GIL
   if (copy) std::copy_n(luminance.data(), b.height * b.width, copy->data());
 }
 

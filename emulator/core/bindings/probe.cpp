@@ -1,4 +1,4 @@
-// The path integrator's samplers as the tests see them: numbers in, draws and densities out.
+// The path integrator's samplers for tests: random numbers in, samples and pdfs out.
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/string.h>
@@ -15,7 +15,7 @@ namespace {
 
 using V = std::array<float, 3>;
 
-// 16 at a time; the last of the array stands in for lanes that are left over
+// Call f on 16 entries at a time; unused lanes repeat the last entry.
 template <class F>
 void by_lanes(size_t count, F&& f) {
   for (size_t first = 0; first < count; first += PROBE_LANES) {

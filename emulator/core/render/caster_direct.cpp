@@ -67,18 +67,18 @@ void Caster::trace_direct(bool still, bool selective, const Outputs& out) {
       PacketRecord record = {};
       if (recording) record = packet_cache_->record(column, row);
       if (dirty == Dirty::RELIGHT && has_shading(record.shading)) {
-        CachedShading cache[2] = {record.shading, {}};
+        CachedShading cached[2] = {record.shading, {}};
         if (kernel_->relight_pair && column + 1 < sampling_.columns &&
             dirty_of(column + 1) == Dirty::RELIGHT) {
-          cache[1] = packet_cache_->record(column + 1, row).shading;
+          cached[1] = packet_cache_->record(column + 1, row).shading;
         }
-        if (alike(cache[0], cache[1])) {
-          kernel_->relight_pair(first_frame, column, row, first_out, cache);
+        if (alike(cached[0], cached[1])) {
+          kernel_->relight_pair(first_frame, column, row, first_out, cached);
           if (antialiasing_) antialiasing_->traced(column, row);
           column++;
           lit++;
         } else {
-          kernel_->relight(first_frame, column, row, first_out, cache);
+          kernel_->relight(first_frame, column, row, first_out, cached);
         }
         lit++;
       } else {

@@ -72,9 +72,8 @@ struct PathCacheView {
   // bounding sphere of those hits: center, radius; and whether only steady lights reach them
   float* sphere[4];
   uint8_t* only_steady_light;
-  float* valid_until;  // nothing changes before `motion` reaches this
-  uint32_t*
-      touched;  // bits of the capsules that its rays touched: whose motion always makes it dirty
+  float* valid_until;     // nothing changes before `motion` reaches this
+  uint32_t* touched;      // bits of the capsules that its rays touched: dirty when one moves
   float* secondary_rays;  // (height, units, columns, SECONDARY_RAY_WORDS) or null
   // (height, units, columns / LANES), for adjacent units: none expires before this motion, unless
   // one of these capsules moves; and the units that are dirty or expired in this tick
@@ -86,9 +85,8 @@ struct PathCacheView {
   const int32_t* moving;  // (geoms) not 0: moved since the last tick
   uint32_t steady;        // the first lights, one bit each: unchanged, and without a shadow
   bool fewer_steady;      // than in the last tick
-  bool relight_lamps;  // MuJoCo's lights are evaluated in every tick: `valid_until` does not cover
-                       // them
-  bool trace_all;      // every unit is dirty
+  bool relight_lamps;     // MuJoCo's lights are evaluated in every tick, outside `valid_until`
+  bool trace_all;         // every unit is dirty
 };
 
 // Samples that are traced together; after each bounce the paths that continue are compacted into
