@@ -6,11 +6,11 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import sysconfig
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import nanobind
 import pytest
 
 INCLUDE = re.compile(r'^\s*#include "([^"]+)"', re.M)
@@ -94,7 +94,13 @@ def test_every_header_compiles_alone(checkout: Path, core: Path, headers: list[s
     # where .ci/headers.sh unpacks Python.h if the system has none
     unpacked = checkout / "build/headers/usr/include"
     python = sysconfig.get_path("include")
-    system = [nanobind.include_dir(), python, unpacked, unpacked / Path(python).name]
+    nanobind = subprocess.run(
+        [sys.executable, "-m", "nanobind", "--include_dir"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.strip()
+    system = [nanobind, python, str(unpacked), str(unpacked / Path(python).name)]
     flags = [f"-I{room}" for room in rooms] + [f"-isystem{path}" for path in system]
 
     def complaint(header: str) -> str:
