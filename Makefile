@@ -20,7 +20,7 @@ check:
 	@sh .ci/setup.sh dev
 	.venv/bin/ruff format --check .
 	.venv/bin/ruff check .
-	.venv/bin/clang-format --dry-run -Werror emulator/core/*/*.cpp emulator/core/*/*.h
+	.venv/bin/clang-format --dry-run -Werror $$(find emulator/core -name '*.cpp' -o -name '*.h' -o -name '*.inl')
 	.venv/bin/mypy
 	@sh .ci/sanitize.sh
 	@sh .ci/versions.sh
@@ -44,7 +44,7 @@ dev:
 format:
 	@sh .ci/setup.sh dev
 	.venv/bin/ruff format .
-	.venv/bin/clang-format -i emulator/core/*/*.cpp emulator/core/*/*.h
+	.venv/bin/clang-format -i $$(find emulator/core -name '*.cpp' -o -name '*.h' -o -name '*.inl')
 
 # make stubs     write emulator/_core.pyi from the native core
 stubs:

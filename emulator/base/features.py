@@ -86,7 +86,7 @@ NATIVE = (
     *("colour", "physical_gloss", "normal_maps", "texture_filter", "fog", "haze", "shadows"),
     *("plane_shadows", "full_retrace", "refits", "glowing", "transparent"),
 )
-"""Those that the native tracer decides: core/light/code_paths.h."""
+"""Those that the native tracer decides: core/render/feature_flags.h."""
 
 
 @dataclass(frozen=True)

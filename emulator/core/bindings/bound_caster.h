@@ -1,4 +1,4 @@
-// What the bindings of the caster share: arrays of a known shape, and a caster that knows its own.
+// Shared by the caster's bindings: arrays of checked shape, and a caster with its dimensions.
 #pragma once
 
 #include <nanobind/nanobind.h>

@@ -1,5 +1,5 @@
-// The caster as Python sees it. Every array is checked for its shape here; nothing else trusts
-// Python.
+// The caster's Python binding. It checks the shape of every array; the code behind it relies on
+// that.
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
@@ -65,7 +65,7 @@ int add_texture(SceneData& s, In<uint8_t, N, N, N, N> data, bool srgb, int like)
   require(faces == 1 || faces == 6, "a texture has 1 or 6 faces");
   require(c == 1 || c == 3 || c == 4, "a texture has 1, 3 or 4 components");
   require(data.shape(1) > 0 && data.shape(2) > 0, "a texture has texels");
-  // texels are counted in 32 bits; the smaller copies are a third more
+  // texel indices have 32 bits; the mip levels are a third more
   require(data.shape(1) < (1u << 15) && data.shape(2) < (1u << 15) &&
               data.shape(0) * data.shape(1) * data.shape(2) < (1u << 30),
           "a texture is smaller than 32768 x 32768 and has fewer than 2^30 texels");
@@ -135,17 +135,17 @@ void add_light(SceneData& s, int kind, Rgb ambient, Rgb diffuse, Rgb specular, b
 }
 
 void set_fog(SceneData& s, float start, float end, Rgb color) {
-  s.air.fog = true;
-  s.air.fog_start = start;
-  s.air.fog_end = end;
-  std::copy(color.begin(), color.end(), s.air.fog_color);
+  s.medium.fog = true;
+  s.medium.fog_start = start;
+  s.medium.fog_end = end;
+  std::copy(color.begin(), color.end(), s.medium.fog_color);
 }
 
 void set_haze(SceneData& s, float ratio, float radius, Rgb color) {
-  s.air.haze = true;
-  s.air.haze_ratio = ratio;
-  s.air.haze_radius = radius;
-  std::copy(color.begin(), color.end(), s.air.haze_color);
+  s.medium.haze = true;
+  s.medium.haze_ratio = ratio;
+  s.medium.haze_radius = radius;
+  std::copy(color.begin(), color.end(), s.medium.haze_color);
 }
 
 BoundCaster* make_caster(const SceneData& scene, const Optics& optics, const Tracing& tracing,
@@ -201,7 +201,7 @@ void render(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat
   poses.seed = seed;
   Unlocked release;
   b.caster.render(poses, luminance.data(), rgb ? rgb->data() : nullptr);
-  // here, where no other thread of Python waits for it
+  // copy here, without the GIL
   if (copy) std::copy_n(luminance.data(), b.height * b.width, copy->data());
 }
 
@@ -246,11 +246,11 @@ void trace_pixels(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> ge
 std::map<std::string, long> work_of(const BoundCaster& b) {
   const Work& w = b.caster.work();
   return {{"ticks", w.ticks},
-          {"packets_asked", w.packets_asked},
+          {"packets_asked", w.packets_tested},
           {"packets_traced", w.packets_traced},
           {"packets_relit", w.packets_relit},
-          {"trees_built", w.trees_built},
-          {"trees_refitted", w.trees_refitted}};
+          {"trees_built", w.bvhs_built},
+          {"trees_refitted", w.bvhs_refitted}};
 }
 
 }  // namespace

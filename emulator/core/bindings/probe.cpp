@@ -1,4 +1,4 @@
-// The path integrator's samplers as the tests see them: numbers in, draws and densities out.
+// The path integrator's samplers for tests: random numbers in, samples and pdfs out.
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/string.h>
@@ -8,14 +8,14 @@
 #include <string>
 
 #include "bound_caster.h"
-#include "probe_lanes.h"
+#include "simd/probe_lanes.h"
 
 namespace evs {
 namespace {
 
 using V = std::array<float, 3>;
 
-// 16 at a time; the last of the array stands in for lanes that are left over
+// Call f on 16 entries at a time; unused lanes repeat the last entry.
 template <class F>
 void by_lanes(size_t count, F&& f) {
   for (size_t first = 0; first < count; first += PROBE_LANES) {
@@ -25,16 +25,16 @@ void by_lanes(size_t count, F&& f) {
   }
 }
 
-void points(const std::string& sampler, int index, int dimension, In<int32_t, N> pixels,
-            Out<float, N, 2> out, int seed, int digits) {
+void sampler_points(const std::string& sampler, int index, int dimension, In<int32_t, N> pixels,
+                    Out<float, N, 2> out, int seed, int log2_samples) {
   require(out.shape(0) == pixels.shape(0), "one point for each pixel");
-  require(digits >= 0 && digits <= 30, "0 to 30 digits");
+  require(log2_samples >= 0 && log2_samples <= 30, "0 to 30 digits");
   int mode = sample_set_of(sampler);
   by_lanes(pixels.shape(0), [&](const size_t* at, size_t count) {
     int pixel[PROBE_LANES];
     float x[PROBE_LANES], y[PROBE_LANES];
     for (int i = 0; i < PROBE_LANES; i++) pixel[i] = pixels.data()[at[i]];
-    kernel_of("auto")->probe_points(mode, seed, digits, index, dimension, pixel, x, y);
+    kernel_of("auto")->probe_sampler(mode, seed, log2_samples, index, dimension, pixel, x, y);
     for (size_t i = 0; i < count; i++) {
       out.data()[2 * at[i]] = x[i];
       out.data()[2 * at[i] + 1] = y[i];
@@ -47,50 +47,49 @@ ProbeSurface surface_of(float albedo, float f0, float metallic, float alpha, flo
           {eye[0], eye[1], eye[2]}};
 }
 
-void scatter(float albedo, float f0, float metallic, float alpha, float mirror, V eye,
-             In<float, N, 4> numbers, Out<float, N, 3> direction, Out<float, N, 3> light,
-             Out<float, N> density, Out<float, N> again, Out<int32_t, N> mirrored,
-             Out<int32_t, N> alive) {
+void sample_bsdf(float albedo, float f0, float metallic, float alpha, float mirror, V eye,
+                 In<float, N, 4> numbers, Out<float, N, 3> direction, Out<float, N, 3> light,
+                 Out<float, N> pdf, Out<float, N> pdf_evaluated, Out<int32_t, N> mirrored,
+                 Out<int32_t, N> alive) {
   size_t n = numbers.shape(0);
-  require(direction.shape(0) == n && light.shape(0) == n && density.shape(0) == n &&
-              again.shape(0) == n && mirrored.shape(0) == n && alive.shape(0) == n,
+  require(direction.shape(0) == n && light.shape(0) == n && pdf.shape(0) == n &&
+              pdf_evaluated.shape(0) == n && mirrored.shape(0) == n && alive.shape(0) == n,
           "arrays differ in length");
   ProbeSurface surface = surface_of(albedo, f0, metallic, alpha, mirror, eye);
   by_lanes(n, [&](const size_t* at, size_t count) {
-    float drawn[4 * PROBE_LANES];
+    float u[4 * PROBE_LANES];
     for (int k = 0; k < 4; k++) {
-      for (int i = 0; i < PROBE_LANES; i++)
-        drawn[k * PROBE_LANES + i] = numbers.data()[4 * at[i] + k];
+      for (int i = 0; i < PROBE_LANES; i++) u[k * PROBE_LANES + i] = numbers.data()[4 * at[i] + k];
     }
     ProbeLanes out;
-    kernel_of("auto")->probe_scatter(surface, drawn, out);
+    kernel_of("auto")->probe_bsdf_sample(surface, u, out);
     for (size_t i = 0; i < count; i++) {
       for (int c = 0; c < 3; c++) {
         direction.data()[3 * at[i] + c] = out.direction[c][i];
-        light.data()[3 * at[i] + c] = out.light[c][i];
+        light.data()[3 * at[i] + c] = out.value[c][i];
       }
-      density.data()[at[i]] = out.density[i];
-      again.data()[at[i]] = out.again[i];
-      mirrored.data()[at[i]] = out.mirrored[i];
+      pdf.data()[at[i]] = out.pdf[i];
+      pdf_evaluated.data()[at[i]] = out.pdf_evaluated[i];
+      mirrored.data()[at[i]] = out.specular[i];
       alive.data()[at[i]] = out.alive[i];
     }
   });
 }
 
-void evaluate(float albedo, float f0, float metallic, float alpha, float mirror, V eye,
-              In<float, N, 3> direction, Out<float, N, 3> light, Out<float, N> density) {
+void evaluate_bsdf(float albedo, float f0, float metallic, float alpha, float mirror, V eye,
+                   In<float, N, 3> direction, Out<float, N, 3> light, Out<float, N> pdf) {
   size_t n = direction.shape(0);
-  require(light.shape(0) == n && density.shape(0) == n, "arrays differ in length");
+  require(light.shape(0) == n && pdf.shape(0) == n, "arrays differ in length");
   ProbeSurface surface = surface_of(albedo, f0, metallic, alpha, mirror, eye);
   by_lanes(n, [&](const size_t* at, size_t count) {
     ProbeLanes out;
     for (int c = 0; c < 3; c++) {
       for (int i = 0; i < PROBE_LANES; i++) out.direction[c][i] = direction.data()[3 * at[i] + c];
     }
-    kernel_of("auto")->probe_evaluate(surface, out);
+    kernel_of("auto")->probe_bsdf(surface, out);
     for (size_t i = 0; i < count; i++) {
-      for (int c = 0; c < 3; c++) light.data()[3 * at[i] + c] = out.light[c][i];
-      density.data()[at[i]] = out.density[i];
+      for (int c = 0; c < 3; c++) light.data()[3 * at[i] + c] = out.value[c][i];
+      pdf.data()[at[i]] = out.pdf[i];
     }
   });
 }
@@ -102,73 +101,72 @@ Caster::Placed placed(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9
       checked_poses(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat));
 }
 
-void aim(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
-         In<double, N, 3> light_pos, In<double, N, 3> light_dir, In<double, 3> camera_pos,
-         In<double, 9> camera_mat, V point, bool sky, In<float, N, 3> numbers,
-         Out<float, N, 3> direction, Out<float, N, 3> light, Out<float, N> density,
-         Out<float, N> again) {
+void sample_light(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
+                  In<double, N, 3> light_pos, In<double, N, 3> light_dir, In<double, 3> camera_pos,
+                  In<double, 9> camera_mat, V point, bool environment, In<float, N, 3> numbers,
+                  Out<float, N, 3> direction, Out<float, N, 3> light, Out<float, N> pdf,
+                  Out<float, N> pdf_evaluated) {
   size_t n = numbers.shape(0);
-  require(direction.shape(0) == n && light.shape(0) == n && density.shape(0) == n &&
-              again.shape(0) == n,
+  require(direction.shape(0) == n && light.shape(0) == n && pdf.shape(0) == n &&
+              pdf_evaluated.shape(0) == n,
           "arrays differ in length");
   Caster::Placed p = placed(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
   by_lanes(n, [&](const size_t* at, size_t count) {
-    float drawn[3 * PROBE_LANES];
+    float u[3 * PROBE_LANES];
     for (int k = 0; k < 3; k++) {
-      for (int i = 0; i < PROBE_LANES; i++)
-        drawn[k * PROBE_LANES + i] = numbers.data()[3 * at[i] + k];
+      for (int i = 0; i < PROBE_LANES; i++) u[k * PROBE_LANES + i] = numbers.data()[3 * at[i] + k];
     }
     ProbeLanes out;
-    p.kernel.probe_aim(p.frame, p.paths, point.data(), sky, drawn, out);
+    p.kernel.probe_light_sample(p.frame, p.paths, point.data(), environment, u, out);
     for (size_t i = 0; i < count; i++) {
       for (int c = 0; c < 3; c++) {
         direction.data()[3 * at[i] + c] = out.direction[c][i];
-        light.data()[3 * at[i] + c] = out.light[c][i];
+        light.data()[3 * at[i] + c] = out.value[c][i];
       }
-      density.data()[at[i]] = out.density[i];
-      again.data()[at[i]] = out.again[i];
+      pdf.data()[at[i]] = out.pdf[i];
+      pdf_evaluated.data()[at[i]] = out.pdf_evaluated[i];
     }
   });
 }
 
-void told(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
-          In<double, N, 3> light_pos, In<double, N, 3> light_dir, In<double, 3> camera_pos,
-          In<double, 9> camera_mat, V point, In<float, N, 3> direction, Out<float, N> density) {
+void light_pdf(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
+               In<double, N, 3> light_pos, In<double, N, 3> light_dir, In<double, 3> camera_pos,
+               In<double, 9> camera_mat, V point, In<float, N, 3> direction, Out<float, N> pdf) {
   size_t n = direction.shape(0);
-  require(density.shape(0) == n, "arrays differ in length");
+  require(pdf.shape(0) == n, "arrays differ in length");
   Caster::Placed p = placed(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
   by_lanes(n, [&](const size_t* at, size_t count) {
     ProbeLanes out;
     for (int c = 0; c < 3; c++) {
       for (int i = 0; i < PROBE_LANES; i++) out.direction[c][i] = direction.data()[3 * at[i] + c];
     }
-    p.kernel.probe_told(p.frame, p.paths, point.data(), out);
-    for (size_t i = 0; i < count; i++) density.data()[at[i]] = out.again[i];
+    p.kernel.probe_light_pdf(p.frame, p.paths, point.data(), out);
+    for (size_t i = 0; i < count; i++) pdf.data()[at[i]] = out.pdf_evaluated[i];
   });
 }
 
 }  // namespace
 
 void bind_probe(nb::module_& m) {
-  m.def("probe_points", &points, nb::arg("sampler"), nb::arg("index"), nb::arg("dimension"),
+  m.def("probe_points", &sampler_points, nb::arg("sampler"), nb::arg("index"), nb::arg("dimension"),
         nb::arg("pixels"), nb::arg("out"), nb::arg("seed") = 0, nb::arg("digits") = 6,
         "Points (n, 2) that pixels (n) draw for one sample and dimension: for tests.");
-  m.def("probe_scatter", &scatter, nb::arg("albedo"), nb::arg("f0"), nb::arg("metallic"),
+  m.def("probe_scatter", &sample_bsdf, nb::arg("albedo"), nb::arg("f0"), nb::arg("metallic"),
         nb::arg("alpha"), nb::arg("mirror"), nb::arg("eye"), nb::arg("numbers"),
         nb::arg("direction"), nb::arg("light"), nb::arg("density"), nb::arg("again"),
         nb::arg("mirrored"), nb::arg("alive"),
         "Directions that a surface with its normal along z draws by numbers (n, 4): for tests.");
-  m.def("probe_evaluate", &evaluate, nb::arg("albedo"), nb::arg("f0"), nb::arg("metallic"),
+  m.def("probe_evaluate", &evaluate_bsdf, nb::arg("albedo"), nb::arg("f0"), nb::arg("metallic"),
         nb::arg("alpha"), nb::arg("mirror"), nb::arg("eye"), nb::arg("direction"), nb::arg("light"),
         nb::arg("density"),
         "f times cosine (n, 3) and density (n) of directions (n, 3): for tests.");
-  m.def("probe_aim", &aim, nb::arg("caster"), nb::arg("geom_pos"), nb::arg("geom_mat"),
+  m.def("probe_aim", &sample_light, nb::arg("caster"), nb::arg("geom_pos"), nb::arg("geom_mat"),
         nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
         nb::arg("point"), nb::arg("sky"), nb::arg("numbers"), nb::arg("direction"),
         nb::arg("light"), nb::arg("density"), nb::arg("again"),
         "What a point aims at by numbers (n, 3), camera frame; and the density (n) that a ray is "
         "told which goes there by chance: for tests.");
-  m.def("probe_told", &told, nb::arg("caster"), nb::arg("geom_pos"), nb::arg("geom_mat"),
+  m.def("probe_told", &light_pdf, nb::arg("caster"), nb::arg("geom_pos"), nb::arg("geom_mat"),
         nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
         nb::arg("point"), nb::arg("direction"), nb::arg("density"),
         "The density (n) of aiming at what directions (n, 3) from a point meet: for tests.");

@@ -1,4 +1,4 @@
-// Memory that others write, as Python sees it: whether it changed, and a digest of much of it.
+// Watch arrays that other code writes: whether they have changed, and a digest of their contents.
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
@@ -14,7 +14,7 @@ namespace {
 
 using Array = nb::ndarray<nb::ro, nb::c_contig, nb::device::cpu>;
 
-// Arrays of others, and what they held when they were last known.
+// Arrays of other owners, and a copy of their contents.
 class Watch {
  public:
   explicit Watch(std::vector<Array> arrays) : arrays_(std::move(arrays)) {
@@ -24,7 +24,7 @@ class Watch {
     keep();
   }
 
-  // Is a byte another than was known? A NaN is the NaN that it was.
+  // Does any byte differ from the copy? Equal NaNs count as equal.
   bool changed() const {
     const uint8_t* known = known_.data();
     for (const Array& a : arrays_) {
@@ -51,14 +51,14 @@ class Watch {
 
 constexpr uint64_t ODD = 0x9e3779b97f4a7c15u;  // 2^64 over the golden ratio
 
-// One step of a lane. For a given state it is a bijection of the word, and the other way round: one
-// word that changed always shows.
+// One step of a lane: a bijection of the word for a given state, and of the state for a given word,
+// so a single changed word always changes the result.
 uint64_t mixed(uint64_t state, uint64_t word) {
   uint64_t h = (state ^ word) * ODD;
   return h ^ (h >> 29);
 }
 
-// In four lanes, so that a multiplication need not wait for the one before.
+// In four lanes, so that multiplications do not wait for each other.
 uint64_t digest(const std::vector<Array>& arrays) {
   uint64_t lane[4] = {1, 2, 3, 4};
   for (const Array& a : arrays) {

@@ -6,7 +6,7 @@
 #pragma once
 
 #include "network_kernel.h"
-#include "target.inl"
+#include "lanes.inl"
 
 namespace evs::EVS_SPACE {
 namespace {

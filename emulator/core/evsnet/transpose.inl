@@ -1,7 +1,7 @@
 // Transposition of 16 rows of 16 floats in registers.
 #pragma once
 
-#include "target.inl"
+#include "lanes.inl"
 
 namespace evs::EVS_SPACE {
 namespace {

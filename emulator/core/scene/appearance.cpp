@@ -20,19 +20,19 @@ constexpr double RADIANS = 3.14159265358979 / 180;
 constexpr float PI = 3.14159265f;
 constexpr float WHITE[3] = {1, 1, 1};
 
-// Textures ready for the kernels, each use once: the image times a colour, or its bare numbers.
-class Bakery {
+// Bake textures for the kernels, each use once: the image times a colour, or its plain numbers.
+class TextureBaker {
  public:
-  Bakery(const SceneData& scene, Appearance& look, const Appearance* before)
-      : scene_(scene), look_(look), before_(before) {}
+  TextureBaker(const SceneData& scene, Appearance& appearance, const Appearance* before)
+      : scene_(scene), appearance_(appearance), before_(before) {}
 
   // the image times a display-coded colour; -1 stays -1
   int color(int texture, const float* rgba) {
     return find(texture, rgba, [&](const SceneData::TextureData& t) {
       float tint[3];
       for (int c = 0; c < 3; c++) tint[c] = from_srgb(rgba[c]);
-      return build_chain(t.data.data(), t.faces, t.height, t.width, t.components, t.srgb, tint,
-                         look_.channels);
+      return build_mip_chain(t.data.data(), t.faces, t.height, t.width, t.components, t.srgb, tint,
+                             appearance_.channels);
     });
   }
 
@@ -40,7 +40,8 @@ class Bakery {
   int number(int texture) {
     constexpr float KEY[3] = {-1, 1, 0};
     return find(texture, KEY, [&](const SceneData::TextureData& t) {
-      return build_number_chain(t.data.data(), t.faces, t.height, t.width, t.components, t.srgb);
+      return build_scalar_mip_chain(t.data.data(), t.faces, t.height, t.width, t.components,
+                                    t.srgb);
     });
   }
 
@@ -48,7 +49,8 @@ class Bakery {
   int normals(int texture) {
     constexpr float KEY[3] = {-1, 3, 0};
     return find(texture, KEY, [&](const SceneData::TextureData& t) {
-      return build_normal_chain(t.data.data(), t.faces, t.height, t.width, t.components, t.srgb);
+      return build_normal_mip_chain(t.data.data(), t.faces, t.height, t.width, t.components,
+                                    t.srgb);
     });
   }
 
@@ -56,32 +58,33 @@ class Bakery {
   template <class Build>
   int find(int texture, const float* key, Build&& build) {
     if (texture < 0) return -1;
-    int index = place_of(look_, texture, key);
+    int index = place_of(appearance_, texture, key);
     if (index >= 0) return index;
     // colours are laid out by channel
-    int like = before_ && before_->channels == look_.channels ? scene_.textures[texture].like : -1;
+    int like =
+        before_ && before_->channels == appearance_.channels ? scene_.textures[texture].like : -1;
     int old = like >= 0 ? place_of(*before_, like, key) : -1;
-    look_.chains.push_back(old >= 0
-                               ? before_->chains[old]
-                               : std::make_shared<const Chain>(build(scene_.textures[texture])));
-    index = static_cast<int>(look_.chains.size()) - 1;
-    look_.baked.push_back({texture, {key[0], key[1], key[2]}, index});
+    appearance_.chains.push_back(
+        old >= 0 ? before_->chains[old]
+                 : std::make_shared<const MipChain>(build(scene_.textures[texture])));
+    index = static_cast<int>(appearance_.chains.size()) - 1;
+    appearance_.baked.push_back({texture, {key[0], key[1], key[2]}, index});
     return index;
   }
 
-  static int place_of(const Appearance& look, int texture, const float* key) {
-    for (const Appearance::Baked& b : look.baked) {
+  static int place_of(const Appearance& appearance, int texture, const float* key) {
+    for (const Appearance::Baked& b : appearance.baked) {
       if (b.texture == texture && std::equal(key, key + 3, b.key)) return b.index;
     }
     return -1;
   }
 
   const SceneData& scene_;
-  Appearance& look_;
+  Appearance& appearance_;
   const Appearance* before_;
 };
 
-// Grey in every texel; then grey lights stay grey through it.
+// Is every texel grey? Then grey lights stay grey through it.
 bool is_grey(const SceneData::TextureData& t) {
   for (size_t i = 0; t.components >= 3 && i < t.data.size(); i += t.components) {
     if (t.data[i] != t.data[i + 1] || t.data[i] != t.data[i + 2]) return false;
@@ -89,13 +92,13 @@ bool is_grey(const SceneData::TextureData& t) {
   return true;
 }
 
-// What channel c carries: -1 luminance, else red, green, blue.
-int part_of(int channels, int c) { return channels == 1 ? -1 : c - (channels - 3); }
+// What channel c holds: -1 luminance, else red, green, blue.
+int component_of(int channels, int c) { return channels == 1 ? -1 : c - (channels - 3); }
 
-// A linear colour in the scene's channels, and its luminance once more.
-void spread(const float* linear, int channels, float* out) {
+// Convert a linear colour to the scene's channels, followed by its luminance.
+void to_channels(const float* linear, int channels, float* out) {
   for (int c = 0; c < channels; c++) {
-    int k = part_of(channels, c);
+    int k = component_of(channels, c);
     out[c] = k >= 0 ? linear[k] : luminance_of(linear);
   }
   out[channels] = luminance_of(linear);
@@ -113,25 +116,25 @@ void choose_channels(const SceneData& scene, bool rgb, bool mixing, bool as_grey
   if (!grey) std::copy(WEIGHTS, WEIGHTS + 3, out.weights);
 }
 
-// An image's texels are its radiance: times `diffuse`, or with an intensity in cd/m^2 (pi lux on
-// what it surrounds).
-void add_image(const SceneData::LightData& l, const Appearance& look, Light& light) {
-  for (int c = 0; c < look.channels; c++) {
-    int k = look.channels == 3 ? c : 0;
+// An image's texels are radiance: times `diffuse`, or times an intensity in cd/m^2 (pi lux on what
+// it surrounds).
+void add_image(const SceneData::LightData& l, const Appearance& appearance, Light& light) {
+  for (int c = 0; c < appearance.channels; c++) {
+    int k = appearance.channels == 3 ? c : 0;
     light.ambient[c] = light.specular[c] = 0;
     light.diffuse[c] = l.intensity > 0 ? PI * l.intensity : l.diffuse[k];
-    project_irradiance(*look.chains[light.texture], c, light.harmonics[c]);
+    project_irradiance(*appearance.chains[light.texture], c, light.harmonics[c]);
   }
-  int more = look.channels;
+  int more = appearance.channels;
   light.ambient[more] = light.specular[more] = 0;
   light.diffuse[more] = l.intensity > 0 ? PI * l.intensity : luminance_of(l.diffuse);
   for (int i = 0; i < 9; i++) {
     float part[3] = {light.harmonics[0][i], light.harmonics[1][i], light.harmonics[2][i]};
-    light.harmonics[more][i] = look.channels == 3 ? luminance_of(part) : part[0];
+    light.harmonics[more][i] = appearance.channels == 3 ? luminance_of(part) : part[0];
   }
 }
 
-void add_lights(const SceneData& scene, Bakery& bakery, Appearance& out) {
+void add_lights(const SceneData& scene, TextureBaker& baker, Appearance& out) {
   for (const SceneData::LightData& l : scene.lights) {
     Light light = {};
     light.kind = l.kind;
@@ -154,13 +157,13 @@ void add_lights(const SceneData& scene, Bakery& bakery, Appearance& out) {
     light.radius = std::max(l.bulbradius, 0.0f);
     if (light.inverse_square) {
       light.fade = l.range > 0 ? 1.0f / (l.range * l.range) : 0.0f;
-      // as MuJoCo's physical renderer: full light inside, none at the cutoff
+      // as in MuJoCo's physical renderer: full light inside, none at the cutoff
       double inner = std::cos((1.0 - l.softness) * l.cutoff_deg * RADIANS);
       light.edge =
           static_cast<float>(1.0 / std::max(inner - std::cos(l.cutoff_deg * RADIANS), 1.0 / 1024));
     }
     if (l.kind == IMAGE) {
-      light.texture = bakery.color(l.texture, WHITE);
+      light.texture = baker.color(l.texture, WHITE);
       add_image(l, out, light);
     }
     out.lights.push_back(light);
@@ -168,15 +171,15 @@ void add_lights(const SceneData& scene, Bakery& bakery, Appearance& out) {
   }
 }
 
-// What makes a material physical, and the maps; a map multiplies the number beside it.
-void add_layers(const SceneData::SurfaceData& s, Bakery& bakery, Surface& out) {
+// Set physical parameters and maps; a map multiplies its parameter.
+void add_maps(const SceneData::SurfaceData& s, TextureBaker& baker, Surface& out) {
   out.physical = s.metallic >= 0 || s.roughness >= 0 || s.metallic_map >= 0 || s.roughness_map >= 0;
-  out.metallic_map = bakery.number(s.metallic_map);
-  out.roughness_map = bakery.number(s.roughness_map);
-  out.occlusion_map = bakery.number(s.occlusion_map);
-  out.opacity_map = bakery.number(s.opacity_map);
-  out.normal_map = bakery.normals(s.normal_map);
-  out.emissive_map = bakery.color(s.emissive_map, WHITE);
+  out.metallic_map = baker.number(s.metallic_map);
+  out.roughness_map = baker.number(s.roughness_map);
+  out.occlusion_map = baker.number(s.occlusion_map);
+  out.opacity_map = baker.number(s.opacity_map);
+  out.normal_map = baker.normals(s.normal_map);
+  out.emissive_map = baker.color(s.emissive_map, WHITE);
   out.layered = out.metallic_map >= 0 || out.roughness_map >= 0 || out.occlusion_map >= 0 ||
                 out.opacity_map >= 0 || out.normal_map >= 0 || out.emissive_map >= 0;
   if (out.emissive_map >= 0 && !(s.emission > 0)) out.emission = 1;
@@ -187,52 +190,52 @@ void add_layers(const SceneData::SurfaceData& s, Bakery& bakery, Surface& out) {
   out.alpha_ggx = rough * rough;
 }
 
-void add_surfaces(const SceneData& scene, Bakery& bakery, Appearance& look) {
+void add_surfaces(const SceneData& scene, TextureBaker& baker, Appearance& appearance) {
   for (const SceneData::SurfaceData& s : scene.surfaces) {
     Surface out = {};
     float linear[3];
     for (int c = 0; c < 3; c++) linear[c] = from_srgb(s.rgba[c]);
-    spread(linear, look.channels, out.albedo);
+    to_channels(linear, appearance.channels, out.albedo);
     out.emission = s.emission;
     out.specular = from_srgb(s.specular);
-    // a negative exponent has no meaning: it counts as none
+    // negative exponents are meaningless: clamp to 0
     out.exponent = std::max(s.shininess, 0.0f) * 128.0f;
     out.alpha = std::min(s.rgba[3], 1.0f);
-    // the GGX lobe nearest to Blinn-Phong's; specular 0.5 reflects as most dielectrics do
+    // the GGX lobe nearest to Blinn-Phong's; specular 0.5 reflects like most dielectrics
     out.alpha_ggx = static_cast<float>(std::sqrt(2.0 / (out.exponent + 2.0)));
     out.f0 = 0.08f * std::clamp(s.specular, 0.0f, 1.0f);
     out.reflectance = out.alpha < 1 ? 0.0f : s.reflectance;
-    out.texture = bakery.color(s.texture, s.rgba);
+    out.texture = baker.color(s.texture, s.rgba);
     for (int k = 0; k < 2; k++) out.repeat[k] = s.repeat[k] > 0 ? s.repeat[k] : 1.0f;
     out.uniform = s.uniform;
-    add_layers(s, bakery, out);
-    look.textured = look.textured || out.texture >= 0 || out.layered;
-    look.layered = look.layered || out.layered || out.physical;
-    look.bumpy = look.bumpy || out.normal_map >= 0;
-    look.surfaces.push_back(out);
+    add_maps(s, baker, out);
+    appearance.textured = appearance.textured || out.texture >= 0 || out.layered;
+    appearance.layered = appearance.layered || out.layered || out.physical;
+    appearance.normal_mapped = appearance.normal_mapped || out.normal_map >= 0;
+    appearance.surfaces.push_back(out);
   }
-  look.skybox = bakery.color(scene.skybox, WHITE);
+  appearance.skybox = baker.color(scene.skybox, WHITE);
 }
 
-void add_air(const SceneData::AirData& data, Appearance& look) {
-  Air& air = look.air;
-  air.fog = data.fog;
-  air.fog_end = data.fog_end;
-  // an end before the start: a wall of fog
-  air.fog_slope = 1.0f / std::max(data.fog_end - data.fog_start, 1e-6f);
-  air.haze_ratio = data.haze_ratio;
-  air.haze_radius = data.haze_radius;
+void apply_medium(const SceneData::MediumData& data, Appearance& appearance) {
+  Medium& medium = appearance.medium;
+  medium.fog = data.fog;
+  medium.fog_end = data.fog_end;
+  // an end before the start makes a wall of fog
+  medium.fog_slope = 1.0f / std::max(data.fog_end - data.fog_start, 1e-6f);
+  medium.haze_ratio = data.haze_ratio;
+  medium.haze_radius = data.haze_radius;
   // where MuJoCo's cone turns from fading in to fading out, from the ratio
   double inner = std::atan2(1.0, data.haze_ratio);
-  air.haze_peak = static_cast<float>(std::sqrt(0.5) * data.haze_ratio * std::sin(inner) /
-                                     std::sin(135 * RADIANS - inner));
-  air.haze = data.haze && data.haze_radius > 0 && air.haze_peak > 0 && air.haze_peak < 1;
+  medium.haze_peak = static_cast<float>(std::sqrt(0.5) * data.haze_ratio * std::sin(inner) /
+                                        std::sin(135 * RADIANS - inner));
+  medium.haze = data.haze && data.haze_radius > 0 && medium.haze_peak > 0 && medium.haze_peak < 1;
   for (int i = 0; i < 2; i++) {
     const float* coded = i ? data.haze_color : data.fog_color;
-    float* color = i ? air.haze_color : air.fog_color;
+    float* color = i ? medium.haze_color : medium.fog_color;
     float linear[3];
     for (int c = 0; c < 3; c++) linear[c] = from_srgb(coded[c]);
-    spread(linear, look.channels, color);
+    to_channels(linear, appearance.channels, color);
   }
 }
 
@@ -240,14 +243,14 @@ void add_air(const SceneData::AirData& data, Appearance& look) {
 
 Appearance make_appearance(const SceneData& scene, bool rgb, bool mixing, bool grey,
                            const Appearance* before) {
-  Appearance look = {};
-  choose_channels(scene, rgb, mixing, grey, look);
-  Bakery bakery(scene, look, before);
-  add_lights(scene, bakery, look);
-  add_surfaces(scene, bakery, look);
-  add_air(scene.air, look);
-  for (const auto& chain : look.chains) look.textures.push_back(chain->view());
-  return look;
+  Appearance appearance = {};
+  choose_channels(scene, rgb, mixing, grey, appearance);
+  TextureBaker baker(scene, appearance, before);
+  add_lights(scene, baker, appearance);
+  add_surfaces(scene, baker, appearance);
+  apply_medium(scene.medium, appearance);
+  for (const auto& chain : appearance.chains) appearance.textures.push_back(chain->view());
+  return appearance;
 }
 
 }  // namespace evs

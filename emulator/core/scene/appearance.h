@@ -1,5 +1,5 @@
-// How things look, ready for the kernels: lights, surfaces, and textures with the surface's colour
-// in them.
+// The scene's appearance, ready for the kernels: lights, surfaces, and textures with the surface's
+// colour baked in.
 #pragma once
 
 #include <memory>
@@ -12,16 +12,16 @@
 namespace evs {
 
 struct Appearance {
-  // 1: every light is grey, so that luminance alone is carried; 3: RGB; 4: grey lights again, and
-  // after the luminance, which keeps its bytes, RGB. Lights and surfaces have one channel more, the
-  // luminance, for a frame that carries it `plain`.
+  // 1: luminance only, as every light is grey; 3: RGB; 4: luminance, with the same bytes as with 1,
+  // followed by RGB. Lights and surfaces have one channel more, the luminance, for frames that
+  // carry it `untextured`.
   int channels;
   float weights[MAX_CHANNELS];  // luminance of each channel
   std::vector<Light> lights;
   std::vector<bool> headlight;  // of each light
   std::vector<Surface> surfaces;
-  std::vector<std::shared_ptr<const Chain>> chains;
-  struct Baked {  // which chain is which texture in which colour
+  std::vector<std::shared_ptr<const MipChain>> chains;
+  struct Baked {  // which mip chain is which texture in which colour
     int texture;
     float key[3];
     int index;
@@ -31,14 +31,14 @@ struct Appearance {
   int skybox;                     // index into textures, -1 none
   bool textured;                  // a surface has an image
   bool layered;                   // a surface is physical or has maps
-  bool bumpy;                     // a surface has a normal map
-  Air air;                        // but for where the camera is
+  bool normal_mapped;             // a surface has a normal map
+  Medium medium;                  // without the camera's position
 };
 
-// rgb: colour is wanted, whatever the lights are; the luminance keeps its bytes. mixing: light goes
-// from surface to surface, which needs its colour: three channels. grey: lights lose their colour
-// instead (for tests). before: of the scene that was shown before, whose chains are taken over
-// where the image is the same, or null.
+// rgb: compute colour even if the lights are grey; the luminance keeps its bytes. mixing: light is
+// reflected between surfaces, which needs three channels. grey: ignore the lights' colour (for
+// tests). before: the previous scene's appearance, whose mip chains are reused for equal images, or
+// null.
 Appearance make_appearance(const SceneData& scene, bool rgb, bool mixing, bool grey = false,
                            const Appearance* before = nullptr);
 

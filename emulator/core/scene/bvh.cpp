@@ -8,14 +8,13 @@ namespace {
 
 constexpr int BINS = 16, LEAF = 6, MAX_DEPTH = 60;
 
-// Boxes are larger than their triangles by this share of the radius: what a hit on a rim may be
-// off.
+// Boxes exceed their triangles by this share of the radius, the error of a hit on an edge.
 constexpr float BOX_MARGIN = 2e-6f;
 
 struct Box {
   float low[3] = {1e30f, 1e30f, 1e30f}, high[3] = {-1e30f, -1e30f, -1e30f};
 
-  // a NaN leaves the box as it is
+  // a NaN leaves the box unchanged
   void add(V3 v) {
     const float at[3] = {v.x, v.y, v.z};
     for (int a = 0; a < 3; a++) {
@@ -43,11 +42,11 @@ struct Builder {
 
   static float axis(const V3& v, int a) { return a == 0 ? v.x : a == 1 ? v.y : v.z; }
 
-  // Where to cut [begin, end): the cheapest of BINS - 1 planes on each axis, else the middle.
+  // Split [begin, end) by the surface area heuristic: the cheapest of BINS - 1 planes on each axis,
+  // else the middle.
   int split(int begin, int end, int depth) {
     int middle = (begin + end) / 2;
-    if (depth > MAX_DEPTH / 2)
-      return halve(begin, end);  // a degenerate pile: keep the depth bounded
+    if (depth > MAX_DEPTH / 2) return halve(begin, end);  // degenerate geometry: bound the depth
     float best = 1e30f, low = 0, scale = 0;
     int best_axis = -1, best_bin = 0;
     for (int a = 0; a < 3; a++) {
@@ -57,7 +56,7 @@ struct Builder {
         last = std::max(last, axis(centers[order[i]], a));
       }
       float k = BINS * 0.9999f / (last - first);
-      // all in one place, or so close together or far apart that floats cannot tell bins
+      // centres too close together or too far apart for bins in floats
       if (!(last - first > 0 && k > 0 && std::isfinite(k))) continue;
       Box bin[BINS];
       int count[BINS] = {};
@@ -98,7 +97,7 @@ struct Builder {
     return middle;
   }
 
-  // Fill child c of node n with [begin, end). Boxes are fitted later.
+  // Fill child c of node n with [begin, end). Boxes are refitted later.
   void child(int n, int c, int begin, int end, int depth) {
     nodes[n].count[c] = end - begin;
     if (end - begin <= LEAF) {
@@ -127,37 +126,37 @@ Triangle make_triangle(V3 a, V3 b, V3 c) {
   return {a, b, c, {p.y * q.z - p.z * q.y, p.z * q.x - p.x * q.z, p.x * q.y - p.y * q.x}};
 }
 
-// A ball around all vertices, its centre that of the triangles' box.
-void fit_ball(Tree& tree, const float* vertices, int vertex_count) {
+// Bound all vertices by a sphere around the centre of the triangles' box.
+void refit_sphere(Bvh& bvh, const float* vertices, int vertex_count) {
   Box all;
-  for (const Triangle& t : tree.triangles) {
+  for (const Triangle& t : bvh.triangles) {
     for (V3 v : {t.a, t.b, t.c}) all.add(v);
   }
-  tree.center = {0.5f * (all.low[0] + all.high[0]), 0.5f * (all.low[1] + all.high[1]),
-                 0.5f * (all.low[2] + all.high[2])};
-  tree.radius = 0;
+  bvh.center = {0.5f * (all.low[0] + all.high[0]), 0.5f * (all.low[1] + all.high[1]),
+                0.5f * (all.low[2] + all.high[2])};
+  bvh.radius = 0;
   for (int i = 0; i < vertex_count; i++) {
-    V3 v = minus(row(vertices, i), tree.center);
-    tree.radius = std::max(tree.radius, std::sqrt(v.x * v.x + v.y * v.y + v.z * v.z));
+    V3 v = minus(row(vertices, i), bvh.center);
+    bvh.radius = std::max(bvh.radius, std::sqrt(v.x * v.x + v.y * v.y + v.z * v.z));
   }
 }
 
-// A child's node always comes after its parent's: from the last to the first, all boxes are known.
-void fit_boxes(Tree& tree) {
-  float margin = BOX_MARGIN * tree.radius;
-  for (size_t n = tree.nodes.size(); n-- > 0;) {
-    Node& node = tree.nodes[n];
+// Refit all boxes, last node first: children come after their parents.
+void refit_boxes(Bvh& bvh) {
+  float margin = BOX_MARGIN * bvh.radius;
+  for (size_t n = bvh.nodes.size(); n-- > 0;) {
+    Node& node = bvh.nodes[n];
     for (int c = 0; c < 2; c++) {
       Box box;
       if (node.child[c] >= 0) {
-        const Node& below = tree.nodes[node.child[c]];
+        const Node& below = bvh.nodes[node.child[c]];
         for (int k = 0; k < 2; k++) {
           box.add(V3{below.low[k][0], below.low[k][1], below.low[k][2]});
           box.add(V3{below.high[k][0], below.high[k][1], below.high[k][2]});
         }
       } else {
         for (int i = ~node.child[c], end = i + node.count[c]; i < end; i++) {
-          const Triangle& t = tree.triangles[i];
+          const Triangle& t = bvh.triangles[i];
           for (V3 v : {t.a, t.b, t.c}) box.add(v);
         }
         for (int a = 0; a < 3; a++) {
@@ -173,20 +172,20 @@ void fit_boxes(Tree& tree) {
 
 }  // namespace
 
-void fit(Tree& tree, const float* vertices, int vertex_count) {
-  tree.triangles.resize(tree.order.size());
-  for (size_t i = 0; i < tree.triangles.size(); i++) {
-    const int32_t* face = &tree.faces[3 * i];
-    tree.triangles[i] =
+void refit(Bvh& bvh, const float* vertices, int vertex_count) {
+  bvh.triangles.resize(bvh.order.size());
+  for (size_t i = 0; i < bvh.triangles.size(); i++) {
+    const int32_t* face = &bvh.faces[3 * i];
+    bvh.triangles[i] =
         make_triangle(row(vertices, face[0]), row(vertices, face[1]), row(vertices, face[2]));
   }
-  fit_ball(tree, vertices, vertex_count);
-  fit_boxes(tree);
+  refit_sphere(bvh, vertices, vertex_count);
+  refit_boxes(bvh);
 }
 
-Tree build_tree(const float* vertices, int vertex_count, const int32_t* faces, int face_count) {
-  Tree tree;
-  if (face_count == 0) return tree;
+Bvh build_bvh(const float* vertices, int vertex_count, const int32_t* faces, int face_count) {
+  Bvh bvh;
+  if (face_count == 0) return bvh;
   std::vector<Box> boxes(face_count);
   std::vector<V3> centers(face_count);
   for (int f = 0; f < face_count; f++) {
@@ -195,14 +194,14 @@ Tree build_tree(const float* vertices, int vertex_count, const int32_t* faces, i
     centers[f] = {0.5f * (b.low[0] + b.high[0]), 0.5f * (b.low[1] + b.high[1]),
                   0.5f * (b.low[2] + b.high[2])};
   }
-  tree.order.resize(face_count);
-  for (int f = 0; f < face_count; f++) tree.order[f] = f;
-  tree.nodes.reserve(face_count);
-  tree.nodes.emplace_back();
-  Builder{boxes, centers, tree.order, tree.nodes}.divide(0, 0, face_count, 0);
-  for (int f : tree.order) tree.faces.insert(tree.faces.end(), faces + 3 * f, faces + 3 * f + 3);
-  fit(tree, vertices, vertex_count);
-  return tree;
+  bvh.order.resize(face_count);
+  for (int f = 0; f < face_count; f++) bvh.order[f] = f;
+  bvh.nodes.reserve(face_count);
+  bvh.nodes.emplace_back();
+  Builder{boxes, centers, bvh.order, bvh.nodes}.divide(0, 0, face_count, 0);
+  for (int f : bvh.order) bvh.faces.insert(bvh.faces.end(), faces + 3 * f, faces + 3 * f + 3);
+  refit(bvh, vertices, vertex_count);
+  return bvh;
 }
 
 }  // namespace evs

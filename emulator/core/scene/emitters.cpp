@@ -9,7 +9,7 @@ namespace {
 constexpr double PI = 3.14159265358979323846;
 constexpr double WEIGHTS[3] = {0.2126, 0.7152, 0.0722};  // BT.709
 
-// m^2 of a shape's front; 0: it cannot be aimed at
+// Area of a shape's front in m^2; 0: it cannot be sampled.
 double area_of(int shape, const float* size) {
   double a = size[0], b = size[1], c = size[2];
   switch (shape) {
@@ -30,10 +30,10 @@ double area_of(int shape, const float* size) {
   }
 }
 
-std::vector<float> triangle_shares(const Tree& tree, double& area) {
+std::vector<float> triangle_shares(const Bvh& bvh, double& area) {
   std::vector<double> sums;
   area = 0;
-  for (const Triangle& t : tree.triangles) {
+  for (const Triangle& t : bvh.triangles) {
     double x = t.normal.x, y = t.normal.y, z = t.normal.z;
     double twice = std::sqrt(x * x + y * y + z * z);
     area += std::isfinite(twice) ? 0.5 * twice : 0;
@@ -44,8 +44,8 @@ std::vector<float> triangle_shares(const Tree& tree, double& area) {
   return shares;
 }
 
-// For each of `count` equal parts of 0 ... 1 the first entry of a rising table that a number in it
-// may belong to; a little early, as the numbers' products are rounded.
+// Append a guide table to a CDF: for each of `count` equal parts of 0 ... 1, the first entry that a
+// number in it may select. It is slightly early, because products are rounded.
 void add_guide(const float* table, int count, std::vector<int32_t>& guide) {
   int entry = 0;
   for (int k = 0; k < count; k++) {
@@ -55,7 +55,7 @@ void add_guide(const float* table, int count, std::vector<int32_t>& guide) {
   }
 }
 
-// Mean luminance of an image chain.
+// Mean luminance of a mip chain.
 double luminance_of(const Texture& t) {
   double sum = 0;  // the last level is one texel
   for (int c = 0; c < 3; c++) {
@@ -66,60 +66,63 @@ double luminance_of(const Texture& t) {
   return sum / t.faces;
 }
 
-// Of a glowing surface, mean radiance for an emission of 1.
-double luminance_of(const Surface& s, const Appearance& look) {
-  if (s.emissive_map >= 0) return luminance_of(look.textures[s.emissive_map]);
-  if (s.texture >= 0) return luminance_of(look.textures[s.texture]);
+// Mean radiance of an emissive surface with an emission of 1.
+double luminance_of(const Surface& s, const Appearance& appearance) {
+  if (s.emissive_map >= 0) return luminance_of(appearance.textures[s.emissive_map]);
+  if (s.texture >= 0) return luminance_of(appearance.textures[s.texture]);
   return WEIGHTS[0] * s.albedo[0] + WEIGHTS[1] * s.albedo[1] + WEIGHTS[2] * s.albedo[2];
 }
 
 }  // namespace
 
-Emitters::Emitters(const SceneData& scene, const Appearance& look, const std::vector<int>& order) {
-  for (const Light& light : look.lights) {
-    // a lamp in a place is no sky: its ambient part fades with its distance and cone
+Emitters::Emitters(const SceneData& scene, const Appearance& appearance,
+                   const std::vector<int>& order) {
+  for (const Light& light : appearance.lights) {
+    // the ambient part of other lights fades with distance and cone, so it is no environment
     if (light.kind != DIRECTIONAL) continue;
-    for (int c = 0; c < 3; c++) dome_[c] += std::max(light.ambient[c], 0.0f);
+    for (int c = 0; c < 3; c++) ambient_radiance_[c] += std::max(light.ambient[c], 0.0f);
   }
-  for (const Light& light : look.lights) lamps_ += light.kind != IMAGE;
-  open_ = look.skybox >= 0 || lamps_ < static_cast<int>(look.lights.size()) ||
-          dome_[0] + dome_[1] + dome_[2] > 0;
-  for (const Surface& s : look.surfaces) {
+  for (const Light& light : appearance.lights) lamp_count_ += light.kind != IMAGE;
+  has_environment_ = appearance.skybox >= 0 ||
+                     lamp_count_ < static_cast<int>(appearance.lights.size()) ||
+                     ambient_radiance_[0] + ambient_radiance_[1] + ambient_radiance_[2] > 0;
+  for (const Surface& s : appearance.surfaces) {
     transparent_ = transparent_ || s.alpha < 1 || s.opacity_map >= 0;
   }
   for (size_t k = 0; k < order.size(); k++) {
     int g = order[k], shape = scene.geom_type[g];
-    const Surface& surface = look.surfaces[scene.geom_surface[g]];
-    double radiance = surface.emission * luminance_of(surface, look);
+    const Surface& surface = appearance.surfaces[scene.geom_surface[g]];
+    double radiance = surface.emission * luminance_of(surface, appearance);
     if (!(surface.emission > 0)) continue;
-    glowing_ = true;
-    Glow glow = {static_cast<int>(k), -1, 0, 0, {}};
+    emissive_ = true;
+    EmissiveGeom emissive_geom = {static_cast<int>(k), -1, 0, 0, {}};
     double area = area_of(shape, &scene.geom_size[3 * static_cast<size_t>(g)]);
     double power_area = area;
     if (shape == MESH || shape == HFIELD) {
-      glow.mesh = scene.geom_mesh[g];
-      glow.cumulative = triangle_shares(scene.meshes[glow.mesh]->tree, area);
+      emissive_geom.mesh = scene.geom_mesh[g];
+      emissive_geom.cumulative = triangle_shares(scene.meshes[emissive_geom.mesh]->bvh, area);
       power_area = area;
     } else if (shape == ELLIPSOID) {
       const float* s = &scene.geom_size[3 * static_cast<size_t>(g)];
       power_area = area * std::cbrt(std::pow(s[0] * s[1] * s[2], 2.0));
     }
-    glow.area = static_cast<float>(area);
-    glow.power = radiance * power_area;
-    if (glow.power > 0 && std::isfinite(glow.power) && glow.area > 0) glows_.push_back(glow);
+    emissive_geom.area = static_cast<float>(area);
+    emissive_geom.power = radiance * power_area;
+    if (emissive_geom.power > 0 && std::isfinite(emissive_geom.power) && emissive_geom.area > 0)
+      emissive_geoms_.push_back(emissive_geom);
   }
   emitter_of_geom_.resize(order.size());
-  share();
-  make_sky(look);
+  update_probabilities();
+  make_environment(appearance);
 }
 
-// Chances by power, in order of the geoms.
-void Emitters::share() {
+// Assign selection probabilities by power, in order of the geoms.
+void Emitters::update_probabilities() {
   std::fill(emitter_of_geom_.begin(), emitter_of_geom_.end(), -1);
   emitters_.clear();
   double total = 0, sum = 0;
-  for (const Glow& g : glows_) total += g.power;
-  for (const Glow& g : glows_) {
+  for (const EmissiveGeom& g : emissive_geoms_) total += g.power;
+  for (const EmissiveGeom& g : emissive_geoms_) {
     float begin = static_cast<float>(sum / total);
     sum += g.power;
     float end = static_cast<float>(sum / total);
@@ -131,24 +134,24 @@ void Emitters::share() {
 }
 
 void Emitters::forget_mesh(int mesh) {
-  forget([mesh](const Glow& g) { return g.mesh == mesh; });
+  remove_emitters([mesh](const EmissiveGeom& g) { return g.mesh == mesh; });
 }
 
 bool Emitters::forget_geom(int geom) {
-  return forget([geom](const Glow& g) { return g.geom == geom; });
+  return remove_emitters([geom](const EmissiveGeom& g) { return g.geom == geom; });
 }
 
 template <class Which>
-bool Emitters::forget(Which which) {
-  auto end = std::remove_if(glows_.begin(), glows_.end(), which);
-  if (end == glows_.end()) return false;
-  glows_.erase(end, glows_.end());
-  share();
+bool Emitters::remove_emitters(Which which) {
+  auto end = std::remove_if(emissive_geoms_.begin(), emissive_geoms_.end(), which);
+  if (end == emissive_geoms_.end()) return false;
+  emissive_geoms_.erase(end, emissive_geoms_.end());
+  update_probabilities();
   return true;
 }
 
-// Skybox and image lights together.
-void Emitters::make_sky(const Appearance& look) {
+// Build the distribution of skybox and image lights together.
+void Emitters::make_environment(const Appearance& appearance) {
   struct Source {
     const Texture* texture;
     int level;
@@ -156,14 +159,14 @@ void Emitters::make_sky(const Appearance& look) {
   };
   std::vector<Source> sources;
   auto add = [&](int texture, const float* tint) {
-    const Texture& t = look.textures[texture];
+    const Texture& t = appearance.textures[texture];
     int level = 0;
     while (level + 1 < t.levels && t.level[level].width > 32) level++;
     sources.push_back({&t, level, {tint[0], tint[1], tint[2]}});
   };
   constexpr float WHITE[3] = {1, 1, 1};
-  if (look.skybox >= 0) add(look.skybox, WHITE);
-  for (const Light& light : look.lights) {
+  if (appearance.skybox >= 0) add(appearance.skybox, WHITE);
+  for (const Light& light : appearance.lights) {
     if (light.kind == IMAGE) add(light.texture, light.diffuse);
   }
   int n = 0;
@@ -188,7 +191,7 @@ void Emitters::make_sky(const Appearance& look) {
     total += weights[i];
   }
   if (!(total > 0) || !std::isfinite(total)) return;
-  // a cell is never without a chance: its neighbours' light reaches into it
+  // no cell has probability 0: its neighbours' light is interpolated into it
   double mean = total / static_cast<double>(count), sum = 0;
   for (double& w : weights) w += 0.1 * mean;
   total *= 1.1;
@@ -201,7 +204,7 @@ void Emitters::make_sky(const Appearance& look) {
     for (int i = 0; i < n; i++) {
       part += weights[r * n + i];
       cells_.push_back(static_cast<float>(part / row));
-      density_.push_back(static_cast<float>(weights[r * n + i] / total * n * n * 0.25));
+      pdf_.push_back(static_cast<float>(weights[r * n + i] / total * n * n * 0.25));
     }
     add_guide(cells_.data() + r * n, n, cell_guide_);
   }
@@ -211,13 +214,13 @@ void Emitters::make_sky(const Appearance& look) {
 PathFrame Emitters::frame() const {
   PathFrame f = {};
   f.transparent = transparent_;
-  f.glowing = glowing_;
-  f.open = open_;
-  f.lamp_count = lamps_;
-  std::copy(dome_, dome_ + 3, f.dome);
-  f.sky_share = side_ == 0 ? 0.0f : emitters_.empty() ? 1.0f : 0.5f;
-  f.sky = {side_,           rows_.data(),      cells_.data(),
-           density_.data(), row_guide_.data(), cell_guide_.data()};
+  f.emissive = emissive_;
+  f.has_environment = has_environment_;
+  f.lamp_count = lamp_count_;
+  std::copy(ambient_radiance_, ambient_radiance_ + 3, f.ambient_radiance);
+  f.environment_probability = side_ == 0 ? 0.0f : emitters_.empty() ? 1.0f : 0.5f;
+  f.environment = {side_,       rows_.data(),      cells_.data(),
+                   pdf_.data(), row_guide_.data(), cell_guide_.data()};
   f.emitters = emitters_.data();
   f.emitter_count = static_cast<int>(emitters_.size());
   f.emitter_of_geom = emitter_of_geom_.data();

@@ -1,5 +1,5 @@
-// Glowing geoms and the sky as lights that can be aimed at, for the `path` integrator. Made once;
-// nothing here moves.
+// Emitters of the `path` integrator: emissive geoms and the environment as light sources that can
+// be sampled. Built once; nothing here moves.
 #pragma once
 
 #include <vector>
@@ -13,18 +13,18 @@ namespace evs {
 class Emitters {
  public:
   // order: kernel's geom -> scene's geom. The appearance has three channels.
-  Emitters(const SceneData& scene, const Appearance& look, const std::vector<int>& order);
+  Emitters(const SceneData& scene, const Appearance& appearance, const std::vector<int>& order);
 
-  // The mesh changes its shape from now on: geoms that have it are found by chance only.
+  // The mesh deforms from now on: its geoms are found by BSDF sampling only.
   void forget_mesh(int mesh);
-  // The same of one geom; whether it was an emitter.
+  // The same for one geom. Returns whether it was an emitter.
   bool forget_geom(int geom);
 
-  // The constant part of a frame, which points into this.
+  // Return the constant part of a frame, which points into this.
   PathFrame frame() const;
 
  private:
-  struct Glow {
+  struct EmissiveGeom {
     int geom, mesh;
     double power;
     float area;
@@ -32,19 +32,19 @@ class Emitters {
   };
 
   template <class Which>
-  bool forget(Which which);
-  void share();
-  void make_sky(const Appearance& look);
+  bool remove_emitters(Which which);
+  void update_probabilities();
+  void make_environment(const Appearance& appearance);
 
-  std::vector<Glow> glows_;
+  std::vector<EmissiveGeom> emissive_geoms_;
   std::vector<Emitter> emitters_;
   std::vector<int> emitter_of_geom_;
-  std::vector<float> rows_, cells_, density_;
+  std::vector<float> rows_, cells_, pdf_;
   std::vector<int32_t> row_guide_, cell_guide_;
   int side_ = 0;
-  bool transparent_ = false, glowing_ = false, open_ = false;
-  int lamps_ = 0;
-  float dome_[3] = {0, 0, 0};
+  bool transparent_ = false, emissive_ = false, has_environment_ = false;
+  int lamp_count_ = 0;
+  float ambient_radiance_[3] = {0, 0, 0};
 };
 
 }  // namespace evs

@@ -5,12 +5,13 @@
 namespace evs {
 namespace {
 
-constexpr int WIDEST = 64;  // texels across a face: smaller than anything that order 2 can show
+constexpr int WIDEST = 64;  // texels across a face: finer than anything that order 2 can resolve
 
-// solid angle of the face's corner (0, 0) ... (s, t), seen from the middle of the cube
+// solid angle of the face's corner (0, 0) ... (s, t), seen from the cube's centre
 double corner_angle(double s, double t) { return std::atan2(s * t, std::sqrt(s * s + t * t + 1)); }
 
-// direction in the world of a point on a face (-1 ... 1): on_cube() backwards, y up in the image
+// direction in the world of a point on a face (-1 ... 1): the inverse of cube_coordinates(), y up
+// in the image
 void direction_of(int face, double s, double t, double* d) {
   double axes[6][3] = {{1, -t, -s}, {-1, -t, s}, {s, 1, t}, {s, -1, -t}, {s, -t, 1}, {-s, -t, -1}};
   const double* q = axes[face];
@@ -29,12 +30,12 @@ void basis_of(const double* d, double* y) {
 // squared norm of each basis function over the sphere, times 1 / (4 pi)
 constexpr double NORM[9] = {1,        1.0 / 3, 1.0 / 3,  1.0 / 3, 1.0 / 15,
                             1.0 / 15, 4.0 / 5, 1.0 / 15, 4.0 / 15};
-// what a cosine lobe leaves of each order, over pi
+// attenuation of each order by the cosine lobe, over pi
 constexpr double LOBE[9] = {1, 2.0 / 3, 2.0 / 3, 2.0 / 3, 0.25, 0.25, 0.25, 0.25, 0.25};
 
 }  // namespace
 
-void project_irradiance(const Chain& image, int channel, float* factors) {
+void project_irradiance(const MipChain& image, int channel, float* factors) {
   const Texture& t = image.layout;
   int level = 0;
   while (level + 1 < t.levels && t.level[level].width > WIDEST) level++;

@@ -1,14 +1,14 @@
-// An image light as a smooth function of the normal.
+// The irradiance of an image light as a smooth function of the normal.
 #pragma once
 
 #include "mipmap.h"
 
 namespace evs {
 
-// Irradiance over pi of an environment, projected on spherical harmonics up to order 2: a mean
-// error near 1 % (Ramamoorthi and Hanrahan 2001), none for an even sky.
-// In: image (6 faces), linear light. Out: factors (9) of channel `channel`, as Light::harmonics has
-// them, in the world's frame.
-void project_irradiance(const Chain& image, int channel, float* factors);
+// Project an environment's irradiance over pi on spherical harmonics up to order 2: mean error
+// about 1 % (Ramamoorthi and Hanrahan 2001), 0 for a uniform environment. In: image (6 faces),
+// linear light. Out: coefficients (9) of channel `channel`, in the order of Light::harmonics, in
+// the world's frame.
+void project_irradiance(const MipChain& image, int channel, float* factors);
 
 }  // namespace evs

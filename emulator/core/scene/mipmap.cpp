@@ -8,7 +8,7 @@ namespace {
 
 constexpr float WEIGHTS[3] = {0.2126f, 0.7152f, 0.0722f};
 
-// (w, h) -> (w2, h2) by area, one image
+// Downsample one image by area: (w, h) -> (w2, h2).
 std::vector<float> shrink(const std::vector<float>& from, int w, int h, int w2, int h2) {
   auto spans = [](int n, int n2, auto&& each) {
     for (int i = 0; i < n2; i++) {
@@ -37,8 +37,9 @@ float from_srgb(float c) {
 
 namespace {
 
-// One image and its rim. In: level (height, width).
-void write_level(Chain& chain, int channel, int level, int face, const std::vector<float>& image) {
+// Write one image and its rim. In: level (height, width).
+void write_level(MipChain& chain, int channel, int level, int face,
+                 const std::vector<float>& image) {
   const Texture& t = chain.layout;
   int w = t.level[level].width, h = t.level[level].height;
   auto inside = [&](int i, int n) {
@@ -57,11 +58,11 @@ void write_level(Chain& chain, int channel, int level, int face, const std::vect
   }
 }
 
-// `texel(pixel, channel)`: the value of one texel of the image, `data` its first component.
+// `texel(pixel, channel)`: the value of one texel, given its first component.
 template <class Texel>
-Chain chain_of(const uint8_t* data, int faces, int height, int width, int components, int channels,
-               Texel&& texel) {
-  Chain chain;
+MipChain chain_of(const uint8_t* data, int faces, int height, int width, int components,
+                  int channels, Texel&& texel) {
+  MipChain chain;
   Texture& t = chain.layout;
   t.faces = faces;
   int w = width, h = height, total = 0;
@@ -91,13 +92,13 @@ Chain chain_of(const uint8_t* data, int faces, int height, int width, int compon
       }
     }
   }
-  // all images are shrunk alike, so that the last, one texel, has the mean of the first
+  // every level is an exact area mean, so the last, one texel, is the mean of the first
   for (int c = 0; c < std::min(channels, 3); c++) {
     double mean = 0;
     for (int face = 0; face < t.faces; face++) {
       mean += chain.texels[t.at(c, t.levels - 1, face, 1, 1)];
     }
-    // the first channel is the luminance, but where there are three
+    // the first channel is the luminance, unless there are three
     if (channels == 3 || c == 0) {
       t.mean += static_cast<float>(mean / t.faces) * (channels == 3 ? WEIGHTS[c] : 1.0f);
     }
@@ -117,8 +118,8 @@ struct Decode {
 
 }  // namespace
 
-Chain build_chain(const uint8_t* data, int faces, int height, int width, int components, bool srgb,
-                  const float* tint, int channels) {
+MipChain build_mip_chain(const uint8_t* data, int faces, int height, int width, int components,
+                         bool srgb, const float* tint, int channels) {
   Decode decode(srgb);
   return chain_of(data, faces, height, width, components, channels, [&](const uint8_t* p, int c) {
     float rgb[3];
@@ -128,15 +129,15 @@ Chain build_chain(const uint8_t* data, int faces, int height, int width, int com
   });
 }
 
-Chain build_number_chain(const uint8_t* data, int faces, int height, int width, int components,
-                         bool srgb) {
+MipChain build_scalar_mip_chain(const uint8_t* data, int faces, int height, int width,
+                                int components, bool srgb) {
   Decode decode(srgb);
   return chain_of(data, faces, height, width, components, 1,
                   [&](const uint8_t* p, int) { return decode.value[*p]; });
 }
 
-Chain build_normal_chain(const uint8_t* data, int faces, int height, int width, int components,
-                         bool srgb) {
+MipChain build_normal_mip_chain(const uint8_t* data, int faces, int height, int width,
+                                int components, bool srgb) {
   Decode decode(srgb);
   return chain_of(data, faces, height, width, components, 3, [&](const uint8_t* p, int c) {
     double n[3], square = 0;

@@ -1,5 +1,5 @@
-// An image in linear light and its smaller copies, each texel the exact area mean of what it
-// covers.
+// Mip chains: an image in linear light and its smaller levels, each texel the exact area mean of
+// what it covers.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace evs {
 
-struct Chain {
+struct MipChain {
   std::vector<float, LargePages<float>> texels;
   Texture layout = {};  // `texels` is set by view()
 
@@ -21,19 +21,20 @@ struct Chain {
   }
 };
 
-// In: data (faces, height, width, components) uint8; `srgb`: display-coded. `tint` (3) linear
-// factors. channels 3: RGB; 1: BT.709 luminance of the tinted colour; 4: that, then RGB.
-Chain build_chain(const uint8_t* data, int faces, int height, int width, int components, bool srgb,
-                  const float* tint, int channels);
+// Build the chain of a colour image. In: data (faces, height, width, components) uint8; `srgb`:
+// display-coded; `tint` (3): linear factors. channels 3: RGB; 1: BT.709 luminance of the tinted
+// colour; 4: that, then RGB.
+MipChain build_mip_chain(const uint8_t* data, int faces, int height, int width, int components,
+                         bool srgb, const float* tint, int channels);
 
-// Numbers, not colours: the image's first component.
-Chain build_number_chain(const uint8_t* data, int faces, int height, int width, int components,
-                         bool srgb);
+// Build the chain of numbers, not colours: the image's first component.
+MipChain build_scalar_mip_chain(const uint8_t* data, int faces, int height, int width,
+                                int components, bool srgb);
 
-// Unit normals (x, y, z) of an image whose first three components code them as (n + 1) / 2. Means
-// of them are shorter the further they point apart.
-Chain build_normal_chain(const uint8_t* data, int faces, int height, int width, int components,
-                         bool srgb);
+// Build the chain of unit normals (x, y, z), which the image codes as (n + 1) / 2. A mean is
+// shorter the more its normals differ.
+MipChain build_normal_mip_chain(const uint8_t* data, int faces, int height, int width,
+                                int components, bool srgb);
 
 float from_srgb(float coded);
 

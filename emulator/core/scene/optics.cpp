@@ -6,15 +6,15 @@
 namespace evs {
 namespace {
 
-// A hull that opens past 60 degrees: everything ahead and behind counts.
-void open_by(Hull& hull, double angle) {
-  hull.cosine = static_cast<float>(std::cos(angle));
-  hull.sine = static_cast<float>(std::sin(angle));
-  if (!(hull.cosine > 0.5f)) hull.radius = 1e30f;
+// Open a cone. Past 60 degrees it bounds everything.
+void open_cone(RayCone& cone, double angle) {
+  cone.cosine = static_cast<float>(std::cos(angle));
+  cone.sine = static_cast<float>(std::sin(angle));
+  if (!(cone.cosine > 0.5f)) cone.radius = 1e30f;
 }
 
-// The pyramid of a packet's pixels as a cone; orthographic: the prism as a cylinder.
-Hull primary_hull(const Frame& f, int column, int row) {
+// Bound a packet's pixels by a cone; orthographic: by a cylinder.
+RayCone primary_cone(const Frame& f, int column, int row) {
   double x0 = column * PACKET_WIDTH, x1 = x0 + PACKET_WIDTH, y0 = row * PACKET_HEIGHT,
          y1 = y0 + PACKET_HEIGHT;
   double xs[5] = {x0, x1, x0, x1, 0.5 * (x0 + x1)}, ys[5] = {y0, y0, y1, y1, 0.5 * (y0 + y1)};
@@ -26,30 +26,30 @@ Hull primary_hull(const Frame& f, int column, int row) {
     d[i][1] = y / n;
     d[i][2] = z / n;
   }
-  Hull hull = {};
-  hull.length = 1e30f;
+  RayCone cone = {};
+  cone.length = 1e30f;
   if (f.orthographic) {
-    hull.center = {static_cast<float>(d[4][0]), static_cast<float>(d[4][1]), 0};
-    hull.axis = {0, 0, -1};
-    // and the rounding of the rays' origins
+    cone.center = {static_cast<float>(d[4][0]), static_cast<float>(d[4][1]), 0};
+    cone.axis = {0, 0, -1};
+    // add the rounding of the rays' origins
     double away = std::abs(d[4][0]) + std::abs(d[4][1]);
-    hull.radius =
+    cone.radius =
         static_cast<float>(std::hypot(d[0][0] - d[4][0], d[0][1] - d[4][1]) * 1.001 + away * 1e-6);
-    hull.cosine = 1;
-    return hull;
+    cone.cosine = 1;
+    return cone;
   }
   double least = 1;
   for (int i = 0; i < 4; i++)
     least = std::min(least, d[i][0] * d[4][0] + d[i][1] * d[4][1] + d[i][2] * d[4][2]);
-  hull.axis = {static_cast<float>(d[4][0]), static_cast<float>(d[4][1]),
+  cone.axis = {static_cast<float>(d[4][0]), static_cast<float>(d[4][1]),
                static_cast<float>(d[4][2])};
-  open_by(hull, std::acos(std::min(least, 1.0)) * 1.001 + 1e-6);
-  return hull;
+  open_cone(cone, std::acos(std::min(least, 1.0)) * 1.001 + 1e-6);
+  return cone;
 }
 
-// Around a mean direction the cone that holds the rays at every corner of a packet's pixels: the
-// kernel mixes neighbouring corners, and a cone narrower than a half space holds every mixture.
-Hull lens_hull(const Frame& f, int column, int row) {
+// Bound the rays at every pixel corner of a packet by a cone around their mean. The kernel
+// interpolates between corners, and a cone narrower than a half space holds every interpolated ray.
+RayCone lens_cone(const Frame& f, int column, int row) {
   constexpr int MOST = (PACKET_WIDTH + 1) * (PACKET_HEIGHT + 1);
   double d[MOST][3], axis[3] = {0, 0, 0};
   int count = 0;
@@ -72,37 +72,37 @@ Hull lens_hull(const Frame& f, int column, int row) {
     double x = d[k][0] - axis[0], y = d[k][1] - axis[1], z = d[k][2] - axis[2];
     square = std::max(square, x * x + y * y + z * z);
   }
-  Hull hull = {};
-  hull.length = 1e30f;
-  hull.axis = {static_cast<float>(axis[0]), static_cast<float>(axis[1]),
+  RayCone cone = {};
+  cone.length = 1e30f;
+  cone.axis = {static_cast<float>(axis[0]), static_cast<float>(axis[1]),
                static_cast<float>(axis[2])};
-  // chord to angle; the slack is that of a pinhole's packet
+  // chord to angle, with the slack of a pinhole's packet
   double angle = 2 * std::asin(std::min(0.5 * std::sqrt(square), 1.0)) * 1.001 + 1e-6;
-  open_by(hull, angle);
-  return hull;
+  open_cone(cone, angle);
+  return cone;
 }
 
-double angle_of(const Hull& hull) { return std::atan2(hull.sine, hull.cosine); }
+double angle_of(const RayCone& cone) { return std::atan2(cone.sine, cone.cosine); }
 
-// Around two cones from one point.
-Hull around(const Hull& a, const Hull& b) {
+// Bound two cones with one apex.
+RayCone cone_around(const RayCone& a, const RayCone& b) {
   double sum[3] = {a.axis.x + b.axis.x, a.axis.y + b.axis.y, a.axis.z + b.axis.z};
   double n = std::sqrt(sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]);
-  Hull hull = a;
-  hull.radius = std::max(a.radius, b.radius);
-  hull.axis = {static_cast<float>(sum[0] / n), static_cast<float>(sum[1] / n),
+  RayCone cone = a;
+  cone.radius = std::max(a.radius, b.radius);
+  cone.axis = {static_cast<float>(sum[0] / n), static_cast<float>(sum[1] / n),
                static_cast<float>(sum[2] / n)};
-  // half the angle between the axes, by their chord: their lengths are rounded
+  // half the angle between the axes, from their chord, as their lengths are rounded
   double chord = std::hypot(a.axis.x - b.axis.x, a.axis.y - b.axis.y, a.axis.z - b.axis.z);
-  double apart = std::asin(std::min(0.5 * chord, 1.0));
-  open_by(hull, apart * 1.001 + std::max(angle_of(a), angle_of(b)) + 1e-6);
-  return hull;
+  double half_angle = std::asin(std::min(0.5 * chord, 1.0));
+  open_cone(cone, half_angle * 1.001 + std::max(angle_of(a), angle_of(b)) + 1e-6);
+  return cone;
 }
 
 }  // namespace
 
 void sample_points(int count, std::vector<float>& x_at, std::vector<float>& y_at) {
-  // Hammersley points, the first bit flipped: four of them are the rotated grid
+  // Hammersley points with the first bit flipped: four of them are the rotated grid
   for (int i = 0; i < count; i++) {
     double y = 0;
     for (int bit = 1, n = i; n; n >>= 1, bit++) y += (n & 1) * std::ldexp(1.0, -bit);
@@ -132,7 +132,7 @@ void set_optics(const Optics& optics, int samples, Sampling& sampling, Frame& fr
   sampling.lens = optics.lens;
   sampling.share = optics.share;
   f.lens = sampling.lens.empty() ? nullptr : sampling.lens.data();
-  f.share = sampling.share.empty() ? nullptr : sampling.share.data();
+  f.vignette = sampling.share.empty() ? nullptr : sampling.share.data();
   f.samples = samples;
   double across = std::sqrt(static_cast<double>(samples));
   f.pixel_angle = static_cast<float>(1.0 / (std::sqrt(optics.fx * optics.fy) * across));
@@ -146,14 +146,14 @@ void set_optics(const Optics& optics, int samples, Sampling& sampling, Frame& fr
   f.packet_columns = sampling.columns;
   for (int r = 0; r < sampling.rows; r++) {
     for (int c = 0; c < sampling.columns; c++) {
-      sampling.primary.push_back(f.lens ? lens_hull(f, c, r) : primary_hull(f, c, r));
+      sampling.primary.push_back(f.lens ? lens_cone(f, c, r) : primary_cone(f, c, r));
     }
   }
   f.primary = sampling.primary.data();
   for (int r = 0; r < sampling.rows && !f.orthographic; r++) {
     for (int c = 0; c + 1 < sampling.columns; c += 2) {
-      const Hull* left = f.primary + static_cast<size_t>(r) * sampling.columns + c;
-      sampling.pairs.push_back(around(left[0], left[1]));
+      const RayCone* left = f.primary + static_cast<size_t>(r) * sampling.columns + c;
+      sampling.pairs.push_back(cone_around(left[0], left[1]));
     }
   }
   f.pairs = f.orthographic ? nullptr : sampling.pairs.data();

@@ -1,4 +1,5 @@
-// What depends on a camera's optics alone: sub-pixel positions and the hull of each packet's rays.
+// What depends on the camera's optics only: sample positions and the bounding cone of each packet's
+// rays.
 #pragma once
 
 #include <vector>
@@ -11,22 +12,22 @@ struct Optics {
   int width, height;      // px
   double fx, fy, cx, cy;  // px; orthographic: fx and fy in px/m
   bool orthographic = false;
-  std::vector<float> lens = {}, share = {};  // as in Frame; empty: none
+  std::vector<float> lens = {}, share = {};  // as in Frame, share as its vignette; empty: none
 };
 
 struct Sampling {
   std::vector<float> x, y;  // (samples) positions in the pixel, 0 ... 1
   std::vector<float> lens, share;
-  std::vector<Hull> primary;  // (rows, columns) of packets
-  std::vector<Hull> pairs;    // (rows, columns / 2) of packets side by side; none if orthographic
+  std::vector<RayCone> primary;  // (rows, columns) of packets
+  std::vector<RayCone> pairs;  // (rows, columns / 2) of packets side by side; none if orthographic
   int rows, columns;
 };
 
-// Positions in a pixel that never change, 0 ... 1. Out: x, y (count) each.
+// Fixed sample positions in a pixel, 0 ... 1. Out: x, y (count) each.
 void sample_points(int count, std::vector<float>& x, std::vector<float>& y);
 
-// At how many points an image is read for each of so many samples a pixel, at most: together they
-// lie as close along a pixel as those of one.
+// The largest number of texture probes for each of so many samples a pixel; all of them together
+// lie as densely as those of one sample.
 int probes_of(int samples);
 
 // Out: the sampling, and the camera's part of `frame`, which points into it.

@@ -1,5 +1,5 @@
-// What the `path` kernels read besides a Frame: lights that can be aimed at, and how samples are
-// drawn. Plain structures, as in scene.h.
+// What the `path` kernels read besides a Frame: emitters, the sampler's settings, and the path
+// cache. Plain structures, as in scene.h.
 #pragma once
 
 #include "scene.h"
@@ -14,114 +14,112 @@ enum SampleSet {
   SAMPLES_ANCHORED
 };
 
-// A glowing geom; its share of the choice between all of them is end - begin.
+// An emissive geom. Its selection probability is end - begin.
 struct Emitter {
   int geom;
   float begin, end;
-  float area;               // m^2; of an ellipsoid 4 pi, the sphere it is stretched from
-  const float* cumulative;  // of a mesh: share of the triangles up to and with each, by area
+  float area;               // m^2; of an ellipsoid 4 pi, that of the sphere it is stretched from
+  const float* cumulative;  // CDF of a mesh's triangles, by area
   int triangles;
 };
 
-// The sky's cube map in side x side cells a face, as a choice of rows and of a cell in each.
-struct SkyTable {
-  int side;              // 0: no sky that can be aimed at
-  const float* rows;     // (6 side) cumulative
-  const float* cells;    // (6 side, side) cumulative in each row
-  const float* density;  // (6 side, side) probability per sr where the cube's face is nearest
-  // where to begin to look in `rows`, and in each row of `cells`, for a number of each of as many
-  // equal parts of 0 ... 1: never behind the place
+// The environment as a piecewise constant distribution: side x side cells per cube face, as a
+// marginal distribution of rows and a conditional one of cells.
+struct EnvironmentDistribution {
+  int side;            // 0: no environment to sample
+  const float* rows;   // (6 side) CDF
+  const float* cells;  // (6 side, side) CDF of each row
+  const float* pdf;    // (6 side, side) per sr at the face's centre
+  // guide tables of `rows`, and of each row of `cells`: where a search starts, never too late
   const int32_t *row_guide, *cell_guide;
 };
 
-// A ball (half 0) or capsule around a geom that moves, camera frame.
-struct Rod {
+// The bounding capsule (or sphere: half is 0) of a moving geom, camera frame.
+struct BoundingCapsule {
   V3 center, axis;  // axis: unit
   float half, radius;
-  float solid;   // radius up to which the geom fills it, 0: no geom is sure to
+  float solid;   // radius up to which the geom certainly fills it; 0: none
   uint32_t bit;  // that stands for the geom
 };
 
-// Of a unit that is one sample and ends with its second ray its rays are kept too: when its gap is
-// used up, they are asked for a new one before anything is traced. In words: the first point; how
-// far it is, below 0: no rays are kept; direction and limit of each ray that leaves it, limit 0:
-// there is none, below 0: it was barred.
-constexpr int FAN_RAYS = 3, FAN_WORDS = 4 + 4 * FAN_RAYS;
+// Recorded rays of a unit of one sample that ends with its second ray; when its gap is used up they
+// are rechecked before anything is traced. In words: the first hit; its distance, below 0: no rays
+// recorded; direction and t_max of each secondary ray, t_max 0: none, below 0: it was occluded.
+constexpr int SECONDARY_RAYS = 3, SECONDARY_RAY_WORDS = 4 + 4 * SECONDARY_RAYS;
 
-constexpr int MOST_SINGLE = 32;  // samples a pixel that are kept one by one
+constexpr int MAX_SINGLE_UNITS = 32;  // samples a pixel that are cached one by one
 
-// What is kept of every unit of a pixel's samples while the camera stands: its light, and how far
-// everything may move until one of its rays could meet something else. A unit is one sample, or a
-// block of them whose light is added up before it joins the sum.
-struct KeptLight {
-  const Rod* rods;  // around everything that has ever moved
-  int rod_count;
-  float reach;  // no gap is looked for that is larger
-  int columns;  // of a row of units: the image's, rounded up to 32
-  int units;    // a pixel
-  int size;     // samples a unit, but for the last
+// The path cache: for every unit of a pixel's samples, its light and the motion until which one of
+// its rays cannot touch anything new. A unit is one sample, or a block of samples whose light is
+// summed before it joins the pixel's sum.
+struct PathCacheView {
+  const BoundingCapsule* capsules;  // around everything that has ever moved
+  int capsule_count;
+  float max_gap;  // no larger gap is measured
+  int columns;    // of a row of units: the image's, rounded up to 32
+  int units;      // per pixel
+  int size;       // samples per unit, except the last
   // (height, units, columns) each
   float* light[3];
-  // of a unit that is one sample: what its first point got from all but MuJoCo's lights, and what
-  // was seen from there; below 0: no more is known. Null: units are larger
-  float* rest[6];
-  // of each unit's first point, while lamps move: its distance, FAR for none, below 0 where nothing
-  // is known; the colour of a texture there; and (height, units, columns / LANES) the geom that all
-  // points side by side lie on, or as in kept_points.h. Null: nothing is kept of it
-  float *away, *albedo[3];
-  int32_t* seen;
-  // a ball around those points: center, radius; and whether no light but steady ones shone on them
-  float* ball[4];
-  uint8_t* unlit;
-  float* until;       // to this much motion in all: before `travelled` is there, nothing changes
-  uint32_t* touched;  // bits of the rods that its rays met: what happens when one moves is unknown
-  float* fans;        // (height, units, columns, FAN_WORDS) or null
-  // (height, units, columns / LANES) of units side by side: before this much motion none is due,
-  // unless one of these rods moves; and those that are in this tick: to be traced, or to be asked
-  float* soonest;
-  uint32_t *met, *due, *doubtful;
-  uint8_t* changed;  // (packet rows, columns / LANES) image rows of as many pixels that changed
-  float travelled;   // by the fastest of them, in all
-  uint32_t moved;    // bits of the rods that moved since the last tick
-  const int32_t* moving;  // (geoms) not 0: it moved since the last tick
-  uint32_t steady;        // the first lights, one bit each: as ever, and without a shadow
-  bool stirred;           // fewer are than in the last tick
-  bool relit;  // MuJoCo's lights are asked anew in every unit, and `until` does not cover that
-  bool all;    // every unit is to be traced
+  // for units of one sample: the light of the first hit without MuJoCo's lights, and that of the
+  // second hit; below 0: the path continued. Null: units are larger
+  float* indirect[6];
+  // while lights change, the first hit of each unit: distance, T_INFINITY for a miss, below 0 where
+  // not known; albedo of a texture; and (height, units, columns / LANES) the geom of adjacent hits,
+  // or a constant of cached_hits.inl. Null: not cached
+  float *hit_distance, *albedo[3];
+  int32_t* hit_geom;
+  // bounding sphere of those hits: center, radius; and whether only steady lights reach them
+  float* sphere[4];
+  uint8_t* only_steady_light;
+  float* valid_until;     // nothing changes before `motion` reaches this
+  uint32_t* touched;      // bits of the capsules that its rays touched: dirty when one moves
+  float* secondary_rays;  // (height, units, columns, SECONDARY_RAY_WORDS) or null
+  // (height, units, columns / LANES), for adjacent units: none expires before this motion, unless
+  // one of these capsules moves; and the units that are dirty or expired in this tick
+  float* next_expiry;
+  uint32_t *touched_any, *dirty, *expired;
+  uint8_t* changed;       // (packet rows, columns / LANES) image rows that changed, one bit each
+  float motion;           // of the fastest geom, summed over the ticks
+  uint32_t moved;         // bits of the capsules that moved since the last tick
+  const int32_t* moving;  // (geoms) not 0: moved since the last tick
+  uint32_t steady;        // the first lights, one bit each: unchanged, and without a shadow
+  bool fewer_steady;      // than in the last tick
+  bool relight_lamps;     // MuJoCo's lights are evaluated in every tick, outside `valid_until`
+  bool trace_all;         // every unit is dirty
 };
 
-// Samples that are traced together: the paths that go on are gathered into full packets behind each
-// bounce. A margin of one packet, which also keeps the arrays apart in the caches.
+// Samples that are traced together; after each bounce the paths that continue are compacted into
+// full packets. The margin of one packet also keeps the arrays in different cache sets.
 struct PathBatch {
   static constexpr int ROOM = 2048, MARGIN = 32, WORDS = 20;
   alignas(64) float light[3][ROOM + MARGIN];
-  float away[ROOM + MARGIN];          // of the first surface
-  float direction[3][ROOM + MARGIN];  // towards it; where there is haze
+  float hit_distance[ROOM + MARGIN];  // of the first hit
+  float direction[3][ROOM + MARGIN];  // of the camera ray; where there is haze
   float gap[ROOM + MARGIN];           // as in Clearance, and
   int32_t touched[ROOM + MARGIN];
-  float rest[6][ROOM + MARGIN];  // as in KeptLight
-  int32_t seen[ROOM + MARGIN];   // geom of the first surface
-  float fans[FAN_WORDS][ROOM + MARGIN];
-  int32_t owner[ROOM + MARGIN];       // places in KeptLight, a lane's for each packet of units
-  float paths[WORDS][ROOM + MARGIN];  // those under way
+  float indirect[6][ROOM + MARGIN];  // as in PathCacheView
+  int32_t hit_geom[ROOM + MARGIN];   // geom of the first hit
+  float secondary_rays[SECONDARY_RAY_WORDS][ROOM + MARGIN];
+  int32_t owner[ROOM + MARGIN];  // entries in PathCacheView, one per lane of each packet of units
+  float paths[WORDS][ROOM + MARGIN];  // the queue
 };
 
 struct PathFrame {
   int bounces;
   int sample_set;
-  int seed;    // of this tick
-  int digits;  // 2^digits samples or fewer
+  int seed;          // of this tick
+  int log2_samples;  // at most 2^log2_samples samples
   bool transparent;
-  bool glowing;     // a geom has light of its own
-  bool open;        // what meets nothing meets light
-  int lamp_count;   // lights but for images
-  float dome[3];    // radiance of the uniform sky that stands for the ambient part of the
-                    // directional lights
-  float sky_share;  // probability of aiming at the sky instead of an emitter
-  SkyTable sky;
+  bool emissive;                  // a geom emits light
+  bool has_environment;           // rays that miss may see light
+  int lamp_count;                 // lights except image lights
+  float ambient_radiance[3];      // uniform environment: the ambient part of the directional lights
+  float environment_probability;  // of sampling it instead of an emitter
+  EnvironmentDistribution environment;
   const Emitter* emitters;
   int emitter_count;
-  const int* emitter_of_geom;  // -1: found by chance only
+  const int* emitter_of_geom;  // -1: found by BSDF sampling only
 };
 
 }  // namespace evs

@@ -6,7 +6,7 @@
 namespace evs {
 namespace {
 
-// Corner normals and coordinates of face f, whose triangle is t.
+// Return corner normals and coordinates of face f, whose triangle is t.
 Corners corners_of(const Triangle& t, size_t f, const float* normals, const float* texcoords) {
   V3 n = t.normal;
   float twice_area = std::sqrt(n.x * n.x + n.y * n.y + n.z * n.z);
@@ -26,7 +26,7 @@ Corners corners_of(const Triangle& t, size_t f, const float* normals, const floa
   }
   float du1 = c.uv[1][0] - c.uv[0][0], dv1 = c.uv[1][1] - c.uv[0][1];
   float du2 = c.uv[2][0] - c.uv[0][0], dv2 = c.uv[2][1] - c.uv[0][1];
-  c.density = twice_area > 0 ? std::sqrt(std::abs(du1 * dv2 - du2 * dv1) / twice_area) : 0.0f;
+  c.uv_density = twice_area > 0 ? std::sqrt(std::abs(du1 * dv2 - du2 * dv1) / twice_area) : 0.0f;
   return c;
 }
 
@@ -43,21 +43,21 @@ SceneData::MeshData make_mesh(const float* vertices, int vertex_count, const int
     }
   }
   SceneData::MeshData mesh;
-  mesh.tree = build_tree(vertices, vertex_count, faces, face_count);
+  mesh.bvh = build_bvh(vertices, vertex_count, faces, face_count);
   mesh.has_texcoords = texcoords != nullptr;
   mesh.vertex_count = vertex_count;
-  for (size_t i = 0; i < mesh.tree.order.size(); i++) {
-    size_t f = static_cast<size_t>(mesh.tree.order[i]);
-    mesh.corners.push_back(corners_of(mesh.tree.triangles[i], f, normals, texcoords));
+  for (size_t i = 0; i < mesh.bvh.order.size(); i++) {
+    size_t f = static_cast<size_t>(mesh.bvh.order[i]);
+    mesh.corners.push_back(corners_of(mesh.bvh.triangles[i], f, normals, texcoords));
   }
   return mesh;
 }
 
 void deform(SceneData::MeshData& mesh, const float* vertices, const float* normals) {
-  fit(mesh.tree, vertices, mesh.vertex_count);
+  refit(mesh.bvh, vertices, mesh.vertex_count);
   for (size_t i = 0; i < mesh.corners.size(); i++) {
     for (size_t k = 0; k < 3; k++) {
-      const float* n = normals + 3 * mesh.tree.faces[3 * i + k];
+      const float* n = normals + 3 * mesh.bvh.faces[3 * i + k];
       mesh.corners[i].normal[k] = {n[0], n[1], n[2]};
     }
   }

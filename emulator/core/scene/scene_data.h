@@ -1,4 +1,4 @@
-// The constant part of a scene, before it is made ready for the kernels.
+// The constant part of a scene, before it is prepared for the kernels.
 #pragma once
 
 #include <cstdint>
@@ -10,10 +10,10 @@
 
 namespace evs {
 
-// The constant part of a scene, as it comes from Python. Colours as MuJoCo codes them.
+// The constant part of a scene, as Python passes it. Colours are coded as in MuJoCo.
 struct SceneData {
   struct MeshData {
-    Tree tree;
+    Bvh bvh;
     std::vector<Corners> corners;
     bool has_texcoords;
     int vertex_count;
@@ -22,7 +22,7 @@ struct SceneData {
     std::vector<uint8_t> data;
     int faces, height, width, components;
     bool srgb;
-    int like = -1;  // the same image in the scene that was shown before, -1 none
+    int like = -1;  // the same image in the previous scene, -1 none
   };
   struct SurfaceData {
     float rgba[4];
@@ -47,27 +47,28 @@ struct SceneData {
     float range = 0, softness = 0;
     int texture = -1;  // of an image light
   };
-  struct AirData {
+  struct MediumData {
     bool fog = false, haze = false;
     float fog_start = 0, fog_end = 0, fog_color[3] = {};
     float haze_ratio = 0, haze_radius = 0, haze_color[3] = {};
   };
   std::vector<int> geom_type, geom_mesh, geom_surface;
   std::vector<float> geom_size;                   // (ng, 3)
-  std::vector<std::shared_ptr<MeshData>> meshes;  // who moves one has it alone
+  std::vector<std::shared_ptr<MeshData>> meshes;  // copied before one is deformed
   std::vector<TextureData> textures;
   std::vector<SurfaceData> surfaces;
   std::vector<LightData> lights;
   int skybox = -1;
-  AirData air;
+  MediumData medium;
 };
 
 // In: vertices (nv, 3) finite, faces (nf, 3) in range, normals (nf, 3, 3) and texcoords (nf, 3, 2)
-// or null. Without normals the faces' own hold. std::invalid_argument where the numbers do not fit.
+// or null. Without normals the faces' own are used. Throws std::invalid_argument for invalid
+// numbers.
 SceneData::MeshData make_mesh(const float* vertices, int vertex_count, const int32_t* faces,
                               int face_count, const float* normals, const float* texcoords);
 
-// Move a mesh: vertices and unit normals (nv, 3), as many as it was made with.
+// Deform a mesh: vertices and unit normals (nv, 3), as many as it was made with.
 void deform(SceneData::MeshData& mesh, const float* vertices, const float* normals);
 
 }  // namespace evs

@@ -146,11 +146,11 @@ void degenerate_meshes() {
       vertices.insert(vertices.end(), {x, x == 0 ? 1.0f * (i % 2) : 0, 0});
     faces.insert(faces.end(), {3 * i, 3 * i + 1, 3 * i + 2});
   }
-  Tree pile = build_tree(vertices.data(), 3000, faces.data(), 1000);
+  Bvh pile = build_bvh(vertices.data(), 3000, faces.data(), 1000);
   for (int i = 0; i < 3000; i++)
     vertices[3 * static_cast<size_t>(i)] = std::ldexp(1.0f, -(i / 3) % 120);
-  Tree line = build_tree(vertices.data(), 3000, faces.data(), 1000);
-  for (const Tree& tree : {pile, line}) {
+  Bvh line = build_bvh(vertices.data(), 3000, faces.data(), 1000);
+  for (const Bvh& bvh : {pile, line}) {
     std::vector<std::pair<int, int>> stack = {{0, 1}};
     int deepest = 0;
     size_t triangles = 0;
@@ -159,10 +159,10 @@ void degenerate_meshes() {
       stack.pop_back();
       deepest = std::max(deepest, depth);
       for (int c = 0; c < 2; c++) {
-        if (tree.nodes[node].child[c] >= 0) {
-          stack.push_back({tree.nodes[node].child[c], depth + 1});
+        if (bvh.nodes[node].child[c] >= 0) {
+          stack.push_back({bvh.nodes[node].child[c], depth + 1});
         } else {
-          triangles += static_cast<size_t>(tree.nodes[node].count[c]);
+          triangles += static_cast<size_t>(bvh.nodes[node].count[c]);
         }
       }
     }

@@ -1,6 +1,7 @@
 """Shapes as triangles, for renderers that draw nothing else. numpy only.
 
-Texture coordinates are those of the native caster (emulator/core/light/texture.h), at the corners.
+Texture coordinates are those of the native caster (emulator/core/render/shading/texture.inl), at
+the corners.
 """
 
 from __future__ import annotations

@@ -1,4 +1,0 @@
-// The name by which core/light includes quads.inl.
-#pragma once
-
-#include "quads.inl"

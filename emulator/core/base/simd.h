@@ -1,4 +1,0 @@
-// The name by which core/light includes simd.inl.
-#pragma once
-
-#include "simd.inl"

@@ -1,4 +1,0 @@
-// The name by which core/light includes wide_math.inl.
-#pragma once
-
-#include "wide_math.inl"

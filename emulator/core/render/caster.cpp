@@ -1,0 +1,366 @@
+#include "caster.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+namespace evs {
+namespace {
+
+struct D3 {
+  double x, y, z;
+};
+
+// m^T v for a row-major 3x3 m
+D3 transposed_times(const double* m, D3 v) {
+  return {m[0] * v.x + m[3] * v.y + m[6] * v.z, m[1] * v.x + m[4] * v.y + m[7] * v.z,
+          m[2] * v.x + m[5] * v.y + m[8] * v.z};
+}
+
+D3 minus(const double* a, const double* b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
+
+V3 to_float(D3 v) {
+  return {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
+}
+
+Mesh mesh_view(const SceneData::MeshData& m) {
+  return {m.bvh.nodes.data(), m.bvh.triangles.data(),
+          m.corners.data(),   static_cast<int>(m.bvh.nodes.size()),
+          m.has_texcoords,    m.bvh.center,
+          m.bvh.radius};
+}
+
+}  // namespace
+
+Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& tracing, int threads,
+               const std::string& isa, const Caster* before)
+    : kernel_(kernel_of(isa)),
+      pool_(before ? before->pool_ : std::make_shared<Pool>(threads)),
+      incremental_(tracing.incremental),
+      forced_(tracing.forced),
+      mesh_data_(scene.meshes),
+      appearance_(make_appearance(scene, tracing.rgb || tracing.forced.on(COLOUR), tracing.path,
+                                  tracing.forced.off(COLOUR),
+                                  before ? &before->appearance_ : nullptr)) {
+  for (const auto& m : mesh_data_) {
+    bool shared = before && std::count(before->mesh_data_.begin(), before->mesh_data_.end(), m) > 0;
+    work_.bvhs_built += !shared;
+    meshes_.push_back(mesh_view(*m));
+  }
+  int count = static_cast<int>(scene.geom_type.size());
+  for (int pass = 0; pass < 3; pass++) {
+    for (int g = 0; g < count; g++) {
+      bool is_mesh = scene.geom_type[g] == MESH || scene.geom_type[g] == HFIELD;
+      int its_pass = is_mesh ? 2 : scene.geom_type[g] == PLANE ? 0 : 1;
+      if (its_pass == pass) order_.push_back(g);
+    }
+  }
+  place_.resize(count);
+  for (int k = 0; k < count; k++) place_[order_[k]] = k;
+  geoms_.resize(count);
+  std::memset(static_cast<void*>(geoms_.data()), 0, count * sizeof(Geom));
+  for (int k = 0; k < count; k++) {
+    int g = order_[k];
+    geoms_[k].shape = scene.geom_type[g];
+    geoms_[k].mesh = scene.geom_mesh[g];
+    geoms_[k].surface = scene.geom_surface[g];
+    for (int a = 0; a < 3; a++) geoms_[k].size[a] = scene.geom_size[3 * g + a];
+  }
+  // reserve here what a tick needs: it allocates nothing
+  previous_geoms_ = geoms_;
+  spheres_.resize(count);
+  bounding_spheres_.resize(count);
+  previous_spheres_.resize(count);
+  moved_.reserve(2 * count);
+  moved_capsules_.reserve(2 * static_cast<size_t>(count));
+  moved_spheres_.reserve(2 * static_cast<size_t>(count));
+  previous_lights_ = appearance_.lights;
+  camera_.reserve(12);
+  deformed_.resize(mesh_data_.size());
+  shapes_.resize(mesh_data_.size());
+  set_optics(optics, tracing.samples, sampling_, frame_);
+  frame_.geoms = geoms_.data();
+  frame_.geom_count = count;
+  frame_.plane_count = static_cast<int>(
+      std::count_if(geoms_.begin(), geoms_.end(), [](const Geom& g) { return g.shape == PLANE; }));
+  frame_.meshes = meshes_.data();
+  frame_.surfaces = appearance_.surfaces.data();
+  frame_.textures = appearance_.textures.data();
+  frame_.lights = appearance_.lights.data();
+  frame_.light_count = static_cast<int>(appearance_.lights.size());
+  frame_.skybox = appearance_.skybox;
+  frame_.channels = appearance_.channels;
+  std::copy(appearance_.weights, appearance_.weights + MAX_CHANNELS, frame_.weights);
+  frame_.lobes = forced_.decide(LOBES, appearance_.layered || tracing.path);
+  if (forced_.decide(TEXTURE_FILTER, appearance_.textured))
+    frame_.probes = probes_of(tracing.samples);
+  frame_.normal_mapped = forced_.decide(NORMAL_MAPS, appearance_.normal_mapped);
+  if (forced_.off(FOG)) appearance_.medium.fog = false;
+  if (forced_.off(HAZE)) appearance_.medium.haze = false;
+  if (forced_.on(FOG) && !appearance_.medium.fog) add_clear_fog(appearance_.medium);
+  frame_.medium = appearance_.medium;
+  // the first infinite plane has the horizon
+  for (int k = count - 1; k >= 0; k--) {
+    bool endless = geoms_[k].size[0] <= 0 && geoms_[k].size[1] <= 0;
+    if (geoms_[k].shape == PLANE && endless) haze_plane_ = k;
+  }
+  full_lights_ = appearance_.lights;
+  gains_.assign(appearance_.lights.size(), 1.0f);
+  frame_.colour = frame_.channels == 3 ? 0 : 1;
+  frame_.shadows = forced_.decide(SHADOWS, tracing.shadows);
+  if (tracing.adaptive && !tracing.path && tracing.samples > 1) {
+    antialiasing_.emplace(optics, sampling_, tracing.rgb);
+  }
+  if (incremental_ && !tracing.path) {
+    // a packet's shading can be cached with one sample a pixel
+    int channels = antialiasing_ ? frame_.channels + 1 : tracing.samples == 1 ? frame_.channels : 0;
+    packet_cache_.emplace(sampling_, channels, appearance_.lights, frame_.shadows);
+  }
+  if (tracing.path) {
+    emitters_.emplace(scene, appearance_, order_);
+    paths_.bounces = tracing.bounces;
+    paths_.sample_set = tracing.sample_set;
+    while ((1 << paths_.log2_samples) < tracing.samples) paths_.log2_samples++;
+    set_paths();
+    batches_ = std::make_unique_for_overwrite<PathBatch[]>(pool_->threads());
+    if (incremental_)
+      path_cache_.emplace(optics.width, optics.height, tracing.samples, geoms_.size());
+  }
+}
+
+// Copy the emitters' part into the path frame.
+void Caster::set_paths() {
+  PathFrame f = emitters_->frame();
+  f.bounces = paths_.bounces;
+  f.sample_set = paths_.sample_set;
+  f.log2_samples = paths_.log2_samples;
+  f.emissive = forced_.decide(EMISSIVE, f.emissive);
+  f.transparent = forced_.decide(TRANSPARENT, f.transparent);
+  paths_ = f;
+}
+
+void Caster::deform_mesh(int index, const float* vertices, const float* normals) {
+  std::shared_ptr<SceneData::MeshData>& data = mesh_data_.at(index);
+  if (data.use_count() > 1) data = std::make_shared<SceneData::MeshData>(*data);
+  SceneData::MeshData& mesh = *data;
+  // a body at rest costs only a comparison
+  size_t count = 3 * static_cast<size_t>(mesh.vertex_count);
+  std::vector<float>& last = shapes_[index];
+  bool same = last.size() == 2 * count && std::equal(vertices, vertices + count, last.begin()) &&
+              std::equal(normals, normals + count, last.begin() + static_cast<long>(count));
+  if (!forced_.decide(REFITS, !same)) return;
+  work_.bvhs_refitted++;
+  last.assign(vertices, vertices + count);
+  last.insert(last.end(), normals, normals + count);
+  deform(mesh, vertices, normals);
+  meshes_[index] = mesh_view(mesh);
+  deformed_[index] = true;
+  if (emitters_) {
+    emitters_->forget_mesh(index);
+    set_paths();
+  }
+}
+
+void Caster::resize_geoms(const int32_t* geoms, const float* sizes, int count) {
+  bool forgotten = false;
+  for (int i = 0; i < count; i++) {
+    int k = place_[geoms[i]];
+    std::copy(sizes + 3 * i, sizes + 3 * i + 3, geoms_[k].size);
+    forgotten = (emitters_ && emitters_->forget_geom(k)) || forgotten;
+  }
+  if (forgotten) set_paths();
+}
+
+void Caster::place_geoms(const Poses& p) {
+  const double* cm = p.camera_mat;
+  for (size_t k = 0; k < geoms_.size(); k++) {
+    Geom& g = geoms_[k];
+    const double *pos = p.geom_pos + 3 * order_[k], *mat = p.geom_mat + 9 * order_[k];
+    // subtract in double: precision does not depend on the distance from the origin
+    g.position = to_float(transposed_times(cm, minus(pos, p.camera_pos)));
+    g.camera = to_float(transposed_times(mat, minus(p.camera_pos, pos)));
+    for (int i = 0; i < 3; i++) {
+      for (int j = 0; j < 3; j++) {
+        double sum = 0;
+        for (int a = 0; a < 3; a++) sum += cm[3 * a + i] * mat[3 * a + j];
+        g.rotation[3 * i + j] = static_cast<float>(sum);
+      }
+    }
+    bounding_spheres_[k] = bounding_sphere_of(g);
+    spheres_.set(static_cast<int>(k), bounding_spheres_[k]);
+  }
+  frame_.bounds = spheres_.view();
+  frame_.finite_bounds = sphere_around(bounding_spheres_.data() + frame_.plane_count,
+                                       geoms_.size() - static_cast<size_t>(frame_.plane_count));
+  frame_.mirrored_bounds = mirrored_in_plane();
+  for (int i = 0; i < 9; i++) frame_.camera_to_world[i] = static_cast<float>(cm[i]);
+}
+
+uint32_t Caster::non_occluding_planes(const Light& l) const {
+  uint32_t non_occluders = 0;
+  if (forced_.on(PLANE_SHADOWS)) return non_occluders;
+  if (forced_.off(PLANE_SHADOWS)) return ~non_occluders;
+  for (size_t k = 0; k < std::min<size_t>(geoms_.size(), 32); k++) {
+    const Geom& g = geoms_[k];
+    if (g.shape != PLANE) break;
+    V3 w = {-l.direction.x, -l.direction.y, -l.direction.z};
+    if (l.kind != DIRECTIONAL) {
+      w = {l.position.x - g.position.x, l.position.y - g.position.y, l.position.z - g.position.z};
+    }
+    float height = w.x * g.rotation[2] + w.y * g.rotation[5] + w.z * g.rotation[8];
+    // exclude rounding errors and, where lights are bulbs, their radius
+    float part = emitters_ && l.kind != DIRECTIONAL ? l.radius : 0;
+    if (height > 1e-5f * std::hypot(w.x, w.y, w.z) + part) non_occluders |= 1u << k;
+  }
+  return non_occluders;
+}
+
+void Caster::place_lights(const Poses& p) {
+  for (size_t i = 0; i < appearance_.lights.size(); i++) {
+    Light& l = appearance_.lights[i];
+    const Light& full = full_lights_[i];
+    for (int c = 0; c < MAX_CHANNELS; c++) {
+      l.ambient[c] = full.ambient[c] * gains_[i];
+      l.diffuse[c] = full.diffuse[c] * gains_[i];
+      l.specular[c] = full.specular[c] * gains_[i];
+    }
+    if (appearance_.headlight[i]) {
+      l.position = {0, 0, 0};
+      l.direction = {0, 0, -1};
+    } else {
+      const double* d = p.light_dir + 3 * i;
+      l.position =
+          to_float(transposed_times(p.camera_mat, minus(p.light_pos + 3 * i, p.camera_pos)));
+      l.direction = to_float(transposed_times(p.camera_mat, {d[0], d[1], d[2]}));
+    }
+    l.non_occluders = non_occluding_planes(l);
+  }
+}
+
+void Caster::set_light_gains(const float* gains) {
+  std::copy(gains, gains + gains_.size(), gains_.begin());
+}
+
+// Haze is drawn only from a camera above the plane; an orthographic camera has no horizon.
+void Caster::place_medium() {
+  Medium& medium = frame_.medium;
+  medium = appearance_.medium;
+  medium.haze = appearance_.medium.haze && haze_plane_ >= 0 && !frame_.orthographic;
+  if (medium.haze) {
+    const Geom& plane = geoms_[haze_plane_];
+    medium.haze_up = {plane.rotation[2], plane.rotation[5], plane.rotation[8]};
+    medium.haze_elevation = plane.camera.z / medium.haze_radius;
+    medium.haze = medium.haze_elevation > 0;
+  }
+  if (!medium.haze && forced_.on(HAZE)) add_clear_haze(medium);
+}
+
+void Caster::render(const Poses& poses, float* luminance, float* rgb) {
+  place_geoms(poses);
+  place_lights(poses);
+  place_medium();
+
+  std::vector<double>& camera = camera_;
+  bool first = camera.empty();
+  camera.resize(12);
+  bool still = !first && std::equal(camera.begin(), camera.begin() + 3, poses.camera_pos) &&
+               std::equal(camera.begin() + 3, camera.end(), poses.camera_mat);
+  std::copy(poses.camera_pos, poses.camera_pos + 3, camera.begin());
+  std::copy(poses.camera_mat, poses.camera_mat + 9, camera.begin() + 3);
+  bool selective = incremental_ && still && !forced_.on(FULL_RETRACE);
+  work_.ticks++;
+  if (!first && forced_.off(FULL_RETRACE)) {
+    traced_fraction_ = 0;
+    return;
+  }
+
+  Outputs out = {luminance, rgb, nullptr, 0};
+  if (emitters_) {
+    paths_.seed = poses.seed;
+    bool same_lamps = same_lights();
+    trace_paths(first, selective && poses.seed == previous_seed_ && (same_lamps || same_images()),
+                same_lamps, out);
+    previous_seed_ = poses.seed;
+  } else {
+    trace_direct(still, selective, out);
+  }
+  end_tick();
+}
+
+bool Caster::same_lights() const {
+  size_t bytes = appearance_.lights.size() * sizeof(Light);
+  return bytes == 0 || std::memcmp(appearance_.lights.data(), previous_lights_.data(), bytes) == 0;
+}
+
+// Are the image lights those of the last tick?
+bool Caster::same_images() const {
+  for (size_t i = 0; i < appearance_.lights.size(); i++) {
+    const Light& l = appearance_.lights[i];
+    if (l.kind == IMAGE && std::memcmp(&l, &previous_lights_[i], sizeof l) != 0) return false;
+  }
+  return true;
+}
+
+// Find which of the first 32 lights are unchanged and cast no shadow, one bit each.
+uint32_t Caster::steady_lights() const {
+  uint32_t steady = 0;
+  for (size_t i = 0; i < std::min<size_t>(appearance_.lights.size(), 32); i++) {
+    const Light& l = appearance_.lights[i];
+    bool same = std::memcmp(&l, &previous_lights_[i], sizeof l) == 0;
+    if (same && !(l.castshadow && frame_.shadows)) steady |= 1u << i;
+  }
+  return steady;
+}
+
+void Caster::end_tick() {
+  previous_geoms_ = geoms_;
+  previous_spheres_ = bounding_spheres_;
+  deformed_.assign(deformed_.size(), false);
+  previous_lights_ = appearance_.lights;
+}
+
+void Caster::trace_truth(const Poses& poses, const Truth& out) {
+  place_geoms(poses);
+  pool_->run(sampling_.rows, [&](int row, int) {
+    for (int column = 0; column < sampling_.columns; column++) {
+      kernel_->trace_truth(frame_, column, row, out);
+    }
+    // map the kernel's order of geoms and triangles to the scene's
+    long begin = static_cast<long>(row) * PACKET_HEIGHT * frame_.width;
+    long end = std::min<long>(begin + PACKET_HEIGHT * frame_.width,
+                              static_cast<long>(frame_.width) * frame_.height);
+    for (long i = begin; i < end; i++) {
+      if (out.geom[i] < 0) continue;
+      const Geom& g = geoms_[out.geom[i]];
+      if (out.triangle[i] >= 0) out.triangle[i] = mesh_data_[g.mesh]->bvh.order[out.triangle[i]];
+      out.geom[i] = order_[out.geom[i]];
+    }
+  });
+}
+
+void Caster::trace_pixels(const Poses& poses, const int32_t* x, const int32_t* y, int count,
+                          float* luminance) {
+  place_geoms(poses);
+  place_lights(poses);
+  place_medium();
+  paths_.seed = poses.seed;
+  Frame base = antialiasing_ ? antialiasing_->base_frame(frame_) : frame_;
+  constexpr int PACKET = PACKET_WIDTH * PACKET_HEIGHT, PACKETS_A_JOB = 16;
+  constexpr int PIXELS_A_JOB = PACKET * PACKETS_A_JOB;
+  pool_->run((count + PIXELS_A_JOB - 1) / PIXELS_A_JOB, [&](int job, int worker) {
+    int end = std::min(count, (job + 1) * PIXELS_A_JOB);
+    for (int i = job * PIXELS_A_JOB; i < end; i += PACKET) {
+      int n = std::min(PACKET, end - i);
+      if (emitters_) {
+        kernel_->trace_path_pixels(frame_, paths_, batches_[worker], x + i, y + i, n,
+                                   luminance + i);
+      } else if (antialiasing_) {
+        antialiasing_->trace_pixels(*kernel_, frame_, base, x + i, y + i, n, luminance + i);
+      } else {
+        kernel_->trace_pixels(frame_, x + i, y + i, n, luminance + i, nullptr);
+      }
+    }
+  });
+}
+
+}  // namespace evs

@@ -1,0 +1,178 @@
+// The caster renders one camera's view of one scene, tick after tick. Scalar code around the wide
+// kernels.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "appearance.h"
+#include "emitters.h"
+#include "feature_flags.h"
+#include "incremental/packet_cache.h"
+#include "incremental/path_cache.h"
+#include "integrators/antialiasing.h"
+#include "optics.h"
+#include "pool.h"
+#include "scene.h"
+#include "scene_data.h"
+
+namespace evs {
+
+// Poses in the world's frame, in double. Shapes as emulator/base/scene.py gives them.
+struct Poses {
+  const double *geom_pos, *geom_mat, *light_pos, *light_dir, *camera_pos, *camera_mat;
+  int seed = 0;  // of the path sampler
+};
+
+// How light is computed, and which outputs are rendered.
+struct Tracing {
+  int samples = 1;           // per pixel
+  bool adaptive = false;     // direct: all samples only where neighbours differ, one elsewhere
+  bool shadows = true;       // direct
+  bool incremental = false;  // under a still camera reuse what nothing that moved can affect
+  bool rgb = false;          // `render` can output colour
+  bool path = false;         // else: direct
+  int bounces = 0;           // of paths
+  SampleSet sample_set = SAMPLES_OWEN;
+  Forced forced = {};  // features forced on or off, whatever the scene needs
+};
+
+// Work done since the caster was made.
+struct Work {
+  long ticks = 0;
+  long packets_tested = 0;  // tested for moving geoms
+  long packets_traced = 0;  // 4 x 4 pixels
+  long packets_relit = 0;   // others, whose light alone was computed again
+  long bvhs_built = 0;      // one per mesh
+  long bvhs_refitted = 0;
+};
+
+class Caster {
+ public:
+  // threads: 0 is one per core; isa: "auto" or one of isa_available(). before: the caster that
+  // rendered the scene until now, whose threads and images are shared where they are equal; or
+  // null.
+  Caster(const SceneData& scene, const Optics& optics, const Tracing& tracing, int threads = 1,
+         const std::string& isa = "auto", const Caster* before = nullptr);
+
+  // Out: luminance (h, w) and, with Tracing::rgb, linear rgb (h, w, 3) or null. Pass the same
+  // memory, unmodified, to every call.
+  void render(const Poses& poses, float* luminance, float* rgb);
+
+  // Render ground truth at each pixel's centre. Geoms are indices into geom_type, triangles a
+  // mesh's faces.
+  void trace_truth(const Poses& poses, const Truth& out);
+
+  // Render the luminance (count) of single pixels inside the image, equal to that of `render`. No
+  // cache is read or written.
+  void trace_pixels(const Poses& poses, const int32_t* x, const int32_t* y, int count,
+                    float* luminance);
+
+  // Scale each light's strength from now on; 1 is the scene's. In: gains (light_count), >= 0.
+  void set_light_gains(const float* gains);
+
+  // Set new vertices and normals (nv, 3) of a mesh, before a call of render.
+  void deform_mesh(int mesh, const float* vertices, const float* normals);
+  // Set new sizes (count, 3) of geoms that are neither planes nor meshes, before a call of render.
+  // A geom with radius 0 is invisible. From now on the geoms are not sampled as emitters.
+  void resize_geoms(const int32_t* geoms, const float* sizes, int count);
+  int shape(int geom) const { return geoms_.at(static_cast<size_t>(place_.at(geom))).shape; }
+  int mesh_count() const { return static_cast<int>(mesh_data_.size()); }
+  const SceneData::MeshData& mesh(int index) const { return *mesh_data_.at(index); }
+  // To share the mesh with another scene, until one of them deforms it.
+  const std::shared_ptr<SceneData::MeshData>& shared_mesh(int index) const {
+    return mesh_data_.at(index);
+  }
+
+  // For the tests of the samplers: the kernel and its inputs, with everything placed. Paths only.
+  struct Placed {
+    const Kernel& kernel;
+    const Frame& frame;
+    const PathFrame& paths;
+  };
+  Placed placed(const Poses& poses) {
+    place_geoms(poses);
+    place_lights(poses);
+    place_medium();
+    return {*kernel_, frame_, paths_};
+  }
+
+  double traced_fraction() const { return traced_fraction_; }
+  int channels() const { return frame_.channels; }
+  // Return the active features, as of the last tick where that decides.
+  FeatureFlags features() const;
+  const Work& work() const { return work_; }
+
+ private:
+  struct Spheres {  // structure of arrays behind a BoundingSphereArray
+    std::vector<float> x, y, z, radius;
+    void reserve(int count);
+    void resize(int count);
+    void set(int i, const BoundingSphere& s);
+    BoundingSphereArray view() const;
+  };
+
+  void set_paths();
+  void place_geoms(const Poses& poses);
+  uint32_t non_occluding_planes(const Light& light) const;
+  void place_lights(const Poses& poses);
+  void place_medium();
+  void find_moved();
+  void add_moved(const BoundingCapsule& before, const BoundingCapsule& now);
+  bool same_lights() const;
+  void trace_paths(bool first, bool same, bool same_lamps, const Outputs& out);
+  bool same_images() const;
+  uint32_t steady_lights() const;
+  void trace_direct(bool still, bool selective, const Outputs& out);
+  void end_tick();
+  BoundingSphere bounding_sphere_of(const Geom& g) const;
+  BoundingSphere mirrored_in_plane() const;
+
+  const Kernel* kernel_;
+  std::shared_ptr<Pool> pool_;
+  bool incremental_;
+  Forced forced_;
+  Work work_;
+  std::vector<std::shared_ptr<SceneData::MeshData>> mesh_data_;
+  Appearance appearance_;
+  std::optional<Emitters> emitters_;     // paths only
+  std::optional<PathCache> path_cache_;  // incremental paths only
+  PathFrame paths_ = {};
+  std::unique_ptr<PathBatch[]> batches_;  // one per worker
+  int previous_seed_ = 0;
+  std::vector<Mesh> meshes_;
+  std::vector<Light> previous_lights_;
+  std::vector<float> gains_;        // one per light
+  std::vector<Light> full_lights_;  // at gain 1
+  int haze_plane_ = -1;             // kernel's geom, -1 none
+  std::vector<int> order_;  // kernel's geom -> scene's geom: planes first, then shapes, then meshes
+  std::vector<int> place_;  // scene's geom -> kernel's geom
+  std::vector<Geom> geoms_, previous_geoms_;
+  std::vector<BoundingSphere> bounding_spheres_, previous_spheres_;  // around each geom
+  std::vector<std::vector<float>> shapes_;  // last vertices and normals of each deforming mesh
+  std::vector<bool> deformed_;              // meshes, since the last render
+  Spheres spheres_, moved_;
+  std::vector<BoundingCapsule> moved_capsules_;  // around geoms that moved, before and now
+  std::vector<BoundingSphere> moved_spheres_;    // around those; as `moved_`
+  BoundingSphere around_moved_ = {{0, 0, 0}, -1};
+  Sampling sampling_ = {};
+  std::optional<PacketCache> packet_cache_;  // of `direct`, incremental
+  bool recorded_ = false;                    // in the last tick
+  std::vector<double> camera_;  // previous pose, 12 numbers; empty before the first call
+  Frame frame_ = {};
+  std::optional<Antialiasing> antialiasing_;  // none: all samples everywhere
+  double traced_fraction_ = 1;
+};
+
+// Return a sphere around spheres, empty if there are none. Non-finite spheres are bounded by
+// everything.
+BoundingSphere sphere_around(const BoundingSphere* spheres, size_t count);
+
+// Return the instruction sets that this build and this machine support, fastest first; and the
+// kernel of one.
+std::vector<std::string> isa_available();
+const Kernel* kernel_of(const std::string& isa);
+
+}  // namespace evs

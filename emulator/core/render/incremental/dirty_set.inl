@@ -1,0 +1,218 @@
+// The dirty set of `path` under a still camera: find the samples to trace again, and update rows of
+// packets.
+//
+//  1. Scan each image row for units that a moving geom may have touched (dirty), or whose gap the
+//     motion has used up (expired). Relight the others if lights have changed.
+//  2. Test the recorded rays of expired units. A new gap makes the unit valid again; a touched ray
+//     makes it dirty.
+//  3. Trace the dirty units in full packets, and store light, rays and gaps.
+//  4. Sum the units of every pixel that changed.
+#pragma once
+
+#include "incremental/cached_hits.inl"
+#include "incremental/retrace_batch.inl"
+
+namespace evs::EVS_SPACE {
+namespace {
+
+// Recheck expired units: those whose recorded rays are still clear get a new gap, the others become
+// dirty.
+inline void recheck_expired(const Frame& f, const PathFrame& p, DirtyBatch& dirty) {
+  SampleUnits& u = dirty.expired;
+  if (u.count == 0) return;
+  const PathCacheView& cache = *dirty.front.cache;
+  Mask active = u.fill();
+  Int at = (load(u.y) * splat(cache.units) + load(u.unit)) * splat(cache.columns) + load(u.x);
+  Int secondary = at * splat(SECONDARY_RAY_WORDS);
+  auto word = [&](int i) { return gather(cache.secondary_rays + i, secondary); };
+  auto vector = [&](int i) { return Vec{word(i), word(i + 1), word(i + 2)}; };
+  Float t_max = word(3);
+  Mask known = active & (t_max >= 0.0f);
+  Clearance c = {&cache, splat(cache.max_gap), splat(0), nullptr};
+  // measure the camera rays again
+  PathState path;
+  Vec direction = generate_camera_rays(f, p, load(u.x), load(u.y), load(u.unit), active, path);
+  note_ray(c, path.rays.origin, direction, t_max, known);
+  // measure the recorded secondary rays again
+  Vec point = vector(0);
+  for (int i = 4; i < SECONDARY_RAY_WORDS; i += 4) {
+    t_max = word(i + 3);
+    Mask open = known & (t_max > 0.0f), occluded_lanes = known & (t_max < 0.0f);
+    if (!any(open | occluded_lanes)) continue;
+    direction = vector(i);
+    note_ray(c, point, direction, t_max, open);
+    note_occluded_ray(c, point, direction, -t_max, occluded_lanes);
+  }
+  // clear: every ray keeps a gap, and touches no capsule that it did not touch before
+  Int before = as_int(gather(reinterpret_cast<const float*>(cache.touched), at));
+  Mask clear = known & (c.gap >= 0.0f) & ((c.touched | before) == before);
+  store_at(cache.valid_until, at, valid_until(cache, c.gap), clear);
+  // the others are dirty
+  for (unsigned lanes = bits(active & ~clear); lanes; lanes &= lanes - 1) {
+    int i = first_lane(lanes);
+    add_dirty(f, p, dirty, u.x[i], u.y[i], u.unit[i]);
+  }
+  u.count = 0;
+}
+
+// Queue one more expired unit for the recheck, and prefetch its rays.
+inline void add_expired(const Frame& f, const PathFrame& p, DirtyBatch& dirty, int x, int y,
+                        int unit) {
+  const PathCacheView& cache = *dirty.front.cache;
+  long at = (static_cast<long>(y) * cache.units + unit) * cache.columns + x;
+  if (cache.secondary_rays) __builtin_prefetch(cache.secondary_rays + at * SECONDARY_RAY_WORDS);
+  dirty.expired.add(x, y, unit);
+  if (dirty.expired.count == LANES) recheck_expired(f, p, dirty);
+}
+
+// The state of one unit of adjacent pixels, one bit each: dirty, or expired.
+struct UnitState {
+  unsigned dirty, expired;
+};
+
+// Classify a unit of adjacent pixels from its gap and the geoms that it touched. Lanes of `inside`
+// lie in the image.
+inline UnitState classify_units(const PathCacheView& cache, long at, unsigned inside) {
+  long packet = at / LANES;
+  cache.next_expiry[packet] = DIRTY;
+  if (cache.trace_all) return {inside, 0};
+  Float valid_until = load(cache.valid_until + at);
+  Int touched = load(reinterpret_cast<const int*>(cache.touched) + at);
+  // expired: the motion has used up the gap; dirty: a geom that it touched has moved
+  Mask used_up = valid_until <= cache.motion;
+  Mask touched_moving = ~((touched & splat(static_cast<int>(cache.moved))) == splat(0));
+  touched_moving =
+      touched_moving | (cache.secondary_rays ? valid_until < splat(0.5f * DIRTY) : used_up);
+  if (cache.relight_lamps) touched_moving = touched_moving | (load(cache.indirect[0] + at) < 0.0f);
+  unsigned retrace = bits(touched_moving) & inside, expired = bits(used_up) & inside & ~retrace;
+  // summarise clean packets, so that later ticks skip them as a whole
+  if (!(retrace | expired)) {
+    cache.next_expiry[packet] = lowest(select(mask_of(inside), valid_until, splat(T_INFINITY)));
+    cache.touched_any[packet] = reduce_or(touched, inside);
+  }
+  return {retrace, expired};
+}
+
+// Can nothing have touched any unit of the packet yet?
+EVS_INLINE bool still_valid(const PathCacheView& cache, long packet) {
+  return cache.next_expiry[packet] > cache.motion && !(cache.touched_any[packet] & cache.moved);
+}
+
+EVS_INLINE void prefetch_gaps(const PathCacheView& cache, long at) {
+  for (int i = 0; i < LANES; i += 16) {
+    __builtin_prefetch(cache.valid_until + at + i);
+    __builtin_prefetch(cache.touched + at + i);
+  }
+}
+
+// Find the dirty and the expired units of an image row, and relight the others where lights change.
+inline void find_dirty_units(const Frame& f, const PathFrame& p, const PathCacheView& cache,
+                             int y) {
+  long at = static_cast<long>(y) * cache.units * cache.columns;
+  for (int unit = 0; unit < cache.units; unit++) {
+    unsigned reached = 0;
+    for (int first_column = 0; first_column < cache.columns; first_column += LANES, at += LANES) {
+      long packet = at / LANES;
+      int group = first_column / LANES, groups_left = cache.columns / LANES - group;
+      // test LANES packets at once against the lights that change
+      if (cache.relight_lamps && group % LANES == 0) {
+        reached = lit_packets(f, cache, packet, groups_left < LANES ? groups_left : LANES);
+      }
+      unsigned inside = first_column < f.width ? first_lanes(f.width - first_column) : 0;
+      cache.dirty[packet] = cache.expired[packet] = 0;
+      if (cache.trace_all && cache.hit_geom) cache.hit_geom[packet] = NOT_CACHED;
+      if (group + 2 < cache.columns / LANES && !still_valid(cache, packet + 2)) {
+        prefetch_gaps(cache, at + 2 * LANES);
+      }
+      if (!inside || (still_valid(cache, packet) && !cache.relight_lamps && !cache.trace_all))
+        continue;
+      // mark what is to be traced or rechecked
+      UnitState state = classify_units(cache, at, inside);
+      cache.dirty[packet] = state.dirty;
+      cache.expired[packet] = state.expired;
+      // relight the others
+      unsigned clean = cache.relight_lamps ? inside & ~state.dirty : 0;
+      if (cache.relight_lamps) prefetch_unit(cache, at + 2 * LANES);
+      bool lit = reached >> group % LANES & 1;
+      if (clean && relight_unit(f, p, cache, first_column, y, unit, clean, lit))
+        mark_changed(cache, first_column, y);
+    }
+  }
+}
+
+// Queue the dirty and expired units first ... first + count of LANES adjacent pixels in each image
+// row of a packet row.
+inline void collect_dirty(const Frame& f, const PathFrame& p, DirtyBatch& dirty, int row, int group,
+                          int first, int count) {
+  const PathCacheView& cache = *dirty.front.cache;
+  int top = row * PACKET_HEIGHT, first_column = group * LANES, stride = cache.columns / LANES;
+  int rows = f.height - top < PACKET_HEIGHT ? f.height - top : PACKET_HEIGHT;
+  unsigned retrace[MAX_SINGLE_UNITS][PACKET_HEIGHT], expired[MAX_SINGLE_UNITS][PACKET_HEIGHT];
+  unsigned of_unit[MAX_SINGLE_UNITS], some = 0;
+  for (int u = 0; u < count; u++) {
+    of_unit[u] = 0;
+    for (int j = 0; j < rows; j++) {
+      long packet = (static_cast<long>(top + j) * cache.units + first + u) * stride + group;
+      retrace[u][j] = cache.dirty[packet];
+      expired[u][j] = cache.expired[packet];
+      of_unit[u] |= retrace[u][j] | expired[u][j];
+    }
+    some |= of_unit[u];
+  }
+  // go packet by packet, through all samples of a pixel, so that the rays are coherent
+  for (int k = 0; k < LANES; k += PACKET_WIDTH) {
+    if (!(some >> k & 15u)) continue;
+    for (int u = 0; u < count; u++) {
+      if (!(of_unit[u] >> k & 15u)) continue;
+      for (int j = 0; j < rows; j++) {
+        int x = first_column + k, y = top + j;
+        for (unsigned four = retrace[u][j] >> k & 15u; four; four &= four - 1) {
+          add_dirty(f, p, dirty, x + first_lane(four), y, first + u);
+        }
+        for (unsigned four = expired[u][j] >> k & 15u; four; four &= four - 1) {
+          add_expired(f, p, dirty, x + first_lane(four), y, first + u);
+        }
+      }
+    }
+  }
+}
+
+// Update packet rows begin ... end. Returns the number of samples traced.
+inline long update_cached_paths(const Frame& f, const PathFrame& p, PathBatch& batch,
+                                const PathCacheView& cache, int begin, int end,
+                                const Outputs& out) {
+  int groups = (f.width + LANES - 1) / LANES, stride = cache.columns / LANES;
+  for (int i = begin * stride; i < end * stride; i++) cache.changed[i] = 0;
+  DirtyBatch dirty = {{batch, &cache}};
+  int last = end * PACKET_HEIGHT < f.height ? end * PACKET_HEIGHT : f.height;
+  // 1. scan for dirty and expired units
+  for (int y = begin * PACKET_HEIGHT; y < last; y++) find_dirty_units(f, p, cache, y);
+  // 2, 3. recheck the expired units and trace the dirty ones, in full packets
+  for (int row = begin; row < end; row++) {
+    if (cache.size == 1) {
+      for (int g = 0; g < groups; g++) collect_dirty(f, p, dirty, row, g, 0, cache.units);
+    }
+    for (int unit = 0; unit < cache.units && cache.size > 1; unit++) {
+      for (int g = 0; g < groups; g++) collect_dirty(f, p, dirty, row, g, unit, 1);
+      // the samples of a block form packets of their own
+      trace_pending(f, p, dirty);
+    }
+  }
+  recheck_expired(f, p, dirty);
+  trace_pending(f, p, dirty);
+  store_batch(f, p, dirty);
+  // 4. sum the pixels that changed
+  for (int y = begin * PACKET_HEIGHT; y < last; y++) {
+    auto changed = [&](int g) {
+      return cache.changed[y / PACKET_HEIGHT * stride + g] >> y % PACKET_HEIGHT & 1;
+    };
+    for (int g = 0; g < groups; g++) {
+      if (g + 1 < groups && changed(g + 1)) prefetch_light(cache, (g + 1) * LANES, y);
+      if (changed(g)) sum_units(f, cache, g * LANES, y, out);
+    }
+  }
+  return dirty.traced;
+}
+
+}  // namespace
+}  // namespace evs::EVS_SPACE

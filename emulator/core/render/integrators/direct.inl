@@ -1,0 +1,235 @@
+// The `direct` integrator: every light once, shadow rays, one mirror bounce. It is deterministic:
+// no random numbers.
+#pragma once
+
+#include "geometry/culling.inl"
+#include "incremental/packet_record.inl"
+#include "shading/environment.inl"
+#include "shading/fog.inl"
+#include "shading/lights.inl"
+#include "shading/microfacet.inl"
+#include "shading/surface_interaction.inl"
+
+namespace evs::EVS_SPACE {
+namespace {
+
+// Diffuse reflectance of a surface: for direct light and for ambient light.
+template <int CHANNELS>
+struct DiffuseReflectance {
+  Float direct[CHANNELS], ambient[CHANNELS];
+};
+
+template <int CHANNELS>
+DiffuseReflectance<CHANNELS> diffuse_reflectance(const Frame& f,
+                                                 const SurfaceInteraction<CHANNELS>& interaction) {
+  DiffuseReflectance<CHANNELS> out;
+  for (int c = 0; c < CHANNELS; c++) out.direct[c] = out.ambient[c] = interaction.albedo[c];
+  if (!f.lobes) return out;
+  for (int c = 0; c < CHANNELS; c++) {
+    // the specular lobe of a physical surface reflects its share of the ambient light
+    Float specular = select(interaction.physical, interaction.f0[c], splat(0.0f));
+    out.direct[c] = interaction.albedo[c] * (1.0f - interaction.metallic);
+    out.ambient[c] = (out.direct[c] + specular) * interaction.occlusion;
+  }
+  return out;
+}
+
+// Add an image light, without shadows. Specular lobes see it as blurred as a diffuse surface does,
+// in the mirror direction.
+template <int CHANNELS>
+void add_image_light(const Frame& f, const Light& light, const Rays& rays,
+                     const SurfaceInteraction<CHANNELS>& interaction,
+                     const DiffuseReflectance<CHANNELS>& rho, Float* out) {
+  Float received[CHANNELS];
+  image_irradiance<CHANNELS>(f, light, interaction.normal, received);
+  Float open = f.lobes ? interaction.occlusion : splat(1.0f);
+  for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + rho.direct[c] * open * received[c];
+  if (!f.lobes || !any(interaction.physical)) return;
+  Vec d = rays.direction;
+  image_irradiance<CHANNELS>(f, light, d - interaction.normal * (dot(d, interaction.normal) * 2.0f),
+                             received);
+  for (int c = 0; c < CHANNELS; c++) {
+    Float specular = out[c] + interaction.f0[c] * open * received[c];
+    out[c] = select(interaction.physical, specular, out[c]);
+  }
+}
+
+// Add the light that lights `begin` ... `end` - 1 send along the rays towards their origin.
+// `bounds`: of the interactions of `lit`.
+template <int CHANNELS>
+void add_lights(const Frame& f, const Rays& rays, const Hit& hit,
+                const SurfaceInteraction<CHANNELS>& interaction, LazyBounds& bounds, Mask lit,
+                int begin, int end, Float* out) {
+  DiffuseReflectance<CHANNELS> rho = diffuse_reflectance(f, interaction);
+  Mask physical = f.lobes ? interaction.physical & lit : mask_of(0);
+  for (int i = begin; i < end; i++) {
+    const Light& light = f.lights[i];
+    if (light.kind == IMAGE) {
+      add_image_light(f, light, rays, interaction, rho, out);
+      continue;
+    }
+    // find the lanes that face the light
+    Incidence in = incidence(light, interaction.point);
+    Float cosine = dot(in.wi, interaction.normal);
+    Mask facing = lit & (cosine > 0.0f) & (in.strength > 0.0f);
+    // a normal map can turn the normal towards a light behind the surface
+    if (f.normal_mapped) facing = facing & (dot(in.wi, interaction.unmapped_normal) > 0.0f);
+    for (int c = 0; c < CHANNELS; c++) {
+      out[c] = out[c] + rho.ambient[c] * in.strength * light.ambient[c];
+    }
+    if (!any(facing)) continue;
+    // trace shadow rays, unless they can hit nothing
+    Mask blocked = mask_of(0);
+    if (light.castshadow && f.shadows &&
+        (planes_may_occlude(f, light.non_occluders) ||
+         any_ray_near_sphere(f.finite_bounds, interaction.spawn_point, in.wi, facing))) {
+      blocked =
+          occluded(f, interaction.spawn_point, in.wi, in.distance, hit.geom,
+                   shadow_cone(light, bounds.of(interaction, lit)), facing, light.non_occluders);
+    }
+    Mask reached = facing & ~blocked;
+    if (!any(reached)) continue;
+    // diffuse
+    Float received = select(reached, cosine * in.strength, splat(0.0f));
+    for (int c = 0; c < CHANNELS; c++)
+      out[c] = out[c] + rho.direct[c] * received * light.diffuse[c];
+    // GGX specular lobe
+    if (any(reached & physical)) {
+      Vec view = rays.direction * splat(-1.0f);
+      Float lobe = ggx_lobe(interaction.normal, view, in.wi, interaction.alpha_ggx) * in.strength;
+      lobe = select(reached & physical, lobe, splat(0.0f));
+      for (int c = 0; c < CHANNELS; c++)
+        out[c] = out[c] + lobe * interaction.f0[c] * light.diffuse[c];
+    }
+    // Blinn-Phong highlight
+    Mask glossy = reached & ~physical & (interaction.specular > 0.0f);
+    if (!any(glossy) ||
+        light.specular[0] + light.specular[CHANNELS / 2] + light.specular[CHANNELS - 1] <= 0)
+      continue;
+    Vec half = normalize(in.wi - rays.direction);
+    Float lobe = min(max(dot(half, interaction.normal), splat(0.0f)), splat(1.0f));
+    // skip lanes far from the highlight, where lobe^exponent < exp(-16.7) = 2^-24
+    glossy = glossy & ((1.0f - lobe) * interaction.exponent < 16.7f);
+    if (!any(glossy)) continue;
+    Float specular = power(lobe, interaction.exponent, glossy) * interaction.specular * in.strength;
+    specular = select(glossy, specular, splat(0.0f));
+    for (int c = 0; c < CHANNELS; c++) {
+      out[c] = out[c] + specular * interaction.specular_tint[c] * light.specular[c];
+    }
+  }
+}
+
+// Compute the radiance that leaves the surface. In: where to cache the shading, or null.
+template <int CHANNELS>
+void shade(const Frame& f, const Rays& rays, const Hit& hit,
+           const SurfaceInteraction<CHANNELS>& interaction, LazyBounds& bounds, Mask lit,
+           const CachedShading* shading, Float* out) {
+  for (int c = 0; c < CHANNELS; c++) out[c] = interaction.emitted[c];
+  int first = 0;
+  if (shading) {
+    first = shading->lights;
+    add_lights<CHANNELS>(f, rays, hit, interaction, bounds, lit, 0, first, out);
+    cache_shading<CHANNELS>(hit, interaction, out, *shading);
+  }
+  add_lights<CHANNELS>(f, rays, hit, interaction, bounds, lit, first, f.light_count, out);
+}
+
+template <int CHANNELS, bool FOLLOW>
+void radiance(const Frame& f, const Rays& rays, const RayCone& cone, Mask active, Float path_length,
+              RayRecorder* recorder, Float* out);
+
+// Add the mirror image seen in the lanes `mirror`, times the reflectance. `box`: bounds of the
+// mirrors' points. `empty`: the image is known to be empty.
+template <int CHANNELS>
+void reflect(const Frame& f, const Rays& rays, const SurfaceInteraction<CHANNELS>& interaction,
+             const BoundingBox& box, Mask mirror, bool empty, Float path_length,
+             RayRecorder* recorder, Float* surface) {
+  Vec d = rays.direction;
+  Vec bounced = d - interaction.normal * (dot(d, interaction.normal) * 2.0f);
+  Rays mirrored = {interaction.spawn_point, normalize(bounced), false};
+  float square;
+  RayCone cone = ray_cone(box, mirrored.direction, mirror, T_INFINITY, square);
+  if (recorder) {
+    if (recorder->mirror_spread < 0) {
+      recorder->mirror_axis = cone.axis;
+    } else {
+      square = max_squared_chord(mirrored.direction, recorder->mirror_axis, mirror);
+    }
+    recorder->mirror_spread = square > recorder->mirror_spread ? square : recorder->mirror_spread;
+  }
+  if (empty) return;
+  Float image[CHANNELS];
+  radiance<CHANNELS, false>(f, mirrored, cone, mirror, path_length, recorder, image);
+  for (int c = 0; c < CHANNELS; c++) {
+    surface[c] = select(mirror, surface[c] + image[c] * interaction.reflectance, surface[c]);
+  }
+}
+
+// Compute the radiance along the rays of `active`: through transparent surfaces from front to back
+// and, with FOLLOW, off one mirror. Out: radiance by channel; the recorder is extended unless it is
+// null.
+template <int CHANNELS, bool FOLLOW>
+void radiance(const Frame& f, const Rays& rays, const RayCone& cone, Mask active, Float path_length,
+              RayRecorder* recorder, Float* out) {
+  for (int c = 0; c < CHANNELS; c++) out[c] = splat(0.0f);
+  Float transmittance = splat(1.0f), t_min = splat(0.0f), haze_alpha = t_min, haze_distance = t_min;
+  for (int layer = 0; layer < MAX_LAYERS; layer++) {
+    Hit hit = intersect(f, rays, cone, active, t_min);
+    Mask lit = active & ~(hit.geom < splat(0));
+    if (FOLLOW && f.medium.haze) lit = lit & ~behind_haze(f, rays.direction, hit);
+    Mask missed = active & ~lit;
+    if (FOLLOW && f.medium.haze && layer == 0) haze_alpha = haze(f, rays.direction, haze_distance);
+    if (FOLLOW && f.medium.haze) {
+      // composite the haze over what is behind it
+      Mask behind = active & (hit.distance > haze_distance);
+      Float share = select(behind, transmittance * haze_alpha, splat(0.0f));
+      Float haze_radiance[CHANNELS];
+      for (int c = 0; c < CHANNELS; c++) haze_radiance[c] = splat(f.medium.haze_color[c]);
+      if (f.medium.fog) apply_fog<CHANNELS>(f, haze_distance, haze_radiance);
+      for (int c = 0; c < CHANNELS; c++) out[c] = out[c] + haze_radiance[c] * share;
+      transmittance = transmittance - share;
+      haze_alpha = select(behind, splat(0.0f), haze_alpha);
+    }
+    // mirrors do not show the environment, as in MuJoCo's viewer
+    if (FOLLOW && (f.skybox >= 0 || f.medium.fog) && any(missed)) {
+      Float light[CHANNELS];
+      for (int c = 0; c < CHANNELS; c++) light[c] = splat(f.medium.fog_color[c]);
+      if (!f.medium.fog) camera_environment<CHANNELS>(f, rays.direction, bits(missed), light);
+      for (int c = 0; c < CHANNELS; c++) {
+        out[c] = select(missed, out[c] + light[c] * transmittance, out[c]);
+      }
+    }
+    if (!any(lit)) break;
+    // shade the layer
+    SurfaceInteraction<CHANNELS> interaction =
+        surface_interaction<CHANNELS>(f, rays, hit, bits(lit), path_length);
+    LazyBounds bounds;
+    if (recorder)
+      extend(FOLLOW ? recorder->primary_hits : recorder->mirror_hits, bounds.of(interaction, lit));
+    Float surface[CHANNELS];
+    bool caches = FOLLOW && layer == 0 && recorder && recorder->shading.numbers &&
+                  can_cache_shading(f, hit, lit);
+    shade<CHANNELS>(f, rays, hit, interaction, bounds, lit, caches ? &recorder->shading : nullptr,
+                    surface);
+    // follow mirrors once
+    if constexpr (FOLLOW) {
+      Mask mirror = lit & (interaction.reflectance > 0.0f);
+      bool empty = !any(mirror) || mirror_is_empty(f, rays, hit, mirror);
+      if (!empty || (recorder && any(mirror))) {
+        reflect<CHANNELS>(f, rays, interaction, bounds.of(interaction, lit), mirror, empty,
+                          path_length + hit.distance, recorder, surface);
+      }
+    }
+    if (f.medium.fog) apply_fog<CHANNELS>(f, path_length + hit.distance, surface);
+    // composite it, and continue behind it where it is transparent
+    Float share = transmittance * interaction.alpha;
+    for (int c = 0; c < CHANNELS; c++) out[c] = select(lit, out[c] + surface[c] * share, out[c]);
+    active = lit & (interaction.alpha < 1.0f);
+    if (!any(active)) break;
+    transmittance = transmittance * (1.0f - interaction.alpha);
+    t_min = hit.distance;
+  }
+}
+
+}  // namespace
+}  // namespace evs::EVS_SPACE

@@ -1,0 +1,133 @@
+// The BSDF of the `path` integrator: a mixture of a perfect mirror (its share is `reflectance`), a
+// GGX specular lobe of width alpha with the angle-independent reflectance f0, and a Lambertian lobe
+// with the rest of the albedo.
+//
+// GGX has the Smith masking-shadowing of Walter et al. 2007. Directions are sampled from the
+// distribution of visible normals (Heitz 2018; Dupuy & Benyoub 2023). The BSDF is reciprocal and
+// conserves energy.
+#pragma once
+
+#include "shading/microfacet.inl"
+#include "shading/surface_interaction.inl"
+
+namespace evs::EVS_SPACE {
+namespace {
+
+constexpr float PI = 3.14159265f;
+
+// Build an orthonormal basis around the unit normal n (Duff et al. 2017).
+EVS_INLINE void axes_of(Vec n, Vec& x, Vec& y) {
+  Float sign = select(n.z < 0.0f, splat(-1.0f), splat(1.0f));
+  Float a = -1.0f / (sign + n.z), b = n.x * n.y * a;
+  x = {sign * n.x * n.x * a + 1.0f, sign * b, -(sign * n.x)};
+  y = {b, sign + n.y * n.y * a, -n.y};
+}
+
+struct Bsdf {
+  Vec normal, x, y;
+  Float cos_outgoing;  // towards the eye, above 0
+  Float alpha;         // width of the specular lobe
+  Float specular[3], diffuse[3];
+  Float mirror;                // share of the perfect mirror
+  Float specular_probability;  // of the specular lobe, where the mirror is not chosen
+};
+
+// Build the BSDF of an interaction. wo is -d.
+EVS_INLINE Bsdf make_bsdf(const SurfaceInteraction<3>& interaction, Vec d) {
+  Bsdf s;
+  s.normal = interaction.normal;
+  axes_of(s.normal, s.x, s.y);
+  s.cos_outgoing = max(-dot(d, s.normal), splat(1e-4f));
+  // a narrower lobe is a mirror in single precision
+  s.alpha = min(max(interaction.alpha_ggx, splat(0.002f)), splat(1.0f));
+  s.mirror = min(max(interaction.reflectance, splat(0.0f)), splat(1.0f));
+  Float specular = splat(0.0f), diffuse = splat(0.0f);
+  Float rest = 1.0f - s.mirror;
+  for (int c = 0; c < 3; c++) {
+    Float f0 = min(max(interaction.f0[c], splat(0.0f)), splat(1.0f));
+    s.specular[c] = rest * f0;
+    s.diffuse[c] = rest * max(interaction.albedo[c], splat(0.0f)) * (1.0f - interaction.metallic) *
+                   (1.0f - f0);
+    specular = specular + s.specular[c];
+    diffuse = diffuse + s.diffuse[c];
+  }
+  Float share = specular / max(specular + diffuse, splat(1e-20f));
+  share = max(min(share, splat(0.9f)), splat(0.1f));
+  s.specular_probability =
+      select(specular > 0.0f, select(diffuse > 0.0f, share, splat(1.0f)), splat(0.0f));
+  return s;
+}
+
+// Smith masking of one direction, for a cosine above 0.
+EVS_INLINE Float smith_g1(Float cosine, Float alpha) {
+  Float alpha2 = alpha * alpha;
+  return 2.0f * cosine / (cosine + sqrt(alpha2 + (1.0f - alpha2) * cosine * cosine));
+}
+
+struct BsdfValue {
+  Float f_cos[3];  // f times the cosine of w, without the mirror
+  Float pdf;       // of `sample_bsdf` for w, without the mirror, per sr
+};
+
+EVS_INLINE BsdfValue evaluate_bsdf(const Bsdf& s, Vec d, Vec w) {
+  BsdfValue v;
+  Float cos_incoming = dot(w, s.normal);
+  Mask above = cos_incoming > 0.0f;
+  Float cosine = max(cos_incoming, splat(0.0f));
+  // the VNDF pdf of w is D G1(wo) / (4 cos(wo)); times G1(w) and F it is f cos
+  Float distribution = microfacet_distribution(s.normal, normalize(w - d), s.alpha) * (1.0f / PI);
+  Float vndf_pdf = distribution * smith_g1(s.cos_outgoing, s.alpha) / (s.cos_outgoing * 4.0f);
+  Float specular = vndf_pdf * smith_g1(max(cosine, splat(1e-6f)), s.alpha);
+  Float lambert = cosine * (1.0f / PI);
+  for (int c = 0; c < 3; c++) {
+    v.f_cos[c] = select(above, s.specular[c] * specular + s.diffuse[c] * lambert, splat(0.0f));
+  }
+  Float mixture_pdf = s.specular_probability * vndf_pdf + (1.0f - s.specular_probability) * lambert;
+  v.pdf = select(above, (1.0f - s.mirror) * mixture_pdf, splat(0.0f));
+  return v;
+}
+
+struct BsdfSample {
+  Vec direction;
+  Float weight[3];  // f cos / pdf
+  Float pdf;        // per sr; undefined where `specular`
+  Mask specular, alive;
+};
+
+// Sample an incident direction. `u_lobe` (two numbers) selects the lobe, `u_point` the direction in
+// it.
+EVS_INLINE BsdfSample sample_bsdf(const Bsdf& s, Vec d, Point2 u_lobe, Point2 u_point) {
+  BsdfSample out;
+  Float radius = sqrt(u_point.x), cosine, sine;
+  circle(u_point.y, cosine, sine);
+  // sample the Lambertian lobe by the cosine
+  Vec local = {radius * cosine, radius * sine, sqrt(max(1.0f - u_point.x, splat(0.0f)))};
+  Mask specular_probability = u_lobe.y < s.specular_probability;
+  if (any(specular_probability)) {
+    // sample a visible microfacet: uniform on the spherical cap that the stretched wo sees
+    Vec wo = {-dot(d, s.x), -dot(d, s.y), s.cos_outgoing};
+    Vec stretched = normalize({wo.x * s.alpha, wo.y * s.alpha, wo.z});
+    Float z = (1.0f - u_point.x) * (1.0f + stretched.z) - stretched.z;
+    Float ring = sqrt(min(max(1.0f - z * z, splat(0.0f)), splat(1.0f)));
+    Vec cap = {ring * cosine + stretched.x, ring * sine + stretched.y, z + stretched.z};
+    Vec microfacet = normalize({cap.x * s.alpha, cap.y * s.alpha, max(cap.z, splat(1e-7f))});
+    Vec bounced = microfacet * (2.0f * dot(microfacet, wo)) - wo;
+    local = select(specular_probability, bounced, local);
+  }
+  Vec w = s.x * local.x + s.y * local.y + s.normal * local.z;
+  Vec image = d - s.normal * (dot(d, s.normal) * 2.0f);
+  out.specular = u_lobe.x < s.mirror;
+  out.direction = normalize(select(out.specular, image, w));
+  BsdfValue v = evaluate_bsdf(s, d, out.direction);
+  out.pdf = v.pdf;
+  // the mirror's probability is its share, so the two cancel
+  Float inverse = 1.0f / max(v.pdf, splat(1e-20f));
+  for (int c = 0; c < 3; c++) {
+    out.weight[c] = select(out.specular, splat(1.0f), v.f_cos[c] * inverse);
+  }
+  out.alive = out.specular | (v.pdf > 1e-12f);
+  return out;
+}
+
+}  // namespace
+}  // namespace evs::EVS_SPACE

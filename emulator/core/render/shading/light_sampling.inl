@@ -1,0 +1,343 @@
+// Light sampling: points on emissive geoms and directions of the environment, with a pdf that can
+// also be evaluated for any hit. The path integrator combines it with BSDF sampling by multiple
+// importance sampling.
+#pragma once
+
+#include "path_scene.h"
+#include "shading/bsdf.inl"
+#include "shading/surface_interaction.inl"
+
+namespace evs::EVS_SPACE {
+namespace {
+
+struct LightSample {
+  Vec wi;          // unit
+  Float distance;  // T_INFINITY: the environment
+  Float light[3];
+  Float pdf;  // per sr; 0: no sample
+};
+
+// Binary search: the first entry of a CDF above `x`. The last entry counts as 1.
+EVS_INLINE Int search_cdf(const float* cdf, Int begin, int count, Float x) {
+  Int low = splat(0);
+  int step = 1;
+  while (2 * step < count) step *= 2;
+  for (; step >= 1; step /= 2) {
+    Int middle = low + splat(step);
+    Mask inside = middle < splat(count);
+    Float below = gather(cdf, begin + select(inside, middle - splat(1), splat(0)));
+    low = select(inside & (below <= x), middle, low);
+  }
+  return low;
+}
+
+// The same search, started at a guide table with as many entries.
+EVS_INLINE Int search_cdf_guided(const float* cdf, Int begin, int count, const int32_t* guide,
+                                 Float x) {
+  Int part = truncate(min(x * static_cast<float>(count), splat(static_cast<float>(count - 1))));
+  Int at = as_int(gather(reinterpret_cast<const float*>(guide), begin + part));
+  for (;;) {
+    Mask on = (gather(cdf, begin + at) <= x) & (at < splat(count - 1));
+    if (!any(on)) return at;
+    at = select(on, at + splat(1), at);
+  }
+}
+
+// Return where x lies in its step of the CDF, 0 ... 1.
+EVS_INLINE Float cdf_fraction(const float* cdf, Int begin, Int index, Float x) {
+  Mask first = index == splat(0);
+  Float low =
+      select(first, splat(0.0f), gather(cdf, begin + select(first, splat(0), index - splat(1))));
+  Float high = gather(cdf, begin + index);
+  return max(min((x - low) / max(high - low, splat(1e-20f)), splat(0.99999994f)), splat(0.0f));
+}
+
+// A direction as a point of the environment's cube map.
+struct EnvironmentPoint {
+  Float u, v, major;  // the direction's largest component
+  Int face;
+};
+EVS_INLINE EnvironmentPoint environment_point(const Frame& f, Vec d) {
+  EnvironmentPoint at;
+  Vec w = to_camera(f.camera_to_world, d);
+  cube_coordinates({w.x, w.z, -w.y}, at.u, at.v, at.face, at.major);
+  return at;
+}
+
+// Radiance of the environment at a point, for a BSDF lobe of pdf `bsdf_pdf` (per sr). Mirrors
+// (`shown`) see no ambient light. A wide lobe sees the environment blurred by a sixteenth of its
+// width, and by at most a texel of 32 a face (after Krivanek & Colbert 2008): small bright spots
+// give less noise, and texture reads stay close together.
+inline void environment_radiance(const Frame& f, const PathFrame& p, const EnvironmentPoint& at,
+                                 Float bsdf_pdf, Mask shown, unsigned lanes, Float* light) {
+  for (int c = 0; c < 3; c++) light[c] = select(shown, splat(0.0f), splat(p.ambient_radiance[c]));
+  Float width = 0.0625f / sqrt(max(bsdf_pdf, splat(1.0f)));
+  if (!f.orthographic) width = max(width, splat(f.pixel_angle));
+  Float footprint = min(width * 0.5f / at.major, splat(1.0f / 32));
+  auto add = [&](int texture, const float* tint) {
+    Float texel[3];
+    sample_texture(f.textures[texture], 3, at.u, at.v, at.face, footprint, lanes, texel);
+    for (int c = 0; c < 3; c++) light[c] = light[c] + texel[c] * tint[c];
+  };
+  constexpr float WHITE[3] = {1, 1, 1};
+  if (f.skybox >= 0) add(f.skybox, WHITE);
+  for (int i = 0; i < f.light_count; i++) {
+    if (f.lights[i].kind == IMAGE) add(f.lights[i].texture, f.lights[i].diffuse);
+  }
+}
+
+// pdf of sampling a cell of the environment, per sr, at a point in it.
+EVS_INLINE Float cell_pdf(const PathFrame& p, Int cell, Float major) {
+  return gather(p.environment.pdf, cell) / (major * major * major) * p.environment_probability;
+}
+
+// pdf of sampling a point of the environment.
+inline Float environment_pdf(const PathFrame& p, const EnvironmentPoint& at) {
+  if (p.environment.side == 0) return splat(0.0f);
+  float last = static_cast<float>(p.environment.side - 1),
+        side = static_cast<float>(p.environment.side);
+  Int x = truncate(max(min(at.u * side, splat(last)), splat(0.0f)));
+  Int y = truncate(max(min(at.v * side, splat(last)), splat(0.0f)));
+  return cell_pdf(p, (at.face * splat(p.environment.side) + y) * splat(p.environment.side) + x,
+                  at.major);
+}
+
+// Sample a direction of the environment by its luminance. The radiance is not read yet.
+inline LightSample sample_environment(const Frame& f, const PathFrame& p, Point2 u_point,
+                                      EnvironmentPoint& at) {
+  Int zero = splat(0);
+  Int row = search_cdf_guided(p.environment.rows, zero, 6 * p.environment.side,
+                              p.environment.row_guide, u_point.y);
+  Float v = cdf_fraction(p.environment.rows, zero, row, u_point.y);
+  Int begin = row * splat(p.environment.side);
+  Int cell = search_cdf_guided(p.environment.cells, begin, p.environment.side,
+                               p.environment.cell_guide, u_point.x);
+  Float u = cdf_fraction(p.environment.cells, begin, cell, u_point.x);
+  // row = face * side + y; the quotient of integers this small is exact after truncation
+  Float side = splat(static_cast<float>(p.environment.side));
+  Int face = truncate((to_float(row) + 0.5f) / side);
+  Float s = (to_float(cell) + u) / side * 2.0f - 1.0f;
+  Float t = (to_float(row - face * splat(p.environment.side)) + v) / side * 2.0f - 1.0f;
+  Float one = splat(1.0f);
+  Mask is_x = face < splat(2), is_y = ~is_x & (face < splat(4));
+  Mask negative = (face & splat(1)) == splat(1);
+  Vec x = {select(negative, -one, one), -t, select(negative, s, -s)};
+  Vec y = {s, select(negative, -one, one), select(negative, -t, t)};
+  Vec z = {select(negative, -s, s), -t, select(negative, -one, one)};
+  Vec d = select(is_x, x, select(is_y, y, z));
+  Float inverse = 1.0f / sqrt(s * s + t * t + 1.0f);
+  at = {(s + 1.0f) * 0.5f, (t + 1.0f) * 0.5f, inverse, face};
+  LightSample out;
+  out.wi = to_local(f.camera_to_world, Vec{d.x, -d.z, d.y} * inverse);
+  out.distance = splat(T_INFINITY);
+  out.pdf = cell_pdf(p, begin + cell, inverse);
+  for (int c = 0; c < 3; c++) out.light[c] = splat(0.0f);
+  return out;
+}
+
+// 1 - cos of the half angle of the cone in which a sphere of `radius` is seen from the squared
+// distance `square`. A point inside the sphere sees nothing.
+EVS_INLINE Float one_minus_cos_cone(Float square, float radius) {
+  Float sine = min(radius * radius / square, splat(1.0f));
+  return sine / (sqrt(max(1.0f - sine, splat(0.0f))) + 1.0f);
+}
+
+// Sample a direction in that cone, uniformly over its solid angle. Out: the distance to the sphere.
+EVS_INLINE Vec sample_cone(Vec axis, Float distance, float radius, Point2 u_point,
+                           Float& distance_to_sphere) {
+  Float one_minus_cos = one_minus_cos_cone(distance * distance, radius) * u_point.x;
+  Float sine = sqrt(max(one_minus_cos * (2.0f - one_minus_cos), splat(0.0f))), x, y;
+  circle(u_point.y, x, y);
+  Vec across, up;
+  axes_of(axis, across, up);
+  Float along = distance * (1.0f - one_minus_cos), off = distance * sine;
+  distance_to_sphere = along - sqrt(max(radius * radius - off * off, splat(0.0f)));
+  return normalize(across * (x * sine) + up * (y * sine) + axis * (1.0f - one_minus_cos));
+}
+
+// Sample a point of an analytic shape uniformly by area; of an ellipsoid, uniformly on the sphere
+// that it is stretched from. In the geom's frame.
+inline void sample_shape(const Geom& g, Point2 u_point, Vec& q, Vec& normal) {
+  const float* s = g.size;
+  Float zero = splat(0.0f), one = splat(1.0f), x, y;
+  switch (g.shape) {
+    case PLANE:
+      q = {(u_point.x * 2.0f - 1.0f) * s[0], (u_point.y * 2.0f - 1.0f) * s[1], zero};
+      normal = {zero, zero, one};
+      return;
+    case BOX: {
+      // choose a pair of faces by area, then the side, then the point
+      float yz = s[1] * s[2], zx = s[2] * s[0], xy = s[0] * s[1], all = yz + zx + xy;
+      Float u = u_point.x * all;
+      Mask on_x = u < yz, on_y = ~on_x & (u < yz + zx);
+      Float share = select(on_x, u * (1.0f / max(splat(yz), splat(1e-30f))),
+                           select(on_y, (u - yz) / max(splat(zx), splat(1e-30f)),
+                                  (u - (yz + zx)) / max(splat(xy), splat(1e-30f))));
+      Mask back = share < 0.5f;
+      Float side = select(back, -one, one);
+      Float a = max(min(select(back, share, share - 0.5f) * 4.0f - 1.0f, one), -one);
+      Float b = u_point.y * 2.0f - 1.0f;
+      q = select(
+          on_x, Vec{side * s[0], a * s[1], b * s[2]},
+          select(on_y, Vec{a * s[0], side * s[1], b * s[2]}, Vec{a * s[0], b * s[1], side * s[2]}));
+      normal = {select(on_x, side, zero), select(on_y, side, zero),
+                select(on_x | on_y, zero, side)};
+      return;
+    }
+    case CYLINDER: {
+      float barrel = 2 * s[1], lid = 0.5f * s[0], all = barrel + 2 * lid;
+      circle(u_point.y, x, y);
+      Float u = u_point.x * all;
+      Mask on_lid = u >= barrel;
+      Float share = min((u - barrel) * (1.0f / lid), splat(1.999999f));
+      Mask top = share >= 1.0f;
+      Float radius = sqrt(max(select(top, share - 1.0f, share), zero)) * s[0];
+      Float end = select(top, one, -one);
+      q = select(on_lid, Vec{x * radius, y * radius, end * s[1]},
+                 Vec{x * s[0], y * s[0], u - s[1]});
+      normal = select(on_lid, Vec{zero, zero, end}, Vec{x, y, zero});
+      return;
+    }
+    case CAPSULE: {
+      // a slice of the sphere has the same area as the barrel around it
+      circle(u_point.y, x, y);
+      Float height = (u_point.x * 2.0f - 1.0f) * (s[0] + s[1]);
+      Float beyond = height - max(min(height, splat(s[1])), splat(-s[1]));
+      Float z = beyond * (1.0f / s[0]);
+      Float ring = sqrt(max(1.0f - z * z, zero));
+      normal = {x * ring, y * ring, z};
+      q = {normal.x * s[0], normal.y * s[0], height};
+      return;
+    }
+    default: {  // sphere, ellipsoid
+      circle(u_point.y, x, y);
+      Float z = u_point.x * 2.0f - 1.0f, ring = sqrt(max(1.0f - z * z, zero));
+      Vec unit = {x * ring, y * ring, z};
+      bool round = g.shape == SPHERE;
+      float b = round ? s[0] : s[1], c = round ? s[0] : s[2];
+      q = {unit.x * s[0], unit.y * b, unit.z * c};
+      normal = normalize({unit.x * (1.0f / s[0]), unit.y * (1.0f / b), unit.z * (1.0f / c)});
+    }
+  }
+}
+
+// Area density (1 / m^2) of `sample_shape`, times the geom's probability, at a local point.
+EVS_INLINE Float area_pdf(const Emitter& e, const Geom& g, Vec q) {
+  float share = (e.end - e.begin) / e.area;
+  if (g.shape != ELLIPSOID) return splat(share);
+  const float* s = g.size;
+  Vec n = {q.x * (1.0f / (s[0] * s[0])), q.y * (1.0f / (s[1] * s[1])),
+           q.z * (1.0f / (s[2] * s[2]))};
+  return share / (sqrt(max(dot(n, n), splat(1e-30f))) * (s[0] * s[1] * s[2]));
+}
+
+// Sample a point on the emissive geom that `u_choice` selects, seen from `from`. `path_length` as
+// in surface_interaction.
+inline LightSample sample_emitter(const Frame& f, const PathFrame& p, Vec from, Float u_choice,
+                                  Point2 u_point, Mask active, Float path_length) {
+  LightSample out = {splat(V3{0, 0, 1}), splat(0.0f), {}, splat(0.0f)};
+  Hit hit = {splat(0.0f), splat(-1), splat(0), splat(0.0f), splat(0.0f)};
+  for (int e = 0; e < p.emitter_count; e++) {
+    const Emitter& emitter = p.emitters[e];
+    Mask here = active & (u_choice >= emitter.begin);
+    if (e + 1 < p.emitter_count) here = here & (u_choice < emitter.end);
+    if (!any(here)) continue;
+    const Geom& g = f.geoms[emitter.geom];
+    float share = emitter.end - emitter.begin;
+    if (g.shape == SPHERE) {
+      Vec apart = splat(g.position) - from;
+      Float square = dot(apart, apart), distance = sqrt(square), distance_to_sphere;
+      Mask outside = here & (distance > g.size[0]);
+      Vec w = sample_cone(normalize(apart), distance, g.size[0], u_point, distance_to_sphere);
+      Float pdf = share / (one_minus_cos_cone(square, g.size[0]) * (2 * PI));
+      out.wi = select(here, w, out.wi);
+      out.distance = select(here, max(distance_to_sphere, splat(0.0f)), out.distance);
+      out.pdf = select(outside, pdf, select(here, splat(0.0f), out.pdf));
+      hit.geom = select(here, splat(emitter.geom), hit.geom);
+      continue;
+    }
+    Vec q, normal;
+    if (emitter.cumulative) {
+      const Mesh& mesh = f.meshes[g.mesh];
+      Float u =
+          min(max((u_choice - emitter.begin) / splat(share), splat(0.0f)), splat(0.99999994f));
+      Int index = search_cdf(emitter.cumulative, splat(0), emitter.triangles, u);
+      // uniform on the triangle
+      Float root = sqrt(u_point.x);
+      Float wb = root * (1.0f - u_point.y), wc = root * u_point.y;
+      alignas(64) float parts[6][LANES] = {};
+      alignas(64) int triangle[LANES];
+      alignas(64) float b[LANES], c[LANES];
+      store(triangle, index);
+      store(b, wb);
+      store(c, wc);
+      for (unsigned lanes = bits(here); lanes; lanes &= lanes - 1) {
+        int i = first_lane(lanes);
+        const Triangle& t = mesh.triangles[triangle[i]];
+        float a = 1.0f - b[i] - c[i];
+        parts[0][i] = a * t.a.x + b[i] * t.b.x + c[i] * t.c.x;
+        parts[1][i] = a * t.a.y + b[i] * t.b.y + c[i] * t.c.y;
+        parts[2][i] = a * t.a.z + b[i] * t.b.z + c[i] * t.c.z;
+        parts[3][i] = t.normal.x;
+        parts[4][i] = t.normal.y;
+        parts[5][i] = t.normal.z;
+      }
+      q = {load(parts[0]), load(parts[1]), load(parts[2])};
+      normal = normalize({load(parts[3]), load(parts[4]), load(parts[5])});
+      hit.triangle = select(here, index, hit.triangle);
+      hit.u = select(here, wb, hit.u);
+      hit.v = select(here, wc, hit.v);
+    } else {
+      sample_shape(g, u_point, q, normal);
+    }
+    Vec w = to_camera(g.rotation, q) + splat(g.position) - from;
+    Float square = max(dot(w, w), splat(1e-20f)), distance = sqrt(square);
+    Vec wi = w * (1.0f / distance);
+    Float cosine = -dot(to_camera(g.rotation, normal), wi);
+    // only the front emits
+    Mask front = here & (cosine > 1e-6f);
+    Float pdf = area_pdf(emitter, g, q) * square / max(cosine, splat(1e-6f));
+    out.wi = select(here, wi, out.wi);
+    out.distance = select(here, distance, out.distance);
+    out.pdf = select(front, pdf, select(here, splat(0.0f), out.pdf));
+    hit.geom = select(here, splat(emitter.geom), hit.geom);
+  }
+  hit.distance = out.distance;
+  Mask drawn = active & (out.pdf > 0.0f);
+  if (any(drawn)) {
+    SurfaceInteraction<3> interaction =
+        surface_interaction<3>(f, {from, out.wi, false}, hit, bits(drawn), path_length);
+    for (int c = 0; c < 3; c++) out.light[c] = select(drawn, interaction.emitted[c], splat(0.0f));
+  }
+  out.pdf = out.pdf * (1.0f - p.environment_probability);
+  return out;
+}
+
+// pdf (per sr) with which `sample_emitter` samples the hits of `lanes`; 0 for what it never
+// samples.
+inline Float emitter_pdf(const Frame& f, const PathFrame& p, const Rays& rays, const Hit& hit,
+                         const SurfaceInteraction<3>& interaction, unsigned lanes) {
+  Float pdf = splat(0.0f);
+  while (lanes) {
+    int index = lane(hit.geom, first_lane(lanes));
+    Mask here = (hit.geom == splat(index)) & mask_of(lanes);
+    lanes &= ~bits(here);
+    if (p.emitter_of_geom[index] < 0) continue;
+    const Emitter& e = p.emitters[p.emitter_of_geom[index]];
+    const Geom& g = f.geoms[index];
+    if (g.shape == SPHERE) {
+      Vec apart = splat(g.position) - rays.origin;
+      Float solid_angle = one_minus_cos_cone(dot(apart, apart), g.size[0]) * (2 * PI);
+      pdf = select(here, (e.end - e.begin) / solid_angle, pdf);
+      continue;
+    }
+    Vec q = local_origin(g, rays) + to_local(g.rotation, rays.direction) * hit.distance;
+    Float cosine = max(abs(dot(interaction.geometric_normal, rays.direction)), splat(1e-6f));
+    Float square = hit.distance * hit.distance;
+    pdf = select(here, area_pdf(e, g, q) * square / cosine, pdf);
+  }
+  return pdf * (1.0f - p.environment_probability);
+}
+
+}  // namespace
+}  // namespace evs::EVS_SPACE

@@ -1,0 +1,19 @@
+// The `direct` integrator on two packets at once, in 32 lanes: while one half waits for a result,
+// the other half computes.
+#define EVS_WIDTH 1024
+#define EVS_SPACE avx512_pairs
+#include "incremental/relight.inl"
+#include "integrators/direct_pixels.inl"
+
+namespace evs {
+
+void trace_pair_avx512(const Frame& f, int column, int row, const Outputs& out) {
+  avx512_pairs::trace(f, column, row, out, nullptr);
+}
+
+void relight_pair_avx512(const Frame& f, int column, int row, const Outputs& out,
+                         const CachedShading* cache) {
+  avx512_pairs::relight(f, column, row, out, cache);
+}
+
+}  // namespace evs

@@ -1,0 +1,24 @@
+// The `path` integrator in 32 lanes: while one half waits for a result, the other half computes.
+#define EVS_WIDTH 1024
+#define EVS_SPACE avx512_path_pairs
+#include "incremental/dirty_set.inl"
+
+namespace evs {
+
+void trace_path_row_avx512(const Frame& f, const PathFrame& p, PathBatch& batch, int row,
+                           const Outputs& out) {
+  avx512_path_pairs::trace_path_row(f, p, batch, row, out);
+}
+
+void trace_path_pixels_avx512(const Frame& f, const PathFrame& p, PathBatch& batch,
+                              const int32_t* x, const int32_t* y, int count, float* luminance) {
+  avx512_path_pairs::trace_path_pixels(f, p, batch, x, y, count, luminance);
+}
+
+long update_cached_paths_avx512(const Frame& f, const PathFrame& p, PathBatch& batch,
+                                const PathCacheView& cache, int begin, int end,
+                                const Outputs& out) {
+  return avx512_path_pairs::update_cached_paths(f, p, batch, cache, begin, end, out);
+}
+
+}  // namespace evs

@@ -1,0 +1,117 @@
+"""Each header and .inl of the native core is guarded and opens alone; none includes itself."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+INCLUDE = re.compile(r'^\s*#include "([^"]+)"', re.M)
+
+
+@pytest.fixture(scope="module")
+def core(checkout: Path) -> Path:
+    """The folder of the native core."""
+    return checkout / "emulator/core"
+
+
+@pytest.fixture(scope="module")
+def headers(core: Path, files: list[str]) -> list[str]:
+    """Every header and .inl, from the core's folder."""
+    prefix = "emulator/core/"
+    return [
+        name.removeprefix(prefix)
+        for name in files
+        if name.startswith(prefix) and name.endswith((".h", ".inl"))
+    ]
+
+
+@pytest.fixture(scope="module")
+def includes(core: Path, headers: list[str]) -> dict[str, list[str]]:
+    """Which of the core's headers each of them includes."""
+    rooms = [path.name for path in core.iterdir() if path.is_dir()]
+
+    def found(name: str, includer: str) -> list[str]:
+        folders = [str(Path(includer).parent), *rooms]
+        paths = [os.path.normpath(f"{folder}/{name}") for folder in folders]
+        return [path for path in paths if path in headers][:1]
+
+    return {
+        header: [
+            path
+            for name in INCLUDE.findall((core / header).read_text())
+            for path in found(name, header)
+        ]
+        for header in headers
+    }
+
+
+def test_every_header_is_guarded(core: Path, headers: list[str]) -> None:
+    guard = re.compile(r"^#pragma once$|^#ifndef (\w+)\n#define \1$", re.M)
+    assert len(headers) > 50
+    assert [name for name in headers if not guard.search((core / name).read_text())] == []
+
+
+def circle(includes: dict[str, list[str]]) -> list[str]:
+    """Headers that include each other in a circle, in order; empty where there is none."""
+    done: set[str] = set()
+
+    def walk(header: str, above: list[str]) -> list[str]:
+        if header in above:
+            return above[above.index(header) :]
+        if header in done:
+            return []
+        for below in includes[header]:
+            if around := walk(below, [*above, header]):
+                return around
+        done.add(header)
+        return []
+
+    return next((around for header in includes if (around := walk(header, []))), [])
+
+
+def test_no_headers_include_each_other_in_a_circle(includes: dict[str, list[str]]) -> None:
+    assert sum(map(len, includes.values())) > 100
+    assert circle(includes) == []
+
+
+def test_a_circle_is_found() -> None:
+    assert circle({"a": ["b", "c"], "b": [], "c": ["d"], "d": ["c"]}) == ["c", "d"]
+
+
+def test_every_header_compiles_alone(checkout: Path, core: Path, headers: list[str]) -> None:
+    compiler = os.environ.get("CXX") or shutil.which("c++") or shutil.which("g++")
+    if not compiler:
+        pytest.skip("no C++ compiler")
+    rooms = sorted(path for path in core.iterdir() if path.is_dir())
+    # where .ci/headers.sh unpacks Python.h if the system has none
+    unpacked = checkout / "build/headers/usr/include"
+    python = sysconfig.get_path("include")
+    nanobind = subprocess.run(
+        [sys.executable, "-m", "nanobind", "--include_dir"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.strip()
+    system = [nanobind, python, str(unpacked), str(unpacked / Path(python).name)]
+    flags = [f"-I{room}" for room in rooms] + [f"-isystem{path}" for path in system]
+
+    def complaint(header: str) -> str:
+        result = subprocess.run(
+            [compiler, "-std=c++20", "-fsyntax-only", *flags, "-x", "c++", "-"],
+            input=f'#include "{core / header}"\n',
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        return f"{header}: {result.stderr}" if result.returncode else ""
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        assert [text for text in pool.map(complaint, headers) if text] == []
