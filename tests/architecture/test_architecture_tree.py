@@ -1,4 +1,4 @@
-"""What may lie where."""
+"""What may lie where, and what may not be written anywhere."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import pytest
 
 TOP = {
     *("emulator", "drivers", "msgs", "launch", "tests", "config", "README.md"),
+    *("tools", "examples"),
     *("pyproject.toml", "Makefile", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md", "docs"),
 }
-TEST_FOLDERS = {
-    *("unit", "property", "statistical", "extremes", "golden", "loop", "house", "bench"),
-}
+OF_NO_FOLDER = {"architecture", "bench", "docs", "network_link", "support", "versions"}
+"""Folders of tests/ that mirror no folder of the package."""
 
 
 def test_the_top_level_is_fixed(files: list[str]) -> None:
@@ -30,7 +30,8 @@ def test_every_folder_of_a_package_has_its_init(files: list[str]) -> None:
     modules = {
         Path(name).parent
         for name in files
-        if name.endswith(".py") and name.split("/")[0] in ("msgs", "emulator", "drivers")
+        if name.endswith(".py")
+        and name.split("/")[0] in ("msgs", "emulator", "drivers", "tools", "examples")
     }
     assert [str(folder) for folder in modules if f"{folder}/__init__.py" not in files] == []
 
@@ -39,10 +40,12 @@ def test_config_is_data(files: list[str]) -> None:
     assert [name for name in files if name.startswith("config/") and name.endswith(".py")] == []
 
 
-def test_tests_lie_in_their_folders_under_unique_names(files: list[str]) -> None:
+def test_tests_mirror_the_package_under_unique_names(files: list[str]) -> None:
     tests = [Path(name) for name in files if name.startswith("tests/") and name.endswith(".py")]
     modules = [path for path in tests if path.name.startswith("test_")]
-    assert {path.parts[1] for path in modules} <= TEST_FOLDERS
+    folders = {"/".join(Path(name).parent.parts) for name in files}
+    mirrored = {path for path in modules if path.parts[1] not in OF_NO_FOLDER}
+    assert [str(p) for p in mirrored if "/".join(p.parent.parts[1:]) not in folders] == []
     names = [path.name for path in modules]
     assert sorted(set(names)) == sorted(names)
 
