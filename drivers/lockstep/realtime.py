@@ -120,9 +120,9 @@ class RealtimeServer(LockstepServer):
         for identity in identities:
             self._views.pop(identity, None)
 
-    def _bye(self, seat: Seat, bye: Bye) -> Parts:
+    def _bye(self, seat: Seat, _: Bye) -> Parts:
         self._views.pop(seat.peer[0], None)
-        return super()._bye(seat, bye)
+        return super()._bye(seat, _)
 
     def _answer(self, seat: Seat, parts: Parts) -> None:
         super()._answer(seat, parts)

@@ -85,12 +85,12 @@ def connected(address: str) -> Iterator[Any]:
         if is_main:
             signal.signal(signal.SIGTERM, before)
     # it prints on stdout what nodes die of; we tell it where a job is lost
-    ray._private.worker._worker_logs_enabled = False
+    ray._private.worker._worker_logs_enabled = False  # pyright: ignore[reportPrivateImportUsage]
     try:
         yield ray
     finally:
         ray.shutdown()
-        ray._private.worker._worker_logs_enabled = True
+        ray._private.worker._worker_logs_enabled = True  # pyright: ignore[reportPrivateImportUsage]
 
 
 def _reach(address: str) -> None:

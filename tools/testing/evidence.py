@@ -114,7 +114,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Any, bytes]:
     except FileNotFoundError:
         raise EvsError(f"no file '{path}': give one that a failed claim left behind") from None
     except _NO_ARCHIVE:
-        about = None
+        about, ctrl, start = None, None, b""
     if not isinstance(about, dict) or about.get("kind") != KIND:
         raise EvsError(f"'{path}' is no {KIND} file: give one that a failed claim left behind")
     return about, ctrl, start

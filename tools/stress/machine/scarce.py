@@ -24,14 +24,15 @@ _ROOM = 65_536
 def _memory(short: bool) -> Outcome:
     """A burst of events of some GB in a process that may have less."""
     lost, said = 0, ""
+    calm = film(SPINNER, DOOM_TICK * 1e-3, {"scene": {"keyframe": "doom"}, "sensor": _BURST,
+                                            "render": {"spp": 1}}).events  # fmt: skip
+    kept = calm[:0]
     for limit in (_MEMORY,) if short else (_MEMORY, *_LESS):
         ended = _emulate("doom", _BURST, 0.04, memory_bytes=limit)
         _check_ending(ended, limit)
         lost += abs(ended.report.get("events", 0) - len(ended.recorded))
         if limit == _MEMORY:
             said, kept = ended.errors[0], ended.recorded
-    calm = film(SPINNER, DOOM_TICK * 1e-3, {"scene": {"keyframe": "doom"}, "sensor": _BURST,
-                                            "render": {"spp": 1}}).events  # fmt: skip
     right = "do not fit in memory" in said and 0 < len(calm) <= len(kept)
     return Outcome(
         lost, 0, "lost events", (said,), right and bool((kept[: len(calm)] == calm).all())
