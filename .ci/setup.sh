@@ -37,8 +37,8 @@ fi
 pip() {
     $python -m pip "$@"
 }
-# the arguments of every `pip install`
-quiet="--disable-pip-version-check --no-input --progress-bar off -c .ci/constraints.txt"
+# the arguments of every `pip install`; Python compiles what it imports by itself, most is never
+quiet="--no-compile --disable-pip-version-check --no-input --progress-bar off -c .ci/constraints.txt"
 
 # packages of these extras, only when pyproject.toml or the pins ask for something else than last time
 is_wanted() {
@@ -63,8 +63,10 @@ install_oracles() {
     touch .venv/oracles/tonic
 }
 install_all() {
-    if is_wanted build; then install build; fi
-    [ "$level" != demo ] || return 0
+    if [ "$level" = demo ]; then
+        if is_wanted build; then install build; fi
+        return 0
+    fi
     if is_wanted test build; then install test build; fi
     install_oracles
     case $level in
