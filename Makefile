@@ -10,22 +10,14 @@ demo:
 	@sh .ci/setup.sh demo
 	.venv/bin/evs demo
 
-# make test      the quick tests
+# make test      the quick tests, to run before a commit
 test:
 	@sh .ci/setup.sh
-	.venv/bin/pytest -m "not slow and not bench"
+	@sh .ci/tests.sh "not slow and not statistical and not bench"
 
 # make check     format, lint, types, sanitisers, versions, then every test but the timings: what CI runs
 check:
-	@sh .ci/setup.sh dev
-	.venv/bin/ruff format --check .
-	.venv/bin/ruff check .
-	.venv/bin/clang-format --dry-run -Werror $$(find emulator/core -name '*.cpp' -o -name '*.h' -o -name '*.inl')
-	.venv/bin/mypy
-	@sh .ci/sanitize.sh
-	@sh .ci/versions.sh
-	@sh .ci/docs.sh
-	@sh .ci/tests.sh
+	@sh .ci/check.sh
 
 # make docs      the site, in build/docs
 docs:

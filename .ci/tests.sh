@@ -1,19 +1,11 @@
 #!/bin/sh
-# Every test but the timings, in two processes side by side; run by `make check`.
-# The first one's output goes to build/tests.log, and is shown when the other, seen live, has ended.
+# Run tests side by side, a file at a time in each process: two where there are two processors, four
+# at most (one may take 1.5 GB).
+#
+#   sh .ci/tests.sh MARKERS [ARGUMENT...]      as of `pytest -m`
 set -eu
 cd "$(dirname "$0")/.."
-mkdir -p build
-first="tests/emulator tests/msgs"
-ignored=""
-for folder in $first; do ignored="$ignored --ignore=$folder"; done
-# shellcheck disable=SC2086
-.venv/bin/pytest -m "not bench" $first >build/tests.log 2>&1 &
-process=$!
-trap 'kill "$process" 2>/dev/null || true' INT TERM
-failed=0
-# shellcheck disable=SC2086
-.venv/bin/pytest -m "not bench" tests $ignored || failed=$?
-wait "$process" || failed=$?
-cat build/tests.log
-exit "$failed"
+markers=$1
+shift
+# the summary of pytest says how long it took; what took longest stands above it
+exec .venv/bin/pytest -n auto --maxprocesses 4 --dist loadfile --durations 10 -m "$markers" "$@"

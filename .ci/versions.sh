@@ -1,7 +1,7 @@
 #!/bin/sh
 # The MuJoCo and NumPy that people have: an environment a row in build/versions, and in each the
 # tests that do not depend on the extras, and an environment of the row's library seen by evs.Sensor.
-# One line a row. Run by `make check`.
+# One line a row; rows run side by side. Run by `make check`.
 #
 #   sh .ci/versions.sh [ROW...]      some rows only
 set -eu
@@ -72,10 +72,17 @@ run() {
     fi
 }
 
+# all rows: this script once for each, as many at a time as there are processors, four at most
+if [ $# -eq 0 ]; then
+    at_once=$(getconf _NPROCESSORS_ONLN)
+    [ "$at_once" -le 4 ] || at_once=4
+    echo "$ROWS" | sed -n 's/|.*//p' | xargs -P "$at_once" -I '{}' sh .ci/versions.sh '{}'
+    exit
+fi
 failed=0
 while IFS='|' read -r row pinned bare; do
     [ -n "$row" ] || continue
-    case " ${*:-$row} " in *" $row "*) ;; *) continue ;; esac
+    case " $* " in *" $row "*) ;; *) continue ;; esac
     run "$row" "$pinned" "$bare" </dev/null || failed=1
 done <<END
 $ROWS

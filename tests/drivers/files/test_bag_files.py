@@ -244,6 +244,7 @@ def test_libcaer_drivers_usual_encoding_is_read(name: str, tmp_path: Path) -> No
     assert files.summary(tmp_path / name).left_out == {}
 
 
+@pytest.mark.slow
 def test_packets_that_expand_are_decoded_a_piece_at_a_time(tmp_path: Path) -> None:
     # a million words, each of twelve events, in some KB
     path = tmp_path / "a.mcap"

@@ -77,6 +77,7 @@ def test_a_message_larger_than_the_ring_goes_through_in_pieces(
         assert writer.pour(b"") == 0
 
 
+@pytest.mark.slow
 def test_two_threads_share_one_without_a_lock() -> None:
     random = np.random.default_rng(0)
     said = random.integers(0, 256, 300_000, np.uint8)

@@ -55,6 +55,7 @@ def test_files_have_the_same_bytes(tmp_path: Path, kind: str) -> None:
     assert len(read(files[1])) == 40 // 4 * EVENTS * 6
 
 
+@pytest.mark.slow
 def test_a_port_in_use_and_a_folder_that_is_not_there_are_the_same_one_line(
     tmp_path: Path,
 ) -> None:

@@ -113,6 +113,7 @@ def step_if_restored(loop, blob):
 EXTREMES = [0, 1, -1, 2**31, -(2**31), 2**62, -(2**62), 2**63 - 1, -(2**63), 7]
 
 
+@pytest.mark.slow
 @given(data=st.data())
 @settings(max_examples=400)
 def test_values_that_lie_under_a_right_checksum_do_no_harm(loop, blob, data):

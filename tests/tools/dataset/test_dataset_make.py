@@ -172,6 +172,7 @@ def test_what_is_removed_of_a_set_that_was_whole_is_made_anew(ball: str, tmp_pat
     assert (folder / MANIFEST).read_bytes() == manifest
 
 
+@pytest.mark.slow
 def test_two_workers_make_the_same_bytes(whole: Path, tmp_path: Path) -> None:
     words = ["dataset", str(tmp_path / "two"), "--short", "--scenes", "street,workshop", *TINY]
     assert main([*words, "--workers", "2"]) == 0
@@ -179,6 +180,7 @@ def test_two_workers_make_the_same_bytes(whole: Path, tmp_path: Path) -> None:
     assert (tmp_path / "two" / MANIFEST).read_bytes() == (whole / MANIFEST).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_killed_command_goes_on_to_the_same_bytes(whole: Path, tmp_path: Path) -> None:
     """SIGKILL as soon as the first shard is there, once more a shard later, then to the end."""
     folder = tmp_path / "killed"

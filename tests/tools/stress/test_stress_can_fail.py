@@ -23,6 +23,9 @@ from evs.tools.stress.machine import processor, scarce
 from evs.tools.stress.machine.child import Ended
 from evs.tools.stress.network import clamps
 
+# what the extremes see is tried by running them
+pytestmark = pytest.mark.slow
+
 Patch = pytest.MonkeyPatch
 
 

@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 import tomllib
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
@@ -25,9 +24,9 @@ def environment(*folders: Path) -> dict[str, str]:
 
 
 def run_pytest(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """pytest in `folder`, with the plugin, which an installed evs brings along by itself."""
+    """pytest in `folder`; `arguments` load the plugin, or do not."""
     return subprocess.run(
-        [sys.executable, "-m", "pytest", "-p", PLUGIN, "-p", "no:cacheprovider", *arguments],
+        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *arguments],
         cwd=folder,
         # what else is installed here has nothing to do with it, and is slow to load
         env={**environment(), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
@@ -44,21 +43,23 @@ def example() -> str:
     return str(program)
 
 
+@pytest.mark.slow
 def test_the_example_of_the_page_works_as_written(tmp_path: Path) -> None:
     # but for its timing: no machine is slow enough for this
     patient = example().replace("median_us=2000, p99_us=20000", "median_us=1e9, p99_us=1e9")
     assert patient != example()
     (tmp_path / "test_balance.py").write_text(patient)
-    ran = run_pytest(tmp_path, "-W", "error")
+    ran = run_pytest(tmp_path, "-p", "evs", "-W", "error")
     assert "1 passed" in ran.stdout, ran.stdout + ran.stderr
 
 
+@pytest.mark.slow
 def test_the_example_can_fail_and_says_what_an_engineer_needs(tmp_path: Path) -> None:
     # the same controller with its sign turned pushes the pole over
     wrong = example().replace("12.0 * self.lean", "-12.0 * self.lean")
     assert wrong != example()
     (tmp_path / "test_balance.py").write_text(wrong)
-    ran = run_pytest(tmp_path, f"--basetemp={tmp_path / 'kept'}")
+    ran = run_pytest(tmp_path, "-p", PLUGIN, f"--basetemp={tmp_path / 'kept'}")
     assert "1 failed" in ran.stdout
     assert re.search(
         r"an episode ends before its time: seed \d ends at t = 0\.\d+ s of 2 s: angle left",
@@ -95,34 +96,46 @@ def test_who_does_not_ask_for_the_fixture_pays_nothing(tmp_path: Path) -> None:
         "    heavy = {'numpy', 'mujoco', 'zmq', 'msgpack', 'evs.msgs', 'evs.emulator'}\n"
         "    assert not heavy & set(sys.modules)\n"
         f"    assert '{PLUGIN}' in sys.modules\n"
-        "    assert request.config.pluginmanager.hasplugin('" + PLUGIN + "')\n"
     )
-    ran = run_pytest(tmp_path, "-W", "error")
+    ran = run_pytest(tmp_path, "-p", PLUGIN, "-W", "error")
     assert "1 passed" in ran.stdout, ran.stdout + ran.stderr
 
 
-def test_it_is_declared_and_named_so_that_it_is_never_loaded_twice(tmp_path: Path) -> None:
+def test_an_installed_evs_is_loaded_by_no_test_run_that_does_not_ask(tmp_path: Path) -> None:
     project = tomllib.loads((PAGE.parents[2] / "pyproject.toml").read_text())["project"]
-    assert project["entry-points"]["pytest11"] == {PLUGIN: PLUGIN}
-    assert EntryPoint(PLUGIN, PLUGIN, "pytest11").load().evs_loop
-    # installed, pytest loads it under its entry point's name; -p on top of that does no harm
-    metadata = tmp_path / "installed/evs_again-1.dist-info"
-    metadata.mkdir(parents=True)
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: evs_again\nVersion: 1\n")
-    (metadata / "entry_points.txt").write_text(f"[pytest11]\n{PLUGIN} = {PLUGIN}\n")
-    # pytest rewrites the asserts of every module that a plugin's distribution holds
-    (metadata / "RECORD").write_text("evs/__init__.py,,\nevs/tools/testing/plugin.py,,\n")
+    assert "entry-points" not in project
+    (tmp_path / "test_other.py").write_text(
+        "import sys\n"
+        "def test_nothing_of_it_is_here():\n"
+        "    assert not [name for name in sys.modules if name.startswith('evs')]\n"
+    )
+    ran = run_pytest(tmp_path)
+    assert "1 passed" in ran.stdout, ran.stdout + ran.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "conftest"),
+    [
+        (["-p", "evs"], ""),
+        (["-p", "evs", "-p", PLUGIN], ""),
+        ([], "from evs.tools.testing import evs_loop\n"),
+        ([], "pytest_plugins = ['evs']\n"),
+    ],
+)
+def test_each_way_to_ask_for_it(tmp_path: Path, arguments: list[str], conftest: str) -> None:
     (tmp_path / "test_it.py").write_text("def test_it(evs_loop):\n    assert evs_loop\n")
-    for arguments in ((), ("-p", PLUGIN)):
-        ran = subprocess.run(
-            [sys.executable, "-m", "pytest", "-W", "error", "-p", "no:cacheprovider", *arguments],
-            cwd=tmp_path,
-            env=environment(tmp_path / "installed"),
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert "1 passed" in ran.stdout, ran.stdout + ran.stderr
+    (tmp_path / "conftest.py").write_text(conftest)
+    ran = run_pytest(tmp_path, "-W", "error", *arguments)
+    assert "1 passed" in ran.stdout, ran.stdout + ran.stderr
+
+
+def test_importing_evs_for_it_stays_light() -> None:
+    light = (
+        "import sys, evs\n"
+        "assert evs.pytest_plugins\n"
+        "assert not {'numpy', 'mujoco', 'zmq', 'pytest', 'evs.drivers'} & set(sys.modules)\n"
+    )
+    subprocess.run([sys.executable, "-c", light], env=environment(), check=True)
 
 
 def test_the_names_of_the_room_come_at_first_use() -> None:
@@ -130,6 +143,6 @@ def test_the_names_of_the_room_come_at_first_use() -> None:
 
     assert set(room.__all__) <= set(dir(room))
     for name in room.__all__:
-        assert getattr(room, name).__name__ == name
+        assert getattr(room, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         getattr(room, "nonsense")  # noqa: B009

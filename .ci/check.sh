@@ -1,0 +1,50 @@
+#!/bin/sh
+# Everything that a change has to pass: format, lint, types, sanitisers, versions, then every test but
+# the timings. Ends with what each stage took. Run by `make check`; stops at the first stage that fails.
+set -eu
+cd "$(dirname "$0")/.."
+began=$(date +%s)
+stages=''
+
+# stage NAME COMMAND...
+stage() {
+    name=$1
+    shift
+    started=$(date +%s)
+    echo "== $name"
+    failed=0
+    "$@" || failed=$?
+    stages="$stages$(printf '%6d s  %s' $(($(date +%s) - started)) "$name")
+"
+    if [ "$failed" -ne 0 ]; then
+        report "failed: $name"
+        exit "$failed"
+    fi
+}
+report() {
+    printf '== %s\n%s%6d s  in all\n' "$1" "$stages" $(($(date +%s) - began))
+}
+format() {
+    .venv/bin/ruff format --check . && .venv/bin/ruff check . &&
+        .venv/bin/clang-format --dry-run -Werror \
+            $(find emulator/core -name '*.cpp' -o -name '*.h' -o -name '*.inl')
+}
+# the two checkers beside each other: each uses one processor
+types() {
+    .venv/bin/mypy >build/mypy.log 2>&1 &
+    beside=$!
+    right=0
+    .venv/bin/basedpyright || right=$?
+    wait "$beside" || right=$?
+    cat build/mypy.log
+    return "$right"
+}
+
+stage "set-up" sh .ci/setup.sh dev
+stage "format and lint" format
+stage "types" types
+stage "sanitisers" sh .ci/sanitize.sh
+stage "versions of MuJoCo and NumPy" sh .ci/versions.sh
+stage "documentation" sh .ci/docs.sh
+stage "tests" sh .ci/tests.sh "not bench"
+report "clean"
