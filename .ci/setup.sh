@@ -105,10 +105,7 @@ elif [ "$level" != demo ] && grep -q '^EVS_ISA:STRING=native' build/native/CMake
     say "building the native core for the other instruction sets too"
     configure -DEVS_ISA=all
 fi
-# what is done says nothing, a build shows its steps
-if ! (cd build/native && ../../.venv/bin/ninja -n) | grep -q 'no work to do'; then
-    (cd build/native && NINJA_STATUS='evs: core %f of %t, %es  ' ../../.venv/bin/ninja >&2)
-fi
+(cd build/native && NINJA_STATUS='evs: core %f of %t, %es  ' ../../.venv/bin/ninja >&2)
 
 # the packages, if they take longer: which one is at hand
 told=
