@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from evs.emulator.base.scene import (
     F32,
@@ -100,6 +101,7 @@ def events(film: list[F32]) -> int:
     return count
 
 
+@pytest.mark.slow
 def test_a_far_checker_floor_does_not_sparkle() -> None:
     films = {"area": exact(24), "points": exact(1), "one": filtered(1), "four": filtered(4)}
     # the far half of the floor: 16 rows below the horizon, many squares to a pixel

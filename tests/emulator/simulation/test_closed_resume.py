@@ -126,6 +126,7 @@ def drive(loop, begin, ticks):
     return seen
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     cameras=st.lists(st.tuples(st.sampled_from(["left", "wrist"]), SENSORS, RENDERS, MODELS),

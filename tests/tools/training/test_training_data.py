@@ -144,6 +144,7 @@ def make_all(folder: Path, stopped=lambda: False, numbers: range = range(3)):
     return make_data(folder, TINY, numbers, 1, lambda *_: None, stopped)
 
 
+@pytest.mark.slow
 def test_an_interrupted_folder_is_continued_with_the_same_bytes(tmp_path: Path) -> None:
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     told: list[tuple[int, str]] = []
