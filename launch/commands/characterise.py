@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     from evs.drivers.pictures import suffix_of, write_png
     from evs.drivers.run.report import check_targets, write_whole
     from evs.emulator.sensor import resolve_sensor
-    from evs.launch import terminal
+    from evs.launch.support import terminal
     from evs.tools import characterise as bench
     from evs.tools.characterise import text
     from evs.tools.characterise.chart_page import characterisation_page

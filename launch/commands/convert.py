@@ -6,8 +6,8 @@ import argparse
 import textwrap
 from collections.abc import Callable
 
-from evs.launch.again import command
-from evs.launch.single import add_single
+from evs.launch.support.recording_options import add_single_option
+from evs.launch.support.reinvoke import command
 
 HELP = "write a recording in another format: IN and OUT go by their endings"
 
@@ -47,7 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "and say so in its header (shift, the default), or refuse (keep)",
     )
     parser.add_argument("--force", action="store_true", help="replace OUT if it is there")
-    add_single(parser)
+    add_single_option(parser)
     parser.add_argument(
         "--quiet", action="store_true", help="print nothing but warnings and errors"
     )
@@ -57,7 +57,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Convert; one line says what came of it."""
     from evs.drivers.files import convert, overwriting, to_write
-    from evs.launch import terminal
+    from evs.launch.support import terminal
 
     asked = {"compression": args.compression, "encoding": args.encoding}
     options = {key: value for key, value in asked.items() if value is not None}

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from evs.launch.options import declare_keys
+from evs.launch.support.pipeline_options import add_key_options
 from evs.msgs import EventPacket, EvsError
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--frames", action="store_true", help="show intensity frames too")
     parser.add_argument("--imu", action="store_true", help="show IMU samples too")
     parser.add_argument("--poses", action="store_true", help="show the camera's poses too")
-    declare_keys(parser)
+    add_key_options(parser)
     parser.add_argument("--count", type=int, metavar="N", help="end after N packets")
     parser.add_argument(
         "--timeout", type=float, metavar="S", help="end when no packet came for S seconds"

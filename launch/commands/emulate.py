@@ -10,8 +10,8 @@ from pathlib import Path
 
 from evs.drivers import settings
 from evs.drivers.run import config as pipeline
-from evs.launch import options
-from evs.launch.again import command
+from evs.launch.support import pipeline_options
+from evs.launch.support.reinvoke import command
 
 HELP = "run a scene through the event camera: publish it, record it"
 
@@ -48,18 +48,18 @@ STOPPED = {"interrupted": 130, "terminated": 143}
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments. All stay text here; the configuration knows their types."""
     parser.usage = "evs emulate [SCENE.xml] [PIPELINE.toml] [key=value ...] [options]"
-    options.declare(parser, OPTIONS)
+    pipeline_options.add_pipeline_options(parser, OPTIONS)
     parser.add_argument(
         "--quiet", action="store_true", help="print nothing but warnings and errors"
     )
-    parser.epilog = options.keys_text()
+    parser.epilog = pipeline_options.keys_text()
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the pipeline; the exit code."""
-    config = pipeline.load(*options.given(args, OPTIONS))
+    config = pipeline.load(*pipeline_options.parse_pipeline(args, OPTIONS))
     if config.is_closed:
-        from evs.launch.serving import serve
+        from evs.launch.support.serve_loop import serve
 
         return serve(config, args.quiet)
     return _emulate(config, args)
@@ -73,8 +73,8 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     from evs.drivers.run.report import check_targets, report_beside
     from evs.drivers.run.run import run as run_loop
     from evs.drivers.run.run import tick_count
-    from evs.launch import terminal
-    from evs.launch.report_writer import Keeper
+    from evs.launch.support import terminal
+    from evs.launch.support.report_writer import ReportWriter
 
     tables = pipeline.settled(config.sinks(), config.beside)
     recordings = [table.file for table in tables if table.file]
@@ -86,7 +86,7 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     ticks = tick_count(config.duration_s, config.scene.tick_us)
     sinks = [pipeline.make_sink(table) for table in tables]
     watch = StopWatch()
-    keep = Keeper(targets)
+    write_reports = ReportWriter(targets)
     with (
         open_world(config, watch) as world,
         terminal.progress(ticks, args.quiet) as moved,
@@ -101,14 +101,14 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
             moved,
             begun=lambda: terminal.notes(world.chosen, args.quiet),
             warn=terminal.warn,
-            on_report=keep,
+            on_report=write_reports,
             config=settings.to_plain(config),
         )
     addresses = [table.address for table in tables if table.address and table.type == "zmq"]
     terminal.summary(report, args.quiet, next_commands(args, recordings, addresses))
     # a recording that stopped has been warned of, but it is not what was asked for
     stopped = any(said.get("error") for said in report.sinks)
-    return STOPPED.get(report.ended.split()[0], 2 if stopped or keep.unkept else 0)
+    return STOPPED.get(report.ended.split()[0], 2 if stopped or write_reports.failures else 0)
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from evs.launch import again
+from evs.launch.support import reinvoke
 from evs.msgs import EvsError
 
 HELP = "measure event models: error, false events, recall, timing, cost, against converged light"
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.drivers.pictures import suffix_of, write_png
     from evs.drivers.run.report import check_targets, write_whole
-    from evs.launch import terminal
+    from evs.launch.support import terminal
     from evs.tools.evaluation import evaluate, models, table
     from evs.tools.evaluation.cache import LightCache, user_cache
     from evs.tools.evaluation.chart_page import evaluation_page
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _checked(network: Path, provider: str) -> Any:
     """What was found out about a user's network; each thing that is bad is a warning."""
-    from evs.launch import terminal
+    from evs.launch.support import terminal
     from evs.tools.doctor.check import BAD
     from evs.tools.evaluation.check import check_model
 
@@ -150,4 +150,4 @@ def _command(args: argparse.Namespace) -> str:
             parts += [f"--{name}", str(given)]
     if args.quick:
         parts.insert(1, "--quick")
-    return again.command(parts)
+    return reinvoke.command(parts)

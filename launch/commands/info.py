@@ -8,8 +8,8 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from evs.launch.again import command
-from evs.launch.single import add_single
+from evs.launch.support.recording_options import add_single_option
+from evs.launch.support.reinvoke import command
 
 if TYPE_CHECKING:
     from evs.drivers.files import Summary
@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--repair", action="store_true", help="first cut a torn tail, in place; no packet is lost"
     )
-    add_single(parser)
+    add_single_option(parser)
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="one JSON object instead of lines")
     form.add_argument(

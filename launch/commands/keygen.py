@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from evs.launch.again import command
+from evs.launch.support.reinvoke import command
 
 HELP = "make a pair of keys: who may listen to a camera over the network"
 

@@ -6,8 +6,7 @@ import argparse
 import math
 from pathlib import Path
 
-from evs.launch import options
-from evs.launch.commands import loop_tables, loop_wire
+from evs.launch.support import loop_tables, loop_wire, pipeline_options
 from evs.msgs import EvsError, unknown
 
 HELP = "closed loops that show why: a pencil is balanced, a goal kept, by what event cameras see"
@@ -51,7 +50,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--seeds", type=int, metavar="N", help="cartpole, --table: how many trials")
     add("--jobs", type=int, metavar="N", help="--table: processes at work (1)")
     add("--quick", action="store_true", help="--table: a rehearsal")
-    options.declare_keys(parser)
+    pipeline_options.add_key_options(parser)
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
 
 

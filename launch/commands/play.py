@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from evs.launch.single import add_single
+from evs.launch.support.recording_options import add_single_option
 from evs.msgs import DEFAULT_ADDRESS, EvsError, Frame, ImuPacket, TriggerPacket
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="ADDR",
         help="where to publish (default: %(default)s)",
     )
-    add_single(parser)
+    add_single_option(parser)
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument(
         "--speed",

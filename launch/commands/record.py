@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 
-from evs.launch.again import command
-from evs.launch.options import declare_keys
+from evs.launch.support.pipeline_options import add_key_options
+from evs.launch.support.reinvoke import command
 from evs.msgs import EVENTS, EvsError
 
 HELP = "record what a camera publishes: events, frames and IMU"
@@ -34,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="record beside a file that is there, as run-1.aedat4: what evs launch adds where it "
         "starts a recorder again",
     )
-    declare_keys(parser)
+    add_key_options(parser)
     parser.epilog = (
         "Ends with the camera, --duration, --timeout or Ctrl-C; the file is whole each time. Exit\n"
         "code 1 if packets were lost on the way: how many and where is told, and in\n"

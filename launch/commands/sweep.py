@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from evs.launch import again
+from evs.launch.support import reinvoke
 from evs.msgs import EvsError
 
 HELP = "measure speed against error, around each preset, beside frame-based ways"
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.drivers.pictures import suffix_of
     from evs.drivers.run.report import check_targets
-    from evs.launch import terminal
+    from evs.launch.support import terminal
     from evs.tools.evaluation.cache import LightCache, user_cache
     from evs.tools.sweep import sweep
     from evs.tools.sweep.store import Store
@@ -197,4 +197,4 @@ def _command(args: argparse.Namespace) -> str:
             parts += [f"--{name}", str(given)]
     if args.quick:
         parts.append("--quick")
-    return again.command(parts)
+    return reinvoke.command(parts)

@@ -7,7 +7,7 @@ import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from evs.launch.options import declare_keys
+from evs.launch.support.pipeline_options import add_key_options
 
 if TYPE_CHECKING:
     from evs.drivers.bus import Described
@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--timeout", type=float, default=5.0, metavar="S", help="default: %(default)s"
     )
-    declare_keys(parser)
+    add_key_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from evs.launch.commands import fit
+from evs.launch.support import train_fit
 from evs.msgs import EvsError
 from evs.tools.training.settings import DataSettings
 
@@ -56,13 +56,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     _configure_data(data)
     learn = commands.add_parser(
         "fit",
-        help=fit.DESCRIPTION,
-        description=fit.DESCRIPTION,
+        help=train_fit.DESCRIPTION,
+        description=train_fit.DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    learn.set_defaults(act=fit.run)
-    fit.configure(learn)
+    learn.set_defaults(act=train_fit.run)
+    train_fit.configure(learn)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -95,8 +95,8 @@ def _configure_data(parser: argparse.ArgumentParser) -> None:
 def _data(args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.drivers.run.stopping import stop_signals
-    from evs.launch import terminal
     from evs.launch.commands.emulate import STOPPED
+    from evs.launch.support import terminal
     from evs.tools.training.make import make_data, work_of
 
     if args.describe:

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from evs.launch import again, options
+from evs.launch.support import pipeline_options, reinvoke
 from evs.msgs import EvsError
 
 HELP = "find the pipeline for a scene that reaches a speed, or keeps an error, and write it"
@@ -42,7 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "SCENE, key=value",
         "the scene (or a pipeline that has one), then keys that stay as given",
     )
-    options.declare(parser, OPTIONS, scene)
+    pipeline_options.add_pipeline_options(parser, OPTIONS, scene)
     parser.usage = "evs tune SCENE (--rtf R | --error E) [key=value ...] [options]"
     add = parser.add_argument
     add("--rtf", type=float, metavar="R", help="real-time factor to reach, as accurate as can be")
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     from evs.drivers.cores import cores
     from evs.drivers.run.config import is_scene
     from evs.drivers.run.report import check_targets, write_whole
-    from evs.launch import terminal
+    from evs.launch.support import terminal
     from evs.tools.doctor.machine import cpu_name
     from evs.tools.evaluation.cache import LightCache, user_cache
     from evs.tools.sweep.front import figure_named
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
         raise EvsError(f"--output is '{output}', a scene by its ending: give one in .toml")
     check_own(output)
     check_targets([output])
-    base = base_of(*options.given(args, OPTIONS))
+    base = base_of(*pipeline_options.parse_pipeline(args, OPTIONS))
     able = candidates(base.pinned)
     cache = LightCache(user_cache() if args.cache is None else Path(args.cache).expanduser())
     effort = gauge.QUICK if args.quick else gauge.USUAL
@@ -121,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _show(facts: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]], written: str) -> None:
     """What was measured, then what was found, then what to try next."""
-    from evs.launch import terminal
+    from evs.launch.support import terminal
 
     headings = ("configuration", "real-time factor", "predicted", "error", "predicted")
     terminal.table("measured", headings, rows)
@@ -129,7 +129,7 @@ def _show(facts: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]], writt
         print(f"{name:17s} {line}")
     if written:
         print("next:")
-        print(f"  {again.command('emulate', written, '--record', 'run.aedat4')}")
+        print(f"  {reinvoke.command('emulate', written, '--record', 'run.aedat4')}")
 
 
 def _command(args: argparse.Namespace) -> str:
@@ -142,4 +142,4 @@ def _command(args: argparse.Namespace) -> str:
     for name, usual in (("figure", "unmatched"), ("motion", "still")):
         if getattr(args, name) != usual:
             parts += [f"--{name}", getattr(args, name)]
-    return again.command([*parts, *(["--quick"] if args.quick else [])])
+    return reinvoke.command([*parts, *(["--quick"] if args.quick else [])])

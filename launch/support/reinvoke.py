@@ -1,4 +1,4 @@
-"""How to call evs again, so that a printed command works where it is copied to."""
+"""Format `evs` command lines that work when they are copied into the same shell."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 def program() -> str:
-    """How evs was called, as short as it works from here."""
+    """The shortest command that starts this evs again."""
     called = Path(sys.argv[0])
     if called.name != "evs":
         return f"{shlex.quote(sys.executable)} -m evs.launch.main"
@@ -21,6 +21,6 @@ def program() -> str:
 
 
 def command(*words: str | Iterable[str]) -> str:
-    """A whole line for a shell: evs with these words, each quoted where a shell would split it."""
+    """A shell line: evs with these arguments, quoted where necessary."""
     flat = [part for word in words for part in ([word] if isinstance(word, str) else word)]
     return f"{program()} {shlex.join(flat)}"

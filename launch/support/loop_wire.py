@@ -41,7 +41,7 @@ def serve(args: argparse.Namespace) -> int:
     from evs.examples.cartpole.arena import SCENE as CARTPOLE
     from evs.examples.goalie.shots import SCENE as GOALIE
     from evs.examples.pencil.arena import SCENE as PENCIL
-    from evs.launch import serving
+    from evs.launch.support import serve_loop
 
     keys = [settings.split_word(word) for word in args.words]
     for key, _ in keys:
@@ -55,7 +55,7 @@ def serve(args: argparse.Namespace) -> int:
     config = pipeline.load(None, [*own, *keys])
     world = {name: getattr(args, name) for name, loops in WORLD.items() if args.name in loops}
     said = {"loop": args.name, "tracker": args.tracker, **world, "keys": dict(keys)}
-    return serving.serve(config, args.quiet, lambda meter: _loop(args, meter), said)
+    return serve_loop.serve(config, args.quiet, lambda meter: _loop(args, meter), said)
 
 
 def _loop(args: argparse.Namespace, meter: Meter) -> Loop:

@@ -17,7 +17,7 @@ def pencil(args: argparse.Namespace) -> int:
     from evs.examples.pencil.study import QUICK, Plan, count_units, plain_plan, run_study
     from evs.examples.pencil.table import HEADINGS, markdown, table_rows
     from evs.examples.results import Results
-    from evs.launch import terminal
+    from evs.launch.support import terminal
 
     plan = QUICK if args.quick else Plan()
     if args.tracker is not None:
@@ -45,7 +45,7 @@ def goalie(args: argparse.Namespace) -> int:
     from evs.examples.goalie.curve import QUICK, Plan, count_units, plain_plan, run_curve
     from evs.examples.goalie.page import HEADINGS, chart, markdown, table_rows
     from evs.examples.results import Results
-    from evs.launch import terminal
+    from evs.launch.support import terminal
 
     plan = QUICK if args.quick else Plan()
     if args.tracker is not None:

@@ -1,4 +1,4 @@
-"""A closed loop for controllers elsewhere, as a program: address, summary, report, exit code."""
+"""Serve a closed loop to controllers in other processes: address, summary, report, exit code."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from evs.drivers import settings
 from evs.drivers.lockstep import running
 from evs.drivers.run import config as pipeline
 from evs.drivers.run.report import check_targets
-from evs.launch import terminal
-from evs.launch.again import command
-from evs.launch.report_writer import Keeper
+from evs.launch.support import terminal
+from evs.launch.support.reinvoke import command
+from evs.launch.support.report_writer import ReportWriter
 
 if TYPE_CHECKING:
     from evs.emulator import Loop
@@ -24,16 +24,16 @@ def serve(
     config: pipeline.PipelineConfig,
     quiet: bool,
     make_loop: Callable[[Meter], Loop] | None = None,
-    said_config: Mapping[str, Any] | None = None,
+    reported_config: Mapping[str, Any] | None = None,
 ) -> int:
-    """Serve until it is told to end; the exit code.
+    """Serve until a controller or a signal ends it; return the exit code.
 
-    In: make_loop, as of running.serve; said_config, what the report says of a loop that is not the
-    configuration's.
+    In: make_loop, as of running.serve; reported_config, the configuration that the report shows for
+    a loop that is not the configuration's.
     """
     targets = [Path(config.report)] if config.report else []
     check_targets(targets)
-    keep = Keeper(targets)
+    write_reports = ReportWriter(targets)
 
     def ready(address: str) -> None:
         if not quiet:
@@ -49,10 +49,10 @@ def serve(
         warn=terminal.warn,
         begun=lambda lines: terminal.notes(lines, quiet),
         ready=ready,
-        on_report=keep,
-        said_config=settings.to_plain(config) if said_config is None else said_config,
+        on_report=write_reports,
+        said_config=settings.to_plain(config) if reported_config is None else reported_config,
     )
     terminal.summary(report, quiet, [command("info", file) for file in files[:1]])
     stopped = any(said.get("error") for said in report.sinks)
-    # whoever ends a server ends it well
-    return 2 if stopped or keep.unkept else 0
+    # a server that was stopped has done its job
+    return 2 if stopped or write_reports.failures else 0

@@ -1,4 +1,4 @@
-"""The command line of programs that take a pipeline: a file, keys, and short names of keys."""
+"""Options of the commands that run a pipeline: a file, key=value words, short options."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from evs.drivers.run import config_keys, shipped
 from evs.msgs import EvsError
 
 Options = Mapping[str, tuple[str, str, str]]
-"""option -> (the key it is short for, placeholder, one line). Defaults stand with the keys. Without
-a placeholder the option takes no value: it sets its key to true."""
+"""option -> (the key it is short for, placeholder, help line). Defaults are declared with the keys.
+Without a placeholder the option takes no value and sets its key to true."""
 
 
 PIPELINE = (
     "SCENE.xml, PIPELINE.toml, key=value",
     "a scene, a pipeline file (or the name of one that comes with evs), then any keys",
 )
-"""the words of most programs, and their line of help"""
+"""the positional arguments of most commands, and their help line"""
 
 
-def declare(
+def add_pipeline_options(
     parser: argparse.ArgumentParser, options: Options, words: tuple[str, str] = PIPELINE
 ) -> None:
-    """Declare pipeline, keys and options. All stay text here; the configuration knows types."""
+    """Add the pipeline, its keys and the short options, all as text."""
     parser.add_argument("words", nargs="*", metavar=words[0], help=words[1])
     for option, (key, placeholder, line) in options.items():
         if placeholder:
@@ -43,7 +43,9 @@ def declare(
             )
 
 
-def given(args: argparse.Namespace, options: Options) -> tuple[str | None, list[tuple[str, str]]]:
+def parse_pipeline(
+    args: argparse.Namespace, options: Options
+) -> tuple[str | None, list[tuple[str, str]]]:
     """The pipeline file, if any, and (key, text) of everything else on the command line.
 
     Where there is --scene, a word with a scene's ending is short for it.
@@ -70,13 +72,16 @@ def given(args: argparse.Namespace, options: Options) -> tuple[str | None, list[
     return (files[0] if files else None), overrides
 
 
-def declare_keys(parser: argparse._ActionsContainer) -> None:
-    """Declare how a program that listens proves who it is, as subscribe takes it."""
+def add_key_options(parser: argparse._ActionsContainer) -> None:
+    """Add the CURVE keys of a subscriber: --server-key and --key."""
     parser.add_argument(
         "--server-key", default="", metavar="KEY", help="the publisher's public key, if it has one"
     )
     parser.add_argument(
-        "--key", default="", metavar="FILE", help="our own secret key, if it lets in only some"
+        "--key",
+        default="",
+        metavar="FILE",
+        help="your secret key, if the publisher accepts listed clients only",
     )
 
 
