@@ -14,7 +14,7 @@ import numpy as np
 from evs.examples.goalie import TRACKERS
 from evs.examples.goalie.shots import SAVES_M, Goal
 from evs.examples.results import Results
-from evs.tools.jobs import work_off
+from evs.tools.jobs import run_units
 
 SLOWEST_M_S, FASTEST_M_S = 1.0, 64.0
 
@@ -60,7 +60,7 @@ def run_curve(plan: Plan, results: Results, jobs: int = 1) -> Iterator[Unit]:
         Unit(tracker, speed, plan.shots) for tracker in plan.trackers for speed in speeds_of(plan)
     ]
     todo = [unit for unit in every if not results.has(unit.tracker, unit.name)]
-    for unit, saved in work_off(todo, shoot, jobs):
+    for unit, saved in run_units(todo, shoot, jobs):
         results.put(unit.tracker, unit.name, saved)
         yield unit
 

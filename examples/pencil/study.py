@@ -17,7 +17,7 @@ from evs.examples.pencil.arena import Arena, Trial
 from evs.examples.pencil.balance import Gains
 from evs.examples.results import Results
 from evs.examples.search import Budget, cross_entropy
-from evs.tools.jobs import work_off
+from evs.tools.jobs import run_units
 
 BOX = {"fast": (1.2, 8.0), "slow": (0.1, 1.5), "observer_hz": (1.0, 100.0), "lag_ms": (0.1, 20.0)}
 """Field of Gains -> where it is searched."""
@@ -93,7 +93,7 @@ def run_study(plan: Plan, results: Results, jobs: int = 1) -> Iterator[Unit]:
             todo += _rest(tracker, plan, results)
         else:
             todo.append(Unit(tracker, "gains", plan))
-    for unit, value in work_off(todo, find, jobs):
+    for unit, value in run_units(todo, find, jobs):
         results.put(unit.tracker, unit.what, value)
         if unit.what == "gains":
             todo += _rest(unit.tracker, plan, results)

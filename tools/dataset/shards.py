@@ -17,7 +17,7 @@ from evs.emulator.camera.camera import Camera
 from evs.emulator.config import RunConfig
 from evs.msgs import EventPacket, Pose, StreamInfo
 from evs.tools.dataset.take import Take
-from evs.tools.jobs import tell_share
+from evs.tools.jobs import report_progress
 
 EVENTS, POSE, STATE, FRAMES = "events.npz", "pose.npz", "state.bin", "frames.npz"
 """files of a shard"""
@@ -73,7 +73,7 @@ class EventShard:
             self._write(recorder, packets)
             if camera.pose is not None:
                 poses.append(camera.pose)
-            tell_share((world.tick - self.begin) / (self.end - self.begin))
+            report_progress((world.tick - self.begin) / (self.end - self.begin))
         if self.is_last:
             self._write(recorder, world.finish())
         return poses
@@ -131,7 +131,7 @@ class FrameShard:
                         "orientation": np.array(pose.orientation),
                     }
                 )
-                tell_share(len(found) / len(ticks))
+                report_progress(len(found) / len(ticks))
         stacks = {name: np.stack([frame[name] for frame in found]) for name in found[0]}
         np.savez_compressed(folder / FRAMES, allow_pickle=False, **stacks)
 

@@ -12,7 +12,7 @@ from evs.msgs import EvsError
 from evs.tools.evaluation.cache import LightCache
 from evs.tools.evaluation.digest import digest
 from evs.tools.evaluation.scenes import stage_of
-from evs.tools.jobs import job_threads, tell_share
+from evs.tools.jobs import job_threads, report_progress
 from evs.tools.sweep.errors import ErrorSettings, Judge
 from evs.tools.sweep.measured import Error, finite, number
 from evs.tools.sweep.points import Point, shaping
@@ -45,7 +45,7 @@ class ErrorsJob:
         )  # fmt: skip
         lines = []
         for done, point in enumerate(self.points):
-            tell_share(done / len(self.points))
+            report_progress(done / len(self.points))
             try:
                 found = dataclasses.asdict(judge.error(point))
             except EvsError as error:

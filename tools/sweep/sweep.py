@@ -20,7 +20,7 @@ from evs.tools.evaluation.scene_setup import Stage
 from evs.tools.evaluation.scenes import stage_of
 from evs.tools.evaluation.take import MOTIONS
 from evs.tools.jobs import run_jobs
-from evs.tools.jobs.work import MOST_WORKERS
+from evs.tools.jobs.worker_pool import MOST_WORKERS
 from evs.tools.sweep.errors import ErrorSettings, Judge
 from evs.tools.sweep.jobs import ErrorsJob
 from evs.tools.sweep.listener import BusListener

@@ -11,7 +11,7 @@ import numpy as np
 
 from evs.emulator.state.versions import versions
 from evs.msgs import EvsError
-from evs.tools.jobs import check_workers, job_threads, run_jobs, tell_share
+from evs.tools.jobs import check_workers, job_threads, report_progress, run_jobs
 from evs.tools.training.pilot import WHITE_DN, Pilot, choose_pixels, look
 from evs.tools.training.scenes import make_scene
 from evs.tools.training.settings import DataSettings, Variant, claim_folder
@@ -119,7 +119,7 @@ class ShardJob:
         def traced(samples: int) -> None:
             nonlocal done
             done += samples
-            tell_share(done / work)
+            report_progress(done / work)
 
         shard = make_shard(self.settings, self.number, job_threads(), traced)
         write_shard(folder / self.name, shard)

@@ -14,8 +14,8 @@ import pytest
 import evs
 from evs.msgs import EvsError
 from evs.tools.jobs import run_jobs
-from evs.tools.jobs.far import fingerprint, make_far, unlike
-from evs.tools.jobs.parcel import PIECE_BYTES, End, Entry, Parcel, Said, pack
+from evs.tools.jobs.packing import PIECE_BYTES, FileEntry, Message, StreamEnd, Unpacker, pack
+from evs.tools.jobs.ray_node import differences, fingerprint, make_on_node
 from speed import jobs
 
 
@@ -27,9 +27,9 @@ def contents(folder: Path) -> dict[str, bytes | None]:
     }
 
 
-def sent(job: jobs.Noise) -> list[Said]:
+def sent(job: jobs.Noise) -> list[Message]:
     """What a node like this one gives."""
-    return list(make_far(job, fingerprint(), 1, "here"))
+    return list(make_on_node(job, fingerprint(), 1, "here"))
 
 
 @pytest.mark.parametrize("size", [0, 1, PIECE_BYTES, PIECE_BYTES + 1, 3 * PIECE_BYTES])
@@ -41,19 +41,19 @@ def test_files_arrive_as_they_were_in_small_pieces(tmp_path: Path, size: int) ->
     (there / "ä b").write_bytes(b"after")
     pieces = list(pack(there))
     assert all(len(piece) <= PIECE_BYTES for piece in pieces if isinstance(piece, bytes))
-    parcel = Parcel(tmp_path / "here")
+    unpacker = Unpacker(tmp_path / "here")
     for piece in pieces:
-        parcel.take(piece)
+        unpacker.write(piece)
     assert contents(tmp_path / "here") == contents(there)
 
 
 def test_a_job_made_far_is_the_one_made_here(tmp_path: Path) -> None:
     run_jobs([jobs.Noise(3)], tmp_path / "here")
-    parcel = Parcel(tmp_path / "far")
+    unpacker = Unpacker(tmp_path / "far")
     for said in sent(jobs.Noise(3)):
-        assert parcel.end is None
-        parcel.take(said)
-    assert parcel.end is not None
+        assert unpacker.end is None
+        unpacker.write(said)
+    assert unpacker.end is not None
     assert contents(tmp_path / "far") == contents(tmp_path / "here/noise/003")
     assert contents(tmp_path / "far")["in/b.txt"] == b"3\n"
 
@@ -65,42 +65,42 @@ def test_what_is_lost_or_changed_on_the_way_is_seen(tmp_path: Path) -> None:
     assert isinstance(piece, bytes)
     changed = [*whole[:place], bytes([piece[0] ^ 1]) + piece[1:], *whole[place + 1 :]]
     for name, damaged in (("lost", whole[:place] + whole[place + 1 :]), ("changed", changed)):
-        parcel = Parcel(tmp_path / name)
+        unpacker = Unpacker(tmp_path / name)
         for said in damaged[:-1]:
-            parcel.take(said)
+            unpacker.write(said)
         with pytest.raises(EvsError, match="damaged on their way"):
-            parcel.take(damaged[-1])
-        assert parcel.end is None
+            unpacker.write(damaged[-1])
+        assert unpacker.end is None
     with pytest.raises(EvsError, match="before its file"):
-        Parcel(tmp_path / "order").take(b"x")
+        Unpacker(tmp_path / "order").write(b"x")
 
 
 def test_warnings_of_a_job_come_with_it() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("default")
-        end = list(make_far(jobs.Warns("w"), fingerprint(), 1, "here"))[-1]
-    assert isinstance(end, End)
+        end = list(make_on_node(jobs.Warns("w"), fingerprint(), 1, "here"))[-1]
+    assert isinstance(end, StreamEnd)
     assert end.warnings == (("the light is dim", RuntimeWarning),)
 
 
 def test_a_job_has_the_threads_it_was_given() -> None:
-    said = list(make_far(jobs.One("x"), fingerprint(), 3, "here"))
-    assert said[:2] == [Entry("x", 1), b"3"]
+    said = list(make_on_node(jobs.One("x"), fingerprint(), 3, "here"))
+    assert said[:2] == [FileEntry("x", 1), b"3"]
 
 
 def test_a_node_that_is_another_is_named() -> None:
     wanted = fingerprint()
     assert set(wanted) == {"Python", "evs", "mujoco", "numpy", "zlib", "sources of evs"}
     assert wanted["evs"] == evs.__version__
-    assert unlike(wanted, wanted) == ""
-    assert unlike({"evs": "1", "numpy": "2"}, {"evs": "1", "numpy": "3"}) == "numpy 3 (here 2)"
-    assert unlike({"evs": "1"}, {}) == "evs unknown (here 1)"
+    assert differences(wanted, wanted) == ""
+    assert differences({"evs": "1", "numpy": "2"}, {"evs": "1", "numpy": "3"}) == "numpy 3 (here 2)"
+    assert differences({"evs": "1"}, {}) == "evs unknown (here 1)"
     with pytest.raises(EvsError, match=r"^node b has mujoco .* \(here 1\.2\.3\); install"):
-        next(make_far(jobs.One("x"), {**wanted, "mujoco": "1.2.3"}, 1, "b"))
+        next(make_on_node(jobs.One("x"), {**wanted, "mujoco": "1.2.3"}, 1, "b"))
 
 
 def test_an_edit_makes_another_evs(tmp_path: Path) -> None:
-    from evs.tools.jobs.far import _sources
+    from evs.tools.jobs.ray_node import _sources
 
     (tmp_path / "drivers").mkdir()
     (tmp_path / "drivers/a.py").write_text("A = 1\n")
@@ -135,15 +135,17 @@ def test_a_cluster_of_another_ray_is_told_in_what() -> None:
     pytest.importorskip("ray")
     from ray._private.utils import check_version_info
 
-    from evs.tools.jobs.cluster import _unreached
+    from evs.tools.jobs.ray_cluster import _no_cluster
 
     with pytest.raises(RuntimeError) as caught:
         check_version_info({"ray_version": "2.0.1", "python_version": "3.9.0"}, "here")
-    told = str(_unreached("10.0.0.1:6379", caught.value))
-    assert told.startswith("the Ray cluster at 10.0.0.1:6379 is another one than here: Version")
-    assert "Ray: 2.0.1" in told
-    assert "Python: 3.9.0" in told
-    assert "\n" not in told
+    hexdigest = str(_no_cluster("10.0.0.1:6379", caught.value))
+    assert hexdigest.startswith(
+        "the Ray cluster at 10.0.0.1:6379 is another one than here: Version"
+    )
+    assert "Ray: 2.0.1" in hexdigest
+    assert "Python: 3.9.0" in hexdigest
+    assert "\n" not in hexdigest
 
 
 def test_workers_here_and_a_cluster_are_two_things(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The far end of a worker process: takes units, does them, says what came of them."""
+"""The main loop of a worker process: receive units, run them, send the results."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import parent_process
 from typing import Any
 
-from evs.tools.jobs.here import job_runs
+from evs.tools.jobs.job_context import job_context
 
-READY, MOVED, WARNED, DONE, FAILED, STARVED = (
+READY, PROGRESS, WARNED, DONE, FAILED, OUT_OF_MEMORY = (
     "ready",
     "moved",
     "warned",
@@ -24,14 +24,14 @@ READY, MOVED, WARNED, DONE, FAILED, STARVED = (
     "failed",
     "starved",
 )
-"""What a worker says first; the rest of the message is its value."""
+"""kinds of messages of a worker; the second element of a message is its value"""
 
 
 def serve(pipe: Connection, do: Callable[[Any], Any], threads: int) -> None:
-    """Do what comes through the pipe until it is closed. In: threads of each unit."""
-    # Ctrl-C goes to all processes of a terminal; who started this one decides what it means
+    """Run the units that come through the pipe until it is closed."""
+    # Ctrl-C reaches all processes of a terminal; the parent decides what it means
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
 
     def warned(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
         pipe.send((WARNED, (str(message), category)))
@@ -43,36 +43,36 @@ def serve(pipe: Connection, do: Callable[[Any], Any], threads: int) -> None:
             unit = pipe.recv()
         except EOFError:
             return
-        with job_runs(threads, lambda share: pipe.send((MOVED, share))):
-            said = _done(do, unit)
+        with job_context(threads, lambda share: pipe.send((PROGRESS, share))):
+            message = _done(do, unit)
         try:
-            pipe.send(said)
+            pipe.send(message)
         except (AttributeError, TypeError, pickle.PicklingError) as error:
-            pipe.send((FAILED, portable(error)))
+            pipe.send((FAILED, picklable(error)))
 
 
 def _done(do: Callable[[Any], Any], unit: Any) -> tuple[str, Any]:
     try:
         return DONE, do(unit)
     except MemoryError:
-        return STARVED, None
+        return OUT_OF_MEMORY, None
     except Exception as error:
-        return FAILED, portable(error)
+        return FAILED, picklable(error)
 
 
-def portable(error: Exception) -> Exception:
-    """An exception as it can be sent, with where it came from as a note."""
-    told = "".join(traceback.format_exception(error)).rstrip()
+def picklable(error: Exception) -> Exception:
+    """The exception, or a substitute that pickle can send, with its traceback as a note."""
+    text = "".join(traceback.format_exception(error)).rstrip()
     sent: Exception = RuntimeError(f"{type(error).__name__}: {error}")
     # some exceptions of libraries cannot be pickled, or not read again
     with suppress(Exception):
         sent = pickle.loads(pickle.dumps(error))
-    sent.add_note(f"in another process:\n{told}")
+    sent.add_note(f"in another process:\n{text}")
     return sent
 
 
-def _end_with_parent() -> None:
-    """No worker outlives a parent that was killed."""
+def _exit_with_parent() -> None:
+    """Exit when the parent is gone, even if it was killed."""
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])

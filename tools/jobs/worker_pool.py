@@ -1,4 +1,4 @@
-"""Units of work, one after the other or several at once in processes of their own."""
+"""Run units of work one after the other, or at once in worker processes."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from typing import Any, Generic, TypeVar
 
 from evs.drivers.cores import cores
 from evs.msgs import EvsError
-from evs.tools.jobs import worker
-from evs.tools.jobs.here import job_runs
+from evs.tools.jobs import worker_process
+from evs.tools.jobs.job_context import job_context
 
 Unit = TypeVar("Unit")
 Value = TypeVar("Value")
 
-TRIES = 3
-"""How often a unit is begun before it is given up: its worker died each time."""
+MAX_ATTEMPTS = 3
+"""how often a unit is started before it fails, if its worker dies each time"""
 MOST_WORKERS = 1024
 
 
-def work_off(
+def run_units(
     todo: list[Unit],
     do: Callable[[Unit], Value],
     workers: int = 1,
@@ -37,34 +37,42 @@ def work_off(
     on_lost: Callable[[str], None] = warnings.warn,
     on_share: Callable[[Unit, float], None] = lambda _unit, _share: None,
 ) -> Generator[tuple[Unit, Value], None, None]:
-    """Do all of `todo`, and give each unit with its value when it is done.
+    """Run all of `todo`; yield each unit with its value when it is done.
 
-    Whoever iterates may add to `todo` in between. A unit that raises ends it, after those that run
-    beside it; so does `stopped`. A unit whose worker dies is done again by another one.
+    The caller may add to `todo` while it iterates. A unit that raises ends the iteration after the
+    units that run; so does `stopped`. A unit whose worker dies is run again by another worker.
 
-    In: do, a function of a module, as processes need it with workers over 1; workers, how many
-    units are done at once; threads, of each unit, 0: its share of the cores; stopped, asked before
-    each unit; on_lost, told a line when a worker dies; on_share, told how far a unit is, 0 ... 1.
-    Raises what a unit raises, EvsError where workers die TRIES times over one unit.
+    Args:
+        todo: the units; emptied.
+        do: runs a unit; with several workers a function of a module.
+        workers: how many units run at once; 1: in this process.
+        threads: threads of each unit; 0: its share of the cores.
+        stopped: polled before each unit.
+        on_lost: called with a line when a worker died.
+        on_share: called with the progress of a unit, 0 ... 1.
+
+    Raises:
+        EvsError: workers died MAX_ATTEMPTS times on one unit.
+        Exception: whatever a unit raises.
     """
     if not 1 <= workers <= MOST_WORKERS:
         raise EvsError(f"{workers} workers cannot be: give 1 ... {MOST_WORKERS}")
     if workers == 1:
         while todo and not stopped():
             unit = todo.pop(0)
-            with job_runs(threads, partial(on_share, unit)):
+            with job_context(threads, partial(on_share, unit)):
                 value = do(unit)
             yield unit, value
         return
-    crew = _Crew(do, workers, threads or max(1, cores() // workers), on_lost, on_share)
+    pool = _WorkerPool(do, workers, threads or max(1, cores() // workers), on_lost, on_share)
     try:
-        yield from crew.work_off(todo, stopped)
+        yield from pool.run_units(todo, stopped)
     finally:
-        crew.end()
+        pool.end()
 
 
 def name_of(unit: object) -> str:
-    """What a unit is called in messages."""
+    """Name of a unit, for messages."""
     return str(getattr(unit, "name", unit))
 
 
@@ -73,13 +81,13 @@ class _Worker(Generic[Unit]):
     process: SpawnProcess
     pipe: Connection
     unit: Unit | None = None
-    """what it is at"""
+    """the unit that it runs"""
     is_ready: bool = False
 
 
 @dataclass
-class _Crew(Generic[Unit, Value]):
-    """Worker processes, started when they are needed and replaced when they die."""
+class _WorkerPool(Generic[Unit, Value]):
+    """Worker processes, started on demand and replaced when they die."""
 
     do: Callable[[Unit], Value]
     size: int
@@ -87,90 +95,90 @@ class _Crew(Generic[Unit, Value]):
     on_lost: Callable[[str], None]
     on_share: Callable[[Unit, float], None]
     workers: list[_Worker[Unit]] = field(default_factory=list)
-    again: list[Unit] = field(default_factory=list)
+    retries: list[Unit] = field(default_factory=list)
     """units whose worker died"""
-    tries: Counter[int] = field(default_factory=Counter)
+    attempts: Counter[int] = field(default_factory=Counter)
     """id of a unit -> how often a worker died over it"""
     failure: Exception | None = None
 
-    def work_off(
+    def run_units(
         self, todo: list[Unit], stopped: Callable[[], bool]
     ) -> Iterator[tuple[Unit, Value]]:
-        """As the function."""
+        """See run_units."""
         while True:
-            while (todo or self.again) and self.failure is None and self._is_free():
-                # what a dead worker left goes first; a stop leaves both
+            while (todo or self.retries) and self.failure is None and self._is_free():
+                # units of dead workers go first; after a stop both lists stay
                 if stopped():
                     break
-                self._hand_out((self.again or todo).pop(0))
+                self._assign((self.retries or todo).pop(0))
             busy = [w for w in self.workers if w.unit is not None]
             if not busy:
                 break
             for pipe in wait([w.pipe for w in busy]):
                 one = next(w for w in busy if w.pipe is pipe)
-                yield from self._hear(one)
+                yield from self._receive(one)
         if self.failure is not None:
             raise self.failure
 
     def _is_free(self) -> bool:
         return len(self.workers) < self.size or any(w.unit is None for w in self.workers)
 
-    def _hand_out(self, unit: Unit) -> None:
+    def _assign(self, unit: Unit) -> None:
         one = next((w for w in self.workers if w.unit is None), None) or self._start()
         one.unit = unit
-        # where it died while it had nothing to do, its end is heard next
+        # if it died while idle, _receive finds out
         with suppress(OSError):
             one.pipe.send(unit)
 
     def _start(self) -> _Worker[Unit]:
-        # spawn: nothing of this process, its threads least of all, goes along
+        # spawn: workers inherit nothing of this process, least of all its threads
         spawn = get_context("spawn")
         ours, theirs = spawn.Pipe()
         process = spawn.Process(
-            target=worker.serve, args=(theirs, self.do, self.threads), name="evs-worker"
+            target=worker_process.serve, args=(theirs, self.do, self.threads), name="evs-worker"
         )
         process.start()
         theirs.close()
         self.workers.append(_Worker(process, ours))
         return self.workers[-1]
 
-    def _hear(self, one: _Worker[Unit]) -> Iterator[tuple[Unit, Value]]:
-        """Take one message of a worker that has a unit."""
+    def _receive(self, one: _Worker[Unit]) -> Iterator[tuple[Unit, Value]]:
+        """Receive one message of a busy worker; yield its unit if that is done."""
         unit = one.unit
         assert unit is not None
         try:
             kind, value = one.pipe.recv()
         except (EOFError, OSError):
-            self._lose(one, unit, "")
+            self._retry_or_fail(one, unit, "")
             return
-        if kind == worker.READY:
+        if kind == worker_process.READY:
             one.is_ready = True
-        elif kind == worker.MOVED:
+        elif kind == worker_process.PROGRESS:
             self.on_share(unit, value)
-        elif kind == worker.WARNED:
+        elif kind == worker_process.WARNED:
             warnings.warn(value[0], value[1], stacklevel=2)
-        elif kind == worker.DONE:
+        elif kind == worker_process.DONE:
             one.unit = None
-            self.tries.pop(id(unit), None)
+            self.attempts.pop(id(unit), None)
             yield unit, value
-        elif kind == worker.FAILED:
+        elif kind == worker_process.FAILED:
             one.unit = None
             self.failure = self.failure or value
         else:
-            self._lose(one, unit, "it found no memory")
+            self._retry_or_fail(one, unit, "it found no memory")
 
-    def _lose(self, one: _Worker[Unit], unit: Unit, why: str) -> None:
-        """A worker is gone: its unit is put back, or given up."""
+    def _retry_or_fail(self, one: _Worker[Unit], unit: Unit, why: str) -> None:
+        """Handle the death of a worker: queue its unit again, or fail."""
         if why:
             one.process.kill()
         one.process.join()
         one.pipe.close()
         self.workers.remove(one)
-        why = why or _told_of_end(one.process.exitcode)
-        self.tries[id(unit)] += 1
-        count = self.tries[id(unit)]
-        if count < TRIES:
-            self.again.append(unit)
+        why = why or _exit_reason(one.process.exitcode)
+        self.attempts[id(unit)] += 1
+        count = self.attempts[id(unit)]
+        if count < MAX_ATTEMPTS:
+            self.retries.append(unit)
             self.on_lost(f"{name_of(unit)}: its worker died ({why}); it is made again")
             return
         mend = "give fewer --workers, or look for what ends them"
@@ -181,7 +189,7 @@ class _Crew(Generic[Unit, Value]):
         )
 
     def end(self) -> None:
-        """No worker is left; what one is at is lost."""
+        """Stop all workers; units that run are lost."""
         for one in self.workers:
             one.pipe.close()
             if one.unit is not None:
@@ -194,7 +202,7 @@ class _Crew(Generic[Unit, Value]):
         self.workers.clear()
 
 
-def _told_of_end(code: int | None) -> str:
+def _exit_reason(code: int | None) -> str:
     if code is None or code >= 0:
         return f"exit code {code}"
     name: Any = -code

@@ -1,4 +1,4 @@
-"""Target: the folder where jobs arrive, each whole or not at all."""
+"""TargetFolder: the folder of results, each complete or absent."""
 
 from __future__ import annotations
 
@@ -12,39 +12,42 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from evs.msgs import EvsError
-from evs.tools.jobs.make import mend_of
+from evs.tools.jobs.job_maker import remedy_for
 
 PREFIX = ".making-"
-"""of the hidden folders beside the jobs in which they are made"""
+"""of the hidden folders in which jobs run"""
 
 
-class Target:
-    """The folder. Several runs may write to one at the same time; who comes second gives way."""
+class TargetFolder:
+    """The folder of results. Several runs may share it; the first result of a job is kept."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def has(self, name: str) -> bool:
-        """Whether a job has arrived."""
+        """Whether a job has a result."""
         return (self.folder / name).exists()
 
     @contextlib.contextmanager
-    def making(self) -> Iterator[Path]:
-        """A hidden folder for what is not whole yet, on the same disk; gone after the block.
+    def staging(self) -> Iterator[Path]:
+        """A hidden folder for incomplete results, on the same disk; removed after the block.
 
-        What killed runs left is removed. Raises EvsError where the folder cannot be written.
+        The folders of killed runs are removed.
+
+        Raises:
+            EvsError: the target folder cannot be written.
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            # held while one is made, so that nobody takes it for left before it is locked
-            with _held(self.folder, fcntl.LOCK_EX):
+            # locked while the folder is made, so that no other run removes it as abandoned
+            with _locked(self.folder, fcntl.LOCK_EX):
                 for left in self.folder.glob(f"{PREFIX}*"):
-                    with _held(left, fcntl.LOCK_EX | fcntl.LOCK_NB) as is_left:
+                    with _locked(left, fcntl.LOCK_EX | fcntl.LOCK_NB) as is_left:
                         if is_left:
                             shutil.rmtree(left, ignore_errors=True)
                 here = Path(tempfile.mkdtemp(prefix=PREFIX, dir=self.folder))
                 stack = contextlib.ExitStack()
-                stack.enter_context(_held(here, fcntl.LOCK_SH))
+                stack.enter_context(_locked(here, fcntl.LOCK_SH))
         except OSError as reason:
             raise EvsError(f"cannot write to '{self.folder}': {reason.strerror}") from None
         with stack:
@@ -53,11 +56,15 @@ class Target:
             finally:
                 shutil.rmtree(here, ignore_errors=True)
 
-    def arrive(self, name: str, made: Path) -> None:
-        """Move what a job made to its place. Raises EvsError: it made nothing, the disk is full."""
+    def store(self, name: str, made: Path) -> None:
+        """Move the files of a job to their place.
+
+        Raises:
+            EvsError: the job wrote nothing, or the disk is full.
+        """
         target = self.folder / name
         try:
-            found = _settle(made)
+            found = _sync_all(made)
             if not found:
                 raise EvsError(f"{name}: it has written nothing")
             alone = made / target.name
@@ -66,17 +73,19 @@ class Target:
             try:
                 source.rename(target)
             except OSError as reason:
-                # another run was first; its bytes are the same
+                # another run was first and wrote the same bytes
                 if reason.errno not in (errno.ENOTEMPTY, errno.EEXIST):
                     raise
             _sync(target.parent)
         except OSError as reason:
-            raise EvsError(f"cannot write {target}: {reason.strerror}{mend_of(reason)}") from None
+            raise EvsError(
+                f"cannot write {target}: {reason.strerror}{remedy_for(reason)}"
+            ) from None
 
 
 @contextlib.contextmanager
-def _held(folder: Path, how: int) -> Iterator[bool]:
-    """A lock on a folder, which ends with its process; False where it is not to be had."""
+def _locked(folder: Path, how: int) -> Iterator[bool]:
+    """Lock a folder for the block or until this process dies; False if that is not possible."""
     try:
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     except OSError:
@@ -86,7 +95,7 @@ def _held(folder: Path, how: int) -> Iterator[bool]:
         try:
             fcntl.flock(handle, how)
         except OSError:
-            # somebody has it, or the file system knows no locks on folders
+            # somebody else holds it, or the file system cannot lock folders
             yield False
         else:
             yield True
@@ -94,14 +103,14 @@ def _held(folder: Path, how: int) -> Iterator[bool]:
         os.close(handle)
 
 
-def _settle(folder: Path) -> list[Path]:
-    """Bring all of a folder to the disk, so that no power cut halves it; Out: what lies in it."""
+def _sync_all(folder: Path) -> list[Path]:
+    """Sync a folder to the disk, against power cuts; returns its entries."""
     found = sorted(folder.iterdir())
     for path in found:
         if path.is_symlink() or not (path.is_file() or path.is_dir()):
             raise EvsError(f"a job wrote {path.name}, which is no file; jobs write files only")
         if path.is_dir():
-            _settle(path)
+            _sync_all(path)
         else:
             _sync(path)
     _sync(folder)

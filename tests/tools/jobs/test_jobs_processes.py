@@ -14,8 +14,8 @@ import pytest
 
 from evs.drivers.clock import monotonic_s
 from evs.msgs import EvsError
-from evs.tools.jobs import Ran, job, run_jobs, work_off
-from evs.tools.jobs.target import PREFIX
+from evs.tools.jobs import JobSummary, job, run_jobs, run_units
+from evs.tools.jobs.target_folder import PREFIX
 from speed import jobs
 
 
@@ -30,8 +30,8 @@ def digests(folder: Path) -> dict[str, str]:
 
 def test_any_number_of_workers_brings_the_same_files(tmp_path: Path) -> None:
     todo = [jobs.Noise(number, kib=40) for number in range(5)]
-    assert run_jobs(todo, tmp_path / "one") == Ran(5, 0, 0)
-    assert run_jobs(todo, tmp_path / "two", workers=2) == Ran(5, 0, 0)
+    assert run_jobs(todo, tmp_path / "one") == JobSummary(5, 0, 0)
+    assert run_jobs(todo, tmp_path / "two", workers=2) == JobSummary(5, 0, 0)
     found = digests(tmp_path / "one")
     assert len(found) == 15
     assert found["noise/004/in/b.txt"] == hashlib.sha256(b"4\n").hexdigest()
@@ -46,7 +46,7 @@ def test_what_is_there_is_kept_and_the_rest_is_made(tmp_path: Path) -> None:
     (tmp_path / "noise/002/mine").touch()
     said: list[tuple[str, bool]] = []
     ran = run_jobs(todo, tmp_path, on_done=lambda job, is_new: said.append((job.name, is_new)))
-    assert ran == Ran(3, 1, 0)
+    assert ran == JobSummary(3, 1, 0)
     assert said == [
         ("noise/002", False),
         ("noise/000", True),
@@ -54,7 +54,7 @@ def test_what_is_there_is_kept_and_the_rest_is_made(tmp_path: Path) -> None:
         ("noise/003", True),
     ]
     assert [path.name for path in (tmp_path / "noise/002").iterdir()] == ["mine"]
-    assert run_jobs(todo, tmp_path) == Ran(0, 4, 0)
+    assert run_jobs(todo, tmp_path) == JobSummary(0, 4, 0)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -76,7 +76,7 @@ def test_a_job_that_follows_another_is_made_once_that_one_is_there(
         on_done=lambda job, is_new: said.append(job.name),
         then=then,
     )
-    assert ran == Ran(4, 2, 0)
+    assert ran == JobSummary(4, 2, 0)
     assert sorted(said) == [f"noise/{number:03d}" for number in (0, 1, 2, 3, 4, 7)]
     if workers == 1:
         # what others wait for goes first
@@ -160,7 +160,7 @@ def test_a_job_that_raises_is_named(
         assert "in job bad/1" in "".join(caught.value.__notes__)
     # nothing half is left, and what was made before is whole
     assert [path.name for path in tmp_path.iterdir()] == ["noise"]
-    assert run_jobs([jobs.Noise(0)], tmp_path) == Ran(0, 1, 0)
+    assert run_jobs([jobs.Noise(0)], tmp_path) == JobSummary(0, 1, 0)
 
 
 def test_an_exception_that_cannot_be_carried_is_told_all_the_same(tmp_path: Path) -> None:
@@ -197,7 +197,7 @@ def test_a_stop_brings_home_what_runs(tmp_path: Path, workers: int) -> None:
     assert ran.left > 0
     assert ran.made == len(done) == 6 - ran.left
     assert sorted(f"noise/{path.name}" for path in (tmp_path / "noise").iterdir()) == sorted(done)
-    assert run_jobs(todo, tmp_path) == Ran(ran.left, ran.made, 0)
+    assert run_jobs(todo, tmp_path) == JobSummary(ran.left, ran.made, 0)
 
 
 def test_on_done_may_end_it(tmp_path: Path) -> None:
@@ -252,10 +252,10 @@ def test_what_a_killed_run_left_goes_and_what_another_one_makes_stays(tmp_path: 
 
         def make(self, folder: Path) -> None:
             # a second run, in the middle of this one
-            assert run_jobs([jobs.One("inner")], tmp_path) == Ran(1, 0, 0)
+            assert run_jobs([jobs.One("inner")], tmp_path) == JobSummary(1, 0, 0)
             (folder / "x").touch()
 
-    assert run_jobs([Beside()], tmp_path) == Ran(1, 0, 0)
+    assert run_jobs([Beside()], tmp_path) == JobSummary(1, 0, 0)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["inner", "outer"]
 
 
@@ -268,14 +268,14 @@ def test_who_comes_second_gives_way(tmp_path: Path) -> None:
             run_jobs([jobs.Noise(1)], tmp_path)
             (folder / "late").touch()
 
-    assert run_jobs([Late()], tmp_path) == Ran(1, 0, 0)
+    assert run_jobs([Late()], tmp_path) == JobSummary(1, 0, 0)
     assert sorted(digests(tmp_path)) == [f"noise/001/{n}" for n in ("a.bin", "empty", "in/b.txt")]
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_work_may_make_more_work(workers: int) -> None:
     todo, values = [1, 2], {}
-    for unit, value in work_off(todo, str, workers):
+    for unit, value in run_units(todo, str, workers):
         values[unit] = int(value)
         if unit < 10:
             todo.append(10 * unit)

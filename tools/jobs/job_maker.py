@@ -1,4 +1,4 @@
-"""MakeIn: a job made in a folder, and what it raises with its name."""
+"""JobMaker: run a job in a new folder; errors name the job."""
 
 from __future__ import annotations
 
@@ -12,14 +12,21 @@ from evs.tools.jobs.job import Job
 
 
 @dataclass(frozen=True)
-class MakeIn:
-    """Makes a job in a new folder below `making`."""
+class JobMaker:
+    """Runs a job in a new folder below `staging`."""
 
-    making: Path
+    staging: Path
 
     def __call__(self, job: Job) -> Path:
-        """That folder. Raises EvsError, which names the job."""
-        folder = self.making / job.name
+        """Run the job.
+
+        Returns:
+            The folder with its files.
+
+        Raises:
+            EvsError: the job failed; the message names it.
+        """
+        folder = self.staging / job.name
         # a worker that died may have left half of it
         shutil.rmtree(folder, ignore_errors=True)
         try:
@@ -28,17 +35,17 @@ class MakeIn:
         except EvsError as reason:
             raise EvsError(f"{job.name}: {reason}") from None
         except OSError as reason:
-            told = reason.strerror or str(reason)
+            text = reason.strerror or str(reason)
             where = f": '{reason.filename}'" if reason.filename else ""
-            raise EvsError(f"{job.name}: {told}{where}{mend_of(reason)}") from None
+            raise EvsError(f"{job.name}: {text}{where}{remedy_for(reason)}") from None
         except Exception as error:
             error.add_note(f"in job {job.name}")
             raise
         return folder
 
 
-def mend_of(reason: OSError) -> str:
-    """What to do about a disk that is full; nothing for other faults."""
+def remedy_for(reason: OSError) -> str:
+    """What to do if the disk is full, for the end of a message; empty for other errors."""
     if reason.errno not in (errno.ENOSPC, errno.EDQUOT):
         return ""
     return "; the jobs before it are whole: free some space and give the command again"
