@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from evs.tools.stress import Extreme, extremes_of, try_extreme
+from evs.tools.stress import StressCase, cases_of, run_case
 
 pytestmark = pytest.mark.extremes
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("extreme", extremes_of("light"), ids=lambda extreme: extreme.name)
-def test_an_extreme_of_light_keeps_its_bound(extreme: Extreme) -> None:
-    tried = try_extreme(extreme)
+@pytest.mark.parametrize("case", cases_of("light"), ids=lambda case: case.name)
+def test_an_extreme_of_light_keeps_its_bound(case: StressCase) -> None:
+    tried = run_case(case)
     assert tried.holds, tried

@@ -14,8 +14,8 @@ import numpy as np
 from evs.emulator import World
 from evs.emulator.base.scene import F64
 from evs.emulator.world import ORTHOGRAPHIC
-from evs.tools.stress.capture import Film, film
-from evs.tools.stress.closed_form import THETA, untold
+from evs.tools.stress.capture import Capture, capture
+from evs.tools.stress.closed_form import THETA, residual_thresholds
 from evs.tools.stress.grid_target import HEIGHT_PX
 
 DIM, BRIGHT = 0.1, 0.55
@@ -36,7 +36,7 @@ SCENE = f"""<mujoco><option timestep="1000"/><visual><headlight active="0"/></vi
 <geom type="box" size="50 99 .1" pos="-50 0 1" material="bright"/></body></worldbody></mujoco>"""
 
 
-def filmed(speed_px_s: float, tick_us: int, width_px: int) -> Film:
+def capture_edge(speed_px_s: float, tick_us: int, width_px: int) -> Capture:
     """The edge goes through the picture, waits two ticks, and is back at its begin at once."""
     tick_s = tick_us * 1e-6
     ticks = math.ceil((width_px - FIRST_PX) / speed_px_s / tick_s) + 4
@@ -47,7 +47,7 @@ def filmed(speed_px_s: float, tick_us: int, width_px: int) -> Film:
             at_px = FIRST_PX
         world.data.mocap_pos[0] = (at_px - width_px / 2, 0, 0)
 
-    return film(
+    return capture(
         SCENE,
         ticks * tick_s,
         {
@@ -68,7 +68,7 @@ def due_s(speed_px_s: float, tick_us: int, width_px: int) -> F64:
     return due
 
 
-def worst_share(seen: Film, speed_px_s: float, tick_us: int, width_px: int) -> float:
+def worst_share(seen: Capture, speed_px_s: float, tick_us: int, width_px: int) -> float:
     """How late or early the worst event is, as share of what it may be; inf where a count is wrong.
 
     It may be a tick, in which light is a line, and the time that the edge needs for the distance of
@@ -90,7 +90,7 @@ def worst_share(seen: Film, speed_px_s: float, tick_us: int, width_px: int) -> f
     return float(late_s.max() / most_s)
 
 
-def told(seen: Film) -> bool:
+def is_explained(seen: Capture) -> bool:
     """Whether the events of every pixel add up to no change: the end is as the begin was."""
     light = np.full((HEIGHT_PX, int(seen.world.cameras[0].info.width)), DIM)
-    return untold(seen.events, light, light) < 1e-6
+    return residual_thresholds(seen.events, light, light) < 1e-6

@@ -1,4 +1,4 @@
-"""Less memory than the machine has, for a while: ulimit -v, from inside."""
+"""Limit the memory of this process for a block, as ulimit -v does."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from evs.emulator.base.memory import SIZE_FILE
 
 @contextmanager
 def address_space(more_bytes: int) -> Iterator[None]:
-    """This process gets so much more memory than it has now, and no more, inside the block."""
+    """Limit this process to so much more memory than it has now, for the block."""
     pages = int(SIZE_FILE.read_text().split()[0])
     before, most = resource.getrlimit(resource.RLIMIT_AS)
     limit = pages * resource.getpagesize() + more_bytes

@@ -1,4 +1,4 @@
-"""Networks whose answer is known, and what they make of the curtain."""
+"""Networks with a known response, and their response to the step target."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from evs.emulator.evsnet.weights import Block, Convolution, NetworkWeights
 from evs.emulator.state import pack, unpack
 from evs.msgs import EvsError
 from evs.tools.stress.capture import Act
-from evs.tools.stress.step_target import Shown, curtain
+from evs.tools.stress.step_target import StepCapture, capture_step
 from evs.tools.training.export import export
 
 STEP = math.log(255.0)
-"""log contrast of the curtain, white to black"""
+"""log contrast of the step target, white to black"""
 SENSOR = {"width": 16, "height": 12, "pos_thres": 0.2, "neg_thres": 0.2}
 """[sensor]: thresholds as the network's own, so that V_on = V_off = 1"""
 
@@ -53,19 +53,19 @@ def scaled(weight: float, channels: int, blocks: int) -> NetworkWeights:
     return NetworkWeights("scaled", flat(1), (pair,) * blocks, last)
 
 
-def shown(
+def capture_network(
     network: NetworkWeights,
     left: Callable[[int], float],
     ticks: int,
     watch: Act | None = None,
     exposure_dn: float = 255.0,
-) -> Shown:
-    """What the network makes of the curtain, read from its file; every membrane begins at 0."""
+) -> StepCapture:
+    """The step target seen by the network, read from its file; every membrane begins at 0."""
     with tempfile.TemporaryDirectory() as folder:
         path, _ = export(network, Path(folder) / "net.onnx")
         model = {"name": "evsnet", "network": str(path), "initial_state": "zero"}
         sensor = {**SENSOR, "exposure_dn": exposure_dn}
-        return curtain(left, ticks, {"sensor": sensor, "model": model}, watch=watch)
+        return capture_step(left, ticks, {"sensor": sensor, "model": model}, watch=watch)
 
 
 def membranes(world: World) -> F32:
