@@ -70,8 +70,8 @@ def run(args: argparse.Namespace) -> int:
     from evs.drivers.run.report import check_targets, write_whole
     from evs.launch.support import terminal
     from evs.tools.evaluation import evaluate, models, table
-    from evs.tools.evaluation.cache import LightCache, user_cache
     from evs.tools.evaluation.chart_page import evaluation_page
+    from evs.tools.evaluation.light_cache import LightCache, user_cache
 
     numbers, words, picture = (
         None if text is None else Path(text) for text in (args.json, args.markdown, args.picture)
@@ -79,8 +79,8 @@ def run(args: argparse.Namespace) -> int:
     if picture is not None and suffix_of(picture) != ".png":
         raise EvsError(f"--picture is '{picture}': end it in .png")
     check_targets([path for path in (numbers, words, picture) if path is not None])
-    settings = _settings(args, evaluate.QUICK if args.quick else evaluate.Settings())
-    judged, missing = models.contenders(settings.models, settings.network, settings.how)
+    settings = _settings(args, evaluate.QUICK if args.quick else evaluate.EvaluationSettings())
+    judged, missing = models.models_under_test(settings.models, settings.network, settings.how)
     for line in missing:
         terminal.warn(line)
     own = settings.network
@@ -106,9 +106,9 @@ def _checked(network: Path, provider: str) -> Any:
     """What was found out about a user's network; each thing that is bad is a warning."""
     from evs.launch.support import terminal
     from evs.tools.doctor.check import BAD
-    from evs.tools.evaluation.check import check_model
+    from evs.tools.evaluation.network_check import check_network
 
-    checked = check_model(network, provider)
+    checked = check_network(network, provider)
     for finding in checked.findings:
         if finding.verdict == BAD:
             terminal.warn(f"{network}: {finding.what}: {finding.found}")

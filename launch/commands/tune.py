@@ -67,15 +67,15 @@ def run(args: argparse.Namespace) -> int:
     from evs.drivers.run.report import check_targets, write_whole
     from evs.launch.support import terminal
     from evs.tools.doctor.machine import cpu_name
-    from evs.tools.evaluation.cache import LightCache, user_cache
-    from evs.tools.sweep.front import figure_named
-    from evs.tools.tuning import gauge, search, text
-    from evs.tools.tuning.base import base_of
+    from evs.tools.evaluation.light_cache import LightCache, user_cache
+    from evs.tools.sweep.pareto_front import error_metric
+    from evs.tools.tuning import measurement, search, summary
+    from evs.tools.tuning.base_pipeline import base_pipeline
+    from evs.tools.tuning.pipeline_file import check_own, pipeline_text
     from evs.tools.tuning.space import candidates
-    from evs.tools.tuning.written import check_own, pipeline_text
 
     begin_s = monotonic_s()
-    goal, figure = search.Goal(args.rtf, args.error), figure_named(args.figure)
+    goal, figure = search.TuningGoal(args.rtf, args.error), error_metric(args.figure)
     budget_s: float = args.budget
     if not 0.0 < budget_s <= MAX_BUDGET_S:
         raise EvsError(f"--budget is {budget_s:g} s: give more than 0, {MAX_BUDGET_S:g} at most")
@@ -84,10 +84,10 @@ def run(args: argparse.Namespace) -> int:
         raise EvsError(f"--output is '{output}', a scene by its ending: give one in .toml")
     check_own(output)
     check_targets([output])
-    base = base_of(*pipeline_options.parse_pipeline(args, OPTIONS))
+    base = base_pipeline(*pipeline_options.parse_pipeline(args, OPTIONS))
     able = candidates(base.pinned)
     cache = LightCache(user_cache() if args.cache is None else Path(args.cache).expanduser())
-    effort = gauge.QUICK if args.quick else gauge.USUAL
+    effort = measurement.QUICK if args.quick else measurement.USUAL
     told = ""
 
     def left_s() -> float:
@@ -103,9 +103,9 @@ def run(args: argparse.Namespace) -> int:
             told = what
             step()
 
-        with gauge.opened(base, args.motion, figure, cache, effort, step) as measures:
+        with measurement.open_measurer(base, args.motion, figure, cache, effort, step) as measures:
             found = search.Search(able, goal, measures, left_s, begin).run()
-    facts = text.facts(found, figure, measures.own, monotonic_s() - begin_s)
+    facts = summary.facts(found, figure, measures.reference_error, monotonic_s() - begin_s)
     facts.append(("machine", f"{cpu_name()}, {cores()} cores"))
     if found.reached or args.anyway:
         config = base.with_settings(found.winner.candidate.settings)
@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         facts.append(("not written", "--anyway writes it as it is"))
     if not args.quiet:
-        _show(facts, text.table(found), str(output) if found.reached or args.anyway else "")
+        _show(facts, summary.table(found), str(output) if found.reached or args.anyway else "")
     return 0 if found.reached else 1
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from evs.emulator.config import CameraConfig
 from evs.msgs import EvsError
-from evs.tools.evaluation.scene_setup import Stage
-from evs.tools.evaluation.take import TICK_US
+from evs.tools.evaluation.clip import TICK_US
+from evs.tools.evaluation.scene_setup import SceneSetup
 from evs.tools.training.pilot import look
 from evs.tools.training.scenes import CAMERA, START, make_scene
 from evs.tools.training.traced_scene import load_scene, set_up
@@ -22,7 +22,7 @@ _LOOK_TICKS = 128
 _LOOK_SEED = 0
 
 
-def procedural_stage(name: str, number: str) -> Stage:
+def procedural_setup(name: str, number: str) -> SceneSetup:
     """Scene procedural/NUMBER. Raises EvsError: no number, or none of its attempts is of use.
 
     Its camera stands where the recipe's first is; the evaluation moves it. So that a scene is of
@@ -43,7 +43,7 @@ def procedural_stage(name: str, number: str) -> Stage:
         if not pilot.is_useful or pilot.is_still:
             continue
         model = load_scene(scene)
-        return Stage(
+        return SceneSetup(
             name,
             model,
             CameraConfig(),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from evs.msgs import EvsError
-from evs.tools.evaluation.cache import DamagedCacheWarning, LightCache, user_cache
+from evs.tools.evaluation.light_cache import DamagedCacheWarning, LightCache, user_cache
 
 LIGHT = np.arange(12, dtype=np.float32).reshape(3, 4)
 

@@ -9,24 +9,30 @@ import pytest
 
 from evs.drivers.run.shipped import PRESETS
 from evs.msgs import EvsError
-from evs.tools.sweep import choose as chosen
-from evs.tools.sweep.front import FIGURES, figure_named, front, spots, unmatched
-from evs.tools.sweep.measured import FRAMES, STAGES, Error, Interval, Measured, Speed
-from evs.tools.sweep.table import About, case_table, in_order, markdown, peers, with_interval
+from evs.tools.sweep import preset_choice as chosen
+from evs.tools.sweep.pareto_front import (
+    ERROR_METRICS,
+    error_metric,
+    pareto_front,
+    pareto_points,
+    unmatched,
+)
+from evs.tools.sweep.record import FRAMES, STAGES, Accuracy, ConfidenceInterval, Speed, SweepRecord
+from evs.tools.sweep.table import SweepInfo, case_table, in_order, markdown, peers, with_interval
 
 
 def speed_of(factor: float) -> Speed:
-    def around(value: float) -> Interval:
-        return Interval(value, 0.9 * value, 1.2 * value, 5)
+    def around(value: float) -> ConfidenceInterval:
+        return ConfidenceInterval(value, 0.9 * value, 1.2 * value, 5)
 
     stages = {name: around(0.1 * k / factor) for k, name in enumerate(STAGES, 1)}
     return Speed(around(factor), around(2 / factor), around(3 / factor), stages, 89960.0, 40)
 
 
-def error_of(off: float, own: float = 0.01) -> Error:
+def error_of(off: float, own: float = 0.01) -> Accuracy:
     """Recall and precision both 1 - off."""
     share = 1.0 - off
-    return Error(
+    return Accuracy(
         0.5 * off, 2 * own, share, share, 3 * off, 1 + off, 1 - off, 0.125, 0.25, 1 - 2 * own
     )
 
@@ -42,11 +48,11 @@ def record(
     scene: str = "a.xml",
     camera: str = "still",
     **settings: str | int,
-) -> Measured:
+) -> SweepRecord:
     keys = {key.replace("__", "."): text for key, text in settings.items()}
     speed = None if factor is None else speed_of(factor)
     error = None if off is None else error_of(off)
-    return Measured(scene, camera, preset, axis, value, keys, kind, speed, error)
+    return SweepRecord(scene, camera, preset, axis, value, keys, kind, speed, error)
 
 
 @pytest.mark.parametrize(
@@ -68,45 +74,49 @@ def test_the_share_without_a_partner(recall: float, precision: float, wanted: fl
 def test_where_nothing_happens_nothing_is_wrong_or_right() -> None:
     assert math.isnan(unmatched(math.nan, math.nan))
     dark = replace(error_of(0.1), recall=math.nan, precision=math.nan)
-    assert spots([replace(record(1.0, 0.1), error=dark)]) == []
+    assert pareto_points([replace(record(1.0, 0.1), error=dark)]) == []
 
 
 def test_the_front_leaves_out_what_is_worse_in_both() -> None:
     best = [record(4.0, 0.4), record(1.0, 0.2), record(0.1, 0.05)]
     worse = [record(3.0, 0.4), record(1.0, 0.3), record(0.05, 0.06)]
-    assert [spot.record for spot in front(spots([*worse, *best]))] == best
+    assert [
+        pareto_point.record for pareto_point in pareto_front(pareto_points([*worse, *best]))
+    ] == best
 
 
 def test_better_than_the_reference_knows_itself_is_no_better() -> None:
     """Its own error is 0.01: of two below that the faster stays."""
     fast, slow = record(0.2, 0.008), record(0.1, 0.002)
-    assert [spot.record for spot in front(spots([slow, fast]))] == [fast]
-    assert [spot.error for spot in spots([slow])] == [pytest.approx(0.002)]
+    assert [pareto_point.record for pareto_point in pareto_front(pareto_points([slow, fast]))] == [
+        fast
+    ]
+    assert [pareto_point.error for pareto_point in pareto_points([slow])] == [pytest.approx(0.002)]
 
 
 def test_another_sensor_and_other_peoples_ways_are_not_on_the_front() -> None:
     small = record(9.0, 0.01, axis="resolution", value="8 x 8", sensor__width=8)
     peer = record(8.0, 0.01, kind=FRAMES)
     ours = record(1.0, 0.1, axis="samples", value="direct 4", render__spp=4)
-    every = spots([small, peer, ours])
-    assert [spot.record for spot in front(every)] == [ours]
-    assert [spot.record for spot in front(every, FRAMES)] == [peer]
+    every = pareto_points([small, peer, ours])
+    assert [pareto_point.record for pareto_point in pareto_front(every)] == [ours]
+    assert [pareto_point.record for pareto_point in pareto_front(every, FRAMES)] == [peer]
 
 
 def test_a_record_without_a_speed_or_an_error_has_no_place() -> None:
-    assert spots([record(None, 0.1), record(1.0, None)]) == []
+    assert pareto_points([record(None, 0.1), record(1.0, None)]) == []
 
 
 def test_figures_by_name() -> None:
-    assert figure_named("emd").of(error_of(0.2)) == pytest.approx(0.1)
-    assert figure_named("emd").own(error_of(0.2)) == pytest.approx(0.01)
-    assert figure_named("unmatched") is FIGURES["unmatched"]
+    assert error_metric("emd").of(error_of(0.2)) == pytest.approx(0.1)
+    assert error_metric("emd").reference_error(error_of(0.2)) == pytest.approx(0.01)
+    assert error_metric("unmatched") is ERROR_METRICS["unmatched"]
     with pytest.raises(EvsError, match="no figure of error 'end'; there is: emd"):
-        figure_named("end")
+        error_metric("end")
 
 
-def trade(scene: str = "a.xml", slower: float = 1.0) -> list[Measured]:
-    def one(factor: float, off: float, *words: str, **settings: str | int) -> Measured:
+def trade(scene: str = "a.xml", slower: float = 1.0) -> list[SweepRecord]:
+    def one(factor: float, off: float, *words: str, **settings: str | int) -> SweepRecord:
         return record(slower * factor, off, *words, scene=scene, **settings)
 
     return [
@@ -132,11 +142,11 @@ def test_what_each_preset_should_be() -> None:
     # the reference's own error is 0.01, so the faster of the two
     assert found["reference"].chosen.label == "reference, samples path 512"
     assert all(choice.reached for choice in found.values())
-    told = chosen.told(list(found.values()))
-    assert "fast      should be: fast, samples direct 4\n" in told
-    assert "balanced  stays\n" in told
-    assert "evs emulate fast render.spp=4\n" in told
-    assert "evs emulate reference render.spp=512\n" in told
+    text = chosen.choice_text(list(found.values()))
+    assert "fast      should be: fast, samples direct 4\n" in text
+    assert "balanced  stays\n" in text
+    assert "evs emulate fast render.spp=4\n" in text
+    assert "evs emulate reference render.spp=512\n" in text
 
 
 def test_a_preset_is_judged_on_the_mean_of_all_scenes() -> None:
@@ -145,8 +155,8 @@ def test_a_preset_is_judged_on_the_mean_of_all_scenes() -> None:
     assert found["fast"].chosen.label == "fast"
     assert found["fast"].chosen.speed == pytest.approx((4 * 0.8) ** 0.5)
     assert found["fast"].chosen.slowest.scene == "heavy.xml"
-    told = chosen.told(list(found.values()))
-    assert "1.79, 0.8 where it is slowest (heavy.xml, still)" in told
+    text = chosen.choice_text(list(found.values()))
+    assert "1.79, 0.8 where it is slowest (heavy.xml, still)" in text
 
 
 def test_what_was_not_measured_everywhere_cannot_be_a_preset() -> None:
@@ -156,7 +166,7 @@ def test_what_was_not_measured_everywhere_cannot_be_a_preset() -> None:
     assert found["reference"].stays
     other = [record(1.0, 0.1, "balanced", scene="b.xml")]
     assert chosen.choose([record(1.0, 0.1), *other]) == []
-    assert chosen.told([]).startswith("no preset was measured on every scene")
+    assert chosen.choice_text([]).startswith("no preset was measured on every scene")
 
 
 def test_a_preset_that_was_not_swept_is_not_chosen() -> None:
@@ -164,15 +174,15 @@ def test_a_preset_that_was_not_swept_is_not_chosen() -> None:
     swept = [r for r in trade() if r.preset in ("fast", "balanced")]
     found = chosen.choose(swept)
     assert [choice.preset for choice in found] == ["fast", "balanced"]
-    told = chosen.told(found)
-    assert "accurate  was not measured everywhere\nreference was not measured everywhere\n" in told
+    text = chosen.choice_text(found)
+    assert "accurate  was not measured everywhere\nreference was not measured everywhere\n" in text
 
 
 def test_where_nothing_is_fast_enough_the_fastest_stands_in() -> None:
     found = {c.preset: c for c in chosen.choose(trade(slower=0.1))}
     assert not found["fast"].reached
     assert found["fast"].chosen.label == "fast"
-    assert "nothing reaches 1; this is the fastest" in chosen.told(list(found.values()))
+    assert "nothing reaches 1; this is the fastest" in chosen.choice_text(list(found.values()))
 
 
 def cells(line: str) -> list[str]:
@@ -208,7 +218,9 @@ def test_the_tables_numbers_are_those_of_the_records() -> None:
         ):
             assert float(shown[heading]) == pytest.approx(value, rel=5e-3), heading
         assert shown["rays a tick"] == "89,960"
-        on_front = one in [spot.record for spot in front(spots(records))]
+        on_front = one in [
+            pareto_point.record for pareto_point in pareto_front(pareto_points(records))
+        ]
         assert (cells(row)[3] == "●") == on_front
 
 
@@ -224,7 +236,9 @@ def test_presets_stand_first_and_other_ways_last() -> None:
 
 
 def test_the_page_says_what_holds_for_all() -> None:
-    about = About("evs sweep a.xml", "two cores", {"evs": "1.2", "mujoco": "4"}, "a loop", "1024")
+    about = SweepInfo(
+        "evs sweep a.xml", "two cores", {"evs": "1.2", "mujoco": "4"}, "a loop", "1024"
+    )
     peer = record(0.5, 0.4, "accurate", "frames", "60 FPS", kind=FRAMES)
     page = markdown([*trade(), *trade("b.xml"), peer], about)
     assert page.startswith(
@@ -260,5 +274,5 @@ def test_half_measured_records_are_shown_with_dashes() -> None:
 
 
 def test_one_repeat_has_no_interval() -> None:
-    assert with_interval(Interval(2.5, math.nan, math.nan, 1)) == "2.5"
-    assert with_interval(Interval(2.5, 2.0, 1234567.0, 5)) == "2.5 [2, 1,234,567]"
+    assert with_interval(ConfidenceInterval(2.5, math.nan, math.nan, 1)) == "2.5"
+    assert with_interval(ConfidenceInterval(2.5, 2.0, 1234567.0, 5)) == "2.5 [2, 1,234,567]"

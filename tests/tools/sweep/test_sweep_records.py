@@ -11,21 +11,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evs.msgs import EvsError
-from evs.tools.sweep.measured import (
+from evs.tools.sweep.record import (
     CAMERAS,
     KINDS,
     STAGES,
-    Error,
-    Interval,
-    Measured,
+    Accuracy,
+    ConfidenceInterval,
     Speed,
+    SweepRecord,
     merged,
 )
 
 pytestmark = pytest.mark.property
 
 NUMBER = st.floats(allow_nan=False, allow_infinity=False)
-INTERVAL = st.builds(Interval, NUMBER, NUMBER, NUMBER, st.integers(0, 1000))
+INTERVAL = st.builds(ConfidenceInterval, NUMBER, NUMBER, NUMBER, st.integers(0, 1000))
 SPEED = st.builds(
     Speed,
     INTERVAL,
@@ -35,10 +35,10 @@ SPEED = st.builds(
     NUMBER,
     st.integers(0, 10**6),
 )
-ERROR = st.builds(Error, *[NUMBER] * 10)
+ERROR = st.builds(Accuracy, *[NUMBER] * 10)
 SETTING = st.one_of(st.text(), st.integers(), NUMBER, st.booleans())
 RECORD = st.builds(
-    Measured,
+    SweepRecord,
     st.text(),
     st.sampled_from(CAMERAS),
     st.text(),
@@ -53,23 +53,25 @@ RECORD = st.builds(
 
 
 @given(RECORD)
-def test_record_comes_back_from_its_line(record: Measured) -> None:
+def test_record_comes_back_from_its_line(record: SweepRecord) -> None:
     line = record.to_json()
     assert "\n" not in line
-    assert Measured.from_json(line) == record
+    assert SweepRecord.from_json(line) == record
 
 
 def test_undefined_value_is_null_and_comes_back() -> None:
-    error = Error(1.0, 0.1, math.nan, *[0.5] * 7)
-    line = Measured("s", "still", "fast", "", "", {}, error=error).to_json()
+    error = Accuracy(1.0, 0.1, math.nan, *[0.5] * 7)
+    line = SweepRecord("s", "still", "fast", "", "", {}, error=error).to_json()
     assert json.loads(line)["error"]["recall"] is None
-    back = Measured.from_json(line).error
+    back = SweepRecord.from_json(line).error
     assert back is not None
     assert math.isnan(back.recall)
     assert back.emd == 1.0
 
 
-GOOD = json.loads(Measured("s", "pan", "fast", "", "", {}, error=Error(*[0.5] * 10)).to_json())
+GOOD = json.loads(
+    SweepRecord("s", "pan", "fast", "", "", {}, error=Accuracy(*[0.5] * 10)).to_json()
+)
 
 
 @pytest.mark.parametrize(
@@ -87,24 +89,24 @@ GOOD = json.loads(Measured("s", "pan", "fast", "", "", {}, error=Error(*[0.5] * 
 )
 def test_what_is_no_record_is_refused_in_one_line(change: dict[str, Any], said: str) -> None:
     with pytest.raises(EvsError, match=said) as found:
-        Measured.from_json(json.dumps({**GOOD, **change}))
+        SweepRecord.from_json(json.dumps({**GOOD, **change}))
     assert "\n" not in str(found.value)
 
 
 def test_torn_line_is_refused() -> None:
     with pytest.raises(EvsError, match="delete the line"):
-        Measured.from_json(json.dumps(GOOD)[:-5])
+        SweepRecord.from_json(json.dumps(GOOD)[:-5])
 
 
 @given(RECORD, SPEED, ERROR)
 def test_speed_and_error_of_a_point_are_put_together(
-    record: Measured, speed: Speed, error: Error
+    record: SweepRecord, speed: Speed, error: Accuracy
 ) -> None:
-    bare = Measured(**{**vars(record), "speed": None, "error": None})
-    fast = Measured(**{**vars(record), "speed": speed, "error": None})
-    near = Measured(**{**vars(record), "speed": None, "error": error})
-    both = Measured(**{**vars(record), "speed": speed, "error": error})
+    bare = SweepRecord(**{**vars(record), "speed": None, "error": None})
+    fast = SweepRecord(**{**vars(record), "speed": speed, "error": None})
+    near = SweepRecord(**{**vars(record), "speed": None, "error": error})
+    both = SweepRecord(**{**vars(record), "speed": speed, "error": error})
     assert merged([bare, fast, near]) == [both] == merged([near, fast])
     # of another configuration: nothing of it is kept
-    other = Measured(**{**vars(near), "digest": record.digest + "x"})
+    other = SweepRecord(**{**vars(near), "digest": record.digest + "x"})
     assert merged([fast, other]) == [other]

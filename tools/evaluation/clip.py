@@ -1,4 +1,4 @@
-"""Takes: a scene that random controls move, seen ms by ms by a camera, at the pixels that count."""
+"""Clip: a scene under random controls, snapshot by snapshot, and the pixels that are rendered."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from evs.emulator.world import (
 )
 from evs.msgs import EvsError, unknown
 from evs.tools.evaluation.digest import digest
-from evs.tools.evaluation.scene_setup import Stage
+from evs.tools.evaluation.scene_setup import SceneSetup
 
 TICK_US = 1000
 SIZE = (346, 260)
@@ -32,7 +32,7 @@ PATCH_PX = 32
 CONTROL_SCALE = 0.6
 """share of the control range that is used"""
 MAX_SAMPLED = 16384
-"""pixels of a take besides the patch: the number of one is an event's x"""
+"""most pixels of a clip besides the patch; an event's x is the number of its pixel"""
 
 PAN_PX_S = 170.0
 SLIDE_M_S = 0.5
@@ -40,15 +40,15 @@ MOTIONS = ("still", "pan", "slide")
 """How a camera moves: not at all, turning (170 px/s), or to its right (0.5 m/s)."""
 
 _LOOKS = 5
-"""instants that tell where something happens"""
+"""instants that are compared to place the patch"""
 _LOOK_STEP_PX = 8
 
-Shot = tuple[SceneSnapshot, CameraPose]
+Instant = tuple[SceneSnapshot, CameraPose]
 
 
 @dataclass(frozen=True)
-class Take:
-    """What is filmed: the constant part of a scene, its instants, and the pixels that are traced.
+class Clip:
+    """The constant part of a scene, its instants, and the pixels that are rendered.
 
     The first `sampled` pixels are spread over the picture, the others are a square patch.
     """
@@ -58,7 +58,7 @@ class Take:
     soft: bool
     scene: SceneModel
     camera: CameraModel
-    shots: tuple[Shot, ...]
+    instants: tuple[Instant, ...]
     """one a tick, at 0, 1, 2 ... ticks"""
     pixels: I32
     """(n, 2) columns and rows: the sampled ones, then the patch row by row"""
@@ -74,23 +74,23 @@ class Take:
         """Scene and motion."""
         return f"{self.scene_name}, {self.motion}"
 
-    def before(self, ticks: int) -> Take:
-        """The same while it stood still at its first instant, so many ticks before it."""
-        snapshot, pose = self.shots[0]
+    def before(self, ticks: int) -> Clip:
+        """The same at rest in its first instant, for so many ticks before it."""
+        snapshot, pose = self.instants[0]
         earlier = tuple(
             (dataclasses.replace(snapshot, t_us=snapshot.t_us - back * self.tick_us), pose)
             for back in range(ticks, 0, -1)
         )
-        return dataclasses.replace(self, shots=earlier)
+        return dataclasses.replace(self, instants=earlier)
 
     def fingerprint(self, ticks: int) -> str:
         """Hash of everything that shapes the light of its first ticks, but how it is traced."""
         light = self.scene, self.bounces, self.flicker
-        return digest((light, self.camera, self.shots[:ticks], self.pixels))
+        return digest((light, self.camera, self.instants[:ticks], self.pixels))
 
 
-def film(
-    stage: Stage,
+def make_clip(
+    setup: SceneSetup,
     motion: str,
     ticks: int,
     *,
@@ -100,10 +100,10 @@ def film(
     seed: int = 0,
     look_ticks: int | None = None,
     tick_us: int = TICK_US,
-) -> Take:
-    """Let the scene move and take down where everything is.
+) -> Clip:
+    """Simulate the scene and record a snapshot of each tick.
 
-    In: ticks to film, of tick_us; seed, of the controls and of the sampled pixels; look_ticks, how
+    In: ticks of tick_us; seed, of the controls and of the sampled pixels; look_ticks, how
     many of the ticks choose where the patch lies (all). A scene that has to move first does so for
     as long whatever the tick. Raises EvsError: unknown motion, too many pixels, a scene that breaks
     down.
@@ -113,41 +113,41 @@ def film(
     width, height = size
     if not 1 <= sampled <= min(width * height, MAX_SAMPLED):
         raise EvsError(f"{sampled} pixels are asked for; give 1 ... {MAX_SAMPLED}")
-    model = load_model(stage.model)
-    start = starting_keyframe(model, stage.keyframe)
+    model = load_model(setup.model)
+    start = starting_keyframe(model, setup.keyframe)
     physics = Physics(model, tick_us, start)
     control = make_control(model, "random", seed=seed, scale=CONTROL_SCALE)
-    bound = bind_camera(model, stage.camera, width, height, stage.view)
+    bound = bind_camera(model, setup.camera, width, height, setup.view)
     poser = Poser(model, [bound])
     moved = camera_motion(motion, bound.model)
-    warm = -(-stage.warm_ticks * TICK_US // tick_us)
-    shots: list[Shot] = []
+    warm = -(-setup.warm_ticks * TICK_US // tick_us)
+    instants: list[Instant] = []
     for tick in range(warm + ticks):
         k = tick - warm
         if k >= 0:
             snapshot = poser.snapshot(physics.data, tick_us * k, tick_us)
-            rest = shots[0][1] if stage.stands and shots else snapshot.cameras[0]
-            shots.append((snapshot, moved(rest, tick_us * k)))
+            rest = instants[0][1] if setup.stands and instants else snapshot.cameras[0]
+            instants.append((snapshot, moved(rest, tick_us * k)))
         values = control(physics.t_us, physics.data)
         if values is not None:
             physics.data.ctrl[:] = values
         physics.advance()
     scene = extract_scene(model)
-    looked = [shots[k] for k in np.linspace(0, (look_ticks or ticks) - 1, _LOOKS).astype(int)]
+    looked = [instants[k] for k in np.linspace(0, (look_ticks or ticks) - 1, _LOOKS).astype(int)]
     corner = busiest_corner(scene, bound.model, looked, patch_px)
     spread, patch = spread_pixels(size, sampled, seed), patch_pixels(corner, patch_px)
-    return Take(
-        stage.name,
+    return Clip(
+        setup.name,
         motion,
-        stage.soft,
+        setup.soft,
         scene,
         bound.model,
-        tuple(shots),
+        tuple(instants),
         np.concatenate([spread, patch]),
         sampled,
         patch_px,
-        stage.bounces,
-        stage.flicker,
+        setup.bounces,
+        setup.flicker,
         tick_us,
     )
 
@@ -192,13 +192,13 @@ def patch_pixels(corner: tuple[int, int], side: int) -> I32:
 
 
 def busiest_corner(
-    scene: SceneModel, camera: CameraModel, shots: list[Shot], side: int
+    scene: SceneModel, camera: CameraModel, instants: list[Instant], side: int
 ) -> tuple[int, int]:
-    """Column and row of the square in which hard light, without noise, changes most."""
+    """Column and row of the square in which direct light changes most."""
     if side > min(camera.width, camera.height):
         raise EvsError(f"a patch of {side} px does not fit {camera.width} x {camera.height} px")
     renderer = DirectRenderer(scene, camera, RenderConfig(renderer="direct", spp=1), 1)
-    looks = np.stack([np.log(renderer.render(*shot) + np.float32(0.01)) for shot in shots])
+    looks = np.stack([np.log(renderer.render(*shot) + np.float32(0.01)) for shot in instants])
     change = np.abs(np.diff(looks, axis=0)).sum(axis=0, dtype=np.float64)
     return busiest_square(change, side)
 

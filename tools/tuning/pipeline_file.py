@@ -1,4 +1,4 @@
-"""The pipeline file that tuning ends in: what differs from the defaults, and why."""
+"""Write the tuned pipeline: the keys that differ from the defaults, and why."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WIDTH = 96
 def pipeline_text(config: PipelineConfig, file: Path, why: Sequence[str]) -> str:
     """TOML that loads as this configuration from where `file` is. In: why, lines of comment.
 
-    Paths are told as they are from there.
+    Paths are relative to the folder of the file.
     """
     folder = file.resolve().parent
     config = with_paths(config, lambda text: _from(folder, text))
@@ -47,8 +47,8 @@ def check_own(file: Path) -> None:
     if not file.is_file():
         return
     try:
-        with file.open(encoding="utf-8", errors="replace") as opened:
-            ours = opened.read(len(FIRST)) == FIRST
+        with file.open(encoding="utf-8", errors="replace") as open_measurer:
+            ours = open_measurer.read(len(FIRST)) == FIRST
     except OSError as reason:
         raise EvsError(f"cannot read '{file}': {reason.strerror}") from None
     if not ours:

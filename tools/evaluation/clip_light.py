@@ -1,4 +1,4 @@
-"""Light of a take, traced at its pixels, or found in the cache."""
+"""Render the light of a clip at its pixels, or find it in the cache."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from evs.emulator.render.direct import DirectRenderer
 from evs.emulator.render.path import PathRenderer
 from evs.emulator.render.renderers import check_render
 from evs.emulator.state.versions import versions
-from evs.tools.evaluation.cache import LightCache
+from evs.tools.evaluation.clip import Clip
 from evs.tools.evaluation.digest import digest
-from evs.tools.evaluation.take import Take
+from evs.tools.evaluation.light_cache import LightCache
 
 SEED = 3
-"""of the light that is judged; the halves of the reference have 1 and 2"""
+"""of the light under test; the halves of the reference have 1 and 2"""
 HALF_SEEDS = (1, 2)
 
 _PROBED_PX = 64
@@ -43,37 +43,41 @@ class LightSpec:
         return RenderConfig(renderer=self.renderer, spp=self.spp).noisy_samples
 
 
-def renderer_of(take: Take, spec: LightSpec, threads: int) -> DirectRenderer:
-    """What traces the take as told. Raises EvsError for what no renderer does."""
+def renderer_of(clip: Clip, spec: LightSpec, threads: int) -> DirectRenderer:
+    """The renderer of a clip.
+
+    Raises:
+        EvsError: no renderer has these settings.
+    """
     config = RenderConfig(
         renderer=spec.renderer,
         spp=spec.spp,
         seeds=spec.seeds,
-        bounces=take.bounces,
-        flicker=take.flicker,
+        bounces=clip.bounces,
+        flicker=clip.flicker,
     )
     check_render(config)
     if spec.renderer == "path":
-        return PathRenderer(take.scene, take.camera, config, threads, seed=spec.seed)
-    return DirectRenderer(take.scene, take.camera, config, threads)
+        return PathRenderer(clip.scene, clip.camera, config, threads, seed=spec.seed)
+    return DirectRenderer(clip.scene, clip.camera, config, threads)
 
 
-def light_key(take: Take, fingerprint: str, spec: LightSpec, ticks: int) -> str:
+def light_key(clip: Clip, fingerprint: str, spec: LightSpec, ticks: int) -> str:
     """Hash of everything that shapes the light: scene, instants, pixels, settings, versions.
 
     In: fingerprint, of the take and these ticks. A few pixels are traced and belong to the key, so
     that a tracer that has changed does not pass for the one that filled the cache.
     """
     probed = LightSpec(spec.renderer, min(spec.spp, _PROBED_SPP), spec.seeds, spec.seed)
-    renderer = renderer_of(take, probed, 1)
-    step = max(1, len(take.pixels) // _PROBED_PX)
-    some = take.pixels[::step]
-    probe = [renderer.trace(*take.shots[k], some) for k in (0, ticks - 1)]
+    renderer = renderer_of(clip, probed, 1)
+    step = max(1, len(clip.pixels) // _PROBED_PX)
+    some = clip.pixels[::step]
+    probe = [renderer.trace(*clip.instants[k], some) for k in (0, ticks - 1)]
     return digest((fingerprint, asdict(spec), ticks, versions(), probe))
 
 
 def light_of(
-    take: Take,
+    clip: Clip,
     fingerprint: str,
     spec: LightSpec,
     ticks: int,
@@ -90,15 +94,15 @@ def light_of(
 
     def trace() -> F32:
         nonlocal done
-        renderer = renderer_of(take, spec, threads)
-        light = np.empty((ticks, len(take.pixels)), np.float32)
+        renderer = renderer_of(clip, spec, threads)
+        light = np.empty((ticks, len(clip.pixels)), np.float32)
         for k in range(ticks):
-            light[k] = renderer.trace(*take.shots[k], take.pixels)
+            light[k] = renderer.trace(*clip.instants[k], clip.pixels)
             moved(spec.spp)
             done += 1
         return light
 
-    key = light_key(take, fingerprint, spec, ticks)
-    light = cache.get(key, (ticks, len(take.pixels)), trace)
+    key = light_key(clip, fingerprint, spec, ticks)
+    light = cache.get(key, (ticks, len(clip.pixels)), trace)
     moved(spec.spp * (ticks - done))
     return light

@@ -1,4 +1,4 @@
-"""Which points can be measured here at all: told once, before anything is."""
+"""Find the points that can be measured on this machine, before anything is measured."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from evs.emulator import World
 from evs.emulator.config import RenderConfig, SensorConfig
 from evs.msgs import EvsError
 from evs.tools.sweep.pixels import check_tick
-from evs.tools.sweep.points import Point
+from evs.tools.sweep.points import SweepPoint
 
 _SCENE = "evs:config/scenes/pendulum.xml"
 
 
-def usable(points: Sequence[Point], warn: Callable[[str], None]) -> list[Point]:
+def feasible(points: Sequence[SweepPoint], warn: Callable[[str], None]) -> list[SweepPoint]:
     """Those that can be measured; of the others a line, once for each reason."""
-    found: list[Point] = []
-    told: set[str] = set()
+    found: list[SweepPoint] = []
+    reported: set[str] = set()
     for point in points:
         reason = _reason(point)
         if not reason:
             found.append(point)
-        elif reason not in told:
-            told.add(reason)
+        elif reason not in reported:
+            reported.add(reason)
             warn(f"{point.preset}, {point.axis} {point.value} is left out: {reason}")
     return found
 
 
-def _reason(point: Point) -> str:
+def _reason(point: SweepPoint) -> str:
     """Why not; empty: it can."""
     config = point.config
     try:

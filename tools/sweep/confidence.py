@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from evs.tools.sweep.measured import Interval
+from evs.tools.sweep.record import ConfidenceInterval
 
 COVERAGE = 0.95
 
@@ -18,7 +18,7 @@ _MOST_LOG = 100.0
 """of an interval's half: what is wider says nothing, and must not overflow"""
 
 
-def interval(values: Sequence[float]) -> Interval:
+def confidence_interval(values: Sequence[float]) -> ConfidenceInterval:
     """The median and what it lies in with 95 % confidence.
 
     From six repeats on by order statistics, which need no law of the noise: the median lies between
@@ -30,16 +30,16 @@ def interval(values: Sequence[float]) -> Interval:
     found = np.sort(np.asarray(values, np.float64))
     n, median = len(found), float(np.median(found))
     if n == 1:
-        return Interval(median, math.nan, math.nan, 1)
+        return ConfidenceInterval(median, math.nan, math.nan, 1)
     if n in STUDENT:
         share = STUDENT[n] / math.sqrt(n)
         if found[0] > 0.0:
             factor = math.exp(min(share * float(np.std(np.log(found), ddof=1)), _MOST_LOG))
-            return Interval(median, median / factor, median * factor, n)
+            return ConfidenceInterval(median, median / factor, median * factor, n)
         half = share * float(np.std(found, ddof=1))
-        return Interval(median, max(0.0, median - half), median + half, n)
+        return ConfidenceInterval(median, max(0.0, median - half), median + half, n)
     k = order(n)
-    return Interval(median, float(found[k - 1]), float(found[n - k]), n)
+    return ConfidenceInterval(median, float(found[k - 1]), float(found[n - k]), n)
 
 
 def order(n: int) -> int:

@@ -1,23 +1,30 @@
-"""What tuning found, in words: lines for the terminal and for the head of the file."""
+"""Describe the result of tuning: lines for the terminal and the head of the file."""
 
 from __future__ import annotations
 
 import math
 
-from evs.tools.sweep.front import Figure
-from evs.tools.tuning.search import Found, Outcome
+from evs.tools.sweep.pareto_front import ErrorMetric
+from evs.tools.tuning.search import CandidateResult, SearchResult
 from evs.tools.tuning.space import BASE_TICK_US
 
 
-def facts(found: Found, figure: Figure, own: float, seconds: float) -> list[tuple[str, str]]:
+def facts(
+    found: SearchResult, metric: ErrorMetric, reference_error: float, seconds: float
+) -> list[tuple[str, str]]:
     """(name, what) of each line."""
     winner = found.winner
     lines = [
         ("goal", f"{found.goal}; {'reached' if found.reached else 'NOT reached'}"),
         ("found", str(winner.candidate)),
         ("real-time factor", _both(winner.rtf, winner.predicted_rtf)),
-        ("error", f"{_both(winner.error, winner.predicted_error)}; {figure.words}"),
-        ("reference's own", f"{own:.3g}: less cannot be seen" if own else "none can be seen"),
+        ("error", f"{_both(winner.error, winner.predicted_error)}; {metric.label}"),
+        (
+            "reference's own",
+            f"{reference_error:.3g}: less cannot be seen"
+            if reference_error
+            else "none can be seen",
+        ),
         ("less error", _step(found.better, winner)),
         ("more speed", _step(found.faster, winner)),
     ]
@@ -41,11 +48,11 @@ def facts(found: Found, figure: Figure, own: float, seconds: float) -> list[tupl
 
 
 def _both(measured: float, predicted: float) -> str:
-    told = f"{measured:.3g} measured"
-    return told if math.isnan(predicted) else f"{told} ({predicted:.3g} predicted)"
+    text = f"{measured:.3g} measured"
+    return text if math.isnan(predicted) else f"{text} ({predicted:.3g} predicted)"
 
 
-def _step(one: Outcome | None, winner: Outcome) -> str:
+def _step(one: CandidateResult | None, winner: CandidateResult) -> str:
     """What the next better or faster one would cost."""
     if one is None:
         return "none of those that can be tuned"
@@ -58,7 +65,7 @@ def _step(one: Outcome | None, winner: Outcome) -> str:
     )
 
 
-def worst_miss(found: Found) -> str:
+def worst_miss(found: SearchResult) -> str:
     """By how much the worst prediction of a configuration that was then measured was wrong."""
     ratios = [
         max(a / b, b / a)
@@ -71,14 +78,14 @@ def worst_miss(found: Found) -> str:
     return f"; predictions were wrong by at most {100 * (max(ratios) - 1):.0f} %"
 
 
-def table(found: Found) -> list[tuple[str, str, str, str, str]]:
+def table(found: SearchResult) -> list[tuple[str, str, str, str, str]]:
     """Every measurement: configuration, real-time factor, predicted, error, predicted."""
 
-    def told(value: float) -> str:
+    def text(value: float) -> str:
         return "-" if math.isnan(value) else f"{value:.3g}"
 
     return [
-        (str(m.candidate), told(m.rtf), told(m.predicted_rtf), told(m.error),
-         told(m.predicted_error))
+        (str(m.candidate), text(m.rtf), text(m.predicted_rtf), text(m.error),
+         text(m.predicted_error))
         for m in found.measured
     ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""The world of a stage under a camera motion: what is timed, and the same scene as errors have."""
+"""SweepWorld: the world that is timed, with the scene and camera motion of the errors."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from evs.emulator.sensor import SensorParameters, resolve_sensor
 from evs.emulator.simulation.world import World
 from evs.emulator.world import make_control
 from evs.msgs import join_events
-from evs.tools.evaluation.scene_setup import Stage
-from evs.tools.evaluation.take import CONTROL_SCALE, TICK_US, camera_motion
-from evs.tools.sweep.peers import Way, between, coded
+from evs.tools.evaluation.clip import CONTROL_SCALE, TICK_US, camera_motion
+from evs.tools.evaluation.scene_setup import SceneSetup
+from evs.tools.sweep.frame_methods import FrameMethod, interpolate, quantise
 
 
 def _at_rest(rest: CameraPose, _t_us: int) -> CameraPose:
@@ -30,48 +30,48 @@ class SweepWorld(World):
 
     def __init__(
         self,
-        stage: Stage,
+        setup: SceneSetup,
         motion: str,
         config: PipelineConfig,
         seed: int = 0,
-        way: Way | None = None,
+        method: FrameMethod | None = None,
         meter: Meter | None = None,
     ) -> None:
         """In: seed, of the controls, as of errors; way, the camera makes events from frames."""
         tick_us = config.scene.tick_us
-        control = make_control(stage.model, "random", seed=seed, scale=CONTROL_SCALE)
-        self._way = way
+        control = make_control(setup.model, "random", seed=seed, scale=CONTROL_SCALE)
+        self._method = method
         self._rest: CameraPose | None = None
         self._begin_us: int | None = None
-        self._stands = stage.stands
+        self._stands = setup.stands
         self._moved: Callable[[CameraPose, int], CameraPose] = _at_rest
         super().__init__(
-            stage.model,
+            setup.model,
             tick_us=tick_us,
             control=lambda t_s, data: control(round(1e6 * t_s), data),
             seed=config.seed,
             threads=config.threads,
             meter=meter or NoMeter(),
         )
-        if stage.keyframe:
-            self.reset(keyframe=stage.keyframe)
+        if setup.keyframe:
+            self.reset(keyframe=setup.keyframe)
         # before there is a camera, so that nothing is traced
-        for _ in range(-(-stage.warm_ticks * TICK_US // tick_us)):
+        for _ in range(-(-setup.warm_ticks * TICK_US // tick_us)):
             self.step()
         camera = self.add_camera(
-            stage.camera or stage.view,
+            setup.camera or setup.view,
             sensor=config.sensor,
-            render=dataclasses.replace(config.render, bounces=stage.bounces, flicker=stage.flicker),
+            render=dataclasses.replace(config.render, bounces=setup.bounces, flicker=setup.flicker),
             model=config.model,
             name=config.name,
         )
         self._moved = camera_motion(motion, camera.bound.model)
 
     def _add(self, plan: Any, config: dict[str, Any] | None) -> Camera:
-        if self._way is None:
+        if self._method is None:
             return super()._add(plan, config)
         camera = FramesCamera(
-            self._way,
+            self._method,
             self.model,
             self._scene.scene,
             plan,
@@ -97,11 +97,11 @@ class SweepWorld(World):
 class FramesCamera(Camera):
     """A camera whose pixels see frames, as those of v2e and ESIM do."""
 
-    def __init__(self, way: Way, *given: Any, **named: Any) -> None:
+    def __init__(self, method: FrameMethod, *given: Any, **named: Any) -> None:
         super().__init__(*given, **named)
         plan = self._plan
         sensor = resolve_sensor(plan.sensor)
-        self._pixels = FramesPixels(way, sensor, plan.model, plan.seed, plan.threads)
+        self._pixels = FramesPixels(method, sensor, plan.model, plan.seed, plan.threads)
         self.reset()
 
 
@@ -109,9 +109,14 @@ class FramesPixels(Pixels):
     """Each tick is a frame: pictures between it and the last one come before it."""
 
     def __init__(
-        self, way: Way, sensor: SensorParameters, model: ModelConfig, seed: int, threads: int
+        self,
+        method: FrameMethod,
+        sensor: SensorParameters,
+        model: ModelConfig,
+        seed: int,
+        threads: int,
     ) -> None:
-        self._way = way
+        self._method = method
         self._before: F32 | None = None
         super().__init__(sensor, model, seed, threads)
 
@@ -122,13 +127,13 @@ class FramesPixels(Pixels):
 
     def see(self, luminance: F32, begin_us: int, end_us: int) -> list[DoneTick]:
         """One frame; all its events are of one tick."""
-        shown = coded(luminance, self._way.code)
+        shown = quantise(luminance, self._method.code)
         before, self._before = self._before, shown.copy()
-        if before is None or not self._way.upsampled:
+        if before is None or not self._method.upsampled:
             return super().see(shown, begin_us, end_us)
         parts = []
         since_us = begin_us
-        for t_us, picture in between(before, shown, begin_us, end_us):
+        for t_us, picture in interpolate(before, shown, begin_us, end_us):
             parts += super().see(picture, since_us, t_us)
             since_us = t_us
         return [DoneTick(begin_us, end_us, join_events([part.events for part in parts]))]

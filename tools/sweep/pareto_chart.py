@@ -1,4 +1,4 @@
-"""One picture of a scene: real-time factor against error, the front, peers, the reference's own."""
+"""Chart of a scene: real-time factor against error, with the Pareto front and other methods."""
 
 from __future__ import annotations
 
@@ -14,9 +14,16 @@ from evs.drivers.pictures.lettering import paste, text_line
 from evs.drivers.pictures.pen import GREY, INK_RGB, RGB
 from evs.drivers.pictures.scales import Scale, steps_around
 from evs.drivers.run.shipped import PRESETS
-from evs.tools.sweep.front import DEFAULT, Figure, Spot, cases, front, spots
-from evs.tools.sweep.measured import FRAMES, OURS, Measured
-from evs.tools.sweep.measured import PAPER as PAPER_KIND
+from evs.tools.sweep.pareto_front import (
+    DEFAULT,
+    ErrorMetric,
+    ParetoPoint,
+    cases,
+    pareto_front,
+    pareto_points,
+)
+from evs.tools.sweep.record import FRAMES, OURS, SweepRecord
+from evs.tools.sweep.record import PAPER as PAPER_KIND
 
 CHART_PX = (960, 620)
 MARGIN_PX = 22
@@ -37,39 +44,39 @@ PRESET_PX, FRONT_PX, PEER_PX, NEAR_PX = 120.0, 90.0, 80.0, 14.0
 """
 
 
-def pareto_page(records: Sequence[Measured], figure: Figure = DEFAULT) -> U8:
+def pareto_page(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -> U8:
     """(height, width, 3): a chart for each camera motion, all of one scene.
 
     In: records of one scene; those without a speed or an error are not shown.
     """
     scene = records[0].scene if records else ""
-    shown = [pareto_chart(here, figure) for here in cases(records).values()]
+    shown = [pareto_chart(subset, metric) for subset in cases(records).values()]
     heading = text_line(f"Speed against error: {scene}", 28)
-    said = text_line(legend(figure), 16)
-    top = MARGIN_PX + heading.height + said.height + 10
+    subtitle = text_line(legend(metric), 16)
+    top = MARGIN_PX + heading.height + subtitle.height + 10
     width, height = CHART_PX
     page = np.full(
         (top + height * len(shown) + MARGIN_PX, width + 2 * MARGIN_PX, 3), PAPER, np.uint8
     )
     paste(page, heading.picture, MARGIN_PX + 18, MARGIN_PX)
-    paste(page, said.picture, MARGIN_PX + 18, MARGIN_PX + heading.height)
+    paste(page, subtitle.picture, MARGIN_PX + 18, MARGIN_PX + heading.height)
     for k, chart in enumerate(shown):
         paste(page, draw_chart(chart, width, height), MARGIN_PX, top + k * height)
     return page
 
 
-def legend(figure: Figure = DEFAULT) -> str:
+def legend(metric: ErrorMetric = DEFAULT) -> str:
     """What line, bars and height are."""
-    return f"error: {figure.words}; line: the front; bars: 95 % interval over repeats"
+    return f"error: {metric.label}; line: the front; bars: 95 % interval over repeats"
 
 
-def pareto_chart(records: Sequence[Measured], figure: Figure = DEFAULT) -> Chart:
+def pareto_chart(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -> Chart:
     """What one panel shows. In: records of one scene under one camera motion."""
-    every = spots(records, figure)
-    best = front(every)
+    every = pareto_points(records, metric)
+    best = pareto_front(every)
     camera = records[0].camera if records else ""
-    own = _own(records, figure)
-    low, high = steps_around([p.error for p in every] + own[:1])
+    reference_error = _reference_errors(records, metric)
+    low, high = steps_around([p.error for p in every] + reference_error[:1])
     slow, fast = steps_around([p.speed for p in every])
     y = Scale(low, high, log=True)
     # what is no error at all has no place on a logarithm: it stands on the axis
@@ -79,7 +86,7 @@ def pareto_chart(records: Sequence[Measured], figure: Figure = DEFAULT) -> Chart
         *_peers(every, heights),
         *_ours(every, best, heights),
     ]
-    marks = [(o, "the reference's own error") for o in own[:1] if low <= o <= high]
+    marks = [(o, "the reference's own error") for o in reference_error[:1] if low <= o <= high]
     return Chart(
         f"camera {camera}",
         Scale(slow, fast, log=True),
@@ -92,12 +99,14 @@ def pareto_chart(records: Sequence[Measured], figure: Figure = DEFAULT) -> Chart
     )
 
 
-def _own(records: Sequence[Measured], figure: Figure) -> list[float]:
-    found = [figure.own(r.error) for r in records if r.error is not None]
+def _reference_errors(records: Sequence[SweepRecord], metric: ErrorMetric) -> list[float]:
+    found = [metric.reference_error(r.error) for r in records if r.error is not None]
     return [value for value in found if math.isfinite(value)]
 
 
-def _ours(every: Sequence[Spot], best: Sequence[Spot], heights: dict[int, float]) -> list[Series]:
+def _ours(
+    every: Sequence[ParetoPoint], best: Sequence[ParetoPoint], heights: dict[int, float]
+) -> list[Series]:
     """Presets over the front over all others; their names find room in that order too."""
     ours = [p for p in every if p.record.kind == OURS]
     marked = {id(p) for p in best}
@@ -112,23 +121,23 @@ def _ours(every: Sequence[Spot], best: Sequence[Spot], heights: dict[int, float]
         ("triangle", PRESET_PX, presets),
     ):
         for name in names:
-            here = [p for p in some if p.record.preset == name]
+            subset = [p for p in some if p.record.preset == name]
             label = name if some is presets else ""
-            found.append(_series(here, heights, _colour(name), mark, reach, label))
+            found.append(_series(subset, heights, _colour(name), mark, reach, label))
     return found
 
 
-def _peers(every: Sequence[Spot], heights: dict[int, float]) -> list[Series]:
+def _peers(every: Sequence[ParetoPoint], heights: dict[int, float]) -> list[Series]:
     found = []
     for kind, (mark, colour, words) in PEERS.items():
-        here = [p for p in every if p.record.kind == kind]
-        label = words if here else ""
-        found.append(_series(here, heights, colour, mark, PEER_PX, label=label))
+        subset = [p for p in every if p.record.kind == kind]
+        label = words if subset else ""
+        found.append(_series(subset, heights, colour, mark, PEER_PX, label=label))
     return found
 
 
 def _series(
-    some: Sequence[Spot],
+    some: Sequence[ParetoPoint],
     heights: dict[int, float],
     colour: RGB,
     mark: str,

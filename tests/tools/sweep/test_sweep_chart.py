@@ -15,9 +15,7 @@ from evs.drivers.pictures.names import names_of
 from evs.drivers.pictures.pen import INK_RGB, POINT_PX
 from evs.drivers.pictures.scales import steps_around
 from evs.launch.commands import sweep as launch_sweep
-from evs.tools.sweep.front import FIGURES
-from evs.tools.sweep.measured import FRAMES, PAPER, STAGES, Error, Interval, Measured, Speed
-from evs.tools.sweep.picture import (
+from evs.tools.sweep.pareto_chart import (
     CHART_PX,
     COLOURS,
     PEERS,
@@ -25,19 +23,29 @@ from evs.tools.sweep.picture import (
     pareto_chart,
     pareto_page,
 )
+from evs.tools.sweep.pareto_front import ERROR_METRICS
+from evs.tools.sweep.record import (
+    FRAMES,
+    PAPER,
+    STAGES,
+    Accuracy,
+    ConfidenceInterval,
+    Speed,
+    SweepRecord,
+)
 
 
 def measured(
     factor: float, off: float, preset: str, value: str = "", kind: str = "ours", camera: str = "pan"
-) -> Measured:
-    one = Interval(factor, 0.8 * factor, 1.25 * factor, 5)
+) -> SweepRecord:
+    one = ConfidenceInterval(factor, 0.8 * factor, 1.25 * factor, 5)
     speed = Speed(one, one, one, dict.fromkeys(STAGES, one), 1.0, 10)
-    error = Error(off, 0.04, 1 - off, 1 - off, off, 1.0, 1.0, 0.0, 0.0, 0.96)
+    error = Accuracy(off, 0.04, 1 - off, 1 - off, off, 1.0, 1.0, 0.0, 0.0, 0.96)
     axis = "samples" if value else ""
-    return Measured("a.xml", camera, preset, axis, value, {}, kind, speed, error)
+    return SweepRecord("a.xml", camera, preset, axis, value, {}, kind, speed, error)
 
 
-def crowd() -> list[Measured]:
+def crowd() -> list[SweepRecord]:
     """Presets, forty points around them, many on top of each other, and peers."""
     drawn = np.random.default_rng(3)
     found = [
@@ -128,7 +136,7 @@ def test_a_page_has_a_chart_for_each_camera() -> None:
 
 
 def test_nothing_to_show_is_said() -> None:
-    blind = Measured("a.xml", "still", "fast", "", "", {})
+    blind = SweepRecord("a.xml", "still", "fast", "", "", {})
     assert pareto_chart([blind]).empty
     assert pareto_page([blind]).shape[1] > 0
     assert not pareto_chart(crowd()).empty
@@ -138,7 +146,7 @@ def test_no_error_at_all_stands_on_the_axis() -> None:
     chart = pareto_chart([measured(1.0, 0.0, "fast"), measured(0.5, 0.2, "balanced")])
     drawn = [y for s in chart.series if not s.line for y in s.y]
     assert min(drawn) == chart.y.low > 0.0
-    assert pareto_chart(crowd(), FIGURES["emd"]).marks[0][0] == 0.02
+    assert pareto_chart(crowd(), ERROR_METRICS["emd"]).marks[0][0] == 0.02
 
 
 def test_axes_end_at_round_numbers_with_room() -> None:
@@ -167,4 +175,6 @@ def test_each_scene_has_a_file_of_its_own() -> None:
 
 
 def test_the_legend_says_what_the_line_is() -> None:
-    assert legend(FIGURES["emd"]).startswith("error: EMD, events a pixel; line: the front; bars")
+    assert legend(ERROR_METRICS["emd"]).startswith(
+        "error: EMD, events a pixel; line: the front; bars"
+    )

@@ -10,12 +10,12 @@ import pytest
 from evs.drivers.run.config import PipelineConfig, load
 from evs.drivers.run.shipped import PIPELINES
 from evs.msgs import EvsError
-from evs.tools.sweep.front import DEFAULT
-from evs.tools.tuning.base import base_of
-from evs.tools.tuning.search import Found, Goal, Outcome
+from evs.tools.sweep.pareto_front import DEFAULT
+from evs.tools.tuning.base_pipeline import base_pipeline
+from evs.tools.tuning.pipeline_file import FIRST, check_own, pipeline_text
+from evs.tools.tuning.search import CandidateResult, SearchResult, TuningGoal
 from evs.tools.tuning.space import Candidate, candidates
-from evs.tools.tuning.text import facts, table
-from evs.tools.tuning.written import FIRST, check_own, pipeline_text
+from evs.tools.tuning.summary import facts, table
 
 SCENE = str(PIPELINES.parent / "scenes" / "pendulum.xml")
 
@@ -31,7 +31,7 @@ def written(config: PipelineConfig, file: Path) -> PipelineConfig:
 
 @pytest.mark.parametrize("one", candidates()[::17], ids=str)
 def test_every_candidate_comes_back(one: Candidate, tmp_path: Path) -> None:
-    base = base_of(SCENE, [("sensor.preset", "ideal"), ("camera.azimuth", "30")])
+    base = base_pipeline(SCENE, [("sensor.preset", "ideal"), ("camera.azimuth", "30")])
     config = base.with_settings(one.settings)
     assert written(config, tmp_path / "tuned.toml") == config
     assert config.render.samples == one.spp
@@ -59,7 +59,7 @@ def test_everything_that_a_pipeline_can_say_comes_back(tmp_path: Path) -> None:
         ("publish", "tcp://127.0.0.1:0"),
         ("publish_key", str(tmp_path / "x.key")),
     ]
-    config = base_of(SCENE, keys).config
+    config = base_pipeline(SCENE, keys).config
     assert written(config, tmp_path / "tuned.toml") == config
 
 
@@ -70,7 +70,7 @@ def test_paths_are_told_from_where_the_file_lies(
     (tmp_path / "out").mkdir()
     (tmp_path / "models" / "a.xml").write_text(Path(SCENE).read_text())
     monkeypatch.chdir(tmp_path)
-    config = base_of("models/a.xml", [("scene.control_file", "c.npy")]).config
+    config = base_pipeline("models/a.xml", [("scene.control_file", "c.npy")]).config
     found = written(config, Path("out/tuned.toml"))
     assert 'file = "../models/a.xml"' in Path("out/tuned.toml").read_text()
     assert Path(found.scene.file).resolve() == tmp_path / "models" / "a.xml"
@@ -92,7 +92,7 @@ def test_what_somebody_else_wrote_is_not_written_over(tmp_path: Path) -> None:
 def test_a_pipeline_its_keys_and_a_robot_are_taken_too(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text(f'[scene]\nfile = "{SCENE}"\n[render]\nspp = 2\nheadlight = "off"\n')
-    base = base_of(str(file), [("model.name", "plain"), ("sensor.preset", "ideal")])
+    base = base_pipeline(str(file), [("model.name", "plain"), ("sensor.preset", "ideal")])
     # only what the command line says stays
     assert base.pinned == {"model.name": "plain"}
     assert base.config.render.headlight == "off"
@@ -100,27 +100,29 @@ def test_a_pipeline_its_keys_and_a_robot_are_taken_too(tmp_path: Path) -> None:
     assert tuned.render.headlight == "off"
     assert tuned.sensor.preset == "ideal"
     # what stays is not set anew, and a key at `none` says nothing
-    kept = base_of(SCENE, [("model.name", "evsnet"), ("model.chunk", "16"), ("render.spp", "none")])
+    kept = base_pipeline(
+        SCENE, [("model.name", "evsnet"), ("model.chunk", "16"), ("render.spp", "none")]
+    )
     assert kept.pinned == {"model.name": "evsnet", "model.chunk": 16}
     assert kept.with_settings(candidates(kept.pinned)[0].settings).model.chunk == 16
     with pytest.raises(EvsError, match=r"no scene: give one, as in evs tune robot\.xml"):
-        base_of(None)
+        base_pipeline(None)
     with pytest.raises(EvsError, match="no scene: fast needs one"):
-        base_of("fast")
+        base_pipeline("fast")
     with pytest.raises(EvsError, match="no robot 'gymnasium/ent'; there is: gymnasium/ant"):
-        base_of("gymnasium/ent")
+        base_pipeline("gymnasium/ent")
     with pytest.raises(EvsError, match="only an open loop is tuned"):
-        base_of(SCENE, [("pace", "lockstep")])
+        base_pipeline(SCENE, [("pace", "lockstep")])
 
 
-def outcome(rtf: float, error: float, measured: bool = True, **more: float) -> Outcome:
+def outcome(rtf: float, error: float, measured: bool = True, **more: float) -> CandidateResult:
     one = candidates()[0]
-    return dataclasses.replace(Outcome(one, rtf, error, measured), **more)
+    return dataclasses.replace(CandidateResult(one, rtf, error, measured), **more)
 
 
 def test_the_words_say_what_was_predicted_measured_and_what_more_would_cost() -> None:
     winner = outcome(1.25, 0.08, predicted_rtf=1.0, predicted_error=0.1)
-    found = Found(Goal(rtf=1.0), winner, True, False, outcome(0.5, 0.04, False),
+    found = SearchResult(TuningGoal(rtf=1.0), winner, True, False, outcome(0.5, 0.04, False),
                   None, [winner, outcome(2.0, 0.2)])  # fmt: skip
     told = dict(facts(found, DEFAULT, 0.004, 61.4))
     assert told["goal"] == "real-time factor of at least 1; reached"

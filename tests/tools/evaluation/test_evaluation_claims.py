@@ -6,15 +6,15 @@ from typing import Any
 
 import pytest
 
-from evs.tools.evaluation.pool import Cell
-from evs.tools.evaluation.verdict import Claim, verdict, winners
+from evs.tools.evaluation.aggregate import ResultCell
+from evs.tools.evaluation.claims import Claim, check_claims, winners
 from reference.judged import cell
 
 C8 = "evsnet_c8"
 
 
-def claim(cells: list[Cell], *words: str) -> Claim:
-    (found,) = [c for c in verdict(cells) if all(word in c.claim for word in words)]
+def claim(cells: list[ResultCell], *words: str) -> Claim:
+    (found,) = [c for c in check_claims(cells) if all(word in c.claim for word in words)]
     return found
 
 
@@ -139,7 +139,7 @@ def test_none_does_and_who_does_not_count() -> None:
 
 
 def test_rows_that_are_not_there() -> None:
-    found = verdict([cell("plain")])
+    found = check_claims([cell("plain")])
     assert len(found) == 12
     assert all(c.met is None for c in found)
     assert all(c.figures.startswith("not measured") for c in found)

@@ -1,8 +1,8 @@
-"""One measured point of a sweep: what was set, how fast it ran, how far off its events were.
+"""SweepRecord: one measured point of a sweep, with its settings, speed and error.
 
 A sweep's file holds one such record a line, as JSON. A line may hold a speed, an error or both, so
-that errors can be worked out on a busy machine and timings on a quiet one: `merged` puts the lines
-of one point together.
+that errors can be measured on a busy machine and speeds on a quiet one: `merged` joins the lines
+of a point.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from evs.msgs import EvsError, unknown
 
 OURS, FRAMES, PAPER = "ours", "frames", "paper"
 KINDS = (OURS, FRAMES, PAPER)
-"""Whose way: ours; frames first and events from frames, as v2e and ESIM; as in the paper."""
+"""evs; frames first and events from frames, as v2e and ESIM; the pipeline of the paper"""
 
 CAMERAS = ("still", "pan", "slide")
 
@@ -29,7 +29,7 @@ Setting = str | int | float | bool
 
 
 @dataclass(frozen=True)
-class Interval:
+class ConfidenceInterval:
     """A median of repeats and the 95 % confidence interval of it."""
 
     median: float
@@ -43,13 +43,13 @@ class Interval:
 class Speed:
     """What a point costs: the whole run, full frame, bus and recorder on."""
 
-    real_time_factor: Interval
+    real_time_factor: ConfidenceInterval
     """simulated seconds per second of the wall clock"""
-    cpu_s_per_s: Interval
+    cpu_s_per_s: ConfidenceInterval
     """CPU seconds per simulated second"""
-    yardstick_ratio: Interval
+    yardstick_ratio: ConfidenceInterval
     """wall clock of a tick over that of the yardstick, which ran just before and after"""
-    stage_ms: Mapping[str, Interval]
+    stage_ms: Mapping[str, ConfidenceInterval]
     """world, render, sensor, pack, sink: ms of the wall clock a tick"""
     rays_per_tick: float
     """camera samples traced a tick; what follows from a hit (shadows, bounces) is not counted"""
@@ -58,7 +58,7 @@ class Speed:
 
 
 @dataclass(frozen=True)
-class Error:
+class Accuracy:
     """How far events are from those of converged light, as `evs evaluate` defines it.
 
     NaN: not defined, as a ratio to no events at all.
@@ -86,7 +86,7 @@ class Error:
 
 
 @dataclass(frozen=True)
-class Measured:
+class SweepRecord:
     """One point on one scene under one camera motion."""
 
     scene: str
@@ -103,7 +103,7 @@ class Measured:
     kind: str = OURS
     """ours | frames | paper"""
     speed: Speed | None = None
-    error: Error | None = None
+    error: Accuracy | None = None
     digest: str = ""
     """hash of the scene and the whole configuration: a record of another one is out of date"""
 
@@ -128,13 +128,13 @@ class Measured:
         return json.dumps(finite(dataclasses.asdict(self)), allow_nan=False)
 
     @classmethod
-    def from_json(cls, line: str) -> Measured:
+    def from_json(cls, line: str) -> SweepRecord:
         """The record of a line. Raises EvsError: one line that says what is wrong with it."""
         try:
-            told = json.loads(line)
+            data = json.loads(line)
         except ValueError as reason:
             raise EvsError(f"no record of a sweep: {reason}; delete the line") from None
-        found = _made(cls, told, "")
+        found = _made(cls, data, "")
         settings = _table(found.settings, "settings")
         for key, value in settings.items():
             if not isinstance(value, str | int | float):
@@ -147,26 +147,26 @@ class Measured:
                 name: _interval(getattr(speed, name), f"speed.{name}")
                 for name in ("real_time_factor", "cpu_s_per_s", "yardstick_ratio")
             }
-            told_ms = {k: _interval(v, f"speed.stage_ms.{k}") for k, v in stages.items()}
+            stage_ms = {k: _interval(v, f"speed.stage_ms.{k}") for k, v in stages.items()}
             rays = number(speed.rays_per_tick, "speed.rays_per_tick")
             ticks = number(speed.ticks, "speed.ticks")
-            speed = Speed(**parts, stage_ms=told_ms, rays_per_tick=rays, ticks=int(ticks))
+            speed = Speed(**parts, stage_ms=stage_ms, rays_per_tick=rays, ticks=int(ticks))
         if error is not None:
-            error = _made(Error, error, "error")
+            error = _made(Accuracy, error, "error")
             values = dataclasses.asdict(error)
-            error = Error(**{name: number(v, f"error.{name}") for name, v in values.items()})
+            error = Accuracy(**{name: number(v, f"error.{name}") for name, v in values.items()})
         for name in ("scene", "camera", "preset", "axis", "value", "kind", "digest"):
             if not isinstance(getattr(found, name), str):
                 raise _wrong(name, "a text")
         return dataclasses.replace(found, settings=settings, speed=speed, error=error)
 
 
-def merged(records: Iterable[Measured]) -> list[Measured]:
+def merged(records: Iterable[SweepRecord]) -> list[SweepRecord]:
     """Each point once, in the order in which it first came; of two speeds the later one counts.
 
     A record with another digest takes the place of what came before it.
     """
-    points: dict[tuple[str, ...], Measured] = {}
+    points: dict[tuple[str, ...], SweepRecord] = {}
     for one in records:
         before = points.get(one.point)
         if before is not None and before.digest == one.digest:
@@ -179,9 +179,9 @@ def merged(records: Iterable[Measured]) -> list[Measured]:
 _T = TypeVar("_T")
 
 
-def _made(cls: type[_T], told: Any, where: str) -> _T:
+def _made(cls: type[_T], data: Any, where: str) -> _T:
     """The dataclass of a table, its values as they stand there."""
-    table = _table(told, where or "the line")
+    table = _table(data, where or "the line")
     known = [field.name for field in dataclasses.fields(cls)]  # type: ignore[arg-type]
     for key in table:
         if key not in known:
@@ -197,25 +197,25 @@ def _made(cls: type[_T], told: Any, where: str) -> _T:
         ) from None
 
 
-def _table(told: Any, where: str) -> dict[str, Any]:
-    if not isinstance(told, dict):
+def _table(data: Any, where: str) -> dict[str, Any]:
+    if not isinstance(data, dict):
         raise _wrong(where, "a table")
-    return told
+    return data
 
 
-def _interval(told: Any, where: str) -> Interval:
-    found = _made(Interval, told, where)
+def _interval(data: Any, where: str) -> ConfidenceInterval:
+    found = _made(ConfidenceInterval, data, where)
     values = {name: number(v, f"{where}.{name}") for name, v in dataclasses.asdict(found).items()}
-    return Interval(values["median"], values["low"], values["high"], int(values["n"]))
+    return ConfidenceInterval(values["median"], values["low"], values["high"], int(values["n"]))
 
 
-def number(told: Any, where: str) -> float:
+def number(data: Any, where: str) -> float:
     """The number of a JSON value, NaN for null. In: where it stands. Raises EvsError."""
-    if told is None:
+    if data is None:
         return math.nan
-    if isinstance(told, bool) or not isinstance(told, int | float):
+    if isinstance(data, bool) or not isinstance(data, int | float):
         raise _wrong(where, "a number or null")
-    return float(told)
+    return float(data)
 
 
 def _wrong(where: str, wanted: str) -> EvsError:

@@ -1,6 +1,6 @@
-"""The way of v2e and ESIM: pictures at a frame rate, then events from pictures.
+"""The methods of v2e and ESIM: images at a frame rate, then events from images.
 
-Our `plain` pixel stands in for theirs, so that the way alone is compared, not the pixel:
+Our `plain` pixel replaces theirs, so that only the method is compared, not the pixel:
 
 - ESIM finds exact crossing times under log light that is linear between two pictures. That is what
   `plain` does inside a tick, so its way is `plain` with ticks as long as the time between pictures.
@@ -25,7 +25,7 @@ WHITE_DN = 255.0
 
 
 @dataclass(frozen=True)
-class Way:
+class FrameMethod:
     """How frames become events."""
 
     upsampled: bool
@@ -34,16 +34,16 @@ class Way:
     """of a pixel: "" float, "8 bit" linear, "8 bit sRGB" """
 
 
-def way_of(value: str) -> Way:
-    """The way that a value of the axis `frames` names, as in `v2e, 250 FPS, 8 bit`."""
+def frame_method(value: str) -> FrameMethod:
+    """The method that a value of the axis `frames` names, as in `v2e, 250 FPS, 8 bit`."""
     name, _, rest = value.partition(", ")
     code = rest.partition(", ")[2]
     if name not in ("ESIM", "v2e") or code not in ("", "8 bit", "8 bit sRGB"):
         raise EvsError(f"'{value}' is no way of frames; the axis `frames` has them all")
-    return Way(name == "v2e", code)
+    return FrameMethod(name == "v2e", code)
 
 
-def coded(light: F32, code: str) -> F32:
+def quantise(light: F32, code: str) -> F32:
     """Light as a film of 8 bits has it, in units of white; with no code as it is.
 
     A film coded as sRGB is taken as it stands, as v2e takes it: its values pass for light.
@@ -57,7 +57,7 @@ def coded(light: F32, code: str) -> F32:
     return (np.round(shown * np.float32(WHITE_DN)) / np.float32(WHITE_DN)).astype(np.float32)
 
 
-def between(first: F32, second: F32, begin_us: int, end_us: int) -> list[tuple[int, F32]]:
+def interpolate(first: F32, second: F32, begin_us: int, end_us: int) -> list[tuple[int, F32]]:
     """(t_us, picture) of each multiple of a ms in (begin_us, end_us], and of end_us itself.
 
     In: the pictures at begin_us and end_us. Linear in the light, as a blend of two frames is.

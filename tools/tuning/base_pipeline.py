@@ -1,4 +1,4 @@
-"""What is tuned: the user's scene and pipeline, and which of its keys are not to be touched."""
+"""BasePipeline: the scene and pipeline to tune, and the keys that the user fixed."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from evs.drivers.run.config import PipelineConfig
 from evs.drivers.run.shipped import PRESETS, pipelines
 from evs.emulator.world import load_model
 from evs.msgs import EvsError, unknown
-from evs.tools.evaluation.scene_setup import Stage
+from evs.tools.evaluation.scene_setup import SceneSetup
 from evs.tools.evaluation.scenes import FOLDERS, VIEWS
-from evs.tools.sweep.measured import Setting
+from evs.tools.sweep.record import Setting
 from evs.tools.tuning.space import NAMES
 
 OWN = (*NAMES.values(), "model.chunk")
@@ -22,12 +22,12 @@ OWN = (*NAMES.values(), "model.chunk")
 
 
 @dataclass(frozen=True)
-class Base:
+class BasePipeline:
     """A pipeline to tune."""
 
     config: PipelineConfig
     pinned: Mapping[str, Setting]
-    """keys of the space that the command line sets: they stay"""
+    """keys that the command line sets; tuning does not change them"""
 
     def with_settings(self, chosen: Mapping[str, Setting]) -> PipelineConfig:
         """The pipeline with these keys, but for those that stay."""
@@ -37,10 +37,10 @@ class Base:
                 config = settings.override(config, key, settings.to_text(value))
         return config
 
-    def stage(self) -> Stage:
-        """Its scene, to be filmed. Raises EvsError where it cannot be loaded."""
+    def setup(self) -> SceneSetup:
+        """Its scene, for evaluation. Raises EvsError if it cannot be loaded."""
         scene = self.config.scene
-        return Stage(
+        return SceneSetup(
             scene.file,
             load_model(scene.file),
             self.config.camera,
@@ -51,8 +51,8 @@ class Base:
         )
 
 
-def base_of(name: str | None, keys: Sequence[tuple[str, str]] = ()) -> Base:
-    """What a command line says.
+def base_pipeline(name: str | None, keys: Sequence[tuple[str, str]] = ()) -> BasePipeline:
+    """The pipeline of a command line.
 
     In: name, an MJCF or MJB file, package:path, a robot of `evs evaluate` (gymnasium/ant), or a
     pipeline that has a scene; keys of the pipeline and their texts. Raises EvsError.
@@ -72,11 +72,11 @@ def base_of(name: str | None, keys: Sequence[tuple[str, str]] = ()) -> Base:
     if config.is_closed:
         raise EvsError('only an open loop is tuned; leave pace = "lockstep" and realtime.serve out')
     given = {key: _value(config, key) for key, _ in keys if key in OWN}
-    return Base(config, {key: value for key, value in given.items() if value is not None})
+    return BasePipeline(config, {key: value for key, value in given.items() if value is not None})
 
 
 def _robot(name: str) -> list[tuple[str, str]] | None:
-    """The keys that are a robot of another package, seen as `evs evaluate` sees it."""
+    """The keys of a robot of another package, with the view of `evs evaluate`."""
     package, slash, robot = name.partition("/")
     if not slash or package not in FOLDERS or Path(name).exists() or Path(name).suffix:
         return None

@@ -1,7 +1,7 @@
-"""Light on disk, each array under a hash of everything that shapes it.
+"""LightCache: rendered light on disk, each array under a hash of all its inputs.
 
-A file is written whole or not at all, and its reader sees every damage by the checksum of the
-archive; what is damaged is made anew.
+Files are written atomically. The checksum of the archive finds damage; damaged light is rendered
+again.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from evs.msgs import EvsError
 
 
 class DamagedCacheWarning(UserWarning):
-    """A file of the cache could not be read and is made anew."""
+    """A file of the cache could not be read and is rendered again."""
 
 
 def user_cache() -> Path:
-    """Where a user's programs keep what can be made again: XDG_CACHE_HOME, else ~/.cache."""
-    told = os.environ.get("XDG_CACHE_HOME", "")
-    home = Path(told) if Path(told).is_absolute() else Path.home() / ".cache"
+    """The default folder: evs/evaluation in XDG_CACHE_HOME or ~/.cache."""
+    configured = os.environ.get("XDG_CACHE_HOME", "")
+    home = Path(configured) if Path(configured).is_absolute() else Path.home() / ".cache"
     return home / "evs" / "evaluation"
 
 
@@ -48,9 +48,15 @@ class LightCache:
         return self.folder / f"{key}.npz"
 
     def get(self, key: str, shape: tuple[int, ...], make: Callable[[], F32]) -> F32:
-        """The array of a key, float32 of this shape; where it is not there yet, what make() gives.
+        """The array of a key, rendered if it is not in the cache.
 
-        Interrupted while making, it leaves nothing behind.
+        Args:
+            key: hash of all inputs.
+            shape: of the array.
+            make: renders it; an interruption leaves nothing behind.
+
+        Returns:
+            float32 of this shape.
         """
         found = self._read(key, shape)
         if found is not None:
@@ -62,7 +68,7 @@ class LightCache:
         return made
 
     def has(self, key: str) -> bool:
-        """Whether there is a file of that key; whole or not is told by reading it."""
+        """Whether there is a file of that key, damaged or not."""
         return self.path(key).is_file()
 
     def _read(self, key: str, shape: tuple[int, ...]) -> F32 | None:

@@ -1,9 +1,9 @@
-"""A quantity over all configurations, from a few that were measured: a Gaussian process.
+"""Surrogate: predict a quantity for all configurations from a few measured ones.
 
 The logarithm (base 2) of a cost or an error is taken as a sum of effects (renderer, samples, edges,
 model, tick, threads), each with what is known of it beforehand, and of a smooth rest within each
 family of configurations. What was measured is met up to its noise, and what is far from all that
-was measured is told with a wide margin. Rasmussen and Williams, Gaussian Processes for Machine
+was measured has a wide margin. Rasmussen and Williams, Gaussian Processes for Machine
 Learning, section 2.7 (explicit basis functions with a Gaussian prior).
 """
 
@@ -103,8 +103,8 @@ REACH = 2.5
 """how far that reaches: doublings of samples or tick"""
 
 
-class Surface:
-    """The quantity, as far as it is known."""
+class Surrogate:
+    """A Gaussian process over configurations."""
 
     def __init__(self, effects: Mapping[str, Effect], noise: float) -> None:
         """In: noise, standard deviation of a measurement, powers of two."""

@@ -1,4 +1,4 @@
-"""Measures of several takes as one row of a table: a mean, and how much the takes differ."""
+"""Aggregate the measures of several clips into rows of a table: mean and standard deviation."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 from evs.tools.evaluation.measure import Measures
 
 REFERENCE_PX = 346 * 260
-"""pixels that the cost of a tick is told for"""
+"""pixels for which the cost of a tick is given"""
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One model on one light of one take."""
+class ResultCell:
+    """One model on one light of one clip."""
 
     scene: str
     camera: str
@@ -33,47 +33,47 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Value:
+class Aggregate:
     """A number of a row."""
 
     mean: float
-    """of all takes together; NaN: not defined in any"""
+    """of all clips together; NaN: not defined in any"""
     spread: float
-    """standard deviation over the takes; NaN: fewer than two of them have it"""
+    """standard deviation over the clips; NaN: fewer than two have the value"""
 
 
-Sums = Sequence[Measures]
+ClipMeasures = Sequence[Measures]
 
 
 def _share(
     part: Callable[[Measures], float], whole: Callable[[Measures], float]
-) -> Callable[[Sums], float]:
-    """Sum by sum, so that a take in which next to nothing happens counts next to nothing."""
+) -> Callable[[ClipMeasures], float]:
+    """Ratio of sums, so that a clip without motion has little weight."""
 
-    def pooled(takes: Sums) -> float:
-        total = sum(whole(m) for m in takes)
-        return sum(part(m) for m in takes) / total if total else math.nan
+    def aggregated(clips: ClipMeasures) -> float:
+        total = sum(whole(m) for m in clips)
+        return sum(part(m) for m in clips) / total if total else math.nan
 
-    return pooled
+    return aggregated
 
 
-def _mean(of: Callable[[Measures], float]) -> Callable[[Sums], float]:
-    def pooled(takes: Sums) -> float:
-        values = [value for m in takes if math.isfinite(value := of(m))]
+def _mean(of: Callable[[Measures], float]) -> Callable[[ClipMeasures], float]:
+    def aggregated(clips: ClipMeasures) -> float:
+        values = [value for m in clips if math.isfinite(value := of(m))]
         return float(np.mean(values)) if values else math.nan
 
-    return pooled
+    return aggregated
 
 
-def _median(of: Callable[[Measures], float]) -> Callable[[Sums], float]:
-    def pooled(takes: Sums) -> float:
-        values = [value for m in takes if math.isfinite(value := of(m))]
+def _median(of: Callable[[Measures], float]) -> Callable[[ClipMeasures], float]:
+    def aggregated(clips: ClipMeasures) -> float:
+        values = [value for m in clips if math.isfinite(value := of(m))]
         return float(np.median(values)) if values else math.nan
 
-    return pooled
+    return aggregated
 
 
-VALUES: dict[str, Callable[[Sums], float]] = {
+VALUES: dict[str, Callable[[ClipMeasures], float]] = {
     "emd": _mean(lambda m: m.emd),
     "count_on": _share(lambda m: m.on, lambda m: m.reference_on),
     "count_off": _share(lambda m: m.off, lambda m: m.reference_off),
@@ -91,13 +91,13 @@ VALUES: dict[str, Callable[[Sums], float]] = {
     "correlation": _mean(lambda m: m.correlation),
     "ms_per_tick": _share(lambda m: m.ms_per_tick * REFERENCE_PX, lambda m: m.pixels + m.patch_px),
 }
-"""name -> the value of several takes together. Shares are of sums, the rest means or medians."""
+"""name -> the value of several clips together: ratios of sums, means or medians"""
 
 
-def pool(takes: Sums) -> dict[str, Value]:
+def aggregate(clips: ClipMeasures) -> dict[str, Aggregate]:
     """Every value of a row."""
     return {
-        name: Value(of(takes), _spread([of([m]) for m in takes])) for name, of in VALUES.items()
+        name: Aggregate(of(clips), _spread([of([m]) for m in clips])) for name, of in VALUES.items()
     }
 
 
@@ -107,7 +107,7 @@ def _spread(values: list[float]) -> float:
 
 
 @dataclass(frozen=True)
-class Row:
+class ResultRow:
     """One model on one kind of light, all scenes of one camera motion together."""
 
     camera: str
@@ -116,13 +116,13 @@ class Row:
     seeds: str
     model: str
     scenes: int
-    values: dict[str, Value]
+    values: dict[str, Aggregate]
 
 
-def rows_of(cells: Sequence[Cell]) -> list[Row]:
-    """The table, in the order in which the cells first come."""
+def aggregate_rows(cells: Sequence[ResultCell]) -> list[ResultRow]:
+    """The rows, in the order of their first cells."""
     groups: dict[tuple[str, str, int, str, str], list[Measures]] = {}
     for cell in cells:
         key = (cell.camera, cell.light, cell.spp, cell.seeds, cell.model)
         groups.setdefault(key, []).append(cell.measures)
-    return [Row(*key, len(takes), pool(takes)) for key, takes in groups.items()]
+    return [ResultRow(*key, len(clips), aggregate(clips)) for key, clips in groups.items()]

@@ -1,7 +1,6 @@
-"""A subscriber in a process of its own for all runs of a sweep: the bus works only if one listens.
+"""A subscriber in its own process for all runs of a sweep: the bus does nothing without one.
 
-Its process runs this file as a program: it listens, to the end of each stream, until it is killed
-or its parent is gone.
+The process runs this file as a program until it is killed or its parent is gone.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ class BusListener:
 
     def __enter__(self) -> BusListener:
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "evs.tools.sweep.listener", self.address],
+            [sys.executable, "-P", "-m", "evs.tools.sweep.bus_listener", self.address],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             # Ctrl-C is for the sweep; this process ends when its input does
@@ -44,7 +43,7 @@ class BusListener:
 
 
 def listen(address: str) -> None:
-    """Take everything, stream after stream, for ever."""
+    """Receive everything, stream after stream, until the process is killed."""
     while True:
         with subscribe(address) as subscription:
             for _packet in subscription:

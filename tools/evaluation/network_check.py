@@ -1,7 +1,7 @@
-"""Is a network sound? What `evs evaluate MODEL.onnx` looks at before it measures how good it is.
+"""Check a network before `evs evaluate MODEL.onnx` measures it.
 
-Everything is found out by running it, on one block of pixels by runtime onnxruntime: the same
-looks for our networks and for graphs of another design.
+All checks run the network on one block of pixels in onnxruntime, so they are the same for our
+networks and for graphs of another design.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _SHOWN = {OK: "", NOTE: "note", BAD: "**bad**"}
 
 @dataclass(frozen=True)
 class Finding:
-    """One look at a network."""
+    """The result of one check."""
 
     what: str
     found: str
@@ -56,15 +56,15 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Check:
-    """What was found about one network."""
+class NetworkReport:
+    """The results of all checks of a network."""
 
     name: str
     findings: tuple[Finding, ...]
 
     @property
     def is_sound(self) -> bool:
-        """Whether nothing is bad."""
+        """Whether no check failed."""
         return all(finding.verdict != BAD for finding in self.findings)
 
     def markdown(self) -> str:
@@ -74,7 +74,7 @@ class Check:
         return "\n".join(rows) + "\n"
 
 
-def check_model(network: str | Path, provider: str = "cpu") -> Check:
+def check_network(network: str | Path, provider: str = "cpu") -> NetworkReport:
     """Look at the network of that path, or of that name in config/networks.
 
     In: provider, the execution provider of onnxruntime it is run on. Raises EvsError, one line,
@@ -96,7 +96,7 @@ def check_model(network: str | Path, provider: str = "cpu") -> Check:
         _extremes(stream),
         _memory(found),
     ]
-    return Check(found.name, tuple(findings))
+    return NetworkReport(found.name, tuple(findings))
 
 
 class _Stream:
@@ -153,8 +153,8 @@ def _same_as_named(path: Path, network: Network, stream: _Stream) -> list[Findin
     x = _motion(64)
     ours, found = stream.currents(x), theirs.currents(x)
     off = _difference(found, ours)
-    said = f"currents of the graph and of its named weights differ by {off:.1e}"
-    return [Finding(what, said, OK if off < TOLERANCE else BAD)]
+    text = f"currents of the graph and of its named weights differ by {off:.1e}"
+    return [Finding(what, text, OK if off < TOLERANCE else BAD)]
 
 
 def _as_graph(weights: NetworkWeights, graph: bytes) -> GraphNetwork:
@@ -169,8 +169,8 @@ def _chunks(stream: _Stream) -> Finding:
     off = max(_difference(stream.currents(x, cut), whole) for cut in (1, 7, 32))
     if off == 0.0:
         return Finding("streaming", "chunks of 1, 7, 32 and 64 ticks give the same bytes", OK)
-    said = f"chunks of 1, 7 or 32 ticks differ from one pass by {off:.1e}"
-    return Finding("streaming", said, NOTE if off < TOLERANCE else BAD)
+    text = f"chunks of 1, 7 or 32 ticks differ from one pass by {off:.1e}"
+    return Finding("streaming", text, NOTE if off < TOLERANCE else BAD)
 
 
 def _alone(stream: _Stream) -> Finding:
@@ -197,8 +197,8 @@ def _silence(network: Network, stream: _Stream, provider: str) -> Finding:
         return Finding(what, f"the current is exactly 0 for {STILL_TICKS} ticks", OK)
     light = np.full((STILL_TICKS, _SIDE, _SIDE), 0.5, np.float32)
     rate = _events(network, light, provider, 0) / _PIXELS / (STILL_TICKS * network.tick_us * 1e-6)
-    said = f"a current of {stream.rest:.2g}: {rate:.3g} ghost events per px and s from still light"
-    return Finding(what, said, NOTE if stream.is_at_rest(currents) else BAD)
+    text = f"a current of {stream.rest:.2g}: {rate:.3g} ghost events per px and s from still light"
+    return Finding(what, text, NOTE if stream.is_at_rest(currents) else BAD)
 
 
 def _forgetting(network: Network, stream: _Stream) -> Finding:
@@ -226,8 +226,8 @@ def _strange_light(network: Network, provider: str) -> Finding:
     if count == 0:
         return Finding(what, f"silent {REST_TICKS} ticks after such light", OK)
     rate = count / _PIXELS / (REST_TICKS * network.tick_us * 1e-6)
-    said = f"{rate:.3g} events per px and s, {REST_TICKS} ticks after such light"
-    return Finding(what, said, BAD if network.is_still else NOTE)
+    text = f"{rate:.3g} events per px and s, {REST_TICKS} ticks after such light"
+    return Finding(what, text, BAD if network.is_still else NOTE)
 
 
 def _impulse(network: Network, stream: _Stream) -> list[Finding]:
@@ -237,9 +237,9 @@ def _impulse(network: Network, stream: _Stream) -> list[Finding]:
     answer = stream.currents(x)[:, :2].astype(np.float64) - stream.rest
     up, down = answer.sum(axis=0)
     wanted = IMPULSE / network.threshold
-    said = f"{up:+.2f} and {down:+.2f} thresholds for a step of +-{wanted:.2f}"
+    text = f"{up:+.2f} and {down:+.2f} thresholds for a step of +-{wanted:.2f}"
     usual = all(0.5 < part / wanted < 2.0 for part in (up, -down))
-    gain = Finding("gain", said, (OK if usual else NOTE) if up > 0.0 > down else BAD)
+    gain = Finding("gain", text, (OK if usual else NOTE) if up > 0.0 > down else BAD)
 
     size = np.abs(answer).sum(axis=1)
     late = network.latency_ticks
@@ -247,12 +247,12 @@ def _impulse(network: Network, stream: _Stream) -> list[Finding]:
         return [gain, Finding("latency", f"no answer to a step of +-{IMPULSE}", BAD)]
     felt = np.flatnonzero(size)
     half = int(np.searchsorted(np.cumsum(size), size.sum() / 2))
-    said = (
+    text = (
         f"declared {late} ticks; the answer to a step begins after {felt[0]}, is half done "
         f"after {half} and over after {felt[-1]}"
     )
     verdict = BAD if late > felt[-1] else OK if abs(half - late) <= LATE_TICKS else NOTE
-    return [gain, Finding("latency", said, verdict)]
+    return [gain, Finding("latency", text, verdict)]
 
 
 def _extremes(stream: _Stream) -> Finding:
@@ -274,12 +274,12 @@ def _extremes(stream: _Stream) -> Finding:
 
 def _memory(network: Network) -> Finding:
     _, free_gb = memory_gb()
-    told = []
+    sizes = []
     for width, height in SIZES:
         gb = dense_bytes(network, width, height) / 1e9
-        told.append(f"{width}x{height} {gb:.2g} GB{'' if gb <= free_gb else ' (not free here)'}")
-    fits = "not free" not in told[1]
-    return Finding("memory of a dense state", ", ".join(told), OK if fits else NOTE)
+        sizes.append(f"{width}x{height} {gb:.2g} GB{'' if gb <= free_gb else ' (not free here)'}")
+    fits = "not free" not in sizes[1]
+    return Finding("memory of a dense state", ", ".join(sizes), OK if fits else NOTE)
 
 
 def _sensor(network: Network) -> SensorParameters:

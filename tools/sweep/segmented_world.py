@@ -1,4 +1,4 @@
-"""A world that runs in stretches of as many ticks; within each, light is made ahead as ever."""
+"""SegmentedWorld: a world that runs in segments of equal length, for timing."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from evs.emulator.simulation.world import World
 from evs.msgs import EventPacket
 
 
-class Stretches:
-    """Takes the place of a world in a run loop. Between two stretches no thread is at work.
+class SegmentedWorld:
+    """Replaces a world in a run loop. Between two segments no thread is at work.
 
-    So nothing of the next stretch is made while somebody measures something else. A stretch begins
-    with no light in store: its first tick overlaps with nothing.
+    Light is rendered ahead within a segment, never across its end, so that something else can be
+    timed between segments.
     """
 
     def __init__(self, world: World, ticks: int, watch: StopWatch, depth: int) -> None:
-        """In: ticks of a stretch; depth, how many ticks ahead light is made, 0: none."""
+        """In: ticks of a segment; depth, how many ticks ahead light is rendered, 0: none."""
         self._world, self._ticks, self._watch, self._depth = world, ticks, watch, depth
         self._now: World | Ahead = world
         self._left = 0

@@ -11,17 +11,17 @@ import pytest
 from evs.emulator.base.scene import CameraPose
 from evs.emulator.config import CameraConfig
 from evs.msgs import EvsError
-from evs.tools.evaluation.digest import digest
-from evs.tools.evaluation.light import LightSpec, light_key
-from evs.tools.evaluation.procedural import FIRST_SEED
-from evs.tools.evaluation.scenes import stage_of
-from evs.tools.evaluation.take import (
-    Take,
+from evs.tools.evaluation.clip import (
+    Clip,
     busiest_square,
-    film,
+    make_clip,
     patch_pixels,
     spread_pixels,
 )
+from evs.tools.evaluation.clip_light import LightSpec, light_key
+from evs.tools.evaluation.digest import digest
+from evs.tools.evaluation.procedural import FIRST_SEED
+from evs.tools.evaluation.scenes import scene_setup
 from evs.tools.training.settings import DataSettings
 from reference.judged import written
 
@@ -34,9 +34,9 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return written(tmp_path_factory.mktemp("scene"))
 
 
-def shoot(scene: Path, motion: str = "still", **given: int) -> Take:
+def shoot(scene: Path, motion: str = "still", **given: int) -> Clip:
     values = {"sampled": 40, "patch_px": 16, "seed": 0, **given}
-    return film(stage_of(str(scene)), motion, TICKS, size=SIZE, **values)
+    return make_clip(scene_setup(str(scene)), motion, TICKS, size=SIZE, **values)
 
 
 def test_sampled_pixels_are_different_and_inside() -> None:
@@ -73,7 +73,7 @@ def test_the_busiest_square() -> None:
 
 def test_motion_of_the_camera(scene: Path) -> None:
     still, pan, slide = (shoot(scene, motion) for motion in ("still", "pan", "slide"))
-    poses = [[pose for _, pose in take.shots] for take in (still, pan, slide)]
+    poses = [[pose for _, pose in clip.instants] for clip in (still, pan, slide)]
     first = poses[0][0]
     for pose in (poses[1][0], poses[2][0]):
         assert np.array_equal(pose.pos, first.pos)
@@ -91,26 +91,26 @@ def test_motion_of_the_camera(scene: Path) -> None:
 
 
 def test_the_scene_moves_and_time_runs(scene: Path) -> None:
-    take = shoot(scene)
-    assert [snapshot.t_us for snapshot, _ in take.shots] == [0, 1000, 2000, 3000, 4000]
-    first, last = take.shots[0][0], take.shots[-1][0]
+    clip = shoot(scene)
+    assert [snapshot.t_us for snapshot, _ in clip.instants] == [0, 1000, 2000, 3000, 4000]
+    first, last = clip.instants[0][0], clip.instants[-1][0]
     assert not np.array_equal(first.geom_mat, last.geom_mat)
-    assert take.soft
-    assert len(take.pixels) == 40 + 16 * 16
+    assert clip.soft
+    assert len(clip.pixels) == 40 + 16 * 16
 
 
 def test_the_fingerprint_tells_takes_apart(scene: Path) -> None:
-    take = shoot(scene)
+    clip = shoot(scene)
     same = shoot(scene)
-    mark = take.fingerprint(TICKS)
+    mark = clip.fingerprint(TICKS)
     assert same.fingerprint(TICKS) == mark
     others = [
-        take.fingerprint(TICKS - 1),
+        clip.fingerprint(TICKS - 1),
         shoot(scene, "pan").fingerprint(TICKS),
         shoot(scene, seed=1).fingerprint(TICKS),
         shoot(scene, sampled=41).fingerprint(TICKS),
         shoot(scene, patch_px=8).fingerprint(TICKS),
-        replace(take, camera=replace(take.camera, fx=1 + take.camera.fx)).fingerprint(TICKS),
+        replace(clip, camera=replace(clip.camera, fx=1 + clip.camera.fx)).fingerprint(TICKS),
     ]
     text = scene.read_text()
     brighter = scene.with_name("brighter.xml")
@@ -124,15 +124,15 @@ def test_the_fingerprint_tells_takes_apart(scene: Path) -> None:
 
 
 def test_the_key_of_light(scene: Path) -> None:
-    take = shoot(scene)
+    clip = shoot(scene)
     spec = LightSpec("path", 4, "fresh", 3)
-    key = light_key(take, "mark", spec, TICKS)
-    assert light_key(take, "mark", spec, TICKS) == key
+    key = light_key(clip, "mark", spec, TICKS)
+    assert light_key(clip, "mark", spec, TICKS) == key
     others = [
-        light_key(take, "other", spec, TICKS),
-        light_key(take, "mark", spec, TICKS - 1),
+        light_key(clip, "other", spec, TICKS),
+        light_key(clip, "mark", spec, TICKS - 1),
         *(
-            light_key(take, "mark", replace(spec, **change), TICKS)
+            light_key(clip, "mark", replace(spec, **change), TICKS)
             for change in ({"spp": 8}, {"seeds": "fixed"}, {"seed": 4}, {"renderer": "direct",
                                                                          "seeds": "fixed"})
         ),
@@ -157,17 +157,17 @@ def test_procedural_scenes_are_of_seeds_that_training_refuses() -> None:
         DataSettings(seed=FIRST_SEED)
     DataSettings(seed=FIRST_SEED - 1)
     one, same, other = (
-        film(stage_of(name), "still", TICKS, size=SIZE, sampled=40, patch_px=16)
+        make_clip(scene_setup(name), "still", TICKS, size=SIZE, sampled=40, patch_px=16)
         for name in ("procedural/0", "procedural/0", "procedural/1")
     )
-    marks = [take.fingerprint(TICKS) for take in (one, same, other)]
+    marks = [clip.fingerprint(TICKS) for clip in (one, same, other)]
     assert marks[0] == marks[1] != marks[2]
     # something moves from the first picture on, and the camera does not
-    assert not np.array_equal(one.shots[0][0].geom_pos, one.shots[-1][0].geom_pos) or (
-        not np.array_equal(one.shots[0][0].geom_mat, one.shots[-1][0].geom_mat)
+    assert not np.array_equal(one.instants[0][0].geom_pos, one.instants[-1][0].geom_pos) or (
+        not np.array_equal(one.instants[0][0].geom_mat, one.instants[-1][0].geom_mat)
     )
-    for _, pose in other.shots:
-        assert np.array_equal(pose.mat, other.shots[0][1].mat)
+    for _, pose in other.instants:
+        assert np.array_equal(pose.mat, other.instants[0][1].mat)
 
 
 @pytest.mark.parametrize(

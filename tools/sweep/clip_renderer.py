@@ -1,4 +1,4 @@
-"""Light of a take at some of its instants, by any renderer, traced once and kept."""
+"""ClipRenderer: light of a clip at some of its instants, by any renderer, cached."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from evs.emulator.config import RenderConfig
 from evs.emulator.render.direct import DirectRenderer
 from evs.emulator.render.renderers import make_renderer
 from evs.emulator.state.versions import versions
-from evs.tools.evaluation.cache import LightCache
+from evs.tools.evaluation.clip import Clip
 from evs.tools.evaluation.digest import digest
-from evs.tools.evaluation.take import Take
+from evs.tools.evaluation.light_cache import LightCache
 
 SEED = 3
-"""of the light that is judged, as in `evs evaluate`; the halves of the reference have 1 and 2"""
+"""of the light under test, as in `evs evaluate`; the halves of the reference have 1 and 2"""
 
 _PROBED_PX = 64
 _PROBED_SPP = 4
@@ -34,10 +34,10 @@ def _nothing(_samples: int) -> None:
 
 
 @dataclass
-class Lights:
-    """Traces the pixels of one take, or finds their light in the cache."""
+class ClipRenderer:
+    """Renders the pixels of one clip, or finds their light in the cache."""
 
-    take: Take
+    clip: Clip
     cache: LightCache
     threads: int = 0
     moved: Moved = _nothing
@@ -45,13 +45,13 @@ class Lights:
     _held: dict[tuple[RenderConfig, int], tuple[dict[int, int], F32]] = field(default_factory=dict)
     """the light of most instants, with the row of each, by how it was traced"""
 
-    def at(self, render: RenderConfig, shots: Sequence[int], seed: int = SEED) -> F32:
+    def at(self, render: RenderConfig, indices: Sequence[int], seed: int = SEED) -> F32:
         """(len(shots), n) luminance of the take's pixels at these of its instants.
 
         In: render, of which what shapes no light is left out; bounces and flicker are the scene's.
         """
         render = self.plain(render)
-        chosen = tuple(shots)
+        chosen = tuple(indices)
         known = self._held.get((render, seed))
         if known is not None and set(chosen) <= known[0].keys():
             # light of an instant follows from it alone
@@ -62,7 +62,7 @@ class Lights:
         def trace() -> F32:
             nonlocal done
             renderer = self._renderer(render, seed, self.threads)
-            light = np.empty((len(chosen), len(self.take.pixels)), np.float32)
+            light = np.empty((len(chosen), len(self.clip.pixels)), np.float32)
             for row, k in enumerate(chosen):
                 light[row] = self._pixels(renderer, k)
                 self.moved(render.samples)
@@ -70,7 +70,7 @@ class Lights:
             return light
 
         key = self._key(render, chosen, seed)
-        light = self.cache.get(key, (len(chosen), len(self.take.pixels)), trace)
+        light = self.cache.get(key, (len(chosen), len(self.clip.pixels)), trace)
         self.moved(render.samples * (len(chosen) - done))
         if known is None or len(chosen) > len(known[0]):
             self._held[render, seed] = {k: row for row, k in enumerate(chosen)}, light
@@ -82,29 +82,31 @@ class Lights:
         return dataclasses.replace(
             render,
             spp=render.samples,
-            bounces=self.take.bounces,
-            flicker=self.take.flicker,
+            bounces=self.clip.bounces,
+            flicker=self.clip.flicker,
             incremental=default.incremental,
             isa=default.isa,
         )
 
     def _renderer(self, render: RenderConfig, seed: int, threads: int) -> Renderer:
-        return make_renderer(self.take.scene, self.take.camera, render, threads, seed=seed)
+        return make_renderer(self.clip.scene, self.clip.camera, render, threads, seed=seed)
 
     def _pixels(self, renderer: Renderer, k: int, step: int = 1) -> F32:
-        pixels = self.take.pixels[::step]
+        pixels = self.clip.pixels[::step]
         if isinstance(renderer, DirectRenderer):
-            return renderer.trace(*self.take.shots[k], pixels)
+            return renderer.trace(*self.clip.instants[k], pixels)
         # others draw whole pictures only
-        return np.asarray(renderer.render(*self.take.shots[k])[pixels[:, 1], pixels[:, 0]])
+        return np.asarray(renderer.render(*self.clip.instants[k])[pixels[:, 1], pixels[:, 0]])
 
-    def _key(self, render: RenderConfig, shots: tuple[int, ...], seed: int) -> str:
+    def _key(self, render: RenderConfig, indices: tuple[int, ...], seed: int) -> str:
         """Hash of all that shapes the light; some traced pixels too, as `evs evaluate` does."""
-        if shots not in self._marks:
-            kept = dataclasses.replace(self.take, shots=tuple(self.take.shots[k] for k in shots))
-            self._marks[shots] = kept.fingerprint(len(shots))
+        if indices not in self._marks:
+            kept = dataclasses.replace(
+                self.clip, instants=tuple(self.clip.instants[k] for k in indices)
+            )
+            self._marks[indices] = kept.fingerprint(len(indices))
         probed = dataclasses.replace(render, spp=min(render.samples, _PROBED_SPP))
         renderer = self._renderer(probed, seed, 1)
-        step = max(1, len(self.take.pixels) // _PROBED_PX)
-        probe: list[Any] = [self._pixels(renderer, k, step) for k in (shots[0], shots[-1])]
-        return digest((self._marks[shots], dataclasses.asdict(render), seed, versions(), probe))
+        step = max(1, len(self.clip.pixels) // _PROBED_PX)
+        probe: list[Any] = [self._pixels(renderer, k, step) for k in (indices[0], indices[-1])]
+        return digest((self._marks[indices], dataclasses.asdict(render), seed, versions(), probe))
