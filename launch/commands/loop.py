@@ -110,15 +110,15 @@ def _check_tracker(args: argparse.Namespace) -> None:
 
 
 def _pencil(args: argparse.Namespace) -> int:
-    from evs.examples.pencil.arena import Arena, Trial
-    from evs.examples.pencil.film import film
+    from evs.examples.pencil.environment import PencilExperiment, PencilTrial
+    from evs.examples.pencil.gif import record_gif
 
     seconds = loop_wire.seconds(args, 4.0 if args.gif else 30.0)
-    trial = Trial(args.length, args.push, args.delay, seconds, args.seed)
+    trial = PencilTrial(args.length, args.push, args.delay, seconds, args.seed)
     if args.gif is not None:
-        outcome = film(Path(args.gif), trial, args.tracker)
+        outcome = record_gif(Path(args.gif), trial, args.tracker)
     else:
-        outcome = Arena(args.tracker, trial.length_m, trial.delay_ms).play(trial)
+        outcome = PencilExperiment(args.tracker, trial.length_m, trial.delay_ms).play(trial)
     if not args.quiet:
         what = "fell after" if outcome.fallen else "stood for"
         print(f"{args.tracker}: {what} {outcome.stood_s:g} s, sway {outcome.sway_mm:.1f} mm rms")
@@ -126,15 +126,15 @@ def _pencil(args: argparse.Namespace) -> int:
 
 
 def _goalie(args: argparse.Namespace) -> int:
-    from evs.examples.goalie.film import SHOTS, film
-    from evs.examples.goalie.shots import SAVES_M, Goal
+    from evs.examples.goalie.environment import SAVES_M, GoalieExperiment
+    from evs.examples.goalie.gif import SHOTS, record_gif
 
     if args.gif is not None:
-        saved = film(Path(args.gif), args.speed, args.tracker, args.seed)
+        saved = record_gif(Path(args.gif), args.speed, args.tracker, args.seed)
         if not args.quiet:
             print(f"{args.tracker}: {saved} of {SHOTS} saved at {args.speed:g} m/s")
         return int(saved < SHOTS)
-    miss_m = Goal(args.tracker).shoot(args.speed, args.seed)
+    miss_m = GoalieExperiment(args.tracker).shoot(args.speed, args.seed)
     if not args.quiet:
         what = "saved" if miss_m <= SAVES_M else "goal"
         print(f"{args.tracker}: {what}, {1e3 * miss_m:.0f} mm from the middle of the paddle")
@@ -142,18 +142,19 @@ def _goalie(args: argparse.Namespace) -> int:
 
 
 def _cartpole(args: argparse.Namespace) -> int:
-    from evs.examples.cartpole.arena import CartPoleLoop, Trial, play
-    from evs.examples.cartpole.film import film
+    from evs.examples.cartpole.environment import CartPoleLoop, CartPoleTrial, play
+    from evs.examples.cartpole.gif import record_gif
 
     seconds = loop_wire.seconds(args, 4.0 if args.gif else 10.0)
     count = 1 if args.seeds is None else args.seeds
     if count < 1:
         raise EvsError(f"--seeds is {count}: give 1 or more")
     trials = [
-        Trial(args.seed + number, args.push * 1e-3, args.delay, seconds) for number in range(count)
+        CartPoleTrial(args.seed + number, args.push * 1e-3, args.delay, seconds)
+        for number in range(count)
     ]
     if args.gif is not None:
-        outcomes = [film(Path(args.gif), trials[0])]
+        outcomes = [record_gif(Path(args.gif), trials[0])]
     else:
         loop = CartPoleLoop(delay_ms=args.delay)
         outcomes = [play(loop, trial) for trial in trials]

@@ -13,20 +13,20 @@ def pencil(args: argparse.Namespace) -> int:
     """Tune every tracker and find its limits."""
     # here, so that --help is quick
     from evs.drivers.run.report import check_targets, write_whole
+    from evs.examples.common.results_file import ResultsFile
     from evs.examples.pencil import TRACKERS
-    from evs.examples.pencil.study import QUICK, Plan, count_units, plain_plan, run_study
-    from evs.examples.pencil.table import HEADINGS, markdown, table_rows
-    from evs.examples.results import Results
+    from evs.examples.pencil.study import QUICK, StudyPlan, count_units, plain_plan, run_study
+    from evs.examples.pencil.study_report import HEADINGS, markdown, table_rows
     from evs.launch.support import terminal
 
-    plan = QUICK if args.quick else Plan()
+    plan = QUICK if args.quick else StudyPlan()
     if args.tracker is not None:
         plan = replace(plan, trackers=(args.tracker,))
     if args.seeds is not None:
         plan = replace(plan, seeds=_seeds(args))
     file, page = _targets(args)
     check_targets([file, page])
-    results = Results(file, plain_plan(plan))
+    results = ResultsFile(file, plain_plan(plan))
     known = sum(len(results.rows.get(tracker, {})) for tracker in plan.trackers)
     with terminal.bar("measuring", count_units(plan), args.quiet) as moved:
         for done, unit in enumerate(run_study(plan, results, args.jobs), known + 1):
@@ -42,12 +42,12 @@ def goalie(args: argparse.Namespace) -> int:
     """Shoot at every tracker, over all speeds."""
     from evs.drivers.pictures import write_png
     from evs.drivers.run.report import check_targets, write_whole
-    from evs.examples.goalie.curve import QUICK, Plan, count_units, plain_plan, run_curve
-    from evs.examples.goalie.page import HEADINGS, chart, markdown, table_rows
-    from evs.examples.results import Results
+    from evs.examples.common.results_file import ResultsFile
+    from evs.examples.goalie.curve_report import HEADINGS, chart, markdown, table_rows
+    from evs.examples.goalie.speed_curve import QUICK, CurvePlan, count_units, plain_plan, run_curve
     from evs.launch.support import terminal
 
-    plan = QUICK if args.quick else Plan()
+    plan = QUICK if args.quick else CurvePlan()
     if args.tracker is not None:
         plan = replace(plan, trackers=(args.tracker,))
     if args.seeds is not None:
@@ -55,7 +55,7 @@ def goalie(args: argparse.Namespace) -> int:
     file, page = _targets(args)
     picture = file.with_suffix(".png")
     check_targets([file, page, picture])
-    results = Results(file, plain_plan(plan))
+    results = ResultsFile(file, plain_plan(plan))
     known = sum(len(results.rows.get(tracker, {})) for tracker in plan.trackers)
     with terminal.bar("shooting", count_units(plan), args.quiet) as moved:
         for done, unit in enumerate(run_curve(plan, results, args.jobs), known + 1):

@@ -10,8 +10,8 @@ from evs.msgs import EvsError
 if TYPE_CHECKING:
     from evs.emulator.base.protocols import Meter
     from evs.emulator.simulation.closed_loop import Loop
-    from evs.examples.cartpole.controller import Balancer
-    from evs.examples.goalie.keeper import Keeper
+    from evs.examples.cartpole.controller import CartPoleController
+    from evs.examples.goalie.controller import Goalkeeper
     from evs.examples.pencil.controller import Controller
 
 WORLD: dict[str, dict[str, float | None]] = {
@@ -38,9 +38,9 @@ def serve(args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.drivers import settings
     from evs.drivers.run import config as pipeline
-    from evs.examples.cartpole.arena import SCENE as CARTPOLE
-    from evs.examples.goalie.shots import SCENE as GOALIE
-    from evs.examples.pencil.arena import SCENE as PENCIL
+    from evs.examples.cartpole.environment import SCENE as CARTPOLE
+    from evs.examples.goalie.environment import SCENE as GOALIE
+    from evs.examples.pencil.environment import SCENE as PENCIL
     from evs.launch.support import serve_loop
 
     keys = [settings.split_word(word) for word in args.words]
@@ -62,11 +62,11 @@ def _loop(args: argparse.Namespace, meter: Meter) -> Loop:
     from evs.examples import goalie, pencil
 
     if args.name == "goalie":
-        from evs.examples.goalie.shots import GoalieLoop
+        from evs.examples.goalie.environment import GoalieLoop
 
         return GoalieLoop(goalie.TRACKERS[args.tracker], speed_m_s=args.speed, meter=meter)
     if args.name == "cartpole":
-        from evs.examples.cartpole.arena import CartPoleLoop
+        from evs.examples.cartpole.environment import CartPoleLoop
 
         return CartPoleLoop(
             push_ns=args.push * 1e-3,
@@ -74,7 +74,7 @@ def _loop(args: argparse.Namespace, meter: Meter) -> Loop:
             max_s=seconds(args, 10.0),
             meter=meter,
         )
-    from evs.examples.pencil.arena import PencilLoop
+    from evs.examples.pencil.environment import PencilLoop
 
     return PencilLoop(
         pencil.TRACKERS[args.tracker],
@@ -93,25 +93,25 @@ def connect(args: argparse.Namespace) -> int:
     controller = _controller(args)
     keys = {"server_key": args.server_key, "key": args.key}
     with lockstep.connect(args.connect, args.name, **keys) as loop:
-        seen = loop.reset(args.seed)
-        while not seen.done:
-            seen = loop.step(controller.decide(seen))
+        observation = loop.reset(args.seed)
+        while not observation.done:
+            observation = loop.step(controller.decide(observation))
     if not args.quiet:
-        print(f"{seen.t_us / 1e6:g} s: {seen.done}")
-    return int(args.name != "goalie" and not seen.done.endswith("are over"))
+        print(f"{observation.t_us / 1e6:g} s: {observation.done}")
+    return int(args.name != "goalie" and not observation.done.endswith("are over"))
 
 
-def _controller(args: argparse.Namespace) -> Controller | Keeper | Balancer:
+def _controller(args: argparse.Namespace) -> Controller | Goalkeeper | CartPoleController:
     from evs.examples import goalie, pencil
 
     if args.name == "goalie":
-        from evs.examples.goalie.keeper import Keeper
+        from evs.examples.goalie.controller import Goalkeeper
 
-        return Keeper(frames=goalie.TRACKERS[args.tracker] > 0)
+        return Goalkeeper(frames=goalie.TRACKERS[args.tracker] > 0)
     if args.name == "cartpole":
-        from evs.examples.cartpole.controller import Balancer
+        from evs.examples.cartpole.controller import CartPoleController
 
-        return Balancer()
+        return CartPoleController()
     from evs.examples.pencil.controller import Controller, make_tracker
 
     return Controller(make_tracker(pencil.TRACKERS[args.tracker], args.length), args.length)

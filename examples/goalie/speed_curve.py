@@ -1,4 +1,4 @@
-"""How many balls each tracker saves, over the whole range of their speeds."""
+"""Measure how many balls each tracker saves, over the speed of the balls."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from typing import Any
 
 import numpy as np
 
+from evs.examples.common.results_file import ResultsFile
 from evs.examples.goalie import TRACKERS
-from evs.examples.goalie.shots import SAVES_M, Goal
-from evs.examples.results import Results
+from evs.examples.goalie.environment import SAVES_M, GoalieExperiment
 from evs.tools.jobs import run_units
 
 SLOWEST_M_S, FASTEST_M_S = 1.0, 64.0
 
 
 @dataclass(frozen=True)
-class Plan:
-    """How thoroughly it is done."""
+class CurvePlan:
+    """Extent of the measurement."""
 
     trackers: tuple[str, ...] = tuple(TRACKERS)
     speeds: int = 19
@@ -30,12 +30,12 @@ class Plan:
     """at each speed; the same ones for every tracker"""
 
 
-QUICK = Plan(speeds=4, shots=3)
-"""A rehearsal."""
+QUICK = CurvePlan(speeds=4, shots=3)
+"""A rehearsal, whose numbers mean nothing."""
 
 
 @dataclass(frozen=True)
-class Unit:
+class CurveUnit:
     """All shots of one speed at one tracker."""
 
     tracker: str
@@ -48,16 +48,18 @@ class Unit:
         return f"{self.speed_m_s:g}"
 
 
-def speeds_of(plan: Plan) -> list[float]:
+def speeds_of(plan: CurvePlan) -> list[float]:
     """M/s, of three digits, so that they have names."""
     ends = math.log(SLOWEST_M_S), math.log(FASTEST_M_S)
     return [float(f"{value:.3g}") for value in np.exp(np.linspace(*ends, plan.speeds))]
 
 
-def run_curve(plan: Plan, results: Results, jobs: int = 1) -> Iterator[Unit]:
-    """Shoot what was not shot yet; gives each unit when it is done and kept."""
+def run_curve(plan: CurvePlan, results: ResultsFile, jobs: int = 1) -> Iterator[CurveUnit]:
+    """Run the units that have no result; yield each once its result is saved."""
     every = [
-        Unit(tracker, speed, plan.shots) for tracker in plan.trackers for speed in speeds_of(plan)
+        CurveUnit(tracker, speed, plan.shots)
+        for tracker in plan.trackers
+        for speed in speeds_of(plan)
     ]
     todo = [unit for unit in every if not results.has(unit.tracker, unit.name)]
     for unit, saved in run_units(todo, shoot, jobs):
@@ -65,27 +67,27 @@ def run_curve(plan: Plan, results: Results, jobs: int = 1) -> Iterator[Unit]:
         yield unit
 
 
-def count_units(plan: Plan) -> int:
+def count_units(plan: CurvePlan) -> int:
     """How many units there are in all."""
     return len(plan.trackers) * plan.speeds
 
 
-def shoot(unit: Unit) -> int:
+def shoot(unit: CurveUnit) -> int:
     """How many of the shots are saved; their seeds are 0, 1, ..."""
-    goal = _goal(unit.tracker)
-    return sum(goal.shoot(unit.speed_m_s, seed) <= SAVES_M for seed in range(unit.shots))
+    experiment = _goal(unit.tracker)
+    return sum(experiment.shoot(unit.speed_m_s, seed) <= SAVES_M for seed in range(unit.shots))
 
 
 @lru_cache(maxsize=4)
-def _goal(tracker: str) -> Goal:
-    return Goal(tracker)
+def _goal(tracker: str) -> GoalieExperiment:
+    return GoalieExperiment(tracker)
 
 
-def plain_plan(plan: Plan) -> dict[str, Any]:
-    """What a file of results is of."""
-    told = asdict(plan)
-    del told["trackers"]
-    return {"loop": "goalie", **told, "speeds_m_s": speeds_of(plan)}
+def plain_plan(plan: CurvePlan) -> dict[str, Any]:
+    """The plan as plain data, for the file of results."""
+    plain = asdict(plan)
+    del plain["trackers"]
+    return {"loop": "goalie", **plain, "speeds_m_s": speeds_of(plan)}
 
 
 def half_speed(saved: dict[float, float]) -> float | None:

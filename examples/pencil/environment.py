@@ -1,4 +1,4 @@
-"""Where a stick is balanced: scene, cameras, starts and pushes. Trials happen here."""
+"""The environment: a stick on a cart, two cameras, starts and pushes; runs trials."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from evs.emulator.base.protocols import Meter
 from evs.emulator.config.closed_loop import DelayConfig
 from evs.emulator.simulation.closed_loop import Loop
 from evs.emulator.world import MjData, MjModel, load_model, load_spec
+from evs.examples.common.pushes import PushSchedule
+from evs.examples.common.sensors import sensor_of
 from evs.examples.pencil import TRACKERS
-from evs.examples.pencil.balance import Gains
+from evs.examples.pencil.balance import StickGains
 from evs.examples.pencil.controller import CAMERAS, Controller, make_tracker
-from evs.examples.pushes import Pushes
-from evs.examples.sensing import sensor_of
 from evs.msgs import EvsError, Observation, unknown
 
 SCENE = Path(__file__).parents[2] / "config" / "scenes" / "pencil.xml"
@@ -25,13 +25,13 @@ LENGTH_M = 0.2
 """Of the pencil in the scene."""
 
 FALLEN_RAD = 0.7
-"""Nothing comes back from there."""
+"""the stick cannot be saved beyond it"""
 
-PUSHES = Pushes(first_tick=500, every_ticks=1000)
+PUSHES = PushSchedule(first_tick=500, every_ticks=1000)
 
 
 class PencilLoop(Loop):
-    """The loop: a seed says where the stick starts, and from where somebody pushes it."""
+    """The closed loop. The seed draws the start and the directions of the pushes."""
 
     def __init__(
         self,
@@ -44,7 +44,7 @@ class PencilLoop(Loop):
         threads: int = 1,
         meter: Meter | None = None,
     ) -> None:
-        """In: fps, the cameras' frames per second, 0: events alone; the rest as of Trial."""
+        """In: fps, the cameras' frames per second, 0: events alone; the rest as of PencilTrial."""
         self.push_mns = push_mns
         self._length_m = length_m
         super().__init__(
@@ -88,22 +88,22 @@ class PencilLoop(Loop):
 
 
 @dataclass(frozen=True)
-class Trial:
-    """One try: what the stick, the world and the wire are like."""
+class PencilTrial:
+    """Settings of one trial: stick, pushes, delay."""
 
     length_m: float = LENGTH_M
     push_mns: float = 1.0
     """impulse of each second's push, mN s, for 0.2 m; others get what makes them lean as much"""
     delay_ms: float = 0.0
-    """how much later than decided a force acts: rounded up to whole ticks"""
+    """delay from a decision to its force, rounded up to whole ticks"""
     seconds: float = 3.0
     seed: int = 0
     """start, directions of pushes, the cameras' noise"""
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What came of it."""
+class PencilResult:
+    """The result of a trial."""
 
     stood_s: float
     fallen: bool
@@ -112,34 +112,36 @@ class Outcome:
 
 
 Watch = Callable[[Observation, Controller], None]
-"""Sees each tick of a trial, for pictures."""
+"""called after each tick of a trial"""
 
 
-class Arena:
-    """A stick of one length and delay before one kind of eyes, for any number of trials."""
+class PencilExperiment:
+    """The loop with one tracker, stick length and delay, for any number of trials."""
 
     def __init__(self, tracker: str, length_m: float = LENGTH_M, delay_ms: float = 0.0) -> None:
-        """Build the scene. In: tracker, one of TRACKERS; the rest as of Trial."""
+        """Build the scene. In: tracker, one of TRACKERS; the rest as of PencilTrial."""
         if tracker not in TRACKERS:
             raise unknown("tracker", tracker, TRACKERS)
         self.fps, self.length_m, self.delay_ms = TRACKERS[tracker], length_m, delay_ms
         self.loop = PencilLoop(self.fps, length_m, delay_ms=delay_ms)
 
-    def play(self, trial: Trial, gains: Gains | None = None, watch: Watch | None = None) -> Outcome:
-        """Balance until it has fallen or time is over."""
+    def play(
+        self, trial: PencilTrial, gains: StickGains | None = None, watch: Watch | None = None
+    ) -> PencilResult:
+        """Run one trial, until the stick has fallen or the time is over."""
         if (trial.length_m, trial.delay_ms) != (self.length_m, self.delay_ms):
             raise EvsError(f"{trial} in an arena for {self.length_m:g} m, {self.delay_ms:g} ms")
         controller = Controller(make_tracker(self.fps, self.length_m), self.length_m, gains)
         self.loop.push_mns = trial.push_mns
-        seen = self.loop.reset(trial.seed)
+        observation = self.loop.reset(trial.seed)
         ticks, tick, way = max(1, round(trial.seconds * 1000)), 0, 0.0
-        while tick < ticks and not seen.done:
-            seen = self.loop.step(controller.decide(seen))
+        while tick < ticks and not observation.done:
+            observation = self.loop.step(controller.decide(observation))
             tick += 1
-            way += float(seen.position @ seen.position)
+            way += float(observation.position @ observation.position)
             if watch is not None:
-                watch(seen, controller)
-        return Outcome(tick * 1e-3, bool(seen.done), 1e3 * float(np.sqrt(way / tick)))
+                watch(observation, controller)
+        return PencilResult(tick * 1e-3, bool(observation.done), 1e3 * float(np.sqrt(way / tick)))
 
 
 def pencil_model(length_m: float = LENGTH_M) -> MjModel:

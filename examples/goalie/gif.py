@@ -1,4 +1,4 @@
-"""A moving picture of shots: the scene, and the events with where the ball will come to."""
+"""Record shots as a GIF: the scene, and the events with the predicted crossing."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from evs.drivers.pictures import U8, to_srgb8
 from evs.drivers.pictures.colours import INK
 from evs.emulator.config import SensorConfig
-from evs.examples.filming import (
+from evs.examples.common.gif import (
     EXPOSURE,
     FACTOR,
     FPS,
     SIDE_PX,
-    Recent,
-    check_film,
-    page,
-    write_film,
+    RecentEvents,
+    check_gif_name,
+    compose_image,
+    write_images,
 )
-from evs.examples.goalie.keeper import Keeper
-from evs.examples.goalie.path import CENTRE_PX, FOCAL_PX, HEIGHT_M, LOOKS_AT_X_M
-from evs.examples.goalie.shots import SAVES_M, Goal
+from evs.examples.goalie.controller import Goalkeeper
+from evs.examples.goalie.environment import SAVES_M, GoalieExperiment
+from evs.examples.goalie.tracker import CENTRE_PX, FOCAL_PX, HEIGHT_M, LOOKS_AT_X_M
 from evs.msgs import Observation
 
 SHOTS = 4
@@ -29,32 +29,39 @@ SHOWN_MS = 4
 """From one picture to the next; a tenth of real time."""
 
 
-def film(path: Path, speed_m_s: float, tracker: str = "events", first: int = 0) -> int:
+def record_gif(path: Path, speed_m_s: float, tracker: str = "events", first: int = 0) -> int:
     """Some shots, one after the other, as a GIF; how many are saved. In: first, their seed."""
-    check_film(path)
-    goal = Goal(tracker)
+    check_gif_name(path)
+    experiment = GoalieExperiment(tracker)
     side = SIDE_PX * FACTOR
-    view = goal.loop.world.add_view("scene", sensor=SensorConfig("dvs128", width=side, height=side))
-    pages, saved = list[U8](), 0
+    view = experiment.loop.world.add_view(
+        "scene", sensor=SensorConfig("dvs128", width=side, height=side)
+    )
+    images, saved = list[U8](), 0
     for shot in range(SHOTS):
-        recent = Recent(SHOWN_MS)
+        recent = RecentEvents(SHOWN_MS)
         words = f"{tracker}: shot {shot + 1} at {speed_m_s:g} m/s, {saved} saved"
 
         def watch(
-            seen: Observation, keeper: Keeper, recent: Recent = recent, words: str = words
+            observation: Observation,
+            keeper: Goalkeeper,
+            recent: RecentEvents = recent,
+            words: str = words,
         ) -> None:
-            recent.see(seen.packets)
-            if seen.t_us // 1000 % SHOWN_MS and not seen.done:
+            recent.update(observation.packets)
+            if observation.t_us // 1000 % SHOWN_MS and not observation.done:
                 return
             panel = recent.panel("above")
             crossing = keeper.crossing
             if crossing is not None:
                 draw_mark(panel, crossing.y_m)
             scene = to_srgb8(view.render()[0], EXPOSURE)
-            pages.append(page([np.repeat(scene[:, :, np.newaxis], 3, axis=2), panel], words))
+            images.append(
+                compose_image([np.repeat(scene[:, :, np.newaxis], 3, axis=2), panel], words)
+            )
 
-        saved += goal.shoot(speed_m_s, first + shot, watch) <= SAVES_M
-    write_film(path, pages, speed=SHOWN_MS * 1e-3 * FPS)
+        saved += experiment.shoot(speed_m_s, first + shot, watch) <= SAVES_M
+    write_images(path, images, speed=SHOWN_MS * 1e-3 * FPS)
     return saved
 
 

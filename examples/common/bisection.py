@@ -1,4 +1,4 @@
-"""Where something stops working: bisection between what it survives and what it does not."""
+"""Find the limit of a controller by bisection."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The one search that tunes every controller: cross-entropy over a box, the same budget for all.
+"""Cross-entropy search over a box, which tunes every controller with the same budget.
 
 After Rubinstein, The cross-entropy method for combinatorial and continuous optimization, 1999.
 """

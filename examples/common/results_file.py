@@ -1,4 +1,4 @@
-"""A file of results that grows: whoever stops a study takes it up again where it was."""
+"""ResultsFile: the results of a study, saved after each value, so that a study can be resumed."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from evs.drivers.run.report import write_whole
 from evs.msgs import EvsError
 
 
-class Results:
-    """Values by row and name, in JSON. After every change the file is whole."""
+class ResultsFile:
+    """Values by row and name, in a JSON file that is written atomically after every change."""
 
     def __init__(self, file: Path | None, plan: dict[str, Any]) -> None:
         """Read what is there already. In: file, None keeps all in memory; plan, what was asked for.
@@ -24,8 +24,8 @@ class Results:
         if file is None or not file.is_file() or not file.stat().st_size:
             return
         try:
-            told = json.loads(file.read_text(encoding="utf-8"))
-            plan_there, rows = told["plan"], {str(k): dict(v) for k, v in told["rows"].items()}
+            data = json.loads(file.read_text(encoding="utf-8"))
+            plan_there, rows = data["plan"], {str(k): dict(v) for k, v in data["rows"].items()}
         except (ValueError, KeyError, TypeError, AttributeError, OSError):
             raise EvsError(f"'{file}' holds no results of a loop: give another file") from None
         if plan_there != self.plan:
@@ -40,5 +40,5 @@ class Results:
         """Keep a value, plain data, and write the file."""
         self.rows.setdefault(row, {})[name] = value
         if self._file is not None:
-            told = {"plan": self.plan, "rows": self.rows}
-            write_whole(json.dumps(told, indent=2, allow_nan=False) + "\n", self._file)
+            data = {"plan": self.plan, "rows": self.rows}
+            write_whole(json.dumps(data, indent=2, allow_nan=False) + "\n", self._file)

@@ -1,4 +1,4 @@
-"""Pages of a moving picture of a loop: panels side by side, and a line of words under them."""
+"""Compose the images of a GIF: panels side by side with a line of text, and write them."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ EXPOSURE = 0.9
 """Of views of the scene."""
 
 
-class Recent:
-    """The events of each camera's last packets, for pictures."""
+class RecentEvents:
+    """The events of the last packets of each camera."""
 
     def __init__(self, packets: int) -> None:
         self._packets = packets
         self._kept: dict[str, list[Events]] = {}
 
-    def see(self, packets: Sequence[EventPacket]) -> None:
-        """Keep them, and let the oldest go."""
+    def update(self, packets: Sequence[EventPacket]) -> None:
+        """Add packets and drop the oldest."""
         for packet in packets:
             kept = [*self._kept.get(packet.camera, []), packet.events]
             self._kept[packet.camera] = kept[-self._packets :]
@@ -42,7 +42,7 @@ class Recent:
         return upscale(event_frame(events, SIDE_PX, SIDE_PX), FACTOR)
 
 
-def page(panels: Sequence[U8], words: str) -> U8:
+def compose_image(panels: Sequence[U8], words: str) -> U8:
     """Panels of one height in a row, framed; words and the legend of events below."""
     side = panels[0].shape[0]
     below = side_by_side(text_line(words, LETTER_PX), legend_line(LETTER_PX), 2 * LETTER_PX)
@@ -59,15 +59,15 @@ def page(panels: Sequence[U8], words: str) -> U8:
     return sheet
 
 
-def check_film(path: Path) -> None:
+def check_gif_name(path: Path) -> None:
     """EvsError where the name is not that of a GIF."""
     if suffix_of(path) != ".gif":
         raise EvsError(f"'{path}': end it in .gif")
 
 
-def write_film(path: Path, pages: Sequence[U8], speed: float = 1.0) -> None:
+def write_images(path: Path, images: Sequence[U8], speed: float = 1.0) -> None:
     """Pages, one each FPS-th second of the viewer's time, as a GIF. In: speed, of what is shown."""
-    if not pages:
+    if not images:
         raise EvsError("that is too short for a picture: give more --seconds")
-    stop_us = round(len(pages) * 1e6 * speed / FPS)
-    write_gif(path, pages, Playback(0, stop_us, fps=FPS, speed=speed))
+    stop_us = round(len(images) * 1e6 * speed / FPS)
+    write_gif(path, images, Playback(0, stop_us, fps=FPS, speed=speed))

@@ -1,4 +1,4 @@
-"""Where the pole is balanced: gymnasium's own robot, a camera on its cart, starts and pushes."""
+"""The environment: gymnasium's inverted pendulum, a camera on its cart, starts and pushes."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from evs.emulator.config import CameraConfig
 from evs.emulator.config.closed_loop import DelayConfig
 from evs.emulator.simulation.closed_loop import Loop
 from evs.emulator.world import MjData, MjModel, add_joint_sensors, load_model, load_spec
-from evs.examples.cartpole.controller import Balancer
-from evs.examples.cartpole.tracker import Mount
-from evs.examples.pushes import Pushes
+from evs.examples.cartpole.controller import CartPoleController
+from evs.examples.cartpole.tracker import CameraMount
+from evs.examples.common.pushes import PushSchedule
 from evs.msgs import Observation
 
 SCENE = "gymnasium:envs/mujoco/assets/inverted_pendulum.xml"
 
 FALLEN_RAD = 0.8
-"""Nothing comes back from there."""
+"""the pole cannot be saved beyond it"""
 RAIL_M = 0.98
-"""The rail ends at 1 m."""
+"""the rail ends at 1 m"""
 
-PUSHES = Pushes(first_tick=1000, every_ticks=2000)
+PUSHES = PushSchedule(first_tick=1000, every_ticks=2000)
 
 
 class CartPoleLoop(Loop):
-    """The loop: a seed says where cart and pole start, and from which side it is pushed."""
+    """The closed loop. The seed draws the start and the sides of the pushes."""
 
     def __init__(
         self,
@@ -40,7 +40,7 @@ class CartPoleLoop(Loop):
         threads: int = 1,
         meter: Meter | None = None,
     ) -> None:
-        """In: as of Trial; threads, that find light."""
+        """In: as of CartPoleTrial; threads, that find light."""
         self.push_ns = push_ns
         super().__init__(
             cartpole_model(),
@@ -81,58 +81,64 @@ class CartPoleLoop(Loop):
 
 
 @dataclass(frozen=True)
-class Trial:
-    """One try."""
+class CartPoleTrial:
+    """Settings of one trial."""
 
     seed: int = 0
     """start, sides of pushes, the camera's noise"""
     push_ns: float = 1.0
     """impulse on the pole's middle every 2 s, N s"""
     delay_ms: float = 0.0
-    """how much later than decided a force acts"""
+    """delay from a decision to its force"""
     seconds: float = 10.0
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What came of it."""
+class CartPoleResult:
+    """The result of a trial."""
 
     stood_s: float
     ended: str
-    """why it ended before its time; "": it stood"""
+    """why it ended early; empty: the pole stood"""
     lean_rad: float
     """root mean square of the pole's angle"""
 
 
-Watch = Callable[[Observation, Balancer], None]
-"""Sees each tick of a trial, for pictures."""
+Watch = Callable[[Observation, CartPoleController], None]
+"""called after each tick of a trial"""
 
 
-def play(loop: CartPoleLoop, trial: Trial, watch: Watch | None = None) -> Outcome:
-    """Balance until it has fallen or time is over. In: loop, made with the trial's delay."""
-    controller = Balancer()
+def play(loop: CartPoleLoop, trial: CartPoleTrial, watch: Watch | None = None) -> CartPoleResult:
+    """Run one trial, until the pole has fallen or the time is over.
+
+    Args:
+        loop: made with the delay of the trial.
+        trial: its settings.
+        watch: called after each tick.
+    """
+    controller = CartPoleController()
     loop.push_ns = trial.push_ns
-    seen = loop.reset(trial.seed)
+    observation = loop.reset(trial.seed)
     ticks, tick, lean = max(1, round(trial.seconds * 1000)), 0, 0.0
-    while tick < ticks and not seen.done:
-        seen = loop.step(controller.decide(seen))
+    while tick < ticks and not observation.done:
+        observation = loop.step(controller.decide(observation))
         tick += 1
         lean += float(loop.world.data.joint("hinge").qpos[0]) ** 2
         if watch is not None:
-            watch(seen, controller)
-    return Outcome(tick * 1e-3, seen.done, float(np.sqrt(lean / tick)))
+            watch(observation, controller)
+    return CartPoleResult(tick * 1e-3, observation.done, float(np.sqrt(lean / tick)))
 
 
 def cartpole_model() -> MjModel:
-    """Gymnasium's inverted pendulum, with sensors for who judges: angle and place. EvsError."""
+    """Gymnasium's inverted pendulum with sensors for the limits: angle and place."""
     spec = load_spec(in_package(SCENE))
     add_joint_sensors(spec, {"angle": "hinge", "place": "slider"})
     return load_model(spec)
 
 
-def camera_on_cart(mount: Mount | None = None) -> CameraConfig:
-    """A camera that rides along beside the pole and looks straight at its plane."""
-    mount = mount or Mount()
+def camera_on_cart(mount: CameraMount | None = None) -> CameraConfig:
+    """A camera on the cart that looks straight at the plane of the pole."""
+    mount = mount or CameraMount()
     return CameraConfig(
         body="cart",
         pos=(0.0, -mount.distance_m, mount.height_m),

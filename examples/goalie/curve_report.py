@@ -1,4 +1,4 @@
-"""The goalie's curve as a chart, and as a table."""
+"""The curve of saved balls as a chart and as a table."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from evs.drivers.pictures.chart import draw_chart
 from evs.drivers.pictures.layout import Chart, Series
 from evs.drivers.pictures.scales import Scale
 from evs.examples.goalie import TRACKERS
-from evs.examples.goalie.curve import FASTEST_M_S, SLOWEST_M_S, half_speed
+from evs.examples.goalie.speed_curve import FASTEST_M_S, SLOWEST_M_S, half_speed
 
 COLOURS = {"events": (0, 114, 255), "200 FPS": (30, 30, 30), "60 FPS": (200, 120, 0)}
 
@@ -46,13 +46,13 @@ def chart(rows: dict[str, dict[str, Any]], shots: int) -> U8:
 
 def table_rows(rows: dict[str, dict[str, Any]], shots: int) -> list[tuple[str, ...]]:
     """A line a tracker."""
-    told = list[tuple[str, ...]]()
+    rows_of_text = list[tuple[str, ...]]()
     for tracker in [name for name in TRACKERS if name in rows]:
         known = shares(rows[tracker], shots)
         half = half_speed(known)
         mean = 100.0 * sum(known.values()) / len(known)
-        told.append((tracker, "-" if half is None else f"{half:.3g}", f"{mean:.1f}"))
-    return told
+        rows_of_text.append((tracker, "-" if half is None else f"{half:.3g}", f"{mean:.1f}"))
+    return rows_of_text
 
 
 def markdown(rows: dict[str, dict[str, Any]], shots: int, command: str) -> str:

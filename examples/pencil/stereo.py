@@ -1,4 +1,4 @@
-"""Two pictures of one stick, at right angles, into its tilt and its place."""
+"""Combine the lines in two cameras at right angles to the tilt and place of the stick."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evs.examples.pencil.line import F64, Line
+from evs.examples.pencil.line_tracker import F64, StickLine
 
 FOCAL_PX = 590.0
 """Focal length of both cameras (config/scenes/pencil.xml)."""
@@ -17,7 +17,7 @@ DISTANCE_M = 1.2
 
 @dataclass(frozen=True)
 class Stick:
-    """What both cameras together say."""
+    """The stick as seen by both cameras."""
 
     tilt: F64
     """(2,) angles from upright in the planes x z and y z, rad; positive is towards +x, +y"""
@@ -25,7 +25,7 @@ class Stick:
     """(2,) x and y of its tip, m"""
 
 
-def combine(left: Line, right: Line) -> Stick:
+def combine(left: StickLine, right: StickLine) -> Stick:
     """The stick behind a line in each picture.
 
     Left looks along +y: a point (x + p z, y + q z, z) is seen at u = f (x + p z) / (D + y + q z),
@@ -47,10 +47,10 @@ def project(place: F64) -> tuple[float, float]:
     return FOCAL_PX * x / (DISTANCE_M + y), FOCAL_PX * y / (DISTANCE_M - x)
 
 
-def stick_line(stick: Stick, camera: int) -> Line:
+def stick_line(stick: Stick, camera: int) -> StickLine:
     """The line that a stick makes in the left (0) or the right (1) picture: `combine` backwards."""
     base = project(stick.place)[camera]
     along, across = np.tan(stick.tilt)
     if camera == 0:
-        return Line(base, float(along - base / FOCAL_PX * across))
-    return Line(base, float(across + base / FOCAL_PX * along))
+        return StickLine(base, float(along - base / FOCAL_PX * across))
+    return StickLine(base, float(across + base / FOCAL_PX * along))

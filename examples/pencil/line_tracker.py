@@ -1,4 +1,4 @@
-"""A line that events pull to where the edges now are, each a little. After Conradt et al.
+"""Track a line by events: each event pulls it a little. After Conradt et al.
 
 The line u = base + slope v minimises a quadratic form in (base, slope): the sum over all events of
 weight (u - base - slope v)^2. An event adds to its five sums, and what they were decays; events far
@@ -25,7 +25,7 @@ CUP_SHARE = 10.0
 
 
 @dataclass(frozen=True)
-class Line:
+class StickLine:
     """u = base + slope v, in a picture whose origin is the principal point and whose v goes up."""
 
     base: float
@@ -34,14 +34,14 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Origin:
+class PrincipalPoint:
     """The principal point of a camera, counted from the centre of its first pixel, px."""
 
     x: float = 63.5
     y: float = 119.5
 
 
-class EventLine:
+class EventLineTracker:
     """The line that a camera's events follow."""
 
     def __init__(
@@ -51,7 +51,7 @@ class EventLine:
         memory: float = 0.5,
         sigma_px: float = 3.0,
         edge_px: float = 1.3,
-        origin: Origin | None = None,
+        principal_point: PrincipalPoint | None = None,
     ) -> None:
         """Begin with an upright line in the middle.
 
@@ -65,7 +65,7 @@ class EventLine:
                 "a line needs height_px and sigma_px over 0, edge_px of 0 or more, and a memory of "
                 "more than an event"
             )
-        self._origin = origin or Origin()
+        self._origin = principal_point or PrincipalPoint()
         self._sigma, self._edge = sigma_px, edge_px
         # natural logarithm of what is left of the sums after an event
         self._decay = float(np.log1p(-1.0 / (memory * height_px)))
@@ -73,9 +73,9 @@ class EventLine:
         v = np.linspace(LOWEST_PX, LOWEST_PX + height_px, 16)
         share = memory * height_px / len(v)
         self._sums = share * _moments(np.ones_like(v), np.zeros_like(v), v)
-        self._line = Line(0.0, 0.0)
+        self._line = StickLine(0.0, 0.0)
 
-    def see(self, events: Events, cup_px: float = 0.0) -> Line:
+    def update(self, events: Events, cup_px: float = 0.0) -> StickLine:
         """The line after a packet's events, (n,) EVENT_DTYPE. All of them at once, no loop.
 
         In: cup_px, where the cup is now, as the encoders say. What is remembered moves along with
@@ -95,20 +95,22 @@ class EventLine:
             self._sums = np.exp(self._decay * len(u)) * self._sums + _moments(weight, u, v)
             cup = np.array([CUP_SHARE * self._sums[0], 0.0, 0.0, 0.0, 0.0])
             self._line = _solve(self._sums + cup) or self._line
-        return Line(cup_px + self._line.base, self._line.slope)
+        return StickLine(cup_px + self._line.base, self._line.slope)
 
 
-class FrameLine:
+class FrameLineTracker:
     """The line of dark pixels in a frame, on a bright background."""
 
-    def __init__(self, width: int, height: int, origin: Origin | None = None) -> None:
+    def __init__(
+        self, width: int, height: int, principal_point: PrincipalPoint | None = None
+    ) -> None:
         """In: size of the frames, px."""
-        origin = origin or Origin()
-        rows = int(origin.y - LOWEST_PX) + 1
-        u, v = np.arange(width) - origin.x, origin.y - np.arange(height)[:rows]
+        principal_point = principal_point or PrincipalPoint()
+        rows = int(principal_point.y - LOWEST_PX) + 1
+        u, v = np.arange(width) - principal_point.x, principal_point.y - np.arange(height)[:rows]
         self._rows, self._u, self._v = rows, u, v
 
-    def see(self, pixels: npt.NDArray[np.generic]) -> Line | None:
+    def update(self, pixels: npt.NDArray[np.generic]) -> StickLine | None:
         """In: (h, w), in proportion to the light. None: nothing is dark enough to be a stick."""
         part = pixels[: self._rows].astype(np.float64)
         bright = float(np.max(part))
@@ -125,7 +127,7 @@ def _moments(weight: F64, u: F64, v: F64) -> F64:
     return np.array([weight.sum(), heavy.sum(), heavy @ v, weight @ u, heavy @ u])
 
 
-def _solve(sums: F64) -> Line | None:
+def _solve(sums: F64) -> StickLine | None:
     """Where the quadratic form is least; None where the sums tell no line."""
     w, wv, wvv, wu, wuv = (float(value) for value in sums)
     spread = w * wvv - wv * wv
@@ -133,4 +135,4 @@ def _solve(sums: F64) -> Line | None:
     if not spread > 0.08 * w * w:
         return None
     slope = (w * wuv - wv * wu) / spread
-    return Line((wu - slope * wv) / w, slope)
+    return StickLine((wu - slope * wv) / w, slope)

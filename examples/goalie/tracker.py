@@ -1,4 +1,4 @@
-"""Where a ball is going: a straight path through all that was seen of it, event by event.
+"""Track a ball: fit a straight path to all its events, or to its middle in each frame.
 
 x = x0 + vx t and y = y0 + vy t minimise the sum of squares over all samples: events of the ball, or
 the middle of the ball in each frame. Five sums an axis hold them all.
@@ -23,23 +23,23 @@ CENTRE_PX = 63.5
 """Of the picture, counted from the centre of its first pixel (config/scenes/goalie.xml)."""
 
 PADDLE_X_M = 0.05
-"""What is nearer to the goal is paddle and posts."""
+"""nearer to the goal are paddle and posts"""
 
 
 LIKELY_M_S = 20.0
-"""Balls are about so fast."""
+"""prior of the speed: standard deviation"""
 
 
 @dataclass(frozen=True)
 class Crossing:
-    """Where and when a ball will cross the goal's line, x = 0."""
+    """Where and when a ball will cross the goal line, x = 0."""
 
     y_m: float
     t_s: float
 
 
-class Path:
-    """The straight line of a ball over time, in metres of the table."""
+class BallPath:
+    """The straight path of a ball over time, on the table, m."""
 
     def __init__(self, noise_m: float) -> None:
         """In: noise_m, standard deviation of a sample: what few of them say of speed is doubted."""
@@ -84,10 +84,10 @@ def on_table(x_px: F64, y_px: F64) -> tuple[F64, F64]:
 
 
 GOAL_COLUMN = CENTRE_PX + (PADDLE_X_M - LOOKS_AT_X_M) * FOCAL_PX / HEIGHT_M
-"""Columns left of it show the paddle."""
+"""columns left of it show the paddle"""
 
 
-class EventBall:
+class EventBallTracker:
     """A cluster of events: begins where enough come at once, then takes what is near its path."""
 
     CELL_PX = 8
@@ -100,13 +100,13 @@ class EventBall:
     """an event is of the ball's rim"""
 
     def __init__(self) -> None:
-        self.path = Path(self.NOISE_M)
+        self.path = BallPath(self.NOISE_M)
         self._last_us = 0
 
-    def see(self, events: Events, t_us: int) -> None:
+    def update(self, events: Events, t_us: int) -> None:
         """A packet's events, (n,), that ends at t_us. All at once, no loop."""
         if t_us - self._last_us > self.LOST_US:
-            self.path, self._last_us = Path(self.NOISE_M), t_us
+            self.path, self._last_us = BallPath(self.NOISE_M), t_us
         events = events[events["x"] > GOAL_COLUMN]
         x, y = events["x"].astype(np.float64), events["y"].astype(np.float64)
         middle = self._middle(events, t_us)
@@ -133,7 +133,7 @@ class EventBall:
         return float(of_it["x"].mean()), float(of_it["y"].mean())
 
 
-class FrameBall:
+class FrameBallTracker:
     """The middle of what is dark in each frame."""
 
     ENOUGH = 3.0
@@ -141,9 +141,9 @@ class FrameBall:
     NOISE_M = 0.0005
 
     def __init__(self) -> None:
-        self.path = Path(self.NOISE_M)
+        self.path = BallPath(self.NOISE_M)
 
-    def see(self, frame: Frame) -> None:
+    def update(self, frame: Frame) -> None:
         """One frame: it is of the middle of its exposure."""
         first = int(GOAL_COLUMN) + 1
         part = frame.pixels[:, first:].astype(np.float64)

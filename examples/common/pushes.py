@@ -1,4 +1,4 @@
-"""When a loop is pushed, and what decides how: the seed and the push's number alone."""
+"""PushSchedule: when a loop is pushed; each push depends on the seed and its number alone."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Pushes:
+class PushSchedule:
     """One push after the other, all alike in time."""
 
     first_tick: int

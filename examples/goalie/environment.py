@@ -1,4 +1,4 @@
-"""Shots at the goal: the loop, and whether one was saved."""
+"""The environment: balls are shot at a goal; how far each passes from the paddle."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from evs.emulator.base.protocols import Meter
 from evs.emulator.simulation.closed_loop import Loop
 from evs.emulator.world import MjData
+from evs.examples.common.sensors import sensor_of
 from evs.examples.goalie import TRACKERS
-from evs.examples.goalie.keeper import Keeper
-from evs.examples.sensing import sensor_of
+from evs.examples.goalie.controller import Goalkeeper
 from evs.msgs import EvsError, Observation, unknown
 
 SCENE = Path(__file__).parents[2] / "config" / "scenes" / "goalie.xml"
@@ -23,11 +23,11 @@ GOAL_M = 0.25
 SAVES_M = 0.07
 """Half of the paddle's width and the ball's radius."""
 
-Watch = Callable[[Observation, Keeper], None]
+Watch = Callable[[Observation, Goalkeeper], None]
 
 
 class GoalieLoop(Loop):
-    """The loop: a seed says from where and to where the ball is shot."""
+    """The closed loop. The seed draws from where and to where the ball is shot."""
 
     def __init__(
         self,
@@ -73,13 +73,13 @@ class GoalieLoop(Loop):
 
     @property
     def miss_m(self) -> float:
-        """How far the ball is from the paddle's middle, across."""
+        """Distance of the ball from the middle of the paddle, across."""
         data = self.world.data
         return abs(float(data.joint("ball_y").qpos[0] - data.joint("paddle").qpos[0]))
 
 
-class Goal:
-    """A goal before one kind of eyes, for any number of shots."""
+class GoalieExperiment:
+    """The loop with one tracker, for any number of shots."""
 
     def __init__(self, tracker: str) -> None:
         """In: tracker, one of TRACKERS."""
@@ -89,12 +89,12 @@ class Goal:
         self.loop = GoalieLoop(self.fps)
 
     def shoot(self, speed_m_s: float, seed: int, watch: Watch | None = None) -> float:
-        """How far the ball was from the paddle's middle as it crossed the line, m."""
-        keeper = Keeper(frames=self.fps > 0)
+        """Shoot one ball; its distance from the middle of the paddle at the goal line, m."""
+        keeper = Goalkeeper(frames=self.fps > 0)
         self.loop.speed_m_s = speed_m_s
-        seen = self.loop.reset(seed)
-        while not seen.done:
-            seen = self.loop.step(keeper.decide(seen))
+        observation = self.loop.reset(seed)
+        while not observation.done:
+            observation = self.loop.step(keeper.decide(observation))
             if watch is not None:
-                watch(seen, keeper)
+                watch(observation, keeper)
         return self.loop.miss_m
