@@ -183,6 +183,6 @@ def _check_sheet(picture: Path, folder: Path) -> None:
 def _sheet(folder: Path, picture: Path) -> None:
     from evs.drivers.pictures import write_png
     from evs.tools.dataset import Dataset
-    from evs.tools.dataset.sheet import set_page
+    from evs.tools.dataset.contact_sheet import set_page
 
     write_png(picture, set_page(Dataset(folder)), few_colours=True)

@@ -73,10 +73,10 @@ def run(args: argparse.Namespace) -> int:
     folder, out = Path(args.folder), Path(args.out)
     _check(args)
     # here, so that --help needs no jax
-    from evs.tools.training.extra import need_jax
+    from evs.tools.training.jax_extra import need_jax
 
     need_jax()
-    from evs.tools.training.fit import Fitted, fit
+    from evs.tools.training.fit import TrainedNetwork, fit
     from evs.tools.training.report import write_network
 
     recipe = _recipe(args)
@@ -89,12 +89,12 @@ def run(args: argparse.Namespace) -> int:
     # of the seeds before
     best = float("inf")
 
-    def improved(fitted: Fitted) -> None:
+    def improved(fitted: TrainedNetwork) -> None:
         if fitted.score < best:
             files = write_network(fitted, out)
-            tell(f"wrote {files[0]}")
+            report(f"wrote {files[0]}")
 
-    def tell(line: str) -> None:
+    def report(line: str) -> None:
         if not args.quiet:
             print(line, flush=True)
 
@@ -108,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
             seed=seed,
             minutes=minutes,
             name=name,
-            tell=tell,
+            report=report,
             improved=improved,
         )
         # also after a training that had nothing left to do

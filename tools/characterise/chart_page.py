@@ -14,7 +14,7 @@ from evs.drivers.pictures.layout import Chart, Series
 from evs.drivers.pictures.lettering import paste, text_line
 from evs.drivers.pictures.pen import RGB
 from evs.drivers.pictures.scales import Scale, decades_around
-from evs.tools.characterise import Characterisation, Result, SCurve, promised
+from evs.tools.characterise import Characterisation, Quantity, SCurve, expected
 from evs.tools.characterise.fit import normal_cdf
 
 CHART_PX = (520, 400)
@@ -115,11 +115,11 @@ def _map(curve: SCurve, name: str) -> Chart:
                  below=f"blue {low}, white {mean:.3g}, red {high}; grey: did not tell")  # fmt: skip
 
 
-def _of(results: Sequence[Result], quantity: str) -> list[Result]:
+def _of(results: Sequence[Quantity], quantity: str) -> list[Quantity]:
     return [r for r in results if r.quantity == quantity and math.isfinite(r.measured)]
 
 
-def _points(results: Sequence[Result], colour: RGB, label: str) -> Series:
+def _points(results: Sequence[Quantity], colour: RGB, label: str) -> Series:
     return Series(
         [r.lux or 0.0 for r in results],
         [r.measured for r in results],
@@ -136,7 +136,7 @@ def _y_scale(values: Sequence[float], unit: str) -> Scale:
 def _latency(found: Characterisation) -> Chart:
     results = found.latency_results()
     grid = _lux_grid()
-    told = [promised.latency_s(found.sensor, lux) for lux in grid]
+    told = [expected.latency_s(found.sensor, lux) for lux in grid]
     series = []
     for k, (name, colour) in enumerate((("latency", ONE_RGB), ("jitter", OTHER_RGB))):
         series.append(Series(grid, [pair[k] for pair in told], _pale(colour), line=True))
@@ -151,7 +151,7 @@ def _latency(found: Characterisation) -> Chart:
 
 def _bandwidth(found: Characterisation) -> Chart:
     grid = _lux_grid()
-    line = [promised.half_power_hz(found.sensor, lux) for lux in grid]
+    line = [expected.half_power_hz(found.sensor, lux) for lux in grid]
     points = _points(_of(found.bandwidth_results(), "bandwidth, -3 dB"), ONE_RGB, "-3 dB")
     y = _y_scale([*points.y, *(v for v in line if math.isfinite(v))], "Hz")
     empty = "" if points.y else "faster than the bench"
@@ -163,9 +163,9 @@ def _background(found: Characterisation) -> Chart:
     results = found.background_results()
     sensor, grid = found.sensor, _lux_grid()
     lines = [
-        Series(grid, [promised.leak_rate_hz(sensor, lux) for lux in grid], _pale(LEAK_RGB),
+        Series(grid, [expected.leak_rate_hz(sensor, lux) for lux in grid], _pale(LEAK_RGB),
                line=True),
-        Series(grid, [promised.shot_rate_hz(sensor, lux) for lux in grid], _pale(SHOT_RGB),
+        Series(grid, [expected.shot_rate_hz(sensor, lux) for lux in grid], _pale(SHOT_RGB),
                line=True),
     ]  # fmt: skip
     seen = [at for at in found.background if at.on[0] + at.off[0] > 0.0]
@@ -188,7 +188,7 @@ def _dynamic_range(found: Characterisation) -> Chart:
     told, sensor = found.dynamic_range, found.sensor
     x = Scale(float(told.lux[0]), float(told.lux[-1]), log=True)
     grid = np.geomspace(x.low, x.high, 193).tolist()
-    line = [100.0 * promised.answering_share(sensor, lux) for lux in grid]
+    line = [100.0 * expected.answering_share(sensor, lux) for lux in grid]
     points = Series(told.lux.tolist(), (100.0 * told.share).tolist(), ONE_RGB,
                     f"{told.decibels:.1f} dB" if math.isfinite(told.decibels) else "")  # fmt: skip
     return Chart("Dynamic range: pixels that answer + 80 %, %", x, Scale(0.0, 105.0), LUX_LABEL,
@@ -222,7 +222,7 @@ def _peak_rate(found: Characterisation) -> Chart:
     x = _y_scale(told.offered.tolist(), "")
     y = _y_scale([*told.passed.tolist(), *told.offered.tolist()], "")
     grid = np.geomspace(x.low, x.high, CURVE_POINTS).tolist()
-    limit = promised.peak_rate(found.sensor)
+    limit = expected.peak_rate(found.sensor)
     most = math.inf if math.isnan(limit) else limit
     line = Series(grid, [min(value, most) for value in grid], _pale(ONE_RGB), line=True)
     peak = told.peak[0]

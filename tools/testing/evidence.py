@@ -31,7 +31,7 @@ _NO_ARCHIVE = (
 
 
 @dataclass(frozen=True)
-class Origin:
+class LoopOrigin:
     """How a run made its loop."""
 
     scene: str = ""
@@ -41,7 +41,7 @@ class Origin:
 
 
 def leave_behind(
-    folder: Path, loop: Loop, trace: Trace, ticks: int, pushes: Sequence[Push], origin: Origin
+    folder: Path, loop: Loop, trace: Trace, ticks: int, pushes: Sequence[Push], origin: LoopOrigin
 ) -> tuple[str, ...]:
     """Write seed-N.npz, and one seed-N-CAMERA.aedat4 a camera. Out: what a message says of them.
 

@@ -12,12 +12,12 @@ import numpy as np
 from evs.emulator.state.versions import versions
 from evs.msgs import EvsError
 from evs.tools.jobs import check_workers, job_threads, report_progress, run_jobs
-from evs.tools.training.pilot import WHITE_DN, Pilot, choose_pixels, look
+from evs.tools.training.pilot import WHITE_DN, Pilot, choose_pixels, run_pilot
 from evs.tools.training.scenes import make_scene
 from evs.tools.training.settings import DataSettings, Variant, claim_folder
 from evs.tools.training.shards import Shard, read_meta, shard_name, write_shard
 from evs.tools.training.targets import IDEAL, NOISY, draw_phases, event_counts
-from evs.tools.training.traced_scene import Moved, Stage, set_up
+from evs.tools.training.traced_scene import Moved, TracedScene, simulate_scene
 
 ATTEMPTS = 20
 """How many scenes are tried before a number is given up."""
@@ -27,7 +27,7 @@ MOST_SCENES = 100_000
 
 
 @dataclass(frozen=True)
-class Made:
+class TrainingDataSummary:
     """What make_data did."""
 
     made: int
@@ -43,31 +43,31 @@ def make_shard(
 
     Raises EvsError where none of ATTEMPTS scenes is of any use.
     """
-    words = np.random.SeedSequence([settings.seed, 4, number])
-    may_be_still = np.random.Generator(np.random.PCG64(words)).random() < STILL_SHARE
+    entropy = np.random.SeedSequence([settings.seed, 4, number])
+    may_be_still = np.random.Generator(np.random.PCG64(entropy)).random() < STILL_SHARE
     why = ""
     for attempt in range(ATTEMPTS):
 
         def seed(place: int, attempt: int = attempt) -> int:
-            words = [settings.seed, 3, number, attempt, place]
-            return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
+            entropy = [settings.seed, 3, number, attempt, place]
+            return int(np.random.SeedSequence(entropy).generate_state(1, np.uint64)[0])
 
         scene = make_scene(settings.seed, number, attempt)
         try:
-            stage = set_up(scene, settings.ticks, settings.tick_us, threads)
+            traced = simulate_scene(scene, settings.ticks, settings.tick_us, threads)
         except EvsError as reason:
             # it flies apart, or a mesh has no volume; the next one may not
             why = str(reason)
             continue
-        pilot = look(stage, seed(0))
+        pilot = run_pilot(traced, seed(0))
         if not pilot.is_useful or (pilot.is_still and not may_be_still):
             why = "too dark, too bright, too fast, or nothing moves"
             continue
         rng = np.random.Generator(np.random.PCG64(seed(1)))
         pixels = choose_pixels(pilot, settings.pixels, rng)
-        truth = stage.light(pixels, Variant(settings.truth_spp, "fixed"), seed(2), moved)
+        truth = traced.light(pixels, Variant(settings.truth_spp, "fixed"), seed(2), moved)
         light = [
-            stage.light(pixels, variant, seed(4 + place), moved)
+            traced.light(pixels, variant, seed(4 + place), moved)
             for place, variant in enumerate(settings.variants)
         ]
         phase = draw_phases(rng, settings.pixels)
@@ -76,7 +76,7 @@ def make_shard(
             "scene": scene.meta,
             "digest": scene.digest,
             "versions": versions(),
-            "seen": _seen(pilot, stage),
+            "seen": _seen(pilot, traced),
         }
         return Shard(
             light=np.stack(light),
@@ -135,7 +135,7 @@ def make_data(
     *,
     workers: int = 1,
     ray: str = "",
-) -> Made:
+) -> TrainingDataSummary:
     """Make the shards of these scenes that are not there yet: the same bytes whoever makes them.
 
     In: moved, told how many scenes times `work_of` are done, and a word; stopped, asked before
@@ -174,7 +174,7 @@ def make_data(
         on_share=on_share,
         stopped=stopped,
     )
-    return Made(ran.made, ran.kept)
+    return TrainingDataSummary(ran.made, ran.kept)
 
 
 def _check(path: Path, settings: DataSettings) -> None:
@@ -183,21 +183,21 @@ def _check(path: Path, settings: DataSettings) -> None:
         raise EvsError(f"{path} is of other settings than its folder; delete it and go on")
 
 
-def _seen(pilot: Pilot, stage: Stage) -> dict[str, Any]:
+def _seen(pilot: Pilot, traced: TracedScene) -> dict[str, Any]:
     """Statistics of the pilot frames, for people."""
     speed = pilot.speed[np.isfinite(pilot.speed)]
     shares = (1, 10, 50, 90, 99)
 
-    def told(values: Any) -> list[float]:
+    def percentiles(values: Any) -> list[float]:
         found = np.percentile(values, shares) if values.size else np.zeros(len(shares))
         return [float(f"{value:.4g}") for value in found]
 
     return {
         "percentiles": list(shares),
-        "dn": told(pilot.light_dn),
+        "dn": percentiles(pilot.light_dn),
         "white_dn": WHITE_DN,
-        "speeds_px_s": told(speed),
+        "speeds_px_s": percentiles(speed),
         "changing": float(f"{np.mean(pilot.score > 0):.4g}"),
-        "geoms": len(stage.scene.geom_type),
-        "lights": len(stage.scene.lights),
+        "geoms": len(traced.scene.geom_type),
+        "lights": len(traced.scene.lights),
     }

@@ -13,11 +13,11 @@ import numpy as np
 
 from evs.emulator.base.scene import F32, F64, I32
 from evs.tools.training.settings import Variant
-from evs.tools.training.traced_scene import Stage
+from evs.tools.training.traced_scene import TracedScene
 
 FRAMES = 16
 SHRINK = 2
-LOOK = Variant(4, "fixed")
+PILOT_VARIANT = Variant(4, "fixed")
 THRESHOLD = 0.2
 MOVES, MOST = 0.5, 20.0
 """thresholds"""
@@ -56,19 +56,19 @@ class Pilot:
         return bool(dark >= DARKEST_DN and bright <= BRIGHTEST_DN and not fast)
 
 
-def look(stage: Stage, seed: int) -> Pilot:
+def run_pilot(traced: TracedScene, seed: int) -> Pilot:
     """Trace the pilot frames. In: seed of their noise."""
-    renderer = stage.renderer(LOOK, seed, SHRINK)
-    last = len(stage.snapshots) - 1
+    renderer = traced.renderer(PILOT_VARIANT, seed, SHRINK)
+    last = len(traced.snapshots) - 1
     chosen = sorted({round(k * last / (FRAMES - 1)) for k in range(FRAMES)})
     light, speed = [], []
     for tick in chosen:
-        snapshot = stage.snapshots[tick]
+        snapshot = traced.snapshots[tick]
         pose = snapshot.cameras[0]
         light.append(_blurred(WHITE_DN * renderer.render(snapshot, pose)))
         # motion over one tick: from the tick before, or to the one after
-        first = stage.snapshots[max(0, tick - 1)]
-        second = stage.snapshots[max(1, tick)]
+        first = traced.snapshots[max(0, tick - 1)]
+        second = traced.snapshots[max(1, tick)]
         flow = renderer.ground_truth(second, second.cameras[0], (first, first.cameras[0])).flow
         speed.append(SHRINK * np.hypot(flow[..., 0], flow[..., 1]))
     dn = np.stack(light)

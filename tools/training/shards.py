@@ -168,8 +168,8 @@ def _opened(path: Path) -> Iterator[Any]:
         *(OSError, EOFError, KeyError, TypeError, ValueError, IndexError, MemoryError),
         *(zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError),
     ) as reason:
-        told = " ".join(str(reason).split()) or type(reason).__name__
-        raise EvsError(f"cannot read {path}: {told}; delete it and make it again") from None
+        message = " ".join(str(reason).split()) or type(reason).__name__
+        raise EvsError(f"cannot read {path}: {message}; delete it and make it again") from None
 
 
 class Shards:

@@ -1,4 +1,4 @@
-"""Stage: a training scene as it moves, and the light of its pixels, traced tick by tick."""
+"""TracedScene: a training scene as it moves, and the light of its pixels, traced tick by tick."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Moved = Callable[[int], None]
 
 
 @dataclass(frozen=True)
-class Stage:
+class TracedScene:
     """All that a renderer needs, for every tick."""
 
     scene: SceneModel
@@ -69,7 +69,7 @@ def load_scene(scene: TrainingScene) -> MjModel:
     return load_text(scene.text, scene.files)
 
 
-def set_up(scene: TrainingScene, ticks: int, tick_us: int, threads: int) -> Stage:
+def simulate_scene(scene: TrainingScene, ticks: int, tick_us: int, threads: int) -> TracedScene:
     """Let a scene run for all its ticks. Raises EvsError where its physics breaks down."""
     model = load_scene(scene)
     physics = Physics(model, tick_us, find_keyframe(model, START))
@@ -80,4 +80,4 @@ def set_up(scene: TrainingScene, ticks: int, tick_us: int, threads: int) -> Stag
         physics.advance()
         snapshots.append(poser.snapshot(physics.data, physics.t_us, tick_us))
     render = RenderConfig(renderer="path", bounces=scene.bounces, flicker=scene.flicker)
-    return Stage(extract_scene(model), bound.model, tuple(snapshots), render, threads)
+    return TracedScene(extract_scene(model), bound.model, tuple(snapshots), render, threads)

@@ -10,9 +10,9 @@ import jax
 import numpy as np
 
 from evs.emulator.base.scene import F32, U8
-from evs.tools.training.examples import Prepared
 from evs.tools.training.initial import THRESHOLD
 from evs.tools.training.network import Architecture, Parameters, stream
+from evs.tools.training.training_examples import Prepared
 
 AT_ONCE = 128
 """pixels"""

@@ -12,7 +12,7 @@ from evs.drivers.pictures import U8, channel_page, event_frame
 from evs.drivers.pictures.channels import panel
 from evs.drivers.pictures.colours import PAPER
 from evs.drivers.pictures.lettering import paste, text_line
-from evs.tools.dataset.reading import Recorded
+from evs.tools.dataset.reader import RecordedSequence
 
 WINDOW_US = 20_000
 """of the events that are shown"""
@@ -24,7 +24,7 @@ ROW_PX = 230
 Frame = Mapping[str, npt.NDArray[Any]]
 
 
-def moment(scene: Recorded, share: float = 0.6) -> dict[str, npt.NDArray[Any]]:
+def moment(scene: RecordedSequence, share: float = 0.6) -> dict[str, npt.NDArray[Any]]:
     """One frame's channels, and the events of WINDOW_US up to it, as a picture.
 
     In: share of the scene's time; it is never the first frame, before which nothing was.
@@ -38,13 +38,13 @@ def moment(scene: Recorded, share: float = 0.6) -> dict[str, npt.NDArray[Any]]:
     return frame
 
 
-def scene_page(scene: Recorded) -> U8:
+def scene_page(scene: RecordedSequence) -> U8:
     """(h, w, 3) a moment of one scene, every channel with its caption."""
     frame = moment(scene)
     return channel_page({name: frame[name] for name in CHANNELS})
 
 
-def set_page(scenes: Iterable[Recorded]) -> U8:
+def set_page(scenes: Iterable[RecordedSequence]) -> U8:
     """(h, w, 3) one row a scene: RGB, events, depth, flow, segmentation."""
     rows = []
     for scene in scenes:

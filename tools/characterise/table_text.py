@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from evs.tools.characterise.result import Result
+from evs.tools.characterise.quantity import Quantity
 
 HEADINGS = ("quantity", "at lux", "measured", "error", "set", "difference", "")
 
@@ -15,18 +15,18 @@ _PREFIXED = ("s", "Hz", "ev/s")
 NOTHING = "-"
 
 
-def rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
+def rows(results: Sequence[Quantity]) -> list[tuple[str, ...]]:
     """As HEADINGS; a quantity's name stands in its first row only."""
-    told = []
+    lines = []
     last = ""
     for result in results:
         name = "" if result.quantity == last else result.quantity
         last = result.quantity
-        told.append((name, *_row(result)))
-    return told
+        lines.append((name, *_row(result)))
+    return lines
 
 
-def _row(result: Result) -> tuple[str, ...]:
+def _row(result: Quantity) -> tuple[str, ...]:
     measured, promised = result.measured, result.set
     size = max(abs(value) for value in (measured, promised, 0.0) if math.isfinite(value))
     factor, prefix = 1.0, ""

@@ -29,7 +29,7 @@ class LabelledEvents:
     """(n,) cause, geom_id; None where the event model tells none"""
 
 
-class Recorded:
+class RecordedSequence:
     """One scene of a data set. Shards are read when they are asked for."""
 
     def __init__(self, folder: Path) -> None:
@@ -119,12 +119,12 @@ class Dataset:
         """Its scenes."""
         return tuple(self.manifest["scenes"])
 
-    def __getitem__(self, name: str) -> Recorded:
+    def __getitem__(self, name: str) -> RecordedSequence:
         if name not in self.names:
             raise unknown("scene", name, self.names)
-        return Recorded(self.folder / name)
+        return RecordedSequence(self.folder / name)
 
-    def __iter__(self) -> Iterator[Recorded]:
+    def __iter__(self) -> Iterator[RecordedSequence]:
         return (self[name] for name in self.names)
 
 

@@ -128,7 +128,7 @@ def followable(counts: U8) -> npt.NDArray[np.bool_]:
     return found
 
 
-class Examples:
+class TrainingExamples:
     """The training scenes of a folder, and batches drawn from them.
 
     A batch follows from (recipe, seed, step, which scenes there are) alone: a resumed training sees
@@ -219,7 +219,9 @@ class Examples:
         return [self._loaded[path] for path in chosen]
 
 
-def sample_held_out(examples: Examples, variants: tuple[Variant, ...], pixels: int) -> Prepared:
+def sample_held_out(
+    examples: TrainingExamples, variants: tuple[Variant, ...], pixels: int
+) -> Prepared:
     """Pixels of the held-out scenes, spread over them, seeded; still ones too, fast ones not."""
     recipe = dataclasses.replace(examples.recipe, variants=variants, shares=())
     each = -(-pixels // len(examples.held_out))

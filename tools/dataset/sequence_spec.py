@@ -1,4 +1,4 @@
-"""Take: everything that a scene's shards follow from, which goes along to wherever one is made."""
+"""SequenceSpec: all inputs of the shards of a scene, sent to every process that makes one."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from evs.tools.jobs import job_threads
 
 
 @dataclass(frozen=True, eq=False)
-class Take:
-    """One recording of one scene."""
+class SequenceSpec:
+    """All inputs of one recorded sequence of a scene."""
 
     name: str
     model: bytes
     """MJB"""
     config: RunConfig
-    """without the scene's file, which may not be there where a shard is made"""
+    """without the scene file, which may not exist on the machine that makes a shard"""
     tracks: tuple[Track, ...]
     rows: npt.NDArray[np.float64] | None
     """(n, nu) controls of a file"""
     frames: FramesConfig
     settle: int
-    """ticks that the camera watches before the first, which nobody gets"""
+    """ticks that the camera sees before the first; they are not recorded"""
     begin: int
     """the first tick"""
     end: int
@@ -48,24 +48,24 @@ class Take:
         return self.config.scene.tick_us
 
     @contextmanager
-    def standing(self) -> Iterator[RunConfig]:
-        """The configuration with a file of the model, while the block lasts; job's threads."""
+    def with_model_file(self) -> Iterator[RunConfig]:
+        """The configuration with a temporary file of the model and the threads of the job."""
         with tempfile.TemporaryDirectory(prefix="evs-dataset-") as folder:
             file = Path(folder, "scene.mjb")
             file.write_bytes(self.model)
             scene = replace(self.config.scene, file=str(file))
             yield replace(self.config, scene=scene, threads=job_threads() or self.config.threads)
 
-    def said(self, config: RunConfig) -> RunConfig:
-        """The same without what changes from place to place: how recordings tell it."""
+    def recorded_config(self, config: RunConfig) -> RunConfig:
+        """The configuration for the files, without what depends on the machine."""
         return replace(config, scene=replace(config.scene, file=self.name), threads=0)
 
     def control(self, world: World) -> Callable[[], npt.NDArray[np.float64] | None]:
-        """What its actuators are told in the next tick; None: the scene's own source does that."""
+        """The controls of the next tick; None: those of the scene's own source."""
         if self.tracks:
-            told = control_of(self.tracks, world.model, self.config.seed)
+            source = control_of(self.tracks, world.model, self.config.seed)
             return lambda: np.asarray(
-                told(world.tick * self.tick_us * 1e-6, world.data), np.float64
+                source(world.tick * self.tick_us * 1e-6, world.data), np.float64
             )
         if self.rows is not None:
             rows, periods = self.rows, self.config.scene.control_hz * self.tick_us / 1e6
@@ -115,8 +115,12 @@ class Take:
         return [self.begin + tick for tick in at if self.begin + tick < self.end]
 
 
-def take_of(name: str, scene: SceneFile) -> Take:
-    """The take of a scene. EvsError for whatever of it cannot be, before anything is made."""
+def make_sequence_spec(name: str, scene: SceneFile) -> SequenceSpec:
+    """The specification of a scene.
+
+    Raises:
+        EvsError: something in it is impossible; nothing has been made.
+    """
     model = model_of(scene)
     config = scene.run()
     rows = None
@@ -130,7 +134,7 @@ def take_of(name: str, scene: SceneFile) -> Take:
     begin = max(round(scene.begin_s * 1e6 / config.scene.tick_us), settle)
     ticks = max(1, round(scene.duration_s * 1e6 / config.scene.tick_us))
     config = replace(config, scene=replace(config.scene, file=""))
-    take = Take(
+    sequence = SequenceSpec(
         name,
         bytes_of(model),
         config,
@@ -142,12 +146,12 @@ def take_of(name: str, scene: SceneFile) -> Take:
         begin + ticks,
     )
     # whatever the emulator refuses, it refuses here
-    with take.standing() as standing:
-        World.from_config(standing)
-        render = replace(standing.render, spp=take.frames.spp)
+    with sequence.with_model_file() as placed:
+        World.from_config(placed)
+        render = replace(placed.render, spp=sequence.frames.spp)
         try:
-            World.with_view(replace(standing, render=render))
+            World.with_view(replace(placed, render=render))
         except EvsError as reason:
             # all that is new in it is what the user knows as the frames' samples
             raise EvsError(str(reason).replace("render.spp", "frames.spp")) from None
-    return take
+    return sequence

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Result:
+class Quantity:
     """A quantity of a sensor as the bench found it."""
 
     quantity: str
