@@ -90,7 +90,11 @@ def feedback(square: float, gains: CartPoleGains) -> F64:
     """(4,) acceleration of the cart for angle, rate, place and speed: m/s^2 for rad, rad/s, m, m/s.
 
     Ackermann's formula written out for angle'' = w^2 angle - (w^2 / g) a, place'' = a, with poles
-    twice at -fast w and twice at -slow w. In: square, w^2.
+    twice at -fast w and twice at -slow w.
+
+    Args:
+        square: w^2.
+        gains: where the poles lie.
     """
     w = math.sqrt(square)
     fast, slow = gains.fast * w, gains.slow * w

@@ -57,7 +57,12 @@ def record_gif(path: Path, trial: CartPoleTrial) -> CartPoleResult:
 
 
 def draw_pole(panel: U8, angle_rad: float) -> None:
-    """The pole's axis in ink. In: panel (h, w, 3), drawn into."""
+    """The pole's axis in ink.
+
+    Args:
+        panel: (h, w, 3), drawn into.
+        angle_rad: angle of the pole.
+    """
     mount = CameraMount()
     side = panel.shape[0]
     m_per_px = 2.0 * mount.distance_m * np.tan(np.radians(mount.fovy_deg) / 2.0) / side

@@ -55,9 +55,12 @@ class PoleTracker:
     ) -> None:
         """Begin with an upright pole.
 
-        In: gate_rad, an event farther from the nearer edge is of something else; memory, so many
-        events count as much as all that was seen before; inset_px, how far inside the edge its
-        events seem to be, since they are late.
+        Args:
+            mount: the camera on the cart.
+            pole: dimensions of the pole.
+            gate_rad: an event farther from the nearer edge is of something else.
+            memory: so many events count as much as all that was seen before.
+            inset_px: how far inside the edge its events seem to be, since they are late.
         """
         mount, pole = mount or CameraMount(), pole or PoleShape()
         self._gate, self._memory = gate_rad, memory

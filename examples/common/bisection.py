@@ -13,9 +13,15 @@ def limit(
 ) -> float | None:
     """The hardest value that was tried and survived; None if even `easy` is not.
 
-    In: easy, hard, the ends, which may lie either way round; steps, how often the rest is halved;
-    whole, only whole numbers are tried. Halved by ratio where both are over 0, else by difference.
-    What survives `hard` is given back as `hard`: the limit lies beyond.
+    Halved by ratio where both are over 0, else by difference. What survives `hard` is given back as
+    `hard`: the limit lies beyond.
+
+    Args:
+        survives: whether a value is survived.
+        easy: the ends, which may lie either way round.
+        hard: the ends, which may lie either way round.
+        steps: how often the rest is halved.
+        whole: only whole numbers are tried.
     """
     if easy == hard or steps < 1:
         raise EvsError(f"nothing to halve between {easy:g} and {hard:g} in {steps} steps")

@@ -41,8 +41,14 @@ def cross_entropy(
 ) -> tuple[Point, float]:
     """The best point that was tried, and its score: more is better.
 
-    In: box, name -> least and largest value, both over 0: they are searched by their logarithm;
-    begin, the first point tried and the middle of the first round. Same seed, same points.
+    Same seed, same points.
+
+    Args:
+        score: rates a point; more is better.
+        box: name -> least and largest value, both over 0: they are searched by their logarithm.
+        begin: the first point tried and the middle of the first round.
+        budget: how many points are tried.
+        seed: of all random numbers.
     """
     for name, (low, high) in box.items():
         if not 0.0 < low < high or not low <= begin[name] <= high:

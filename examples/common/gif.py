@@ -66,7 +66,13 @@ def check_gif_name(path: Path) -> None:
 
 
 def write_images(path: Path, images: Sequence[U8], speed: float = 1.0) -> None:
-    """Pages, one each FPS-th second of the viewer's time, as a GIF. In: speed, of what is shown."""
+    """Pages, one each FPS-th second of the viewer's time, as a GIF.
+
+    Args:
+        path: the file.
+        images: (h, w, 3) each.
+        speed: of what is shown.
+    """
     if not images:
         raise EvsError("that is too short for a picture: give more --seconds")
     stop_us = round(len(images) * 1e6 * speed / FPS)

@@ -14,9 +14,14 @@ class ResultsFile:
     """Values by row and name, in a JSON file that is written atomically after every change."""
 
     def __init__(self, file: Path | None, plan: dict[str, Any]) -> None:
-        """Read what is there already. In: file, None keeps all in memory; plan, what was asked for.
+        """Read what is there already.
 
-        Raises EvsError where the file is of another plan, or is no such file.
+        Args:
+            file: None keeps all in memory.
+            plan: what was asked for.
+
+        Raises:
+            EvsError: the file is of another plan, or is no such file.
         """
         self._file = file
         self.plan = json.loads(json.dumps(plan))

@@ -56,7 +56,14 @@ class GoalieLoop(Loop):
         state: bool = False,
         start: Callable[[MjData], None] | None = None,
     ) -> Observation:
-        """As Loop's; without `start`, the seed draws a shot. In: seed, None is 0."""
+        """As Loop's; without `start`, the seed draws a shot.
+
+        Args:
+            seed: None is 0.
+            keyframe: keyframe of the model to start from.
+            state: whether the observation holds the full state.
+            start: sets the state in place of the drawn one.
+        """
         seed = seed or 0
         if not 0.2 <= self.speed_m_s <= 200.0:
             raise EvsError(f"a ball of {self.speed_m_s:g} m/s: give 0.2 ... 200")

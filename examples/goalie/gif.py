@@ -30,7 +30,14 @@ SHOWN_MS = 4
 
 
 def record_gif(path: Path, speed_m_s: float, tracker: str = "events", first: int = 0) -> int:
-    """Some shots, one after the other, as a GIF; how many are saved. In: first, their seed."""
+    """Some shots, one after the other, as a GIF; how many are saved.
+
+    Args:
+        path: the file.
+        speed_m_s: of the ball.
+        tracker: one of TRACKERS.
+        first: their seed.
+    """
     check_gif_name(path)
     experiment = GoalieExperiment(tracker)
     side = SIDE_PX * FACTOR

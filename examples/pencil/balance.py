@@ -115,8 +115,12 @@ class StickBalancer:
     ) -> F64:
         """(2,) N for the next tick; call it once a tick.
 
-        In: position, velocity, the motors' encoders, m and m/s (2,); tilt, rad (2,) if something
-        was measured since the last call, and when that was.
+        Args:
+            t_us: time of the decision.
+            position: the motors' encoders, m and m/s (2,).
+            velocity: the motors' encoders, m and m/s (2,).
+            tilt: rad (2,) if something was measured since the last call, and when that was.
+            stamp_us: time of the measurement.
         """
         before = velocity if self._velocity is None else self._velocity
         self._velocity = velocity

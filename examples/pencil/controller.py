@@ -73,7 +73,12 @@ class FrameTracker:
 
 
 def make_tracker(fps: int, length_m: float) -> Tracker:
-    """A new tracker. In: fps, frames per second, 0: events; length_m, of the stick."""
+    """A new tracker.
+
+    Args:
+        fps: frames per second, 0: events.
+        length_m: of the stick.
+    """
     return FrameTracker() if fps else EventTracker(length_m)
 
 

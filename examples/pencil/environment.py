@@ -66,7 +66,14 @@ class PencilLoop(Loop):
         state: bool = False,
         start: Callable[[MjData], None] | None = None,
     ) -> Observation:
-        """As Loop's; without `start`, the seed draws one. In: seed, None is 0."""
+        """As Loop's; without `start`, the seed draws one.
+
+        Args:
+            seed: None is 0.
+            keyframe: keyframe of the model to start from.
+            state: whether the observation holds the full state.
+            start: sets the state in place of the drawn one.
+        """
         seed = seed or 0
         random = np.random.default_rng(seed % 2**64)
         place, tilt = random.uniform(-0.02, 0.02, 2), random.uniform(-0.05, 0.05, 2)

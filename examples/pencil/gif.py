@@ -61,7 +61,14 @@ def record_gif(path: Path, trial: PencilTrial, tracker: str = "events") -> Penci
 def draw_line(
     panel: U8, line: StickLine, factor: int, principal_point: PrincipalPoint | None = None
 ) -> None:
-    """In ink, from the row of the cup up to the panel's edge. In: panel (h, w, 3), drawn into."""
+    """In ink, from the row of the cup up to the panel's edge.
+
+    Args:
+        panel: (h, w, 3), drawn into.
+        line: the line.
+        factor: image pixels per sensor pixel.
+        principal_point: of the camera.
+    """
     principal_point = principal_point or PrincipalPoint()
     rows = np.arange(round((principal_point.y + 0.5) * factor))
     v = principal_point.y - ((rows + 0.5) / factor - 0.5)

@@ -55,10 +55,13 @@ class EventLineTracker:
     ) -> None:
         """Begin with an upright line in the middle.
 
-        In: height_px, how high the stick is in the picture; memory, events that count, for each of
-        its rows; sigma_px, how far from an edge an event may be and still count; edge_px, how far
-        the edges are from the line, a little less than half of the stick's width, since the log of
-        light changes most where a pixel is nearly covered.
+        Args:
+            height_px: how high the stick is in the picture.
+            memory: events that count, for each of its rows.
+            sigma_px: how far from an edge an event may be and still count.
+            edge_px: how far the edges are from the line, a little less than half of the stick's
+                width, since the log of light changes most where a pixel is nearly covered.
+            principal_point: of the camera.
         """
         if not (height_px > 0 and memory * height_px > 1 and sigma_px > 0 and edge_px >= 0):
             raise EvsError(
@@ -76,10 +79,15 @@ class EventLineTracker:
         self._line = StickLine(0.0, 0.0)
 
     def update(self, events: Events, cup_px: float = 0.0) -> StickLine:
-        """The line after a packet's events, (n,) EVENT_DTYPE. All of them at once, no loop.
+        """The line after a packet's events, (n,) EVENT_DTYPE.
 
-        In: cup_px, where the cup is now, as the encoders say. What is remembered moves along with
-        it, and the line should begin there.
+        All of them at once, no loop.
+
+        What is remembered moves along with it, and the line should begin there.
+
+        Args:
+            events: the events.
+            cup_px: where the cup is now, as the encoders say.
         """
         u = events["x"] - (self._origin.x + cup_px)
         v = self._origin.y - events["y"]

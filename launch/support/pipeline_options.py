@@ -88,7 +88,8 @@ def add_key_options(parser: argparse._ActionsContainer) -> None:
 def keys_text(without: Collection[str] = ()) -> str:
     """Every configuration key with its default and meaning, from the classes themselves.
 
-    In: without, first parts of the names of those that are left out.
+    Args:
+        without: first parts of the names of those that are left out.
     """
     named = shipped.pipelines()
     lines = [

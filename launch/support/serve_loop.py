@@ -28,8 +28,12 @@ def serve(
 ) -> int:
     """Serve until a controller or a signal ends it; return the exit code.
 
-    In: make_loop, as of running.serve; reported_config, the configuration that the report shows for
-    a loop that is not the configuration's.
+    Args:
+        config: the configuration.
+        quiet: print only warnings.
+        make_loop: as of running.serve.
+        reported_config: the configuration that the report shows for a loop that is not the
+            configuration's.
     """
     targets = [Path(config.report)] if config.report else []
     check_targets(targets)

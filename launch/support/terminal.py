@@ -130,7 +130,11 @@ def table(
 ) -> None:
     """Rows under headings, on stdout; all columns but the first and the last stand to the right.
 
-    In: lines, on a terminal one is drawn before each row that has a name, and no row is wrapped.
+    Args:
+        title: of the table.
+        headings: of the columns.
+        rows: their cells.
+        lines: on a terminal one is drawn before each row that has a name, and no row is wrapped.
     """
     console = Console(highlight=False)
     if not console.is_terminal:

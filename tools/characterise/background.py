@@ -89,8 +89,12 @@ def measure_background(
 ) -> list[Background]:
     """Each illuminance until there are enough events.
 
-    In: unevenness of OFF thresholds, standard deviation over mean, as their S-curve told: uneven
-    pixels are unevenly noisy; moved, told each illuminance before it begins.
+    Args:
+        bench: the bench with the sensor.
+        ladder_lux: illuminances to measure.
+        unevenness: of OFF thresholds, standard deviation over mean, from their S-curve: uneven
+            pixels are unevenly noisy.
+        moved: called with each illuminance before it begins.
     """
     observations = []
     for lux in ladder_lux:

@@ -147,7 +147,9 @@ class _Lamp:
     def events_a_period(self, hz: float, share: float = 1.0) -> tuple[float, float]:
         """Events of a pixel and period, half of both polarities', with the error over pixels.
 
-        In: share, of the depth of modulation.
+        Args:
+            hz: of the lamp.
+            share: of the depth of modulation.
         """
         bench = self.bench
         period_us = 1e6 / hz

@@ -90,7 +90,9 @@ class LightExposure:
 
         It is one tick; only where that would be over four minutes it is several.
 
-        In: lux, a number or (h w,).
+        Args:
+            lux: a number or (h w,).
+            us: duration.
         """
         light = self.bench.luminance(lux)
         parts = []

@@ -109,8 +109,11 @@ def settle(bench: Bench, lux: float, wait_us: int = 1) -> Settled:
 def least_contrast(answers: Callable[[F64], Mask], pixels: int) -> F64:
     """(h w,) the least contrast that each pixel answers; NaN: none up to MOST_CONTRAST.
 
-    In: answers, of one contrast a pixel, whether it answers. First doubled until it does, then
-    halved between.
+    First doubled until it does, then halved between.
+
+    Args:
+        answers: of one contrast a pixel, whether it answers.
+        pixels: the pixels.
     """
     none = np.zeros(pixels)
     enough = np.full(pixels, FIRST_CONTRAST)

@@ -113,8 +113,16 @@ def characterise(
 ) -> Characterisation:
     """Measure a sensor as its makers would, from its events alone.
 
-    In: pixels, at most so many are measured, but for the peak rate, which is that of the whole
-    sensor; moved, told in words what comes next, STEPS times. Raises EvsError: too few pixels.
+    Args:
+        sensor: its parameters.
+        seed: of all random numbers.
+        threads: worker threads; 0: one per core.
+        pixels: at most so many are measured, but for the peak rate, which is that of the whole
+            sensor.
+        moved: called with a description of what comes next, STEPS times.
+
+    Raises:
+        EvsError: too few pixels.
     """
     if pixels < LEAST_PIXELS:
         raise EvsError(f"{pixels} pixels are too few to measure; give {LEAST_PIXELS} or more")

@@ -57,9 +57,16 @@ def make_dataset(
 ) -> DatasetSummary:
     """Make, or go on with, a data set of these scenes; the same bytes with any number of workers.
 
-    In: shard_s, simulated seconds of a shard; workers, ray, as run_jobs takes them; moved, told how
-    many shards are done and which one moves; stopped, asked before each shard.
     Raises EvsError; what arrived before stays, and the same call goes on there.
+
+    Args:
+        folder: target folder.
+        scenes: name -> scene.
+        shard_s: simulated seconds of a shard.
+        workers: as run_jobs takes them.
+        ray: as run_jobs takes them.
+        moved: called with how many shards are done and which one moves.
+        stopped: polled before each shard.
     """
     check_workers(workers, ray)
     sequences = [make_sequence_spec(name, scene) for name, scene in scenes.items()]

@@ -34,7 +34,11 @@ class Claim:
 
 
 def check_claims(cells: Sequence[ResultCell]) -> list[Claim]:
-    """Every claim. In: cells of all scenes and cameras, which count together."""
+    """Every claim.
+
+    Args:
+        cells: of all scenes and cameras, which count together.
+    """
     claims = [_emd(cells, spp, minimum) for spp, minimum in EMD_FACTORS.items()]
     claims += [_static(cells, spp) for spp in EMD_FACTORS]
     claims += [_beats_adaptive(cells, spp) for spp in ADAPTIVE_SPP]

@@ -103,10 +103,21 @@ def make_clip(
 ) -> Clip:
     """Simulate the scene and record a snapshot of each tick.
 
-    In: ticks of tick_us; seed, of the controls and of the sampled pixels; look_ticks, how
-    many of the ticks choose where the patch lies (all). A scene that has to move first does so for
-    as long whatever the tick. Raises EvsError: unknown motion, too many pixels, a scene that breaks
-    down.
+    A scene that has to move first does so for as long whatever the tick.
+
+    Args:
+        setup: the scene.
+        motion: of the camera, one of MOTIONS.
+        ticks: of tick_us.
+        sampled: pixels spread over the image.
+        patch_px: side of the patch.
+        size: of the image, px.
+        seed: of the controls and of the sampled pixels.
+        look_ticks: how many of the ticks choose where the patch lies (all).
+        tick_us: length of a tick.
+
+    Raises:
+        EvsError: unknown motion, too many pixels, a scene that breaks down.
     """
     if motion not in MOTIONS:
         raise unknown("camera motion", motion, MOTIONS)

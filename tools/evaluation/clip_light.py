@@ -65,8 +65,14 @@ def renderer_of(clip: Clip, spec: LightSpec, threads: int) -> DirectRenderer:
 def light_key(clip: Clip, fingerprint: str, spec: LightSpec, ticks: int) -> str:
     """Hash of everything that shapes the light: scene, instants, pixels, settings, versions.
 
-    In: fingerprint, of the take and these ticks. A few pixels are traced and belong to the key, so
-    that a tracer that has changed does not pass for the one that filled the cache.
+    A few pixels are traced and belong to the key, so that a tracer that has changed does not pass
+    for the one that filled the cache.
+
+    Args:
+        clip: the clip.
+        fingerprint: of the clip and these ticks.
+        spec: how light is traced.
+        ticks: how many.
     """
     probed = LightSpec(spec.renderer, min(spec.spp, _PROBED_SPP), spec.seeds, spec.seed)
     renderer = renderer_of(clip, probed, 1)
@@ -87,8 +93,15 @@ def light_of(
 ) -> F32:
     """(ticks, n) luminance of the take's pixels.
 
-    In: moved, called with the samples a pixel that each tick took, all at once where the cache
-    has them.
+    Args:
+        clip: the clip.
+        fingerprint: of the clip.
+        spec: how light is traced.
+        ticks: how many.
+        cache: holds the light.
+        threads: worker threads; 0: one per core.
+        moved: called with the samples a pixel that each tick took, all at once where the cache has
+            them.
     """
     done = 0
 

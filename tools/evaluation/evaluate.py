@@ -39,7 +39,11 @@ still, and every event on it is false"""
 
 @dataclass(frozen=True)
 class EvaluationSettings:
-    """What is evaluated. Raises EvsError for values without sense."""
+    """What is evaluated.
+
+    Raises:
+        EvsError: a value is out of range.
+    """
 
     scenes: tuple[str, ...] = scenes.DEFAULT
     cameras: tuple[str, ...] = ("still", "pan")

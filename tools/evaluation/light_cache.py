@@ -32,7 +32,11 @@ def user_cache() -> Path:
 
 
 class LightCache:
-    """A folder of arrays by key. Raises EvsError where the folder cannot be made or written."""
+    """A folder of arrays by key.
+
+    Raises:
+        EvsError: the folder cannot be made or written.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -80,8 +80,17 @@ def measure(
 ) -> Measures:
     """Measure the events of all pixels of a clip in (t_begin_us, t_end_us].
 
-    In: events, reference: x is the number of the pixel, y 0; static (n,), pixels whose converged
-    light stands still. Raises EvsError for events that cannot be.
+    Args:
+        events: x is the number of the pixel, y 0.
+        reference: x is the number of the pixel, y 0.
+        clip: the clip.
+        static: (n,), pixels whose converged light stands still.
+        t_begin_us: begin of the window.
+        t_end_us: end of the window.
+        ms_per_tick: cost of the model.
+
+    Raises:
+        EvsError: events that cannot be.
     """
     window = Window(clip.sampled, 1, t_begin_us, t_end_us)
     patch = Window(clip.patch_px, clip.patch_px, t_begin_us, t_end_us)

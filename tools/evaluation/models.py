@@ -95,7 +95,10 @@ def sensor_of(pixels: int) -> SensorParameters:
 def frames_of(light: F32) -> F32:
     """(ticks, 4, width) pictures of that sensor, black where the last tile is filled up.
 
-    In: light (ticks, n). Pixel 16 i + 4 j + k stands in row j, column k of tile i.
+    Pixel 16 i + 4 j + k stands in row j, column k of tile i.
+
+    Args:
+        light: (ticks, n).
     """
     ticks, pixels = light.shape
     sensor = sensor_of(pixels)
@@ -118,8 +121,13 @@ def models_under_test(
 ) -> tuple[list[ModelUnderTest], list[str]]:
     """The models of a list, and a line for each network that does not come with this evs.
 
-    In: own, a user's network, which is judged besides.
-    Raises EvsError: unknown name, a name twice, a network that cannot be read.
+    Args:
+        names: names of models.
+        own: a user's network, which is judged besides.
+        how: how models are run.
+
+    Raises:
+        EvsError: unknown name, a name twice, a network that cannot be read.
     """
     shipped = network_names()
     known = list(dict.fromkeys([*DEFAULT, *families(shipped), *shipped]))
@@ -145,10 +153,14 @@ def models_under_test(
 
 
 def network(weights: Network, how: RuntimeOptions, name: str = "") -> ModelUnderTest:
-    """A trained network. Its membranes begin at zero, as the reference's pixels do.
+    """A trained network.
 
-    A graph of another design goes to onnxruntime, whatever the runtime. Raises EvsError where it
-    is for other ticks, or no sensor can have it.
+    Its membranes begin at zero, as the reference's pixels do.
+
+    A graph of another design goes to onnxruntime, whatever the runtime.
+
+    Raises:
+        EvsError: it is for other ticks, or no sensor can have it.
     """
     name = name or weights.name
     if weights.tick_us != TICK_US:

@@ -77,8 +77,13 @@ class NetworkReport:
 def check_network(network: str | Path, provider: str = "cpu") -> NetworkReport:
     """Look at the network of that path, or of that name in config/networks.
 
-    In: provider, the execution provider of onnxruntime it is run on. Raises EvsError, one line,
-    where it cannot be read or run at all: no file, damaged, no sidecar, other inputs or outputs.
+    Args:
+        network: file or name.
+        provider: the execution provider of onnxruntime it is run on.
+
+    Raises:
+        EvsError: one line, where it cannot be read or run at all: no file, damaged, no sidecar,
+            other inputs or outputs.
     """
     path = network_path(str(network))
     found = read_network(path)

@@ -23,10 +23,13 @@ _LOOK_SEED = 0
 
 
 def procedural_setup(name: str, number: str) -> SceneSetup:
-    """Scene procedural/NUMBER. Raises EvsError: no number, or none of its attempts is of use.
+    """Scene procedural/NUMBER.
 
     Its camera stands where the recipe's first is; the evaluation moves it. So that a scene is of
     use, something else has to move too.
+
+    Raises:
+        EvsError: no number, or none of its attempts is of use.
     """
     if not (number.isdecimal() and int(number) < MOST):
         raise EvsError(f"scene '{name}': give procedural/0 ... procedural/{MOST - 1}")

@@ -45,8 +45,10 @@ QUICK = ("gymnasium/humanoid", "procedural/0")
 def scene_setup(name: str) -> SceneSetup:
     """The scene: gymnasium/ROBOT, dm_control/ROBOT, procedural/NUMBER, FILE, package:path.
 
-    The lamps of a robot get a size, so that its shadows are soft. Raises EvsError: no such scene,
-    or the package that holds it is not installed.
+    The lamps of a robot get a size, so that its shadows are soft.
+
+    Raises:
+        EvsError: no such scene, or the package that holds it is not installed.
     """
     package, _, robot = name.partition("/")
     if package == "procedural":

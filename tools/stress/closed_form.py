@@ -60,8 +60,12 @@ def counts(luminance: F64) -> tuple[F64, Flags]:
 def count_error(events: Events, luminance: F64, tick_us: int, max_uncertain: float = 0.25) -> float:
     """Events too many or too few, summed over ticks, polarities and all certain pixels.
 
-    In: luminance (ticks + 1, h, w), as of counts. inf if more of the picture than
-    `max_uncertain` is uncertain, which leaves little to compare.
+    Args:
+        events: the events.
+        luminance: (ticks + 1, h, w), as of counts. inf if more of the picture than `max_uncertain`
+            is uncertain, which leaves little to compare.
+        tick_us: length of a tick.
+        max_uncertain: largest share of uncertain pixels.
     """
     expected, certain = counts(luminance)
     found = event_counts(events, len(luminance) - 1, tick_us, certain.shape)

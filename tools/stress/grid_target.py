@@ -28,7 +28,10 @@ FLASH_PX = 16
 def grid_mjcf(levels: Sequence[float], plate_px: int, more: str = "") -> str:
     """MJCF: the plates side by side on a mocap body, the first at its origin.
 
-    In: levels, what each emits; more, what else stands in the world.
+    Args:
+        levels: what each emits.
+        plate_px: width of a plate.
+        more: what else stands in the world.
     """
     materials = "".join(
         f'<material name="level{k}" {_glow(level)}/>' for k, level in enumerate(map(float, levels))

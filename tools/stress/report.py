@@ -46,7 +46,8 @@ def table(every: Iterable[CaseResult]) -> str:
 def write_table(path: str | Path, every: Iterable[CaseResult]) -> None:
     """Write the table to a file: between BEGIN and END where it has them, else it is all of it.
 
-    Raises EvsError where the file cannot be written, or has one of the two only.
+    Raises:
+        EvsError: the file cannot be written, or has one of the two only.
     """
     target = Path(path)
     new = f"{BEGIN}\n\n{table(every)}\n\n{END}\n"

@@ -49,7 +49,11 @@ MAX_SPP = 4096
 
 @dataclass(frozen=True)
 class ErrorSettings:
-    """What errors are measured on. Raises EvsError for values without sense."""
+    """What errors are measured on.
+
+    Raises:
+        EvsError: a value is out of range.
+    """
 
     pixels: int = 1024
     """spread over the picture"""
@@ -109,7 +113,11 @@ class ErrorMeter:
     _found: dict[str, Accuracy] = field(default_factory=dict)
 
     def error(self, point: SweepPoint) -> Accuracy:
-        """Its error. Raises EvsError where it cannot be measured, as without its renderer."""
+        """Its error.
+
+        Raises:
+            EvsError: it cannot be measured, as without its renderer.
+        """
         config = point.config
         check_tick(config.model, config.scene.tick_us)
         sensor = metered_sensor(config.sensor, preset_of(point.preset).sensor)
@@ -229,7 +237,12 @@ def size_of(sensor: SensorConfig) -> tuple[int, int]:
 
 
 def error_of(found: Measures, own: Measures) -> Accuracy:
-    """Shares and rates of the sums. In: own, of one half of the reference against the other."""
+    """Shares and rates of the sums.
+
+    Args:
+        found: measures of the point.
+        own: of one half of the reference against the other.
+    """
     wanted = found.reference_on + found.reference_off
     events = found.on + found.off
     return Accuracy(

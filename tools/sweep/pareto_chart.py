@@ -71,7 +71,12 @@ def legend(metric: ErrorMetric = DEFAULT) -> str:
 
 
 def pareto_chart(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -> Chart:
-    """What one panel shows. In: records of one scene under one camera motion."""
+    """What one panel shows.
+
+    Args:
+        records: of one scene under one camera motion.
+        metric: the error metric.
+    """
     every = pareto_points(records, metric)
     best = pareto_front(every)
     camera = records[0].camera if records else ""

@@ -84,7 +84,11 @@ def network_events(
 ) -> Events:
     """The same of a network, as `evs evaluate` runs it: ticks of 1 ms, its latency taken off.
 
-    In: light (ticks + latency, n); warm, what stood still before, with fresh noise.
+    Args:
+        light: (ticks + latency, n).
+        model: configuration of the event model.
+        noisy_samples: fresh samples per pixel of the light.
+        warm: what stood still before, with fresh noise.
     """
     chosen = network_model(model, noisy_samples)
     return models.run(chosen, light, warm).events

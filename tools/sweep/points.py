@@ -35,7 +35,11 @@ class SweepPoint:
 
     @property
     def config(self) -> PipelineConfig:
-        """The whole configuration. Raises EvsError: a key or value that makes no sense."""
+        """The whole configuration.
+
+        Raises:
+            EvsError: a key or value that makes no sense.
+        """
         return _config_of(self.preset, self.settings)
 
 
@@ -46,9 +50,12 @@ def _config_of(preset: str, changes: tuple[tuple[str, Setting], ...]) -> Pipelin
 
 @lru_cache(maxsize=32)
 def preset_of(name: str) -> PipelineConfig:
-    """The pipeline of a preset: one that comes with evs, or a file. Its scene and sinks are unused.
+    """The pipeline of a preset: one that comes with evs, or a file.
 
-    Raises EvsError: no such pipeline, or a key or value in it that makes no sense.
+    Its scene and sinks are unused.
+
+    Raises:
+        EvsError: no such pipeline, or a key or value in it that makes no sense.
     """
     path = find_pipeline(name)
     try:

@@ -129,7 +129,11 @@ class SweepRecord:
 
     @classmethod
     def from_json(cls, line: str) -> SweepRecord:
-        """The record of a line. Raises EvsError: one line that says what is wrong with it."""
+        """The record of a line.
+
+        Raises:
+            EvsError: one line that says what is wrong with it.
+        """
         try:
             data = json.loads(line)
         except ValueError as reason:
@@ -210,7 +214,15 @@ def _interval(data: Any, where: str) -> ConfidenceInterval:
 
 
 def number(data: Any, where: str) -> float:
-    """The number of a JSON value, NaN for null. In: where it stands. Raises EvsError."""
+    """The number of a JSON value, NaN for null.
+
+    Args:
+        data: the JSON value.
+        where: its place, for messages.
+
+    Raises:
+        EvsError: it is not a number.
+    """
     if data is None:
         return math.nan
     if isinstance(data, bool) or not isinstance(data, int | float):

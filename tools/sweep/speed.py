@@ -43,7 +43,11 @@ _LOOKS = 4
 
 @dataclass(frozen=True)
 class SpeedSettings:
-    """How long and how often. Raises EvsError for values without sense."""
+    """How long and how often.
+
+    Raises:
+        EvsError: a value is out of range.
+    """
 
     seconds: float = 0.6
     """wall clock of all repeats of a point together"""
@@ -140,7 +144,12 @@ class SpeedMeter:
     seed: int = 0
 
     def speed(self, point: SweepPoint) -> Speed:
-        """Its speed. Raises EvsError where it cannot run, KeyboardInterrupt after Ctrl-C."""
+        """Its speed.
+
+        Raises:
+            EvsError: it cannot run.
+            KeyboardInterrupt: after Ctrl-C.
+        """
         config = point.config
         method = frame_method(point.value) if point.kind == FRAMES else None
         watch = CutWatch()
@@ -217,7 +226,13 @@ class _AtOpening:
 
 
 def speed_of(repeats: list[TimedRepeat], config: PipelineConfig, traced: float) -> Speed:
-    """The intervals of all repeats. In: traced, share of the pixels, mean of all ticks."""
+    """The intervals of all repeats.
+
+    Args:
+        repeats: the timed repeats.
+        config: of the pipeline.
+        traced: share of the pixels, mean of all ticks.
+    """
     tick_s = 1e-6 * config.scene.tick_us
     width, height = size_of(config.sensor)
     stages = {

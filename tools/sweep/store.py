@@ -39,7 +39,11 @@ class SweepHeader:
 
 
 class SweepStore:
-    """A sweep's records on disk. Raises EvsError: not readable, or of another sweep."""
+    """A sweep's records on disk.
+
+    Raises:
+        EvsError: not readable, or of another sweep.
+    """
 
     def __init__(self, path: Path, header: SweepHeader) -> None:
         """Open it, or begin it."""
@@ -72,7 +76,8 @@ class SweepStore:
     def begin_timings(self, about: Mapping[str, Any]) -> None:
         """Declare that speeds of this machine follow; the header of the file names the machine.
 
-        Raises EvsError where it holds timings of another one.
+        Raises:
+            EvsError: it holds timings of another one.
         """
         there, here = self.header.about.get("machine"), about.get("machine")
         if there == here:

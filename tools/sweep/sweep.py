@@ -39,7 +39,11 @@ QUICK_SPEEDS = SpeedSettings(seconds=0.3)
 
 @dataclass(frozen=True)
 class SweepSettings:
-    """What is swept, and how. Raises EvsError for values without sense."""
+    """What is swept, and how.
+
+    Raises:
+        EvsError: a value is out of range.
+    """
 
     scenes: tuple[str, ...]
     cameras: tuple[str, ...]
@@ -108,7 +112,11 @@ def _model_digest(_identity: int, setup: SceneSetup) -> str:
 
 
 def sweep_cases(settings: SweepSettings) -> list[SweepCase]:
-    """Every scene under every camera motion. Raises EvsError: a scene that is not there."""
+    """Every scene under every camera motion.
+
+    Raises:
+        EvsError: a scene that is not there.
+    """
     setups = {scene: scene_setup(scene) for scene in settings.scenes}
     return [
         SweepCase(scene, camera, setup)

@@ -99,7 +99,12 @@ SHORT = "Real-time factor, unmatched, EMD:"
 
 
 def markdown(records: Iterable[SweepRecord], about: SweepInfo | None = None) -> str:
-    """All of it. In: records, of points each once (`merged`); about, of all of them."""
+    """All of it.
+
+    Args:
+        records: of points each once (`merged`).
+        about: of all of them.
+    """
     every = list(records)
     lines = [
         *_about(about or SweepInfo()),

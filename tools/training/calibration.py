@@ -68,8 +68,12 @@ class Calibration:
     def update(self, variant: I32, loss: F64, predicted: F64, true: F64, rate: float) -> None:
         """After a step.
 
-        In: variant (G,) of each group; loss (G,); predicted and true events (G, 2); rate, how fast
-        the price moves.
+        Args:
+            variant: (G,) of each group.
+            loss: (G,).
+            predicted: predicted events (G, 2).
+            true: true events (G, 2).
+            rate: how fast the price moves.
         """
         seen = np.unique(variant)
         counted = np.stack([loss, np.ones(len(loss))], 1)

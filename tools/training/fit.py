@@ -74,7 +74,9 @@ def fit(
     A checkpoint that is there is continued: with the same data the end is the same as without the
     interruption, unless the time limit set it. With more scenes it goes on with all of them.
     `improved` gets each new best network.
-    Raises EvsError: no data, a checkpoint of something else, a loss that is NaN.
+
+    Raises:
+        EvsError: no data, a checkpoint of something else, a loss that is NaN.
     """
     if minutes is not None and not minutes > 0:
         raise EvsError(f"minutes is {minutes}; give a number over 0")

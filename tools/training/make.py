@@ -41,7 +41,8 @@ def make_shard(
 ) -> Shard:
     """The shard of scene `number`: the same bytes on any number of threads.
 
-    Raises EvsError where none of ATTEMPTS scenes is of any use.
+    Raises:
+        EvsError: none of ATTEMPTS scenes is of any use.
     """
     entropy = np.random.SeedSequence([settings.seed, 4, number])
     may_be_still = np.random.Generator(np.random.PCG64(entropy)).random() < STILL_SHARE
@@ -138,9 +139,18 @@ def make_data(
 ) -> TrainingDataSummary:
     """Make the shards of these scenes that are not there yet: the same bytes whoever makes them.
 
-    In: moved, told how many scenes times `work_of` are done, and a word; stopped, asked before
-    each scene; threads, workers, ray: as run_jobs. Raises EvsError where the folder is of other
-    settings or the disk is full, and as run_jobs.
+    Args:
+        folder: target folder.
+        settings: of the data.
+        numbers: of the scenes.
+        threads: as run_jobs.
+        moved: called with how many scenes times `work_of` are done, and a word.
+        stopped: polled before each scene.
+        workers: as run_jobs.
+        ray: as run_jobs.
+
+    Raises:
+        EvsError: the folder is of other settings or the disk is full, and as run_jobs.
     """
     if not (0 <= numbers.start < numbers.stop <= MOST_SCENES):
         raise EvsError(

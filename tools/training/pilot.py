@@ -57,7 +57,12 @@ class Pilot:
 
 
 def run_pilot(traced: TracedScene, seed: int) -> Pilot:
-    """Trace the pilot frames. In: seed of their noise."""
+    """Trace the pilot frames.
+
+    Args:
+        traced: the scene.
+        seed: of their noise.
+    """
     renderer = traced.renderer(PILOT_VARIANT, seed, SHRINK)
     last = len(traced.snapshots) - 1
     chosen = sorted({round(k * last / (FRAMES - 1)) for k in range(FRAMES)})

@@ -18,7 +18,11 @@ GROUP = 32
 
 @dataclass(frozen=True)
 class Recipe:
-    """A network and its training. Raises EvsError for nonsense."""
+    """A network and its training.
+
+    Raises:
+        EvsError: a value is out of range.
+    """
 
     name: str
     architecture: Architecture = field(default_factory=Architecture)

@@ -36,7 +36,8 @@ ON_OFF_RGB: tuple[RGB, RGB] = ((0, 114, 255), (224, 48, 16))
 def write_network(fitted: TrainedNetwork, folder: Path) -> list[Path]:
     """NAME.onnx, NAME.toml, NAME.training.json and NAME.training.png in a folder; their paths.
 
-    Raises EvsError where the disk does not take them.
+    Raises:
+        EvsError: the disk does not take them.
     """
     stem = folder / fitted.weights.name
     report = report_of(fitted)

@@ -37,7 +37,11 @@ VARIANTS = tuple(Variant(spp, seeds) for seeds in ("fixed", "fresh") for spp in 
 
 @dataclass(frozen=True)
 class DataSettings:
-    """All that a scene's shard follows from, but its number. Raises EvsError for nonsense."""
+    """All that a scene's shard follows from, but its number.
+
+    Raises:
+        EvsError: a value is out of range.
+    """
 
     seed: int = 1
     """all that is random follows from it"""
@@ -79,7 +83,11 @@ class DataSettings:
 
     @classmethod
     def of(cls, plain: Any, where: str) -> DataSettings:
-        """What `plain` told. Raises EvsError, which names `where` it was read."""
+        """What `plain` told.
+
+        Raises:
+            EvsError: which names `where` it was read.
+        """
         try:
             values = dict(plain)
             values["variants"] = variants_of(values["variants"])
@@ -104,7 +112,11 @@ def variants_of(plain: Any) -> tuple[Variant, ...]:
 
 
 def read_settings(folder: Path) -> DataSettings:
-    """Those of a folder of training data. Raises EvsError where it is none."""
+    """Those of a folder of training data.
+
+    Raises:
+        EvsError: it is none.
+    """
     path = folder / SETTINGS_FILE
     try:
         plain = json.loads(path.read_text(encoding="utf-8"))

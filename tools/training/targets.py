@@ -30,8 +30,13 @@ def event_counts(
 ) -> U8:
     """(2, K, P) uint8: ON and OFF events of each tick and pixel, at most 255.
 
-    In: truth (K, P) luminance; phase (P,), the first light stands so many of the pixel's own
-    thresholds above its reference, ON thresholds where it is positive, OFF ones where negative.
+    Args:
+        truth: (K, P) luminance.
+        phase: (P,), the first light stands so many of the pixel's own thresholds above its
+            reference, ON thresholds where it is positive, OFF ones where negative.
+        config: of the sensor.
+        seed: of all random numbers.
+        tick_us: length of a tick.
     """
     ticks, count = truth.shape
     sensor = dataclasses.replace(resolve_sensor(config), width=count, height=1)

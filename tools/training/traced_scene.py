@@ -40,7 +40,13 @@ class TracedScene:
     threads: int
 
     def renderer(self, variant: Variant, seed: int, shrink: int = 1) -> PathRenderer:
-        """What traces a variant. In: shrink, the image is smaller by this factor."""
+        """What traces a variant.
+
+        Args:
+            variant: samples and seeds of the light.
+            seed: of all random numbers.
+            shrink: the image is smaller by this factor.
+        """
         config = replace(self.render, spp=variant.spp, seeds=variant.seeds)
         camera = self.camera
         small = replace(
@@ -55,7 +61,14 @@ class TracedScene:
         return PathRenderer(self.scene, small, config, self.threads, seed=seed)
 
     def light(self, pixels: I32, variant: Variant, seed: int, moved: Moved) -> F32:
-        """(K, P) float32 luminance. In: pixels (P, 2); seed of the noise."""
+        """(K, P) float32 luminance.
+
+        Args:
+            pixels: (P, 2).
+            variant: samples and seeds of the light.
+            seed: of the noise.
+            moved: receives the samples that were traced.
+        """
         renderer = self.renderer(variant, seed)
         found = np.zeros((len(self.snapshots), len(pixels)), np.float32)
         for tick, snapshot in enumerate(self.snapshots):
@@ -70,7 +83,11 @@ def load_scene(scene: TrainingScene) -> MjModel:
 
 
 def simulate_scene(scene: TrainingScene, ticks: int, tick_us: int, threads: int) -> TracedScene:
-    """Let a scene run for all its ticks. Raises EvsError where its physics breaks down."""
+    """Let a scene run for all its ticks.
+
+    Raises:
+        EvsError: its physics breaks down.
+    """
     model = load_scene(scene)
     physics = Physics(model, tick_us, find_keyframe(model, START))
     bound = bind_camera(model, CAMERA, WIDTH, HEIGHT)

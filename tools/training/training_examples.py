@@ -99,7 +99,11 @@ def prepare(shard: Shard, recipe: Recipe, linlog_dn: float) -> Prepared:
 def louder(x: F32, true_x: F32, noise: tuple[float, float], rng: np.random.Generator) -> F32:
     """(..., P, K) X whose noise is taken so many times, log-uniform, each pixel's otherwise.
 
-    In: x (..., P, K) with noise, true_x (P, K) without.
+    Args:
+        x: (..., P, K) with noise, true_x (P, K) without.
+        true_x: input without noise.
+        noise: noise of the light.
+        rng: random numbers.
     """
     low, high = (math.log(times) for times in noise)
     factor = np.exp(rng.uniform(low, high, (len(true_x), 1))).astype(np.float32)
@@ -172,7 +176,11 @@ class TrainingExamples:
         self._shares = shares / shares.sum()
 
     def batch(self, step: int) -> Batch:
-        """That of a step, 0 ...; whatever came before. Raises EvsError for a damaged shard."""
+        """That of a step, 0 ...; whatever came before.
+
+        Raises:
+            EvsError: a damaged shard.
+        """
         scenes = self._turn(step // ROUND_STEPS)
         rng = np.random.default_rng([self.seed, 1, step])
         variant = rng.choice(len(self._shares), self.recipe.batch // GROUP, p=self._shares)

@@ -44,7 +44,12 @@ def predict(
 ) -> U8:
     """(P, 2, K - first) ON and OFF events of stream ticks first ..., of (P, K) X.
 
-    In: start (P,), V before the first.
+    Args:
+        parameters: weights of the network.
+        architecture: of the network.
+        x: input of the network.
+        start: (P,), V before the first.
+        first: first tick that is returned.
     """
     found = []
     for begin in range(0, len(x), AT_ONCE):

@@ -38,7 +38,11 @@ class BasePipeline:
         return config
 
     def setup(self) -> SceneSetup:
-        """Its scene, for evaluation. Raises EvsError if it cannot be loaded."""
+        """Its scene, for evaluation.
+
+        Raises:
+            EvsError: it cannot be loaded.
+        """
         scene = self.config.scene
         return SceneSetup(
             scene.file,
@@ -54,8 +58,12 @@ class BasePipeline:
 def base_pipeline(name: str | None, keys: Sequence[tuple[str, str]] = ()) -> BasePipeline:
     """The pipeline of a command line.
 
-    In: name, an MJCF or MJB file, package:path, a robot of `evs evaluate` (gymnasium/ant), or a
-    pipeline that has a scene; keys of the pipeline and their texts. Raises EvsError.
+    Raises EvsError.
+
+    Args:
+        name: an MJCF or MJB file, package:path, a robot of `evs evaluate` (gymnasium/ant), or a
+            pipeline that has a scene.
+        keys: of the pipeline and their texts.
     """
     if name is None:
         raise EvsError("no scene: give one, as in evs tune robot.xml --rtf 1.0")

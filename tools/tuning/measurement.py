@@ -108,7 +108,15 @@ def open_measurer(
 ) -> Iterator[SceneMeasurer]:
     """A measurer on the scene of a pipeline, with a subscriber on the bus.
 
-    In: motion of the camera: still, pan, slide; moved, called now and then. Raises EvsError.
+    Raises EvsError.
+
+    Args:
+        base: the pipeline to tune.
+        motion: of the camera: still, pan, slide.
+        metric: the error metric.
+        cache: holds the light.
+        effort: how much time measurements take.
+        moved: called now and then.
     """
     if motion not in MOTIONS:
         raise unknown("camera motion", motion, MOTIONS)

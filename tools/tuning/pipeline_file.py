@@ -20,9 +20,14 @@ WIDTH = 96
 
 
 def pipeline_text(config: PipelineConfig, file: Path, why: Sequence[str]) -> str:
-    """TOML that loads as this configuration from where `file` is. In: why, lines of comment.
+    """TOML that loads as this configuration from where `file` is.
 
     Paths are relative to the folder of the file.
+
+    Args:
+        config: the pipeline.
+        file: where it will be written.
+        why: lines of comment.
     """
     folder = file.resolve().parent
     config = with_paths(config, lambda text: _from(folder, text))

@@ -136,7 +136,11 @@ class Search:
     """of what shapes events: threads do not"""
 
     def run(self) -> SearchResult:
-        """Search. Raises EvsError where not even one could be measured."""
+        """Search.
+
+        Raises:
+            EvsError: not even one could be measured.
+        """
         for one in calibration(self.candidates):
             if len(self.known) >= self.most or (self.known and self._too_long(one)):
                 continue

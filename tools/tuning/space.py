@@ -83,10 +83,13 @@ class Candidate:
 
 
 def candidates(pinned: Mapping[str, Setting] | None = None) -> list[Candidate]:
-    """Every one, or those with these keys at these values. Raises EvsError where there is none.
+    """Every one, or those with these keys at these values.
 
     Samples that are new in every tick are asked for by pinning render.seeds to fresh: the same in
     every tick are nearer to the truth in all that was measured.
+
+    Raises:
+        EvsError: there is none.
     """
     pinned = dict(pinned or {})
     seeds = str(pinned.get("render.seeds", "fixed"))

@@ -56,9 +56,16 @@ def emulate(
 ) -> ProcessResult:
     """`evs emulate` of this scene, recorded and reported into `folder`.
 
-    In: words, more arguments; memory_bytes, how much more than its program it may take, 0: any;
-    file_bytes, how large a file may be, 0: any: as on a full disk; environment, variables beside
-    this process's. Raises EvsError where it does not end, or its recording cannot be read.
+    Args:
+        folder: target folder.
+        mjcf: text of the scene.
+        words: more arguments.
+        memory_bytes: how much more than its program it may take, 0: any.
+        file_bytes: how large a file may be, 0: any: as on a full disk.
+        environment: variables beside this process's.
+
+    Raises:
+        EvsError: it does not end, or its recording cannot be read.
     """
     scene, recording, report = (folder / name for name in ("s.xml", "run.aedat4", "report.json"))
     scene.write_text(mjcf, encoding="utf-8")

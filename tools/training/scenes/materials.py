@@ -34,9 +34,14 @@ def material(
 ) -> str:
     """Name of a new material for something of this size.
 
-    In: px_per_m, how large a metre appears; fine, share of textures with a period of a few px;
-    plain, share without texture; reflects, share of mirrors;
-    contrast, the least of a texture.
+    Args:
+        draft: the scene so far.
+        size_m: size of what it covers, m.
+        px_per_m: how large a metre appears.
+        fine: share of textures with a period of a few px.
+        plain: share without texture.
+        reflects: share of mirrors.
+        contrast: the least of a texture.
     """
     name = draft.name("look")
     attributes = [f'name="{name}"', f'rgba="{num(*map(encoded, colour(draft, albedo(draft))))} 1"']
