@@ -47,7 +47,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--rtf", type=float, metavar="R", help="real-time factor to reach, as accurate as can be")
     add("--error", type=float, metavar="E", help="error to keep, as fast as can be")
-    add("--figure", default="unmatched", metavar="NAME", help="what --error is: unmatched, emd")
+    add(
+        *("--metric", "--figure"),
+        dest="figure",
+        default="unmatched",
+        metavar="NAME",
+        help="error metric: unmatched, emd",
+    )
     add("--motion", default="still", metavar="HOW", help="camera: still, pan, slide (still)")
     add("--budget", type=float, default=BUDGET_S, metavar="S", help=f"seconds ({BUDGET_S:g})")
     add("-o", "--output", default=OUTPUT, metavar="FILE", help=f"what to write ({OUTPUT})")
