@@ -107,25 +107,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     except ImportError as reason:
         # a broken installation, or no memory left to map a library into
-        said = " ".join(str(reason).split())
-        print(f"evs: cannot load what it needs ({said}); {INSTALL}", file=sys.stderr)
+        message = " ".join(str(reason).split())
+        print(f"evs: cannot load what it needs ({message}); {INSTALL}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
         # `evs ... | head`: nobody reads on
-        _say_no_more()
+        _discard_output()
         return 141
     except OSError as reason:
         if reason.errno != errno.ENOSPC or reason.filename is not None:
             raise
         # `evs ... > FILE` where there is no room
-        _say_no_more()
+        _discard_output()
         print(f"evs: cannot write its output: {reason.strerror}; make room", file=sys.stderr)
         return 2
 
 
-def _say_no_more() -> None:
+def _discard_output() -> None:
     """Standard output goes nowhere: the interpreter's last flush must not fail too."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 

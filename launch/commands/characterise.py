@@ -1,4 +1,4 @@
-"""`evs characterise`: measures a sensor as its makers would, and lays it beside what was set."""
+"""`evs characterise`: measure a sensor as its makers do, and compare with its parameters."""
 
 from __future__ import annotations
 
@@ -80,11 +80,11 @@ def run(args: argparse.Namespace) -> int:
         )
     if picture is not None:
         write_png(picture, characterisation_page(found), few_colours=True)
-    told = json.dumps(found.plain(), indent=2, allow_nan=False)
+    text = json.dumps(found.plain(), indent=2, allow_nan=False)
     if numbers is not None:
-        write_whole(told + "\n", numbers)
+        write_whole(text + "\n", numbers)
     if args.json == "-":
-        print(told)
+        print(text)
     elif not args.quiet:
         terminal.table(
             f"{sensor.name}: {found.pixels:,} pixels",

@@ -158,7 +158,7 @@ def _make(args: argparse.Namespace, folder: Path, scenes: Mapping[str, SceneFile
             scenes,
             shard_s=shard_s,
             workers=args.workers,
-            moved=lambda done, told: moved(round(1000 * done), told),
+            moved=lambda done, what: moved(round(1000 * done), what),
             stopped=lambda: bool(stopped),
             ray=args.ray,
         )

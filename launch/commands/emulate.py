@@ -1,4 +1,4 @@
-"""`evs emulate`: reads the pipeline, wires world and sinks, runs, reports."""
+"""`evs emulate`: read the pipeline, connect world and sinks, run, report."""
 
 from __future__ import annotations
 
@@ -32,10 +32,14 @@ OPTIONS = {
     "wait-for": ("publish_wait_for", "N", "begin when N subscribers of --publish are there"),
     "control": ("publish_control", "ADDRESS", "control port of --publish (evs topics)"),
     "key": ("publish_key", "FILE", "secret key of --publish, made by evs keygen"),
-    "allow": ("publish_allow", "KEYS", "public keys that may listen to --publish: files, folders"),
-    "aside": ("aside", "", "every sink in a process of its own, so that it slows no tick"),
-    "insecure": ("publish_insecure", "", "let other machines listen to --publish without a key"),
-    "model-everything": ("plan.everything", "", "run what the scene does not need, too: evs plan"),
+    "allow": (
+        "publish_allow",
+        "KEYS",
+        "public keys that may subscribe to --publish: files, folders",
+    ),
+    "aside": ("aside", "", "run every sink in its own process, so that none slows a tick"),
+    "insecure": ("publish_insecure", "", "let other machines subscribe to --publish without a key"),
+    "model-everything": ("plan.everything", "", "run also what the scene does not need: evs plan"),
     "threads": ("threads", "N", "worker threads; 0: one a core"),
     "seed": ("seed", "N", "every random number follows from it"),
 }
@@ -81,7 +85,7 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     targets = [report_beside(file) for file in recordings]
     if config.report:
         targets.append(Path(config.report))
-    # the folder of a recording is its recorder's to look at
+    # recorders check the folders of their files themselves
     check_targets(targets[len(recordings) :])
     ticks = tick_count(config.duration_s, config.scene.tick_us)
     sinks = [pipeline.make_sink(table) for table in tables]
@@ -106,14 +110,14 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
         )
     addresses = [table.address for table in tables if table.address and table.type == "zmq"]
     terminal.summary(report, args.quiet, next_commands(args, recordings, addresses))
-    # a recording that stopped has been warned of, but it is not what was asked for
-    stopped = any(said.get("error") for said in report.sinks)
+    # a recording that stopped is not a success, although a warning was printed
+    stopped = any(sink.get("error") for sink in report.sinks)
     return STOPPED.get(report.ended.split()[0], 2 if stopped or write_reports.failures else 0)
 
 
 @contextmanager
 def _frozen() -> Iterator[None]:
-    """What is there already stays, so that the garbage collector need not go through it."""
+    """Freeze existing objects, so that the garbage collector skips them."""
     gc.freeze()
     try:
         yield
@@ -138,6 +142,6 @@ def next_commands(
     ]
     this_run = command("emulate", args.words, given)
     # port 0 is another one each time
-    heard = [address for address in addresses if not address.endswith(":0")]
-    listen = [f"{command('echo', heard[0], '--hz')} & {this_run}"] if heard else []
+    reachable = [address for address in addresses if not address.endswith(":0")]
+    listen = [f"{command('echo', reachable[0], '--hz')} & {this_run}"] if reachable else []
     return [*listen, f"{this_run} --record run.aedat4"]

@@ -90,13 +90,13 @@ def run(args: argparse.Namespace) -> int:
     with terminal.bar("tracing", total, args.quiet) as moved:
         found = evaluate.evaluate(settings, cache, judged, moved, _command(args))
     found = replace(found, left_out=missing, check=checked)
-    told = table.markdown(found)
+    text = table.markdown(found)
     if numbers is not None:
         write_whole(found.to_json(), numbers)
     if words is not None:
-        write_whole(told, words)
+        write_whole(text, words)
     elif not args.quiet:
-        print(told, end="")
+        print(text, end="")
     if picture is not None:
         write_png(picture, evaluation_page(found), few_colours=True)
     return 0

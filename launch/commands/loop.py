@@ -1,4 +1,4 @@
-"""`evs loop NAME`: closed loops that show why, played, measured, filmed, or over the wire."""
+"""`evs loop NAME`: run an example of a closed loop, measure it, film it, or serve it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from evs.launch.support import loop_tables, loop_wire, pipeline_options
 from evs.msgs import EvsError, unknown
 
-HELP = "closed loops that show why: a pencil is balanced, a goal kept, by what event cameras see"
+HELP = "closed-loop examples: balance a pencil, keep a goal, by event cameras"
 
 LOOPS = ("pencil", "goalie", "cartpole")
 

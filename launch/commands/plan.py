@@ -1,4 +1,4 @@
-"""`evs plan`: what a scene requires, which code paths that turns on, and what a tick costs."""
+"""`evs plan`: show what a scene needs, which code paths are on, and the cost of a tick."""
 
 from __future__ import annotations
 
@@ -114,16 +114,16 @@ def _contents(planned: PipelinePlan, contents: dict[str, Any]) -> list[tuple[str
     """What there is of it, in words; what there is none of is left out."""
     rows = []
     for key, value in contents.items():
-        told = str(value)
+        text = str(value)
         if isinstance(value, dict):
-            told = ", ".join(f"{count} {kind}" for kind, count in value.items())
+            text = ", ".join(f"{count} {kind}" for kind, count in value.items())
         elif isinstance(value, tuple | list):
-            told = ", ".join(map(str, value))
+            text = ", ".join(map(str, value))
         elif value is True:
-            told = "yes"
+            text = "yes"
         elif key == "not_mirrors":
-            told += " with reflectance, of shapes that do not mirror: planes and box tops do"
-        rows.append((key.replace("_", " "), told))
+            text += " with reflectance, of shapes that do not mirror: planes and box tops do"
+        rows.append((key.replace("_", " "), text))
     if "camera_moves" not in contents:
         rows.append(("camera", "stands still"))
     view = planned.plan.view

@@ -1,4 +1,4 @@
-"""`evs render`: what the camera would see, as arrays: light and ground truth, no events."""
+"""`evs render`: render light and ground truth of a scene as arrays, without events."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     file = sweep.default_store(folder, settings) if args.json is None else Path(args.json)
     if file.is_dir():
         raise EvsError(f"--json is '{file}', a folder; give a file, as in sweep.jsonl")
-    # a scene that is not there is told before a file is begun
+    # report a missing scene before a file is begun
     cases = sweep.sweep_cases(settings)
     header = sweep.header(settings, _command(args))
     store = SweepStore(file, header)
@@ -178,11 +178,11 @@ def _tell(store: Any, words: Path | None, drawn: dict[str, Path], quiet: bool) -
     from evs.tools.sweep.pareto_chart import pareto_page
     from evs.tools.sweep.table import SweepInfo, markdown
 
-    told = markdown(store.records, SweepInfo(**store.header.about))
+    text = markdown(store.records, SweepInfo(**store.header.about))
     if words is not None:
-        write_whole(told, words)
+        write_whole(text, words)
     elif not quiet:
-        print(told, end="")
+        print(text, end="")
     for scene, path in drawn.items():
         here = [record for record in store.records if record.scene == scene]
         write_png(path, pareto_page(here), few_colours=True)

@@ -1,4 +1,4 @@
-"""`evs train`: what the network learns from, and the learning."""
+"""`evs train`: make training data, and train the network."""
 
 from __future__ import annotations
 
@@ -75,14 +75,14 @@ def _configure_data(parser: argparse.ArgumentParser) -> None:
     add("folder", metavar="DIR", help="where the shards go; made if it is not there")
     add("--scenes", type=int, default=200, metavar="N", help="how many (200)")
     add("--from", type=int, default=0, metavar="N", dest="first", help="number of the first (0)")
-    for key, told in (
+    for key, meaning in (
         ("pixels", "of each scene"),
         ("ticks", "ms of each scene"),
         ("truth-spp", "samples a pixel of converged light"),
         ("seed", "all that is random follows from it"),
     ):
         default = getattr(usual, key.replace("-", "_"))
-        add(f"--{key}", type=int, default=default, metavar="N", help=f"{told} ({default})")
+        add(f"--{key}", type=int, default=default, metavar="N", help=f"{meaning} ({default})")
     add("--workers", type=int, default=1, metavar="N", help="scenes at once, each a process (1)")
     add("--ray", default="", metavar="ADDRESS", help="a Ray cluster makes them: HOST:PORT, or auto")
     add(

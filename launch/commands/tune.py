@@ -32,7 +32,7 @@ SCENE is an MJCF or MJB file, package:path, a robot as `evs evaluate` names it, 
 that has one. Its controls are random ones, as in `evs evaluate`. The error is the share of events,
 ours and those of converged light, that have no partner on their pixel within 3 ms: silence has 1.
 A few configurations are measured, all others predicted from them; the best is then measured too,
-and so is what might beat it. Exit code 1: the goal cannot be reached; the best there is was told.
+and so is what might beat it. Exit code 1: the goal cannot be reached; the best found is printed.
 tools/tuning/README.md says how."""
 
 
@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
     able = candidates(base.pinned)
     cache = LightCache(user_cache() if args.cache is None else Path(args.cache).expanduser())
     effort = measurement.QUICK if args.quick else measurement.USUAL
-    told = ""
+    measuring = ""
 
     def left_s() -> float:
         return budget_s - (monotonic_s() - begin_s)
@@ -102,11 +102,11 @@ def run(args: argparse.Namespace) -> int:
     with terminal.bar("tuning", round(budget_s), args.quiet) as moved:
 
         def step() -> None:
-            moved(round(budget_s - max(0.0, left_s())), told)
+            moved(round(budget_s - max(0.0, left_s())), measuring)
 
         def begin(_done: int, what: str) -> None:
-            nonlocal told
-            told = what
+            nonlocal measuring
+            measuring = what
             step()
 
         with measurement.open_measurer(base, args.motion, figure, cache, effort, step) as measures:

@@ -1,4 +1,4 @@
-"""`evs view`: a recording as a picture that anyone can open; a live stream as it comes."""
+"""`evs view`: show a recording as a picture or film, or a live stream."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ examples:
 blue: brighter (ON), red: darker (OFF). Times are the stream's own, in seconds."""
 
 MAX_SCALE = 64
-"""Larger pixels help nobody."""
+"""largest --scale"""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -85,10 +85,10 @@ def run(args: argparse.Namespace) -> int:
     recording = _read(args.file, args.single)
     playback = _playback(args, recording)
     if suffix == ".png":
-        said = _still(out, recording, playback, args.scale, Path(args.file).name)
+        shown = _still(out, recording, playback, args.scale, Path(args.file).name)
     else:
-        said = _film(out, suffix, recording, playback, args.scale)
-    print(f"{out}: {said}, {out.stat().st_size / 1e6:.2f} MB")
+        shown = _film(out, suffix, recording, playback, args.scale)
+    print(f"{out}: {shown}, {out.stat().st_size / 1e6:.2f} MB")
     return 0
 
 

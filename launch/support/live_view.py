@@ -1,4 +1,4 @@
-"""`evs view --live ADDRESS`: what a camera publishes, in a window, a file or characters."""
+"""`evs view --live ADDRESS`: show a live stream in a window, a file or characters."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Screen(Protocol):
         """End."""
 
     def show(self, packet: EventPacket, stream: Subscription) -> bool:
-        """Show one packet and what came with it; False when nobody looks any more."""
+        """Show one packet and what came with it; False once the window is closed."""
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,13 +66,13 @@ def run(args: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             pass
         lost = f"  lost {stream.lost}" if stream.lost else ""
-        said = f"packets {stream.packets}  events {stream.events}{lost}"
+        totals = f"packets {stream.packets}  events {stream.events}{lost}"
         if not stream.packets and not stream.ended and args.timeout is not None:
             raise EvsError(
                 f"nothing came from {stream.address} within {args.timeout:g} s: is a publisher "
                 "running there? (evs emulate starts one)"
             )
-    print(said, file=sys.stderr)
+    print(totals, file=sys.stderr)
     return 0
 
 

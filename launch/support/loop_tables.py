@@ -1,4 +1,4 @@
-"""`evs loop NAME --table`: every tracker measured, in a file that a second run goes on with."""
+"""`evs loop NAME --table`: measure every tracker, into a file that a second run continues."""
 
 from __future__ import annotations
 

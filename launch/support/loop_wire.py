@@ -1,4 +1,4 @@
-"""`evs loop NAME --serve` and `--connect`: world and controller in processes of their own."""
+"""`evs loop NAME --serve` and `--connect`: world and controller in separate processes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ITS_OWN = ("lockstep.address", "lockstep.cameras")
 
 
 def serve(args: argparse.Namespace) -> int:
-    """The world, until it is told to end; the exit code."""
+    """Serve the world until it is stopped; return the exit code."""
     # here, so that --help is quick
     from evs.drivers import settings
     from evs.drivers.run import config as pipeline
@@ -54,8 +54,8 @@ def serve(args: argparse.Namespace) -> int:
     own = [("pace", "lockstep"), ("scene.file", str(scene)), ("lockstep.address", args.serve)]
     config = pipeline.load(None, [*own, *keys])
     world = {name: getattr(args, name) for name, loops in WORLD.items() if args.name in loops}
-    said = {"loop": args.name, "tracker": args.tracker, **world, "keys": dict(keys)}
-    return serve_loop.serve(config, args.quiet, lambda meter: _loop(args, meter), said)
+    reported = {"loop": args.name, "tracker": args.tracker, **world, "keys": dict(keys)}
+    return serve_loop.serve(config, args.quiet, lambda meter: _loop(args, meter), reported)
 
 
 def _loop(args: argparse.Namespace, meter: Meter) -> Loop:

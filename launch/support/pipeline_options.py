@@ -102,13 +102,13 @@ def keys_text(without: Collection[str] = ()) -> str:
         "to the working directory; package:path is a file inside an installed Python package.",
     ]
     for table in config_keys.describe(pipeline.PipelineConfig):
-        told = [key for key in table.keys if key.name.partition(".")[0] not in without]
-        if not told:
+        shown = [key for key in table.keys if key.name.partition(".")[0] not in without]
+        if not shown:
             continue
         lines += ["", f"[{table.name}]" if table.name else "top level"]
         if table.doc and table.name:
             lines[-1] += f"  {table.doc.partition(': ')[2] or table.doc}"
-        for key in told:
+        for key in shown:
             lines.append(f"  {key.name}={key.default}")
             lines += textwrap.wrap(key.doc, 92, initial_indent=" " * 6, subsequent_indent=" " * 6)
     return "\n".join(lines)

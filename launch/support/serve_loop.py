@@ -57,6 +57,6 @@ def serve(
         said_config=settings.to_plain(config) if reported_config is None else reported_config,
     )
     terminal.summary(report, quiet, [command("info", file) for file in files[:1]])
-    stopped = any(said.get("error") for said in report.sinks)
+    stopped = any(sink.get("error") for sink in report.sinks)
     # a server that was stopped has done its job
     return 2 if stopped or write_reports.failures else 0

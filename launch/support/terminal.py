@@ -1,4 +1,4 @@
-"""What programs show: a progress bar on stderr, a summary on stdout. The only door to rich."""
+"""The output of commands: progress on stderr, summaries on stdout. Only it imports rich."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def progress(ticks: int, quiet: bool = False) -> Iterator[Callable[[Progress], N
         yield None
         return
     with Bar(*_columns(), console=console, transient=True) as bar:
-        task = bar.add_task("emulating", total=ticks, told="")
+        task = bar.add_task("emulating", total=ticks, detail="")
         drawn_s = -REDRAW_S
 
         def move(where: Progress) -> None:
@@ -56,8 +56,8 @@ def progress(ticks: int, quiet: bool = False) -> Iterator[Callable[[Progress], N
             if where.wall_seconds - drawn_s < REDRAW_S and where.tick < where.ticks:
                 return
             drawn_s = where.wall_seconds
-            told = f"{where.sim_seconds:7.3f} s  {_rate(where)}  {_factor(where)}"
-            bar.update(task, completed=where.tick, told=told)
+            detail = f"{where.sim_seconds:7.3f} s  {_rate(where)}  {_factor(where)}"
+            bar.update(task, completed=where.tick, detail=detail)
 
         yield move
 
@@ -73,8 +73,8 @@ def bar(what: str, total: int, quiet: bool = False) -> Iterator[Callable[[int, s
         yield lambda _done, _told: None
         return
     with Bar(*_columns(), console=console, transient=True) as drawn:
-        task = drawn.add_task(what, total=total, told="")
-        yield lambda done, told: drawn.update(task, completed=done, told=told)
+        task = drawn.add_task(what, total=total, detail="")
+        yield lambda done, detail: drawn.update(task, completed=done, detail=detail)
 
 
 def _columns() -> tuple[ProgressColumn, ...]:
@@ -82,7 +82,7 @@ def _columns() -> tuple[ProgressColumn, ...]:
         TextColumn("[bold]{task.description}"),
         BarColumn(bar_width=None),
         TaskProgressColumn(),
-        TextColumn("{task.fields[told]}"),
+        TextColumn("{task.fields[detail]}"),
         TimeRemainingColumn(),
     )
 
@@ -189,14 +189,14 @@ def facts(report: Report) -> list[tuple[str, str]]:
         lines.append(("decisions", waited))
     if report.pace:
         late_ms = report.pace["late_ms"]
-        told = ", ".join(f"{late_ms[key]:.3g} ms {key}" for key in ("median", "p99", "worst"))
+        detail = ", ".join(f"{late_ms[key]:.3g} ms {key}" for key in ("median", "p99", "worst"))
         slipped = report.pace["slipped_s"]
-        lines.append(("late", told + (f"; slipped {slipped:.3g} s" if slipped else "")))
-    for said in report.sinks:
+        lines.append(("late", detail + (f"; slipped {slipped:.3g} s" if slipped else "")))
+    for sink in report.sinks:
         # what is zero, empty or False needs no words
-        known = {key: value for key, value in said.items() if key != "type" and value}
-        told = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in known.items())
-        lines.append((str(said.get("type", "sink")), told))
+        known = {key: value for key, value in sink.items() if key != "type" and value}
+        detail = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in known.items())
+        lines.append((str(sink.get("type", "sink")), detail))
     return lines
 
 
@@ -208,8 +208,8 @@ def _dropped(report: Report) -> str:
     queues = report.events_dropped - causes.total()
     if queues > 0:
         causes["a sink's queue"] = queues
-    told = ", ".join(f"{cause} {count:,}" for cause, count in causes.most_common() if count)
-    return f"{report.events_dropped:,}" + (f" ({told})" if told else "")
+    detail = ", ".join(f"{cause} {count:,}" for cause, count in causes.most_common() if count)
+    return f"{report.events_dropped:,}" + (f" ({detail})" if detail else "")
 
 
 def _facts(report: Report) -> Table:
