@@ -1,4 +1,4 @@
-"""The bench: measures a virtual sensor as makers measure real ones, from its events alone."""
+"""Characterise a virtual sensor by its events alone, as makers characterise real ones."""
 
 from evs.tools.characterise.background import Background, measure_background
 from evs.tools.characterise.bandwidth import Bandwidth, measure_bandwidth

@@ -1,4 +1,4 @@
-"""Background rate: what the pixels say of light that stands still, by polarity and regularity.
+"""Background rate: events of pixels under constant light, by polarity and regularity.
 
 Leak is regular and ON. Shot noise comes at random and is of both polarities alike, and starts the
 pixel's leak anew. So OFF events tell the shot noise, and the ON events in excess the leak.

@@ -1,4 +1,4 @@
-"""The S-curve: which share of the pixels answers a step of contrast, and each pixel's threshold."""
+"""The S-curve: the share of the pixels that respond to a step of contrast; all thresholds."""
 
 from __future__ import annotations
 

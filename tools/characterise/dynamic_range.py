@@ -1,4 +1,4 @@
-"""Dynamic range: from the least light in which half of the pixels answer, to the most there is."""
+"""Dynamic range: from the least light in which half of the pixels respond to the most there is."""
 
 from __future__ import annotations
 

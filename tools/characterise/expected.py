@@ -1,4 +1,4 @@
-"""What the parameters of a sensor promise: the curves that measured points are laid beside.
+"""The curves that the parameters of a sensor promise, to compare with measured points.
 
 Only this module knows the laws; no measurement does. An illuminance is what the lamp gives; dark
 current adds to it in the pixel.

@@ -1,4 +1,4 @@
-"""Latency and its jitter: when each pixel first answers light that doubles."""
+"""Latency and jitter: when each pixel first responds to light that doubles."""
 
 from __future__ import annotations
 

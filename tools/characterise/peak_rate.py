@@ -1,4 +1,4 @@
-"""Peak rate: light that swings ever faster everywhere, and how many events come out of the chip."""
+"""Peak rate: the events that leave the chip while light swings faster and faster everywhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One measured number beside what was set."""
+"""Quantity: one measured number beside its expected value."""
 
 from __future__ import annotations
 

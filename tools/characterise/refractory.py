@@ -1,4 +1,4 @@
-"""The refractory period: two steps of light, ever closer, until the second one is not answered."""
+"""The refractory period: two steps of light, closer and closer, until the second has no event."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Leak under shot noise: each noise event starts the pixel's leak anew, so that it is seen less."""
+"""Leak under shot noise: each noise event restarts the leak of its pixel, which hides some leak."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measured numbers as words: one row a number, for a table."""
+"""Format measured quantities as rows of a table."""
 
 from __future__ import annotations
 

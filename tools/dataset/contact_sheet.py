@@ -1,4 +1,4 @@
-"""Contact sheets: of a scene one moment in every channel, of a set one row a scene."""
+"""Contact sheets: every channel of a scene at one moment; a row for each scene of a set."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a data set is to be, or what a folder holds."""
+"""Describe a data set, planned or existing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""make_dataset: the shards of all scenes by the runner, then what is put together of them."""
+"""make_dataset: run the shards of all scenes as jobs, then join them."""
 
 from __future__ import annotations
 

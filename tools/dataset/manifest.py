@@ -1,4 +1,4 @@
-"""The manifest: every file of a data set with its checksum; written last, so it says: whole."""
+"""The manifest: all files of a data set with checksums. It is written last: the set is complete."""
 
 from __future__ import annotations
 

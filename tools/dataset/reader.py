@@ -1,4 +1,4 @@
-"""Reading a data set: its scenes, and of each the events, frames, poses and IMU by time."""
+"""Read a data set: its sequences, and their events, frames, poses and IMU samples by time."""
 
 from __future__ import annotations
 

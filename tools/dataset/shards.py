@@ -1,4 +1,4 @@
-"""The two kinds of shard: events, a chain in which each goes on from the last, and frames."""
+"""The two kinds of shard: events, each continuing the one before it, and frames."""
 
 from __future__ import annotations
 

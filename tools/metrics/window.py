@@ -1,4 +1,4 @@
-"""Window: the pixels and the time that a comparison looks at."""
+"""Window: the pixels and the time of a comparison."""
 
 from __future__ import annotations
 

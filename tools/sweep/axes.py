@@ -221,7 +221,7 @@ DEFAULT: dict[str, tuple[str, ...]] = {
     "accurate": ("samples", "seeds", "model", "frames", "paper"),
     "reference": ("samples",),
 }  # fmt: skip
-"""Preset -> axes of a sweep that is told nothing else: each where it says most for its time."""
+"""preset -> default axes of a sweep, each where it shows most for its time"""
 
 QUICK: dict[str, tuple[str, ...]] = {
     "fast": ("samples", "tick"),

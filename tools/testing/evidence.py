@@ -1,4 +1,4 @@
-"""Evidence: an episode as a file that runs it again, and a recording of its events to look at."""
+"""Evidence: an episode as a file that can be replayed, and a recording of its events."""
 
 from __future__ import annotations
 

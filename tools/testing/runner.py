@@ -1,4 +1,4 @@
-"""LoopRunner: what the fixture evs_loop is. It runs the episodes and hands out a Run."""
+"""LoopRunner: the fixture evs_loop. It runs the episodes and returns a Run."""
 
 from __future__ import annotations
 

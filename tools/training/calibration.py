@@ -1,4 +1,4 @@
-"""What training keeps of past batches: the price of an event, and how hard each variant is.
+"""What training remembers of past batches: the price of an event, the weight of each variant.
 
 The paper's losses reward silence, and its count loss does not see that all pixels of a batch err to
 one side. Here each variant of the light and each polarity has a price that every predicted event

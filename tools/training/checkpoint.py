@@ -1,4 +1,4 @@
-"""Where a training stands: a value, and an .npz file from which it goes on to the same end."""
+"""Checkpoint: the state of a training, which continues from its .npz file to the same end."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from evs.tools.training.network import Parameters
 
 @dataclass
 class Checkpoint:
-    """All that the next step depends on, and what is to be told at the end."""
+    """All that the next step depends on, and the curves for the report."""
 
     parameters: Parameters
     optimiser: Any

@@ -1,4 +1,4 @@
-"""A trained network to disk: NAME.onnx, the streaming graph, and NAME.toml, its sidecar.
+"""Write a trained network: NAME.onnx, the streaming graph, and NAME.toml, its sidecar.
 
 The sidecar says what the graph cannot: name, tau_s, threshold, linlog_dn, tick_us, spp = [fewest,
 most], look_ahead = [ticks, one a convolution], and a table [training] of how it came about.

@@ -1,4 +1,4 @@
-"""Training: steps, validations between them, the best network kept."""
+"""Train a network: steps, validations between them, and the best network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether this machine can train."""
+"""Check that JAX is installed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""make_shard: one scene from its number to its shard; make_data: all of them, into a folder."""
+"""make_shard: the shard of one scene; make_data: the shards of many scenes in a folder."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def make_shard(
 
 
 def work_of(settings: DataSettings) -> int:
-    """Samples of pixels that a shard takes: what `moved` is told, in sum."""
+    """Samples of pixels of a shard: the sum of what `moved` receives."""
     spp = settings.truth_spp + sum(variant.spp for variant in settings.variants)
     return spp * settings.pixels * settings.ticks
 

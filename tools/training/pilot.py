@@ -1,4 +1,4 @@
-"""The pilot pass: a cheap look at a scene, which decides whether it is of use, and which pixels.
+"""The pilot pass: a cheap rendering of a scene, which decides whether to use it and which pixels.
 
 A few frames of half the size, evenly spread over the scene, are traced with 4 fixed samples and
 averaged over 3 x 3 of their pixels. A pixel's score is how far its log light goes from frame to

@@ -1,4 +1,4 @@
-"""Recipes: what a network is trained from, and how."""
+"""Recipes: the network, its light and the settings of its training."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is told of a training: NAME.training.json, and its curves as a picture."""
+"""The report of a training: NAME.training.json, and its curves as a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a folder of training data was made with: DataSettings, in DIR/data.json."""
+"""DataSettings: the settings of a folder of training data, in DIR/data.json."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ def event_counts(
             truth[tick : tick + 1], state, tick * tick_us, (tick + 1) * tick_us
         )
         if tick == 0:
-            # what noise gave in the first tick is not told: it only sets the log light
+            # events of noise in the first tick do not count: it only sets the log light
             _shift(state, phase, _thresholds(model, sensor, seed, phase))
             continue
         for row, polarity in enumerate((1, 0)):

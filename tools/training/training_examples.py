@@ -1,4 +1,4 @@
-"""Examples: shards of traced light to batches of X, V(0) and true event counts."""
+"""TrainingExamples: shards of traced light to batches of X, V(0) and true event counts."""
 
 from __future__ import annotations
 
@@ -88,11 +88,11 @@ def prepare(shard: Shard, recipe: Recipe, linlog_dn: float) -> Prepared:
     still = np.zeros(x.shape[:2], np.bool_) if biased else np.logical_not(x.any(axis=2))
     live = tuple(np.flatnonzero(slow & ~one).astype(np.int32) for one in still)
     start = true_membranes(shard, recipe.warm_ticks, linlog_dn)
-    told = np.ascontiguousarray(counts.transpose(2, 0, 1))
+    counted = np.ascontiguousarray(counts.transpose(2, 0, 1))
     if recipe.noise == (1.0, 1.0):
-        return Prepared(x, start, told, live)
+        return Prepared(x, start, counted, live)
     return Prepared(
-        x, start, told, live, differences(np.ascontiguousarray(shard.truth.T), linlog_dn)
+        x, start, counted, live, differences(np.ascontiguousarray(shard.truth.T), linlog_dn)
     )
 
 
@@ -115,10 +115,10 @@ def true_membranes(shard: Shard, tick: int, linlog_dn: float) -> F32:
     """(P,): where the ideal pixels that gave the counts stand before a tick, in thresholds."""
     if tick == 0:
         return shard.phase.copy()
-    # X[0] is 0: what the log light has changed by, less what its events have told of it
+    # X[0] is 0: what the log light has changed by, less what its events account for
     moved = differences(np.ascontiguousarray(shard.truth[:tick].T), linlog_dn)
-    told = shard.counts[0, :tick].sum(0, np.float64) - shard.counts[1, :tick].sum(0, np.float64)
-    v = shard.phase + moved.sum(1, dtype=np.float64) / THRESHOLD - told
+    counted = shard.counts[0, :tick].sum(0, np.float64) - shard.counts[1, :tick].sum(0, np.float64)
+    v = shard.phase + moved.sum(1, dtype=np.float64) / THRESHOLD - counted
     below = np.nextafter(np.float32(1), np.float32(0))
     standing: F32 = np.clip(v.astype(np.float32), -below, below)
     return standing

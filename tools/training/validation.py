@@ -1,4 +1,4 @@
-"""How good a network is on scenes that it was not trained on, variant by variant."""
+"""Validate a network on scenes that it was not trained on, for each variant of the light."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def _portable(short: bool) -> Measurement:
 
 
 def _without_avx(seconds: float) -> ProcessResult:
-    """A process in which NumPy and the C library are told that there is no AVX either."""
+    """A process in which NumPy and the C library do not use AVX either."""
     given = [f"sensor.{key}={value}" for key, value in TABLES["sensor"].items()]
     given += ["scene.keyframe=calm", "threads=1", "render.isa=portable", f"duration_s={seconds}"]
     with tempfile.TemporaryDirectory() as folder:

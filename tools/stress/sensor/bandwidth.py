@@ -27,7 +27,7 @@ def _slow(short: bool) -> Measurement:
     off_by = np.abs(counted - change.mean()).max()
     limit = 1.0 + 0.5 * float(np.diff(change)[0])
     named = any("cutoff_hz" in line for line in shown.capture.warnings)
-    # ticks of 1 s: after 20 time constants the pixel has told all
+    # ticks of 1 s: after 20 time constants the pixel has settled
     settles = capture_step(
         lambda tick: OPEN if tick < 1 else SHUT,
         100 if short else 400,

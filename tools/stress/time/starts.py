@@ -55,7 +55,7 @@ class _Listener:
     """A subscriber in a thread of its own."""
 
     def __init__(self, address: str) -> None:
-        self.heard: list[Events] = []
+        self.received: list[Events] = []
         self.lost = -1
         self._address = address
         self._thread = threading.Thread(target=self._listen, daemon=True)
@@ -63,13 +63,13 @@ class _Listener:
 
     def _listen(self) -> None:
         with subscribe(self._address, timeout_s=20.0, queue=QUEUE) as subscription:
-            self.heard += [packet.events for packet in subscription]
+            self.received += [packet.events for packet in subscription]
             self.lost = subscription.lost
 
     def events(self) -> Events:
         """All that came until the publisher's end."""
         self._thread.join(timeout=30.0)
-        return join_events(self.heard)
+        return join_events(self.received)
 
 
 def _played(file: Path) -> tuple[Events, int]:
@@ -106,11 +106,11 @@ def _starts(short: bool) -> Measurement:
             wrong += len(np.setxor1d(_capture(start_us, kind.suffixes[0]), expected))
         with TemporaryDirectory() as name:
             _capture(start_us, ".aedat4", Path(name))
-            heard, lost = _played(Path(name) / "run.aedat4")
-        unheard = len(np.setxor1d(heard, expected)) + abs(lost)
-        wrong += unheard
-        if unheard:
-            notes.append(f"from {start_us} us on the bus: {len(heard)} events, lost {lost}")
+            received, lost = _played(Path(name) / "run.aedat4")
+        missing = len(np.setxor1d(received, expected)) + abs(lost)
+        wrong += missing
+        if missing:
+            notes.append(f"from {start_us} us on the bus: {len(received)} events, lost {lost}")
     again = _capture(0, ".aedat4")
     return Measurement(wrong, 0, "events", tuple(notes), np.array_equal(again, usual))
 
