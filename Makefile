@@ -1,13 +1,13 @@
 # The commands of this project. Any make will do; `make` alone lists them.
 .POSIX:
-.PHONY: help demo test check bench dev stubs format sanitize versions wheel clean
+.PHONY: help demo test check bench docs dev stubs format sanitize versions wheel clean
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
 
 # make demo      a humanoid seen by an event camera for 1 s: stream, recording, pictures in out/demo
 demo:
-	@sh .ci/setup.sh
+	@sh .ci/setup.sh demo
 	.venv/bin/evs demo
 
 # make test      the quick tests
@@ -24,7 +24,12 @@ check:
 	.venv/bin/mypy
 	@sh .ci/sanitize.sh
 	@sh .ci/versions.sh
+	@sh .ci/docs.sh
 	@sh .ci/tests.sh
+
+# make docs      the site, in build/docs
+docs:
+	@sh .ci/docs.sh
 
 # make bench     timings
 bench:

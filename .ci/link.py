@@ -48,7 +48,7 @@ def link(checkout: Path, packages: Path, scripts: Path) -> None:
             where = f"({condition.strip()}) and " if condition else ""
             told.append(f'Requires-Dist: {name}; {where}extra == "{extra}"')
     (metadata / "METADATA").write_text("\n".join([*told, ""]))
-    groups = {"console_scripts": project["scripts"], **project["entry-points"]}
+    groups = {"console_scripts": project["scripts"], **project.get("entry-points", {})}
     lines: list[str] = []
     for group, entries in groups.items():
         lines += [f"[{group}]", *(f"{name} = {target}" for name, target in entries.items()), ""]

@@ -1,4 +1,7 @@
-"""Print the requirements of pyproject.toml's dependencies and of the extras named, one a line."""
+"""Print the requirements of pyproject.toml's dependencies and of the extras named, one a line.
+
+With --alone: those of the extras only.
+"""
 
 from __future__ import annotations
 
@@ -20,4 +23,8 @@ def requirements(project: dict[str, dict[str, list[str]]], extras: list[str]) ->
 
 if __name__ == "__main__":
     table = tomllib.loads(Path("pyproject.toml").read_text())["project"]
-    print("\n".join([*table["dependencies"], *requirements(table, sys.argv[1:])]))
+    extras = sys.argv[1:]
+    base = table["dependencies"]
+    if extras[:1] == ["--alone"]:
+        base, extras = [], extras[1:]
+    print("\n".join([*base, *requirements(table, extras)]))

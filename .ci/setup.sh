@@ -1,11 +1,20 @@
 #!/bin/sh
-# Make the checkout ready to run and to edit: .venv with all packages, the native core built in
-# place, `import evs` and the command evs. Does only what is not done yet; takes a second then.
+# Make the checkout ready to run and to edit: .venv with packages, the native core built in place,
+# `import evs` and the command evs. Does only what is not done yet; takes a second then.
 #
-#   sh .ci/setup.sh [dev]      dev: the tools of `make check` too
+#   sh .ci/setup.sh [LEVEL]
+#       demo    what evs itself requires; the core for this machine's processor only
+#       test    and what the tests run on; the core for every instruction set (the default)
+#       dev     and the tools of `make check`
+#       docs    what `make docs` builds the site with, too
 set -eu
 cd "$(dirname "$0")/.."
 checkout=$(pwd)
+level=${1:-test}
+case $level in
+demo | test | dev | docs) ;;
+*) echo "evs: no level '$level': demo, test, dev or docs" >&2 && exit 2 ;;
+esac
 say() { echo "evs: $*" >&2; }
 
 # .venv: made anew when the checkout has moved, or when the last attempt was cut off
@@ -17,48 +26,104 @@ if [ "$(cat .venv/checkout 2>/dev/null)" != "$checkout" ] || ! .venv/bin/python 
     echo "$checkout" >.venv/checkout
 fi
 python=.venv/bin/python
+mkdir -p build
 
-# what the native core needs of the machine, before the minute that the packages take
+# what the native core needs of the machine, before the time that the packages take
 if [ ! -f build/native/build.ninja ]; then
     sh .ci/prerequisites.sh >/dev/null
     headers=$(sh .ci/headers.sh $python)
 fi
 
-# packages: only when pyproject.toml or the pins ask for something else than last time
-install() {
-    stamp=.venv/installed-$1
-    shift
-    { cat .ci/constraints.txt && $python .ci/requirements.py "$@"; } >.venv/wanted
-    if ! cmp -s .venv/wanted "$stamp"; then
-        say "installing packages ($*): about a minute"
-        $python .ci/requirements.py "$@" >.venv/requirements.txt
-        $python -m pip install -q --disable-pip-version-check --no-input \
-            -c .ci/constraints.txt -r .venv/requirements.txt
-        # only for its MJCF files: what else it requires is not needed
-        $python -m pip install -q --disable-pip-version-check --no-input \
-            --no-deps -c .ci/constraints.txt dm_control
-        mv .venv/wanted "$stamp"
-    fi
+pip() {
+    $python -m pip "$@"
 }
-install base test build
-# tonic reads AEDAT2 and AEDAT3.1 for the tests. It is under the GPL: a venv and a process of its own
-if ! .venv/oracles/bin/python -c 'import numpy' 2>/dev/null || [ ! -e .venv/oracles/tonic ]; then
-    "$python" -m venv --without-pip .venv/oracles
-    $python -m pip --python .venv/oracles/bin/python install -q --disable-pip-version-check \
-        --no-input --no-deps -c .ci/constraints.txt numpy tonic
-    touch .venv/oracles/tonic
-fi
-[ "${1:-}" != dev ] || install dev dev
+# the arguments of every `pip install`
+quiet="--disable-pip-version-check --no-input --progress-bar off -c .ci/constraints.txt"
 
-# the native core: configured once, built when a source has changed
-if [ ! -f build/native/build.ninja ]; then
-    say "building the native core"
+# packages of these extras, only when pyproject.toml or the pins ask for something else than last time
+is_wanted() {
+    { cat .ci/constraints.txt && $python .ci/requirements.py "$@"; } >".venv/wanted-$1"
+    ! cmp -s ".venv/wanted-$1" ".venv/installed-$1"
+}
+install() {
+    $python .ci/requirements.py "$@" >".venv/requirements-$1.txt"
+    # shellcheck disable=SC2086 # a list of arguments
+    pip install $quiet -r ".venv/requirements-$1.txt"
+    # of these only some files are read: what they require is not needed
+    # shellcheck disable=SC2086
+    [ "$1" != test ] || pip install $quiet --no-deps dm_control
+    mv ".venv/wanted-$1" ".venv/installed-$1"
+}
+# tonic reads AEDAT2 and AEDAT3.1 for the tests. It is under the GPL: a venv and a process of its own
+install_oracles() {
+    [ ! -e .venv/oracles/tonic ] || ! .venv/oracles/bin/python -c 'import numpy' 2>/dev/null || return 0
+    $python -m venv --without-pip .venv/oracles
+    # shellcheck disable=SC2086
+    pip --python .venv/oracles/bin/python install $quiet --no-deps numpy tonic
+    touch .venv/oracles/tonic
+}
+install_all() {
+    if is_wanted build; then install build; fi
+    [ "$level" != demo ] || return 0
+    if is_wanted test build; then install test build; fi
+    install_oracles
+    case $level in
+    dev | docs) if is_wanted "$level"; then install "$level"; fi ;;
+    esac
+}
+
+# the tools that build the core come first, everything else is installed while it is compiled
+if ! .venv/bin/cmake --version >/dev/null 2>&1 || ! .venv/bin/ninja --version >/dev/null 2>&1 ||
+    ! $python -c 'import nanobind' 2>/dev/null; then
+    say "installing what builds the core"
+    $python .ci/requirements.py --alone build >.venv/requirements-first.txt
+    # shellcheck disable=SC2086
+    pip install -q $quiet -r .venv/requirements-first.txt
+fi
+log=$checkout/build/packages.log
+(set -e && install_all) >"$log" 2>&1 &
+packages=$!
+trap 'kill "$packages" 2>/dev/null || true' EXIT
+trap 'exit 130' INT TERM
+
+# the native core: configured once, and again for every instruction set when the demo had one only
+configure() {
     # shellcheck disable=SC2086 # headers is a list of arguments
     .venv/bin/cmake -S emulator/core -B build/native -G Ninja --log-level=WARNING \
-        -DCMAKE_MAKE_PROGRAM="$checkout/.venv/bin/ninja" \
-        -DPython_EXECUTABLE="$checkout/$python" -DEVS_FARM="$checkout/build/ns" $headers >/dev/null
+        -DCMAKE_MAKE_PROGRAM="$checkout/.venv/bin/ninja" -DPython_EXECUTABLE="$checkout/$python" \
+        -DEVS_FARM="$checkout/build/ns" "$@" >/dev/null
+}
+if [ ! -f build/native/build.ninja ]; then
+    say "building the native core; packages are installed meanwhile (build/packages.log)"
+    isa=all
+    [ "$level" != demo ] || isa=native
+    # shellcheck disable=SC2086
+    configure -DEVS_ISA=$isa $headers
+elif [ "$level" != demo ] && grep -q '^EVS_ISA:STRING=native' build/native/CMakeCache.txt; then
+    say "building the native core for the other instruction sets too"
+    configure -DEVS_ISA=all
 fi
-.venv/bin/ninja -C build/native --quiet >&2
+# what is done says nothing, a build shows its steps
+if ! (cd build/native && ../../.venv/bin/ninja -n) | grep -q 'no work to do'; then
+    (cd build/native && NINJA_STATUS='evs: core %f of %t, %es  ' ../../.venv/bin/ninja >&2)
+fi
+
+# the packages, if they take longer: which one is at hand
+told=
+while kill -0 "$packages" 2>/dev/null; do
+    now=$(sed -n 's/^\(Collecting [^ <>=!~;[]*\|Installing collected packages\).*/\1/p' "$log" | tail -n 1)
+    if [ "$now" != "$told" ]; then
+        if [ -t 2 ]; then printf '\r\033[Kevs: packages: %s ' "$now" >&2; else say "packages: $now"; fi
+        told=$now
+    fi
+    sleep 0.2
+done
+[ ! -t 2 ] || [ -z "$told" ] || printf '\r\033[K' >&2
+if ! wait "$packages"; then
+    cat "$log" >&2
+    exit 1
+fi
+trap - EXIT
 
 # import evs, and the command
 $python .ci/link.py

@@ -1,123 +1,132 @@
-"""The protocol of everything that packets leave through: bus, recorders, ROS 2 and others."""
+"""The base class of everything that packets leave through: bus, recorders, ROS 2 and others."""
+
+# ruff: noqa: B027 - a method that does nothing stands for a stream that is not wanted
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+from enum import StrEnum
+from typing import Any
 
 from evs.emulator.base.ground_truth import GroundTruth
-from evs.emulator.base.protocols import Meter
+from evs.emulator.base.protocols import Meter, NoMeter
 from evs.emulator.base.scene import F32
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pace, Pose, StreamInfo, TriggerPacket
 
 
 class SinkStoppedError(EvsError):
-    """A sink can take nothing more, as on a full disk. What it took is safe.
+    """A sink can accept nothing more, as on a full disk. What it accepted before is safe.
 
-    A run goes on without it as long as another sink is left, and warns of it once.
+    A run goes on without the sink, and warns once, as long as another sink is left.
     """
 
 
-class Sink(Protocol):
-    """Takes the packets of one or more cameras. Raises EvsError with one line where it cannot."""
+class Stream(StrEnum):
+    """What a run can give to a sink; each has a `write...` method of Sink."""
 
-    def open(self, streams: Sequence[StreamInfo]) -> None:
-        """Get ready: bind, create the file, write the header. Called once, before any packet."""
+    EVENTS = "events"
+    FRAMES = "frames"
+    IMU = "imu"
+    TRIGGERS = "triggers"
+    POSE = "pose"
+    GROUND_TRUTH = "ground_truth"
+    LIGHT = "light"
+    PACE = "pace"
 
-    def write(self, packet: EventPacket) -> None:
-        """Take one packet. Never blocks longer than a write to disk takes."""
 
-    def close(self) -> dict[str, Any]:
-        """Flush and release; plain values for the run report. Safe to call twice."""
+class Sink(ABC):
+    """Receives the packets of one or more cameras.
 
+    A sink declares the streams that it wants in `streams` and overrides their methods; nothing of
+    any other stream is computed or written for it. Methods raise EvsError with one line.
 
-@runtime_checkable
-class MeteredSink(Protocol):
-    """A sink that tells packing from sending: it laps "pack" on `meter` once a packet is bytes.
-
-    The run loop sets `meter` before `open`; what is not lapped as "pack" counts as "sink".
+    In a tick, pace comes first, then for each camera its frames with their triggers, IMU samples,
+    pose, ground truth and light, and the events of all cameras last.
     """
 
-    meter: Meter
+    streams: frozenset[Stream] = frozenset({Stream.EVENTS})
+    """What the sink wants; read once, before `open`."""
 
-
-@runtime_checkable
-class PreparingSink(Protocol):
-    """A sink that takes its time to get ready: all of a run do so at once, before any is opened."""
-
-    def prepare(self) -> None:
-        """Begin to get ready, without waiting. `close` is called whatever happens next."""
-
-
-@runtime_checkable
-class FrameSink(Protocol):
-    """A sink that also takes the intensity frames of cameras whose StreamInfo says `frames`."""
-
-    def write_frame(self, frame: Frame) -> None:
-        """Take one frame, before the packet of the tick in which its read-out ended."""
-
-
-@runtime_checkable
-class ImuSink(Protocol):
-    """A sink that also takes the IMU samples of cameras whose StreamInfo says `imu`."""
-
-    def write_imu(self, packet: ImuPacket) -> None:
-        """Take the samples of one tick, before its events."""
-
-
-@runtime_checkable
-class TriggerSink(Protocol):
-    """A sink that also takes the triggers of cameras whose StreamInfo says `triggers`."""
-
-    def write_triggers(self, packet: TriggerPacket) -> None:
-        """Take the triggers of one tick, after its frames and before its events."""
-
-
-@runtime_checkable
-class PoseSink(Protocol):
-    """A sink that also takes the poses of cameras, while it has a use for them."""
-
-    def wants_pose(self, camera: str) -> bool:
-        """Whether to work out the pose of this tick for it."""
-
-    def write_pose(self, pose: Pose) -> None:
-        """Take the pose at the end of a tick, before its events."""
-
-
-@runtime_checkable
-class TruthSink(Protocol):
-    """A sink that also takes ground truth while it has a use for it: it costs a frame to trace."""
-
-    def wants_truth(self, camera: str, t_us: int) -> bool:
-        """Whether to work it out for the tick that ends at simulated time t_us."""
-
-    def write_truth(self, camera: str, truth: GroundTruth) -> None:
-        """Take the ground truth at the end of a tick, before its events."""
-
-
-@runtime_checkable
-class PaceSink(Protocol):
-    """A sink that also takes how the run keeps up with the wall clock, where it is held to it."""
-
-    def write_pace(self, pace: Pace) -> None:
-        """Take it, ten times a simulated second, before the events of the tick."""
-
-
-@runtime_checkable
-class StoppingSink(Protocol):
-    """A sink through which somebody may ask for the end of the run."""
+    meter: Meter = NoMeter()
+    """Set by the run before `open`. A sink laps "pack" once a packet is bytes, to tell packing from
+    writing; the rest of its time counts as "sink"."""
 
     @property
     def stop_wanted(self) -> bool:
-        """Whether somebody did: the run ends after the tick."""
+        """Whether somebody asked for the end of the run through this sink: it ends after a tick."""
+        return False
 
+    def prepare(self) -> None:
+        """Start what takes long, without waiting for it.
 
-@runtime_checkable
-class LightSink(Protocol):
-    """A sink that also takes the light on the sensor, while it has a use for it."""
+        All sinks of a run prepare before any is opened. `close` of a sink that overrides this is
+        called whatever happens next.
+        """
 
-    def wants_light(self, camera: str, t_us: int) -> bool:
-        """Whether to hand over that of the tick that ends at simulated time t_us."""
+    @abstractmethod
+    def open(self, streams: Sequence[StreamInfo]) -> None:
+        """Bind, create the file, write the header: once, before any packet.
+
+        Args:
+            streams: What is constant of each camera.
+        """
+
+    @abstractmethod
+    def write(self, packet: EventPacket) -> None:
+        """Write the events of one camera and tick. Blocks no longer than a write to disk."""
+
+    def write_frame(self, frame: Frame) -> None:
+        """Write an intensity frame, before the events of the tick in which its read-out ended.
+
+        Only of cameras whose StreamInfo says `frames`.
+        """
+
+    def write_imu(self, packet: ImuPacket) -> None:
+        """Write the IMU samples of one tick. Only of cameras whose StreamInfo says `imu`."""
+
+    def write_triggers(self, packet: TriggerPacket) -> None:
+        """Write the triggers of one frame. Only of cameras whose StreamInfo says `triggers`."""
+
+    def wants_pose(self, camera: str) -> bool:  # noqa: ARG002
+        """Return whether the pose of this camera is to be computed at this tick."""
+        return True
+
+    def write_pose(self, pose: Pose) -> None:
+        """Write the pose at the end of a tick."""
+
+    def wants_truth(self, camera: str, t_us: int) -> bool:  # noqa: ARG002
+        """Return whether ground truth is to be computed at a tick, which costs a frame to trace.
+
+        Args:
+            camera: Name of the camera.
+            t_us: Simulated time at the end of the tick, us.
+        """
+        return True
+
+    def write_truth(self, camera: str, truth: GroundTruth) -> None:
+        """Write the ground truth at the end of a tick."""
+
+    def wants_light(self, camera: str, t_us: int) -> bool:  # noqa: ARG002
+        """Return whether the light on the sensor is wanted at a tick; arguments as wants_truth."""
+        return True
 
     def write_light(self, camera: str, t_us: int, luminance: F32) -> None:
-        """Take it, (h, w) float32 linear luminance, before the events of the tick."""
+        """Write the light on the sensor at the end of a tick.
+
+        Args:
+            camera: Name of the camera.
+            t_us: Simulated time, us.
+            luminance: (h, w) float32, linear.
+        """
+
+    def write_pace(self, pace: Pace) -> None:
+        """Write how the run keeps up with the wall clock: ten times a simulated second."""
+
+    @abstractmethod
+    def close(self) -> dict[str, Any]:
+        """Flush and release. Safe to call twice.
+
+        Returns:
+            Plain values for the run report.
+        """

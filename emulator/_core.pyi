@@ -8,19 +8,19 @@ from numpy.typing import NDArray
 
 
 class Optics:
-    """One camera's pixels and rays; lengths in px."""
+    """Pixels and rays of one camera; lengths in px."""
 
     def __init__(self, *, width: int, height: int, fx: float, fy: float, cx: float, cy: float, orthographic: bool = False, lens: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order='C', device='cpu', writable=False)] | None = None, share: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None) -> None:
         """
-        orthographic: fx and fy are px/m; lens (height + 1, width + 1, 3): the ray at each pixel's corners, camera frame; share (height, width): what a pixel gets of its light.
+        orthographic: fx and fy are px/m; lens (height + 1, width + 1, 3): the ray at each pixel corner, camera frame; share (height, width): the share of its light that a pixel gets.
         """
 
 class Tracing:
-    """How the light is found, and what is given of it."""
+    """How light is computed, and what is output."""
 
     def __init__(self, *, samples: int = 1, adaptive: bool = False, shadows: bool = True, incremental: bool = False, rgb: bool = False, integrator: str = 'direct', bounces: int = 0, sample_set: str = 'owen', forced: Mapping[str, bool] = {}) -> None:
         """
-        samples of a pixel, adaptive: only where neighbours differ, one elsewhere; incremental: a still camera keeps what nothing that moved can touch; rgb: `render` can give colour; integrator: direct or path, which alone has bounces and a sample_set; forced: code paths by name that are on, with the same bytes, or off, for tests, whatever the scene needs.
+        samples: of a pixel; adaptive: only where neighbours differ, one elsewhere; incremental: with a still camera, reuse what nothing that moved can affect; rgb: `render` can output colour; integrator: direct or path; bounces, sample_set: of path; forced: code paths by name that are on, with the same bytes, or off, whatever the scene needs, for tests.
         """
 
 def isa_available() -> list[str]:
@@ -126,31 +126,31 @@ class Caster:
 
 def events_fit(raw: bytes | memoryview, base_us: int, end_us: int, width: int, height: int) -> bool:
     """
-    Whether raw is whole events, sorted by t in (base_us, end_us], on the sensor, polarity 0 or 1, the padding zero.
+    Whether raw holds whole events, sorted by t in (base_us, end_us], on the sensor, with polarity 0 or 1 and zero padding.
     """
 
 class NetworkArray:
-    """A network on an array of pixels: emulator/evsnet/native.py."""
+    """EvSNet on an array of pixels."""
 
     def __init__(self, width: int, height: int, *, weights: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], biases: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], delays: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], last: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], last_bias: float, v_on: float, v_off: float, decay_low: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], decay_high: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], exposure_dn: float, dark_dn: float, linlog_dn: float, tick_us: int, dense: bool = False, threads: int = 0, isa: str = 'auto') -> None:
         """
-        In: weights, of all convolutions one after another, each (out, in, 7); biases (convolutions, channels); delays (blocks,) ticks by which each block's sum is late.
+        In: weights of all convolutions, one after another, each (out, in, 7); biases (convolutions, channels); delays (blocks,), ticks by which each residual sum is late.
         """
 
     def step(self, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None), order='C', device='cpu', writable=False)], tick: int, begin_us: int, *, last_luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last_log: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], v: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last: Annotated[NDArray[numpy.int64], dict(shape=(None, None), order='C', device='cpu')], fifo: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], tile_row: Annotated[NDArray[numpy.int32], dict(shape=(None, None), order='C', device='cpu')], tile_moved: Annotated[NDArray[numpy.int64], dict(shape=(None, None, None), order='C', device='cpu')], tile_loud: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu')], grow: Callable, currents: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None), order='C', device='cpu')] | None = None) -> tuple:
         """
-        Out: (a list of each tick's event bytes (16 n,) uint8; pixels whose light was replaced, whose X and whose V were clamped). In: tick, number of the first. Every array but luminance is changed in place. grow(rows) must copy fifo to one of more rows, the new ones zero, and give it.
+        Out: (list of the event bytes of each tick, (16 n,) uint8; number of pixels whose luminance was replaced, whose X was clamped, whose V was clamped). In: tick, number of the first tick. All arrays but luminance are modified in place. grow(rows) must copy fifo to an array with more rows, the new ones zero, and return it.
         """
 
     @property
     def row_floats(self) -> int:
         """
-        float32 that a tile remembers: [16][6][feature]; tick n is in slot n mod 6.
+        float32 in the FIFOs of a tile: [16][6][feature]; tick n is in slot n mod 6.
         """
 
     @property
     def tiles(self) -> tuple:
-        """(down, across), tiles of 4 x 4 pixels."""
+        """(down, across), number of tiles of 4 x 4 pixels."""
 
 def probe_points(sampler: str, index: int, dimension: int, pixels: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], out: Annotated[NDArray[numpy.float32], dict(shape=(None, 2), order='C', device='cpu')], seed: int = 0, digits: int = 6) -> None:
     """
@@ -176,47 +176,47 @@ def probe_told(caster: Caster, geom_pos: Annotated[NDArray[numpy.float64], dict(
     """
 
 class Readout:
-    """From pixel to packet: see evs.emulator.sensor.readout."""
+    """The readout, from pixel to packet: see evs.emulator.sensor.readout."""
 
     def __init__(self, *, width: int, height: int, latency_us: float, latency_sigma_us: float, order: str, row_ns: int, column_ns: int, jitter_ns: float, scan_us: int, erc_target: int, erc_period_us: int, erc_drop: str, link_rate: int, fifo: int, stamp_sent: bool, fates: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None) -> None:
         """
-        erc_target: events a period, 0 is off; link_rate: events a second, 0 is unlimited; fates (height, width) uint8: 0 outside the ROI, 1 masked, 255 kept.
+        erc_target: events a period, 0 for off; link_rate: events a second, 0 for unlimited; fates (height, width) uint8: 0 outside the ROI, 1 masked, 255 kept.
         """
 
     def step(self, events: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], clock: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')], waiting: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], due_ns: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], t_begin_us: int, t_end_us: int) -> tuple:
         """
-        Out: (events (16 n,) uint8 that leave in the tick, those that wait (16 m,) uint8, their moments (m,) int64). clock is changed in place.
+        Out: (bytes of the events that are output in the tick (16 n,) uint8, of those that wait (16 m,) uint8, the times of those (m,) int64 ns). clock is modified in place.
         """
 
 class PixelSettings:
-    """What all pixels have in common."""
+    """The settings that all pixels share."""
 
     def __init__(self, *, log: str, exposure_dn: float, dark_dn: float, linlog_dn: float, log_eps: float, euler: bool = False, lowpass_low: float = 0.0, lowpass_slope: float = 0.0, follower: float = 0.0, highpass: float = 0.0, parasitic_slope: float = 0.0, refractory_us: int = 0, causes: bool = False, noise_gain: float = 0.0, drift_gain: float = 0.0, least_gain: float = 0.0, noise_weight: float = 0.0, shot_bright: float = 1.0, shot_inverse: bool = False, shot_slope: float = 0.0, shot_offset: float = 0.0, shot_dim_dn: float = 0.0, seed: int = 0) -> None:
         """
-        Terms at zero are off. lowpass, follower, highpass: 2 pi f in 1 / us, the first at DN 0 and its slope per DN.
+        Terms at zero are off. lowpass, follower, highpass: 2 pi f in 1 / us; lowpass at DN 0 and its slope per DN.
         """
 
 class PixelArray:
-    """Pixels with a fixed pattern: emulator/sensor/pixel/plain.py."""
+    """Event pixels with a fixed pattern: emulator/sensor/pixel/plain.py."""
 
     def __init__(self, settings: PixelSettings, width: int, height: int, *, theta_on: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], theta_off: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], leak: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, parasitic: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, phase: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, hot: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, shot_on: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, shot_off: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)] | None = None, threads: int = 0, isa: str = 'auto') -> None: ...
 
     def step(self, luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu', writable=False)], t_begin_us: int, clock_us: int, tick_us: int, ticks: int, *, reference: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu')], last_log: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], last_luminance: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')], filtered: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, followed: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, blind_until: Annotated[NDArray[numpy.int64], dict(shape=(None, None), order='C', device='cpu')] | None = None, mean: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, noise: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, drift: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None = None, due_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, since_us: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, shot_next: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None, shot_count: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu')] | None = None) -> tuple:
         """
-        Out: (the events' bytes (16 n,) uint8, how many pixels had no usable light). The state, that is every keyword, is changed in place. In: ticks, how many came before.
+        Out: (event bytes (16 n,) uint8, number of pixels with unusable luminance). The keyword arguments are the state and are modified in place. In: ticks, number of ticks so far.
         """
 
 def natural_log(values: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
-    """ln of normal positive float32 (n,), the sensor's own."""
+    """ln of normal positive float32 (n,), as the pixel computes it."""
 
 def lowpass_steps(z: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> tuple:
     """
-    (a, b) of one pole over z = 2 pi f dt (n,) float32, the sensor's own: core/sensor.
+    (a, b) of a one-pole low pass for z = 2 pi f dt (n,) float32, as the pixel computes them.
     """
 
 def log_map(luminance: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], log: str, exposure_dn: float, dark_dn: float, linlog_dn: float, log_eps: float) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
     """
-    Log light of linear luminance (n,); NaN where the luminance is negative, NaN or Inf.
+    Log intensity of luminance (n,); NaN where the luminance is negative, NaN or Inf.
     """
 
 class Watch:

@@ -1,6 +1,6 @@
 """CameraInfo: the calibration of a camera, as in ROS's sensor_msgs/CameraInfo.
 
-On the wire: `topic | msgpack header`, see README.md beside this file.
+On the wire: `topic | msgpack header`, see docs/reference/wire.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Frame: one intensity image of a camera that has active pixels beside its event pixels (APS).
 
-On the wire: `topic | msgpack header | raw frame`, see README.md beside this file.
+On the wire: `topic | msgpack header | raw frame`, see docs/reference/wire.md.
 """
 
 from __future__ import annotations

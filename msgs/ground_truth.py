@@ -1,6 +1,6 @@
 """Truth: what each pixel's centre really shows, which no camera could tell.
 
-On the wire: `topic | msgpack header | raw frame`, see README.md beside this file.
+On the wire: `topic | msgpack header | raw frame`, see docs/reference/wire.md.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The axes are the camera's optical ones, as ROS (REP 103) has them: x right, y down, z forward. At
 rest, upright, the acceleration is (0, -9.81, 0): the force that holds the camera points up.
-On the wire: `topic | msgpack header | raw frame`, see README.md beside this file.
+On the wire: `topic | msgpack header | raw frame`, see docs/reference/wire.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """EventPacket: the events of one tick (or more) of one camera. The only door to msgpack.
 
-On the wire: `topic | msgpack header | raw frame`, see README.md beside this file. The header's
+On the wire: `topic | msgpack header | raw frame`, see docs/reference/wire.md. The header's
 field names follow ROS's event_camera_msgs/EventPacket; the raw frame is the events' own bytes.
 """
 

@@ -1,6 +1,6 @@
 """Pose and Clock: where a camera is, and what time it is in the simulation.
 
-On the wire both are `topic | msgpack header`, see README.md beside this file.
+On the wire both are `topic | msgpack header`, see docs/reference/wire.md.
 """
 
 from __future__ import annotations

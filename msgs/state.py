@@ -1,7 +1,7 @@
 """State: the newest of everything in one message, for who wants only that.
 
 On the wire it is one part, `state/` and a msgpack map, because ZeroMQ keeps only the newest message
-of a connection (CONFLATE) where a message has one part. See README.md beside this file.
+of a connection (CONFLATE) where a message has one part. See docs/reference/wire.md.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The control port: one ROUTER that says what is here and where. REQ clients work.
 
 A request is a msgpack map {"request": NAME}; the answer is one with "ok" and either what was asked
-for or "error", a line. See msgs/README.md. Polled by the thread that sends; it never waits.
+for or "error", a line. See docs/reference/wire.md. Polled by the thread that sends; it never waits.
 """
 
 from __future__ import annotations

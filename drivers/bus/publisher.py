@@ -14,8 +14,8 @@ from evs.drivers.bus.checking import quick_check
 from evs.drivers.bus.ports import Ports, ServerKeys
 from evs.drivers.bus.sockets import Socket, readable, receive_parts, send_parts
 from evs.drivers.clock import monotonic_s
+from evs.drivers.sink import Sink, Stream
 from evs.emulator.base.ground_truth import GroundTruth
-from evs.emulator.base.protocols import Meter, NoMeter
 from evs.msgs import (
     CAMERA_INFO,
     CLOCK,
@@ -63,7 +63,7 @@ _MOST_REQUESTS = 1000
 """Subscriptions taken in before a packet leaves: who sends them without end stops no camera."""
 
 
-class Publisher:
+class Publisher(Sink):
     """Publishes the packets of cameras on tcp://HOST:PORT or ipc:///PATH. One thread uses it.
 
     Nothing is encoded or sent while nobody subscribes. A subscriber that is too slow loses the
@@ -77,6 +77,13 @@ class Publisher:
     know its public key; with `allow` (public keys: files, folders of files, or written out) only
     their owners. Without, `insecure` has to say that other machines may listen.
     """
+
+    streams = frozenset(
+        {
+            *(Stream.EVENTS, Stream.FRAMES, Stream.IMU),
+            *(Stream.POSE, Stream.GROUND_TRUTH, Stream.PACE),
+        }
+    )
 
     def __init__(
         self,
@@ -103,7 +110,6 @@ class Publisher:
             raise EvsError(f"queue is {queue}: give the packets that may wait, 1 or more")
         if not 0 < truth_hz <= 1e6:
             raise EvsError(f"truth_hz is {truth_hz}: give the rate of ground truth, over 0")
-        self.meter: Meter = NoMeter()
         keys = ServerKeys.read(key, allow)
         self._wanted_address = bindable(address, bool(key) or insecure)
         self._ports = Ports(keys, control, latest, bool(key) or insecure)

@@ -16,7 +16,7 @@ from evs.drivers.files.aedat4 import description, layout
 from evs.drivers.files.aedat4.frames import frame_body
 from evs.drivers.files.aedat4.imu import imu_body
 from evs.drivers.files.aedat4.triggers import triggers_body
-from evs.emulator.base.protocols import Meter, NoMeter
+from evs.drivers.sink import Sink, Stream
 from evs.msgs import (
     EventPacket,
     EvsError,
@@ -40,7 +40,7 @@ STREAMS = len(description.KINDS)
 _WAIT_S = 0.1
 
 
-class DvServer:
+class DvServer(Sink):
     """A Sink that serves each stream of each camera on a TCP port of its own.
 
     With tcp://HOST:PORT, events are on PORT, frames on PORT + 1, imu on PORT + 2, triggers on
@@ -50,6 +50,8 @@ class DvServer:
     camera never waits. One that takes nothing for `patience_s` is hung up on. One thread uses it:
     clients are heard and served whenever the camera writes.
     """
+
+    streams = frozenset({Stream.EVENTS, Stream.FRAMES, Stream.IMU, Stream.TRIGGERS})
 
     def __init__(
         self,
@@ -73,7 +75,6 @@ class DvServer:
         ):
             if not value >= least:
                 raise EvsError(f"{name} is {value:g}: give {least} or more")
-        self.meter: Meter = NoMeter()
         self._host, self._port = _place(address, insecure)
         self._compression = compression
         self._compress = compressions.compressor(compression)

@@ -1,8 +1,9 @@
 """Recordings: write them, read them, whatever their format."""
 
 from evs.drivers.files.calibration import calibration_yaml
+from evs.drivers.files.capabilities import Capabilities
 from evs.drivers.files.convert import Converted, convert
-from evs.drivers.files.formats import FORMATS, SUFFIXES, Format, Holds, endings, to_write
+from evs.drivers.files.formats import FORMATS, SUFFIXES, Format, endings, to_write
 from evs.drivers.files.reading import (
     LeftOutWarning,
     messages,
@@ -14,15 +15,15 @@ from evs.drivers.files.reading import (
     repair,
     stream_of,
 )
-from evs.drivers.files.repaired import Repair
+from evs.drivers.files.repair_report import Repair
 from evs.drivers.files.summary import Summary, summary
 
 __all__ = [
     "FORMATS",
     "SUFFIXES",
+    "Capabilities",
     "Converted",
     "Format",
-    "Holds",
     "LeftOutWarning",
     "Repair",
     "Summary",

@@ -10,13 +10,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from evs.drivers.files.formats import AnyPath, Format, Holds, to_read, to_write
-from evs.drivers.files.numbered import check_not_continued, part_path
+from evs.drivers.files.capabilities import Capabilities, can_begin_with, check_stamps, one_stream
+from evs.drivers.files.file_parts import check_not_continued, part_path
+from evs.drivers.files.formats import AnyPath, Format, to_read, to_write
+from evs.drivers.files.multi_file import MultiFileRecording, open_recording
+from evs.drivers.files.paths import target_error
 from evs.drivers.files.reading import messages_of, recorder_for
-from evs.drivers.files.recorded import RecordedFile, part_us
-from evs.drivers.files.recording import check_stamps, fits, one_stream, target_error
-from evs.drivers.files.series import SeriesFile, opened_series
-from evs.drivers.sink import FrameSink, ImuSink, Sink, TriggerSink
+from evs.drivers.files.recording_file import RecordingFile, part_us
+from evs.drivers.sink import Sink, Stream
 from evs.msgs import (
     IMU_DTYPE,
     EventPacket,
@@ -31,7 +32,7 @@ from evs.msgs import (
 
 Message = EventPacket | Frame | ImuPacket | TriggerPacket
 
-BESIDE = {
+AUXILIARY = {
     "frames": "intensity frames",
     "imu": "IMU samples",
     "triggers": "triggers",
@@ -93,24 +94,24 @@ def convert(
     Warns of damage as read does.
     """
     found, wanted = to_read(source), to_write(target, kind)
-    file = found.open(Path(source)) if single else opened_series(source, found)
+    file = found.open(Path(source)) if single else open_recording(source, found)
     target = Path(target)
-    for path in file.paths if isinstance(file, SeriesFile) else [file.path]:
+    for path in file.paths if isinstance(file, MultiFileRecording) else [file.path]:
         _check_place(path, target)
-    holds = wanted.holding(options.get("encoding"))
-    stream, lacking = _fitting(file, holds)
+    limits = wanted.capabilities_for(options.get("encoding"))
+    stream, lacking = _fitting(file, limits)
     if lacking and not events_only:
-        words = " and ".join(BESIDE[name] for name in lacking)
+        words = " and ".join(AUXILIARY[name] for name in lacking)
         raise EvsError(
             f"{target} cannot hold the {words} of {file.path}: leave them out with --events-only, "
             "or convert to .aedat4"
         )
-    called = wanted.called
-    stream = one_stream(target, [stream], holds, called)
+    format_name = wanted.display_name
+    stream = one_stream(target, [stream], limits, format_name)
     done = Converted(target, found, wanted)
     first = next(file.events(), None)
     if first is not None:
-        shifted = _begun(first, holds, stream)
+        shifted = _begun(first, limits, stream)
         if shifted is not stream and keep_start:
             raise EvsError(
                 f"{target} cannot hold the stamps of {file.path}, from {first['t'][0]} us on: "
@@ -118,12 +119,12 @@ def convert(
             )
         done.start_us = None if shifted is stream else shifted.start_us
         stream = shifted
-        check_stamps(target, first, holds, called, stream)
+        check_stamps(target, first, limits, format_name, stream)
     with _Place(target) as place:
         sink = recorder_for(place.path, kind=wanted.name, **options)
         try:
             sink.open([stream])
-            labels = file.labels if holds.labels else None
+            labels = file.labels if limits.labels else None
             for message in _labelled(messages_of(file), labels):
                 _put(sink, message, done)
                 if progress is not None:
@@ -151,7 +152,7 @@ def _check_place(source: Path, target: Path) -> None:
         raise target_error(target, FileNotFoundError())
 
 
-def _fitting(file: RecordedFile, holds: Holds) -> tuple[StreamInfo, list[str]]:
+def _fitting(file: RecordingFile, limits: Capabilities) -> tuple[StreamInfo, list[str]]:
     """The stream as the target can hold it, and what it cannot: fields of Holds."""
     has = {
         "frames": file.stream.frames,
@@ -159,18 +160,18 @@ def _fitting(file: RecordedFile, holds: Holds) -> tuple[StreamInfo, list[str]]:
         "triggers": file.stream.triggers,
         "labels": file.labels is not None,
     }
-    lacking = [name for name, said in has.items() if said and not getattr(holds, name)]
+    lacking = [name for name, said in has.items() if said and not getattr(limits, name)]
     if any(name != "labels" for name in lacking):
-        there = _there(file, {name for name in lacking if name != "labels"})
+        there = _or_none(file, {name for name in lacking if name != "labels"})
         lacking = [name for name in lacking if name == "labels" or name in there]
-    flags: dict[str, Any] = {name: getattr(holds, name) and has[name] for name in _FLAGS}
+    flags: dict[str, Any] = {name: getattr(limits, name) and has[name] for name in _FLAGS}
     return replace(file.stream, **flags), lacking
 
 
-def _there(file: RecordedFile, wanted: set[str]) -> set[str]:
+def _or_none(file: RecordingFile, wanted: set[str]) -> set[str]:
     """Which of some fields of Holds a recording has, since it may declare more than that."""
     found: set[str] = set()
-    for message in file.beside():
+    for message in file.auxiliary():
         if isinstance(message, Frame):
             found.add("frames")
         elif len(message):
@@ -180,9 +181,9 @@ def _there(file: RecordedFile, wanted: set[str]) -> set[str]:
     return found
 
 
-def _begun(first: Events, holds: Holds, stream: StreamInfo) -> StreamInfo:
+def _begun(first: Events, limits: Capabilities, stream: StreamInfo) -> StreamInfo:
     """The stream, with its begin just before the first events where else they do not fit."""
-    if fits(first, holds, stream) or not holds.from_start:
+    if can_begin_with(first, limits, stream) or not limits.from_start:
         return stream
     # where its ticks begin stays
     each_us, before_us = part_us(stream.tick_us), int(first["t"][0]) - 1
@@ -190,7 +191,7 @@ def _begun(first: Events, holds: Holds, stream: StreamInfo) -> StreamInfo:
     scene = stream.config.get("scene")
     scene = {**(scene if isinstance(scene, dict) else {}), "start_us": start_us}
     later = replace(stream, config={**stream.config, "scene": scene})
-    return later if fits(first, holds, later) else stream
+    return later if can_begin_with(first, limits, later) else stream
 
 
 def _labelled(stored: Iterable[Message], labels: Labels | None) -> Iterator[Message]:
@@ -206,27 +207,27 @@ def _labelled(stored: Iterable[Message], labels: Labels | None) -> Iterator[Mess
 
 def _put(sink: Sink, message: Message, done: Converted) -> None:
     """One message into the sink, if it takes it."""
-    holds = done.target_format.holds
+    limits = done.target_format.capabilities
     if isinstance(message, EventPacket):
         sink.write(message)
         done.events += len(message)
     elif isinstance(message, Frame):
-        if isinstance(sink, FrameSink) and holds.frames:
+        if Stream.FRAMES in sink.streams and limits.frames:
             sink.write_frame(message)
             done.frames += 1
         else:
-            _count(done, BESIDE["frames"], 1)
+            _count(done, AUXILIARY["frames"], 1)
     elif isinstance(message, ImuPacket):
-        if isinstance(sink, ImuSink) and holds.imu:
+        if Stream.IMU in sink.streams and limits.imu:
             sink.write_imu(message)
             done.imu_samples += len(message)
         else:
-            _count(done, BESIDE["imu"], len(message))
-    elif isinstance(sink, TriggerSink) and holds.triggers:
+            _count(done, AUXILIARY["imu"], len(message))
+    elif Stream.TRIGGERS in sink.streams and limits.triggers:
         sink.write_triggers(message)
         done.triggers += len(message)
     else:
-        _count(done, BESIDE["triggers"], len(message))
+        _count(done, AUXILIARY["triggers"], len(message))
 
 
 def _count(done: Converted, what: str, count: int) -> None:

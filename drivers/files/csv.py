@@ -13,16 +13,22 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.files.appending import AppendingRecorder
-from evs.drivers.files.damage import MAX_STAMP_US, Damage
-from evs.drivers.files.formats import MAX_SIDE_PX, AnyPath
-from evs.drivers.files.header_text import said_in, stream_from, stream_json
-from evs.drivers.files.ordered import InOrder
-from evs.drivers.files.recorded import EventsFile, said_stream
-from evs.drivers.files.recording import existing
+from evs.drivers.files.appending_recorder import AppendingRecorder
+from evs.drivers.files.capabilities import MAX_SIDE_PX
+from evs.drivers.files.formats import AnyPath
+from evs.drivers.files.header_text import (
+    json_object,
+    stream_from_header,
+    stream_from_json,
+    stream_json,
+)
+from evs.drivers.files.integrity import MAX_STAMP_US, IntegrityReport
+from evs.drivers.files.paths import existing
+from evs.drivers.files.recording_file import EventOnlyFile
+from evs.drivers.files.sorting import EventSorter
 from evs.msgs import Events, EvsError, StreamInfo, make_events
 
-SAID = "# evs "
+EVS_LINE = "# evs "
 
 NAMES = {
     "t": ("t", "ts", "time", "timestamp", "t_us", "t_s"),
@@ -52,7 +58,7 @@ class CsvRecorder(AppendingRecorder):
     NAME = "csv"
 
     def _header(self, stream: StreamInfo) -> bytes:
-        return f"{SAID}{stream_json(stream)}\nt,x,y,p\n".encode()
+        return f"{EVS_LINE}{stream_json(stream)}\nt,x,y,p\n".encode()
 
     def _encoded(self, events: Events) -> bytes:
         columns = np.stack([events[name].astype(np.int64) for name in "txyp"], axis=1)
@@ -61,7 +67,7 @@ class CsvRecorder(AppendingRecorder):
 
 
 @dataclass
-class CsvFile(EventsFile):
+class CsvFile(EventOnlyFile):
     """One text file of events, ours or anybody's with four columns.
 
     Columns go by their names, where a line names them, else they are t, x, y, p. They are parted by
@@ -99,9 +105,9 @@ class CsvFile(EventsFile):
 
     def events(self) -> Iterator[Events]:
         """Events of each tick; lines that are none are damage."""
-        damage = Damage(what="lines")
-        order, stream = InOrder(damage, self.stream), self.stream
-        for values, offsets in self._chunks(damage):
+        integrity = IntegrityReport(noun="lines")
+        order, stream = EventSorter(integrity, self.stream), self.stream
+        for values, offsets in self._chunks(integrity):
             t, x, y, p = (values[:, place] for place in self.places)
             stamps = np.rint(t * 1e6) if self.in_seconds else t
             sound = (x >= 0) & (x < stream.width) & (y >= 0) & (y < stream.height)
@@ -110,13 +116,13 @@ class CsvFile(EventsFile):
                 first = int((~sound).argmax())
                 said = f"an event at ({x[first]:g}, {y[first]:g}), {t[first]:g}, is outside the "
                 count = int(np.count_nonzero(~sound))
-                damage.packet(int(offsets[first]), f"{said}sensor or its time", count)
+                integrity.corrupt(int(offsets[first]), f"{said}sensor or its time", count)
             stamps, x, y, on = stamps[sound], x[sound], y[sound], p[sound] > 0
             events = make_events(stamps.astype(np.int64), x, y, on)
             offsets = offsets[sound]
             yield from order.feed(events, offsets)
-        yield from order.rest()
-        self.damage = damage
+        yield from order.flush()
+        self.integrity = integrity
 
     def _look(self, data: bytes) -> None:
         """Comments, names and the form of the first event."""
@@ -124,8 +130,8 @@ class CsvFile(EventsFile):
         at = 0
         for line in islice(BytesIO(data), _HEAD_LINES):
             text = line.strip()
-            if text.startswith(SAID.encode()):
-                said = said_in(text[len(SAID) :].decode(errors="replace"))
+            if text.startswith(EVS_LINE.encode()):
+                said = json_object(text[len(EVS_LINE) :].decode(errors="replace"))
             elif text and not text.startswith(b"#"):
                 if len(text) > _MAX_LINE_BYTES:
                     raise EvsError(
@@ -145,7 +151,7 @@ class CsvFile(EventsFile):
                 self._take_names([word.decode(errors="replace") for word in words])
             at += len(line)
         self.lines_at = min(at, self.size)
-        self.stream = stream_from(said, "") if said else self.stream
+        self.stream = stream_from_header(said, "") if said else self.stream
 
     def _take_form(self, words: list[bytes]) -> None:
         """What the first event says of all."""
@@ -180,9 +186,9 @@ class CsvFile(EventsFile):
         width, height = (parts[places[axis]][2] for axis in (1, 2))
         if width.isdecimal() and height.isdecimal() and len(width + height) < 12:
             said = {"width": int(width), "height": int(height)}
-            self.stream = said_stream(said, StreamInfo(0, 0, sensor="unknown"))
+            self.stream = stream_from_json(said, StreamInfo(0, 0, sensor="unknown"))
 
-    def _chunks(self, damage: Damage) -> Iterator[tuple[Numbers, Offsets]]:
+    def _chunks(self, integrity: IntegrityReport) -> Iterator[tuple[Numbers, Offsets]]:
         """(numbers (n, columns), byte offsets of their lines) of each part of the file."""
         with self.path.open("rb") as file:
             at, rest = self.lines_at, b""
@@ -194,19 +200,19 @@ class CsvFile(EventsFile):
                 if not chunk and data and not end:
                     # the last line has no end: whole, or torn
                     if data[:1] != b"#" and self._row(data) is None:
-                        damage.tail(at, at + len(data))
+                        integrity.torn_tail(at, at + len(data))
                         return
                     end = len(data)
                 elif not end and len(data) > _MAX_LINE_BYTES:
                     end = len(data)
                 if end:
                     self.position = at
-                    yield self._numbers(data[:end], at, damage)
+                    yield self._numbers(data[:end], at, integrity)
                 at, rest = at + end, data[end:]
                 if not chunk and not rest:
                     return
 
-    def _numbers(self, text: bytes, at: int, damage: Damage) -> tuple[Numbers, Offsets]:
+    def _numbers(self, text: bytes, at: int, integrity: IntegrityReport) -> tuple[Numbers, Offsets]:
         """The numbers of whole lines, and where they begin; other lines are damage."""
         parting = self.delimiter or b" \t"
         table = bytes.maketrans(parting, b"," * len(parting))
@@ -221,9 +227,11 @@ class CsvFile(EventsFile):
                 breaks = np.flatnonzero(np.frombuffer(text, np.uint8) == 10)[: len(ends) - 1]
                 offsets = at + np.concatenate([np.zeros(1, np.int64), breaks + 1])
                 return values.reshape(-1, self.columns), offsets
-        return self._one_by_one(text, at, damage)
+        return self._one_by_one(text, at, integrity)
 
-    def _one_by_one(self, text: bytes, at: int, damage: Damage) -> tuple[Numbers, Offsets]:
+    def _one_by_one(
+        self, text: bytes, at: int, integrity: IntegrityReport
+    ) -> tuple[Numbers, Offsets]:
         """The slow way, for a part in which something is odd: line by line."""
         rows, offsets = [], []
         for line in text.split(b"\n"):
@@ -232,7 +240,7 @@ class CsvFile(EventsFile):
                 rows.append(row)
                 offsets.append(at)
             elif line.strip() and line[:1] != b"#":
-                damage.packet(at, f"{line[:40]!r} is not {self.columns} numbers")
+                integrity.corrupt(at, f"{line[:40]!r} is not {self.columns} numbers")
             at += len(line) + 1
         return np.array(rows).reshape(-1, self.columns), np.array(offsets, np.int64)
 
@@ -253,7 +261,7 @@ class CsvFile(EventsFile):
     def _found_size(self) -> tuple[int, int]:
         """Width and height that the events need."""
         most = [0, 0]
-        for values, _ in self._chunks(Damage()):
+        for values, _ in self._chunks(IntegrityReport()):
             for axis in (0, 1):
                 column = values[:, self.places[1 + axis]]
                 fits = column[(column >= 0) & (column < MAX_SIDE_PX)]

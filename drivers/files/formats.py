@@ -1,8 +1,9 @@
-"""The table of formats: one entry says everything about a kind of recording.
+"""The table of formats: one row describes everything about a kind of recording.
 
-A new format is an entry here, with a reader (recorded.RecordedFile) and a recorder (a Sink); then
-`evs.read`, `evs info`, `view`, `play`, `convert`, `--record` and `[[sink]]` know it. Readers and
-recorders are imported when they are first asked for, since some need an extra.
+To add a format, write a reader (a `recording_file.RecordingFile` with a class method `at(path)`)
+and a recorder (a `Sink`), and add a row here. `evs.read`, `evs info`, `view`, `play`, `convert`,
+`--record` and `[[sink]]` then know it. Rows name readers and recorders as "module:name"; a module
+is imported when its format is first used, since some formats need an extra.
 """
 
 from __future__ import annotations
@@ -11,9 +12,10 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from evs.drivers.files import kinds
+from evs.drivers.files.capabilities import ANYTHING, Capabilities
+from evs.emulator.base.registry import load
 from evs.msgs import EvsError, unknown
 from evs.msgs.codecs import (
     LAST_ROS_US,
@@ -24,49 +26,13 @@ from evs.msgs.codecs import (
 )
 
 if TYPE_CHECKING:
-    from evs.drivers.files.recorded import RecordedFile
-    from evs.drivers.files.repaired import Repair
+    from evs.drivers.files.recording_file import RecordingFile
     from evs.drivers.sink import Sink
 
 AnyPath = str | os.PathLike[str]
 
-MAX_SIDE_PX = 1 << 15
-"""x and y are int16."""
-
-HEAD_BYTES = 1024
-"""Of a file, for Format.begins."""
-
-
-@dataclass(frozen=True)
-class Holds:
-    """What fits into a format; recorders refuse the rest, `evs convert` before it writes."""
-
-    width: int = MAX_SIDE_PX
-    """widest sensor, px"""
-    height: int = MAX_SIDE_PX
-    """highest sensor, px"""
-    first_us: int = -(1 << 62)
-    """lowest time stamp"""
-    last_us: int = 1 << 62
-    """highest time stamp"""
-    from_start: bool = False
-    """both count from the stream's begin (scene.start_us), as a camera's own clock does"""
-    latest_us: int = 1 << 62
-    """highest time stamp, wherever the stream begins"""
-    silence_us: int = 1 << 62
-    """the first event comes earlier than this after the stream's begin"""
-    frames: bool = False
-    """intensity frames beside the events"""
-    imu: bool = False
-    """IMU samples beside them"""
-    triggers: bool = False
-    """triggers beside them"""
-    labels: bool = False
-    """cause and geom of each event"""
-
-
-ANYTHING = Holds()
-"""Events of any time on a sensor of any size."""
+MAGIC_BYTES = 1024
+"""how many of a file's first bytes `Format.matches` gets"""
 
 
 @dataclass(frozen=True)
@@ -74,208 +40,258 @@ class Format:
     """One kind of recording."""
 
     name: str
-    """also the type of its sink, and what `evs convert --format` takes"""
+    """also the type of its sink, and the value of `evs convert --format`"""
     suffixes: tuple[str, ...]
-    """endings that mean it, in lower case, the usual one first"""
+    """file name endings of the format, in lower case, the usual one first"""
     title: str
-    """NAME: one line for people"""
-    open: Callable[[Path], RecordedFile]
-    """the reader; EvsError where the file is none of it"""
-    record: Callable[..., Sink]
-    """the recorder, not yet open: record(path, **options)"""
-    holds: Holds = ANYTHING
-    keys: tuple[str, ...] = ()
-    """options of record: keys of its sink beside `file`"""
-    by_encoding: Mapping[str, Holds] = field(default_factory=dict)
-    """the option `encoding` -> what fits, where that is not `holds`"""
-    also: tuple[str, ...] = ()
+    """NAME: one line for help texts"""
+    reader: str
+    """"module:class" of its RecordingFile"""
+    recorder: str
+    """"module:class" of its Sink"""
+    capabilities: Capabilities = ANYTHING
+    options: tuple[str, ...] = ()
+    """keyword arguments of the recorder: keys of its sink in addition to `file`"""
+    capabilities_by_encoding: Mapping[str, Capabilities] = field(default_factory=dict)
+    """value of the option `encoding` -> capabilities, where they differ"""
+    shared_suffixes: tuple[str, ...] = ()
     """endings of other formats that its files may have too"""
-    begins: Callable[[bytes], bool] | None = None
-    """whether a file with these first bytes is one of it; needed where an ending is shared"""
-    repair: Callable[[Path], Repair] | None = None
-    """cuts a torn tail in place; None: repaired.cut does it, by what the reader says"""
+    matches: Callable[[bytes], bool] | None = None
+    """whether a file with these first bytes is of this format; needed where an ending is shared"""
+    repairer: str = ""
+    """"module:function" that repairs a file in place; empty: a truncated tail is cut off"""
     extra: str = ""
     """the extra of evs that it needs, `pip install 'evs[EXTRA]'`; empty: none"""
 
     @property
-    def called(self) -> str:
-        """Its name for people."""
+    def display_name(self) -> str:
+        """Its name in messages."""
         return self.title.partition(":")[0]
 
-    def holding(self, encoding: str | None) -> Holds:
-        """What fits with the option `encoding`; None: it is not given."""
-        return self.by_encoding.get(encoding or "", self.holds)
+    def capabilities_for(self, encoding: str | None) -> Capabilities:
+        """What it can hold with the option `encoding`; None: the default encoding."""
+        return self.capabilities_by_encoding.get(encoding or "", self.capabilities)
+
+    def open(self, path: Path) -> RecordingFile:
+        """Open a file and read its header.
+
+        Args:
+            path: The file.
+
+        Returns:
+            The format's reader.
+
+        Raises:
+            EvsError: The file is missing or not of this format, or the format's extra is not
+                installed.
+        """
+        reader: RecordingFile = load(self.reader).at(path)
+        return reader
+
+    def record(self, path: Path, **options: Any) -> Sink:
+        """Make a recorder, which creates its file when it is opened.
+
+        Args:
+            path: The file to write.
+            **options: Some of `options`.
+
+        Returns:
+            The recorder, not open yet.
+
+        Raises:
+            EvsError: An option has an impossible value, or the format's extra is not installed.
+        """
+        recorder: Sink = load(self.recorder)(path, **options)
+        return recorder
 
 
 _LAST_US = LONGEST_US - TIME_ORIGIN_US - 1
-_ROS = Holds(first_us=0, latest_us=LAST_ROS_US, frames=True, imu=True)
+_ROS = Capabilities(first_us=0, latest_us=LAST_ROS_US, frames=True, imu=True)
 _ROS_EVT3 = replace(_ROS, last_us=_LAST_US, from_start=True)
-_EVT = Holds(MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, 0, _LAST_US, from_start=True)
+_EVT = Capabilities(MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, 0, _LAST_US, from_start=True)
 
 FORMATS: tuple[Format, ...] = (
     Format(
         name="aedat4",
         suffixes=(".aedat4",),
-        also=(".aedat",),
+        shared_suffixes=(".aedat",),
         title="AEDAT4: DV's own; survives a kill at any moment",
-        open=kinds.open_aedat4,
-        record=kinds.record_aedat4,
-        holds=Holds(frames=True, imu=True, triggers=True),
-        keys=("compression", "rotate_mb", "rotate_s"),
-        begins=lambda head: head.startswith(b"#!AER-DAT4"),
-        repair=kinds.repair_aedat4,
+        reader="evs.drivers.files.aedat4.reader:Aedat4File",
+        recorder="evs.drivers.files.aedat4.recorder:Aedat4Recorder",
+        capabilities=Capabilities(frames=True, imu=True, triggers=True),
+        options=("compression", "rotate_mb", "rotate_s"),
+        matches=lambda head: head.startswith(b"#!AER-DAT4"),
+        repairer="evs.drivers.files.aedat4.repair:repair",
     ),
     Format(
         name="npz",
         suffixes=(".npz",),
         title="NPZ: arrays t, x, y, p that numpy.load reads",
-        open=kinds.open_npz,
-        record=kinds.record_npz,
-        holds=Holds(frames=True, imu=True, triggers=True, labels=True),
+        reader="evs.drivers.files.npz.reader:NpzFile",
+        recorder="evs.drivers.files.npz.recorder:NpzRecorder",
+        capabilities=Capabilities(frames=True, imu=True, triggers=True, labels=True),
     ),
     Format(
         name="evt3",
         suffixes=(".raw",),
         title="EVT3: RAW files of Prophesee's cameras; survives a kill at any moment",
-        open=kinds.open_raw,
-        record=kinds.record_evt3,
-        holds=_EVT,
-        begins=lambda head: b"% evt 3" in head or b"% format EVT3" in head,
+        reader="evs.drivers.files.raw.reader:RawFile",
+        recorder="evs.drivers.files.raw.recorder:Evt3Recorder",
+        capabilities=_EVT,
+        matches=lambda head: b"% evt 3" in head or b"% format EVT3" in head,
     ),
     Format(
         name="evt2",
         suffixes=(".evt2",),
-        also=(".raw",),
+        shared_suffixes=(".raw",),
         title="EVT2: RAW files of older Prophesee cameras; survives a kill at any moment",
-        open=kinds.open_raw,
-        record=kinds.record_evt2,
-        holds=_EVT,
-        begins=lambda head: b"% evt 2.0" in head or b"% format EVT2;" in head,
+        reader="evs.drivers.files.raw.reader:RawFile",
+        recorder="evs.drivers.files.raw.recorder:Evt2Recorder",
+        capabilities=_EVT,
+        matches=lambda head: b"% evt 2.0" in head or b"% format EVT2;" in head,
     ),
     Format(
         name="evt21",
         suffixes=(".evt21",),
-        also=(".raw",),
+        shared_suffixes=(".raw",),
         title="EVT2.1: RAW files of Prophesee's cameras, in vectors; survives a kill at any moment",
-        open=kinds.open_raw,
-        record=kinds.record_evt21,
-        holds=_EVT,
-        begins=lambda head: b"% evt 2.1" in head or b"% format EVT21" in head,
+        reader="evs.drivers.files.raw.reader:RawFile",
+        recorder="evs.drivers.files.raw.recorder:Evt21Recorder",
+        capabilities=_EVT,
+        matches=lambda head: b"% evt 2.1" in head or b"% format EVT21" in head,
     ),
     Format(
         name="dat",
         suffixes=(".dat",),
         title="DAT: Prophesee's 8 bytes an event; survives a kill at any moment",
-        open=kinds.open_dat,
-        record=kinds.record_dat,
-        holds=Holds(MAX_SIDE_DAT_PX, MAX_SIDE_DAT_PX, 0, from_start=True, silence_us=1 << 32),
+        reader="evs.drivers.files.dat.reader:DatFile",
+        recorder="evs.drivers.files.dat.recorder:DatRecorder",
+        capabilities=Capabilities(
+            MAX_SIDE_DAT_PX, MAX_SIDE_DAT_PX, 0, from_start=True, silence_us=1 << 32
+        ),
     ),
     Format(
         name="hdf5",
         suffixes=(".h5", ".hdf5"),
         title="HDF5: the layout of the DSEC data set",
-        open=kinds.open_hdf5,
-        repair=kinds.repair_hdf5,
-        record=kinds.record_hdf5,
+        reader="evs.drivers.files.hdf5.reader:Hdf5File",
+        repairer="evs.drivers.files.hdf5.repair:repair",
+        recorder="evs.drivers.files.hdf5.recorder:Hdf5Recorder",
         extra="formats",
     ),
     Format(
         name="rosbag2",
         suffixes=(".mcap", ".db3"),
         title="rosbag2: a recording of event_camera_msgs for ROS 2",
-        open=kinds.open_bag,
-        repair=kinds.repair_bag,
-        record=kinds.record_rosbag2,
-        holds=_ROS_EVT3,
-        by_encoding={"libcaer": _ROS, "mono": _ROS, "dvs": _ROS},
-        keys=("encoding",),
+        reader="evs.drivers.files.bags.reader:BagFile",
+        repairer="evs.drivers.files.bags.repair:repair",
+        recorder="evs.drivers.files.bags.recorder:Ros2Recorder",
+        capabilities=_ROS_EVT3,
+        capabilities_by_encoding={"libcaer": _ROS, "mono": _ROS, "dvs": _ROS},
+        options=("encoding",),
         extra="ros2",
     ),
     Format(
         name="rosbag1",
         suffixes=(".bag",),
         title="Bag: a ROS 1 recording of dvs_msgs",
-        open=kinds.open_bag,
-        repair=kinds.repair_bag,
-        record=kinds.record_rosbag1,
-        holds=_ROS,
-        by_encoding={"evt3": _ROS_EVT3},
-        keys=("encoding",),
+        reader="evs.drivers.files.bags.reader:BagFile",
+        repairer="evs.drivers.files.bags.repair:repair",
+        recorder="evs.drivers.files.bags.recorder:Ros1Recorder",
+        capabilities=_ROS,
+        capabilities_by_encoding={"evt3": _ROS_EVT3},
+        options=("encoding",),
         extra="ros2",
     ),
     Format(
         name="aedat2",
         suffixes=(".aedat", ".aedat2"),
         title="AEDAT2: a DAVIS's files, which jAER reads",
-        open=kinds.open_aedat2,
-        record=kinds.record_aedat2,
-        holds=Holds(width=1 << 10, height=1 << 9, first_us=0),
+        reader="evs.drivers.files.aedat2.reader:Aedat2File",
+        recorder="evs.drivers.files.aedat2.recorder:Aedat2Recorder",
+        capabilities=Capabilities(width=1 << 10, height=1 << 9, first_us=0),
     ),
     Format(
         name="aedat3",
         suffixes=(".aedat3",),
-        also=(".aedat",),
+        shared_suffixes=(".aedat",),
         title="AEDAT3.1: cAER's and jAER's",
-        open=kinds.open_aedat3,
-        record=kinds.record_aedat3,
-        holds=Holds(first_us=0, frames=True, imu=True),
-        begins=lambda head: head.startswith(b"#!AER-DAT3"),
+        reader="evs.drivers.files.aedat3.reader:Aedat3File",
+        recorder="evs.drivers.files.aedat3.recorder:Aedat3Recorder",
+        capabilities=Capabilities(first_us=0, frames=True, imu=True),
+        matches=lambda head: head.startswith(b"#!AER-DAT3"),
     ),
     Format(
         name="csv",
         suffixes=(".csv", ".txt"),
         title="CSV: lines of t,x,y,p",
-        open=kinds.open_csv,
-        record=kinds.record_csv,
+        reader="evs.drivers.files.csv:CsvFile",
+        recorder="evs.drivers.files.csv:CsvRecorder",
     ),
 )
 """Every format."""
 
-SUFFIXES = tuple(suffix for one in FORMATS for suffix in one.suffixes)
-"""Every ending; each means one format."""
+SUFFIXES = tuple(suffix for row in FORMATS for suffix in row.suffixes)
+"""Every file name ending; each belongs to one format."""
 
 
 def by_name(name: str) -> Format:
-    """The format of this name; EvsError tells the nearest."""
-    for one in FORMATS:
-        if one.name == name:
-            return one
-    raise unknown("recording format", name, [one.name for one in FORMATS])
+    """The format of this name.
+
+    Raises:
+        EvsError: There is none; the message lists the names, nearest first.
+    """
+    for row in FORMATS:
+        if row.name == name:
+            return row
+    raise unknown("recording format", name, [row.name for row in FORMATS])
 
 
 def to_write(path: AnyPath, name: str | None = None) -> Format:
-    """The format that a new file gets: by name, or else by its ending."""
-    return _meant(path) if name is None else by_name(name)
+    """The format of a file to be written.
+
+    Args:
+        path: The file; its ending decides where no name is given.
+        name: The format's name.
+
+    Raises:
+        EvsError: No format has this name, or this ending.
+    """
+    return _by_suffix(path) if name is None else by_name(name)
 
 
 def to_read(path: AnyPath) -> Format:
-    """The format of a file: by its ending, and by its first bytes where that is shared."""
-    meant = _meant(path)
+    """The format of an existing file: by its ending, and by its first bytes where that is shared.
+
+    Raises:
+        EvsError: No format has this ending.
+    """
+    usual = _by_suffix(path)
     suffix = Path(path).suffix.lower()
-    others = [one for one in FORMATS if suffix in one.also and one.begins is not None]
-    # a pipe would be waited for; its reader tells what is wrong with the path
+    others = [row for row in FORMATS if suffix in row.shared_suffixes and row.matches is not None]
+    # opening a pipe would block; the reader reports what is wrong with the path
     if others and Path(path).is_file():
         try:
             with Path(path).open("rb") as file:
-                head = file.read(HEAD_BYTES)
+                head = file.read(MAGIC_BYTES)
         except OSError:
-            return meant
-        for one in others:
-            if one.begins is not None and one.begins(head):
-                return one
-    return meant
+            return usual
+        for row in others:
+            if row.matches is not None and row.matches(head):
+                return row
+    return usual
 
 
-def _meant(path: AnyPath) -> Format:
+def _by_suffix(path: AnyPath) -> Format:
     suffix = Path(path).suffix.lower()
-    for one in FORMATS:
-        if suffix in one.suffixes:
-            return one
+    for row in FORMATS:
+        if suffix in row.suffixes:
+            return row
     known = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
     raise EvsError(f"no recording format '{suffix}' (of {Path(path)}); names end in {known}")
 
 
 def endings(formats: Iterable[Format] = FORMATS) -> str:
-    """The endings of files in words, for help texts."""
-    every = list(dict.fromkeys(one.suffixes[0] for one in formats))
-    return f"{', '.join(every[:-1])} or {every[-1]}"
+    """The usual file name endings of formats, as a list in words for help texts."""
+    usual = list(dict.fromkeys(row.suffixes[0] for row in formats))
+    return f"{', '.join(usual[:-1])} or {usual[-1]}"

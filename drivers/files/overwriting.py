@@ -19,7 +19,7 @@ def check_new(paths: Iterable[str | Path], fix: str = "--force replaces it") -> 
             raise EvsError(f"'{path}' is there already: {fix}, or give another name")
 
 
-def beside(path: str, number: int) -> str:
+def numbered_path(path: str, number: int) -> str:
     """run-1.aedat4: the name of a recording beside `number` earlier ones; 0: its own."""
     own = Path(path)
     return str(own.with_name(f"{own.stem}-{number}{own.suffix}")) if number else path
@@ -28,4 +28,6 @@ def beside(path: str, number: int) -> str:
 def free_number(paths: Iterable[str]) -> int:
     """The least number under which none of these is there."""
     wanted = list(paths)
-    return next(n for n in count() if not any(Path(beside(path, n)).exists() for path in wanted))
+    return next(
+        n for n in count() if not any(Path(numbered_path(path, n)).exists() for path in wanted)
+    )

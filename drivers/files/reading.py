@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from evs.drivers.files.formats import AnyPath, to_read, to_write
-from evs.drivers.files.recorded import RecordedFile
-from evs.drivers.files.recording import Beside, Recording, as_packet
-from evs.drivers.files.repaired import Repair, cut
-from evs.drivers.files.series import SeriesFile, opened_series
+from evs.drivers.files.multi_file import MultiFileRecording, open_recording
+from evs.drivers.files.paths import target_error
+from evs.drivers.files.recording import AuxiliaryData, Recording, as_packet
+from evs.drivers.files.recording_file import RecordingFile
+from evs.drivers.files.repair_report import Repair
 from evs.drivers.sink import Sink
+from evs.emulator.base.registry import load
 from evs.msgs import (
     IMU_DTYPE,
     TRIGGER_DTYPE,
@@ -43,8 +45,10 @@ def read(path: AnyPath, *, single: bool = False) -> Recording:
     """
     file = opened(path, single=single)
     events = _joined(file.events())
-    file.damage.warn(file.path)
-    return Recording.of(events, file.stream, Beside(lambda: _beside(path, single), file.labels))
+    file.integrity.warn(file.path)
+    return Recording.of(
+        events, file.stream, AuxiliaryData(lambda: _auxiliary(path, single), file.labels)
+    )
 
 
 _GROWTH = 8
@@ -72,7 +76,7 @@ def packets(path: AnyPath, *, single: bool = False) -> Iterator[EventPacket]:
     file = opened(path, single=single)
     for seq, events in enumerate(file.events()):
         yield as_packet(seq, events, file.stream)
-    file.damage.warn(file.path)
+    file.integrity.warn(file.path)
 
 
 def messages(
@@ -82,7 +86,7 @@ def messages(
     yield from messages_of(opened(path, single=single))
 
 
-def messages_of(file: RecordedFile) -> Iterator[EventPacket | Frame | ImuPacket | TriggerPacket]:
+def messages_of(file: RecordingFile) -> Iterator[EventPacket | Frame | ImuPacket | TriggerPacket]:
     """The messages of an opened recording, in the order recorded. Warns like read, at the end."""
     events = imu = triggers = 0
     for message in file.messages():
@@ -100,20 +104,20 @@ def messages_of(file: RecordedFile) -> Iterator[EventPacket | Frame | ImuPacket 
     _warn(file)
 
 
-def _beside(path: AnyPath, single: bool) -> Iterator[Frame | ImuSamples | Triggers]:
+def _auxiliary(path: AnyPath, single: bool) -> Iterator[Frame | ImuSamples | Triggers]:
     """What lies beside the events; where damage was met, reading those warned of it."""
     file = opened(path, single=single)
     if file.stream.frames or file.stream.imu or file.stream.triggers:
-        yield from file.beside()
+        yield from file.auxiliary()
         _warn_left_out(file)
 
 
-def _warn(file: RecordedFile) -> None:
-    file.damage.warn(file.path)
+def _warn(file: RecordingFile) -> None:
+    file.integrity.warn(file.path)
     _warn_left_out(file)
 
 
-def _warn_left_out(file: RecordedFile) -> None:
+def _warn_left_out(file: RecordingFile) -> None:
     for what, count in file.left_out.items():
         text = f"{file.path}: {count} {what} were left out"
         warnings.warn(text, LeftOutWarning, stacklevel=3)
@@ -125,9 +129,37 @@ def stream_of(path: AnyPath) -> StreamInfo:
 
 
 def repair(path: AnyPath) -> Repair:
-    """Cut a torn tail in place; all that is whole stays. An .npz file is whole or not readable."""
+    """Repair a recording in place, as far as its format needs it; whole packets are kept.
+
+    Args:
+        path: The recording. An .npz file is either whole or not readable.
+
+    Returns:
+        What was done.
+
+    Raises:
+        EvsError: The file cannot be read as a recording, or cannot be written.
+    """
     kind = to_read(path)
-    return cut(kind.open(Path(path))) if kind.repair is None else kind.repair(Path(path))
+    if kind.repairer:
+        report: Repair = load(kind.repairer)(Path(path))
+        return report
+    return _truncate_tail(kind.open(Path(path)))
+
+
+def _truncate_tail(file: RecordingFile) -> Repair:
+    """Cut off the torn tail that reading the whole recording finds. EvsError: not writable."""
+    for _ in file.messages():
+        pass
+    at = file.size if file.integrity.torn_at is None else file.integrity.torn_at
+    report = Repair(file.path, file.size - at, at, False)
+    if report.needed:
+        try:
+            with file.path.open("r+b") as target:
+                target.truncate(at)
+        except OSError as reason:
+            raise target_error(file.path, reason) from None
+    return report
 
 
 def recorder_for(
@@ -139,21 +171,21 @@ def recorder_for(
     EvsError: an option that it has not.
     """
     chosen = to_write(path, kind)
-    if compression is not None and "compression" in chosen.keys:
+    if compression is not None and "compression" in chosen.options:
         options["compression"] = compression
     for key in options:
-        if key not in chosen.keys:
-            has = ", ".join(chosen.keys) or "none"
-            raise EvsError(f"{chosen.called} has no option {key}; it has: {has}")
+        if key not in chosen.options:
+            has = ", ".join(chosen.options) or "none"
+            raise EvsError(f"{chosen.display_name} has no option {key}; it has: {has}")
     return chosen.record(Path(path), **options)
 
 
-def opened(path: AnyPath, *, single: bool = False) -> RecordedFile:
+def opened(path: AnyPath, *, single: bool = False) -> RecordingFile:
     """The recording at a path, its header read. In: single, as read."""
-    return to_read(path).open(Path(path)) if single else opened_series(path)
+    return to_read(path).open(Path(path)) if single else open_recording(path)
 
 
 def parts(path: AnyPath) -> list[Path]:
     """The files of the recording that begins at a path."""
     file = opened(path)
-    return file.paths if isinstance(file, SeriesFile) else [file.path]
+    return file.paths if isinstance(file, MultiFileRecording) else [file.path]

@@ -15,7 +15,7 @@ STEP_BYTES = 2 << 20
 """So much is asked for ahead, so that not every packet has to ask the system."""
 
 
-class Room:
+class ReservedSpace:
     """A file of nothing, without a name, which grows to ask for room and goes before the end.
 
     Libraries that write a file in many places leave it unreadable where the disk is full; so they

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from evs.drivers.files.formats import AnyPath, to_read
-from evs.drivers.files.series import SeriesFile, opened_series
+from evs.drivers.files.multi_file import MultiFileRecording, open_recording
 from evs.msgs import IMU_DTYPE, TRIGGER_DTYPE, Frame, StreamInfo
 
 
@@ -75,7 +75,7 @@ def summary(path: AnyPath, *, single: bool = False) -> Summary:
     In: single, only this file, where the recording goes on in further ones (series.py).
     """
     kind = to_read(path)
-    file = kind.open(Path(path)) if single else opened_series(path, kind)
+    file = kind.open(Path(path)) if single else open_recording(path, kind)
     count = packets_seen = on = first_us = last_us = triggers = 0
     frame_stamps: list[int] = []
     imu_stamps: list[int] = []
@@ -109,11 +109,11 @@ def summary(path: AnyPath, *, single: bool = False) -> Summary:
         last_us=last_us,
         table=file.table_packets is not None,
         broken_pointer=file.broken_pointer,
-        torn_at=file.damage.torn_at,
-        torn_bytes=file.damage.torn_bytes,
-        damaged_packets=file.damage.packets,
-        damaged_what=file.damage.what,
-        backwards=file.damage.backwards_words(),
+        torn_at=file.integrity.torn_at,
+        torn_bytes=file.integrity.torn_bytes,
+        damaged_packets=file.integrity.packets,
+        damaged_what=file.integrity.noun,
+        backwards=file.integrity.backwards_text(),
         left_out=dict(file.left_out),
         frames=len(frame_stamps),
         frame_rate_hz=_rate_hz(frame_stamps),
@@ -121,7 +121,7 @@ def summary(path: AnyPath, *, single: bool = False) -> Summary:
         imu_rate_hz=_rate_hz(imu_stamps),
         triggers=triggers,
         unfinished=getattr(file, "unfinished", False),
-        files=[str(one) for one in file.paths] if isinstance(file, SeriesFile) else [],
+        files=[str(one) for one in file.paths] if isinstance(file, MultiFileRecording) else [],
     )
 
 

@@ -119,7 +119,7 @@ def serve(
         ended=ended,
         sim_seconds=beside.sim_seconds,
         wall_seconds=wall_s,
-        sinks=beside.segments.said,
+        sinks=beside.segments.reports,
         warnings=warnings,
         config=dict(said_config or {}),
         pace=pacer.report(),

@@ -10,7 +10,7 @@ from typing import Any
 
 from evs.drivers.files import overwriting
 from evs.drivers.run.config import SinkConfig, make_sink
-from evs.drivers.run.sink_set import Beside, Outlets
+from evs.drivers.run.sink_set import AuxiliaryStreams, SinkSet
 from evs.drivers.sink import SinkStoppedError
 from evs.emulator.base.protocols import Meter
 from evs.msgs import EventPacket, EvsError, Pace, StreamInfo
@@ -39,7 +39,7 @@ def camera_path(file: str, camera: str) -> str:
 class _Share:
     """Recorders, with the cameras that are theirs."""
 
-    outlets: Outlets
+    sinks: SinkSet
     infos: tuple[StreamInfo, ...]
 
     def takes(self, camera: str) -> bool:
@@ -67,12 +67,12 @@ class Segments:
         self._files = [table for table in tables if table.file or table.rrd]
         self._meter, self._warn = meter, warn
         live = [make_sink(table) for table in tables if table not in self._files]
-        self._live = Outlets(live, meter, warn)
+        self._live = SinkSet(live, meter, warn)
         self._kept: list[_Share] | None = None
         self._number, self._begun = 0, 0
         self._written = False
         self._infos: Sequence[StreamInfo] = ()
-        self._said: list[dict[str, Any]] = []
+        self._reports: list[dict[str, Any]] = []
         self.files: list[str] = []
         """every file that was begun, in that order"""
 
@@ -100,11 +100,11 @@ class Segments:
         self._kept, self._begun = [], len(names)
         for _, share in shares:
             self._kept.append(share)
-            share.outlets.open(share.infos)
+            share.sinks.open(share.infos)
 
     def write(
         self,
-        cameras: Sequence[Beside],
+        cameras: Sequence[AuxiliaryStreams],
         packets: Sequence[EventPacket],
         t_us: int,
         pace: Pace | None = None,
@@ -115,7 +115,7 @@ class Segments:
         for share in self._kept or ():
             mine = [camera for camera in cameras if share.takes(camera.info.camera)]
             sent = [packet for packet in packets if share.takes(packet.camera)]
-            self._give(share.outlets, mine, sent, t_us, pace)
+            self._give(share.sinks, mine, sent, t_us, pace)
 
     @property
     def stop_wanted(self) -> bool:
@@ -123,9 +123,9 @@ class Segments:
         return self._live.stop_wanted
 
     @property
-    def said(self) -> list[dict[str, Any]]:
-        """What each sink said when it was closed: the live ones, then file by file."""
-        return [*self._live.said, *self._said]
+    def reports(self) -> list[dict[str, Any]]:
+        """What each sink reported when it was closed: the live ones, then file by file."""
+        return [*self._live.reports, *self._reports]
 
     def close(self) -> BaseException | None:
         """Close every sink that was opened; the first error, if any."""
@@ -134,17 +134,17 @@ class Segments:
 
     def _give(
         self,
-        outlets: Outlets,
-        cameras: Sequence[Beside],
+        sinks: SinkSet,
+        cameras: Sequence[AuxiliaryStreams],
         packets: Sequence[EventPacket],
         t_us: int,
         pace: Pace | None,
     ) -> None:
         try:
             if pace is not None:
-                outlets.write_pace(pace)
-            outlets.write_beside(cameras, t_us)
-            outlets.write(packets)
+                sinks.write_pace(pace)
+            sinks.write_auxiliary(cameras, t_us)
+            sinks.write(packets)
         except SinkStoppedError as error:
             # it was the last of its kind, of which the others are told by a warning
             self._warn(str(error))
@@ -159,11 +159,11 @@ class Segments:
         if self._kept is None:
             return None
         shares, self._kept = self._kept, None
-        errors = [share.outlets.close() for share in shares]
+        errors = [share.sinks.close() for share in shares]
         error = next((one for one in errors if one is not None), None)
         # a file that was begun and not written is begun again under its name
         if self._written or error is not None:
-            self._said += [one for share in shares for one in share.outlets.said]
+            self._reports += [one for share in shares for one in share.sinks.reports]
         else:
             del self.files[len(self.files) - self._begun :]
         return error
@@ -198,7 +198,7 @@ class Segments:
         file = table.rrd or table.file or ""
         several = not table.rrd and len(infos) > 1
         files = [camera_path(file, info.camera) for info in infos] if several else [file]
-        return [segment_path(overwriting.beside(one, self._place), number) for one in files]
+        return [segment_path(overwriting.numbered_path(one, self._place), number) for one in files]
 
     def _share(self, table: SinkConfig, infos: tuple[StreamInfo, ...]) -> _Share:
-        return _Share(Outlets([make_sink(table)], self._meter, self._warn), infos)
+        return _Share(SinkSet([make_sink(table)], self._meter, self._warn), infos)

@@ -14,7 +14,7 @@ from evs.drivers.ros2.network import checked_domain, interface_of
 from evs.drivers.ros2.node import Node, Topic
 from evs.drivers.ros2.sending import Sender
 from evs.drivers.ros2.statistics import Statistics
-from evs.emulator.base.protocols import Meter, NoMeter
+from evs.drivers.sink import Sink, Stream
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, StreamInfo, unknown
 
 LINGER_S = 2.0
@@ -28,7 +28,7 @@ _LOOK_S = 0.02
 _SETTLE_S = 0.2
 
 
-class Ros2Publisher:
+class Ros2Publisher(Sink):
     """A Sink that publishes each camera's topics as metavision_driver and libcaer_driver do.
 
     Behind /NAMESPACE/NODE: events, imu, camera_info, image_raw, pose; for all: /clock and /tf. Best
@@ -38,6 +38,8 @@ class Ros2Publisher:
     time, and none is later than the last /clock, which runs back only where the run's own time
     does (a loop's reset). Only this machine is served unless `insecure`.
     """
+
+    streams = frozenset({Stream.EVENTS, Stream.FRAMES, Stream.IMU, Stream.POSE})
 
     def __init__(
         self,
@@ -61,7 +63,7 @@ class Ros2Publisher:
         wait_s: float = 10.0,
         linger_s: float = LINGER_S,
     ) -> None:
-        """In: README.md beside this file tells each. EvsError: what cannot be, no such extra."""
+        """In: docs/reference/ros2.md describes each. EvsError: what cannot be, no such extra."""
         for name, value, least in (
             ("send_queue_size", send_queue_size, 1),
             ("wait_for", wait_for, 0),
@@ -75,7 +77,6 @@ class Ros2Publisher:
         # wrong values are told now, and not once the world is loaded
         Gatherer(encoding, *thresholds)
         Statistics("", statistics_print_interval)
-        self.meter: Meter = NoMeter()
         self._node, self._namespace = node, namespace
         self._domain_id = checked_domain(domain_id)
         self._interface = interface_of(interface, insecure)

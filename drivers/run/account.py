@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from evs.drivers.clock import StopWatch
 from evs.drivers.run.config_lint import doubts
 from evs.drivers.run.report import STAGES, Report, versions
-from evs.drivers.run.sink_set import Beside
+from evs.drivers.run.sink_set import AuxiliaryStreams
 from evs.msgs import EventPacket
 
 
@@ -20,7 +20,7 @@ class Plan(Protocol):
         """Contents, code paths that are on, and why the others are off, in plain values."""
 
 
-class RunCamera(Beside, Protocol):
+class RunCamera(AuxiliaryStreams, Protocol):
     """What the loop wants to know of a camera."""
 
     @property

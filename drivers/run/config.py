@@ -19,6 +19,7 @@ from evs.drivers.run.paces import LOCKSTEP, PACES, LockstepConfig, RealtimeConfi
 from evs.drivers.run.paths import beside, in_package, with_paths
 from evs.drivers.run.shipped import pipelines
 from evs.drivers.sink import Sink
+from evs.emulator.base import registry
 from evs.emulator.config import SEEDS, RunConfig
 from evs.emulator.config.closed_loop import LoopConfig
 from evs.msgs import EvsError, nearest_first, unknown
@@ -78,17 +79,46 @@ class SinkConfig(DriverParameters):
     """aside: processor cores that it may use; those of the camera if not given"""
 
 
-SINK_KEYS = {
-    "zmq": (
-        *("address", "wait_for", "wait_s", "queue", "control", "latest", "truth_hz"),
-        *("key", "allow", "insecure"),
+@dataclass(frozen=True)
+class SinkType:
+    """How the sinks of one type are made, and the keys that their tables have."""
+
+    target: str
+    """module:class, imported at first use"""
+    keys: tuple[str, ...] = ()
+    """of SinkConfig, each also a parameter of the class"""
+    place: str = ""
+    """the key that every such table needs, and the first argument of the class; empty: none"""
+
+
+LIVE_SINKS = {
+    "zmq": SinkType(
+        "evs.drivers.bus:Publisher",
+        (
+            *("wait_for", "wait_s", "queue", "control", "latest", "truth_hz"),
+            *("key", "allow", "insecure"),
+        ),
+        place="address",
     ),
-    "dv": ("address", "compression", "wait_for", "wait_s", "queue", "insecure"),
-    "rerun": ("rrd", "period_us"),
-    "ros2": driver_parameters.KEYS,
-    **{each.name: ("file", *each.keys) for each in formats.FORMATS},
+    "dv": SinkType(
+        "evs.drivers.dv:DvServer",
+        ("compression", "wait_for", "wait_s", "queue", "insecure"),
+        place="address",
+    ),
+    "rerun": SinkType("evs.drivers.viewer:ViewSink", ("period_us",), place="rrd"),
+    "ros2": SinkType("evs.drivers.ros2:Ros2Publisher", driver_parameters.KEYS),
 }
-"""sink type -> the keys it has; the first is required, but for ros2"""
+"""sink type -> how it is made; recordings have their own table (drivers/files/formats.py)"""
+
+SINK_PLACES = {name: kind.place for name, kind in LIVE_SINKS.items()} | {
+    kind.name: "file" for kind in formats.FORMATS
+}
+"""sink type -> the key that every such table needs; empty: none"""
+
+SINK_KEYS = {name: kind.keys for name, kind in LIVE_SINKS.items()} | {
+    kind.name: kind.options for kind in formats.FORMATS
+}
+"""sink type -> the other keys that it has"""
 
 MAX_AHEAD = 64
 """ticks; the light of each is kept"""
@@ -107,7 +137,7 @@ class PipelineConfig(RunConfig):
     sink: tuple[SinkConfig, ...] = ()
     pace: str = "free"
     """free: as fast as it goes | realtime: no faster than the wall clock |
-    lockstep: when controllers decide (README, Closed loop)"""
+    lockstep: when controllers decide (docs/tutorials/closed_loop.md)"""
     realtime: RealtimeConfig = dataclasses.field(default_factory=RealtimeConfig)
     lockstep: LockstepConfig = dataclasses.field(default_factory=LockstepConfig)
     loop: LoopConfig = dataclasses.field(default_factory=LoopConfig)
@@ -284,7 +314,7 @@ def settled(tables: Iterable[SinkConfig], beside: bool) -> list[SinkConfig]:
     for table in tables:
         file = table.file or table.rrd
         if file and beside:
-            free = overwriting.beside(file, overwriting.free_number([file]))
+            free = overwriting.numbered_path(file, overwriting.free_number([file]))
             table = dataclasses.replace(table, file=table.file and free, rrd=table.rrd and free)
         elif file and not table.overwrite:
             overwriting.check_new([file], overwriting.FORCE)
@@ -306,26 +336,19 @@ def make_sink(config: SinkConfig) -> Sink:
             ring_mb=config.aside_mb,
             cores=config.aside_cores,
         )
-    given = {key: getattr(config, key) for key in SINK_KEYS[config.type]}
-    options = {key: value for key, value in given.items() if value is not None}
-    if config.type == "zmq":
-        from evs.drivers.bus import Publisher
-
-        return Publisher(options.pop("address"), **options)
-    if config.type == "dv":
-        from evs.drivers.dv import DvServer
-
-        return DvServer(options.pop("address"), **options)
-    if config.type == "rerun":
-        from evs.drivers.viewer import ViewSink
-
-        return ViewSink(options.pop("rrd"), **options)
-    if config.type == "ros2":
-        from evs.drivers.ros2 import Ros2Publisher
-
-        own = {key: options[key] for key in options if key not in driver_parameters.OF_THE_SENSOR}
-        return Ros2Publisher(**own)
-    return formats.by_name(config.type).record(Path(options.pop("file")), **options)
+    options = {
+        key: value
+        for key in SINK_KEYS[config.type]
+        # those have changed the sensor
+        if key not in driver_parameters.OF_THE_SENSOR
+        and (value := getattr(config, key)) is not None
+    }
+    if config.type not in LIVE_SINKS:
+        return formats.by_name(config.type).record(Path(config.file or ""), **options)
+    kind = LIVE_SINKS[config.type]
+    places = [getattr(config, kind.place)] if kind.place else []
+    sink: Sink = registry.load(kind.target)(*places, **options)
+    return sink
 
 
 def is_scene(word: str) -> bool:
@@ -354,17 +377,18 @@ def find_pipeline(word: str) -> Path:
 def _check_sink(sink: SinkConfig, path: str) -> None:
     if sink.type not in SINK_KEYS:
         raise _at(f"{path}.type", unknown("sink type", sink.type, SINK_KEYS))
-    own = SINK_KEYS[sink.type]
-    also = (*(FILE_KEYS if {"file", "rrd"} & {*own} else ()), *ASIDE_KEYS)
+    place = SINK_PLACES[sink.type]
+    own = (place, *SINK_KEYS[sink.type]) if place else SINK_KEYS[sink.type]
+    also = (*(FILE_KEYS if place in ("file", "rrd") else ()), *ASIDE_KEYS)
     for field in dataclasses.fields(sink):
         if field.name not in ("type", *own, *also) and getattr(sink, field.name) is not None:
             has = ", ".join(own)
             raise EvsError(f"at {path}.{field.name}: a {sink.type} sink has only: {has}")
-    if sink.type != "ros2" and not getattr(sink, own[0]):
-        raise EvsError(f"at {path}.{own[0]}: missing; a {sink.type} sink needs it")
+    if place and not getattr(sink, place):
+        raise EvsError(f"at {path}.{place}: missing; a {sink.type} sink needs it")
     if sink.file:
         kind = formats.by_name(sink.type)
-        known = kind.suffixes + kind.also
+        known = kind.suffixes + kind.shared_suffixes
         if Path(sink.file).suffix.lower() not in known:
             raise EvsError(f"at {path}.file: '{sink.file}' does not end in {' or '.join(known)}")
 
@@ -372,7 +396,7 @@ def _check_sink(sink: SinkConfig, path: str) -> None:
 def _check_held(config: PipelineConfig) -> None:
     """What is asked for has to go somewhere."""
     files = [sink.file for sink in config.sinks() if sink.file]
-    held = [formats.by_name(sink.type).holds for sink in config.sinks() if sink.file]
+    held = [formats.by_name(sink.type).capabilities for sink in config.sinks() if sink.file]
     if config.model.labels and held and not any(holds.labels for holds in held):
         raise EvsError("at model.labels: only .npz recordings hold labels; add --record FILE.npz")
     for key, on in (("aps", config.sensor.aps.enabled), ("imu", config.sensor.imu.enabled)):

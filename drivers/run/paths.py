@@ -20,7 +20,7 @@ Change = Callable[[str], str]
 
 def with_paths(config: C, change: Change) -> C:
     """A copy of a PipelineConfig in which every file name was changed."""
-    changed_config: C = _with_outlets(with_run_paths(_any(config), change), change)
+    changed_config: C = _with_sink_paths(with_run_paths(_any(config), change), change)
     return changed_config
 
 
@@ -41,7 +41,7 @@ def with_run_paths(config: R, change: Change) -> R:
     )
 
 
-def _with_outlets(config: Any, change: Change) -> Any:
+def _with_sink_paths(config: Any, change: Change) -> Any:
     """The same for everything that a PipelineConfig has beyond."""
 
     def with_keys(table: Any, key: str, allow: str) -> Any:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.files.stacks import Channel, StackWriter
+from evs.drivers.files.npz.frame_writer import Channel, NpzFrameWriter
 from evs.drivers.run.report import COMPLETE, versions
 from evs.drivers.run.run import MAX_SECONDS
 from evs.drivers.run.stopping import stop_signals
@@ -128,7 +128,7 @@ def render(
         name: Channel(dtype, (*size, *pixel)) for name, (dtype, pixel) in shapes.items()
     }
     info = json.dumps(_info(config, view, said or asdict(config)), default=str)
-    writer = StackWriter(out, len(ticks), stacks, {"info": info})
+    writer = NpzFrameWriter(out, len(ticks), stacks, {"info": info})
     ended, frame = COMPLETE, None
     try:
         with stop_signals() as stopped:

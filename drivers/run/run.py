@@ -11,7 +11,7 @@ from evs.drivers.clock import Pacer, StopWatch, monotonic_s
 from evs.drivers.run.account import Account, RunWorld
 from evs.drivers.run.lateness import Lateness
 from evs.drivers.run.report import COMPLETE, Report
-from evs.drivers.run.sink_set import Outlets
+from evs.drivers.run.sink_set import SinkSet
 from evs.drivers.run.stopping import stop_signals
 from evs.drivers.sink import Sink
 from evs.msgs import EventPacket, EvsError, StreamInfo
@@ -104,7 +104,7 @@ def run(
         ended=loop.ended,
         sim_seconds=loop.sim_seconds,
         wall_seconds=loop.wall_seconds,
-        sinks=loop.outlets.said,
+        sinks=loop.sinks.reports,
         pace=loop.pacer.report(),
         warnings=loop.warnings,
         config=dict(config or {}),
@@ -128,7 +128,7 @@ class _Loop:
         warn: Callable[[str], None] | None,
     ) -> None:
         self.world, self.watch, self.pacer, self.warn = world, watch, pacer, warn
-        self.outlets = Outlets(sinks, watch, self._warn)
+        self.sinks = SinkSet(sinks, watch, self._warn)
         self.lateness = Lateness(pacer, self._warn)
         self.ended = COMPLETE
         self.began = False
@@ -146,7 +146,7 @@ class _Loop:
         return (self.world.t_us - self.begin_us) / 1e6
 
     def open(self, infos: Sequence[StreamInfo]) -> None:
-        self.outlets.open(infos)
+        self.sinks.open(infos)
         self.began = True
 
     def ticks(
@@ -160,7 +160,7 @@ class _Loop:
         with stop_signals() as stopped:
             while self.done < ticks and not stopped:
                 packets = self._tick()
-                if self.outlets.stop_wanted:
+                if self.sinks.stop_wanted:
                     stopped.append("stopped")
                 self.wall_seconds = monotonic_s() - start_s
                 for observer in observers:
@@ -188,8 +188,8 @@ class _Loop:
         self.lateness.look()
         watch.skip()
         if pace := self.lateness.news(self.world.t_us):
-            self.outlets.write_pace(pace)
-        self.outlets.write_beside(self.world.cameras, self.world.t_us)
+            self.sinks.write_pace(pace)
+        self.sinks.write_auxiliary(self.world.cameras, self.world.t_us)
         self._write(packets)
         watch.lap("sink")
         watch.end_tick()
@@ -203,7 +203,7 @@ class _Loop:
         return packets
 
     def _write(self, packets: tuple[EventPacket, ...]) -> None:
-        self.outlets.write(packets)
+        self.sinks.write(packets)
         self.account.take(packets)
 
     def _warn(self, line: str) -> None:
@@ -222,5 +222,5 @@ class _Loop:
                 self._finish()
         except BaseException as error:  # whatever it is, the sinks must be closed
             first = error
-        closing = self.outlets.close()
+        closing = self.sinks.close()
         return first or closing

@@ -7,20 +7,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
-from evs.drivers.sink import (
-    FrameSink,
-    ImuSink,
-    LightSink,
-    MeteredSink,
-    PaceSink,
-    PoseSink,
-    PreparingSink,
-    Sink,
-    SinkStoppedError,
-    StoppingSink,
-    TriggerSink,
-    TruthSink,
-)
+from evs.drivers.sink import Sink, SinkStoppedError, Stream
 from evs.emulator.base.ground_truth import GroundTruth
 from evs.emulator.base.protocols import Meter
 from evs.emulator.base.scene import F32
@@ -39,8 +26,8 @@ from evs.msgs import (
 M = TypeVar("M")
 
 
-class Beside(Protocol):
-    """What the outlets want to know of a camera."""
+class AuxiliaryStreams(Protocol):
+    """A camera as sinks see it: everything of a tick but its events."""
 
     @property
     def info(self) -> StreamInfo:
@@ -52,7 +39,7 @@ class Beside(Protocol):
 
     @property
     def imu_packet(self) -> ImuPacket | None:
-        """What its IMU said in the last tick."""
+        """IMU samples of the last tick; None without an IMU."""
 
     @property
     def pose(self) -> Pose | None:
@@ -63,110 +50,108 @@ class Beside(Protocol):
         """(h, w) float32 light of the last tick."""
 
     def ground_truth(self) -> GroundTruth:
-        """What it really showed then; computed at each call."""
+        """Ground truth at the end of the last tick; computed at each call."""
 
 
-class Outlets:
-    """All sinks of one run. Raises EvsError where one cannot take what it is given.
+class SinkSet:
+    """All sinks of one run. Raises EvsError where one cannot accept what it is given.
 
-    A sink that says SinkStoppedError (its disk is full) gets nothing more, `warn` hears of it, and
-    the others go on; the error is raised where no other is left.
+    A sink that raises SinkStoppedError (its disk is full) gets nothing more, `warn` is called, and
+    the others go on; the error is raised where no other sink is left.
     """
 
     def __init__(self, sinks: Sequence[Sink], meter: Meter, warn: Callable[[str], None]) -> None:
-        """In: meter is given to the sinks that lap it, before they open."""
-        self._sinks, self._meter, self._warn = list(sinks), meter, warn
+        """Make a set of sinks that are not open yet.
+
+        Args:
+            sinks: In the order in which they are opened and written to.
+            meter: Every sink gets it before it is opened.
+            warn: Called with one line for each sink that stops.
+        """
+        self._meter, self._warn = meter, warn
         self._all = tuple(sinks)
         self._begun: list[Sink] = []
-        # asked of each sink once: it takes longer than handing over a packet
-        self._frame_sinks = [sink for sink in sinks if isinstance(sink, FrameSink)]
-        self._imu_sinks = [sink for sink in sinks if isinstance(sink, ImuSink)]
-        self._trigger_sinks = [sink for sink in sinks if isinstance(sink, TriggerSink)]
-        self._pace_sinks = [sink for sink in sinks if isinstance(sink, PaceSink)]
-        self._pose_sinks = [sink for sink in sinks if isinstance(sink, PoseSink)]
-        self._truth_sinks = [sink for sink in sinks if isinstance(sink, TruthSink)]
-        self._light_sinks = [sink for sink in sinks if isinstance(sink, LightSink)]
-        self._stopping_sinks = [sink for sink in sinks if isinstance(sink, StoppingSink)]
+        self._use(self._all)
         self._trigger_seq: dict[str, int] = {}
-        self.said: list[dict[str, Any]] = []
-        """What each sink said when it was closed."""
+        self.reports: list[dict[str, Any]] = []
+        """What each sink reported when it was closed."""
+
+    def _use(self, sinks: Sequence[Sink]) -> None:
+        """Write to these from now on."""
+        self._sinks = tuple(sinks)
+        self._takers = {
+            stream: tuple(sink for sink in sinks if stream in sink.streams) for stream in Stream
+        }
 
     def open(self, infos: Sequence[StreamInfo]) -> None:
         """Open every sink, in their order."""
         for sink in self._all:
-            if isinstance(sink, PreparingSink):
+            if type(sink).prepare is not Sink.prepare:
                 self._begun.append(sink)
                 sink.prepare()
         for sink in self._all:
             # a sink that failed to open may hold something already: it is closed too
             self._begun.append(sink)
-            if isinstance(sink, MeteredSink):
-                sink.meter = self._meter
+            sink.meter = self._meter
             with disk_errors():
                 sink.open(infos)
 
     def write(self, packets: Sequence[EventPacket]) -> None:
-        """Hand packets to every sink."""
+        """Hand event packets to the sinks."""
         for packet in packets:
-            # one that stops is taken out of a new list
-            for sink in self._sinks:
+            for sink in self._takers[Stream.EVENTS]:
                 self._give(sink, sink.write, packet)
 
-    def write_beside(self, cameras: Sequence[Beside], t_us: int) -> None:
-        """Frames, triggers and IMU samples of the last tick, to the sinks that take them."""
+    def write_auxiliary(self, cameras: Sequence[AuxiliaryStreams], t_us: int) -> None:
+        """Hand everything of the last tick but events to the sinks that want it."""
         for camera in cameras:
             for frame in camera.frames:
                 self._write_frame(frame, camera.info)
             if camera.imu_packet is not None:
-                for sink in self._imu_sinks:
+                for sink in self._takers[Stream.IMU]:
                     self._give(sink, sink.write_imu, camera.imu_packet)
             self._write_wanted(camera, t_us)
 
     def write_pace(self, pace: Pace) -> None:
-        """How the run keeps its pace, to the sinks that tell it."""
-        for sink in self._pace_sinks:
+        """Hand over how the run keeps its pace."""
+        for sink in self._takers[Stream.PACE]:
             self._give(sink, sink.write_pace, pace)
 
     @property
     def stop_wanted(self) -> bool:
         """Whether somebody asked a sink for the end of the run."""
-        return any(sink.stop_wanted for sink in self._stopping_sinks)
+        return any(sink.stop_wanted for sink in self._all)
 
-    def _write_wanted(self, camera: Beside, t_us: int) -> None:
-        """What is worked out only where a sink has a use for it now."""
+    def _write_wanted(self, camera: AuxiliaryStreams, t_us: int) -> None:
+        """What is computed only where a sink wants it now."""
         name = camera.info.camera
-        for pose_sink in self._pose_sinks:
-            if pose_sink.wants_pose(name) and (pose := camera.pose) is not None:
-                self._give(pose_sink, pose_sink.write_pose, pose)
-        for truth_sink in self._truth_sinks:
-            if truth_sink.wants_truth(name, t_us):
-                take = partial(truth_sink.write_truth, name)
-                self._give(truth_sink, take, camera.ground_truth())
-        for light_sink in self._light_sinks:
-            if light_sink.wants_light(name, t_us):
-                self._give(
-                    light_sink, partial(light_sink.write_light, name, t_us), camera.luminance
-                )
+        for sink in self._takers[Stream.POSE]:
+            if sink.wants_pose(name) and (pose := camera.pose) is not None:
+                self._give(sink, sink.write_pose, pose)
+        for sink in self._takers[Stream.GROUND_TRUTH]:
+            if sink.wants_truth(name, t_us):
+                self._give(sink, partial(sink.write_truth, name), camera.ground_truth())
+        for sink in self._takers[Stream.LIGHT]:
+            if sink.wants_light(name, t_us):
+                self._give(sink, partial(sink.write_light, name, t_us), camera.luminance)
 
     def _write_frame(self, frame: Frame, info: StreamInfo) -> None:
         seq = self._trigger_seq.get(info.camera, 0)
         marks = TriggerPacket(seq, frame_triggers(frame), info.camera)
         self._trigger_seq[info.camera] = seq + 1
-        for frame_sink in self._frame_sinks:
-            self._give(frame_sink, frame_sink.write_frame, frame)
-        for trigger_sink in self._trigger_sinks if info.triggers else ():
-            self._give(trigger_sink, trigger_sink.write_triggers, marks)
+        for sink in self._takers[Stream.FRAMES]:
+            self._give(sink, sink.write_frame, frame)
+        for sink in self._takers[Stream.TRIGGERS] if info.triggers else ():
+            self._give(sink, sink.write_triggers, marks)
 
-    def _give(self, sink: object, take: Callable[[M], None], message: M) -> None:
-        if sink not in self._sinks:
-            return
+    def _give(self, sink: Sink, write: Callable[[M], None], message: M) -> None:
         # no `with disk_errors()`, which costs more than handing over a packet
         try:
-            take(message)
+            write(message)
         except OSError as reason:
             raise _disk_error(reason) from reason
         except SinkStoppedError as error:
-            self._sinks = [one for one in self._sinks if one is not sink]
+            self._use([one for one in self._sinks if one is not sink])
             if not self._sinks:
                 raise
             self._warn(str(error))
@@ -177,20 +162,20 @@ class Outlets:
         for sink in (sink for sink in reversed(self._all) if sink in self._begun):
             try:
                 with disk_errors():
-                    said = sink.close()
-                self.said.insert(0, said)
-                if said.get("error") and sink in self._sinks:
-                    # it was well until now: nobody has been told yet
-                    self._warn(str(said["error"]))
+                    report = sink.close()
+                self.reports.insert(0, report)
+                if report.get("error") and sink in self._sinks:
+                    # it was well until now: nobody has been warned yet
+                    self._warn(str(report["error"]))
             except BaseException as error:  # whatever one sink does, the others must be closed
-                self.said.insert(0, {"error": str(error) or type(error).__name__})
+                self.reports.insert(0, {"error": str(error) or type(error).__name__})
                 first = first or error
         return first
 
 
 @contextmanager
 def disk_errors() -> Iterator[None]:
-    """An operating system's error of a sink, as the one line that users see."""
+    """Turn an operating system's error of a sink into the one line that users see."""
     try:
         yield
     except OSError as reason:

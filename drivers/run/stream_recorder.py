@@ -10,10 +10,10 @@ from pathlib import Path
 from evs.drivers.bus import Connection, Subscription
 from evs.drivers.files import to_write
 from evs.drivers.files.formats import Format
-from evs.drivers.files.recording import target_error
+from evs.drivers.files.paths import target_error
 from evs.drivers.run.loss_log import Gap, Missing
 from evs.drivers.run.report import check_targets, report_beside, versions, write_whole
-from evs.drivers.run.sink_set import Outlets
+from evs.drivers.run.sink_set import SinkSet
 from evs.drivers.sink import Sink
 from evs.emulator.base.ground_truth import GroundTruth
 from evs.emulator.base.protocols import NoMeter
@@ -89,12 +89,12 @@ class Taking:
     ) -> None:
         """In: sink, the recorder if it has options. Raises EvsError for an unknown ending."""
         wanted: Format = to_write(file)
-        self._stream, self._file, self._holds = stream, file, wanted.holds
+        self._stream, self._file, self._holds = stream, file, wanted.capabilities
         tell = warn or (lambda _: None)
         if not Path(file).parent.is_dir():
             raise target_error(Path(file), FileNotFoundError())
         check_targets([report_beside(file)])
-        self._outlets = Outlets([sink or wanted.record(Path(file))], NoMeter(), tell)
+        self._sinks = SinkSet([sink or wanted.record(Path(file))], NoMeter(), tell)
         self._connection = Connection(stream, tell)
         self._missing = Missing(stream)
         self._waiting: list[_Batch] = []
@@ -119,7 +119,7 @@ class Taking:
                 self._open(self._stream.status)
         except BaseException as error:
             failure = error
-        closing = self._outlets.close()
+        closing = self._sinks.close()
         if failure is not None or closing is not None:
             raise failure or closing or EvsError("")
         if not self._opened:
@@ -196,7 +196,7 @@ class Taking:
             imu=info.imu and holds.imu,
         )
         self._camera = info.camera
-        self._outlets.open([self._info])
+        self._sinks.open([self._info])
         self._opened = True
         for batch in self._waiting:
             self._write(batch)
@@ -218,13 +218,13 @@ class Taking:
     def _write(self, batch: _Batch) -> None:
         t_us = batch.packet.time_end_us
         if self._info.frames and batch.frames:
-            self._outlets.write_beside([_Heard(self._info, batch.frames)], t_us)
+            self._sinks.write_auxiliary([_Heard(self._info, batch.frames)], t_us)
             self._counts["frames"] += len(batch.frames)
         if self._info.imu:
             for samples in batch.imu:
-                self._outlets.write_beside([_Heard(self._info, (), samples)], t_us)
+                self._sinks.write_auxiliary([_Heard(self._info, (), samples)], t_us)
                 self._counts["imu_samples"] += len(samples)
-        self._outlets.write([batch.packet])
+        self._sinks.write([batch.packet])
         self._counts["packets"] += 1
         self._counts["events"] += len(batch.packet)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evs.drivers.sink import SinkStoppedError
+from evs.drivers.sink import Sink, SinkStoppedError, Stream
 from evs.drivers.viewer.windows import PERIOD_US, Gatherer
 from evs.msgs import EventPacket, EvsError, Frame, StreamInfo, unknown
 
@@ -20,12 +20,14 @@ if TYPE_CHECKING:
 SUFFIX = ".rrd"
 
 
-class ViewSink:
+class ViewSink(Sink):
     """A Sink of any number of cameras: events, rates, luminance, frames and poses over time.
 
     One picture of each per `period_us` of simulated time; between two of them a tick costs only the
     gathering of its events. A full disk stops it with SinkStoppedError.
     """
+
+    streams = frozenset({Stream.EVENTS, Stream.FRAMES, Stream.LIGHT, Stream.POSE})
 
     def __init__(self, file: str | Path, *, period_us: int = PERIOD_US) -> None:
         """In: file, ending in .rrd, replaced at open. EvsError: no such extra, another ending."""

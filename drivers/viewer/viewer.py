@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.files.recording import target_error
+from evs.drivers.files.paths import target_error
 from evs.drivers.pictures.colours import OFF_RGB, ON_RGB, PAPER
 from evs.drivers.viewer.spool import Spool
 from evs.drivers.viewer.windows import NOTHING, OFF, ON, Window

@@ -2,25 +2,21 @@
 
 from evs.emulator.config.biases import BiasConfig
 from evs.emulator.config.closed_loop import DelayConfig, LimitConfig, LoopConfig
+from evs.emulator.config.renderers import RENDERERS, SEEDS, RendererRow
 from evs.emulator.config.schema import (
-    SEEDS,
-    SPP,
-    ApsConfig,
     CameraConfig,
     FlickerConfig,
-    ImuConfig,
     ModelConfig,
     PlanConfig,
-    ReadoutConfig,
     RenderConfig,
     RunConfig,
     SceneConfig,
-    SensorConfig,
 )
+from evs.emulator.config.sensor import ApsConfig, ImuConfig, ReadoutConfig, SensorConfig
 
 __all__ = [
+    "RENDERERS",
     "SEEDS",
-    "SPP",
     "ApsConfig",
     "BiasConfig",
     "CameraConfig",
@@ -33,6 +29,7 @@ __all__ = [
     "PlanConfig",
     "ReadoutConfig",
     "RenderConfig",
+    "RendererRow",
     "RunConfig",
     "SceneConfig",
     "SensorConfig",

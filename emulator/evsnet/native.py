@@ -1,4 +1,4 @@
-"""Runtime `native`: the whole stream in one pass of C++, core/network, only where something moves.
+"""Runtime `native`: the whole stream in one pass of C++, core/evsnet, only where something moves.
 
 Pixels go in tiles of 4 x 4. A pixel is computed while something of an X that was not 0 is left in
 its FIFOs; the membranes of a tile, while one of its pixels is or while one is at a threshold. Of

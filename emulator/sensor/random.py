@@ -31,13 +31,13 @@ class Term(IntEnum):
     SHOT_RATE = 4
     DEFECT = 5
     SHOT = 6
-    """in core/sensor/shot.h, of blocks of pixels"""
+    """in core/sensor/shot_noise.h, of blocks of pixels"""
     INTERNAL_STATE = 7
     """of a network: V(0)"""
     LATENCY = 64
     """in core/sensor/readout.h, of an event: pixel, time and polarity"""
     ARBITER = 65
-    """in core/sensor/readout_arbiter.h, of a row access"""
+    """in core/sensor/arbiter.h, of a row access"""
     APS_SHOT = 32
     APS_READ = 33
     ACCELEROMETER_NOISE = 34

@@ -8,6 +8,8 @@ trial. Start there:
     from evs.examples.cartpole.environment import CartPoleLoop, CartPoleTrial, play
 
     print(play(CartPoleLoop(), CartPoleTrial(seed=1)))
+
+Results: docs/explanation/demos.md.
 """
 
 TRACKERS = {"events": 0}

@@ -112,12 +112,12 @@ def _formats() -> list[str]:
 
     lines = []
     for one in FORMATS:
-        holds = one.holds
+        holds = one.capabilities
         facts = [name for name in ("frames", "imu", "triggers", "labels") if getattr(holds, name)]
         facts += [f"{holds.width} x {holds.height} px at most"] if holds.height < 1 << 15 else []
         facts += [f"stamps from {holds.first_us} us"] if holds.first_us >= 0 else []
         facts += [f"extra {one.extra}"] if one.extra else []
-        ends = ", ".join(one.suffixes + tuple(f"({also})" for also in one.also))
+        ends = ", ".join(one.suffixes + tuple(f"({also})" for also in one.shared_suffixes))
         description = one.title + (f" ({', '.join(facts)})" if facts else "")
         lead = f"  {one.name:8s} {ends:18s} "
         lines += textwrap.wrap(

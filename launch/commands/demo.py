@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import shlex
 import sys
 from dataclasses import replace
@@ -23,9 +22,6 @@ if TYPE_CHECKING:
     from evs.tools.doctor.audit import AuditedReport
 
 HELP = "the main job: a robot, its events sent to a second process, recorded and drawn"
-
-ROBOTS = "gymnasium"
-"""The package whose robot the demo shows."""
 
 MAX_SECONDS = 20.0
 """The light of every frame is kept in memory for the pictures, and the GIF grows with it."""
@@ -94,11 +90,6 @@ def _config(args: argparse.Namespace, recording: Path) -> pipeline.PipelineConfi
     keys = [key for key, _ in given]
     if args.fast:
         given += [(key, text) for key, text in FAST if key not in keys]
-    if "scene.file" not in keys and importlib.util.find_spec(ROBOTS) is None:
-        raise EvsError(
-            f"the demo's robot comes with {ROBOTS}: pip install 'evs[gym]' (or: pip install "
-            f"{ROBOTS}), or give another with scene.file=FILE.xml"
-        )
     config = pipeline.load("demo", given)
     if config.duration_s > MAX_SECONDS:
         raise EvsError(
@@ -207,8 +198,8 @@ def _sum_up(report: AuditedReport, files: list[Path]) -> None:
 def next_commands(recording: Path, program: str) -> list[str]:
     """What to try after the demo; each works as it stands."""
     file, folder = shlex.quote(str(recording)), recording.parent
-    film, other = (shlex.quote(str(folder / name)) for name in ("slow.gif", "ant.aedat4"))
-    robot = f"{ROBOTS}:envs/mujoco/assets/ant.xml"
+    film, other = (shlex.quote(str(folder / name)) for name in ("slow.gif", "cart.aedat4"))
+    robot = "evs:config/scenes/cartpole.xml scene.control=random"
     address = DEFAULT_ADDRESS
     return [
         f"{program} view {file} -o {film} --speed 0.1",

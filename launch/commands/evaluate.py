@@ -21,7 +21,7 @@ examples:
 Scenes are robots that no network has seen in its training (gymnasium/ant, dm_control/walker ...),
 procedural scenes of seeds that are kept for this (procedural/0, procedural/1 ...), a file of yours
 or package:path. Light is traced at the pixels that count only, and kept: a second run traces
-nothing. tools/evaluation/README.md says what each column means."""
+nothing. docs/explanation/evaluation.md says what each column means."""
 
 LISTS = {
     "scenes": "scenes, with commas between them",

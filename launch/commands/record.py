@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
         if value is not None and not value > 0:
             raise EvsError(f"--{option} {value} is not possible: give more than 0 seconds")
     if args.beside:
-        args.file = overwriting.beside(args.file, overwriting.free_number([args.file]))
+        args.file = overwriting.numbered_path(args.file, overwriting.free_number([args.file]))
     elif not args.force:
         overwriting.check_new([args.file])
     listening = subscribe(

@@ -20,7 +20,7 @@ examples:
 
 Scenes are those of evs evaluate: FILE.xml, package:path, gymnasium/ROBOT, dm_control/ROBOT,
 procedural/NUMBER. Whatever is done is kept: the same command goes on where it was stopped, and
-draws table and picture of all that the file holds. tools/sweep/README.md says what it means."""
+draws table and picture of all that the file holds. docs/explanation/sweep.md says what it means."""
 
 LISTS = {
     "preset": "presets (fast, balanced, accurate, reference) or pipeline files, with commas",

@@ -33,7 +33,7 @@ that has one. Its controls are random ones, as in `evs evaluate`. The error is t
 ours and those of converged light, that have no partner on their pixel within 3 ms: silence has 1.
 A few configurations are measured, all others predicted from them; the best is then measured too,
 and so is what might beat it. Exit code 1: the goal cannot be reached; the best found is printed.
-tools/tuning/README.md says how."""
+docs/howto/tuning.md says how."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -1,6 +1,6 @@
 """Lock-step: what controllers and the server of a closed loop say to each other.
 
-Byte by byte in drivers/lockstep/README.md. The hot pair, step and what is seen, has a header of a
+Byte by byte in docs/reference/lockstep.md. The hot pair, step and what is seen, has a header of a
 few bytes and raw frames.
 """
 

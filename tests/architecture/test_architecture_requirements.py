@@ -28,7 +28,7 @@ def test_every_requirement_has_a_pin_inside_its_range(checkout: Path) -> None:
     lines = (checkout / ".ci/constraints.txt").read_text().splitlines()
     pins = dict(line.split("==") for line in lines if not line.startswith("#"))
     pins = {canonicalize_name(name): version for name, version in pins.items()}
-    requirements = asked(checkout, "test", "build", "dev")
+    requirements = asked(checkout, "test", "build", "dev", "docs")
     assert len(requirements) > 20
     for requirement in requirements:
         assert requirement.specifier, requirement

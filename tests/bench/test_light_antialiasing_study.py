@@ -2,7 +2,7 @@
 
 Robots of gymnasium and dm_control; a camera that stands still, pans at 170 px/s or slides at half
 a metre a second. It takes a quarter of an hour, so `make bench` leaves it out. The table of
-emulator/render/README.md is from
+docs/explanation/light.md is from
 `.venv/bin/pytest -m bench -s tests/bench/test_light_antialiasing_study.py`.
 """
 

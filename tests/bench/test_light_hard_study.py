@@ -3,7 +3,7 @@ everywhere or only at edges, against 256; and what points that are new in every 
 
 Robots of gymnasium and dm_control; a camera that stands still, pans at 170 px/s or slides at half
 a metre a second. Light of `direct` has no noise, so all that differs is where in a pixel it is
-sampled. emulator/render/samples.md has the tables of
+sampled. docs/explanation/sampling.md has the tables of
 `.venv/bin/pytest -m bench -s tests/bench/test_light_hard_study.py`.
 """
 

@@ -1,6 +1,7 @@
 """An hour of simulated time, 3.6 million ticks of a small camera: memory stays where it was.
 
-It takes a quarter of an hour, so `make bench` leaves it out; the figure in README.md is from
+It takes a quarter of an hour, so `make bench` leaves it out. The figure in
+docs/explanation/guarantees.md is from
 `.venv/bin/pytest -m bench -s tests/bench/test_light_hour.py`.
 """
 

@@ -3,8 +3,9 @@
 A room of soft light (a glowing ball, a bulb, an even sky, one mirror) with a pendulum in it, and
 robots of gymnasium and dm_control whose lamps are given bulbs a tenth of their distance wide; a
 camera that stands still, pans at 170 px/s or slides at half a metre a second. All metrics are of
-the time after the first 20 ms, in which a running mean has settled. emulator/render/samples.md has
-the tables of `.venv/bin/pytest -m bench -s tests/bench/test_light_noise_study.py`.
+the time after the first 20 ms, in which a running mean has settled.
+docs/explanation/sampling.md has the tables of
+`.venv/bin/pytest -m bench -s tests/bench/test_light_noise_study.py`.
 """
 
 from __future__ import annotations

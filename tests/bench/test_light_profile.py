@@ -1,4 +1,4 @@
-"""Full frames in a row, for a profiler to look at: emulator/core/light/README.md says how."""
+"""Full frames in a row, for a profiler to look at: docs/explanation/tracer.md says how."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """What reading images along what a pixel covers of them does for events: a fast orbit around robots
 on checkered floors, half a turn a second, against 64 samples a pixel.
 
-emulator/render/samples.md has the table of
+docs/explanation/sampling.md has the table of
 `.venv/bin/pytest -m bench -s tests/bench/test_light_texture_study.py`.
 """
 

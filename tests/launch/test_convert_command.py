@@ -9,7 +9,7 @@ import pytest
 
 from evs.drivers import files
 from evs.drivers.files import FORMATS, convert
-from evs.drivers.files.damage import TornTailWarning
+from evs.drivers.files.integrity import TornTailWarning
 from evs.launch.main import main
 from evs.msgs import (
     EventPacket,
@@ -180,7 +180,7 @@ def test_an_error_in_the_middle_leaves_no_half_a_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given = record(tmp_path / "a.csv", "csv")
-    from evs.drivers.files.appending import AppendingRecorder
+    from evs.drivers.files.appending_recorder import AppendingRecorder
 
     monkeypatch.setattr(
         AppendingRecorder, "_put", lambda *_: (_ for _ in ()).throw(EvsError("full"))

@@ -169,4 +169,4 @@ def test_the_whole_demo_and_every_command_it_names(tmp_path: Path) -> None:
         said = [line for line in done.stderr.splitlines() if " physics step" not in line]
         assert "evs: " not in "".join(said), command
     assert (tmp_path / "out" / "demo" / "slow.gif").exists()
-    assert (tmp_path / "out" / "demo" / "ant.aedat4").exists()
+    assert (tmp_path / "out" / "demo" / "cart.aedat4").exists()

@@ -75,9 +75,9 @@ def test_the_table_has_every_sensor(capsys: pytest.CaptureFixture[str]) -> None:
     by_name = {row[0]: row for row in cells}
     assert by_name["imx636"][1:3] == ["1280 x 720", "0.223"]
     assert by_name["ideal"][3:-1] == ["-"] * (len(cells[0]) - 4)
-    # and it is the one that the README shows
-    readme = (Path(__file__).parents[2] / "README.md").read_text()
-    assert "\n".join(["", *lines, ""]) in readme
+    # and it is the one that the page shows
+    page = (Path(__file__).parents[2] / "docs/reference/sensors.md").read_text()
+    assert "\n".join(["", *lines, ""]) in page
 
 
 def test_one_sensor_tells_every_parameter(capsys: pytest.CaptureFixture[str]) -> None:

@@ -262,7 +262,7 @@ def test_a_map_comes_back() -> None:
 
 
 def test_the_bytes_in_the_description_are_the_real_ones() -> None:
-    text = (Path(__file__).parents[2] / "msgs" / "README.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs/reference/wire.md").read_text(encoding="utf-8")
     # hex of the indented example lines, up to the column of words
     lines = [line.strip() for line in text.splitlines() if re.match(r"    [0-9a-f]{2} ", line)]
     shown = [re.match(r"(?:[0-9a-f]{2}(?: +|$))+", line).group() for line in lines]  # type: ignore[union-attr]

@@ -25,7 +25,7 @@ def describe(folder: Path, scenes: Mapping[str, SceneFile]) -> Iterator[str]:
         )
     yield (
         f"{'all':10s}{seconds:6.1f} s  {round(frames)} frames; what a second costs: "
-        "tools/dataset/README.md"
+        "docs/howto/datasets.md"
     )
 
 

@@ -198,11 +198,11 @@ def _finish(folder: Path) -> None:
         for shard in shards:
             for message in messages(shard / EVENTS):
                 if isinstance(message, ImuPacket):
-                    recorder.write_imu(message)  # type: ignore[attr-defined]
+                    recorder.write_imu(message)
                 elif isinstance(message, Frame):
-                    recorder.write_frame(message)  # type: ignore[attr-defined]
+                    recorder.write_frame(message)
                 elif isinstance(message, TriggerPacket):
-                    recorder.write_triggers(message)  # type: ignore[attr-defined]
+                    recorder.write_triggers(message)
                 else:
                     recorder.write(message)
     finally:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.files.npz_recorder import NpzRecorder
+from evs.drivers.files.npz.recorder import NpzRecorder
 from evs.emulator import World
 from evs.emulator.camera.camera import Camera
 from evs.emulator.config import RunConfig

@@ -18,6 +18,7 @@ from evs.drivers.run.config import PipelineConfig, SinkConfig, make_sink
 from evs.drivers.run.open_loop import depth_of
 from evs.drivers.run.report import COMPLETE, STAGES
 from evs.drivers.run.run import run
+from evs.drivers.sink import Sink
 from evs.msgs import EvsError
 from evs.tools.evaluation.scene_setup import SceneSetup
 from evs.tools.sweep.confidence import confidence_interval
@@ -207,17 +208,17 @@ def _tick_s(world: SweepWorld, chunk: int, moving: bool, enough_s: float) -> flo
     return max(1e-6, (monotonic_s() - begin_s) / ticks)
 
 
-class _AtOpening:
+class _AtOpening(Sink):
     """A sink that takes nothing: it says when the run begins."""
 
     def __init__(self, call: Callable[[], None]) -> None:
         self._call = call
 
-    def open(self, _streams: object) -> None:
+    def open(self, streams: object) -> None:  # noqa: ARG002
         """Now."""
         self._call()
 
-    def write(self, _packet: object) -> None:
+    def write(self, packet: object) -> None:
         """Nothing."""
 
     def close(self) -> dict[str, Any]:

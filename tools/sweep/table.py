@@ -149,7 +149,7 @@ def _about(about: SweepInfo) -> list[str]:
 def overview(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -> list[str]:
     """Lines of Markdown: a row for each scene and camera, a column for each preset.
 
-    Real-time factor, unmatched, EMD of each; the table of the README.
+    Real-time factor, unmatched, EMD of each; the table in docs/explanation/sweep.md.
     """
     ours = sorted((r for r in records if r.kind == OURS and not r.axis), key=_preset_rank)
     return _short(ours, [(r.preset, r) for r in ours], "the reference's own", metric)

@@ -1,7 +1,7 @@
 """The pytest plugin: run a controller against a scene, and say what has to hold of the loop.
 
-Names are imported at first use: pytest loads the plugin in every run, also where nobody asks for
-it.
+pytest loads it where it is asked for: `pytest -p evs`, or `from evs.tools.testing import
+evs_loop` in a conftest.py. Names are imported at first use.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from evs.tools.testing.evidence import replay
+    from evs.tools.testing.plugin import evs_loop
     from evs.tools.testing.pushes import Push
     from evs.tools.testing.run import Run
     from evs.tools.testing.runner import LoopRunner
     from evs.tools.testing.trace import Trace
 
-__all__ = ["LoopRunner", "Push", "Run", "Trace", "replay"]
+__all__ = ["LoopRunner", "Push", "Run", "Trace", "evs_loop", "replay"]
 
 
 def __getattr__(name: str) -> Any:
@@ -29,6 +30,8 @@ def __getattr__(name: str) -> Any:
         return import_module("evs.tools.testing.run").Run
     if name == "Trace":
         return import_module("evs.tools.testing.trace").Trace
+    if name == "evs_loop":
+        return import_module("evs.tools.testing.plugin").evs_loop
     if name == "replay":
         return import_module("evs.tools.testing.evidence").replay
     raise AttributeError(f"module 'evs.tools.testing' has no attribute {name!r}")

@@ -1,6 +1,7 @@
-"""What pytest loads (entry point `pytest11`): the fixture evs_loop. The only door to pytest.
+"""What `pytest -p evs` loads: the fixture evs_loop. The only door to pytest.
 
-Nothing else of evs is imported before a test asks for the fixture.
+`-p evs.tools.testing.plugin` loads the same and imports nothing else of evs before a test asks
+for the fixture; under `-p evs` pytest looks at every name of evs, which imports them all.
 """
 
 from __future__ import annotations

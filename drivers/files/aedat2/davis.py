@@ -30,7 +30,7 @@ _RESET, _SIGNAL = 0, 1
 
 
 @dataclass
-class ImuWords:
+class ImuAssembler:
     """Puts IMU words together; those of no whole sample are counted in `lost`."""
 
     lost: int = 0
@@ -58,13 +58,13 @@ class ImuWords:
         samples["angular_velocity"] = values[:, 4:] * _TURNED * DEGREES_S_PER_STEP * DEGREE
         return samples[np.argsort(samples["t"], kind="stable")]
 
-    def rest(self) -> None:
+    def flush(self) -> None:
         """Nothing follows: what waits is lost."""
         self.lost += len(self._kept[0])
 
 
 @dataclass
-class ApsWords:
+class FrameAssembler:
     """Puts a DAVIS's frames together; those that lack a pixel are counted in `torn`."""
 
     width: int
@@ -105,7 +105,7 @@ class ApsWords:
         if self._is_whole:
             yield from self._end()
 
-    def rest(self) -> Iterator[Frame]:
+    def flush(self) -> Iterator[Frame]:
         """Nothing follows: the frame at hand."""
         yield from self._end()
 

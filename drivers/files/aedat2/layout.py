@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 MAGIC = b"#!AER-DAT2"
 END = "#End Of ASCII Header"
-SAID = "# evs "
+EVS_LINE = "# evs "
 CHIP = "# AEChip: "
 """Of the line that names the camera; jAER's header lists preferences of other cameras too."""
 MAX_WIDTH, MAX_HEIGHT = 1 << 10, 1 << 9

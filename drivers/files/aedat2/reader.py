@@ -9,27 +9,27 @@ from typing import BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.files.aedat2.davis import ApsWords, ImuWords
+from evs.drivers.files.aedat2.davis import FrameAssembler, ImuAssembler
 from evs.drivers.files.aedat2.layout import (
     APS,
     CHIP,
+    EVS_LINE,
     EXTERNAL,
     IMU,
     MAGIC,
     MAX_HEIGHT,
     MAX_WIDTH,
-    SAID,
     WORD,
     Bits,
     header_lines,
     place,
 )
-from evs.drivers.files.damage import Damage
 from evs.drivers.files.formats import AnyPath
-from evs.drivers.files.header_text import head_of, said_of, stream_from
-from evs.drivers.files.interleaved import Interleaved
-from evs.drivers.files.ordered import InOrder, Unwrap
-from evs.drivers.files.recorded import MixedFile, by_tick
+from evs.drivers.files.header_text import own_line_and_chip, read_file_head, stream_from_header
+from evs.drivers.files.integrity import IntegrityReport
+from evs.drivers.files.interleaving import Interleaver
+from evs.drivers.files.recording_file import MultiStreamFile, by_tick
+from evs.drivers.files.sorting import EventSorter, TimestampUnwrapper
 from evs.msgs import Events, EvsError, Frame, ImuSamples, make_events
 
 _CHUNK_WORDS = 1 << 16
@@ -38,7 +38,7 @@ Mask = npt.NDArray[np.bool_]
 
 
 @dataclass
-class Aedat2File(MixedFile):
+class Aedat2File(MultiStreamFile):
     """One AEDAT2 file, ours or jAER's."""
 
     words_at: int = 0
@@ -53,7 +53,7 @@ class Aedat2File(MixedFile):
     @classmethod
     def at(cls, path: AnyPath) -> Aedat2File:
         """Read the header. EvsError: no such file, not AEDAT2."""
-        found, data = head_of(path)
+        found, data = read_file_head(path)
         if not data.startswith(MAGIC):
             raise EvsError(
                 f"{found} is not a readable AEDAT2 file: it does not begin with {MAGIC.decode()}; "
@@ -62,11 +62,11 @@ class Aedat2File(MixedFile):
         lines, words_at = header_lines(data)
         if not lines:
             raise EvsError(f"{found} is not a readable AEDAT2 file: its first line is damaged")
-        said, chip = said_of(lines, SAID, CHIP)
+        said, chip = own_line_and_chip(lines, EVS_LINE, CHIP)
         base, part = (said or {}).get("time_base_us", 0), (said or {}).get("part")
         opened = cls(
             path=found,
-            stream=stream_from(said, chip),
+            stream=stream_from_header(said, chip),
             size=found.stat().st_size,
             words_at=words_at,
             base_us=base if isinstance(base, int) and 0 <= base < 1 << 61 else 0,
@@ -79,13 +79,13 @@ class Aedat2File(MixedFile):
             opened._look(sized=fits)
         return opened
 
-    def _walked(self, events: bool, beside: bool) -> Iterator[Events | Frame | ImuSamples]:
+    def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Events | Frame | ImuSamples]:
         """What is asked for; external inputs, and what is not whole, are in `left_out`."""
-        damage, left_out = Damage(what="words"), dict[str, int]()
-        bad, together = _BadWords(self.words_at), Interleaved()
-        order, unwrap = InOrder(damage, self.stream), Unwrap(self.base_us)
-        aps = ApsWords(self.stream.width, self.stream.height, self.stream.camera)
-        imu = ImuWords()
+        integrity, left_out = IntegrityReport(noun="words"), dict[str, int]()
+        bad, together = _BadWords(self.words_at), Interleaver()
+        order, unwrap = EventSorter(integrity, self.stream), TimestampUnwrapper(self.base_us)
+        aps = FrameAssembler(self.stream.width, self.stream.height, self.stream.camera)
+        imu = ImuAssembler()
         with self.path.open("rb") as file:
             for at, words in self._words(file):
                 address = words["address"].astype(np.int64)
@@ -93,11 +93,11 @@ class Aedat2File(MixedFile):
                 is_event = ~np.logical_or.reduce(list(kinds.values()))
                 x, y, p = self._fields(address)
                 off = is_event & ((x < 0) | (y < 0))
-                bad.meet(off, address, at, damage)
+                bad.meet(off, address, at, integrity)
                 # the clock of damaged words is not to be trusted, that of APS and IMU is
                 t = np.zeros(len(words), np.int64)
                 t[~off] = unwrap(words["stamp"][~off].astype(np.int64))
-                if beside:
+                if auxiliary:
                     which = kinds["IMU words"]
                     for part in by_tick(imu.feed(address[which], t[which]), self.stream):
                         yield from together.put(int(part["t"][-1]), part)
@@ -105,24 +105,24 @@ class Aedat2File(MixedFile):
                     for frame in aps.feed(address[which], t[which]):
                         yield from together.put(frame.end_us, frame)
                 for name, which in kinds.items():
-                    if not (beside and name in ("APS words", "IMU words")):
+                    if not (auxiliary and name in ("APS words", "IMU words")):
                         _count(left_out, name, int(np.count_nonzero(which)))
                 if events:
                     kept = np.flatnonzero(is_event & ~off)
                     found = make_events(t[kept], x[kept], y[kept], p[kept])
                     for part in order.feed(found, at + 8 * kept):
                         yield from together.between(part)
-        for part in order.rest():
+        for part in order.flush():
             yield from together.between(part)
-        imu.rest()
-        for frame in aps.rest():
+        imu.flush()
+        for frame in aps.flush():
             yield from together.put(frame.end_us, frame)
-        yield from together.rest()
+        yield from together.flush()
         _count(left_out, "frames that are not whole", aps.torn)
         _count(left_out, "APS words of no frame", aps.lost)
         _count(left_out, "IMU words of no whole sample", imu.lost)
-        damage.tail(bad.sound_end, self.size)
-        self.damage, self.left_out = damage, left_out
+        integrity.torn_tail(bad.sound_end, self.size)
+        self.integrity, self.left_out = integrity, left_out
 
     def _words(self, file: BinaryIO) -> Iterator[tuple[int, npt.NDArray[np.void]]]:
         """(byte offset, words) of each chunk; a torn last word is not in it."""
@@ -196,14 +196,14 @@ class _BadWords:
         """where the last sound word ends, bytes"""
         self._waiting: list[tuple[int, str, int]] = []
 
-    def meet(self, off: Mask, address: Bits, at: int, damage: Damage) -> None:
+    def meet(self, off: Mask, address: Bits, at: int, integrity: IntegrityReport) -> None:
         """Look at the next words, (n,). In: which are bad, their addresses, their byte offset."""
         sound = np.flatnonzero(~off)
         whole = int(sound[-1]) + 1 if len(sound) else 0
         if whole:
             # a sound word follows all that waited
             for found in self._waiting:
-                damage.packet(*found)
+                integrity.corrupt(*found)
             self._waiting = []
             self.sound_end = at + 8 * whole
         for begin, end in ((0, whole), (whole, len(off))):
@@ -212,7 +212,7 @@ class _BadWords:
                 reason = f"address {int(address[bad[0]]):#010x} lies outside the sensor"
                 found = at + 8 * int(bad[0]), reason, len(bad)
                 if end == whole:
-                    damage.packet(*found)
+                    integrity.corrupt(*found)
                 else:
                     self._waiting.append(found)
 

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.files.aedat2.layout import END, SAID, SPAN_US, WORD
+from evs.drivers.files.aedat2.layout import END, EVS_LINE, SPAN_US, WORD
 from evs.drivers.files.aedat2.reader import Aedat2File
-from evs.drivers.files.appending import AppendingRecorder
+from evs.drivers.files.appending_recorder import AppendingRecorder
+from evs.drivers.files.file_parts import check_no_parts, check_not_continued, part_path
 from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.header_text import stream_json
-from evs.drivers.files.numbered import check_no_parts, check_not_continued, part_path
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo
 
 _AER_CHIPS = {(346, 260): "Davis346blue", (240, 180): "DAVIS240C"}
@@ -82,7 +82,7 @@ class Aedat2Recorder(AppendingRecorder):
             "# Data format is int32 address, int32 timestamp (8 bytes total), repeated",
             "# Timestamps tick is 1 us",
             *([f"# AEChip: eu.seebetter.ini.chips.davis.{chip}"] if chip else []),
-            SAID + stream_json(stream, time_base_us=self._base_us, part=self._parts),
+            EVS_LINE + stream_json(stream, time_base_us=self._base_us, part=self._parts),
             END,
         ]
         return "".join(f"{line}\r\n" for line in lines).encode()

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from evs.drivers.files.aedat3.compressed import MAX_DEFLATE, MAX_PICTURE_BYTES, PNG_BIT
 from evs.drivers.files.aedat3.layout import FRAME_HEAD, IMU, SPAN_US, Head
-from evs.drivers.files.formats import MAX_SIDE_PX
+from evs.drivers.files.capabilities import MAX_SIDE_PX
 from evs.msgs import DEGREE, STANDARD_GRAVITY, Frame, ImuSamples, empty_imu
 
 

@@ -24,7 +24,7 @@ import numpy as np
 
 MAGIC = b"#!AER-DAT3.1"
 END = b"#!END-HEADER"
-SAID = "#evs "
+EVS_LINE = "#evs "
 SOURCE = "#Source "
 """Of the line that names the camera, behind its number."""
 SPAN_US = 1 << 31

@@ -14,6 +14,7 @@ from evs.drivers.files.aedat3.frames_imu import BadEventError, ColouredError, fr
 from evs.drivers.files.aedat3.layout import (
     END,
     EVENT,
+    EVS_LINE,
     FRAME,
     IMU,
     IMU9,
@@ -24,17 +25,16 @@ from evs.drivers.files.aedat3.layout import (
     OTHER_KINDS,
     OTHERS,
     POLARITY,
-    SAID,
     SOURCE,
     Head,
     read_head,
 )
-from evs.drivers.files.damage import Damage
 from evs.drivers.files.formats import AnyPath
-from evs.drivers.files.header_text import head_of, said_of, stream_from
-from evs.drivers.files.interleaved import Interleaved
-from evs.drivers.files.ordered import InOrder
-from evs.drivers.files.recorded import MixedFile
+from evs.drivers.files.header_text import own_line_and_chip, read_file_head, stream_from_header
+from evs.drivers.files.integrity import IntegrityReport
+from evs.drivers.files.interleaving import Interleaver
+from evs.drivers.files.recording_file import MultiStreamFile
+from evs.drivers.files.sorting import EventSorter
 from evs.msgs import Events, EvsError, Frame, ImuSamples, make_events
 
 _CHUNK_EVENTS = 1 << 17
@@ -45,7 +45,7 @@ Raw = npt.NDArray[np.void]
 
 
 @dataclass
-class Aedat3File(MixedFile):
+class Aedat3File(MultiStreamFile):
     """One AEDAT3.1 file, ours, cAER's or jAER's."""
 
     packets_at: int = 0
@@ -55,7 +55,7 @@ class Aedat3File(MixedFile):
     @classmethod
     def at(cls, path: AnyPath) -> Aedat3File:
         """Read the header. EvsError: no such file, not AEDAT3.1, of an unknown compression."""
-        found, data = head_of(path)
+        found, data = read_file_head(path)
         at = data.find(END)
         if not data.startswith(MAGIC) or at < 0:
             lacks = END if data.startswith(MAGIC) else MAGIC
@@ -72,10 +72,10 @@ class Aedat3File(MixedFile):
                 f"{found} is compressed in a way that we do not know ({shown}; known: "
                 f"{', '.join(FORMATS)}): write it again as RAW"
             )
-        said, source = said_of(lines, SAID, SOURCE)
+        said, source = own_line_and_chip(lines, EVS_LINE, SOURCE)
         opened = cls(
             path=found,
-            stream=stream_from(said, source, frames=True, imu=True),
+            stream=stream_from_header(said, source, frames=True, imu=True),
             size=found.stat().st_size,
             compression="none" if compression == "RAW" else compression,
             packets_at=at,
@@ -84,29 +84,29 @@ class Aedat3File(MixedFile):
             opened._look()
         return opened
 
-    def _walked(self, events: bool, beside: bool) -> Iterator[Events | Frame | ImuSamples]:
+    def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Events | Frame | ImuSamples]:
         """What is asked for; special events and colour frames are counted in `left_out`."""
-        damage, left_out = Damage(), dict[str, int]()
-        order, together = InOrder(damage, self.stream), Interleaved()
+        integrity, left_out = IntegrityReport(), dict[str, int]()
+        order, together = EventSorter(integrity, self.stream), Interleaver()
         self._frames = 0
         with self.path.open("rb") as file:
-            for at, head in self._packets(file, damage, left_out):
+            for at, head in self._packets(file, integrity, left_out):
                 if head.kind == POLARITY:
                     if events:
-                        for place, raw in self._parts(file, at, head, damage):
-                            found, where = self._events(place, head, raw, damage, left_out)
+                        for place, raw in self._parts(file, at, head, integrity):
+                            found, where = self._events(place, head, raw, integrity, left_out)
                             for part in order.feed(found, where):
                                 yield from together.between(part)
-                elif beside:
-                    for t_us, message in self._beside(file, at, head, damage, left_out):
+                elif auxiliary:
+                    for t_us, message in self._auxiliary(file, at, head, integrity, left_out):
                         yield from together.put(t_us, message)
-        for part in order.rest():
+        for part in order.flush():
             yield from together.between(part)
-        yield from together.rest()
-        self.damage, self.left_out = damage, left_out
+        yield from together.flush()
+        self.integrity, self.left_out = integrity, left_out
 
     def _packets(
-        self, file: BinaryIO, damage: Damage, left_out: dict[str, int]
+        self, file: BinaryIO, integrity: IntegrityReport, left_out: dict[str, int]
     ) -> Iterator[tuple[int, Head]]:
         """(byte offset, header) of each packet that we read; then of one that the file ends in."""
         at, broken = self.packets_at, -1
@@ -118,7 +118,7 @@ class Aedat3File(MixedFile):
                 at = self._next_packet(file, at + 1)
                 continue
             if broken >= 0:
-                damage.packet(broken, "no packet begins here")
+                integrity.corrupt(broken, "no packet begins here")
                 broken = -1
             if head.kind == POLARITY or head.kind == FRAME or head.kind in IMU:
                 yield at, head
@@ -127,7 +127,9 @@ class Aedat3File(MixedFile):
             at += NUMBERS.size + head.length
         if broken >= 0:
             torn = self._torn(file, broken)
-            damage.tail(broken if torn is None else broken + NUMBERS.size + torn.length, self.size)
+            integrity.torn_tail(
+                broken if torn is None else broken + NUMBERS.size + torn.length, self.size
+            )
             if torn is not None:
                 yield broken, torn
 
@@ -141,7 +143,7 @@ class Aedat3File(MixedFile):
         return head._replace(number=whole, valid=0) if whole > 0 else None
 
     def _parts(
-        self, file: BinaryIO, at: int, head: Head, damage: Damage
+        self, file: BinaryIO, at: int, head: Head, integrity: IntegrityReport
     ) -> Iterator[tuple[int, Raw]]:
         """(byte offset, events) of a polarity packet, so many at a time."""
         place = at + NUMBERS.size
@@ -149,7 +151,7 @@ class Aedat3File(MixedFile):
             file.seek(place)
             raw = expanded(file.read(head.length), head.number)
             if raw is None:
-                damage.packet(at, f"its {head.length} bytes are no {head.number} events")
+                integrity.corrupt(at, f"its {head.length} bytes are no {head.number} events")
             else:
                 yield place, raw
             return
@@ -161,7 +163,7 @@ class Aedat3File(MixedFile):
             place += 8 * max(1, len(raw))
 
     def _events(
-        self, at: int, head: Head, raw: Raw, damage: Damage, left_out: dict[str, int]
+        self, at: int, head: Head, raw: Raw, integrity: IntegrityReport, left_out: dict[str, int]
     ) -> tuple[Events, npt.NDArray[np.int64]]:
         """The sound events of a part, (n,), and their byte offsets."""
         data, stream = raw["data"].astype(np.int64), self.stream
@@ -174,14 +176,19 @@ class Aedat3File(MixedFile):
             first = int(off.argmax())
             where = f"an event at ({x[first]}, {y[first]}), {raw['stamp'][first]} us,"
             wrong = f"{where} is outside the sensor or its time"
-            damage.packet(at + step * first, wrong, int(np.count_nonzero(off)))
-            damage.what = "events"
+            integrity.corrupt(at + step * first, wrong, int(np.count_nonzero(off)))
+            integrity.noun = "events"
         kept = np.flatnonzero(valid & ~off)
         t = (head.overflow << 31) + raw["stamp"][kept].astype(np.int64)
         return make_events(t, x[kept], y[kept], data[kept] >> 1 & 1), at + step * kept
 
-    def _beside(
-        self, file: BinaryIO, at: int, head: Head, damage: Damage, left_out: dict[str, int]
+    def _auxiliary(
+        self,
+        file: BinaryIO,
+        at: int,
+        head: Head,
+        integrity: IntegrityReport,
+        left_out: dict[str, int],
     ) -> Iterator[tuple[int, Frame | ImuSamples]]:
         """(time, message) of what a packet of frames or IMU samples holds."""
         if head.kind != FRAME:
@@ -191,7 +198,9 @@ class Aedat3File(MixedFile):
             if head.kind == IMU9:
                 count(left_out, "compass readings", len(samples))
             if bad:
-                damage.packet(at, "an IMU sample has a value that is not finite, or no time", bad)
+                integrity.corrupt(
+                    at, "an IMU sample has a value that is not finite, or no time", bad
+                )
             if len(samples):
                 yield int(samples["t"][-1]), samples
             return
@@ -199,7 +208,7 @@ class Aedat3File(MixedFile):
             if isinstance(found, ColouredError):
                 count(left_out, _COLOURED, 1)
             elif isinstance(found, BadEventError):
-                damage.packet(at, str(found))
+                integrity.corrupt(at, str(found))
             elif found is None:
                 count(left_out, "invalid frames", 1)
             else:
@@ -227,11 +236,11 @@ class Aedat3File(MixedFile):
         width = height = 1
         kinds = set()
         with self.path.open("rb") as file:
-            for at, head in self._packets(file, Damage(), {}):
+            for at, head in self._packets(file, IntegrityReport(), {}):
                 kinds.add(head.kind)
                 if self.stream.width or head.kind != POLARITY:
                     continue
-                for _, raw in self._parts(file, at, head, Damage()):
+                for _, raw in self._parts(file, at, head, IntegrityReport()):
                     data = raw["data"][(raw["data"] & 1).astype(np.bool_)]
                     width = max(width, 1 + int((data >> 17).max(initial=0)))
                     height = max(height, 1 + int((data >> 2 & 0x7FFF).max(initial=0)))

@@ -10,6 +10,7 @@ import numpy as np
 from evs.drivers.files.aedat3.layout import (
     END,
     EVENT,
+    EVS_LINE,
     FRAME,
     FRAME_HEAD,
     FRAME_STAMP_AT,
@@ -17,15 +18,14 @@ from evs.drivers.files.aedat3.layout import (
     IMU6,
     MAGIC,
     POLARITY,
-    SAID,
     SIZES,
     SPAN_US,
     Head,
 )
-from evs.drivers.files.appending import AppendingRecorder
+from evs.drivers.files.appending_recorder import AppendingRecorder
 from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.header_text import stream_json
-from evs.drivers.sink import SinkStoppedError
+from evs.drivers.sink import SinkStoppedError, Stream
 from evs.msgs import (
     DEGREE,
     STANDARD_GRAVITY,
@@ -50,6 +50,7 @@ class Aedat3Recorder(AppendingRecorder):
     """
 
     NAME = "aedat3"
+    streams = frozenset({Stream.EVENTS, Stream.FRAMES, Stream.IMU})
 
     def __init__(self, path: AnyPath) -> None:
         super().__init__(path)
@@ -92,7 +93,7 @@ class Aedat3Recorder(AppendingRecorder):
             "#Format: RAW",
             f"#Source {_SOURCE}: {stream.sensor.upper()}",
             "#Start-Time: 1970-01-01 00:00:00 (TZ+0000)",
-            SAID + said,
+            EVS_LINE + said,
             END.decode(),
         ]
         return "".join(f"{line}\r\n" for line in lines).encode()

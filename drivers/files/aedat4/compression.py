@@ -10,7 +10,7 @@ import struct
 from collections.abc import Callable
 from functools import partial
 
-from evs.drivers.files.aedat4.layout import DamageError
+from evs.drivers.files.aedat4.layout import CorruptDataError
 from evs.msgs import unknown
 
 NUMBERS = {"none": 0, "lz4": 1, "zstd": 3}
@@ -59,19 +59,19 @@ def compressor(name: str) -> Callable[[bytes], bytes]:
 
 
 def decompress(body: bytes, name: str) -> bytes:
-    """The size-prefixed flatbuffer in a body; DamageError if it is torn, changed or too large.
+    """The size-prefixed flatbuffer in a body; CorruptDataError if it is torn, changed or too large.
 
     The output grows as the input really expands, and stops at the size that its own prefix states.
     """
     if name == "none":
         return body
     if frame_bytes(body, name) != len(body):
-        raise DamageError("something follows the frame")
+        raise CorruptDataError("something follows the frame")
     return _bounded(_reader(body, name))
 
 
 def expanded(body: bytes, name: str, size: int) -> bytes:
-    """What a frame of any content expands to, which must be `size` bytes; DamageError if not."""
+    """The content of a frame, which must be `size` bytes; CorruptDataError if it is not."""
     return _filled(bytearray(), _reader(body, name), size)
 
 
@@ -84,7 +84,7 @@ def identifier(body: bytes, name: str) -> bytes:
 def frame_bytes(body: bytes, name: str) -> int:
     """How many bytes the frame (or plain buffer) takes that `body` begins with.
 
-    By the lengths that stand in it, nothing is decompressed; DamageError where it ends early.
+    By the lengths that stand in it, nothing is decompressed; CorruptDataError where it ends early.
     """
     try:
         if name == "none":
@@ -94,9 +94,9 @@ def frame_bytes(body: bytes, name: str) -> int:
         else:
             end = _zstd_frame_bytes(body)
     except (IndexError, struct.error):
-        raise DamageError("the frame ends early") from None
+        raise CorruptDataError("the frame ends early") from None
     if end > len(body):
-        raise DamageError("the frame ends early")
+        raise CorruptDataError("the frame ends early")
     return end
 
 
@@ -119,7 +119,7 @@ def _zstd_frame_bytes(body: bytes) -> int:
         at = zstandard.frame_header_size(body)
         checksum = 4 * zstandard.get_frame_parameters(body).has_checksum
     except zstandard.ZstdError as reason:
-        raise DamageError(f"ZSTD: {reason}") from None
+        raise CorruptDataError(f"ZSTD: {reason}") from None
     last = 0
     while not last:
         header = int.from_bytes((body[at], body[at + 1], body[at + 2]), "little")
@@ -137,10 +137,10 @@ def _bounded(read: Callable[[int], bytes]) -> bytes:
     """Everything that read(n) gives, which must be as long as its first four bytes state."""
     out = bytearray(read(12))
     if len(out) < 12:
-        raise DamageError("the compressed data end early")
+        raise CorruptDataError("the compressed data end early")
     size = 4 + int.from_bytes(out[:4], "little")
     if size > MAX_BODY_BYTES:
-        raise DamageError(f"states {size} bytes, over {MAX_BODY_BYTES}")
+        raise CorruptDataError(f"states {size} bytes, over {MAX_BODY_BYTES}")
     return _filled(out, read, size)
 
 
@@ -153,7 +153,9 @@ def _filled(out: bytearray, read: Callable[[int], bytes], size: int) -> bytes:
             break
         out += part
     if len(out) != size:
-        raise DamageError(f"states {size} bytes, holds {'more' if len(out) > size else len(out)}")
+        raise CorruptDataError(
+            f"states {size} bytes, holds {'more' if len(out) > size else len(out)}"
+        )
     return bytes(out)
 
 
@@ -176,9 +178,9 @@ def _read_lz4(body: bytes) -> Callable[[int], bytes]:
         try:
             part: bytes = frame.decompress(pending.pop() if pending else b"", max_length=count)
         except RuntimeError as reason:
-            raise DamageError(f"LZ4: {reason}") from None
+            raise CorruptDataError(f"LZ4: {reason}") from None
         if not part and not frame.eof:
-            raise DamageError("LZ4: the frame ends early")
+            raise CorruptDataError("LZ4: the frame ends early")
         return part
 
     return read
@@ -193,6 +195,6 @@ def _read_zstd(body: bytes) -> Callable[[int], bytes]:
         try:
             return reader.read(count)
         except zstandard.ZstdError as reason:
-            raise DamageError(f"ZSTD: {reason}") from None
+            raise CorruptDataError(f"ZSTD: {reason}") from None
 
     return read

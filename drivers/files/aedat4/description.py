@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from evs.drivers.files.aedat4.layout import DamageError
-from evs.drivers.files.formats import MAX_SIDE_PX
+from evs.drivers.files.aedat4.layout import CorruptDataError
+from evs.drivers.files.capabilities import MAX_SIDE_PX
 from evs.msgs import StreamInfo
 
 EVENT_STREAM, FRAME_STREAM, IMU_STREAM, TRIGGER_STREAM = 0, 1, 2, 3
@@ -52,12 +52,12 @@ KINDS = {
 
 def held_by(stream: StreamInfo) -> tuple[int, ...]:
     """The ids of the streams that a camera gives: events, and what comes beside them."""
-    beside = (
+    auxiliary = (
         (FRAME_STREAM, stream.frames),
         (IMU_STREAM, stream.imu),
         (TRIGGER_STREAM, stream.triggers),
     )
-    return (EVENT_STREAM, *(number for number, there in beside if there))
+    return (EVENT_STREAM, *(number for number, there in auxiliary if there))
 
 
 def to_xml(
@@ -107,13 +107,15 @@ def _stream_node(
 
 
 def from_xml(text: str) -> dict[int, Declared]:
-    """Every stream that a description declares, by stream id; DamageError if it is not one."""
+    """Every stream that a description declares, by stream id; CorruptDataError if it is not one."""
     if "<!" in text:
-        raise DamageError("the stream description holds declarations, which no writer puts there")
+        raise CorruptDataError(
+            "the stream description holds declarations, which no writer puts there"
+        )
     try:
         root = ET.fromstring(text)
     except ET.ParseError as reason:
-        raise DamageError(f"the stream description is not XML: {reason}") from None
+        raise CorruptDataError(f"the stream description is not XML: {reason}") from None
     streams = root.find("./node[@name='outInfo']")
     declared: dict[int, Declared] = {}
     for node in [] if streams is None else streams.findall("node"):

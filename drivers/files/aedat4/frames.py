@@ -7,7 +7,7 @@ from typing import Any
 import flatbuffers
 import numpy as np
 
-from evs.drivers.files.aedat4.layout import DamageError, Flat
+from evs.drivers.files.aedat4.layout import CorruptDataError, Flat
 from evs.msgs import Frame
 
 # fields of the table, in their order
@@ -56,8 +56,11 @@ def frame_body(frame: Frame) -> bytes:
 def parse_frame(body: bytes, seq: int, camera: str) -> Frame:
     """The frame of an uncompressed packet body, its pixels a read-only view of its bytes.
 
-    Raises DamageError, and OtherFormatError for colours. Stamps that another writer leaves out are
-    the exposure's, and those of the exposure the frame's own.
+    Stamps that another writer leaves out are the exposure's, and those of the exposure the frame's.
+
+    Raises:
+        CorruptDataError: The bytes are not a frame.
+        OtherFormatError: The frame is in colour.
     """
     flat = Flat(body, b"FRME")
     table = flat.root()
@@ -72,15 +75,15 @@ def parse_frame(body: bytes, seq: int, camera: str) -> Frame:
     begin = number(_BEGIN, "<q", exposure_begin)
     end = number(_END, "<q", exposure_end)
     if not begin <= exposure_begin <= exposure_end <= end:
-        raise DamageError(f"frame's stamps {begin} ... {end} us run backwards")
+        raise CorruptDataError(f"frame's stamps {begin} ... {end} us run backwards")
     width, height = number(_WIDTH, "<h", 0), number(_HEIGHT, "<h", 0)
     kind, at = number(_FORMAT, "<b", 0), flat.field(table, _PIXELS)
     if width < 1 or height < 1 or at is None:
-        raise DamageError(f"frame of {width} x {height} px")
+        raise CorruptDataError(f"frame of {width} x {height} px")
     if kind not in FORMATS:
         raise OtherFormatError
     start, length = flat.vector(at, 1)
     if length != width * height * FORMATS[kind].itemsize:
-        raise DamageError(f"frame of {width} x {height} px has {length} bytes")
+        raise CorruptDataError(f"frame of {width} x {height} px has {length} bytes")
     pixels = np.frombuffer(body, FORMATS[kind], width * height, start).reshape(height, width)
     return Frame(seq, begin, exposure_begin, exposure_end, end, pixels, camera)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import flatbuffers
 import numpy as np
 
-from evs.drivers.files.aedat4.layout import DamageError, Flat, list_body
-from evs.drivers.files.damage import MAX_STAMP_US
+from evs.drivers.files.aedat4.layout import CorruptDataError, Flat, list_body
+from evs.drivers.files.integrity import MAX_STAMP_US
 from evs.msgs import DEGREE, STANDARD_GRAVITY, ImuSamples, empty_imu
 
 # fields of a sample's table: t, temperature, three axes each of two sensors and a magnetometer
@@ -33,7 +33,7 @@ def imu_body(samples: ImuSamples) -> bytes:
 
 
 def parse_imu(body: bytes) -> ImuSamples:
-    """The samples of an uncompressed packet body, SI. Raises DamageError."""
+    """The samples of an uncompressed packet body, SI. Raises CorruptDataError."""
     flat = Flat(body, b"IMUS")
     elements_at = flat.field(flat.root(), 0)
     if elements_at is None:
@@ -41,7 +41,7 @@ def parse_imu(body: bytes) -> ImuSamples:
     start, count = flat.vector(elements_at, 4)
     # a sample takes its place in the list, its stamp, and a link to the layout of its fields
     if 16 * count > len(body):
-        raise DamageError(f"{count} IMU samples do not fit a buffer of {len(body)} bytes")
+        raise CorruptDataError(f"{count} IMU samples do not fit a buffer of {len(body)} bytes")
     samples = empty_imu(count)
     for row in range(count):
         at = start + 4 * row
@@ -65,7 +65,7 @@ def _check(samples: ImuSamples) -> None:
     stamps = samples["t"]
     beyond = (stamps < -MAX_STAMP_US) | (stamps > MAX_STAMP_US)
     if beyond.any() or (stamps[1:] < stamps[:-1]).any():
-        raise DamageError("the IMU's time stamps run backwards or are beyond 2^62 us")
+        raise CorruptDataError("the IMU's time stamps run backwards or are beyond 2^62 us")
     for key in ("temperature", "acceleration", "angular_velocity"):
         if not np.isfinite(samples[key]).all():
-            raise DamageError("an IMU sample has a value that is not finite")
+            raise CorruptDataError("an IMU sample has a value that is not finite")

@@ -11,7 +11,7 @@ Schemas: dv-processing's IOHeader ("IOHE"), EventPacket ("EVTS"), FileDataTable 
 Our event is the schema's event struct byte for byte, so that a constant prefix in front of the
 events is the whole encoder; the data table is laid out by numpy, since the builder would take
 10 us a packet. What is read is checked, which the library does not do: every offset and length lies
-inside the bytes given, or DamageError says what is wrong.
+inside the bytes given, or CorruptDataError says what is wrong.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _TABLE_ENTRY = np.dtype(
 _TABLE_VTABLE = struct.Struct("<7H")
 
 
-class DamageError(Exception):
+class CorruptDataError(Exception):
     """These bytes are not what the format asks for; the message says why. Never reaches users."""
 
 
@@ -92,12 +92,12 @@ def parse_io_header(body: bytes) -> IOHeader:
     compression = 0 if compression_at is None else flat.number("<i", compression_at)
     position = NO_TABLE if position_at is None else flat.number("<q", position_at)
     if text_at is None:
-        raise DamageError("the header has no stream description")
+        raise CorruptDataError("the header has no stream description")
     start, length = flat.vector(text_at, 1)
     try:
         xml = body[start : start + length].decode()
     except UnicodeDecodeError:
-        raise DamageError("the stream description is not UTF-8") from None
+        raise CorruptDataError("the stream description is not UTF-8") from None
     return IOHeader(compression, position, position_at, xml)
 
 
@@ -174,21 +174,27 @@ class Flat:
     def __init__(self, body: bytes, identifier: bytes) -> None:
         self.body = body
         if len(body) < 12 or body[8:12] != identifier:
-            raise DamageError(f"not a {identifier.decode()} buffer")
+            raise CorruptDataError(f"not a {identifier.decode()} buffer")
         if self.number("<I", 0) != len(body) - 4:
-            raise DamageError(f"{identifier.decode()} buffer of {len(body)} bytes states another")
+            raise CorruptDataError(
+                f"{identifier.decode()} buffer of {len(body)} bytes states another"
+            )
 
     def number(self, kind: str, position: int) -> int:
         """One little-endian integer."""
         if position < 0 or position + struct.calcsize(kind) > len(self.body):
-            raise DamageError(f"offset {position} is outside a buffer of {len(self.body)} bytes")
+            raise CorruptDataError(
+                f"offset {position} is outside a buffer of {len(self.body)} bytes"
+            )
         value: tuple[Any, ...] = struct.unpack_from(kind, self.body, position)
         return int(value[0])
 
     def real(self, position: int) -> float:
         """One little-endian float32."""
         if position < 0 or position + 4 > len(self.body):
-            raise DamageError(f"offset {position} is outside a buffer of {len(self.body)} bytes")
+            raise CorruptDataError(
+                f"offset {position} is outside a buffer of {len(self.body)} bytes"
+            )
         value: tuple[float] = struct.unpack_from("<f", self.body, position)
         return value[0]
 
@@ -210,5 +216,5 @@ class Flat:
         at = position + self.number("<I", position)
         length = self.number("<I", at)
         if at + 4 + length * item_bytes > len(self.body):
-            raise DamageError(f"{length} items do not fit a buffer of {len(self.body)} bytes")
+            raise CorruptDataError(f"{length} items do not fit a buffer of {len(self.body)} bytes")
         return at + 4, length

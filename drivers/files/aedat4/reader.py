@@ -15,11 +15,11 @@ from evs.drivers.files.aedat4 import compression as compressions
 from evs.drivers.files.aedat4 import description, layout
 from evs.drivers.files.aedat4.frames import OtherFormatError, parse_frame
 from evs.drivers.files.aedat4.imu import parse_imu
-from evs.drivers.files.aedat4.layout import DamageError
+from evs.drivers.files.aedat4.layout import CorruptDataError
 from evs.drivers.files.aedat4.triggers import parse_triggers
-from evs.drivers.files.damage import Damage, bad_values, normalised
-from evs.drivers.files.ordered import RESET_US, in_order
-from evs.drivers.files.recording import existing
+from evs.drivers.files.integrity import IntegrityReport, bad_values, normalised
+from evs.drivers.files.paths import existing
+from evs.drivers.files.sorting import CLOCK_RESET_US, sort_events
 from evs.msgs import EVENT_DTYPE, Events, EvsError, Frame, ImuSamples, StreamInfo, Triggers
 
 MAX_HEADER_BYTES = 1 << 26
@@ -35,7 +35,7 @@ _PLAIN_KINDS = re.compile(b"EVTS|FRME|IMUS|TRIG")
 
 Message = Events | Frame | ImuSamples | Triggers
 
-_Taker = Callable[[bytes], Message | str | None]
+_Parser = Callable[[bytes], Message | str | None]
 """What is in the body of a packet: a message, nothing, or words on why it is damaged."""
 
 
@@ -65,7 +65,7 @@ class Aedat4File:
     end: int
     """where the file ends, with its table and without what follows it, bytes"""
     size: int
-    damage: Damage = field(default_factory=Damage)
+    integrity: IntegrityReport = field(default_factory=IntegrityReport)
     """what the last complete walk over the packets found"""
     whole_packets: int = 0
     """packets of any stream that the last complete walk found whole"""
@@ -87,26 +87,26 @@ class Aedat4File:
                 return cls._opened(found, file)
         except OSError as reason:
             raise EvsError(f"cannot read {found}: {reason.strerror}") from None
-        except DamageError as reason:
+        except CorruptDataError as reason:
             raise EvsError(f"{found} is not a readable AEDAT4 file: {reason}") from None
 
     def events(self) -> Iterator[Events]:
-        """The events of each packet, read-only arrays that are never empty; then sets `damage`."""
+        """The events of each packet, read-only and never empty; the end sets `integrity`."""
         with self.path.open("rb") as file:
-            for _, events in self._walk(file, {self.event_id: self._take_events}):
+            for _, events in self._iterate_packets(file, {self.event_id: self._parse_events}):
                 assert isinstance(events, np.ndarray)
                 yield events
 
     def messages(self) -> Iterator[Message]:
-        """What is in each packet of our four streams, in the file's order; sets `damage`."""
+        """What is in each packet of our four streams, in the file's order; sets `integrity`."""
         with self.path.open("rb") as file:
-            for _, message in self._walk(file, self._takers()):
+            for _, message in self._iterate_packets(file, self._parsers()):
                 yield message
 
-    def beside(self) -> Iterator[Frame | ImuSamples | Triggers]:
-        """Frames, IMU samples and triggers alone, in the file's order; sets `damage`."""
+    def auxiliary(self) -> Iterator[Frame | ImuSamples | Triggers]:
+        """Frames, IMU samples and triggers alone, in the file's order; sets `integrity`."""
         with self.path.open("rb") as file:
-            for number, message in self._walk(file, self._takers()):
+            for number, message in self._iterate_packets(file, self._parsers()):
                 if number != self.event_id:
                     assert not isinstance(message, np.ndarray) or message.dtype != EVENT_DTYPE
                     yield message
@@ -128,7 +128,7 @@ class Aedat4File:
         with self.path.open("rb") as file:
             try:
                 self._packet(file, self.packets_at)
-            except DamageError:
+            except CorruptDataError:
                 return False
         return True
 
@@ -136,15 +136,15 @@ class Aedat4File:
     def _opened(cls, path: Path, file: BinaryIO) -> Aedat4File:
         size = os.fstat(file.fileno()).st_size
         if file.read(len(layout.MAGIC)) != layout.MAGIC:
-            raise DamageError("it does not begin with the AEDAT4 line")
+            raise CorruptDataError("it does not begin with the AEDAT4 line")
         prefix = file.read(4)
         length = int.from_bytes(prefix, "little")
         packets_at = len(layout.MAGIC) + 4 + length
         if len(prefix) < 4 or packets_at > size or length > MAX_HEADER_BYTES:
-            raise DamageError("its header is torn")
+            raise CorruptDataError("its header is torn")
         header = layout.parse_io_header(prefix + file.read(length))
         if header.compression not in compressions.NAMES:
-            raise DamageError(f"compression {header.compression} does not exist")
+            raise CorruptDataError(f"compression {header.compression} does not exist")
         compression = compressions.NAMES[header.compression]
         streams = description.from_xml(header.xml)
         end, table_packets = size, None
@@ -178,24 +178,24 @@ class Aedat4File:
         if self.event_id < 0 and others and not self.stream.width:
             self.stream = description.stream_info(info, 1, 1)
             if frames is not None:
-                sizes = (one.pixels.shape for _, one in self._walk(file, self._takers())
+                sizes = (one.pixels.shape for _, one in self._iterate_packets(file, self._parsers())
                          if isinstance(one, Frame))  # fmt: skip
                 height, width = next(sizes, (1, 1))
                 self.stream = replace(self.stream, width=width, height=height)
         if not (self.stream.width and self.stream.height):
             width = height = 0
-            takers = {} if self.event_id < 0 else {self.event_id: self._take_events}
-            for number, events in self._walk(file, takers, find_events=not takers):
+            parsers = {} if self.event_id < 0 else {self.event_id: self._parse_events}
+            for number, events in self._iterate_packets(file, parsers, find_events=not parsers):
                 assert isinstance(events, np.ndarray)
                 self.event_id = number
                 width = max(width, 1 + int(events["x"].max()))
                 height = max(height, 1 + int(events["y"].max()))
             if not width:
-                raise DamageError(
+                raise CorruptDataError(
                     "it neither declares nor holds events, nor what comes beside them"
                 )
             self.stream = description.stream_info(info, width, height)
-            self.damage = Damage()
+            self.integrity = IntegrityReport()
         self.stream = replace(
             self.stream,
             frames=frames is not None,
@@ -208,34 +208,34 @@ class Aedat4File:
         ids = [number for number, said in self.streams.items() if said.identifier == kind]
         return min(ids, default=None)
 
-    def _takers(self) -> dict[int, _Taker]:
+    def _parsers(self) -> dict[int, _Parser]:
         """How the packets of the streams that we read are taken, by stream id."""
         frames, imu, triggers = (self._first(kind) for kind in ("FRME", "IMUS", "TRIG"))
-        takers: dict[int, _Taker] = {self.event_id: self._take_events}
+        parsers: dict[int, _Parser] = {self.event_id: self._parse_events}
         if frames is not None:
             seen = iter(range(self.size))
             self.left_out = {}
-            takers[frames] = lambda body: self._take_frame(body, seen)
+            parsers[frames] = lambda body: self._parse_frame(body, seen)
         if imu is not None:
-            takers[imu] = lambda body: _there(parse_imu(self._plain(body)))
+            parsers[imu] = lambda body: _or_none(parse_imu(self._plain(body)))
         if triggers is not None:
-            takers[triggers] = lambda body: _there(parse_triggers(self._plain(body)))
-        return takers
+            parsers[triggers] = lambda body: _or_none(parse_triggers(self._plain(body)))
+        return parsers
 
-    def _take_events(self, body: bytes) -> Events | str | None:
+    def _parse_events(self, body: bytes) -> Events | str | None:
         events = layout.parse_events(self._plain(body))
         if not len(events):
             return None
         steps = np.diff(events["t"])
         back = int(np.count_nonzero(steps < 0))
         if back:
-            if int(steps.min()) < -RESET_US:
+            if int(steps.min()) < -CLOCK_RESET_US:
                 return "its time stamps run backwards"
-            events = in_order(events)
+            events = sort_events(events)
             self._unsorted += back
         return bad_values(events, self.stream) or normalised(events)
 
-    def _take_frame(self, body: bytes, numbers: Iterator[int]) -> Frame | None:
+    def _parse_frame(self, body: bytes, numbers: Iterator[int]) -> Frame | None:
         plain = self._plain(body)
         try:
             return replace(parse_frame(plain, 0, self.stream.camera), seq=next(numbers))
@@ -246,57 +246,59 @@ class Aedat4File:
     def _plain(self, body: bytes) -> bytes:
         return compressions.decompress(body, self.compression)
 
-    def _walk(
-        self, file: BinaryIO, takers: Mapping[int, _Taker], find_events: bool = False
+    def _iterate_packets(
+        self, file: BinaryIO, parsers: Mapping[int, _Parser], find_events: bool = False
     ) -> Iterator[tuple[int, Message]]:
         """(stream id, message) of every packet that has a taker.
 
         find_events: the first stream that holds events has one too.
         """
-        damage, whole = Damage(), 0
+        integrity, whole = IntegrityReport(), 0
         at, broken, tries = self.packets_at, None, 0
         while at < self.packets_end and tries < MAX_TRIES:
             try:
                 number, body = self._packet(file, at)
-                if number not in takers and self._kind(number, body) == b"EVTS" and find_events:
-                    takers, find_events = {number: self._take_events}, False
-                message = self._taken(number, body, takers)
-            except DamageError as reason:
+                if number not in parsers and self._kind(number, body) == b"EVTS" and find_events:
+                    parsers, find_events = {number: self._parse_events}, False
+                message = self._parsed_message(number, body, parsers)
+            except CorruptDataError as reason:
                 broken, tries = broken or (at, str(reason)), tries + 1
                 at = self._next_packet(file, at + 1)
                 continue
             self.position = at
             if self._unsorted:
-                damage.backwards(self._unsorted, 0, at)
+                integrity.backwards(self._unsorted, 0, at)
                 self._unsorted = 0
             if broken:
-                damage.packet(*broken)
+                integrity.corrupt(*broken)
             broken, tries, whole = None, 0, whole + 1
             if isinstance(message, str):
-                damage.packet(at, message)
+                integrity.corrupt(at, message)
             elif message is not None:
                 yield number, message
             at += layout.PACKET_HEADER.size + len(body)
         # what no whole packet follows is torn
-        damage.tail(broken[0], self.packets_end) if broken else damage.tail(self.end, self.size)
-        self.damage, self.whole_packets = damage, whole
+        integrity.torn_tail(broken[0], self.packets_end) if broken else integrity.torn_tail(
+            self.end, self.size
+        )
+        self.integrity, self.whole_packets = integrity, whole
 
-    def _taken(
-        self, number: int, body: bytes, takers: Mapping[int, _Taker]
+    def _parsed_message(
+        self, number: int, body: bytes, parsers: Mapping[int, _Parser]
     ) -> Message | str | None:
         """What is in a packet; words where one of another kind than events is damaged inside.
 
         Such a packet is passed by its length, as by a walk that does not look into it: so every
         walk over a file finds the same events.
         """
-        if number not in takers:
+        if number not in parsers:
             return None
         if number == self.event_id or number not in self.streams:
-            return takers[number](body)
+            return parsers[number](body)
         self._kind(number, body)
         try:
-            return takers[number](body)
-        except DamageError as reason:
+            return parsers[number](body)
+        except CorruptDataError as reason:
             return str(reason)
 
     def _packet(self, file: BinaryIO, at: int) -> tuple[int, bytes]:
@@ -304,10 +306,10 @@ class Aedat4File:
         file.seek(at)
         prefix = file.read(layout.PACKET_HEADER.size)
         if len(prefix) < layout.PACKET_HEADER.size:
-            raise DamageError("the packet's header is torn")
+            raise CorruptDataError("the packet's header is torn")
         number, length = layout.PACKET_HEADER.unpack(prefix)
         if not _MIN_BODY_BYTES <= length <= self.packets_end - at - len(prefix):
-            raise DamageError(f"a packet of {length} bytes does not fit the file")
+            raise CorruptDataError(f"a packet of {length} bytes does not fit the file")
         return number, file.read(length)
 
     def _next_packet(self, file: BinaryIO, start: int) -> int:
@@ -334,13 +336,13 @@ class Aedat4File:
         declared = self.streams.get(number)
         if declared is not None and declared.identifier:
             if declared.identifier.encode() != kind:
-                raise DamageError(f"stream {number} holds {declared.identifier}, not {kind!r}")
+                raise CorruptDataError(f"stream {number} holds {declared.identifier}, not {kind!r}")
         elif self.streams or not (kind.isalnum() and kind.isupper()):
-            raise DamageError(f"stream {number} is not declared")
+            raise CorruptDataError(f"stream {number} is not declared")
         return kind
 
 
-def _there(found: ImuSamples | Triggers) -> ImuSamples | Triggers | None:
+def _or_none(found: ImuSamples | Triggers) -> ImuSamples | Triggers | None:
     """What a packet holds; None: nothing."""
     return found if len(found) else None
 
@@ -356,5 +358,5 @@ def _table(file: BinaryIO, position: int, size: int, compression: str) -> tuple[
         body = body[: compressions.frame_bytes(body, compression)]
         listed = layout.parse_table_length(compressions.decompress(body, compression))
         return position + len(body), listed
-    except DamageError:
+    except CorruptDataError:
         return size, None

@@ -14,10 +14,10 @@ from evs.drivers.files.aedat4.frames import frame_body
 from evs.drivers.files.aedat4.imu import imu_body
 from evs.drivers.files.aedat4.triggers import triggers_body
 from evs.drivers.files.aedat4.writer import Aedat4Writer
-from evs.drivers.files.numbered import check_no_parts, part_path
-from evs.drivers.files.recording import one_stream, target_error
-from evs.drivers.sink import SinkStoppedError
-from evs.emulator.base.protocols import Meter, NoMeter
+from evs.drivers.files.capabilities import one_stream
+from evs.drivers.files.file_parts import check_no_parts, part_path
+from evs.drivers.files.paths import target_error
+from evs.drivers.sink import Sink, SinkStoppedError, Stream
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo, TriggerPacket
 
 MAX_PACKET_EVENTS = 1 << 22
@@ -29,7 +29,7 @@ _TABLE_ROOM = 4096
 """What else of it, and of its padding as a rule."""
 
 
-class Aedat4Recorder:
+class Aedat4Recorder(Sink):
     """A Sink that writes AEDAT4, unbuffered: a packet is with the system when write returns.
 
     Ticks without events leave no packet. With `rotate_mb` or `rotate_s` the recording goes on in
@@ -38,6 +38,8 @@ class Aedat4Recorder:
     `rotate_s` simulated seconds. A full disk stops the recording: SinkStoppedError, and all that
     was taken before is readable.
     """
+
+    streams = frozenset({Stream.EVENTS, Stream.FRAMES, Stream.IMU, Stream.TRIGGERS})
 
     def __init__(
         self,
@@ -51,7 +53,6 @@ class Aedat4Recorder:
         for name, value in (("rotate_mb", rotate_mb), ("rotate_s", rotate_s)):
             if not (math.isfinite(value) and value >= 0):
                 raise EvsError(f"{name} is {value:g}: give a number over 0, or 0 for one file")
-        self.meter: Meter = NoMeter()
         self._path = Path(path)
         self._compression = compression
         self._compress = compressions.compressor(compression)

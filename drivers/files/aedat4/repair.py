@@ -8,8 +8,8 @@ from typing import BinaryIO
 
 from evs.drivers.files.aedat4 import layout
 from evs.drivers.files.aedat4.reader import Aedat4File
-from evs.drivers.files.recording import target_error
-from evs.drivers.files.repaired import Repair
+from evs.drivers.files.paths import target_error
+from evs.drivers.files.repair_report import Repair
 from evs.msgs import EvsError
 
 
@@ -23,7 +23,7 @@ def repair(path: str | os.PathLike[str]) -> Repair:
     for _ in file.messages():
         pass
     whole = file.whole_packets
-    cut_at = file.size if file.damage.torn_at is None else file.damage.torn_at
+    cut_at = file.size if file.integrity.torn_at is None else file.integrity.torn_at
     if not whole and file.first_packet_fits():
         raise EvsError(
             f"no packet of {file.path} can be read and its header may be damaged: "
@@ -63,5 +63,5 @@ def _cut(target: BinaryIO, file: Aedat4File, report: Repair) -> None:
 def _parsed(header: bytes) -> layout.IOHeader | None:
     try:
         return layout.parse_io_header(header)
-    except layout.DamageError:
+    except layout.CorruptDataError:
         return None

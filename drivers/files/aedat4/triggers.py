@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import flatbuffers
 
-from evs.drivers.files.aedat4.layout import DamageError, Flat, list_body
-from evs.drivers.files.damage import MAX_STAMP_US
+from evs.drivers.files.aedat4.layout import CorruptDataError, Flat, list_body
+from evs.drivers.files.integrity import MAX_STAMP_US
 from evs.msgs import Triggers, empty_triggers
 
 # fields of a trigger's table
@@ -26,7 +26,7 @@ def triggers_body(triggers: Triggers) -> bytes:
 
 
 def parse_triggers(body: bytes) -> Triggers:
-    """The triggers of an uncompressed packet body. Raises DamageError."""
+    """The triggers of an uncompressed packet body. Raises CorruptDataError."""
     flat = Flat(body, b"TRIG")
     elements_at = flat.field(flat.root(), 0)
     if elements_at is None:
@@ -34,7 +34,7 @@ def parse_triggers(body: bytes) -> Triggers:
     start, count = flat.vector(elements_at, 4)
     # a trigger takes its place in the list and a link to the layout of its fields
     if 8 * count > len(body):
-        raise DamageError(f"{count} triggers do not fit a buffer of {len(body)} bytes")
+        raise CorruptDataError(f"{count} triggers do not fit a buffer of {len(body)} bytes")
     triggers = empty_triggers(count)
     for row in range(count):
         at = start + 4 * row
@@ -45,5 +45,5 @@ def parse_triggers(body: bytes) -> Triggers:
     stamps = triggers["t"]
     beyond = (stamps < -MAX_STAMP_US) | (stamps > MAX_STAMP_US)
     if beyond.any() or (stamps[1:] < stamps[:-1]).any():
-        raise DamageError("the triggers' time stamps run backwards or are beyond 2^62 us")
+        raise CorruptDataError("the triggers' time stamps run backwards or are beyond 2^62 us")
     return triggers

@@ -10,8 +10,8 @@ from pathlib import Path
 from urllib.parse import quote
 
 from evs.drivers.files.aedat4.compression import MAX_BODY_BYTES
-from evs.drivers.files.aedat4.layout import DamageError
-from evs.drivers.files.bags.walk import Found, Walk
+from evs.drivers.files.aedat4.layout import CorruptDataError
+from evs.drivers.files.bags.records import BagMessage, BagScan
 
 _NAMES = "SELECT id, name, type FROM main.topics"
 _MESSAGES = "SELECT topic_id, data FROM main.messages ORDER BY timestamp, id"
@@ -37,14 +37,14 @@ def opened(path: Path) -> sqlite3.Connection:
 
     SQLite takes such a transaction back when it opens the file, which needs the right to write it.
     No value is larger than the file, and no question takes longer than in proportion to it; other
-    files are not looked at. DamageError: it would have to be.
+    files are not looked at. CorruptDataError: it would have to be.
     """
     journal = journal_of(path)
     if journal is not None:
         with journal.open("rb") as file:
             file.seek(max(0, journal.stat().st_size - len(_JOURNAL_ENDS)))
             if file.read() == _JOURNAL_ENDS:
-                raise DamageError("its journal names another one, which is not read")
+                raise CorruptDataError("its journal names another one, which is not read")
     how = "mode=rw" if journal or _has_log(path) else "immutable=1"
     bag = sqlite3.connect(f"file:{quote(str(path))}?{how}", uri=True)
     size = path.stat().st_size
@@ -61,8 +61,8 @@ def _has_log(path: Path) -> bool:
     return path.with_name(f"{path.name}-wal").is_file()
 
 
-def walk_database(path: Path, walk: Walk) -> Iterator[Found]:
-    """Every message of a .db3 file, by time. DamageError: it is none.
+def scan_database(path: Path, scan: BagScan) -> Iterator[BagMessage]:
+    """Every message of a .db3 file, by time. CorruptDataError: it is none.
 
     SQLite tells no byte offsets: what is damaged within is said to be at 0.
     """
@@ -73,22 +73,22 @@ def walk_database(path: Path, walk: Walk) -> Iterator[Found]:
             topics: dict[object, tuple[str, str]] = {}
             for place, name, kind in bag.execute(_NAMES):
                 topics.setdefault(place, (str(name), str(kind)))
-            walk.kinds.update(topics[place] for place in sorted(topics, key=str))
+            scan.kinds.update(topics[place] for place in sorted(topics, key=str))
             for place, data in bag.execute(_MESSAGES):
                 number += 1
                 if isinstance(data, bytes) and place in topics:
-                    yield Found(*topics[place], data, 0)
+                    yield BagMessage(*topics[place], data, 0)
     except (sqlite3.Error, UnicodeDecodeError, OverflowError, MemoryError) as reason:
         said = (str(reason) or type(reason).__name__).splitlines()[0][:300]
         if not number:
-            raise DamageError(said) from None
-        walk.damage.lost(f"after message {number}", said)
+            raise CorruptDataError(said) from None
+        scan.integrity.corrupt_part(f"after message {number}", said)
 
 
 def _check_tables(bag: sqlite3.Connection) -> None:
-    """DamageError unless topics and messages are tables; views and the like work anything out."""
+    """CorruptDataError unless topics and messages are plain tables: views compute."""
     kinds = {name: (kind, sql) for name, kind, sql in bag.execute(_TABLES)}
     for name in ("topics", "messages"):
         kind, sql = kinds.get(name, ("", ""))
         if kind != "table" or not _PLAIN.match(str(sql)):
-            raise DamageError(f"{name} is no plain table in it")
+            raise CorruptDataError(f"{name} is no plain table in it")

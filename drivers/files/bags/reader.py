@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.files.aedat4.layout import DamageError
-from evs.drivers.files.bags.database import journal_of, walk_database
+from evs.drivers.files.aedat4.layout import CorruptDataError
+from evs.drivers.files.bags.auxiliary import AuxiliaryParser, count, declared_auxiliary
+from evs.drivers.files.bags.database import journal_of, scan_database
 from evs.drivers.files.bags.library import ARRAY, PACKET, TEXT, load
 from evs.drivers.files.bags.messages import (
     ArrayMessage,
@@ -21,22 +22,22 @@ from evs.drivers.files.bags.messages import (
     deserialised,
     parse_array,
 )
-from evs.drivers.files.bags.pictures import Beside, count, has_beside
 from evs.drivers.files.bags.recorder import STREAM_TOPIC
-from evs.drivers.files.bags.walk import (
+from evs.drivers.files.bags.records import (
     MCAP_MAGIC,
     ROS1_MAGIC,
-    Found,
-    Walk,
-    ros1_top,
-    walk_mcap,
-    walk_ros1,
+    BagMessage,
+    BagScan,
+    ros1_file_records,
+    scan_mcap,
+    scan_ros1,
 )
-from evs.drivers.files.damage import on_sensor
-from evs.drivers.files.formats import MAX_SIDE_PX
-from evs.drivers.files.ordered import in_order
-from evs.drivers.files.recorded import MixedFile, said_stream
-from evs.drivers.files.recording import existing
+from evs.drivers.files.capabilities import MAX_SIDE_PX
+from evs.drivers.files.header_text import stream_from_json
+from evs.drivers.files.integrity import on_sensor
+from evs.drivers.files.paths import existing
+from evs.drivers.files.recording_file import MultiStreamFile
+from evs.drivers.files.sorting import sort_events
 from evs.msgs import (
     Events,
     EvsError,
@@ -61,7 +62,7 @@ Message = Events | Frame | ImuSamples | Triggers
 
 
 @dataclass
-class BagFile(MixedFile):
+class BagFile(MultiStreamFile):
     """One bag, opened with `BagFile.at(path)`; packets come back as they were packed."""
 
     ros: int = 2
@@ -84,44 +85,46 @@ class BagFile(MixedFile):
             opened._look()
         except OSError as reason:
             raise EvsError(f"cannot read {found}: {reason.strerror or reason}") from None
-        except DamageError as reason:
+        except CorruptDataError as reason:
             raise EvsError(f"{found} is not a readable bag: {reason}") from None
         return opened
 
-    def _walked(self, events: bool, beside: bool) -> Iterator[Message]:
+    def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Message]:
         """What is asked for, events and triggers of one message sorted."""
         left_out: dict[str, int] = {}
         readers: dict[str, PayloadReader] = {}
-        pictures = Beside(self.topic.rpartition("/")[0], self.stream.camera, self.ros)
+        auxiliary_parser = AuxiliaryParser(
+            self.topic.rpartition("/")[0], self.stream.camera, self.ros
+        )
         with self.path.open("rb") as file:
-            walk = Walk(file, self.size)
-            for found in self._found(walk):
+            scan = BagScan(file, self.size)
+            for found in self._found(scan):
                 self.position = found.at
                 try:
                     if found.kind in KINDS and (events or self.stream.triggers):
                         marks: list[Triggers] = []
-                        yield from pictures.rest()
-                        for part in self._events_of(found, walk, readers, left_out, marks):
-                            if beside and marks:
+                        yield from auxiliary_parser.flush()
+                        for part in self._events_of(found, scan, readers, left_out, marks):
+                            if auxiliary and marks:
                                 told = np.concatenate(marks)
                                 yield told[np.argsort(told["t"], kind="stable")]
                             marks.clear()
                             if events and len(part):
                                 yield part
-                    elif beside:
-                        yield from pictures.take(found, left_out)
+                    elif auxiliary:
+                        yield from auxiliary_parser.take(found, left_out)
                 except BadMessageError as reason:
-                    walk.damage.packet(found.at, str(reason))
-            yield from pictures.rest()
+                    scan.integrity.corrupt(found.at, str(reason))
+            yield from auxiliary_parser.flush()
         skipped = sum(reader.skipped for reader in readers.values())
         if skipped:
             left_out["events before the first time stamp"] = skipped
-        self.damage, self.left_out = walk.damage, left_out
+        self.integrity, self.left_out = scan.integrity, left_out
 
     def _events_of(
         self,
-        found: Found,
-        walk: Walk,
+        found: BagMessage,
+        scan: BagScan,
         readers: dict[str, PayloadReader],
         left_out: dict[str, int],
         triggers: list[Triggers],
@@ -130,14 +133,14 @@ class BagFile(MixedFile):
         if found.topic != self.topic:
             count(left_out, "messages with events of other topics")
             return
-        for part in self._taken(self._parsed(found), readers, left_out, triggers):
+        for part in self._decoded(self._parsed(found), readers, left_out, triggers):
             events, outside = on_sensor(part, self.stream.width, self.stream.height)
             if outside:
-                walk.damage.packet(found.at, "events lie outside of the sensor", outside)
+                scan.integrity.corrupt(found.at, "events lie outside of the sensor", outside)
             back = int(np.count_nonzero(events["t"][1:] < events["t"][:-1]))
             if back:
-                walk.damage.backwards(back, 0, found.at)
-                events = in_order(events)
+                scan.integrity.backwards(back, 0, found.at)
+                events = sort_events(events)
             yield events
 
     def _lacks_its_end(self) -> bool:
@@ -149,7 +152,7 @@ class BagFile(MixedFile):
                 file.seek(max(0, self.size - len(MCAP_MAGIC)))
                 return file.read() != MCAP_MAGIC
             file.seek(len(ROS1_MAGIC))
-            first = next(ros1_top(file, self.size), None)
+            first = next(ros1_file_records(file, self.size), None)
         return first is None or not any(first.fields.get(b"index_pos", b""))
 
     def _look(self) -> None:
@@ -157,8 +160,8 @@ class BagFile(MixedFile):
         said: dict[str, dict[str, Any]] = {}
         first: Any = None
         with self.path.open("rb") as file:
-            walk = Walk(file, self.size)
-            for found in self._found(walk):
+            scan = BagScan(file, self.size)
+            for found in self._found(scan):
                 if found.kind == TEXT and found.topic.endswith(f"/{STREAM_TOPIC}"):
                     said[found.topic] = self._said(found)
                 elif found.kind in KINDS:
@@ -168,9 +171,9 @@ class BagFile(MixedFile):
                         break
         if first is None:
             # recorded, but nothing was seen
-            self.topic = next((t for t, kind in walk.kinds.items() if kind in KINDS), "")
+            self.topic = next((t for t, kind in scan.kinds.items() if kind in KINDS), "")
         if not self.topic:
-            kinds = ", ".join(sorted(set(walk.kinds.values())))[:200] or "nothing"
+            kinds = ", ".join(sorted(set(scan.kinds.values())))[:200] or "nothing"
             kinds = "".join(letter if letter.isprintable() else "?" for letter in kinds)
             raise EvsError(f"{self.path} holds no events but {kinds}")
         width, height = (1, 1) if first is None else (first.width, first.height)
@@ -181,8 +184,8 @@ class BagFile(MixedFile):
         if name.isprintable() and 0 < len(name.encode()) < 256:
             plain = dataclasses.replace(plain, camera=name)
         ours = said.get(self.topic.rpartition("/")[0] + "/" + STREAM_TOPIC, {})
-        there = has_beside(walk.kinds, self.topic.rpartition("/")[0])
-        stream = said_stream(ours.get("stream"), plain)
+        there = declared_auxiliary(scan.kinds, self.topic.rpartition("/")[0])
+        stream = stream_from_json(ours.get("stream"), plain)
         self.stream = dataclasses.replace(stream, **there, triggers=False)
         origin = ours.get("time_origin_us", 0)
         self.time_origin_us = origin if isinstance(origin, int) and abs(origin) < 1 << 53 else 0
@@ -195,30 +198,30 @@ class BagFile(MixedFile):
         readers: dict[str, PayloadReader] = {}
         marks: list[Triggers] = []
         with self.path.open("rb") as file:
-            walk = Walk(file, self.size)
-            for found in self._found(walk):
+            scan = BagScan(file, self.size)
+            for found in self._found(scan):
                 if found.kind in PACKETS and found.topic == self.topic:
                     with suppress(BadMessageError):
-                        for _ in self._taken(self._parsed(found), readers, {}, marks):
+                        for _ in self._decoded(self._parsed(found), readers, {}, marks):
                             if marks:
                                 return True
         return False
 
-    def _found(self, walk: Walk) -> Iterator[Found]:
+    def _found(self, scan: BagScan) -> Iterator[BagMessage]:
         """Every message of the bag."""
         if self.path.suffix.lower() == ".db3":
-            yield from walk_database(self.path, walk)
+            yield from scan_database(self.path, scan)
         else:
-            yield from (walk_ros1 if self.ros == 1 else walk_mcap)(walk)
+            yield from (scan_ros1 if self.ros == 1 else scan_mcap)(scan)
 
-    def _said(self, found: Found) -> dict[str, Any]:
+    def _said(self, found: BagMessage) -> dict[str, Any]:
         """What our recorder says of its stream."""
         with suppress(Exception):
             said = json.loads(deserialised(found.data, TEXT, self.ros).data)
             return said if isinstance(said, dict) else {}
         return {}
 
-    def _parsed(self, found: Found) -> Any:
+    def _parsed(self, found: BagMessage) -> Any:
         """An ArrayMessage or an EventPacket; BadMessageError where the bytes are none."""
         if found.kind in ARRAYS:
             return parse_array(found.data, self.ros)
@@ -226,7 +229,7 @@ class BagFile(MixedFile):
         message.frame_id = message.header.frame_id
         return message
 
-    def _taken(
+    def _decoded(
         self,
         message: Any,
         readers: dict[str, PayloadReader],

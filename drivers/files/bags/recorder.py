@@ -25,7 +25,8 @@ from evs.drivers.files.bags.sensor_messages import (
 )
 from evs.drivers.files.bags.storage import Chunks, Database, Ros1Chunks, Storage
 from evs.drivers.files.formats import AnyPath
-from evs.drivers.files.guarded import GuardedRecorder
+from evs.drivers.files.library_recorder import LibraryRecorder
+from evs.drivers.sink import Stream
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, unknown
 from evs.msgs.codecs import PAYLOADS, TIME_ORIGIN_US, PayloadWriter
 
@@ -36,18 +37,19 @@ STREAM_TOPIC = "evs_stream"
 """A std_msgs/String with the StreamInfo as JSON, behind the namespace of the events."""
 
 
-class _BagRecorder(GuardedRecorder):
+class _BagRecorder(LibraryRecorder):
     """Topics as the real drivers have them: NAMESPACE/events; stamps are simulated time."""
 
     ROS: int
     NAMESPACE: str
-    FAULTS = (OSError, RuntimeError)
+    streams = frozenset({Stream.EVENTS, Stream.FRAMES, Stream.IMU})
+    LIBRARY_ERRORS = (OSError, RuntimeError)
 
     def __init__(self, path: AnyPath, encoding: str | None = None) -> None:
         """In: encoding, evt3, libcaer or mono (event_camera_msgs), or dvs (dvs_msgs)."""
         super().__init__(path)
         load()
-        self._holds = self._format.holding(encoding)
+        self._limits = self._format.capabilities_for(encoding)
         self._encoding = encoding
         self._payloads: PayloadWriter | None = None
         self._store: Any = None
@@ -161,7 +163,7 @@ class _BagRecorder(GuardedRecorder):
             raise EvsError(f"cannot record {key} at {t_us} us to {self._path}: .aedat4 holds them")
 
     def close(self) -> dict[str, Any]:
-        """As GuardedRecorder's, with the frames and samples beside."""
+        """As LibraryRecorder's, with the frames and samples beside."""
         told = {"frames": self._frames, "imu_samples": self._imu_samples}
         return super().close() | told
 

@@ -13,19 +13,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-from evs.drivers.files.aedat4.layout import DamageError
+from evs.drivers.files.aedat4.layout import CorruptDataError
 from evs.drivers.files.bags.database import journal_of, opened
 from evs.drivers.files.bags.reader import BagFile
-from evs.drivers.files.bags.walk import (
+from evs.drivers.files.bags.records import (
     MCAP_MAGIC,
     ROS1_MAGIC,
     Ros1Record,
     ros1_chunk,
-    ros1_records,
-    ros1_top,
+    ros1_chunk_records,
+    ros1_file_records,
 )
-from evs.drivers.files.recording import target_error
-from evs.drivers.files.repaired import Repair
+from evs.drivers.files.paths import target_error
+from evs.drivers.files.repair_report import Repair
 from evs.msgs import EvsError
 
 _DATA_END = b"\x0f" + struct.pack("<QI", 4, 0)
@@ -92,7 +92,7 @@ def _repair_ros1(path: Path, target: BinaryIO, size: int) -> Repair:
     chunks: list[_Chunk] = []
     indexed = whole = len(ROS1_MAGIC)
     header_end = messages_end = len(ROS1_MAGIC) + _BAG_HEADER_BYTES
-    for record in ros1_top(target, size):
+    for record in ros1_file_records(target, size):
         whole, fields = record.end, record.fields
         if fields.get(b"op") == b"\x03":
             header_end = messages_end = record.end
@@ -100,7 +100,7 @@ def _repair_ros1(path: Path, target: BinaryIO, size: int) -> Repair:
         elif fields.get(b"op") == b"\x05":
             chunks.append(_Chunk(record.at, record.end))
             # what cannot be read is not in the index
-            with suppress(DamageError, struct.error, KeyError):
+            with suppress(CorruptDataError, struct.error, KeyError):
                 _look_into(chunks[-1], record, connections)
         elif fields.get(b"op") == b"\x07":
             connections[record.head + record.data] = None
@@ -126,7 +126,7 @@ def _repair_ros1(path: Path, target: BinaryIO, size: int) -> Repair:
 def _look_into(chunk: _Chunk, record: Ros1Record, connections: dict[bytes, None]) -> None:
     """What is in a chunk, for the index."""
     records = ros1_chunk(record.fields, record.data[4:])
-    for at, said, head, body in ros1_records(records):
+    for at, said, head, body in ros1_chunk_records(records):
         if said.get(b"op") == b"\x07":
             connections[head + body] = None
         elif said.get(b"op") == b"\x02":

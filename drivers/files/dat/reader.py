@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evs.drivers.files.damage import Damage, on_sensor
+from evs.drivers.files.capabilities import MAX_SIDE_PX
 from evs.drivers.files.dat.recorder import CHANGE_EVENTS, EVENT_BYTES, START, STREAM
-from evs.drivers.files.formats import MAX_SIDE_PX
-from evs.drivers.files.header_text import head_of, said_in, stream_from
-from evs.drivers.files.ordered import InOrder
-from evs.drivers.files.recorded import EventsFile
+from evs.drivers.files.header_text import json_object, read_file_head, stream_from_header
+from evs.drivers.files.integrity import IntegrityReport, on_sensor
+from evs.drivers.files.recording_file import EventOnlyFile
+from evs.drivers.files.sorting import EventSorter
 from evs.msgs import Events, EvsError, StreamInfo
 from evs.msgs.codecs import DatState, decode_dat
 
@@ -24,7 +24,7 @@ _VERSIONS = ("1", "2")
 
 
 @dataclass
-class DatFile(EventsFile):
+class DatFile(EventOnlyFile):
     """One DAT file, opened with `DatFile.at(path)`."""
 
     begin: int = 0
@@ -38,7 +38,7 @@ class DatFile(EventsFile):
     @classmethod
     def at(cls, path: str | os.PathLike[str]) -> DatFile:
         """Read the header. EvsError: no such file, no DAT file of change events."""
-        found, head = head_of(path)
+        found, head = read_file_head(path)
         lines, begin = _lines(head)
         kinds = head[begin : begin + 2]
         if not lines or len(kinds) < 2:
@@ -49,8 +49,8 @@ class DatFile(EventsFile):
         if kinds[1] != EVENT_BYTES or _KINDS.get(kinds[0]) != "change events":
             what = _KINDS.get(kinds[0], f"events of kind {kinds[0]}")
             raise EvsError(f"{found} holds no change events but {what} of {kinds[1]} bytes")
-        said = said_in(lines[STREAM]) if STREAM in lines else None
-        stream = stream_from(said, "")
+        said = json_object(lines[STREAM]) if STREAM in lines else None
+        stream = stream_from_header(said, "")
         opened = cls(
             found,
             stream,
@@ -69,17 +69,17 @@ class DatFile(EventsFile):
 
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any (of 1 ms, where the file says none)."""
-        damage = Damage(what="events")
-        order = InOrder(damage, self.stream)
+        integrity = IntegrityReport(noun="events")
+        order = EventSorter(integrity, self.stream)
         for at, piece in self._pieces():
             sound, outside = on_sensor(piece, self.stream.width, self.stream.height)
             if outside:
                 sides = f"{self.stream.width} x {self.stream.height}"
-                damage.packet(at, f"outside of {sides} px", outside)
+                integrity.corrupt(at, f"outside of {sides} px", outside)
             yield from order.feed(sound, np.broadcast_to(np.int64(at), len(sound)))
-        yield from order.rest()
-        damage.tail(self.size - (self.size - self.begin) % EVENT_BYTES, self.size)
-        self.damage = damage
+        yield from order.flush()
+        integrity.torn_tail(self.size - (self.size - self.begin) % EVENT_BYTES, self.size)
+        self.integrity = integrity
 
     def _pieces(self) -> Iterator[tuple[int, Events]]:
         """Where each piece of the file begins, and its events, as unsorted as they are."""

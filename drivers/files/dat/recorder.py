@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from evs.drivers.files.appending import AppendingRecorder
+from evs.drivers.files.appending_recorder import AppendingRecorder
 from evs.drivers.files.header_text import stream_json
 from evs.msgs import Events, EvsError, StreamInfo
 from evs.msgs.codecs import encode_dat

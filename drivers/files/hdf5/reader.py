@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.files.damage import MAX_STAMP_US, Damage, on_sensor
 from evs.drivers.files.hdf5.library import OutsideError, load, opened, own, value
 from evs.drivers.files.hdf5.recorder import STREAM, WHOLE
 from evs.drivers.files.hdf5.superblock import BYTES, unmarked
-from evs.drivers.files.ordered import InOrder
-from evs.drivers.files.recorded import EventsFile, said_stream
-from evs.drivers.files.recording import existing
+from evs.drivers.files.header_text import stream_from_json
+from evs.drivers.files.integrity import MAX_STAMP_US, IntegrityReport, on_sensor
+from evs.drivers.files.paths import existing
+from evs.drivers.files.recording_file import EventOnlyFile
+from evs.drivers.files.sorting import EventSorter
 from evs.msgs import Events, EvsError, StreamInfo, make_events
 
 LAYOUTS = {"DSEC": ("t", "x", "y", "p"), "rpg": ("ts", "xs", "ys", "ps")}
@@ -30,7 +31,7 @@ _MAX_RATIO = 1100
 
 
 @dataclass
-class Hdf5File(EventsFile):
+class Hdf5File(EventOnlyFile):
     """One HDF5 file, opened with `Hdf5File.at(path)`; events are read a piece at a time."""
 
     columns: tuple[str, ...] = LAYOUTS["DSEC"]
@@ -74,25 +75,27 @@ class Hdf5File(EventsFile):
 
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any (of 1 ms, where the file says none)."""
-        damage = Damage(what="events", unit="event")
-        order = InOrder(damage, self.stream)
-        for at, piece in self._pieces(damage):
+        integrity = IntegrityReport(noun="events", place_unit="event")
+        order = EventSorter(integrity, self.stream)
+        for at, piece in self._pieces(integrity):
             yield from order.feed(piece, at + np.arange(len(piece)))
-        yield from order.rest()
+        yield from order.flush()
         if self.lacking:
             where = f"from event {self.events_there} on"
-            damage.lost(where, "not every column has them", self.lacking)
-        self.damage = damage
+            integrity.corrupt_part(where, "not every column has them", self.lacking)
+        self.integrity = integrity
 
     def _find_size(self) -> None:
         """As large as its events need."""
         width = height = 1
-        for _, piece in self._pieces(Damage(), limited=False):
+        for _, piece in self._pieces(IntegrityReport(), limited=False):
             width = max(width, 1 + int(piece["x"].max(initial=0)))
             height = max(height, 1 + int(piece["y"].max(initial=0)))
         self.stream = dataclasses.replace(self.stream, width=width, height=height)
 
-    def _pieces(self, damage: Damage, limited: bool = True) -> Iterator[tuple[int, Events]]:
+    def _pieces(
+        self, integrity: IntegrityReport, limited: bool = True
+    ) -> Iterator[tuple[int, Events]]:
         """The number of each piece's first event, and its events."""
         width, height = self.stream.width, self.stream.height
         with opened(self.path) as file:
@@ -103,13 +106,15 @@ class Hdf5File(EventsFile):
                     piece, bad = _piece(group, self.columns, rows, self.offset_us)
                 except Exception as reason:  # as above
                     said = str(reason).splitlines()[0] if str(reason) else type(reason).__name__
-                    damage.lost(f"from event {begin} on", said, rows.stop - begin)
+                    integrity.corrupt_part(f"from event {begin} on", said, rows.stop - begin)
                     continue
                 if limited:
                     piece, outside = on_sensor(piece, width, height)
                     bad += outside
                 if bad:
-                    damage.lost(f"from event {begin} on", "not on the sensor, or no time", bad)
+                    integrity.corrupt_part(
+                        f"from event {begin} on", "not on the sensor, or no time", bad
+                    )
                 self.position = rows.stop * self.size // self.events_there
                 yield begin, piece
 
@@ -147,7 +152,9 @@ def _stream(file: Any) -> tuple[StreamInfo, bool]:
         height, width = (int(side) for side in file.attrs["sensor_resolution"])
         sides = (width, height) if 0 < min(width, height) <= max(width, height) < 1 << 15 else None
     plain = StreamInfo(*(sides or (0, 0)), sensor="unknown")
-    stream = dataclasses.replace(said_stream(said, plain), frames=False, imu=False, triggers=False)
+    stream = dataclasses.replace(
+        stream_from_json(said, plain), frames=False, imu=False, triggers=False
+    )
     return stream, stream.width > 0
 
 

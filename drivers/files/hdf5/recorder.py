@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.files.formats import AnyPath
-from evs.drivers.files.guarded import GuardedRecorder
 from evs.drivers.files.hdf5.library import load
+from evs.drivers.files.library_recorder import LibraryRecorder
 from evs.msgs import EventPacket, Events, EvsError, join_events
 
 COLUMNS = {"t": "<i8", "x": "<u2", "y": "<u2", "p": "u1"}
@@ -34,13 +34,13 @@ _CHUNK = 1 << 16
 """Events that are compressed together."""
 
 
-class Hdf5Recorder(GuardedRecorder):
+class Hdf5Recorder(LibraryRecorder):
     """A Sink that writes DSEC's layout; compressed as every HDF5 library reads it (deflate)."""
 
     NAME = "hdf5"
     # a column's last chunk is compressed anew each time
-    KEEP_US = 10_000_000
-    FAULTS = (OSError, RuntimeError, ValueError)
+    FLUSH_PERIOD_US = 10_000_000
+    LIBRARY_ERRORS = (OSError, RuntimeError, ValueError)
 
     def __init__(self, path: AnyPath) -> None:
         super().__init__(path)

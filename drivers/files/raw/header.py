@@ -7,8 +7,8 @@ import json
 import re
 from dataclasses import dataclass
 
-from evs.drivers.files.formats import MAX_SIDE_PX
-from evs.drivers.files.recorded import said_stream
+from evs.drivers.files.capabilities import MAX_SIDE_PX
+from evs.drivers.files.header_text import stream_from_json
 from evs.msgs import StreamInfo
 
 MAX_HEADER_BYTES = 1 << 24
@@ -73,7 +73,7 @@ def parse_header(head: bytes) -> RawHeader:
     # of a stream that begins at a Unix time it is negative
     digits = origin.removeprefix("-")
     known = digits.isascii() and digits.isdigit() and len(digits) < 17
-    stream = said_stream(said, plain)
+    stream = stream_from_json(said, plain)
     # frames and IMU samples went elsewhere
     stream = dataclasses.replace(stream, frames=False, imu=False, triggers=False)
     order = parts.get("endianness")

@@ -11,12 +11,12 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from evs.drivers.files.damage import MAX_STAMP_US, Damage, on_sensor
-from evs.drivers.files.interleaved import Interleaved, Message
-from evs.drivers.files.ordered import InOrder
+from evs.drivers.files.integrity import MAX_STAMP_US, IntegrityReport, on_sensor
+from evs.drivers.files.interleaving import Interleaver, Message
+from evs.drivers.files.paths import existing
 from evs.drivers.files.raw.header import MAX_HEADER_BYTES, parse_header
-from evs.drivers.files.recorded import MixedFile, by_tick
-from evs.drivers.files.recording import existing
+from evs.drivers.files.recording_file import MultiStreamFile, by_tick
+from evs.drivers.files.sorting import EventSorter
 from evs.msgs import Events, EvsError, Triggers
 from evs.msgs.codecs import decode_evt2, decode_evt3, decode_evt21
 
@@ -24,7 +24,7 @@ _PIECE_BYTES = 1 << 18
 _UNTOLD = "events before the first time stamp, or too far right for the format,"
 _TRIGGER = 10
 """type of the words that tell an external trigger, in each version"""
-_MOST_WAITING = 1 << 14
+_MAX_WAITING = 1 << 14
 _DECODERS: dict[str, tuple[Any, int]] = {
     "2.0": (decode_evt2, 4),
     "2.1": (decode_evt21, 8),
@@ -34,7 +34,7 @@ _DECODERS: dict[str, tuple[Any, int]] = {
 
 
 @dataclass
-class RawFile(MixedFile):
+class RawFile(MultiStreamFile):
     """One RAW file, opened with `RawFile.at(path)`. Counters are passed over."""
 
     version: str = ""
@@ -76,12 +76,12 @@ class RawFile(MixedFile):
             opened.stream = dataclasses.replace(opened.stream, triggers=opened._has_triggers())
         return opened
 
-    def _walked(self, events: bool, beside: bool) -> Iterator[Message]:
+    def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Message]:
         """The events of each tick that has any (of 1 ms, where the file says none), triggers."""
-        damage = Damage(what="events")
-        order, together = InOrder(damage, self.stream), Interleaved(_MOST_WAITING)
+        integrity = IntegrityReport(noun="events")
+        order, together = EventSorter(integrity, self.stream), Interleaver(_MAX_WAITING)
         marks: list[Triggers] = []
-        for at, piece in self._pieces(damage, marks if beside else None):
+        for at, piece in self._pieces(integrity, marks if auxiliary else None):
             while marks:
                 told = marks.pop(0)
                 told = told[np.argsort(told["t"], kind="stable")]
@@ -90,10 +90,10 @@ class RawFile(MixedFile):
             if events:
                 for part in order.feed(piece, np.broadcast_to(np.int64(at), len(piece))):
                     yield from together.between(part)
-        for part in order.rest():
+        for part in order.flush():
             yield from together.between(part)
-        yield from together.rest()
-        self.damage = damage
+        yield from together.flush()
+        self.integrity = integrity
 
     def _has_triggers(self) -> bool:
         """Whether any word tells of one; up to the first."""
@@ -121,7 +121,7 @@ class RawFile(MixedFile):
     def _find_size(self) -> None:
         """As large as its events need."""
         width = height = 0
-        for _, piece in self._pieces(Damage()):
+        for _, piece in self._pieces(IntegrityReport()):
             if not len(piece):
                 continue
             width = max(width, 1 + int(piece["x"].max(initial=0)))
@@ -131,7 +131,7 @@ class RawFile(MixedFile):
         self.stream = dataclasses.replace(self.stream, width=width, height=height)
 
     def _pieces(
-        self, damage: Damage, triggers: list[Triggers] | None = None
+        self, integrity: IntegrityReport, triggers: list[Triggers] | None = None
     ) -> Iterator[tuple[int, Events]]:
         """Where each piece of the file begins, and its events, as unsorted as they are.
 
@@ -150,11 +150,11 @@ class RawFile(MixedFile):
                 )
                 piece, outside = on_sensor(piece, width, height)
                 if outside:
-                    damage.packet(at, f"outside of {width} x {height} px", outside)
+                    integrity.corrupt(at, f"outside of {width} x {height} px", outside)
                 yield at, piece
                 at += len(data)
                 self.position = at
-        damage.tail(at - (at - self.begin) % word, at)
+        integrity.torn_tail(at - (at - self.begin) % word, at)
         self.left_out = {_UNTOLD: state.skipped} if state is not None and state.skipped else {}
 
 

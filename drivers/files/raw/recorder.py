@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from evs.drivers.files.appending import AppendingRecorder
+from evs.drivers.files.appending_recorder import AppendingRecorder
 from evs.drivers.files.raw.header import header_bytes
 from evs.msgs import Events, EvsError, StreamInfo
 from evs.msgs.codecs import TIME_ORIGIN_US, encode_evt2, encode_evt3, encode_evt21
@@ -27,7 +27,7 @@ class _RawRecorder(AppendingRecorder):
         if int(events["t"][0]) < self._after_us:
             raise EvsError(
                 f"{self._path}: events at {events['t'][0]} us come after {self._after_us} us, and "
-                f"{self._called} has no way back in time; record to .aedat4"
+                f"{self._format_name} has no way back in time; record to .aedat4"
             )
         data = self._words(events)
         self._after_us = int(events["t"][-1])

@@ -12,14 +12,7 @@ from evs.drivers.run.worker import shared_memory
 from evs.drivers.run.worker.lines import Lines
 from evs.drivers.run.worker.messages import Light, Message, TruthOf
 from evs.drivers.run.worker.shared_memory import SharedMemory
-from evs.drivers.sink import (
-    LightSink,
-    PoseSink,
-    Sink,
-    SinkStoppedError,
-    StoppingSink,
-    TruthSink,
-)
+from evs.drivers.sink import Sink, SinkStoppedError, Stream
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pace, Pose, TriggerPacket
 
 
@@ -54,10 +47,10 @@ class Outlet:
         """Take in what the sink wants of the camera, whatever comes to it."""
         if self._failed:
             return
-        if isinstance(self._sink, PoseSink):
+        if Stream.POSE in self._sink.streams:
             for place, camera in enumerate(self.cameras):
                 self._flags[shared_memory.POSE + place] = self._sink.wants_pose(camera)
-        if isinstance(self._sink, StoppingSink) and self._sink.stop_wanted:
+        if self._sink.stop_wanted:
             self._slots[shared_memory.STOP] = 1
 
     def close(self) -> None:
@@ -75,8 +68,7 @@ class Outlet:
             self._lines.say(**said)
 
     def _write(self, message: Message) -> None:
-        # only what its kind of sink takes is handed over
-        sink: Any = self._sink
+        sink = self._sink
         match message:
             case EventPacket():
                 sink.write(message)
@@ -100,10 +92,10 @@ class Outlet:
         if not isinstance(message, EventPacket):
             return
         camera, t_us = message.camera, message.time_end_us
-        place = self.cameras.index(camera)
-        if isinstance(self._sink, TruthSink) and self._sink.wants_truth(camera, t_us):
+        place, streams = self.cameras.index(camera), self._sink.streams
+        if Stream.GROUND_TRUTH in streams and self._sink.wants_truth(camera, t_us):
             self._flags[shared_memory.TRUTH + place] = 1
-        if isinstance(self._sink, LightSink) and self._sink.wants_light(camera, t_us):
+        if Stream.LIGHT in streams and self._sink.wants_light(camera, t_us):
             self._flags[shared_memory.LIGHT + place] = 1
         self.look()
 

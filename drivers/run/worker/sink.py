@@ -12,18 +12,7 @@ from evs.drivers.run.worker import messages, shared_memory
 from evs.drivers.run.worker.process import SinkProcess
 from evs.drivers.run.worker.ring import Bytes, RingWriter
 from evs.drivers.run.worker.shared_memory import SharedMemory, fence
-from evs.drivers.sink import (
-    FrameSink,
-    ImuSink,
-    LightSink,
-    PaceSink,
-    PoseSink,
-    Sink,
-    SinkStoppedError,
-    StoppingSink,
-    TriggerSink,
-    TruthSink,
-)
+from evs.drivers.sink import Sink, SinkStoppedError
 from evs.emulator.base.ground_truth import GroundTruth
 from evs.emulator.base.scene import F32
 from evs.msgs import (
@@ -48,7 +37,7 @@ _LOOK_EVERY = 256
 """Messages between two looks whether the other process still lives, where nothing else tells."""
 
 
-class AsideSink:
+class AsideSink(Sink):
     """A Sink whose work is done by another process, which has its own copy of every packet.
 
     What is written is copied into a ring of memory that both processes see. Where it is full,
@@ -77,14 +66,7 @@ class AsideSink:
         self._config, self._lossless = dict(config), lossless
         self._ring_bytes = 64 * math.ceil(ring_mb * 1e6 / 64)
         self._cores = None if cores is None else list(cores)
-        self._takes_frames = isinstance(template, FrameSink)
-        self._takes_imu = isinstance(template, ImuSink)
-        self._takes_triggers = isinstance(template, TriggerSink)
-        self._takes_pose = isinstance(template, PoseSink)
-        self._takes_pace = isinstance(template, PaceSink)
-        self._takes_truth = isinstance(template, TruthSink)
-        self._takes_light = isinstance(template, LightSink)
-        self._may_stop = isinstance(template, StoppingSink)
+        self.streams = template.streams
         self._places: dict[str, int] = {}
         self._memory: SharedMemory | None = None
         self._process: SinkProcess | None = None
@@ -106,7 +88,7 @@ class AsideSink:
     @property
     def stop_wanted(self) -> bool:
         """Whether somebody asked the sink for the end of the run."""
-        if self._process is None or not self._may_stop:
+        if self._process is None:
             return False
         assert self._memory is not None
         return bool(self._memory.slots[shared_memory.STOP])
@@ -146,37 +128,33 @@ class AsideSink:
             self._events_dropped += len(packet)
 
     def write_frame(self, frame: Frame) -> None:
-        """Hand over one intensity frame, if the sink takes them. Errors as write."""
-        if self._takes_frames:
-            self._put_other(messages.of_frame(frame, self._place(frame.camera)))
+        """Hand over one intensity frame. Errors as write."""
+        self._put_other(messages.of_frame(frame, self._place(frame.camera)))
 
     def write_imu(self, packet: ImuPacket) -> None:
-        """Hand over one tick's IMU samples, if the sink takes them. Errors as write."""
-        if self._takes_imu:
-            self._put_other(messages.of_imu(packet, self._place(packet.camera)))
+        """Hand over one tick's IMU samples. Errors as write."""
+        self._put_other(messages.of_imu(packet, self._place(packet.camera)))
 
     def write_triggers(self, packet: TriggerPacket) -> None:
-        """Hand over one tick's triggers, if the sink takes them. Errors as write."""
-        if self._takes_triggers:
-            self._put_other(messages.of_triggers(packet, self._place(packet.camera)))
+        """Hand over one tick's triggers. Errors as write."""
+        self._put_other(messages.of_triggers(packet, self._place(packet.camera)))
 
     def wants_pose(self, camera: str) -> bool:
         """Whether the sink did when it was last asked there."""
-        return self._takes_pose and self._flag(shared_memory.POSE, camera)
+        return self._flag(shared_memory.POSE, camera)
 
     def write_pose(self, pose: Pose) -> None:
         """Hand over one pose. Errors as write."""
         self._put_other(messages.of_pose(pose, self._place(pose.camera)))
 
     def write_pace(self, pace: Pace) -> None:
-        """Hand over how the run keeps its pace, if the sink takes that. Errors as write."""
-        if self._takes_pace:
-            self._check_open()
-            self._put_other(messages.of_pace(pace))
+        """Hand over how the run keeps its pace. Errors as write."""
+        self._check_open()
+        self._put_other(messages.of_pace(pace))
 
     def wants_truth(self, camera: str, t_us: int) -> bool:  # noqa: ARG002
         """Whether it was due at a packet that the sink got: it is that of a tick or more later."""
-        return self._takes_truth and self._flag(shared_memory.TRUTH, camera)
+        return self._flag(shared_memory.TRUTH, camera)
 
     def write_truth(self, camera: str, truth: GroundTruth) -> None:
         """Hand over ground truth. Errors as write."""
@@ -185,7 +163,7 @@ class AsideSink:
 
     def wants_light(self, camera: str, t_us: int) -> bool:  # noqa: ARG002
         """Whether it was due at a packet that the sink got, as `wants_truth`."""
-        return self._takes_light and self._flag(shared_memory.LIGHT, camera)
+        return self._flag(shared_memory.LIGHT, camera)
 
     def write_light(self, camera: str, t_us: int, luminance: F32) -> None:
         """Hand over the light on the sensor. Errors as write."""

@@ -8,9 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from evs.emulator.camera.plan.contents import Contents
-from evs.emulator.config import ModelConfig, RenderConfig
+from evs.emulator.config import RENDERERS, ModelConfig, RenderConfig
 from evs.emulator.sensor import SensorParameters
-from evs.emulator.world import Standing
+from evs.emulator.sensor.terms import TERMS
+from evs.emulator.world import Mobility
 
 
 @dataclass(frozen=True)
@@ -23,17 +24,17 @@ class Why:
 
 def reasons(
     has: Contents,
-    standing: Standing,
+    mobility: Mobility,
     sensor: SensorParameters,
     render: RenderConfig,
     model: ModelConfig,
 ) -> dict[str, Why]:
     """name of the code path -> why it is on, or off."""
-    path = render.renderer == "path"
+    path = RENDERERS[render.renderer].paths
     return {
         **_surfaces(has, path),
         **_air(has, render),
-        **_light(has, standing, render, path),
+        **_light(has, mobility, render, path),
         **_sensor(sensor),
         **_beside(sensor, model),
     }
@@ -76,13 +77,13 @@ def _air(has: Contents, render: RenderConfig) -> dict[str, Why]:
     }
 
 
-def _light(has: Contents, standing: Standing, render: RenderConfig, path: bool) -> dict[str, Why]:
+def _light(has: Contents, mobility: Mobility, render: RenderConfig, path: bool) -> dict[str, Why]:
     coloured = ", ".join(has.coloured[:3])
     bent = "camera.distortion_model"
-    retrace = "OpenGL draws it" if render.renderer == "raster" else "render.incremental=false"
+    retrace = "render.incremental=false" if RENDERERS[render.renderer].traced else "OpenGL draws it"
     kept = f"{'samples' if path else 'pixels'} that nothing that moved can touch are kept"
-    if standing.camera_moves:
-        kept += f", while the camera rests ({standing.camera_moves})"
+    if mobility.camera_moves:
+        kept += f", while the camera rests ({mobility.camera_moves})"
     return {
         "colour": Why(
             "light goes from surface to surface" if path else f"lights not grey: {coloured}",
@@ -107,23 +108,11 @@ def _light(has: Contents, standing: Standing, render: RenderConfig, path: bool) 
 
 def _sensor(sensor: SensorParameters) -> dict[str, Why]:
     """The parameter that asks for each term."""
-    keys = {
-        "threshold_spread": ("sigma_thres",),
-        "rate_spread": ("noise_rate_cov_decades",),
-        "defects": ("hot_pixel_fraction", "dead_pixel_fraction"),
-        "low_pass": ("cutoff_hz",),
-        "follower": ("follower_hz",),
-        "high_pass": ("highpass_hz",),
-        "leak": ("leak_rate_hz",),
-        "parasitic_leak": ("parasitic_leak_hz",),
-        "shot_noise": ("shot_noise_rate_hz",),
-        "refractory": ("refractory_period_s",),
-    }
 
-    def told(names: tuple[str, ...]) -> str:
-        return ", ".join(f"sensor.{name}={getattr(sensor, name):g}" for name in names)
+    def values(keys: tuple[str, ...]) -> str:
+        return ", ".join(f"sensor.{key}={getattr(sensor, key):g}" for key in keys)
 
-    return {name: Why(told(parts), told(parts)) for name, parts in keys.items()}
+    return {name: Why(values(keys), values(keys)) for name, keys in TERMS.items()}
 
 
 def _readout(sensor: SensorParameters) -> str:

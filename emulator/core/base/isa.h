@@ -1,5 +1,5 @@
-// Instruction sets that are chosen at run time. Target attributes, not compiler flags: no other
-// inline function of the program may come out with instructions that the machine lacks.
+// Instruction sets that are chosen at run time. These are target attributes, not compiler flags, so
+// that no other inline function of the program is compiled to instructions that the machine lacks.
 #pragma once
 
 #include <string>
@@ -9,11 +9,25 @@
 #define EVS_X86 1
 #define EVS_AVX2 __attribute__((target("avx2")))
 #define EVS_AVX512 __attribute__((target("avx512f,avx512bw,avx512dq,avx512vl")))
+#else
+#define EVS_X86 0
+#endif
+
+// Instruction sets in this build: all, or with EVS_ISA=native only the best of this machine.
+#ifndef EVS_BUILT_PORTABLE
+#define EVS_BUILT_PORTABLE 1
+#endif
+#ifndef EVS_BUILT_AVX2
+#define EVS_BUILT_AVX2 EVS_X86
+#endif
+#ifndef EVS_BUILT_AVX512
+#define EVS_BUILT_AVX512 EVS_X86
 #endif
 
 namespace evs {
 
-// Instruction sets that this machine runs, the best first (dispatch.cpp).
+// The instruction sets that this machine runs and this build holds, best first: of "avx512",
+// "avx2", "portable".
 std::vector<std::string> isa_available();
 
 }  // namespace evs

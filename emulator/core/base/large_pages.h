@@ -1,5 +1,5 @@
-// Memory of large arrays of which places here and there are read: in large pages, where the system
-// has them, so that where a place lies is seldom looked up.
+// Memory in large pages, where the system has them, for large arrays with random access: it causes
+// few misses in the translation buffer.
 #pragma once
 
 #include <cstddef>
@@ -15,14 +15,14 @@ namespace evs {
 
 constexpr size_t LARGE_PAGE = size_t{1} << 21, CACHE_LINE = 64;
 
-// Not written, so that it takes no memory until it is; std::free gives it back.
+// Uninitialised memory, which the system provides when it is first written. Release with std::free.
 inline void* allocate_large(size_t bytes) {
   size_t step = bytes < LARGE_PAGE ? CACHE_LINE : LARGE_PAGE;
   bytes = (bytes + step - 1) / step * step;
   void* memory = std::aligned_alloc(step, bytes);
   if (!memory && bytes) throw std::bad_alloc();
 #ifdef MADV_HUGEPAGE
-  // a wish: without it everything is as it is
+  // a hint that the system may ignore
   if (step == LARGE_PAGE) madvise(memory, bytes, MADV_HUGEPAGE);
 #endif
   return memory;
@@ -32,7 +32,7 @@ struct FreeLarge {
   void operator()(void* memory) const { std::free(memory); }
 };
 
-// Of numbers.
+// An array of numbers.
 template <class T>
 using LargeArray = std::unique_ptr<T[], FreeLarge>;
 
@@ -41,7 +41,7 @@ LargeArray<T> large_array(size_t count) {
   return LargeArray<T>(static_cast<T*>(allocate_large(count * sizeof(T))));
 }
 
-// Of a vector.
+// An allocator for std::vector.
 template <class T>
 struct LargePages {
   using value_type = T;

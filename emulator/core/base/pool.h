@@ -1,5 +1,5 @@
-// A pool of worker threads that sleep between calls. Jobs are numbered; they must write disjoint
-// outputs, so that the result does not depend on who runs which job, or when.
+// A pool of worker threads that sleep between calls. Jobs are numbered and must write disjoint
+// outputs, so that the result does not depend on which worker runs a job, or when.
 #pragma once
 
 #include <atomic>
@@ -18,7 +18,7 @@ namespace evs {
 
 class Pool {
  public:
-  // threads <= 0: one for each core of the machine. The calling thread is worker 0.
+  // threads <= 0 means one for each core of the machine. The calling thread is worker 0.
   explicit Pool(int threads) {
     int cores = static_cast<int>(std::thread::hardware_concurrency());
     count_ = threads > 0 ? threads : (cores > 0 ? cores : 1);
@@ -27,7 +27,7 @@ class Pool {
         workers_.emplace_back([this, worker] { serve(worker); });
       }
     } catch (const std::system_error&) {
-      // no memory for another stack: those that run must end before this throws
+      // no memory for another stack: stop the running threads before throwing
       close();
       throw std::bad_alloc();
     } catch (...) {
@@ -43,8 +43,8 @@ class Pool {
 
   int threads() const { return count_; }
 
-  // Call job(index, worker) for every index in [0, jobs); returns when all are done.
-  // The first exception of any job is thrown here, after all workers have stopped.
+  // Call job(index, worker) for every index in [0, jobs) and return when all are done. Rethrows the
+  // first exception of any job after all workers have stopped.
   template <class F>
   void run(int jobs, F&& job) {
     std::lock_guard one_caller(callers_);
@@ -59,15 +59,15 @@ class Pool {
         jobs_ = jobs;
         generation_++;
       }
-      // not under the lock, for which those that wake would wait
+      // without the lock, for which woken workers would wait
       wake_.notify_all();
     }
     work(task, jobs, 0);
     if (jobs > 1 && count_ > 1) {
-      // the rest of a worker's last job is mostly shorter than to sleep and to be woken
-      for (int turn = 0; turn < kTurns && busy_.load() > 0; turn++) relax();
+      // spin first: the last jobs mostly end sooner than a thread sleeps and wakes
+      for (int spin = 0; spin < kSpins && busy_.load() > 0; spin++) relax();
       std::unique_lock lock(mutex_);
-      // a worker that has not woken yet, because others keep the cores busy, is not waited for
+      // do not wait for workers that have not woken yet, as on a busy machine
       task_ = nullptr;
       done_.wait(lock, [this] { return busy_.load() == 0; });
     }
@@ -75,7 +75,7 @@ class Pool {
   }
 
  private:
-  static constexpr int kTurns = 2000;  // some 30 us
+  static constexpr int kSpins = 2000;  // about 30 us
 
   static void relax() {
 #if defined(__x86_64__)
@@ -129,12 +129,12 @@ class Pool {
   int count_ = 1;
   std::vector<std::thread> workers_;
   std::mutex callers_;  // one run() at a time
-  std::mutex mutex_;    // guards what follows
+  std::mutex mutex_;    // guards the members below
   std::condition_variable wake_;
   std::condition_variable done_;
   const std::function<void(int, int)>* task_ = nullptr;
   int jobs_ = 0;
-  std::atomic<int> busy_{0};  // workers that have begun; changes under the lock
+  std::atomic<int> busy_{0};  // workers that have begun; modified under the lock
   long generation_ = 0;
   bool closing_ = false;
   std::exception_ptr error_;

@@ -1,6 +1,6 @@
-// Elementary functions of our own, so that every compiler, machine and vector width gives the same
-// bits. Only + - * / and integer operations; loops over them vectorise. No fma: the build turns
-// contraction off, and NumPy repeats every step (emulator/sensor/reference is the oracle).
+// Elementary functions that give the same bits for every compiler, machine and vector width. They
+// use only + - * / and integer operations, so that loops over them vectorise, and no fma: the build
+// turns contraction off. NumPy repeats every step (emulator/sensor/reference is the oracle).
 #pragma once
 
 #include <bit>
@@ -14,7 +14,7 @@
 
 namespace evs {
 
-// a where it holds, else b: always both, so that no branch keeps the compiler from SIMD.
+// holds ? a : b without a branch, so that the compiler vectorises it.
 EVS_ALWAYS_INLINE float choose(bool holds, float a, float b) {
   const uint32_t mask = 0u - static_cast<uint32_t>(holds);
   return std::bit_cast<float>((std::bit_cast<uint32_t>(a) & mask) |
@@ -27,9 +27,9 @@ EVS_ALWAYS_INLINE double choose(bool holds, double a, double b) {
                                (std::bit_cast<uint64_t>(b) & ~mask));
 }
 
-// Natural logarithm of a normal, positive, finite number. Error below 0.86 ulp;
-// ln(1) = 0 exactly, and x <= y gives ln(x) <= ln(y) (every such float was compared with its next).
-// Zero, denormals, infinities and NaN give some number without meaning.
+// Natural logarithm of a normal, positive, finite number. Error below 0.86 ulp; ln(1) = 0 exactly,
+// and x <= y gives ln(x) <= ln(y) (checked for every such float and its successor). The result for
+// zero, denormals, infinities and NaN is meaningless.
 EVS_ALWAYS_INLINE float ln(float x) {
   // x = 2^exponent (1 + f), with 1 + f between sqrt(1/2) and sqrt(2); f is exact
   constexpr uint32_t kSqrtHalf = 0x3f3504f3u;
@@ -51,7 +51,7 @@ EVS_ALWAYS_INLINE float ln(float x) {
   const float square = f * f;
   const float tail = square * f * p - 0.5f * square;
 
-  // exponent * ln 2 in two parts, the first exact; what the first sum rounds away is kept
+  // exponent * ln 2 in two parts, the first exact; `rest` recovers the rounding of the first sum
   const float e = static_cast<float>(exponent);
   const float high = e * 0x1.62e4p-1f;
   const float low = e * 0x1.7f7d1cp-20f;
@@ -60,7 +60,7 @@ EVS_ALWAYS_INLINE float ln(float x) {
   return sum + (rest + (low + tail));
 }
 
-// 0 where closer to 0 than `least`; a NaN stays.
+// 0 for values closer to 0 than `least`; a NaN stays.
 EVS_ALWAYS_INLINE float flush(float value, float least) {
   const float size = std::bit_cast<float>(std::bit_cast<uint32_t>(value) & 0x7fffffffu);
   return size < least ? 0.0f : value;
@@ -78,7 +78,7 @@ EVS_ALWAYS_INLINE float one_minus_exp(float z) {
   p = p * r + 0x1.555556p-3f;
   p = p * r + 0.5f;
   p = p * r + 1.0f;
-  // e^r - 1 = p r, and e^-z = 2^-k e^r: nothing cancels close to zero, where k is 0
+  // e^r - 1 = p r and e^-z = 2^-k e^r; nothing cancels close to zero, where k is 0
   const float scale = std::bit_cast<float>((127 - k) << 23);
   return (1.0f - scale) - scale * (p * r);
 }

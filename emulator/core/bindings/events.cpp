@@ -1,4 +1,4 @@
-// Python's view of the check of a packet's events: see drivers/bus/checking.py.
+// Python binding of the check of the events of a packet, for drivers/bus/checking.py.
 #include <nanobind/nanobind.h>
 
 #include "event_check.h"
@@ -8,8 +8,9 @@ namespace nb = nanobind;
 namespace evs {
 namespace {
 
-// No array type of nanobind's: what comes off a socket are bytes, anywhere in memory.
-bool fit(nb::handle raw, int64_t base_us, int64_t end_us, int64_t width, int64_t height) {
+// Takes a buffer, since the bytes from a socket need not be aligned.
+bool events_fit_buffer(nb::handle raw, int64_t base_us, int64_t end_us, int64_t width,
+                       int64_t height) {
   Py_buffer view;
   if (PyObject_GetBuffer(raw.ptr(), &view, PyBUF_SIMPLE) != 0) throw nb::python_error();
   const size_t size = static_cast<size_t>(view.len);
@@ -23,12 +24,12 @@ bool fit(nb::handle raw, int64_t base_us, int64_t end_us, int64_t width, int64_t
 }  // namespace
 
 void bind_events(nb::module_& m) {
-  m.def("events_fit", &fit, nb::arg("raw"), nb::arg("base_us"), nb::arg("end_us"), nb::arg("width"),
-        nb::arg("height"),
+  m.def("events_fit", &events_fit_buffer, nb::arg("raw"), nb::arg("base_us"), nb::arg("end_us"),
+        nb::arg("width"), nb::arg("height"),
         nb::sig("def events_fit(raw: bytes | memoryview, base_us: int, end_us: int, width: int, "
                 "height: int) -> bool"),
-        "Whether raw is whole events, sorted by t in (base_us, end_us], on the sensor, polarity 0 "
-        "or 1, the padding zero.");
+        "Whether raw holds whole events, sorted by t in (base_us, end_us], on the sensor, with "
+        "polarity 0 or 1 and zero padding.");
 }
 
 }  // namespace evs

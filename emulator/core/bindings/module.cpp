@@ -15,7 +15,8 @@ void bind_watch(nanobind::module_& m);
 
 NB_MODULE(_core, m) {
   m.doc() = "The native core: ray caster, event pixel and event network.";
-  // a thread that the end of the interpreter has stopped keeps what it used: no fault of the user's
+  // threads that the interpreter stops at its exit leak what they used, which is not a bug of the
+  // user
   nanobind::set_leak_warnings(false);
   evs::bind_settings(m);
   evs::bind_caster(m);

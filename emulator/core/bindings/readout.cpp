@@ -1,4 +1,4 @@
-// Python's view of the readout: see evs.emulator.sensor.readout.
+// Python binding of the readout, for emulator/sensor/readout.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
@@ -18,16 +18,16 @@ namespace {
 
 using BytesIn = nb::ndarray<const uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using FatesIn = nb::ndarray<const uint8_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-using MomentsIn = nb::ndarray<const int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using TimesIn = nb::ndarray<const int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using ClockArray = nb::ndarray<int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Bytes = nb::ndarray<nb::numpy, uint8_t, nb::ndim<1>>;
-using Moments = nb::ndarray<nb::numpy, int64_t, nb::ndim<1>>;
+using Times = nb::ndarray<nb::numpy, int64_t, nb::ndim<1>>;
 
 void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(what);
 }
 
-// An array that owns a copy-free vector.
+// A Python array that owns the memory of a vector.
 template <class Array, class T>
 Array owned(std::vector<T>&& values) {
   auto kept = std::make_unique<std::vector<T>>(std::move(values));
@@ -41,12 +41,12 @@ class ReadoutBinding {
  public:
   explicit ReadoutBinding(ReadoutSettings settings) : readout_(std::move(settings)) {}
 
-  nb::tuple step(BytesIn events, ClockArray clock, BytesIn waiting, MomentsIn due_ns,
+  nb::tuple step(BytesIn events, ClockArray clock, BytesIn waiting, TimesIn due_ns,
                  int64_t t_begin_us, int64_t t_end_us) {
     require(events.shape(0) % sizeof(Event) == 0, "events are 16 bytes each");
     require(clock.shape(0) == ClockSize, "the clock has another length");
     require(waiting.shape(0) == due_ns.shape(0) * sizeof(Event), "each event waits for a moment");
-    // the state stays whole if anything is refused below
+    // step a copy of the state, which stays as it is if an error is thrown
     ReadoutClock numbers;
     std::memcpy(numbers, clock.data(), sizeof(numbers));
     std::vector<Request> requests(due_ns.shape(0));
@@ -55,23 +55,23 @@ class ReadoutBinding {
       std::memcpy(&requests[i].event, waiting.data() + i * sizeof(Event), sizeof(Event));
     }
     std::vector<Event> out, left;
-    std::vector<int64_t> moments;
+    std::vector<int64_t> times;
     {
-      // a few take less time than to get the lock back from a thread that took it meanwhile
+      // release the GIL only for many events: a few take less time than to acquire it again
       std::optional<Unlocked> release;
       if (events.shape(0) + waiting.shape(0) > kFew * sizeof(Event)) release.emplace();
       readout_.step(reinterpret_cast<const Event*>(events.data()), events.shape(0) / sizeof(Event),
                     numbers, requests, t_begin_us, t_end_us, out);
       left.reserve(requests.size());
-      moments.reserve(requests.size());
+      times.reserve(requests.size());
       for (const Request& request : requests) {
         left.push_back(request.event);
-        moments.push_back(request.ns);
+        times.push_back(request.ns);
       }
     }
     std::memcpy(clock.data(), numbers, sizeof(numbers));
     return nb::make_tuple(owned<Bytes>(std::move(out)), owned<Bytes>(std::move(left)),
-                          owned<Moments>(std::move(moments)));
+                          owned<Times>(std::move(times)));
   }
 
  private:
@@ -110,8 +110,8 @@ ReadoutBinding* make_readout(int width, int height, double latency_us, double la
     require(fates->shape(0) == static_cast<size_t>(height) &&
                 fates->shape(1) == static_cast<size_t>(width),
             "the pixels' fates are (height, width)");
-    settings.pixels.assign(fates->data(), fates->data() + fates->size());
-    for (uint8_t fate : settings.pixels) {
+    settings.fates.assign(fates->data(), fates->data() + fates->size());
+    for (uint8_t fate : settings.fates) {
       require(fate == DropRoi || fate == DropMask || fate == kKept,
               "a pixel's fate is 0, 1 or 255");
     }
@@ -122,20 +122,21 @@ ReadoutBinding* make_readout(int width, int height, double latency_us, double la
 }  // namespace
 
 void bind_readout(nb::module_& m) {
-  nb::class_<ReadoutBinding>(m, "Readout", "From pixel to packet: see evs.emulator.sensor.readout.")
+  nb::class_<ReadoutBinding>(m, "Readout",
+                             "The readout, from pixel to packet: see evs.emulator.sensor.readout.")
       .def(nb::new_(&make_readout), nb::kw_only(), nb::arg("width"), nb::arg("height"),
            nb::arg("latency_us"), nb::arg("latency_sigma_us"), nb::arg("order"), nb::arg("row_ns"),
            nb::arg("column_ns"), nb::arg("jitter_ns"), nb::arg("scan_us"), nb::arg("erc_target"),
            nb::arg("erc_period_us"), nb::arg("erc_drop"), nb::arg("link_rate"), nb::arg("fifo"),
            nb::arg("stamp_sent"), nb::arg("fates").none() = nb::none(),
-           "erc_target: events a period, 0 is off; link_rate: events a second, 0 is unlimited; "
+           "erc_target: events a period, 0 for off; link_rate: events a second, 0 for unlimited; "
            "fates (height, width) uint8: 0 outside the ROI, 1 masked, 255 kept.")
       .def(
           "step", &ReadoutBinding::step, nb::arg("events").noconvert(),
           nb::arg("clock").noconvert(), nb::arg("waiting").noconvert(),
           nb::arg("due_ns").noconvert(), nb::arg("t_begin_us"), nb::arg("t_end_us"),
-          "Out: (events (16 n,) uint8 that leave in the tick, those that wait (16 m,) uint8, their "
-          "moments (m,) int64). clock is changed in place.");
+          "Out: (bytes of the events that are output in the tick (16 n,) uint8, of those that wait "
+          "(16 m,) uint8, the times of those (m,) int64 ns). clock is modified in place.");
 }
 
 }  // namespace evs

@@ -1,4 +1,4 @@
-// Python's view of the sensor: PixelArray, and the log functions that tests compare with NumPy.
+// Python binding of the event pixel: PixelArray, and the functions that tests compare with NumPy.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
@@ -34,7 +34,7 @@ LogMap make_log_map(const std::string& log, float exposure_dn, float dark_dn, fl
   throw std::invalid_argument("log must be linlog or log_eps, not " + log);
 }
 
-// An array that owns `data`.
+// A Python array that owns `data`.
 template <class Out, class T>
 Out owned(std::unique_ptr<T[]> data, size_t count) {
   nb::capsule owner(data.get(), [](void* p) noexcept { delete[] static_cast<T*>(p); });
@@ -42,7 +42,7 @@ Out owned(std::unique_ptr<T[]> data, size_t count) {
   return Out(memory, {count * sizeof(T) / sizeof(typename Out::Scalar)}, owner);
 }
 
-// What is the same for every pixel, from Python's keywords.
+// The settings that all pixels share, from keywords.
 PixelSettings make_settings(const std::string& log, float exposure_dn, float dark_dn,
                             float linlog_dn, float log_eps, bool euler, double lowpass_low,
                             double lowpass_slope, double follower, double highpass,
@@ -65,7 +65,7 @@ PixelSettings make_settings(const std::string& log, float exposure_dn, float dar
   settings.drift_gain = drift_gain;
   settings.least_gain = least_gain;
   settings.noise_weight = noise_weight;
-  settings.average = least_gain > 0.0f;
+  settings.running_mean = least_gain > 0.0f;
   settings.shot.key = hash(seed, kTermShot + 1);
   settings.shot.bright = shot_bright;
   settings.shot.inverse = shot_inverse;
@@ -118,18 +118,19 @@ class BoundPixels {
     arrays.filtered = needed(settings_.lowpass(), pixels(filtered));
     arrays.followed = needed(settings_.follower > 0.0, pixels(followed));
     arrays.blind_until = needed(settings_.refractory > 0, pixels(blind_until));
-    arrays.average.mean = needed(settings_.average, pixels(mean));
-    arrays.average.noise = needed(settings_.average, pixels(noise));
-    arrays.average.drift = needed(settings_.average, pixels(drift));
+    arrays.running_mean.mean = needed(settings_.running_mean, pixels(mean));
+    arrays.running_mean.noise = needed(settings_.running_mean, pixels(noise));
+    arrays.running_mean.drift = needed(settings_.running_mean, pixels(drift));
     const float first = 1.0f / static_cast<float>(ticks + 1);
-    arrays.average.noise_gain = std::max(settings_.noise_gain, first);
-    arrays.average.drift_gain = settings_.drift_gain;
-    arrays.average.noise_weight = settings_.noise_weight;
-    arrays.average.least_gain = std::max(settings_.least_gain, first);
-    const bool lazy = has_leak_ || settings_.lowpass() || settings_.follower > 0.0 ||
-                      settings_.highpass > 0.0 || settings_.refractory > 0 || settings_.average;
-    arrays.due_us = needed(lazy, blocks(due_us));
-    arrays.since_us = needed(lazy, blocks(since_us));
+    arrays.running_mean.noise_gain = std::max(settings_.noise_gain, first);
+    arrays.running_mean.drift_gain = settings_.drift_gain;
+    arrays.running_mean.noise_weight = settings_.noise_weight;
+    arrays.running_mean.least_gain = std::max(settings_.least_gain, first);
+    const bool skips = has_leak_ || settings_.lowpass() || settings_.follower > 0.0 ||
+                       settings_.highpass > 0.0 || settings_.refractory > 0 ||
+                       settings_.running_mean;
+    arrays.due_us = needed(skips, blocks(due_us));
+    arrays.since_us = needed(skips, blocks(since_us));
     const bool shot = settings_.shot.on != nullptr;
     arrays.shot.next = needed(shot, blocks(shot_next));
     arrays.shot.count = needed(shot, blocks(shot_count));
@@ -165,7 +166,7 @@ class BoundPixels {
     }
     return line->data();
   }
-  // A term's state: there where the term is on, and only then.
+  // The state of a term; required if the term is on, else null.
   template <class T>
   static T* needed(bool on, T* state) {
     if (on && state == nullptr) throw std::invalid_argument("the state lacks a term that is on");
@@ -176,7 +177,7 @@ class BoundPixels {
   size_t width_;
   size_t height_;
   bool has_leak_ = false;
-  nb::object keep_;  // the pattern's memory
+  nb::object keep_;  // memory of the pattern
   std::unique_ptr<PixelArray> array_;
 };
 
@@ -206,7 +207,7 @@ Floats log_map(Line luminance, const std::string& log, float exposure_dn, float 
     const float dn = to_dn(map, luminance.data()[i]);
     const float mapped = map.kind == LogKind::linlog ? to_log<LogKind::linlog>(map, dn)
                                                      : to_log<LogKind::log_eps>(map, dn);
-    out[i] = is_light(luminance.data()[i], dn) ? mapped : std::bit_cast<float>(0x7fc00000u);
+    out[i] = is_usable(luminance.data()[i], dn) ? mapped : std::bit_cast<float>(0x7fc00000u);
   }
   return owned<Floats>(std::move(out), count);
 }
@@ -214,7 +215,7 @@ Floats log_map(Line luminance, const std::string& log, float exposure_dn, float 
 }  // namespace
 
 void bind_sensor(nb::module_& m) {
-  nb::class_<PixelSettings>(m, "PixelSettings", "What all pixels have in common.")
+  nb::class_<PixelSettings>(m, "PixelSettings", "The settings that all pixels share.")
       .def(nb::new_(&make_settings), nb::kw_only(), nb::arg("log"), nb::arg("exposure_dn"),
            nb::arg("dark_dn"), nb::arg("linlog_dn"), nb::arg("log_eps"), nb::arg("euler") = false,
            nb::arg("lowpass_low") = 0.0, nb::arg("lowpass_slope") = 0.0, nb::arg("follower") = 0.0,
@@ -224,10 +225,10 @@ void bind_sensor(nb::module_& m) {
            nb::arg("noise_weight") = 0.0f, nb::arg("shot_bright") = 1.0,
            nb::arg("shot_inverse") = false, nb::arg("shot_slope") = 0.0,
            nb::arg("shot_offset") = 0.0, nb::arg("shot_dim_dn") = 0.0, nb::arg("seed") = 0,
-           "Terms at zero are off. lowpass, follower, highpass: 2 pi f in 1 / us, the first at "
-           "DN 0 and its slope per DN.");
+           "Terms at zero are off. lowpass, follower, highpass: 2 pi f in 1 / us; lowpass at DN 0 "
+           "and its slope per DN.");
   nb::class_<BoundPixels>(m, "PixelArray",
-                          "Pixels with a fixed pattern: emulator/sensor/pixel/plain.py.")
+                          "Event pixels with a fixed pattern: emulator/sensor/pixel/plain.py.")
       .def(nb::init<const PixelSettings&, int, int, FrameIn<float>, FrameIn<float>, MaybeIn<float>,
                     MaybeIn<float>, MaybeIn<float>, MaybeIn<uint8_t>, MaybeIn<float>,
                     MaybeIn<float>, int, const std::string&>(),
@@ -251,15 +252,16 @@ void bind_sensor(nb::module_& m) {
           nb::arg("since_us").noconvert().none() = nb::none(),
           nb::arg("shot_next").noconvert().none() = nb::none(),
           nb::arg("shot_count").noconvert().none() = nb::none(),
-          "Out: (the events' bytes (16 n,) uint8, how many pixels had no usable light). The state, "
-          "that is every keyword, is changed in place. In: ticks, how many came before.");
+          "Out: (event bytes (16 n,) uint8, number of pixels with unusable luminance). The keyword "
+          "arguments are the state and are modified in place. In: ticks, number of ticks so far.");
   m.def("natural_log", &natural_log, nb::arg("values").noconvert(),
-        "ln of normal positive float32 (n,), the sensor's own.");
-  m.def("lowpass_steps", &lowpass_steps, nb::arg("z").noconvert(),
-        "(a, b) of one pole over z = 2 pi f dt (n,) float32, the sensor's own: core/sensor.");
+        "ln of normal positive float32 (n,), as the pixel computes it.");
+  m.def(
+      "lowpass_steps", &lowpass_steps, nb::arg("z").noconvert(),
+      "(a, b) of a one-pole low pass for z = 2 pi f dt (n,) float32, as the pixel computes them.");
   m.def("log_map", &log_map, nb::arg("luminance").noconvert(), nb::arg("log"),
         nb::arg("exposure_dn"), nb::arg("dark_dn"), nb::arg("linlog_dn"), nb::arg("log_eps"),
-        "Log light of linear luminance (n,); NaN where the luminance is negative, NaN or Inf.");
+        "Log intensity of luminance (n,); NaN where the luminance is negative, NaN or Inf.");
 }
 
 }  // namespace evs

@@ -1,4 +1,4 @@
-// What a caster is made of besides its scene, as Python sees it: optics and tracing, both by
+// Python binding of what a caster is made of besides its scene: optics and tracing, both by
 // keyword.
 
 #include <nanobind/nanobind.h>
@@ -27,7 +27,7 @@ Optics* make_optics(int width, int height, double fx, double fy, double cx, doub
   if (lens) {
     require(lens->shape(0) == h + 1 && lens->shape(1) == w + 1,
             "the lens is (height + 1, width + 1, 3)");
-    // its numbers are counted in 32 bits
+    // its size must fit into 32 bits
     require(lens->size() < (1u << 31) && !orthographic, "a lens bends the rays of a perspective");
     optics.lens.assign(lens->data(), lens->data() + lens->size());
     for (size_t i = 0; i < optics.lens.size(); i += 3) {
@@ -61,25 +61,26 @@ Tracing* make_tracing(int samples, bool adaptive, bool shadows, bool incremental
 }  // namespace
 
 void bind_settings(nb::module_& m) {
-  nb::class_<Optics>(m, "Optics", "One camera's pixels and rays; lengths in px.")
-      .def(nb::new_(&make_optics), nb::kw_only(), nb::arg("width"), nb::arg("height"),
-           nb::arg("fx"), nb::arg("fy"), nb::arg("cx"), nb::arg("cy"),
-           nb::arg("orthographic") = false, nb::arg("lens").none() = nb::none(),
-           nb::arg("share").none() = nb::none(),
-           "orthographic: fx and fy are px/m; lens (height + 1, width + 1, 3): the ray at each "
-           "pixel's corners, camera frame; share (height, width): what a pixel gets of its light.");
+  nb::class_<Optics>(m, "Optics", "Pixels and rays of one camera; lengths in px.")
+      .def(
+          nb::new_(&make_optics), nb::kw_only(), nb::arg("width"), nb::arg("height"), nb::arg("fx"),
+          nb::arg("fy"), nb::arg("cx"), nb::arg("cy"), nb::arg("orthographic") = false,
+          nb::arg("lens").none() = nb::none(), nb::arg("share").none() = nb::none(),
+          "orthographic: fx and fy are px/m; lens (height + 1, width + 1, 3): the ray at each "
+          "pixel "
+          "corner, camera frame; share (height, width): the share of its light that a pixel gets.");
 
-  nb::class_<Tracing>(m, "Tracing", "How the light is found, and what is given of it.")
+  nb::class_<Tracing>(m, "Tracing", "How light is computed, and what is output.")
       .def(
           nb::new_(&make_tracing), nb::kw_only(), nb::arg("samples") = 1,
           nb::arg("adaptive") = false, nb::arg("shadows") = true, nb::arg("incremental") = false,
           nb::arg("rgb") = false, nb::arg("integrator") = "direct", nb::arg("bounces") = 0,
           nb::arg("sample_set") = "owen", nb::arg("forced") = FeatureFlags{},
-          "samples of a pixel, adaptive: only where neighbours differ, one elsewhere; incremental: "
-          "a still camera keeps what nothing that moved can touch; rgb: `render` can give colour; "
-          "integrator: direct or path, which alone has bounces and a sample_set; forced: code "
-          "paths "
-          "by name that are on, with the same bytes, or off, for tests, whatever the scene needs.");
+          "samples: of a pixel; adaptive: only where neighbours differ, one elsewhere; "
+          "incremental: with a still camera, reuse what nothing that moved can affect; rgb: "
+          "`render` can output colour; integrator: direct or path; bounces, sample_set: of path; "
+          "forced: code paths by name that are on, with the same bytes, or off, whatever the scene "
+          "needs, for tests.");
 }
 
 }  // namespace evs

@@ -1,9 +1,9 @@
-// Python's lock, given back and taken again by a thread that the interpreter may stop meanwhile.
+// Release and acquire the GIL in a thread that the interpreter may stop meanwhile.
 //
-// Up to 3.13 CPython ends a daemon thread that wants its lock while the interpreter exits with
-// pthread_exit, which unwinds the stack like an exception. The frames above these let none pass,
-// and the process would abort. Such a thread waits for the end of the process here, as from 3.14
-// on.
+// While the interpreter exits, CPython up to 3.13 ends a daemon thread that acquires the GIL with
+// pthread_exit, which unwinds the stack like an exception. The frames of this module are noexcept,
+// so the process would abort. Such a thread waits here for the end of the process, as CPython does
+// from 3.14 on.
 #pragma once
 
 #include <Python.h>
@@ -16,12 +16,12 @@ auto take_or_wait(Take take) noexcept {
   try {
     return take();
   } catch (...) {
-    // to leave this block would abort, too
+    // leaving this block would abort, too
     for (;;) pause();
   }
 }
 
-// Others run while this lives.
+// Releases the GIL during its lifetime.
 class Unlocked {
  public:
   Unlocked() noexcept : state_(PyEval_SaveThread()) {}
@@ -35,7 +35,7 @@ class Unlocked {
   PyThreadState* state_;
 };
 
-// Python may be used while this lives, within an Unlocked.
+// Acquires the GIL during its lifetime, within an Unlocked.
 class Locked {
  public:
   Locked() noexcept : state_(take_or_wait([] { return PyGILState_Ensure(); })) {}

@@ -1,23 +1,24 @@
-// The comparators of one pixel through one tick: the exact order of crossings, noise and blindness.
+// The ON and OFF comparators of one pixel through one tick: the exact order of threshold crossings,
+// shot noise and refractory periods.
 //
-// Contract. Inside a tick the signal s moves linearly and the reference r sinks linearly by `drift`
-// (leak, less what the high pass lifts it), so that s - r moves linearly. A level is reached when
-// s >= r + theta_on (ON) or s <= r - theta_off (OFF): the closed side is the far one. Without a
-// refractory period every event of a level moves the reference by exactly one threshold, so that no
-// contrast is lost. With one the pixel is blind from its event on, whatever comes, and in the
-// microsecond in which the period ends the reference becomes the signal. Noise always makes the
-// reference the signal of its microsecond.
+// Contract. Inside a tick the signal s moves linearly and the reference r, the memorised log
+// intensity, sinks linearly by `drift` (the leak, less the rise by the high pass), so s - r is
+// linear. A comparator fires when s >= r + theta_on (ON) or s <= r - theta_off (OFF); both limits
+// are inclusive. Without a refractory period a crossing moves the reference by exactly one
+// threshold, so no contrast is lost. With one, the pixel ignores everything from its event on, and
+// in the microsecond in which the period ends it resets its reference to the signal. A noise event
+// always resets the reference to the signal of its microsecond.
 //
-// In one microsecond the order is: blindness ends, levels, noise. Noise is lost while the pixel is
-// blind, not any more in the microsecond in which that ends. No stamp is before the one before it.
+// Order within one microsecond: the refractory period ends, threshold crossings, noise. Noise is
+// lost during the refractory period, but not in the microsecond in which it ends. Stamps never
+// decrease.
 //
-// References are float64 and multiples of 2^-43, and so are float32 thresholds from 2^-20 on and
-// the leak of a microsecond: adding and subtracting them is exact below 2^10, and a day of events
-// drifts by nothing. In a tick they are told as they would be at its start, r + drift t / tick:
-// there levels stand still, and the signal moves by v = (to - from) + drift. The signal of an
-// instant is on_grid(from + v (t / tick)); a level is reached if it is within to + drift, so that
-// what a tick leaves is never over a level at the start of the next. Only the division in a stamp
-// rounds.
+// References are float64 multiples of 2^-43, as are float32 thresholds from 2^-20 on and the leak
+// of a microsecond. Sums below 2^10 are exact, so a day of events accumulates no rounding error.
+// Within a tick, references are expressed at its start, r + drift t / tick: there levels are
+// constant, and the signal moves by v = (to - from) + drift. The signal at an instant is
+// on_grid(from + v (t / tick)). A level is reached if it is within to + drift, so no level is
+// exceeded at the start of the next tick. Only the division in a stamp rounds.
 #pragma once
 
 #include <cmath>
@@ -26,27 +27,27 @@
 #include <limits>
 #include <vector>
 
-#include "shot.h"
+#include "shot_noise.h"
 #include "vmath.h"
 
 namespace evs {
 
-// Why an event came about. 0 in an event: nobody asked.
+// The cause of an event. 0 in an event means that labels are off.
 enum class Cause : uint32_t { signal = 1, leak = 2, shot = 3, hot = 4 };
 
-// An event before it is sorted: its pixel, and (stamp - t_begin) * 16 + cause * 2 + polarity.
+// A threshold crossing or noise event, before sorting.
 struct Crossing {
   uint32_t pixel;
-  uint32_t when;
+  uint32_t packed;  // (stamp - t_begin) * 16 + cause * 2 + polarity
 };
-inline constexpr uint32_t kWhenBits = 4;
+inline constexpr uint32_t kTagBits = 4;  // of cause and polarity
 
-// Round to a multiple of 2^-43, ties to even, for |value| < 2^8; beyond, to a multiple of the last
-// bit of value + 768.
+// Round to a multiple of 2^-43, ties to even, for |value| < 2^8; beyond that, to a multiple of the
+// last bit of value + 768.
 EVS_ALWAYS_INLINE double on_grid(double value) { return (value + 0x1.8p9) - 0x1.8p9; }
 
-// Microseconds after the start of a tick at which a line that moves `span` in `tick` us has moved
-// `part`: rounded up, in [1, tick]. A NaN gives 1.
+// Microseconds after the start of a tick at which a line that moves by `span` in `tick` us has
+// moved by `part`; rounded up, in [1, tick]. A NaN gives 1.
 EVS_ALWAYS_INLINE uint32_t crossing_time(double part, double span, double tick) {
   const double exact = part * tick / span;
   const double late = exact > 1.0 ? exact : 1.0;
@@ -55,43 +56,43 @@ EVS_ALWAYS_INLINE uint32_t crossing_time(double part, double span, double tick) 
   return whole + (static_cast<double>(static_cast<int32_t>(whole)) < inside ? 1u : 0u);
 }
 
-// Why a level was reached: by what moved the pixel further in this tick, the signal if both did.
-EVS_ALWAYS_INLINE Cause cause_of(double span, double drift, Cause drifting) {
-  return std::abs(drift) > std::abs(span) ? drifting : Cause::signal;
+// The cause of a crossing: what moved the pixel further in this tick; the signal if both did alike.
+EVS_ALWAYS_INLINE Cause cause_of(double span, double drift, Cause drift_cause) {
+  return std::abs(drift) > std::abs(span) ? drift_cause : Cause::signal;
 }
 
-// One pixel and what the tick brings it.
+// One pixel and its inputs in a tick.
 struct Comparators {
   uint32_t pixel = 0;
-  double on = 0.0;  // thresholds
-  double off = 0.0;
-  double reference = 0.0;   // In/out: at the start of the tick; after `run` at its end; NaN: blind
-  double from = 0.0;        // the signal at the start of the tick
-  double to = 0.0;          // the signal at its end
-  double drift = 0.0;       // how far the reference sinks in the tick
-  int64_t begin_us = 0;     // the tick's start by the sensor's clock
+  double theta_on = 0.0;
+  double theta_off = 0.0;
+  double reference = 0.0;   // In/out: at the start, then the end of the tick; NaN: refractory
+  double from = 0.0;        // signal at the start of the tick
+  double to = 0.0;          // signal at its end
+  double drift = 0.0;       // by how much the reference sinks in the tick
+  int64_t begin_us = 0;     // start of the tick by the sensor's clock
   uint32_t tick = 0;        // us
   uint32_t refractory = 0;  // us
-  int64_t blind_until = 0;  // In/out, by the sensor's clock; for a NaN reference only
-  Cause drifting = Cause::leak;  // what an event is called that the drift brought about
-  double shot_on = 0.0;          // Hz, in the dark
-  double shot_off = 0.0;         // Hz, in the dark
-  double share = 1.0;            // of those two that is left at this light
+  int64_t blind_until = 0;  // In/out: end of the refractory period, if `reference` is NaN
+  Cause drift_cause = Cause::leak;  // of an event that the drift causes
+  double shot_on = 0.0;             // Hz in the dark
+  double shot_off = 0.0;            // Hz in the dark
+  double rate_scale = 1.0;          // of the shot noise at this light
 
-  // Crossings of the whole tick in order. NOISY: among them those candidates for shot noise of its
-  // block that are at `place`, which is this pixel.
+  // Append the crossings of the tick in order. NOISY: with those candidates for shot noise whose
+  // pixel is `index`, this pixel's place in the block.
   template <bool NOISY>
-  EVS_ALWAYS_INLINE void run(uint32_t place, const std::vector<ShotCandidate>& shots,
+  EVS_ALWAYS_INLINE void run(uint32_t index, const std::vector<ShotCandidate>& shots,
                              std::vector<Crossing>& out) {
     const double length = tick;
     const double v = (to - from) + drift;  // of signal against reference
     const double end = to + drift;
-    const uint32_t cause = static_cast<uint32_t>(cause_of(to - from, drift, drifting));
-    double r = reference;  // continued to the start of the tick
+    const uint32_t cause = static_cast<uint32_t>(cause_of(to - from, drift, drift_cause));
+    double r = reference;  // expressed at the start of the tick
     uint32_t now = 0;
-    auto at = [&](uint32_t offset) { return on_grid(from + v * (offset / length)); };
-    // the pixel has fired: false where it is blind for the rest of the tick
-    auto rest = [&](uint32_t stamp) {
+    auto signal_at = [&](uint32_t offset) { return on_grid(from + v * (offset / length)); };
+    // start the refractory period; false if it outlasts the tick
+    auto start_refractory = [&](uint32_t stamp) {
       if (refractory == 0) return true;
       const int64_t until = static_cast<int64_t>(stamp) + refractory;
       if (until > tick) {
@@ -100,22 +101,23 @@ struct Comparators {
         return false;
       }
       now = static_cast<uint32_t>(until);
-      r = at(now);
+      r = signal_at(now);
       return true;
     };
+    // end a refractory period in this tick
     if (r != r) {
       if (blind_until > begin_us + tick) return;
       now = static_cast<uint32_t>(blind_until - begin_us);
-      r = at(now);
+      r = signal_at(now);
     }
     const size_t count = NOISY ? shots.size() : 0;
     for (size_t k = 0; k <= count; k++) {
-      if (k < count && shots[k].pixel != place) continue;
+      if (k < count && shots[k].pixel != index) continue;
       const uint32_t until = k < count ? shots[k].offset : tick;
-      // every level on the way to there
+      // fire for each level that is crossed before the next candidate
       for (;;) {
-        const bool up = r + on <= end;
-        const double theta = up ? on : -off;
+        const bool up = r + theta_on <= end;
+        const double theta = up ? theta_on : -theta_off;
         const double level = r + theta;
         if (!up && !(level >= end)) break;
         const uint32_t exact = crossing_time(level - from, v, length);
@@ -124,23 +126,24 @@ struct Comparators {
         out.push_back(crossing(stamp, cause, up));
         r = level;
         now = stamp;
-        if (!rest(stamp)) return;
+        if (!start_refractory(stamp)) return;
       }
       if (k == count) break;
-      // noise, unless the pixel is blind or its rate too low now
-      const double lot = shots[k].lot;
-      if (until < now || lot >= (shot_on + shot_off) * share) continue;
-      out.push_back(crossing(until, static_cast<uint32_t>(Cause::shot), lot < shot_on * share));
+      // fire for the candidate, unless the pixel is refractory or its rate too low at this light
+      const double draw = shots[k].draw_hz;
+      if (until < now || draw >= (shot_on + shot_off) * rate_scale) continue;
+      out.push_back(
+          crossing(until, static_cast<uint32_t>(Cause::shot), draw < shot_on * rate_scale));
       now = until;
-      r = at(until);
-      if (!rest(until)) return;
+      r = signal_at(until);
+      if (!start_refractory(until)) return;
     }
     reference = r - drift;
   }
 
  private:
   Crossing crossing(uint32_t stamp, uint32_t cause, bool up) const {
-    return {pixel, (stamp << kWhenBits) | (cause << 1) | (up ? 1u : 0u)};
+    return {pixel, (stamp << kTagBits) | (cause << 1) | (up ? 1u : 0u)};
   }
 };
 

@@ -8,8 +8,9 @@
 
 namespace evs {
 
-// Whether `bytes`, which may lie anywhere, are `count` events as a packet promises them: sorted by
-// t in (base_us, end_us], on the sensor, polarity 0 or 1, the rest zero. No branch on an event.
+// Whether `bytes`, which need not be aligned, hold `count` valid events: sorted by t in
+// (base_us, end_us], on the sensor, with polarity 0 or 1 and zero padding. Does not branch on
+// events.
 inline bool events_fit(const uint8_t* bytes, size_t count, int64_t base_us, int64_t end_us,
                        int64_t width, int64_t height) {
   if (count == 0) return true;
@@ -23,7 +24,7 @@ inline bool events_fit(const uint8_t* bytes, size_t count, int64_t base_us, int6
     uint64_t rest;
     std::memcpy(&t, bytes + i * sizeof(Event), sizeof(t));
     std::memcpy(&rest, bytes + i * sizeof(Event) + sizeof(t), sizeof(rest));
-    // read as unsigned, a negative coordinate is too large as well
+    // read as unsigned, a negative coordinate is too large
     const int64_t x = rest & 0xffff, y = rest >> 16 & 0xffff;
     bad |= uint64_t{t < before} | uint64_t{x >= width} | uint64_t{y >= height} |
            uint64_t{rest >> 32 > 1};

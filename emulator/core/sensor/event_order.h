@@ -1,6 +1,5 @@
-// Crossings into events: sorted by time, ties in the order in which they come (pixels row by row,
-// then order of crossing). A radix sort over 11 bits of the stamp: one pass for a tick of up to 2
-// ms.
+// Sort threshold crossings into events by time stamp; ties keep their order (pixels row by row,
+// then order of crossing). A radix sort with digits of 11 bits: one pass for a tick of up to 2 ms.
 #pragma once
 
 #include <algorithm>
@@ -14,8 +13,8 @@
 
 namespace evs {
 
-// msgs/event.py's EVENT_DTYPE. The last bytes are zero; only between here and the packet may the
-// first of them carry the cause, where somebody asked.
+// EVENT_DTYPE of msgs/event.py. The last bytes are zero in a packet; before that, the first of them
+// holds the cause if labels are on.
 struct Event {
   int64_t t;  // us
   int16_t x;
@@ -35,22 +34,22 @@ inline constexpr uint32_t kDigitBits = 11;
 inline constexpr uint32_t kDigits = 1u << kDigitBits;
 
 inline uint32_t digit(const Crossing& crossing, uint32_t pass) {
-  return ((crossing.when >> kWhenBits) >> (pass * kDigitBits)) & (kDigits - 1);
+  return ((crossing.packed >> kTagBits) >> (pass * kDigitBits)) & (kDigits - 1);
 }
 
-// Where each digit's first crossing goes.
+// Offset of the first crossing with each digit.
 template <class Parts>
-std::vector<size_t> first_places(const Parts& parts, uint32_t pass) {
-  std::vector<size_t> places(kDigits + 1, 0);
+std::vector<size_t> digit_offsets(const Parts& parts, uint32_t pass) {
+  std::vector<size_t> offsets(kDigits + 1, 0);
   for (const auto& part : parts) {
-    for (const Crossing& crossing : part) places[digit(crossing, pass) + 1]++;
+    for (const Crossing& crossing : part) offsets[digit(crossing, pass) + 1]++;
   }
-  for (uint32_t i = 0; i < kDigits; i++) places[i + 1] += places[i];
-  return places;
+  for (uint32_t i = 0; i < kDigits; i++) offsets[i + 1] += offsets[i];
+  return offsets;
 }
 
-// In: parts in pixel order; ticks of less than 2^28 us; whether events carry their cause. Out: all
-// events, every byte written.
+// In: parts in pixel order; tick_us < 2^28; `causes`, whether events hold their cause. Out: all
+// events, with every byte written.
 inline EventBuffer order_events(const std::vector<std::vector<Crossing>>& parts, int64_t t_begin_us,
                                 uint32_t tick_us, uint32_t width, bool causes) {
   EventBuffer out;
@@ -61,17 +60,17 @@ inline EventBuffer order_events(const std::vector<std::vector<Crossing>>& parts,
 
   const uint32_t cause_bits = causes ? 7u : 0u;
 
-  // low digits first, each pass stable; the last one writes the events
+  // sort by low digits first, each pass stable; the last pass writes the events
   auto last_pass = [&](const auto& from, uint32_t pass) {
-    std::vector<size_t> place = first_places(from, pass);
+    std::vector<size_t> offset = digit_offsets(from, pass);
     for (const auto& part : from) {
       for (const Crossing& crossing : part) {
-        out.events[place[digit(crossing, pass)]++] =
-            Event{t_begin_us + (crossing.when >> kWhenBits),
+        out.events[offset[digit(crossing, pass)]++] =
+            Event{t_begin_us + (crossing.packed >> kTagBits),
                   static_cast<int16_t>(crossing.pixel % width),
                   static_cast<int16_t>(crossing.pixel / width),
-                  static_cast<int8_t>(crossing.when & 1u),
-                  static_cast<int8_t>((crossing.when >> 1) & cause_bits),
+                  static_cast<int8_t>(crossing.packed & 1u),
+                  static_cast<int8_t>((crossing.packed >> 1) & cause_bits),
                   {0, 0}};
       }
     }
@@ -84,9 +83,9 @@ inline EventBuffer order_events(const std::vector<std::vector<Crossing>>& parts,
   for (uint32_t pass = 0; pass + 1 < passes; pass++) {
     std::vector<Crossing> next(out.count);
     auto scatter = [&](const auto& from) {
-      std::vector<size_t> place = first_places(from, pass);
+      std::vector<size_t> offset = digit_offsets(from, pass);
       for (const auto& part : from) {
-        for (const Crossing& crossing : part) next[place[digit(crossing, pass)]++] = crossing;
+        for (const Crossing& crossing : part) next[offset[digit(crossing, pass)]++] = crossing;
       }
     };
     if (pass == 0) {

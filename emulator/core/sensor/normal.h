@@ -1,4 +1,4 @@
-// Counter-based normal numbers: emulator/sensor/random.py's, bit for bit.
+// Counter-based normal random numbers, bit for bit those of emulator/sensor/random.py.
 #pragma once
 
 #include <cmath>
@@ -8,7 +8,7 @@
 
 namespace evs {
 
-// The key of a term's numbers: random.py's Term.
+// The key of the random numbers of a term (Term in random.py).
 inline uint64_t term_key(uint64_t seed, uint64_t term) { return hash(seed, term + 1); }
 
 // cos(2 pi turn) for turn in [0, 1) by its Taylor series; error below 1e-12.

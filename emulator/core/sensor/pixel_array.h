@@ -1,5 +1,5 @@
-// A sensor: an array of pixels with their fixed pattern. One call per tick, luminance in, sorted
-// events out; what changes from tick to tick belongs to the caller.
+// An array of event pixels with their fixed pattern. One call per tick: luminance in, sorted events
+// out. The caller owns the state.
 #pragma once
 
 #include <cstdint>
@@ -8,14 +8,15 @@
 #include <vector>
 
 #include "event_order.h"
-#include "pixel_isa.h"
+#include "pixel_targets.h"
 #include "pool.h"
 
 namespace evs {
 
 class PixelArray {
  public:
-  // width, height at most 32767; threads <= 0: one for each core. The pattern must outlive this.
+  // width and height are at most 32767; threads <= 0 means one for each core. The pattern must
+  // outlive this object.
   PixelArray(const PixelSettings& settings, const PixelPattern& pattern, int width, int height,
              int threads, const std::string& isa)
       : settings_(settings),
@@ -38,11 +39,11 @@ class PixelArray {
   size_t pixels() const { return pixels_; }
   size_t blocks() const { return (pixels_ + kBlock - 1) / kBlock; }
 
-  // Events of the tick that begins at t_begin_us; tick.us < 2^28. Out: `clamped`, how many pixels
-  // kept their last value because their light was negative, NaN or Inf.
+  // Sorted events of the tick that begins at t_begin_us; tick.us < 2^28. Out: `clamped`, pixels
+  // that kept their last value because their luminance was unusable.
   EventBuffer step(const PixelArrays& arrays, Tick tick, int64_t t_begin_us, size_t& clamped) {
-    const PixelStep step = begin_step(settings_, pattern_, arrays, shot_bounds_.data(), tick);
-    // bands do not depend on the number of threads, and are merged in their order
+    const PixelStep step = prepare_step(settings_, pattern_, arrays, shot_bounds_.data(), tick);
+    // step the bands; they do not depend on the number of threads, and are merged in order
     pool_.run(static_cast<int>(crossings_.size()), [&](int band, int) {
       const size_t index = static_cast<size_t>(band);
       const size_t first = index * kBand;
@@ -53,7 +54,7 @@ class PixelArray {
     clamped = std::accumulate(clamped_.begin(), clamped_.end(), size_t{0});
     EventBuffer events = order_events(crossings_, t_begin_us, tick.us, width_, settings_.causes);
 
-    // a burst's memory is not kept for ever
+    // free the memory of a burst
     for (std::vector<Crossing>& out : crossings_) {
       if (out.capacity() > kBand * 4) std::vector<Crossing>().swap(out);
     }
@@ -71,7 +72,7 @@ class PixelArray {
   StepPixels step_;
   Pool pool_;
   std::vector<double> shot_bounds_;               // of each block, Hz
-  std::vector<std::vector<Crossing>> crossings_;  // scratch, one for each band
+  std::vector<std::vector<Crossing>> crossings_;  // scratch, of each band
   std::vector<size_t> clamped_;                   // scratch
 };
 

@@ -1,5 +1,5 @@
-// Counter-based random numbers: 64 bits follow from (key, counter) and from nothing else.
-// emulator/sensor/random.py says the same in NumPy.
+// Counter-based random numbers: 64 bits that depend on (key, counter) alone, bit for bit those of
+// emulator/sensor/random.py.
 #pragma once
 
 #include <bit>
@@ -10,10 +10,10 @@
 
 namespace evs {
 
-// What a random number is for: emulator/sensor/random.py has the whole list.
+// The terms that draw random numbers are listed in emulator/sensor/random.py.
 inline constexpr uint64_t kTermShot = 6;
 
-// 64 mixed bits: a step of the SplitMix64 generator (Steele, Lea, Flood 2014), twice.
+// 64 mixed bits: two rounds of SplitMix64 (Steele, Lea, Flood 2014).
 EVS_ALWAYS_INLINE uint64_t hash(uint64_t key, uint64_t counter) {
   uint64_t mixed = key + counter * 0x9E3779B97F4A7C15ull;
   for (int i = 0; i < 2; i++) {
@@ -44,7 +44,7 @@ EVS_ALWAYS_INLINE double ln_double(double value) {
   return 2.0 * z * series + (exponent - 0.5) * 0.6931471805599453;
 }
 
-// An exponential number of mean 1: the time to the next event of a Poisson process of rate 1.
+// An exponential random number of mean 1: the gap between events of a Poisson process of rate 1.
 EVS_ALWAYS_INLINE double exponential(uint64_t bits) {
   const double log = ln_double(uniform(bits) + 0x1p-53);
   return log < 0.0 ? -log : 0.0;  // rounding may leave a log of 1e-17

@@ -1,10 +1,10 @@
-// The readout: what happens to an event between its pixel and its packet.
+// The readout: the path of an event from its pixel to its packet.
 //
 //   pixel -> ROI, mask -> latency -> order (ideal, arbiter, scan) -> rate control -> link -> out
 //
-// Times are int64 ns; a stamp is the first whole us at or after its moment. Every decision at a
-// moment depends on nothing later, so that any chunking of the same events into ticks gives the
-// same events and the same state.
+// Times are int64 ns; a stamp is its time rounded up to whole us. Every decision depends only on
+// what came before it, so any division of the same events into ticks gives the same events and
+// state.
 #pragma once
 
 #include <algorithm>
@@ -12,18 +12,18 @@
 #include <stdexcept>
 #include <vector>
 
+#include "arbiter.h"
+#include "array_scan.h"
 #include "event_order.h"
 #include "normal.h"
-#include "readout_arbiter.h"
-#include "readout_held.h"
-#include "readout_out.h"
-#include "readout_scan.h"
+#include "pixel_latches.h"
+#include "readout_output.h"
 #include "readout_state.h"
-#include "row_times.h"
+#include "row_access_times.h"
 
 namespace evs {
 
-// Everything that is constant. Out of range values are refused in Python.
+// Constant settings. Python refuses values that are out of range.
 struct ReadoutSettings {
   int width = 0;
   int height = 0;
@@ -34,28 +34,30 @@ struct ReadoutSettings {
   int64_t scan_ns = 0;
   RateControl rate;
   Link link;
-  // what becomes of a pixel's events: kKept or the place of a Drop in the counters; empty: all kept
-  std::vector<uint8_t> pixels;
+  // of each pixel: kKept, or the entry of `clock` that counts its dropped events; empty: all are
+  // kept
+  std::vector<uint8_t> fates;
 };
 
 class Readout {
  public:
   explicit Readout(ReadoutSettings settings)
-      : settings_(std::move(settings)), held_(settings_.width, settings_.height) {}
+      : settings_(std::move(settings)), latches_(settings_.width, settings_.height) {}
 
-  // Events of (t_begin_us, t_end_us] by their stamps, sorted. In: events of the tick from their
-  // pixels, sorted by t; |t| at most 2^52 us. The state is changed in place; `waiting` holds first
-  // what is delayed, then what its pixel holds, then what waits for the link.
-  // Throws std::invalid_argument for events that are unsorted, off the sensor or out of the tick.
+  // One tick. In: events of the pixels, sorted by t, |t| <= 2^52 us. Out: events with stamps in
+  // (t_begin_us, t_end_us], sorted. In/out: the state; `waiting` has first the delayed requests,
+  // then those that pixels hold, then those that wait for the link. Throws std::invalid_argument
+  // for events that are unsorted, off the sensor or outside the tick.
   void step(const Event* events, size_t count, ReadoutClock& clock, std::vector<Request>& waiting,
             int64_t t_begin_us, int64_t t_end_us, std::vector<Event>& out) {
+    // check the events and the state
     check(events, count, t_begin_us, t_end_us);
     const int64_t end_ns = t_end_us * 1000;
     if (clock[Delayed] < 0 || clock[Held] < 0 || clock[Queued] < 0 ||
         static_cast<size_t>(clock[Delayed] + clock[Held] + clock[Queued]) != waiting.size()) {
       throw std::invalid_argument("the state's counts do not fit what waits in it");
     }
-    for (const Request& request : waiting) check_place(request.event);
+    for (const Request& request : waiting) check_pixel(request.event);
     if (clock[LastRow] >= settings_.height || clock[AccessRow] >= settings_.height ||
         clock[LastRow] < -1 || clock[AccessRow] < -1) {
       throw std::invalid_argument("the state is of a sensor with more rows");
@@ -63,7 +65,7 @@ class Readout {
     const auto held = waiting.begin() + clock[Delayed];
     const auto queued = held + clock[Held];
 
-    // what its pixel holds comes first, then what is delayed, then what is new
+    // collect the requests: held by pixels first, then delayed, then new
     requests_.assign(held, queued);
     requests_.insert(requests_.end(), waiting.begin(), held);
     queue_.assign(queued, waiting.end());
@@ -71,28 +73,29 @@ class Readout {
     add_requests(events, count, clock);
     const size_t due = sort_requests(first_new, end_ns);
 
+    // read them in the order of this sensor
     out.clear();
-    OutStage stage{settings_.rate, settings_.link, clock, end_ns, queue_, out};
+    OutputStage stage{settings_.rate, settings_.link, clock, end_ns, queue_, out};
     stage.release();
-    if (settings_.order != ReadoutOrder::ideal) held_.clear();
+    if (settings_.order != ReadoutOrder::ideal) latches_.clear();
     switch (settings_.order) {
       case ReadoutOrder::ideal:
         for (size_t i = 0; i < due; i++) stage.read(requests_[i].ns, requests_[i].event);
         break;
       case ReadoutOrder::arbiter:
-        run_arbiter(settings_.arbiter, rows_, requests_, first_new, due, end_ns, clock, held_,
-                    stage);
+        run_arbiter(settings_.arbiter, access_times_, requests_, first_new, due, end_ns, clock,
+                    latches_, stage);
         break;
       case ReadoutOrder::scan:
-        run_scan(settings_.scan_ns, requests_, due, end_ns, clock, held_, stage);
+        run_scan(settings_.scan_ns, requests_, due, end_ns, clock, latches_, stage);
         break;
     }
 
-    // what is left, in the three places
+    // keep the others in the state
     waiting.assign(requests_.begin() + static_cast<ptrdiff_t>(due), requests_.end());
     clock[Delayed] = static_cast<int64_t>(waiting.size());
     if (settings_.order != ReadoutOrder::ideal) {
-      held_.take_all([&](uint32_t place) { waiting.push_back(requests_[place]); });
+      latches_.take_all([&](uint32_t index) { waiting.push_back(requests_[index]); });
     }
     clock[Held] = static_cast<int64_t>(waiting.size()) - clock[Delayed];
     waiting.insert(waiting.end(), queue_.begin(), queue_.end());
@@ -107,31 +110,32 @@ class Readout {
       const Event& event = events[i];
       if (event.t < last) throw std::invalid_argument("events are not sorted or before the tick");
       last = event.t;
-      check_place(event);
+      check_pixel(event);
     }
     if (count > 0 && last > t_end_us) throw std::invalid_argument("events are after the tick");
   }
 
-  void check_place(const Event& event) const {
+  void check_pixel(const Event& event) const {
     if (static_cast<uint16_t>(event.x) >= settings_.width ||
         static_cast<uint16_t>(event.y) >= settings_.height) {
       throw std::invalid_argument("an event is not on the sensor");
     }
   }
 
-  // Events as requests at their pixels' moments; those of no interest are counted instead.
+  // Append events as requests after the latency of their pixels; count those outside the ROI or
+  // masked.
   void add_requests(const Event* events, size_t count, ReadoutClock& clock) {
     const bool late = settings_.latency_us > 0 || settings_.latency_sigma_us > 0;
     const bool jitter = settings_.latency_sigma_us > 0;
     const uint64_t key = term_key(static_cast<uint64_t>(clock[Seed]), kTermLatency);
-    const uint8_t* pixels = settings_.pixels.empty() ? nullptr : settings_.pixels.data();
+    const uint8_t* fates = settings_.fates.empty() ? nullptr : settings_.fates.data();
     const size_t width = static_cast<size_t>(settings_.width);
     requests_.reserve(requests_.size() + count);
     for (size_t i = 0; i < count; i++) {
       const Event& event = events[i];
       const size_t x = static_cast<size_t>(event.x), y = static_cast<size_t>(event.y);
-      if (pixels) {
-        const uint8_t fate = pixels[y * width + x];
+      if (fates) {
+        const uint8_t fate = fates[y * width + x];
         if (fate != kKept) {
           clock[fate]++;
           continue;
@@ -142,16 +146,16 @@ class Readout {
         double delay_us = settings_.latency_us;
         if (jitter) {
           const uint64_t pixel = hash(key, (y << 32 | x << 1) + 1);
-          const uint64_t moment = static_cast<uint64_t>(event.t) << 2 | (event.p ? 2u : 0u);
-          delay_us += settings_.latency_sigma_us * normal(pixel, moment);
+          const uint64_t counter = static_cast<uint64_t>(event.t) << 2 | (event.p ? 2u : 0u);
+          delay_us += settings_.latency_sigma_us * normal(pixel, counter);
         }
-        delay_ns = whole_ns(delay_us * 1000.0);
+        delay_ns = round_ns(delay_us * 1000.0);
       }
       requests_.push_back(Request{event.t * 1000 + delay_ns, event});
     }
   }
 
-  // Requests from `first` on by their moments, ties as they came; how many of all are due.
+  // Sort requests from `first` on by time, stable. Out: how many of all requests are due.
   size_t sort_requests(size_t first, int64_t end_ns) {
     const auto earlier = [](const Request& a, const Request& b) { return a.ns < b.ns; };
     const auto begin = requests_.begin() + static_cast<ptrdiff_t>(first);
@@ -163,7 +167,7 @@ class Readout {
     return static_cast<size_t>(end - requests_.begin());
   }
 
-  // a burst's memory is not kept for ever
+  // free the memory of a burst
   void free_scratch() {
     constexpr size_t kKeep = 1 << 16;
     if (requests_.capacity() > kKeep) std::vector<Request>().swap(requests_);
@@ -171,8 +175,8 @@ class Readout {
   }
 
   ReadoutSettings settings_;
-  RowTimes rows_;                  // scratch
-  HeldPixels held_;                // scratch
+  RowAccessTimes access_times_;    // scratch
+  PixelLatches latches_;           // scratch
   std::vector<Request> requests_;  // scratch
   std::vector<Request> queue_;     // scratch
 };

@@ -1,4 +1,4 @@
-// What the readout remembers from tick to tick: plain numbers, and what waits.
+// The state of the readout between ticks: plain numbers, and requests that wait.
 #pragma once
 
 #include <cmath>
@@ -9,14 +9,15 @@
 
 namespace evs {
 
-// An event on its way, and its next moment: when it asks to be read, or when it leaves the link.
+// An event in the readout and its next time: when its pixel requests the row, or when it leaves the
+// link.
 struct Request {
   int64_t ns;
   Event event;
 };
 
-// The places of emulator/sensor/readout/state.py's `clock`, all int64. Those named after a cause
-// count dropped events.
+// The entries of `clock` in emulator/sensor/readout/state.py, all int64. The first six count
+// dropped events by cause.
 enum ClockPlace : size_t {
   DropRoi,
   DropMask,
@@ -25,28 +26,28 @@ enum ClockPlace : size_t {
   DropErc,
   DropFifo,
   Seed,         // modulo 2^64
-  Delayed,      // how many wait for their latency,
-  Held,         // in their pixels
-  Queued,       // and for the link
-  FreeNs,       // arbiter: when it is, or was, free
-  LastRow,      // the row that it served last; -1 before the first
-  AccessRow,    // the row that it is about to latch; -1: none
-  LatchNs,      // when it does
+  Delayed,      // requests that wait for their latency,
+  Held,         // requests that pixels hold
+  Queued,       // and events that wait for the link
+  FreeNs,       // arbiter: time from which it is free
+  LastRow,      // row served last; -1 before the first
+  AccessRow,    // row that is being accessed; -1 for none
+  LatchNs,      // time of its latch
   Accesses,     // row accesses so far
-  ErcPeriod,    // rate control: number of the period of the last event,
-  ErcBefore,    // events that came in the period before,
-  ErcCount,     // that came in this one
-  ErcPassed,    // and that passed in this one
+  ErcPeriod,    // event rate control: number of the period of the last event
+  ErcBefore,    // events in the period before it
+  ErcCount,     // events in it
+  ErcPassed,    // events in it that passed
   ErcShare,     // remainder of the even thinning
-  LinkStartNs,  // link: when its busy time began, moved on by a second for each `rate` events,
-  LinkSent,     // and events since then; 0: it was never busy
+  LinkStartNs,  // link: start of its busy time, plus a second for each `rate` events
+  LinkSent,     // events since then; 0 if it was never busy
   ClockSize,
 };
 using ReadoutClock = int64_t[ClockSize];
 
 inline constexpr uint8_t kKept = 255;
 
-// emulator/sensor/random.py's Term
+// Term in emulator/sensor/random.py
 inline constexpr uint64_t kTermLatency = 64;
 inline constexpr uint64_t kTermArbiter = 65;
 
@@ -55,8 +56,8 @@ enum class ReadoutOrder { ideal, arbiter, scan };
 inline int64_t floor_div(int64_t a, int64_t b) { return a / b - (a % b < 0); }
 inline int64_t ceil_div(int64_t a, int64_t b) { return a / b + (a % b > 0); }
 
-// The nearest whole number of ns, no less than 0.
-inline int64_t whole_ns(double ns) {
+// Round to whole ns, not below 0.
+inline int64_t round_ns(double ns) {
   return ns > 0 ? static_cast<int64_t>(std::floor(ns + 0.5)) : 0;
 }
 

@@ -1,55 +1,59 @@
-// The noise-adaptive running mean in front of the pixel (model `adaptive`). Its meaning and its
-// fitted constants stand in emulator/sensor/pixel/running_mean.py, whose float32 steps these are.
+// The noise-adaptive running mean of luminance in front of the pixel (model `adaptive`).
+// emulator/sensor/pixel/running_mean.py explains it, and has its constants and the same float32
+// steps.
 #pragma once
 
 #include <cstddef>
 
-#include "logmap.h"
+#include "log_map.h"
 
 namespace evs {
 
 struct RunningMean {
-  float* mean = nullptr;   // In/out, linear light; null: there is none
-  float* noise = nullptr;  // In/out, mean square from tick to tick
-  float* drift = nullptr;  // In/out, mean of light - mean
+  float* mean = nullptr;   // In/out: luminance; null: the term is off
+  float* noise = nullptr;  // In/out: mean square of the difference between ticks
+  float* drift = nullptr;  // In/out: mean of luminance - mean
   float noise_gain = 0.0f;
   float drift_gain = 0.0f;
   float least_gain = 0.0f;
   float noise_weight = 0.0f;
 };
 
-inline constexpr float kLargestMean = 0x1p60f;  // more is no light: its square must stay a float
+inline constexpr float kLargestMean = 0x1p60f;  // more is unusable: its square must stay a float
 inline constexpr float kLeastDrift = 0x1p-50f;  // less is 0: its square must stay a normal float
 inline constexpr float kLeastNoise = 0x1p-100f;
-inline constexpr float kTinyLight = 0x1p-100f;  // no 0 / 0 where the light has never changed
+inline constexpr float kTinyLight = 0x1p-100f;  // avoids 0 / 0 where light has never changed
 
-// Pixels [first, first + count). In: light now, none of it unusable, and in the last tick; whether
-// a pixel has any. Out: the mean; whether the state of a pixel changed.
-EVS_ALWAYS_INLINE bool average(const RunningMean& to, const float* __restrict light,
-                               const float* __restrict last, size_t first, size_t count,
-                               float* __restrict out) {
+// Pixels [first, first + count). In: usable luminance of this tick, -1 before the first light, and
+// of the last tick. Out: the mean in `out`; true if the state of a pixel changed.
+EVS_ALWAYS_INLINE bool update_running_mean(const RunningMean& to, const float* __restrict luminance,
+                                           const float* __restrict last, size_t first, size_t count,
+                                           float* __restrict out) {
   float* __restrict mean = to.mean + first;
   float* __restrict noise = to.noise + first;
   float* __restrict drift = to.drift + first;
   uint32_t changed = 0;
   for (size_t i = 0; i < count; i++) {
-    const float now = flush(light[i], kBlack);
-    const float apart = now - flush(last[i], kBlack);
+    const float now = flush(luminance[i], kBlack);
+    // noise: mean square of the difference between ticks
+    const float difference = now - flush(last[i], kBlack);
     const float old_noise = noise[i];
     const float new_noise =
-        flush(old_noise + to.noise_gain * (apart * apart - old_noise), kLeastNoise);
+        flush(old_noise + to.noise_gain * (difference * difference - old_noise), kLeastNoise);
+    // drift: mean distance of the luminance from its mean
     const float old_mean = mean[i];
-    const float off = now - old_mean;
+    const float distance = now - old_mean;
     const float old_drift = drift[i];
-    const float new_drift = flush(old_drift + to.drift_gain * (off - old_drift), kLeastDrift);
+    const float new_drift = flush(old_drift + to.drift_gain * (distance - old_drift), kLeastDrift);
+    // gain: the share of the drift that is signal
     const float signal = new_drift * new_drift;
     const float best = signal / (signal + to.noise_weight * new_noise + kTinyLight);
     const float gain = best > to.least_gain ? best : to.least_gain;
-    const float moved = flush(old_mean + gain * off, kBlack);
+    const float moved = flush(old_mean + gain * distance, kBlack);
 
-    // the first light is the mean, and nothing is known of its noise
+    // start from the first light, with no noise and no drift
     const bool begins = old_mean != old_mean;
-    const float first_mean = light[i] > -kBlack ? now : old_mean;
+    const float first_mean = luminance[i] > -kBlack ? now : old_mean;
     const float mean_out = begins ? first_mean : moved;
     const float noise_out = begins ? 0.0f : new_noise;
     const float drift_out = begins ? 0.0f : new_drift;

@@ -1,5 +1,5 @@
 // The event pixel with each of its terms alone and with all of them, on light of every kind: no
-// term makes a reference infinite, and every instruction set gives the same bytes.
+// term makes a reference infinite, and all instruction sets give the same bytes.
 
 #include <cmath>
 #include <cstring>
@@ -19,7 +19,7 @@ constexpr size_t kPixels = static_cast<size_t>(kWidth) * kHeight;
 constexpr size_t kBlocks = (kPixels + kBlock - 1) / kBlock;
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
-// A sensor's settings and the memory of its fixed pattern.
+// The settings of a sensor and the memory of its fixed pattern.
 struct Terms {
   PixelSettings settings;
   PixelPattern pattern;
@@ -36,7 +36,7 @@ struct Terms {
   }
 };
 
-// Every array of a state, whether its term is on or not.
+// All arrays of the state, whether their terms are on or not.
 struct Memory {
   std::vector<float> last_log, last_light, filtered, followed, mean, noise, drift;
   std::vector<double> reference;
@@ -65,7 +65,7 @@ struct Memory {
     out.filtered = filtered.data();
     out.followed = followed.data();
     if (terms.settings.refractory > 0) out.blind_until = blind.data();
-    out.average = {mean.data(), noise.data(), drift.data(), 0.1f, 0.1f, 0.1f, 1.0f};
+    out.running_mean = {mean.data(), noise.data(), drift.data(), 0.1f, 0.1f, 0.1f, 1.0f};
     out.due_us = due.data();
     out.since_us = since.data();
     if (terms.settings.shot.on != nullptr) out.shot = {next.data(), drawn.data()};
@@ -73,7 +73,7 @@ struct Memory {
   }
 };
 
-// Light that jumps, stands still, and is none; ticks of every length.
+// Luminance that jumps, stands still, and is unusable; ticks of every length.
 std::vector<Event> run(const Terms& terms, const std::string& isa, int threads, Memory& memory) {
   PixelArray sensor(terms.settings, terms.pattern, kWidth, kHeight, threads, isa);
   const float values[] = {0.5f, 0.0f, 1e9f, -1.0f, kNan, 1e-40f, -0.0f, 3e38f, 1e-19f, 0.5f};
@@ -100,7 +100,7 @@ void survives(const Terms& terms) {
   const std::vector<Event> expected = run(terms, "portable", 1, memory);
   check(!expected.empty(), "light makes events");
   bool finite = true;
-  for (double r : memory.reference) finite = finite && !std::isinf(r);  // NaN: blind
+  for (double r : memory.reference) finite = finite && !std::isinf(r);  // NaN: refractory
   check(finite, "no light makes a reference infinite");
   bool sorted = true;
   for (size_t i = 1; i < expected.size(); i++) {
@@ -139,7 +139,7 @@ void pixels_survive_any_light() {
       [](Terms& t) { t.settings.shot.on = t.settings.shot.off = t.rate.data(); },
       [](Terms& t) {
         t.settings.noise_gain = t.settings.drift_gain = t.settings.least_gain = 0.1f;
-        t.settings.average = true;
+        t.settings.running_mean = true;
       },
   };
   Terms all;

@@ -1,5 +1,5 @@
-// The readout with each of its parts at ordinary and at extreme settings, on storms of events: no
-// event is lost uncounted, stamps stay sorted and in their tick, any cut of time gives the same.
+// The readout at ordinary and at extreme settings, on storms of events: every lost event is
+// counted, stamps are sorted and in their tick, and any division into ticks gives the same events.
 
 #include <cstring>
 #include <limits>
@@ -36,7 +36,7 @@ ReadoutSettings any_settings(std::mt19937& random, bool extreme) {
                        extreme ? pick(1, int64_t{1} << 31) : pick(1, 17, 5000), random() % 2 == 0};
   if (random() % 2) {
     for (int i = 0; i < kWidth * kHeight; i++) {
-      settings.pixels.push_back(i % 5 ? kKept : static_cast<uint8_t>(i % 2));
+      settings.fates.push_back(i % 5 ? kKept : static_cast<uint8_t>(i % 2));
     }
   }
   return settings;
@@ -83,7 +83,7 @@ struct Run {
     int64_t dropped = 0;
     for (size_t cause = DropRoi; cause <= DropFifo; cause++) dropped += clock[cause];
     check(came == all.size() + waiting.size() + static_cast<size_t>(dropped),
-          "every event is handed out, waits or is counted");
+          "every event is output, waits or is counted");
   }
 };
 
@@ -112,7 +112,7 @@ void readouts_lose_nothing_uncounted() {
               (fine.all.empty() || std::memcmp(fine.all.data(), coarse.all.data(),
                                                fine.all.size() * sizeof(Event)) == 0) &&
               std::memcmp(fine.clock, coarse.clock, sizeof(fine.clock)) == 0,
-          "any cut of time gives the same events and the same state");
+          "any division into ticks gives the same events and the same state");
   }
 }
 

@@ -36,10 +36,10 @@ void ticks_allocate_nothing();
 // The event pixel with each of its terms, on light of every kind.
 void pixels_survive_any_light();
 
-// The network on light of every kind, in chunks of any length.
+// EvSNet on light of every kind, in chunks of any length.
 void networks_survive_any_light();
 
-// Events on their way from pixel to packet, whatever the settings.
+// The readout, whatever its settings.
 void readouts_lose_nothing_uncounted();
 
 }  // namespace evs

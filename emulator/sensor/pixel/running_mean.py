@@ -17,7 +17,7 @@ they are the plain means of what has been seen.
 This is the oracle of the event model `adaptive`: sixteen float32 additions, multiplications and
 divisions a pixel and tick, in this order, none fused. No denormal outlives a tick and no square
 overflows, so the bytes do not depend on whether a thread flushes denormals.
-emulator/sensor/README.md tells how the constants were fitted.
+docs/explanation/pixel.md describes how the constants were fitted.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from evs.emulator.base.scene import F32
 from evs.msgs import EvsError
 
 BLACK = np.float32(2.0**-64)
-"""light and means closer to 0 are 0, as in the pixel (core/sensor/logmap.h)"""
+"""light and means closer to 0 are 0, as in the pixel (core/sensor/log_map.h)"""
 LARGEST_LIGHT = np.float32(2.0**60)
 """more is no light: its square must stay a float"""
 LEAST_DRIFT = np.float32(2.0**-50)

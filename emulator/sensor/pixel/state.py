@@ -28,7 +28,7 @@ _LARGEST_LOG = 256.0
 """The logarithm of no float32 is larger, of either sign, nor is any reference."""
 
 _NEVER = 2**62
-"""A time that does not come: kNever of core/sensor/shot.h"""
+"""A time that does not come: kNever of core/sensor/shot_noise.h"""
 
 _LOGS = ("reference", "last_log", "filtered", "followed")
 

@@ -1,4 +1,4 @@
-"""Luminance to log light: every float32 step of core/base/vmath.h and core/sensor/logmap.h."""
+"""Luminance to log light: every float32 step of core/base/vmath.h and core/sensor/log_map.h."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shot noise and leak: the contracts of core/sensor/shot.h, random.h and pixel.h (`leak_of`).
+"""Shot noise and leak: the contracts of core/sensor/shot_noise.h, random.h and `leak_rate`.
 
 Python's integers and floats, one number at a time.
 """

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from evs.drivers import files
-from evs.drivers.files.aedat2.davis import ApsWords, ImuWords
+from evs.drivers.files.aedat2.davis import FrameAssembler, ImuAssembler
 from evs.msgs import EvsError
 
 W, H = 240, 180
@@ -147,11 +147,11 @@ def test_imu_words_may_be_cut_anywhere(step: int) -> None:
     data = data[: 8 * 73] + data[8 * 74 :] + data[8 * 6 : 8 * 7]
     words = np.frombuffer(data, [("address", ">u4"), ("stamp", ">i4")])
     address, t = words["address"].astype(np.int64), words["stamp"].astype(np.int64)
-    taken = ImuWords()
+    taken = ImuAssembler()
     got = np.concatenate(
         [taken.feed(address[at : at + step], t[at : at + step]) for at in range(0, 280, step)]
     )
-    taken.rest()
+    taken.flush()
     assert got["t"].tolist() == [t for t in range(40) if t != 10]
     assert taken.lost == 7
 
@@ -169,12 +169,12 @@ def test_aps_words_may_be_cut_anywhere(step: int) -> None:
     # the fourth frame lacks a word
     del address[3 * 40 + 25]
     t = np.arange(len(address))
-    taken = ApsWords(5, 4, "eye")
+    taken = FrameAssembler(5, 4, "eye")
     frames = []
     words = np.array(address, np.int64)
     for at in range(0, len(words), step):
         frames += list(taken.feed(words[at : at + step], t[at : at + step]))
-    frames += list(taken.rest())
+    frames += list(taken.flush())
     assert (len(frames), taken.torn, taken.lost) == (8, 1, 0)
     assert [one.seq for one in frames] == list(range(8))
     for one, values in zip(frames, light_of[:3] + light_of[4:], strict=True):
@@ -188,11 +188,11 @@ def test_signals_of_a_frame_whose_resets_are_lost_leave_the_one_before_as_it_is(
     resets = [APS | place | 1000 for place in places]
     signals, others = ([APS | place | SIGNAL | adc for place in places] for adc in (400, 900))
     words = np.array(resets + signals + others, np.int64)
-    taken, frames = ApsWords(5, 4, "eye"), []
+    taken, frames = FrameAssembler(5, 4, "eye"), []
     for at in range(0, len(words), step):
         part = slice(at, at + step)
         frames += list(taken.feed(words[part], np.arange(len(words))[part]))
-    frames += list(taken.rest())
+    frames += list(taken.flush())
     assert [(one.begin_us, one.end_us) for one in frames] == [(0, 39)]
     assert (np.rint(frames[0].pixels / 65535 * 1023) == 600).all()
     assert (taken.torn, taken.lost) == (0, 20)
@@ -200,7 +200,7 @@ def test_signals_of_a_frame_whose_resets_are_lost_leave_the_one_before_as_it_is(
 
 def test_resets_of_one_pixel_for_ever_take_no_time() -> None:
     words = np.full(200_000, APS, np.int64)
-    taken = ApsWords(640, 480, "eye")
+    taken = FrameAssembler(640, 480, "eye")
     assert list(taken.feed(words, np.zeros(200_000, np.int64))) == []
     assert taken.torn == 199_999
 

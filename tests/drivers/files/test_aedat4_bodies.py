@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from evs.drivers.files.aedat4 import layout
 from evs.drivers.files.aedat4.frames import OtherFormatError, frame_body, parse_frame
 from evs.drivers.files.aedat4.imu import imu_body, parse_imu
-from evs.drivers.files.aedat4.layout import DamageError
+from evs.drivers.files.aedat4.layout import CorruptDataError
 from evs.drivers.files.aedat4.triggers import parse_triggers, triggers_body
 from evs.msgs import (
     DEGREE,
@@ -119,7 +119,7 @@ def survive(kind: str, cases: int) -> None:
         data = changed(body, random)
         try:
             found = parse(data)
-        except (DamageError, OtherFormatError):
+        except (CorruptDataError, OtherFormatError):
             refused += 1
             continue
         read += 1
@@ -146,5 +146,5 @@ def test_a_hundred_thousand_changed_bodies_are_read_or_refused(kind: str) -> Non
 def test_noise_is_refused_or_read(noise: bytes, kind: str) -> None:
     body, parse = originals()[kind]
     data = len(noise).to_bytes(4, "little") + noise[:4] + body[8:12] + noise[8:]
-    with contextlib.suppress(DamageError, OtherFormatError):
+    with contextlib.suppress(CorruptDataError, OtherFormatError):
         assert parse(data).nbytes <= 8 * len(data)

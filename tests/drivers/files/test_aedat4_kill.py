@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from evs.drivers.files import read, repair, summary
-from evs.drivers.files.damage import TornTailWarning
+from evs.drivers.files.integrity import TornTailWarning
 
 pytestmark = pytest.mark.extremes
 

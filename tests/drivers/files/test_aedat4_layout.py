@@ -11,7 +11,7 @@ from flatbuffers import number_types
 from flatbuffers.table import Table
 
 from evs.drivers.files.aedat4 import compression, description, layout
-from evs.drivers.files.aedat4.layout import DamageError
+from evs.drivers.files.aedat4.layout import CorruptDataError
 from evs.msgs import EvsError, StreamInfo, empty_events, make_events
 
 EVENTS = make_events([1, 2**40, 2**40], [0, 345, 7], [0, 259, 9], [1, 0, 1])
@@ -108,9 +108,9 @@ def test_any_changed_bit_and_any_cut_of_a_compressed_body_is_noticed(name: str) 
     body = layout.events_body(EVENTS)
     packed = compression.compressor(name)(body)
     for cut in range(len(packed)):
-        with pytest.raises(DamageError):
+        with pytest.raises(CorruptDataError):
             compression.decompress(packed[:cut], name)
-    with pytest.raises(DamageError, match="something follows"):
+    with pytest.raises(CorruptDataError, match="something follows"):
         compression.decompress(packed + b"x", name)
     for bit in range(8 * len(packed)):
         changed = bytearray(packed)
@@ -118,7 +118,7 @@ def test_any_changed_bit_and_any_cut_of_a_compressed_body_is_noticed(name: str) 
         try:
             # a bit that says how to decode (e.g. LZ4's block independence) may make no difference
             assert compression.decompress(bytes(changed), name) == body
-        except DamageError:
+        except CorruptDataError:
             continue
 
 
@@ -126,10 +126,10 @@ def test_any_changed_bit_and_any_cut_of_a_compressed_body_is_noticed(name: str) 
 def test_a_bomb_is_stopped_at_the_size_it_states(name: str) -> None:
     pack = compression.compressor(name)
     lying = pack((100).to_bytes(4, "little") + bytes(50_000_000))
-    with pytest.raises(DamageError, match="states 104 bytes, holds more"):
+    with pytest.raises(CorruptDataError, match="states 104 bytes, holds more"):
         compression.decompress(lying, name)
     huge = pack((2**31).to_bytes(4, "little") + bytes(1000))
-    with pytest.raises(DamageError, match="over"):
+    with pytest.raises(CorruptDataError, match="over"):
         compression.decompress(huge, name)
 
 
@@ -150,13 +150,13 @@ def test_a_buffer_that_lies_is_refused() -> None:
         body[:count] + (2**32 - 1).to_bytes(4, "little") + body[count + 4 :],
         b"",
     ):
-        with pytest.raises(DamageError):
+        with pytest.raises(CorruptDataError):
             layout.parse_events(wrong)
 
 
 def test_a_description_that_is_none_is_refused() -> None:
     for text in ("<dv>", "", "<!DOCTYPE a [<!ENTITY b 'c'>]><dv>&b;</dv>", "\0"):
-        with pytest.raises(DamageError):
+        with pytest.raises(CorruptDataError):
             description.from_xml(text)
     assert description.from_xml("<dv/>") == {}
     bad = {"sizeX": "-5", "sizeY": "9" * 5000, "tick_us": "0", "seed": '"x"', "config": "[" * 9999}

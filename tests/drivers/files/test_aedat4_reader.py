@@ -12,7 +12,7 @@ import pytest
 
 from evs.drivers.files import packets, read, summary
 from evs.drivers.files.aedat4 import Aedat4File, Aedat4Recorder, compression, layout, reader, repair
-from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning, TornTailWarning
+from evs.drivers.files.integrity import BackwardsWarning, DamagedPacketWarning, TornTailWarning
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
 
 STREAM = StreamInfo(64, 48, camera="eye", seed=5)

@@ -12,7 +12,6 @@ import pytest
 
 from evs.drivers.files import read, summary
 from evs.drivers.files.aedat4 import Aedat4File, Aedat4Recorder, recorder, writer
-from evs.drivers.sink import MeteredSink
 from evs.msgs import EventPacket, EvsError, StreamInfo, empty_events, make_events
 
 STREAM = StreamInfo(346, 260, camera="eye")
@@ -117,7 +116,6 @@ def test_packing_is_told_from_writing(tmp_path: Path) -> None:
             laps.append(stage)
 
     sink = Aedat4Recorder(tmp_path / "a.aedat4")
-    assert isinstance(sink, MeteredSink)
     sink.meter = Watch()
     sink.open([STREAM])
     sink.write(packet(0, 3))

@@ -13,7 +13,7 @@ import pytest
 import evs
 from evs.drivers import files
 from evs.drivers.files.aedat4 import Aedat4File
-from evs.drivers.files.aedat4.layout import DamageError
+from evs.drivers.files.aedat4.layout import CorruptDataError
 from evs.drivers.files.aedat4.triggers import parse_triggers, triggers_body
 from evs.launch import main as program
 from evs.msgs import (
@@ -148,5 +148,5 @@ def test_bytes_that_are_no_triggers_are_refused() -> None:
         (triggers_body(backwards), "run backwards"),
         (triggers_body(make_triggers([(2**63 - 1, 0)])), "beyond"),
     ):
-        with pytest.raises(DamageError, match=says):
+        with pytest.raises(CorruptDataError, match=says):
             parse_triggers(body)

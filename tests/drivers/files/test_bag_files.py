@@ -14,10 +14,10 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from evs.drivers import files
 from evs.drivers.files import LeftOutWarning
-from evs.drivers.files.aedat4.layout import DamageError
+from evs.drivers.files.aedat4.layout import CorruptDataError
 from evs.drivers.files.bags.messages import array_bytes
-from evs.drivers.files.bags.walk import ros1_chunk
-from evs.drivers.files.damage import DamagedPacketWarning, TornTailWarning
+from evs.drivers.files.bags.records import ros1_chunk
+from evs.drivers.files.integrity import DamagedPacketWarning, TornTailWarning
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
 from evs.msgs.codecs import PayloadWriter
 
@@ -272,5 +272,5 @@ def test_packets_that_expand_are_decoded_a_piece_at_a_time(tmp_path: Path) -> No
 
 def test_a_chunk_of_a_ros_1_bag_has_a_bound() -> None:
     fields = {b"compression": b"bz2", b"size": ((1 << 30) + 1).to_bytes(4, "little")}
-    with pytest.raises(DamageError, match="it states 1073741825 bytes"):
+    with pytest.raises(CorruptDataError, match="it states 1073741825 bytes"):
         ros1_chunk(fields, b"")

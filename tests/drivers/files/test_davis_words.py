@@ -7,18 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers.files.aedat2.davis import ApsWords, ImuWords
+from evs.drivers.files.aedat2.davis import FrameAssembler, ImuAssembler
 
 pytestmark = pytest.mark.property
 
 WIDTH, HEIGHT = 2, 2
 APS, SIGNAL = 1 << 31, 1 << 10
-Found = tuple[tuple[int, ...], list[int]]
+BagMessage = tuple[tuple[int, ...], list[int]]
 
 
-def plain_frames(words: list[tuple[int, int, int, int]]) -> list[Found]:
+def plain_frames(words: list[tuple[int, int, int, int]]) -> list[BagMessage]:
     """(begin, exposure's begin and end, end), light, of (x, y, read, adc), a word a microsecond."""
-    found: list[Found] = []
+    found: list[BagMessage] = []
     resets: dict[tuple[int, int], int] = {}
     signals: dict[tuple[int, int], int] = {}
     seen: list[tuple[int, int]] = []
@@ -81,10 +81,10 @@ def test_frames_are_what_a_plain_loop_finds(
         np.int64,
     )
     t = np.arange(len(words))
-    taken, got = ApsWords(WIDTH, HEIGHT, "eye"), []
+    taken, got = FrameAssembler(WIDTH, HEIGHT, "eye"), []
     for part in np.split(np.arange(len(words)), sorted(min(cut, len(words)) for cut in cuts)):
         got += list(taken.feed(address[part], t[part]))
-    got += list(taken.rest())
+    got += list(taken.flush())
     found = [
         (
             (one.begin_us, one.exposure_begin_us, one.exposure_end_us, one.end_us),
@@ -114,9 +114,9 @@ def test_samples_are_what_a_plain_loop_finds(
     expected = [at for at in range(len(words) - 6) if codes[at : at + 7] == list(range(7))]
     address = np.array([APS | 0xC00 | c << 28 | (v & 0xFFFF) << 12 for c, v in words], np.int64)
     t = np.arange(len(words))
-    taken, got = ImuWords(), []
+    taken, got = ImuAssembler(), []
     for part in np.split(t, sorted(min(cut, len(words)) for cut in cuts)):
         got += taken.feed(address[part], t[part])["t"].tolist()
-    taken.rest()
+    taken.flush()
     assert got == expected
     assert taken.lost == len(words) - 7 * len(expected)

@@ -11,7 +11,7 @@ import pytest
 
 from evs.drivers import files
 from evs.drivers.files.aedat2 import Aedat2File
-from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning, TornTailWarning
+from evs.drivers.files.integrity import BackwardsWarning, DamagedPacketWarning, TornTailWarning
 from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
 

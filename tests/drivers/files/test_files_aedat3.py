@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from evs.drivers import files
-from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning, TornTailWarning
+from evs.drivers.files.integrity import BackwardsWarning, DamagedPacketWarning, TornTailWarning
 from evs.msgs import EventPacket, EvsError, StreamInfo, make_events
 
 STREAM = StreamInfo(346, 260, camera="eye", sensor="davis346", seed=9, config={"a": [1]})

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from evs.drivers import files
-from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning, TornTailWarning
-from evs.drivers.sink import FrameSink, ImuSink, TriggerSink
+from evs.drivers.files.integrity import BackwardsWarning, DamagedPacketWarning, TornTailWarning
+from evs.drivers.sink import Stream
 from evs.msgs import (
     EVENT_DTYPE,
     EventPacket,
@@ -107,11 +107,11 @@ def recorded(folder: Path, name: str, compression: str) -> bytes:
             samples = empty_imu(2)
             samples["t"] = 2500, 3000
             # those that hold them
-            if isinstance(sink, FrameSink):
+            if Stream.FRAMES in sink.streams:
                 sink.write_frame(frame)
-            if isinstance(sink, TriggerSink):
+            if Stream.TRIGGERS in sink.streams:
                 sink.write_triggers(TriggerPacket(0, frame_triggers(frame)))
-            if isinstance(sink, ImuSink):
+            if Stream.IMU in sink.streams:
                 sink.write_imu(ImuPacket(0, samples))
         sink.write(EventPacket(tick, 0, 0, 64, 48, make_events(t, x, x, x % 2)))
     sink.close()
@@ -138,7 +138,7 @@ def survives(name: str, data: bytes) -> None:
         try:
             recording = files.read(path)
             told = files.summary(path)
-            beside = len(recording.frames), len(recording.imu), len(recording.triggers)
+            auxiliary = len(recording.frames), len(recording.imu), len(recording.triggers)
         except EvsError as error:
             refused = str(error)
         grown_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak_kib
@@ -148,7 +148,7 @@ def survives(name: str, data: bytes) -> None:
             return
         assert recording.dtype == EVENT_DTYPE
         assert len(recording) == told.events
-        assert beside == (told.frames, told.imu_samples, told.triggers)
+        assert auxiliary == (told.frames, told.imu_samples, told.triggers)
         if len(recording):
             assert recording["x"].min() >= 0
             assert recording["y"].min() >= 0

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from evs.drivers.files import packets, read, recorder_for, repair, summary
-from evs.drivers.files.damage import BackwardsWarning
+from evs.drivers.files.integrity import BackwardsWarning
 from evs.drivers.files.npz import NpzRecorder
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
 

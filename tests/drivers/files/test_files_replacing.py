@@ -85,9 +85,9 @@ def test_only_what_records_is_told_that_it_starts_again() -> None:
         assert again(run) == run
 
 
-def segments(beside: bool = False, overwrite: bool | None = None) -> Segments:
+def segments(auxiliary: bool = False, overwrite: bool | None = None) -> Segments:
     table = SinkConfig(type="npz", file="run.npz", overwrite=overwrite)
-    return Segments([table], StopWatch(), lambda _line: None, beside)
+    return Segments([table], StopWatch(), lambda _line: None, auxiliary)
 
 
 @pytest.mark.parametrize("there", ["run-left.npz", "run-right-episode-002.npz"])
@@ -103,7 +103,7 @@ def test_a_loop_replaces_no_recording_of_any_camera_or_episode(there: str) -> No
 
 def test_a_loop_that_starts_again_records_beside() -> None:
     Path("run-right.npz").write_text("kept")
-    kept = segments(beside=True)
+    kept = segments(auxiliary=True)
     kept.open(INFOS)
     assert kept.files == ["run-left-1.npz", "run-right-1.npz"]
     assert kept.close() is None

@@ -9,7 +9,7 @@ import pytest
 
 from evs.drivers import files
 from evs.drivers.files import formats
-from evs.drivers.files.recorded import by_tick
+from evs.drivers.files.recording_file import by_tick
 from evs.drivers.ros2.gathering import Gatherer, check_start
 from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from evs.drivers import files
-from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning
+from evs.drivers.files.integrity import BackwardsWarning, DamagedPacketWarning
 from evs.drivers.sink import Sink
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
 from evs.msgs.codecs import encode_evt2, encode_evt3

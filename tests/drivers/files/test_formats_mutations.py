@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from evs.drivers import files
 from evs.drivers.files import LeftOutWarning
-from evs.drivers.files.damage import BackwardsWarning, DamagedPacketWarning, TornTailWarning
-from evs.drivers.sink import FrameSink, ImuSink
+from evs.drivers.files.integrity import BackwardsWarning, DamagedPacketWarning, TornTailWarning
+from evs.drivers.sink import Stream
 from evs.msgs import (
     EVENT_DTYPE,
     EventPacket,
@@ -51,13 +51,13 @@ of a file and what becomes of it, at the most expanding words."""
 def recorded(folder: Path, kind: str) -> bytes:
     path = folder / KINDS[kind]
     sink = files.recorder_for(path, kind="rosbag2" if kind == "database" else kind)
-    beside = isinstance(sink, FrameSink)
-    sink.open([StreamInfo(64, 48, config={"a": 1}, frames=beside, imu=beside)])
+    auxiliary = Stream.FRAMES in sink.streams
+    sink.open([StreamInfo(64, 48, config={"a": 1}, frames=auxiliary, imu=auxiliary)])
     random = np.random.default_rng(3)
     for tick in range(6):
         t = np.sort(random.integers(1000 * tick + 1, 1000 * tick + 1001, 25))
         x = random.integers(0, 48, 25)
-        if isinstance(sink, FrameSink) and isinstance(sink, ImuSink):
+        if Stream.FRAMES in sink.streams and Stream.IMU in sink.streams:
             stamp = 1000 * tick
             sink.write_frame(Frame(tick, *[stamp] * 4, np.full((4, 6), tick, np.uint8)))
             samples = empty_imu(2)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from evs.drivers import files
-from evs.drivers.files.recorded import by_tick
+from evs.drivers.files.recording_file import by_tick
 from evs.msgs import EventPacket, Events, StreamInfo, join_events, make_events
 from evs.msgs.codecs import TIME_ORIGIN_US
 from reference.oracles import OracleProgram

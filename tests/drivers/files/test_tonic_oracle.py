@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from evs.drivers import files
-from evs.drivers.files.recorded import by_tick
+from evs.drivers.files.recording_file import by_tick
 from evs.msgs import EventPacket, Events, StreamInfo, make_events
 
 SCRIPT = Path(__file__).parents[2] / "support" / "oracles" / "tonic_oracle.py"

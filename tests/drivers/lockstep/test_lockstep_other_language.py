@@ -1,4 +1,4 @@
-"""The controller in drivers/lockstep/README.md, in C++: as it stands there it controls a loop."""
+"""The controller in docs/reference/lockstep.md, in C++: as it stands there it controls a loop."""
 
 from __future__ import annotations
 
@@ -6,14 +6,11 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
-import pytest
 from lockstep_stand_in import StandIn, serving
 
 from reference.cpp_client import build
 
-pytestmark = pytest.mark.integration
-
-PAGE = Path(__file__).parents[3] / "drivers" / "lockstep" / "README.md"
+PAGE = Path(__file__).parents[3] / "docs/reference/lockstep.md"
 
 
 def test_a_controller_in_another_language_decides_what_ours_would(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The controller in README.md runs as it stands there, beside the command that stands above it."""
+"""The controller of the tutorial runs as it stands there, with the command above it."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ ROOT = Path(__file__).parents[3]
 ADDRESS = "tcp://127.0.0.1:5570"
 
 
-def test_the_controller_of_the_readme_runs() -> None:
-    page = (ROOT / "README.md").read_text()
-    (section,) = re.findall(r"## A controller in another process\n(.*?)\n## ", page, re.DOTALL)
-    (words,) = re.findall(r"\n    evs (.*)\n", section)
+def test_the_controller_of_the_tutorial_runs() -> None:
+    page = (ROOT / "docs/tutorials/closed_loop.md").read_text()
+    (section,) = re.findall(r"## In two processes\n(.*?)\n## ", page, re.DOTALL)
+    words = re.findall(r"```sh\nevs (.*)\n", section)[0]
     (program,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
     assert len([line for line in program.splitlines() if line]) <= 8
     # another port: that one may be in use on this machine

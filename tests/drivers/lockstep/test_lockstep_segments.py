@@ -16,7 +16,7 @@ from evs.drivers.lockstep.running import LoopWithSinks
 from evs.drivers.lockstep.segments import Segments, camera_path, segment_path
 from evs.drivers.run.config import SinkConfig
 from evs.drivers.run.shipped import PIPELINES
-from evs.drivers.sink import SinkStoppedError
+from evs.drivers.sink import Sink, SinkStoppedError
 from evs.emulator import Loop
 from evs.emulator.config import ApsConfig, SensorConfig
 from evs.msgs import EventPacket, EvsError, StreamInfo
@@ -26,7 +26,7 @@ FILE = SinkConfig(type="aedat4", file="run.aedat4")
 LIVE = SinkConfig(type="zmq", address="tcp://127.0.0.1:0")
 
 
-class Noting:
+class Noting(Sink):
     """A sink that notes what happens to it."""
 
     def __init__(self, name: str, diary: list[str], errors: dict[str, EvsError]) -> None:
@@ -90,7 +90,7 @@ def test_each_stretch_of_time_has_its_file_and_live_sinks_go_on(
     ]
     # an episode without a tick leaves no report behind
     assert loop.segments.files == ["run.aedat4", "run-episode-002.aedat4"]
-    assert [said["packets"] for said in loop.segments.said] == [5, 3, 2]
+    assert [said["packets"] for said in loop.segments.reports] == [5, 3, 2]
     live = bench.made[0].packets
     assert [packet.seq for packet in live] == [0, 1, 2, 0, 1]
     # the same seed and controls: the same bytes in both

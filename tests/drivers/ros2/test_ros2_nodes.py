@@ -18,7 +18,7 @@ import pytest
 import evs
 from evs.drivers.clock import sleep_s
 from evs.drivers.files.bags.library import typestore
-from evs.drivers.files.bags.walk import Walk, walk_mcap
+from evs.drivers.files.bags.records import Walk, walk_mcap
 from evs.drivers.ros2 import Ros2Publisher
 from evs.msgs import EventPacket, StreamInfo, make_events
 from evs.msgs.codecs import PayloadReader

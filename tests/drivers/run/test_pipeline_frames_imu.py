@@ -13,6 +13,7 @@ import pytest
 from evs.drivers.files import read
 from evs.drivers.run import config as pipeline
 from evs.drivers.run.run import run
+from evs.drivers.sink import Sink, Stream
 from evs.emulator import World
 from evs.launch import main as program
 from evs.msgs import EventPacket, EvsError, StreamInfo, empty_imu
@@ -87,7 +88,7 @@ def test_a_recording_of_events_alone_is_the_same_bytes_as_with_them_off(
     capsys.readouterr()
 
 
-class EventsOnly:
+class EventsOnly(Sink):
     """A sink of somebody's own, which knows nothing of frames."""
 
     def __init__(self) -> None:
@@ -112,6 +113,8 @@ def test_a_sink_that_takes_events_alone_gets_those() -> None:
 
 class Full(EventsOnly):
     """A sink whose disk is full at the first frame."""
+
+    streams = frozenset({Stream.EVENTS, Stream.FRAMES})
 
     def write_frame(self, frame: object) -> None:
         raise OSError(28, "No space left on device")

@@ -16,6 +16,7 @@ import pytest
 from evs.drivers.clock import Pacer, StopWatch, sleep_s
 from evs.drivers.run.report import STAGES, Report
 from evs.drivers.run.run import Progress, run, tick_count
+from evs.drivers.sink import Sink
 from evs.emulator.base.protocols import Meter, NoMeter
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo, make_events
 
@@ -72,13 +73,13 @@ class FakeWorld:
         return ()
 
 
-class FakeSink:
+class FakeSink(Sink):
     """Notes what it is told in a shared diary; raises the errors it is given."""
 
     def __init__(self, name: str, diary: list[str], **errors: BaseException) -> None:
         self.name, self.diary, self.errors = name, diary, errors
         self.packets: list[EventPacket] = []
-        self.streams: list[StreamInfo] = []
+        self.infos: list[StreamInfo] = []
 
     def _do(self, what: str) -> None:
         self.diary.append(f"{self.name} {what}")
@@ -86,7 +87,7 @@ class FakeSink:
             raise self.errors[what]
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
-        self.streams = list(streams)
+        self.infos = list(streams)
         self._do("open")
 
     def write(self, packet: EventPacket) -> None:
@@ -150,7 +151,7 @@ def test_a_whole_run() -> None:
     assert kept == [report]
     for sink in sinks:
         assert [p.seq for p in sink.packets] == [k for k in range(21) for _ in "ab"]
-        assert [info.camera for info in sink.streams] == ["a", "b"]
+        assert [info.camera for info in sink.infos] == ["a", "b"]
     # the last opened is closed first
     assert diary == ["one open", "two open", "two close", "one close"]
     assert [where.tick for where in moved] == list(range(1, 22))

@@ -18,7 +18,7 @@ from evs.drivers.bus import subscribe
 from evs.drivers.bus.loopback import free_address
 from evs.drivers.files import read
 from evs.drivers.run.config import SinkConfig, make_sink
-from evs.drivers.run.sink_set import Outlets
+from evs.drivers.run.sink_set import SinkSet
 from evs.drivers.run.worker import AsideSink
 from evs.drivers.sink import SinkStoppedError
 from evs.emulator.base.protocols import NoMeter
@@ -122,24 +122,24 @@ def test_a_process_that_dies_is_a_sink_that_stopped_and_the_others_go_on(tmp_pat
     file, other = tmp_path / "run.aedat4", tmp_path / "other.npz"
     dies = aside(type="aedat4", file=str(file))
     warnings: list[str] = []
-    outlets = Outlets(
+    sinks = SinkSet(
         [dies, make_sink(SinkConfig(type="npz", file=str(other)))], NoMeter(), warnings.append
     )
-    outlets.open([INFO])
-    outlets.write([packet(0)])
+    sinks.open([INFO])
+    sinks.write([packet(0)])
     soon(lambda: dies._ring.free == dies._ring.capacity)
     soon(lambda: file.stat().st_size > 2000)
     os.kill(dies.process, signal.SIGKILL)
     for seq in range(1, 1000):
-        outlets.write([packet(seq)])
+        sinks.write([packet(seq)])
     line = (
         f"the process of the aedat4 sink '{file}' was ended by signal 9: what it wrote until then "
         "is there, what comes now is not; start the run again to have it all"
     )
     assert warnings == [line]
-    assert outlets.close() is None
-    assert outlets.said[0]["error"] == line
-    assert outlets.said[0]["type"] == "aedat4"
+    assert sinks.close() is None
+    assert sinks.reports[0]["error"] == line
+    assert sinks.reports[0]["type"] == "aedat4"
     assert len(read(other)) == 1000 * EVENTS
     assert len(read(file)) == EVENTS
 
@@ -147,13 +147,13 @@ def test_a_process_that_dies_is_a_sink_that_stopped_and_the_others_go_on(tmp_pat
 def test_a_process_that_dies_at_the_end_is_told_too(tmp_path: Path) -> None:
     sink = aside(type="aedat4", file=str(tmp_path / "run.aedat4"))
     warnings: list[str] = []
-    outlets = Outlets([sink], NoMeter(), warnings.append)
-    outlets.open([INFO])
-    outlets.write([packet(0)])
+    sinks = SinkSet([sink], NoMeter(), warnings.append)
+    sinks.open([INFO])
+    sinks.write([packet(0)])
     os.kill(sink.process, signal.SIGKILL)
-    assert outlets.close() is None
+    assert sinks.close() is None
     assert [line for line in warnings if "was ended by signal 9" in line] == warnings != []
-    assert outlets.said[0]["error"] == warnings[0]
+    assert sinks.reports[0]["error"] == warnings[0]
 
 
 def test_a_full_disk_stops_it_as_it_stops_one_that_is_not_aside(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ KINDS = {each.name: each for each in formats.FORMATS}
 
 @pytest.mark.parametrize("kind", ["aedat4", "npz", "csv", "aedat2", "aedat3", "hdf5", "rosbag2"])
 def test_files_have_the_same_bytes(tmp_path: Path, kind: str) -> None:
-    holds, suffix = KINDS[kind].holds, KINDS[kind].suffixes[0]
+    holds, suffix = KINDS[kind].capabilities, KINDS[kind].suffixes[0]
     info = replace(INFO, frames=holds.frames, imu=holds.imu, triggers=holds.triggers)
     # a bag holds its own name
     files = [tmp_path / folder / f"run{suffix}" for folder in ("here", "aside")]
@@ -48,8 +48,8 @@ def test_files_have_the_same_bytes(tmp_path: Path, kind: str) -> None:
         file.parent.mkdir()
     tables = [SinkConfig(type=kind, file=str(file)) for file in files]
     sinks = [make_sink(tables[0]), make_sink(replace(tables[1], aside=True))]
-    outlets = feed(sinks, info, 40, labels=holds.labels)
-    here, there = outlets.said
+    fed = feed(sinks, info, 40, labels=holds.labels)
+    here, there = fed.reports
     assert there == {**here, "path": str(files[1]), "aside_waits": 0, "aside_waited_s": 0.0}
     assert files[0].read_bytes() == files[1].read_bytes()
     assert len(read(files[1])) == 40 // 4 * EVENTS * 6

@@ -1,4 +1,4 @@
-"""What the README says of the closed loop works as it is written."""
+"""What the tutorial says of the closed loop works as it is written."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 
 
-def test_the_readmes_example_works_as_written():
+def test_the_tutorials_example_works_as_written():
     root = Path(__file__).parents[3]
-    text = (root / "README.md").read_text().split("## Closed loop")[1]
+    text = (root / "docs/tutorials/closed_loop.md").read_text().split("## In one process")[1]
     example = text.split("```python\n")[1].split("```")[0]
     # of its ten seconds half a one
     command = [sys.executable, "-c", example.replace("max_s=10.0", "max_s=0.5")]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from evs.drivers import files
-from evs.drivers.files.damage import BackwardsWarning
+from evs.drivers.files.integrity import BackwardsWarning
 from evs.msgs import EventPacket, EvsError, StreamInfo, make_events
 from evs.msgs.codecs import DatState, decode_dat, encode_dat
 from evs.msgs.fields import MessageError

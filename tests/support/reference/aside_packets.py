@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.run.config import SinkConfig, make_sink
-from evs.drivers.run.sink_set import Outlets
+from evs.drivers.run.sink_set import SinkSet
 from evs.drivers.run.worker import AsideSink
 from evs.drivers.sink import Sink
 from evs.emulator.base.protocols import NoMeter
@@ -42,7 +42,7 @@ def packet(seq: int, events: int = EVENTS, *, labels: bool = False) -> EventPack
 
 
 class Camera:
-    """What the outlets take from a camera with everything."""
+    """What the sinks take from a camera with everything."""
 
     pose = None
 
@@ -63,16 +63,16 @@ def aside(**given: Any) -> AsideSink:
     return sink
 
 
-def feed(sinks: Sequence[Sink], info: StreamInfo, ticks: int, *, labels: bool = False) -> Outlets:
-    """A short run; its outlets, closed."""
-    outlets = Outlets(sinks, NoMeter(), lambda _: None)
-    outlets.open([info])
+def feed(sinks: Sequence[Sink], info: StreamInfo, ticks: int, *, labels: bool = False) -> SinkSet:
+    """A short run; its sink set, closed."""
+    sink_set = SinkSet(sinks, NoMeter(), lambda _: None)
+    sink_set.open([info])
     for seq in range(ticks):
-        outlets.write_beside([Camera(info, seq)], 1000 * seq + 1000)
-        outlets.write([packet(seq, EVENTS * (seq % 4), labels=labels)])
-    failure = outlets.close()
+        sink_set.write_auxiliary([Camera(info, seq)], 1000 * seq + 1000)
+        sink_set.write([packet(seq, EVENTS * (seq % 4), labels=labels)])
+    failure = sink_set.close()
     assert failure is None
-    return outlets
+    return sink_set
 
 
 def write_on(sink: Sink, first: int, events: int = EVENTS) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from evs.drivers.clock import monotonic_s
 from evs.msgs import EvsError
-from evs.tools.jobs import JobSummary, job, run_jobs, run_units
+from evs.tools.jobs import JobSummary, run_jobs, run_units
 from evs.tools.jobs.target_folder import PREFIX
 from speed import jobs
 
@@ -282,8 +282,8 @@ def test_work_may_make_more_work(workers: int) -> None:
     assert list(values) == [1, 2, 10, 20] if workers == 1 else set(values) == {1, 2, 10, 20}
 
 
-def test_the_program_of_the_readme_runs(tmp_path: Path) -> None:
-    page = (Path(job.__file__).parent / "README.md").read_text()
+def test_the_program_of_the_page_runs(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[3] / "docs/howto/clusters.md").read_text()
     (program,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     program = program.replace("...   ", '(folder / "film").write_text(str(job_threads()))   ')
     (tmp_path / "films.py").write_text(program.replace("range(100)", "range(9)"))

@@ -17,7 +17,7 @@ from evs.tools.doctor import trial
 from evs.tools.stress import GROUPS, CaseResult, Measurement, StressCase, cases_of
 from evs.tools.stress.report import BEGIN, END, measured, rows_of, write_table
 
-PAGE = Path(stress.__file__).parent / "README.md"
+PAGE = Path(__file__).parents[3] / "docs/reference/extremes.md"
 
 GOOD = Measurement(0.263, 1.0019, "thresholds", ("4 events", "a|b"))
 BAD = Measurement(2.5, 1.0, "ms")
@@ -137,7 +137,7 @@ def test_a_file_that_is_no_page_is_left_as_it_is(found: list[CaseResult], tmp_pa
 
 
 def test_the_page_has_a_row_for_every_extreme_with_its_bound() -> None:
-    """Written by `evs doctor --markdown tools/stress/README.md`; again where this fails."""
+    """Written by `evs doctor --markdown docs/reference/extremes.md`; again where this fails."""
     registry = [
         (group, one.name, " ".join(one.what.split()), " ".join(one.bound.split()))
         for group in GROUPS

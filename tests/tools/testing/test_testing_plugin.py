@@ -15,7 +15,7 @@ import pytest
 import evs
 
 PLUGIN = "evs.tools.testing.plugin"
-PAGE = Path(__file__).parents[3] / "tools/testing/README.md"
+PAGE = Path(__file__).parents[3] / "docs/howto/controller_tests.md"
 
 
 def environment(*folders: Path) -> dict[str, str]:

@@ -1,0 +1,219 @@
+"""Stacks: arrays that grow frame by frame in one .npz file; numpy reads it at any time."""
+
+from __future__ import annotations
+
+import io
+import os
+import stat
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.drivers.files.npz import zip_archive
+from evs.drivers.files.paths import target_error
+from evs.msgs import EvsError
+
+_CHUNK_BYTES = 1 << 22
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One stack: what each frame of it is."""
+
+    dtype: str
+    """as numpy writes it, byte order included: "<f4" """
+    shape: tuple[int, ...] = ()
+    """of one frame"""
+
+
+@dataclass
+class _Stack:
+    """Where a channel lies in the file, and the checksum of what is there."""
+
+    name: str
+    channel: Channel
+    offset: int
+    shift: zip_archive.Operator = field(default_factory=lambda: zip_archive.zeros(0))
+    """of all frames so far"""
+    crc: int = 0
+    """of all frames so far"""
+
+    def __post_init__(self) -> None:
+        dtype = np.dtype(self.channel.dtype)
+        self.frame_bytes = dtype.itemsize * int(np.prod(self.channel.shape, dtype=np.int64))
+        self.step = zip_archive.zeros(self.frame_bytes)
+        self.head_bytes = len(self.head(0))
+
+    def head(self, frames: int) -> bytes:
+        """Everything before the first frame; its length is the same for any number of frames."""
+        npy = _npy_header(self.channel.dtype, (frames, *self.channel.shape))
+        return zip_archive.header(self.member(frames, npy)) + npy
+
+    def member(self, frames: int, npy: bytes | None = None) -> zip_archive.Member:
+        """Its entry in the archive's directory."""
+        npy = npy or _npy_header(self.channel.dtype, (frames, *self.channel.shape))
+        crc = zip_archive.joined(zlib.crc32(npy), self.shift, self.crc)
+        size = len(npy) + frames * self.frame_bytes
+        return zip_archive.Member(f"{self.name}.npy", self.offset, size, crc)
+
+    def place(self, frame: int) -> int:
+        """Where a frame begins."""
+        return self.offset + self.head_bytes + frame * self.frame_bytes
+
+
+class NpzFrameWriter:
+    """Writes an .npz file of known length frame by frame.
+
+    Room for all frames is taken first, so a disk that is too small is told at the start. After each
+    frame the file is a whole archive of all frames until then, and stays one while the next frame's
+    values are written, so a process that is killed leaves what it had done. Not so in the
+    microseconds in which the lengths change, and while `close` moves the stacks of an early end
+    together: an archive that was cut off there is refused by numpy.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        frames: int,
+        channels: Mapping[str, Channel],
+        texts: Mapping[str, str],
+    ) -> None:
+        """Open. In: texts, name to what becomes a zero-dimensional string array.
+
+        EvsError where the file cannot be written, or has no room. A file that is there already is
+        written over, once that is sure.
+        """
+        self.path, self.frames, self.written = Path(path), frames, 0
+        self._texts, texts_bytes = _texts(texts)
+        self._stacks: list[_Stack] = []
+        at = len(texts_bytes)
+        for name, channel in channels.items():
+            stack = _Stack(name, channel, at)
+            at = stack.place(frames)
+            self._stacks.append(stack)
+        self._end = at
+        self._size = at + len(self._directory())
+        try:
+            self._file = self._open()
+            self._put(0, texts_bytes)
+            self._tell()
+        except OSError as reason:
+            raise target_error(self.path, reason) from None
+
+    def write(self, frame: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Append one frame of every channel. EvsError where the disk fails; the rest stays."""
+        if self.written == self.frames:
+            raise ValueError(f"{self.path} was opened for {self.frames} frames")
+        try:
+            crcs = []
+            for stack in self._stacks:
+                value = np.asarray(frame[stack.name], stack.channel.dtype)
+                if value.shape != stack.channel.shape:
+                    raise ValueError(f"{stack.name} is {value.shape}, not {stack.channel.shape}")
+                data = value.tobytes()
+                self._put(stack.place(self.written), data)
+                crcs.append(zlib.crc32(data))
+            # the frame counts once all of it is there
+            for stack, crc in zip(self._stacks, crcs, strict=True):
+                stack.crc = zip_archive.joined(stack.crc, stack.step, crc)
+                stack.shift = zip_archive.after(stack.step, stack.shift)
+            self.written += 1
+            self._tell()
+        except OSError as reason:
+            raise EvsError(
+                f"writing {self.path} stopped at frame {self.written} of {self.frames}: "
+                f"{reason.strerror}"
+            ) from None
+
+    def close(self) -> int:
+        """Let go of the file; after an early end the stacks move together. Out: its size, bytes."""
+        if self._file < 0:
+            return self._size
+        try:
+            if self.written < self.frames:
+                self._shrink()
+            os.ftruncate(self._file, self._size)
+        except OSError as reason:
+            raise target_error(self.path, reason) from None
+        finally:
+            os.close(self._file)
+            self._file = -1
+        return self._size
+
+    def _open(self) -> int:
+        """A file with room for everything; what was there before stays if there is none."""
+        before = self.path.stat().st_size if self.path.is_file() else None
+        file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            if not stat.S_ISREG(os.fstat(file).st_mode):
+                raise OSError(0, "it is no file that can be filled in any order")
+            os.posix_fallocate(file, 0, self._size)
+            os.ftruncate(file, self._size)
+        except OSError as reason:
+            if before is not None:
+                os.ftruncate(file, before)
+            elif stat.S_ISREG(os.fstat(file).st_mode):
+                self.path.unlink()
+            os.close(file)
+            if reason.errno:
+                reason.strerror = f"{reason.strerror} ({self._size / 1e6:.1f} MB are needed)"
+            raise
+        return file
+
+    def _put(self, offset: int, data: bytes) -> None:
+        view = memoryview(data)
+        while view:
+            done = os.pwrite(self._file, view, offset)
+            offset, view = offset + done, view[done:]
+
+    def _tell(self) -> None:
+        """Write what makes an archive of the frames so far."""
+        heads = [(stack.offset, stack.head(self.written)) for stack in self._stacks]
+        # nothing but writing in between: the moment when they do not agree is short
+        for offset, data in [*heads, (self._end, self._directory())]:
+            self._put(offset, data)
+
+    def _directory(self) -> bytes:
+        members = [stack.member(self.written) for stack in self._stacks]
+        return zip_archive.directory([*self._texts, *members], self._end)
+
+    def _shrink(self) -> None:
+        """Close the gaps that missing frames left."""
+        at = self._stacks[0].offset if self._stacks else self._end
+        for stack in self._stacks:
+            begin, length = stack.place(0), self.written * stack.frame_bytes
+            stack.offset = at
+            target = stack.place(0)
+            for done in range(0, length, _CHUNK_BYTES):
+                count = min(_CHUNK_BYTES, length - done)
+                self._put(target + done, os.pread(self._file, count, begin + done))
+            at = stack.place(self.written)
+        self._end = at
+        self._size = at + len(self._directory())
+        self._tell()
+
+
+def _npy_header(dtype: str, shape: tuple[int, ...]) -> bytes:
+    # numpy pads it, so that the first number may grow to 21 digits
+    out = io.BytesIO()
+    described = {"descr": dtype, "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(out, described)
+    return out.getvalue()
+
+
+def _texts(texts: Mapping[str, str]) -> tuple[list[zip_archive.Member], bytes]:
+    """String arrays as members, and their bytes from the file's begin."""
+    members, data = [], b""
+    for name, text in texts.items():
+        out = io.BytesIO()
+        np.lib.format.write_array(out, np.array(text), allow_pickle=False)
+        body = out.getvalue()
+        member = zip_archive.Member(f"{name}.npy", len(data), len(body), zlib.crc32(body))
+        members.append(member)
+        data += zip_archive.header(member) + body
+    return members, data

@@ -1,0 +1,141 @@
+"""Streams of real cameras put in order: stamps that run backwards, and clocks that wrap."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.drivers.files.integrity import IntegrityReport
+from evs.drivers.files.recording_file import by_tick, part_us
+from evs.msgs import EVENT_DTYPE, Events, StreamInfo, join_events
+
+CLOCK_RESET_US = 1_000_000
+"""A stamp that is so much lower than the one before is a clock that was set anew."""
+
+REORDER_EVENTS = 8192
+"""So many events wait for others that come late but belong before them."""
+
+MAX_REORDER_EVENTS = 1 << 20
+"""Of a tick that has more events than this, some are given out before it ends."""
+
+WRAP_SLACK_US = 1 << 26
+"""A clock wraps where it was no further from its end, and is no further from its begin: 67 s."""
+
+_WHOLE = np.dtype((np.void, EVENT_DTYPE.itemsize))
+
+
+class EventSorter:
+    """Sorts a stream by t as it comes, in bounded memory; what it had to mend goes to `integrity`.
+
+    Events among the last HELD ones are sorted into their place. An event that comes later than
+    that is given out in a part of its own. Where the stamps step back by more than RESET_US, the
+    camera's clock was set anew: what follows is a stream of its own and stays behind.
+    """
+
+    def __init__(self, integrity: IntegrityReport, stream: StreamInfo) -> None:
+        """In: stream, parts are given out by its ticks."""
+        self._damage = integrity
+        self._stream, self._tick_us = stream, part_us(stream.tick_us)
+        self._parts: list[Events] = []
+        self._count = 0
+        self._enough = 2 * REORDER_EVENTS
+        self._given_us: int | None = None
+        self._before_us: int | None = None
+
+    def feed(self, events: Events, offsets: npt.NDArray[np.int64]) -> Iterator[Events]:
+        """Sorted parts, (n,) with n > 0. In: events as recorded, (n,), their byte offsets."""
+        if not len(events):
+            return
+        stamps = events["t"]
+        before = stamps[0] if self._before_us is None else np.int64(self._before_us)
+        steps = np.diff(stamps, prepend=before)
+        self._before_us = int(stamps[-1])
+        back = np.flatnonzero(steps < 0)
+        resets = back[steps[back] < -CLOCK_RESET_US]
+        if len(back):
+            self._damage.backwards(len(back) - len(resets), len(resets), int(offsets[back[0]]))
+        begin = 0
+        for reset in resets.tolist():
+            self._take(events[begin:reset])
+            yield from self.flush()
+            begin = reset
+        self._take(events[begin:])
+        if self._count >= self._enough:
+            yield from self._ready()
+
+    def flush(self) -> Iterator[Events]:
+        """What is still held; then a new stream may begin."""
+        if self._count:
+            yield from self._give(self._joined())
+        self._parts, self._count, self._enough, self._given_us = [], 0, 2 * REORDER_EVENTS, None
+
+    def _take(self, events: Events) -> None:
+        if len(events):
+            self._parts.append(events)
+            self._count += len(events)
+
+    def _joined(self) -> Events:
+        joined = join_events(self._parts) if len(self._parts) != 1 else self._parts[0]
+        stamps = joined["t"]
+        return sort_events(joined) if (stamps[1:] < stamps[:-1]).any() else joined
+
+    def _ready(self) -> Iterator[Events]:
+        """All but the last HELD events, up to the end of a tick."""
+        joined = self._joined()
+        ready = len(joined) - REORDER_EVENTS
+        begun_us = (int(joined["t"][ready]) - 1 - self._stream.start_us) % self._tick_us
+        tick_begin_us = int(joined["t"][ready]) - 1 - begun_us
+        whole = int(np.searchsorted(joined["t"], tick_begin_us, side="right"))
+        # a tick that never ends is cut
+        ready = whole if whole or len(joined) < MAX_REORDER_EVENTS else ready
+        yield from self._give(joined[:ready])
+        self._parts = [joined[ready:]]
+        self._count = len(self._parts[0])
+        # what is held is looked at again when there is as much more
+        self._enough = self._count + max(REORDER_EVENTS, self._count)
+
+    def _give(self, events: Events) -> Iterator[Events]:
+        if not len(events):
+            return
+        late = 0
+        if self._given_us is not None and int(events["t"][0]) < self._given_us:
+            late = int(np.searchsorted(events["t"], self._given_us))
+        last_us = int(events["t"][-1])
+        self._given_us = last_us if self._given_us is None else max(self._given_us, last_us)
+        for part in (events[:late], events[late:]):
+            yield from by_tick(part, self._stream)
+
+
+def sort_events(events: Events) -> Events:
+    """The events sorted by t, those of one stamp as they were; padding goes along."""
+    order = np.argsort(events["t"], kind="stable")
+    whole = np.ascontiguousarray(events).view(_WHOLE)[order]
+    sorted_events: Events = whole.view(EVENT_DTYPE)
+    return sorted_events
+
+
+class TimestampUnwrapper:
+    """The clock behind stamps of 32 bits, which wrap: from 2^31 - 1 us to -2^31 or to 0."""
+
+    def __init__(self, begin_us: int = 0) -> None:
+        self._offset_us = begin_us
+        self._before: int | None = None
+
+    def __call__(self, stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """(n,) us, those of the stream's begin unchanged. In: int32 values, (n,)."""
+        if not len(stamps):
+            return stamps
+        before = stamps[0] if self._before is None else np.int64(self._before)
+        steps = np.diff(stamps, prepend=before)
+        self._before = int(stamps[-1])
+        if int(steps.min()) > -(1 << 31) + WRAP_SLACK_US:
+            only_shifted: npt.NDArray[np.int64] = stamps + self._offset_us
+            return only_shifted
+        signed = steps <= -(1 << 32) + WRAP_SLACK_US
+        plain = (steps > -(1 << 31)) & (steps <= -(1 << 31) + WRAP_SLACK_US) & (stamps >= 0)
+        offsets = np.cumsum((signed.astype(np.int64) << 32) + (plain.astype(np.int64) << 31))
+        whole: npt.NDArray[np.int64] = stamps + (self._offset_us + offsets)
+        self._offset_us += int(offsets[-1])
+        return whole

@@ -1,0 +1,312 @@
+// Sixteen lanes of float, int and mask: one source, three builds with the same bytes as result.
+//
+// Every build has 16 lanes (one 512-bit, two 256-bit or four 128-bit registers), so control flow is
+// the same too. All operations are correctly rounded (+ - * / sqrt, comparison, truncation),
+// nothing is contracted to fma, and no sum runs across lanes.
+//
+// min(a, b) is a < b ? a : b and max(a, b) is a > b ? a : b: with a NaN the second argument wins.
+#pragma once
+
+#include "simd_target.h"
+
+#if EVS_WIDTH == 1024
+#include "simd_1024.inl"
+#else
+constexpr int LANES = 16;
+constexpr unsigned ALL_LANES = 0xffffu;
+
+#if EVS_WIDTH == 512
+
+struct Mask {
+  __mmask16 m;
+};
+struct Float {
+  __m512 v;
+};
+struct Int {
+  __m512i v;
+};
+
+EVS_INLINE Float splat(float a) { return {_mm512_set1_ps(a)}; }
+EVS_INLINE Int splat(int a) { return {_mm512_set1_epi32(a)}; }
+EVS_INLINE Float load(const float* p) { return {_mm512_loadu_ps(p)}; }
+EVS_INLINE Int load(const int* p) { return {_mm512_loadu_si512(p)}; }
+EVS_INLINE void store(float* p, Float a) { _mm512_storeu_ps(p, a.v); }
+EVS_INLINE void store(int* p, Int a) { _mm512_storeu_si512(p, a.v); }
+
+EVS_INLINE Float operator+(Float a, Float b) { return {_mm512_add_ps(a.v, b.v)}; }
+EVS_INLINE Float operator-(Float a, Float b) { return {_mm512_sub_ps(a.v, b.v)}; }
+EVS_INLINE Float operator*(Float a, Float b) { return {_mm512_mul_ps(a.v, b.v)}; }
+EVS_INLINE Float operator/(Float a, Float b) { return {_mm512_div_ps(a.v, b.v)}; }
+EVS_INLINE Float sqrt(Float a) { return {_mm512_sqrt_ps(a.v)}; }
+EVS_INLINE Float min(Float a, Float b) { return {_mm512_min_ps(a.v, b.v)}; }
+EVS_INLINE Float max(Float a, Float b) { return {_mm512_max_ps(a.v, b.v)}; }
+EVS_INLINE Float abs(Float a) { return {_mm512_abs_ps(a.v)}; }
+EVS_INLINE Mask operator<(Float a, Float b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_LT_OQ)}; }
+EVS_INLINE Mask operator<=(Float a, Float b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_LE_OQ)}; }
+EVS_INLINE Mask operator==(Int a, Int b) { return {_mm512_cmpeq_epi32_mask(a.v, b.v)}; }
+EVS_INLINE Mask operator<(Int a, Int b) { return {_mm512_cmplt_epi32_mask(a.v, b.v)}; }
+EVS_INLINE Int operator+(Int a, Int b) { return {_mm512_add_epi32(a.v, b.v)}; }
+EVS_INLINE Int operator-(Int a, Int b) { return {_mm512_sub_epi32(a.v, b.v)}; }
+EVS_INLINE Int operator*(Int a, Int b) { return {_mm512_mullo_epi32(a.v, b.v)}; }
+EVS_INLINE Int operator&(Int a, Int b) { return {_mm512_and_si512(a.v, b.v)}; }
+EVS_INLINE Int operator|(Int a, Int b) { return {_mm512_or_si512(a.v, b.v)}; }
+EVS_INLINE Int operator^(Int a, Int b) { return {_mm512_xor_si512(a.v, b.v)}; }
+template <int N>
+EVS_INLINE Int shift_right(Int a) {
+  return {_mm512_srai_epi32(a.v, N)};
+}
+EVS_INLINE Int truncate(Float a) { return {_mm512_cvttps_epi32(a.v)}; }
+EVS_INLINE Float to_float(Int a) { return {_mm512_cvtepi32_ps(a.v)}; }
+EVS_INLINE Int as_int(Float a) { return {_mm512_castps_si512(a.v)}; }
+EVS_INLINE Float as_float(Int a) { return {_mm512_castsi512_ps(a.v)}; }
+
+EVS_INLINE Mask operator&(Mask a, Mask b) { return {static_cast<__mmask16>(a.m & b.m)}; }
+EVS_INLINE Mask operator|(Mask a, Mask b) { return {static_cast<__mmask16>(a.m | b.m)}; }
+EVS_INLINE Mask operator~(Mask a) { return {static_cast<__mmask16>(~a.m)}; }
+EVS_INLINE unsigned bits(Mask a) { return a.m; }
+EVS_INLINE Mask mask_of(unsigned lanes) { return {static_cast<__mmask16>(lanes)}; }
+EVS_INLINE Float select(Mask m, Float a, Float b) { return {_mm512_mask_blend_ps(m.m, b.v, a.v)}; }
+EVS_INLINE Int select(Mask m, Int a, Int b) { return {_mm512_mask_blend_epi32(m.m, b.v, a.v)}; }
+EVS_INLINE Float gather(const float* base, Int at) { return {_mm512_i32gather_ps(at.v, base, 4)}; }
+EVS_INLINE void store_at(float* base, Int at, Float a, Mask m) {
+  _mm512_mask_i32scatter_ps(base, m.m, at.v, a.v, 4);
+}
+// Write the lanes of m side by side; what follows them, up to 16, has no meaning.
+EVS_INLINE void compress(float* p, Float a, Mask m) {
+  _mm512_storeu_ps(p, _mm512_maskz_compress_ps(m.m, a.v));
+}
+EVS_INLINE float lowest(Float a) { return _mm512_reduce_min_ps(a.v); }
+EVS_INLINE float highest(Float a) { return _mm512_reduce_max_ps(a.v); }
+
+#else  // 256 or 128 bits: an array of native vectors
+
+constexpr int PARTS = LANES * 32 / EVS_WIDTH;
+constexpr int PART = LANES / PARTS;
+typedef float FloatPart __attribute__((vector_size(EVS_WIDTH / 8)));
+typedef int IntPart __attribute__((vector_size(EVS_WIDTH / 8)));
+typedef unsigned UnsignedPart __attribute__((vector_size(EVS_WIDTH / 8)));  // may overflow
+
+struct Mask {
+  IntPart m[PARTS];  // each lane all ones or all zeros
+};
+struct Float {
+  FloatPart v[PARTS];
+};
+struct Int {
+  IntPart v[PARTS];
+};
+
+#define EVS_PARTS _Pragma("GCC unroll 4") for (int i = 0; i < PARTS; i++)
+#define EVS_BINARY(T, R, FIELD, NAME, EXPRESSION) \
+  EVS_INLINE R NAME(T a, T b) {                   \
+    R r;                                          \
+    EVS_PARTS r.FIELD[i] = EXPRESSION;            \
+    return r;                                     \
+  }
+
+EVS_INLINE Float splat(float a) {
+  Float r;
+  EVS_PARTS r.v[i] = a - FloatPart{};
+  return r;
+}
+EVS_INLINE Int splat(int a) {
+  Int r;
+  EVS_PARTS r.v[i] = a - IntPart{};
+  return r;
+}
+EVS_INLINE Float load(const float* p) {
+  Float r;
+  __builtin_memcpy(&r, p, sizeof r);
+  return r;
+}
+EVS_INLINE Int load(const int* p) {
+  Int r;
+  __builtin_memcpy(&r, p, sizeof r);
+  return r;
+}
+EVS_INLINE void store(float* p, Float a) { __builtin_memcpy(p, &a, sizeof a); }
+EVS_INLINE void store(int* p, Int a) { __builtin_memcpy(p, &a, sizeof a); }
+
+EVS_BINARY(Float, Float, v, operator+, a.v[i] + b.v[i])
+EVS_BINARY(Float, Float, v, operator-, a.v[i] - b.v[i])
+EVS_BINARY(Float, Float, v, operator*, a.v[i] * b.v[i])
+EVS_BINARY(Float, Float, v, operator/, a.v[i] / b.v[i])
+EVS_BINARY(Float, Mask, m, operator<, (a.v[i] < b.v[i]))
+EVS_BINARY(Float, Mask, m, operator<=, (a.v[i] <= b.v[i]))
+EVS_BINARY(Int, Mask, m, operator==, (a.v[i] == b.v[i]))
+EVS_BINARY(Int, Mask, m, operator<, (a.v[i] < b.v[i]))
+EVS_BINARY(Int, Int, v, operator+, (IntPart)((UnsignedPart)a.v[i] + (UnsignedPart)b.v[i]))
+EVS_BINARY(Int, Int, v, operator-, (IntPart)((UnsignedPart)a.v[i] - (UnsignedPart)b.v[i]))
+EVS_BINARY(Int, Int, v, operator*, (IntPart)((UnsignedPart)a.v[i] * (UnsignedPart)b.v[i]))
+EVS_BINARY(Int, Int, v, operator&, a.v[i] & b.v[i])
+EVS_BINARY(Int, Int, v, operator|, a.v[i] | b.v[i])
+EVS_BINARY(Int, Int, v, operator^, a.v[i] ^ b.v[i])
+EVS_BINARY(Mask, Mask, m, operator&, a.m[i] & b.m[i])
+EVS_BINARY(Mask, Mask, m, operator|, a.m[i] | b.m[i])
+
+EVS_INLINE Mask operator~(Mask a) {
+  EVS_PARTS a.m[i] = ~a.m[i];
+  return a;
+}
+template <int N>
+EVS_INLINE Int shift_right(Int a) {
+  EVS_PARTS a.v[i] = a.v[i] >> N;
+  return a;
+}
+EVS_INLINE Int truncate(Float a) {
+  Int r;
+  EVS_PARTS r.v[i] = __builtin_convertvector(a.v[i], IntPart);
+  return r;
+}
+EVS_INLINE Float to_float(Int a) {
+  Float r;
+  EVS_PARTS r.v[i] = __builtin_convertvector(a.v[i], FloatPart);
+  return r;
+}
+EVS_INLINE Int as_int(Float a) {
+  Int r;
+  __builtin_memcpy(&r, &a, sizeof r);
+  return r;
+}
+EVS_INLINE Float as_float(Int a) {
+  Float r;
+  __builtin_memcpy(&r, &a, sizeof r);
+  return r;
+}
+EVS_INLINE Float select(Mask m, Float a, Float b) {
+  Float r;
+#if EVS_WIDTH == 256
+  EVS_PARTS r.v[i] = (FloatPart)_mm256_blendv_ps((__m256)b.v[i], (__m256)a.v[i], (__m256)m.m[i]);
+#else
+  EVS_PARTS r.v[i] = (FloatPart)((m.m[i] & (IntPart)a.v[i]) | (~m.m[i] & (IntPart)b.v[i]));
+#endif
+  return r;
+}
+EVS_INLINE Int select(Mask m, Int a, Int b) {
+  Int r;
+  EVS_PARTS r.v[i] = (m.m[i] & a.v[i]) | (~m.m[i] & b.v[i]);
+  return r;
+}
+EVS_INLINE Float min(Float a, Float b) {
+#if defined(__SSE2__)
+  EVS_PARTS a.v[i] = EVS_NATIVE(min_ps)(a.v[i], b.v[i]);
+  return a;
+#else
+  return select(a < b, a, b);
+#endif
+}
+EVS_INLINE Float max(Float a, Float b) {
+#if defined(__SSE2__)
+  EVS_PARTS a.v[i] = EVS_NATIVE(max_ps)(a.v[i], b.v[i]);
+  return a;
+#else
+  return select(b < a, a, b);
+#endif
+}
+EVS_INLINE Float abs(Float a) {
+  EVS_PARTS a.v[i] = (FloatPart)((IntPart)a.v[i] & 0x7fffffff);
+  return a;
+}
+EVS_INLINE Float sqrt(Float a) {
+#if defined(__SSE2__)
+  EVS_PARTS a.v[i] = EVS_NATIVE(sqrt_ps)(a.v[i]);
+#else
+  EVS_PARTS for (int j = 0; j < PART; j++) a.v[i][j] = __builtin_sqrtf(a.v[i][j]);
+#endif
+  return a;
+}
+EVS_INLINE unsigned bits(Mask a) {
+  unsigned r = 0;
+#if defined(__SSE2__)
+  EVS_PARTS r |= static_cast<unsigned>(EVS_NATIVE(movemask_ps)((FloatPart)a.m[i])) << (i * PART);
+#else
+  EVS_PARTS for (int j = 0; j < PART; j++) r |= (a.m[i][j] & 1u) << (i * PART + j);
+#endif
+  return r;
+}
+EVS_INLINE Mask mask_of(unsigned lanes) {
+  Mask r;
+  EVS_PARTS for (int j = 0; j < PART; j++) r.m[i][j] =
+      -static_cast<int>((lanes >> (i * PART + j)) & 1u);
+  return r;
+}
+EVS_INLINE Float gather(const float* base, Int at) {
+  Float r;
+#if EVS_WIDTH == 256
+  EVS_PARTS r.v[i] = (FloatPart)_mm256_i32gather_ps(base, (__m256i)at.v[i], 4);
+#else
+  EVS_PARTS for (int j = 0; j < PART; j++) r.v[i][j] = base[at.v[i][j]];
+#endif
+  return r;
+}
+EVS_INLINE float lowest(Float a) {
+  float r = a.v[0][0];
+  EVS_PARTS for (int j = 0; j < PART; j++) r = a.v[i][j] < r ? a.v[i][j] : r;
+  return r;
+}
+EVS_INLINE float highest(Float a) {
+  float r = a.v[0][0];
+  EVS_PARTS for (int j = 0; j < PART; j++) r = a.v[i][j] > r ? a.v[i][j] : r;
+  return r;
+}
+EVS_INLINE void store_at(float* base, Int at, Float a, Mask m) {
+  for (unsigned lanes = bits(m); lanes; lanes &= lanes - 1) {
+    int i = __builtin_ctz(lanes);
+    base[at.v[i / PART][i % PART]] = a.v[i / PART][i % PART];
+  }
+}
+// Write the lanes of m side by side; what follows them, up to 16, has no meaning.
+EVS_INLINE void compress(float* p, Float a, Mask m) {
+  for (unsigned lanes = bits(m); lanes; lanes &= lanes - 1) {
+    int i = __builtin_ctz(lanes);
+    *p++ = a.v[i / PART][i % PART];
+  }
+}
+#undef EVS_BINARY
+#undef EVS_PARTS
+#endif
+#endif
+
+// shared by all builds
+
+EVS_INLINE Mask operator>(Float a, Float b) { return b < a; }
+EVS_INLINE Mask operator>=(Float a, Float b) { return b <= a; }
+EVS_INLINE Float operator-(Float a) {
+  return as_float(as_int(a) ^ splat(static_cast<int>(0x80000000u)));  // the sign's bit
+}
+EVS_INLINE Float operator+(Float a, float b) { return a + splat(b); }
+EVS_INLINE Float operator-(Float a, float b) { return a - splat(b); }
+EVS_INLINE Float operator*(Float a, float b) { return a * splat(b); }
+EVS_INLINE Float operator+(float a, Float b) { return splat(a) + b; }
+EVS_INLINE Float operator*(float a, Float b) { return splat(a) * b; }
+EVS_INLINE Float operator-(float a, Float b) { return splat(a) - b; }
+EVS_INLINE Float operator/(float a, Float b) { return splat(a) / b; }
+EVS_INLINE Mask operator<(Float a, float b) { return a < splat(b); }
+EVS_INLINE Mask operator>(Float a, float b) { return splat(b) < a; }
+EVS_INLINE Mask operator<=(Float a, float b) { return a <= splat(b); }
+EVS_INLINE Mask operator>=(Float a, float b) { return splat(b) <= a; }
+EVS_INLINE Mask select(Mask m, Mask a, Mask b) { return (m & a) | (~m & b); }
+EVS_INLINE bool any(Mask a) { return bits(a) != 0; }
+EVS_INLINE int first_lane(unsigned lanes) { return __builtin_ctz(lanes); }
+
+// largest whole number <= a, for |a| < 2^31
+EVS_INLINE Float floor(Float a) {
+  Float whole = to_float(truncate(a));
+  return select(whole > a, whole - 1.0f, whole);
+}
+
+// 1 / a, where an a too small to divide by counts as 1e-20: no infinity, hence no 0 * inf = NaN
+EVS_INLINE Float safe_inverse(Float a) { return 1.0f / select(abs(a) < 1e-20f, splat(1e-20f), a); }
+
+// value of one lane, for the few loops over lanes
+EVS_INLINE float lane(Float a, int i) {
+  alignas(64) float values[LANES];
+  store(values, a);
+  return values[i];
+}
+EVS_INLINE int lane(Int a, int i) {
+  alignas(64) int values[LANES];
+  store(values, a);
+  return values[i];
+}

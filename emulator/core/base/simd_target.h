@@ -1,0 +1,36 @@
+// The instruction set that the wide code of a translation unit is compiled for.
+//
+// Wide code is written once, in .inl files, and compiled once for each instruction set: the
+// technique that Highway calls foreach_target. Each kernel_*.cpp is compiled with the flags of its
+// own instruction set, defines the macros below and includes the code, which all lands in
+// `namespace evs::EVS_SPACE`.
+//
+//   EVS_WIDTH    bits of a register: 128, 256 or 512; 1024 for two registers of 512
+//   EVS_SPACE    the namespace of this instruction set
+//   EVS_NATIVE   the name of an intrinsic for registers of 128 or 256 bits
+//
+// An .inl file is written as a header is: it has a guard, includes what it needs, and can be opened
+// and compiled alone. Without macros it is the portable code.
+//
+// An .inl file includes no header of the standard library, and a header of its own only if that
+// holds plain structures and functions that are always inlined: a template that was compiled with
+// the flags of an instruction set could end up in code that runs on every machine.
+#pragma once
+
+#ifndef EVS_WIDTH
+#define EVS_WIDTH 128
+#define EVS_SPACE portable
+#define EVS_NATIVE(op) _mm_##op
+#endif
+
+#if defined(__SSE2__)
+#include <immintrin.h>
+#endif
+
+// GCC's own AVX-512 headers set these off (PR 105593)
+#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
+#pragma GCC diagnostic ignored "-Wuninitialized"
+
+#ifndef EVS_INLINE
+#define EVS_INLINE [[gnu::always_inline]] inline
+#endif

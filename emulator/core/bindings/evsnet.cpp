@@ -1,0 +1,208 @@
+// Python binding of EvSNet: NetworkArray, the runtime `native`.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+
+#include <cmath>
+#include <mutex>
+#include <optional>
+
+#include "network_array.h"
+#include "unlocked.h"
+
+namespace nb = nanobind;
+
+namespace evs {
+namespace {
+
+template <class T, size_t DIMENSIONS>
+using Array = nb::ndarray<T, nb::ndim<DIMENSIONS>, nb::c_contig, nb::device::cpu>;
+using Line = Array<const float, 1>;
+using Bytes = nb::ndarray<nb::numpy, uint8_t, nb::ndim<1>>;
+
+void require(bool holds, const char* what) {
+  if (!holds) throw std::invalid_argument(what);
+}
+
+Bytes owned(EventBuffer buffer) {
+  Event* events = buffer.events.release();
+  nb::capsule owner(events, [](void* p) noexcept { delete[] static_cast<Event*>(p); });
+  return Bytes(reinterpret_cast<uint8_t*>(events), {buffer.count * sizeof(Event)}, owner);
+}
+
+// Copies of the parameters, which nothing in Python can change.
+struct Parameters {
+  std::vector<float> weights, biases, pointwise, decay_low, decay_high;
+  std::vector<int32_t> delays;
+};
+
+class BoundNetwork {
+ public:
+  BoundNetwork(int width, int height, Line weights, Array<const float, 2> biases,
+               Array<const int32_t, 1> delays, Line last, float last_bias, float v_on, float v_off,
+               Line decay_low, Line decay_high, float exposure_dn, float dark_dn, float linlog_dn,
+               int64_t tick_us, bool dense, int threads, const std::string& isa) {
+    require(width >= 1 && width <= 32767 && height >= 1 && height <= 32767,
+            "width and height must be in [1, 32767]");
+    require(last.shape(0) >= 1 && last.shape(0) <= 64, "1 ... 64 channels are possible");
+    require(delays.shape(0) <= 8, "at most 8 blocks are possible");
+    require(tick_us >= 1 && tick_us < (int64_t{1} << 28), "tick_us must be in [1, 2^28)");
+    require(v_on > 0.0f && v_off > 0.0f, "thresholds must be over 0");
+    require(decay_low.shape(0) == kDecayLow && decay_high.shape(0) == kDecayHigh,
+            "decay tables must have 256 and 4096 entries");
+    parameters_.weights.assign(weights.data(), weights.data() + weights.size());
+    parameters_.biases.assign(biases.data(), biases.data() + biases.size());
+    parameters_.delays.assign(delays.data(), delays.data() + delays.size());
+    parameters_.pointwise.assign(last.data(), last.data() + last.size());
+    parameters_.decay_low.assign(decay_low.data(), decay_low.data() + decay_low.size());
+    parameters_.decay_high.assign(decay_high.data(), decay_high.data() + decay_high.size());
+    for (int32_t delay : parameters_.delays) {
+      require(delay >= 0 && delay <= kFifoTicks, "delays must be 0 ... 6 ticks");
+    }
+    NetworkSettings settings;
+    settings.map = LogMap::linlog(exposure_dn, dark_dn, linlog_dn);
+    Network& network = settings.network;
+    network.channels = static_cast<int>(parameters_.pointwise.size());
+    network.blocks = static_cast<int>(parameters_.delays.size());
+    require(weights.shape(0) == network.weight_floats(), "weights are for another network");
+    require(biases.shape(0) == static_cast<size_t>(network.convolutions()) &&
+                biases.shape(1) == static_cast<size_t>(network.channels),
+            "biases must be (convolutions, channels)");
+    network.weights = parameters_.weights.data();
+    network.biases = parameters_.biases.data();
+    network.delays = parameters_.delays.data();
+    network.pointwise = parameters_.pointwise.data();
+    network.pointwise_bias = last_bias;
+    settings.bilif = {v_on, v_off, parameters_.decay_low.data(), parameters_.decay_high.data()};
+    settings.tick_us = tick_us;
+    settings.dense = dense;
+    width_ = static_cast<size_t>(width);
+    height_ = static_cast<size_t>(height);
+    row_floats_ = network.row_floats();
+    tick_us_ = tick_us;
+    array_ = std::make_unique<NetworkArray>(settings, width, height, threads, isa);
+  }
+
+  nb::tuple step(Array<const float, 3> luminance, int64_t tick, int64_t begin_us,
+                 Array<float, 2> last_luminance, Array<float, 2> last_log, Array<float, 2> v,
+                 Array<int64_t, 2> last, Array<float, 2> fifo, Array<int32_t, 2> tile_row,
+                 Array<int64_t, 3> tile_moved, Array<uint8_t, 2> tile_loud, nb::callable grow,
+                 std::optional<Array<float, 3>> currents) {
+    constexpr int64_t kEnd = int64_t{1} << 56;
+    const size_t ticks = luminance.shape(0), frame = width_ * height_;
+    require(luminance.shape(1) == height_ && luminance.shape(2) == width_,
+            "luminance must be (ticks, height, width)");
+    require(ticks < (size_t{1} << 24), "too many ticks at once");
+    require(tick >= 0 && tick < kEnd, "tick must be in [0, 2^56)");
+    require(begin_us > -kEnd && begin_us < kEnd, "begin_us must be in (-2^56, 2^56)");
+    require(!currents || (currents->shape(0) == ticks && currents->shape(1) == height_ &&
+                          currents->shape(2) == width_),
+            "currents must have the shape of luminance");
+    require(fifo.shape(1) == row_floats_, "fifo is of another network");
+    NetworkArrays arrays;
+    arrays.last_luminance = pixels(last_luminance);
+    arrays.last_log = pixels(last_log);
+    arrays.v = pixels(v);
+    arrays.last = pixels(last);
+    arrays.fifo = fifo.data();
+    arrays.rows = fifo.shape(0);
+    arrays.tile_row = of_tiles(tile_row);
+    arrays.tile_moved = of_lanes(tile_moved);
+    arrays.tile_loud = of_tiles(tile_loud);
+
+    // `grown` keeps the larger memory alive during the call; `grow` has stored it by then
+    nb::object grown;
+    auto more = [&](size_t rows) {
+      Locked hold;
+      grown = grow(rows);
+      Array<float, 2> larger = nb::cast<Array<float, 2>>(grown, false);
+      require(larger.shape(0) >= rows && larger.shape(1) == row_floats_,
+              "grow must give the rows it was asked for");
+      arrays.fifo = larger.data();
+      arrays.rows = larger.shape(0);
+      return arrays.fifo;
+    };
+    NetworkCounts counts;
+    nb::list events;
+    for (size_t done = 0; done < ticks; done += kChunk) {
+      NetworkChunk chunk;
+      chunk.luminance = luminance.data() + done * frame;
+      chunk.ticks = static_cast<int>(std::min<size_t>(kChunk, ticks - done));
+      chunk.tick = tick + static_cast<int64_t>(done);
+      chunk.begin_us = begin_us + static_cast<int64_t>(done) * tick_us_;
+      chunk.currents = currents ? currents->data() + done * frame : nullptr;
+      std::vector<EventBuffer> buffers;
+      {
+        Unlocked release;
+        std::lock_guard one_caller(callers_);
+        buffers = array_->step(arrays, chunk, more, counts);
+      }
+      for (EventBuffer& buffer : buffers) events.append(owned(std::move(buffer)));
+    }
+    return nb::make_tuple(events, counts.clamped, counts.x_clamped, counts.v_clamped);
+  }
+
+  size_t row_floats() const { return row_floats_; }
+  nb::tuple tiles() const { return nb::make_tuple(array_->tiles_down(), array_->tiles_across()); }
+
+ private:
+  template <class T>
+  T* pixels(const Array<T, 2>& array) const {
+    require(array.shape(0) == height_ && array.shape(1) == width_,
+            "every array of pixels must be (height, width)");
+    return array.data();
+  }
+  template <class T>
+  T* of_tiles(const Array<T, 2>& array) const {
+    require(array.shape(0) == array_->tiles_down() && array.shape(1) == array_->tiles_across(),
+            "every array of tiles must be as `tiles` says");
+    return array.data();
+  }
+
+  int64_t* of_lanes(const Array<int64_t, 3>& array) const {
+    require(array.shape(0) == array_->tiles_down() && array.shape(1) == array_->tiles_across() &&
+                array.shape(2) == kLanes,
+            "tile_moved must be of 16 pixels a tile");
+    return array.data();
+  }
+
+  Parameters parameters_;
+  size_t width_, height_, row_floats_;
+  int64_t tick_us_;
+  std::mutex callers_;  // one call at a time: the scratch memory is shared
+  std::unique_ptr<NetworkArray> array_;
+};
+
+}  // namespace
+
+void bind_network(nb::module_& m) {
+  nb::class_<BoundNetwork>(m, "NetworkArray", "EvSNet on an array of pixels.")
+      .def(nb::init<int, int, Line, Array<const float, 2>, Array<const int32_t, 1>, Line, float,
+                    float, float, Line, Line, float, float, float, int64_t, bool, int,
+                    const std::string&>(),
+           nb::arg("width"), nb::arg("height"), nb::kw_only(), nb::arg("weights").noconvert(),
+           nb::arg("biases").noconvert(), nb::arg("delays").noconvert(),
+           nb::arg("last").noconvert(), nb::arg("last_bias"), nb::arg("v_on"), nb::arg("v_off"),
+           nb::arg("decay_low").noconvert(), nb::arg("decay_high").noconvert(),
+           nb::arg("exposure_dn"), nb::arg("dark_dn"), nb::arg("linlog_dn"), nb::arg("tick_us"),
+           nb::arg("dense") = false, nb::arg("threads") = 0, nb::arg("isa") = "auto",
+           "In: weights of all convolutions, one after another, each (out, in, 7); biases "
+           "(convolutions, channels); delays (blocks,), ticks by which each residual sum is late.")
+      .def("step", &BoundNetwork::step, nb::arg("luminance").noconvert(), nb::arg("tick"),
+           nb::arg("begin_us"), nb::kw_only(), nb::arg("last_luminance").noconvert(),
+           nb::arg("last_log").noconvert(), nb::arg("v").noconvert(), nb::arg("last").noconvert(),
+           nb::arg("fifo").noconvert(), nb::arg("tile_row").noconvert(),
+           nb::arg("tile_moved").noconvert(), nb::arg("tile_loud").noconvert(), nb::arg("grow"),
+           nb::arg("currents").noconvert().none() = nb::none(),
+           "Out: (list of the event bytes of each tick, (16 n,) uint8; number of pixels whose "
+           "luminance was replaced, whose X was clamped, whose V was clamped). In: tick, number of "
+           "the first tick. All arrays but luminance are modified in place. grow(rows) must copy "
+           "fifo to an array with more rows, the new ones zero, and return it.")
+      .def_prop_ro("row_floats", &BoundNetwork::row_floats,
+                   "float32 in the FIFOs of a tile: [16][6][feature]; tick n is in slot n mod 6.")
+      .def_prop_ro("tiles", &BoundNetwork::tiles,
+                   "(down, across), number of tiles of 4 x 4 pixels.");
+}
+
+}  // namespace evs

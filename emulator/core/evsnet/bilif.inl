@@ -1,0 +1,96 @@
+// The bipolar leaky integrate-and-fire unit (BiLIF) of the 16 pixels of a tile, the paper's
+// equations 2 and 3 with thresholds of their own for each polarity:
+//
+//   charge  V' = d V + I
+//   fire    S = +1 if V' >= V_on, -1 if V' <= -V_off, else 0
+//   reset   V = V' - V_on, V' + V_off or V'
+//
+// A pixel is active if I is not 0 or V is at a threshold. Only an active pixel changes; its leak
+// over all ticks since it was last active is applied in one step. No NaN persists: as I it counts
+// as 0 and as clamped, as V it becomes -64.
+#pragma once
+
+#include "network_kernel.h"
+#include "tile.inl"
+
+namespace evs::EVS_SPACE {
+namespace {
+
+EVS_INLINE Mask at_threshold(Float v, const BiLif& unit) {
+  return (v >= unit.v_on) | (v <= -unit.v_off);
+}
+
+// d^gap V of the active lanes.
+EVS_INLINE Float leak(Float v, Int gap, Mask active, const BiLif& unit) {
+  // nearly always one tick
+  if (!any(active & ~(gap == splat(1)))) return v * unit.decay_low[1];
+  const Mask far = ~(gap < splat(kDecayLow * kDecayHigh));
+  const Int ticks = select(far | (gap < splat(0)), splat(0), gap);
+  const Float low = gather(unit.decay_low, ticks & splat(kDecayLow - 1));
+  const Float high = gather(unit.decay_high, shift_right<8>(ticks));
+  return select(far, splat(0.0f), v * low * high);
+}
+
+// Kernel: the spikes of a tile in each tick of the chunk.
+void integrate_and_fire(BiLifJob& job) {
+  constexpr int64_t kFar = kDecayLow * kDecayHigh;
+  const BiLif& unit = *job.unit;
+  job.fired = 0;
+  job.v_clamped = 0;
+  const Mask lanes = mask_of(job.place.lanes());
+  alignas(64) float v_lanes[LANES];
+  alignas(64) int active_lanes[LANES];
+  int64_t last[LANES];
+  // load the state of the tile
+  load_tile(v_lanes, job.v, job.place);
+  load_tile(last, job.last, job.place);
+  for (int i = 0; i < LANES; i++) {
+    // count from the first tick; what is longer ago has leaked away
+    const int64_t relative = last[i] < job.tick - kFar ? -kFar : last[i] - job.tick;
+    active_lanes[i] = static_cast<int>(relative > 0 ? 0 : relative);
+  }
+  Float v = load(v_lanes);
+  Int last_active = load(active_lanes);
+
+  for (int t = 0; t < job.ticks; t++) {
+    const Float current = load(job.current + t * LANES);
+    // find the active lanes; a NaN is on neither side of 0
+    const Mask no_current = (current <= 0.0f) & (current >= 0.0f);
+    const Mask active = (~no_current | at_threshold(v, unit)) & lanes;
+    if (!any(active)) continue;
+    const Mask usable = (current <= 0.0f) | (current >= 0.0f);
+    // charge
+    const Float leaked = leak(v, splat(t) - last_active, active, unit);
+    const Float charged = leaked + select(usable, current, splat(0.0f));
+    const Float v_charged = min(max(charged, splat(-kLargestV)), splat(kLargestV));
+    job.v_clamped += __builtin_popcount(bits(active & (~usable | (abs(charged) > kLargestV))));
+    // fire
+    const Mask on = active & (v_charged >= unit.v_on);
+    const Mask off = active & (v_charged <= -unit.v_off);
+    // reset
+    const Float reset =
+        select(on, v_charged - unit.v_on, select(off, v_charged + unit.v_off, v_charged));
+    v = select(active, reset, v);
+    last_active = select(active, splat(t), last_active);
+    // record the spikes
+    const unsigned fired_on = bits(on), fired_off = bits(off);
+    if ((fired_on | fired_off) == 0) continue;
+    job.fired |= 1u << t;
+    job.on[t] = static_cast<uint16_t>(fired_on);
+    job.off[t] = static_cast<uint16_t>(fired_off);
+    store(job.leaked + t * LANES, leaked);
+  }
+  job.at_threshold = any(at_threshold(v, unit) & lanes);
+
+  // store the state of the tile
+  store(v_lanes, v);
+  store(active_lanes, last_active);
+  for (int i = 0; i < LANES; i++) {
+    if (active_lanes[i] >= 0) last[i] = job.tick + active_lanes[i];
+  }
+  store_tile(v_lanes, job.v, job.place);
+  store_tile(last, job.last, job.place);
+}
+
+}  // namespace
+}  // namespace evs::EVS_SPACE

@@ -1,0 +1,15 @@
+// The kernels of EvSNet for one instruction set (base/simd_target.h). The includer also defines
+// EVS_KERNEL, the name of their table.
+#pragma once
+
+#include "bilif.inl"
+#include "layers.inl"
+#include "log_delta.inl"
+#include "network_kernel.h"
+
+namespace evs {
+
+const NetworkKernel EVS_KERNEL = {EVS_SPACE::find_changes, EVS_SPACE::log_delta, EVS_SPACE::infer,
+                                  EVS_SPACE::integrate_and_fire};
+
+}  // namespace evs

@@ -1,0 +1,118 @@
+// Luminance to the log intensity difference X_k = L_log(k) - L_log(k - 1), tile by tile (the
+// paper's equation 1). Luminance is mapped as by `log_intensity` in sensor/pixel_front_end.h.
+#pragma once
+
+#include "network_kernel.h"
+#include "tile.inl"
+
+namespace evs::EVS_SPACE {
+namespace {
+
+// Lanes whose luminance changed or is unusable, as bits.
+EVS_INLINE unsigned changed_lanes(Int now, Int before, Int limit) {
+  // a float with its sign bit set is a negative integer
+  return bits(~(now == before) | (now < splat(0)) | ~(now < limit));
+}
+
+// Mark the ticks in which a tile of this row of tiles changes.
+void find_changes(const LogDeltaJob& job, size_t pixel, size_t width, int rows, uint32_t* ticks) {
+  const Int limit = splat(static_cast<int>(job.unusable_from));
+  const size_t whole = width / LANES * LANES;
+  for (int t = 0; t < job.ticks; t++) {
+    const float* frame = job.luminance + static_cast<size_t>(t) * job.frame + pixel;
+    const float* before = t == 0 ? job.last_luminance + pixel : frame - job.frame;
+    const uint32_t bit = 1u << t;
+    // whole registers: four tiles at once
+    for (size_t x = 0; x < whole; x += LANES) {
+      unsigned changed = 0;
+      for (int r = 0; r < rows; r++) {
+        const size_t at = static_cast<size_t>(r) * width + x;
+        changed |= changed_lanes(as_int(load(frame + at)), as_int(load(before + at)), limit);
+      }
+      if (changed == 0) continue;
+      for (int i = 0; i < LANES / kTileSide; i++) {
+        if ((changed >> (i * kTileSide) & 0xfu) != 0)
+          ticks[x / kTileSide + static_cast<size_t>(i)] |= bit;
+      }
+    }
+    // the rest of the row, pixel by pixel
+    for (size_t x = whole; x < width; x++) {
+      for (int r = 0; r < rows; r++) {
+        const size_t at = static_cast<size_t>(r) * width + x;
+        uint32_t now, then;
+        __builtin_memcpy(&now, frame + at, sizeof now);
+        __builtin_memcpy(&then, before + at, sizeof then);
+        if (now != then || now >= job.unusable_from) ticks[x / kTileSide] |= bit;
+      }
+    }
+  }
+}
+
+// X of a tile in each tick of the chunk.
+uint32_t log_delta(const LogDeltaJob& job, const TilePlace& place, uint32_t changed, float* x,
+                   int64_t* moved, LogDeltaCounts& counts) {
+  alignas(64) float now[kChunk * LANES], dn[kChunk * LANES], part[kChunk * LANES];
+  alignas(64) float luminance[LANES], log[LANES];
+  alignas(64) int last[LANES];
+  // load the state of the tile
+  load_tile(luminance, job.last_luminance, place);
+  load_tile(log, job.last_log, place);
+  const LogMap map = job.map;
+
+  // take the logarithms of all changed ticks together, so that none waits for another
+  int count = 0;
+  for (uint32_t left = changed; left != 0; left &= left - 1) {
+    const size_t t = static_cast<size_t>(__builtin_ctz(left));
+    load_tile(now + LANES * count++, job.luminance + t * job.frame, place);
+  }
+  for (int at = 0; at < count * LANES; at += LANES) {
+    for (int i = at; i < at + LANES; i++) dn[i] = to_dn(map, now[i]);
+    for (int i = at; i < at + LANES; i++) part[i] = log_part<LogKind::linlog>(map, dn[i]);
+  }
+
+  const Mask inside = mask_of(place.lanes());
+  Float last_luminance = load(luminance), last_log = load(log);
+  Int last_moved = splat(-1);
+  uint32_t moved_ticks = 0;
+  int at = 0;
+  for (int t = 0; t < job.ticks; t++) {
+    float* out = x + t * LANES;
+    if ((changed >> t & 1u) == 0) {
+      store(out, splat(0.0f));
+      continue;
+    }
+    // map to log intensity, as is_usable and with_log_part; unusable light keeps the last one
+    const Float l_now = load(now + at), dn_now = load(dn + at);
+    const Mask usable = (l_now > -kBlack) & (dn_now <= kLargest);
+    const Float below = min(dn_now * splat(map.slope), splat(map.ln_knee));
+    const Float log_now = select(dn_now >= map.knee, load(part + at), below);
+    const Float new_log = select(usable, log_now, last_log);
+    // difference and clamp; the first light only sets L_log
+    const Mask known = (last_log <= 0.0f) | (last_log >= 0.0f);
+    const Float delta = select(known & inside, new_log - last_log, splat(0.0f));
+    const Float clamped = min(max(delta, splat(-kLargestX)), splat(kLargestX));
+    const Mask nonzero = ~((clamped <= 0.0f) & (clamped >= 0.0f));
+    const Mask unclamped = (clamped <= delta) & (delta <= clamped);
+    store(out, clamped);
+    last_log = new_log;
+    last_luminance = select(usable, l_now, last_luminance);
+    last_moved = select(nonzero, splat(t), last_moved);
+    moved_ticks |= (any(nonzero) ? 1u : 0u) << t;
+    counts.x_clamped += __builtin_popcount(bits(~unclamped));
+    counts.clamped += __builtin_popcount(bits(~usable & inside));
+    at += LANES;
+  }
+  // store the state of the tile
+  store(luminance, last_luminance);
+  store(log, last_log);
+  store(last, last_moved);
+  store_tile(luminance, job.last_luminance, place);
+  store_tile(log, job.last_log, place);
+  for (int i = 0; i < LANES; i++) {
+    if (last[i] >= 0) moved[i] = job.tick + last[i];
+  }
+  return moved_ticks;
+}
+
+}  // namespace
+}  // namespace evs::EVS_SPACE

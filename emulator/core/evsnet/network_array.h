@@ -1,0 +1,132 @@
+// EvSNet on an array of pixels. One call per chunk of ticks: luminance in, sorted events of each
+// tick out. The caller owns the state.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "event_order.h"
+#include "fifo_rows.h"
+#include "network_kernel.h"
+#include "pool.h"
+
+namespace evs {
+
+// The kernels of an instruction set; "auto" is the best that this machine runs. Throws
+// std::invalid_argument for others.
+const NetworkKernel* network_kernel_of(const std::string& isa);
+
+struct NetworkSettings {
+  LogMap map;
+  Network network;      // its memory must outlive the array
+  BiLif bilif;          // likewise
+  int64_t tick_us = 0;  // below 2^28
+  bool dense = false;   // compute every tile in every tick
+};
+
+// The state, all In/out. Tiles are in row-major order.
+struct NetworkArrays {
+  float* last_luminance = nullptr;  // (h, w)
+  float* last_log = nullptr;        // (h, w); NaN before the first light
+  float* v = nullptr;               // (h, w)
+  int64_t* last = nullptr;          // (h, w) tick that each v is as of
+  float* fifo = nullptr;            // (rows, [16][6][feature]); zeros in rows that no tile has
+  size_t rows = 0;
+  int32_t* tile_row = nullptr;    // (tiles,) row in `fifo`; -1 for none
+  int64_t* tile_moved = nullptr;  // (tiles, 16) number of the last tick with X != 0
+  uint8_t* tile_loud = nullptr;   // (tiles,) 1 if some V is at a threshold
+};
+
+struct NetworkChunk {
+  const float* luminance = nullptr;  // (ticks, h, w)
+  int ticks = 0;                     // 1 ... kChunk
+  int64_t tick = 0;                  // number of the first tick
+  int64_t begin_us = 0;
+  float* currents = nullptr;  // Out: (ticks, h, w); null if not wanted
+};
+
+struct NetworkCounts {
+  int64_t clamped = 0;
+  int64_t x_clamped = 0;
+  int64_t v_clamped = 0;
+};
+
+class NetworkArray {
+ public:
+  // Return FIFO memory of more rows, with the old ones copied and the new ones zero.
+  using Grow = std::function<float*(size_t rows)>;
+
+  // width and height are at most 32767; threads <= 0 means one for each core.
+  NetworkArray(const NetworkSettings& settings, int width, int height, int threads,
+               const std::string& isa);
+
+  size_t tiles() const { return across_ * down_; }
+  size_t tiles_across() const { return across_; }
+  size_t tiles_down() const { return down_; }
+
+  // Sorted events of each tick. Adds to `counts`. One call at a time.
+  std::vector<EventBuffer> step(NetworkArrays arrays, const NetworkChunk& chunk, const Grow& grow,
+                                NetworkCounts& counts);
+
+ private:
+  // A tile in a chunk.
+  struct Tile {
+    uint32_t changed = 0;    // ticks in which its luminance changed, as bits
+    uint32_t moved = 0;      // ticks with X != 0, as bits
+    int64_t last_moved = 0;  // last tick before the chunk with X != 0, if the tile has a row
+    int32_t x = -1;          // offset of its X in TileRow::x, in units of 16; -1 if X is all 0
+    bool active = false;     // an X != 0 is in its receptive field
+  };
+  // A pixel to infer: where its FIFOs, its X and its current begin.
+  struct Pixel {
+    float* fifo;
+    const float* x;
+    float* current;
+  };
+  // A row of tiles.
+  struct TileRow {
+    std::vector<float> x;
+    LogDeltaCounts counts;
+    int64_t v_clamped = 0;
+  };
+  struct DeleteAligned {
+    void operator()(float* p) const { ::operator delete[](p, std::align_val_t{64}); }
+  };
+  using Floats = std::unique_ptr<float[], DeleteAligned>;
+  // Memory of one worker.
+  struct Workspace {
+    Floats scratch;
+    Floats current;  // of a row of tiles, (tiles, ticks, 16)
+    std::vector<Pixel> pixels;
+  };
+
+  TilePlace place(size_t tile) const;
+  void log_delta(const NetworkArrays& arrays, const LogDeltaJob& job, size_t down);
+  size_t assign_rows(const NetworkArrays& arrays, const NetworkChunk& chunk);
+  void map_fifo_slots(const NetworkChunk& chunk);
+  void collect_pixels(const NetworkArrays& arrays, const NetworkChunk& chunk, size_t down,
+                      Workspace& workspace);
+  void infer(const NetworkChunk& chunk, const Workspace& workspace);
+  void integrate_and_fire(const NetworkArrays& arrays, const NetworkChunk& chunk, size_t down,
+                          const Workspace& workspace);
+  void add_crossings(const BiLifJob& job, size_t down);
+  void write_currents(const BiLifJob& job, float* currents) const;
+
+  NetworkSettings settings_;
+  const NetworkKernel* kernel_;
+  uint32_t unusable_from_;
+  size_t width_, height_, across_, down_;
+  Pool pool_;
+  // scratch
+  FifoRows rows_;
+  std::vector<Tile> tiles_;
+  std::vector<TileRow> tile_rows_;
+  std::vector<int32_t> load_places_, store_places_;       // as in InferenceJob
+  std::vector<Workspace> workspaces_;                     // of each worker
+  std::vector<std::vector<Crossing>> crossings_[kChunk];  // of each tick and row of pixels
+};
+
+}  // namespace evs

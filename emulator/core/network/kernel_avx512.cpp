@@ -1,5 +1,0 @@
-// The network's kernels for AVX-512.
-#define EVS_WIDTH 512
-#define EVS_SPACE network_avx512
-#define EVS_KERNEL NETWORK_AVX512
-#include "kernel.inc"

@@ -1,0 +1,276 @@
+// A block of 64 pixels through one tick.
+//
+// A block is skipped where no event can occur: its luminance has the same bits as in the last tick,
+// its filters have settled, no leak reaches a threshold, no refractory period ends and no noise is
+// accepted. Skipping changes no byte.
+#pragma once
+
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "pixel_front_end.h"
+
+namespace evs {
+
+// The comparators of a pixel in any state: at a threshold, without a reference, or with noise.
+template <bool NOISY>
+void compare(const PixelStep& step, size_t pixel, float from, float to, float dn, double reference,
+             double drift, const std::vector<ShotCandidate>& shots, std::vector<Crossing>& out) {
+  const PixelPattern& pattern = step.pattern;
+  const PixelArrays& arrays = step.arrays;
+  if (reference != reference && arrays.last_log[pixel] != arrays.last_log[pixel]) {
+    // start from the first light
+    const double phase = pattern.phase == nullptr ? 0.0 : pattern.phase[pixel];
+    arrays.reference[pixel] = on_grid(to - phase);
+    return;
+  }
+  Comparators comparators;
+  comparators.pixel = static_cast<uint32_t>(pixel);
+  comparators.theta_on = pattern.theta_on[pixel];
+  comparators.theta_off = pattern.theta_off[pixel];
+  comparators.reference = reference;
+  comparators.from = from;
+  comparators.to = to;
+  comparators.drift = drift;
+  comparators.begin_us = step.tick.begin_us;
+  comparators.tick = step.tick.us;
+  comparators.refractory = step.settings.refractory;
+  // load the end of a refractory period only if there is one: it is seldom in the cache
+  const bool was_refractory = arrays.blind_until != nullptr && reference != reference;
+  if (was_refractory) comparators.blind_until = arrays.blind_until[pixel];
+  if (pattern.hot != nullptr && pattern.hot[pixel] != 0) comparators.drift_cause = Cause::hot;
+  if (NOISY) {
+    comparators.shot_on = step.settings.shot.on[pixel];
+    comparators.shot_off = step.settings.shot.off[pixel];
+    comparators.rate_scale = step.settings.shot.rate_scale(dn);
+  }
+  comparators.run<NOISY>(static_cast<uint32_t>(pixel % kBlock), shots, out);
+  arrays.reference[pixel] = comparators.reference;
+  const bool is_refractory = comparators.reference != comparators.reference;
+  if (is_refractory) arrays.blind_until[pixel] = comparators.blind_until;
+}
+
+// The common case: a pixel at a threshold, with a reference and without noise. Gives what
+// `Comparators::run` gives. REFRACTORY: there is a refractory period.
+template <bool REFRACTORY>
+EVS_ALWAYS_INLINE void compare_simple(const PixelStep& step, size_t pixel, float signal_from,
+                                      float signal_to, double reference, double drift,
+                                      std::vector<Crossing>& out) {
+  const double on = step.pattern.theta_on[pixel];
+  const double off = step.pattern.theta_off[pixel];
+  const double tick = step.tick.us;
+  const double from = signal_from;
+  const double span = signal_to - from;
+  const double v = span + drift;
+  const double end = signal_to + drift;
+  uint32_t tag = 0;
+  if (step.settings.causes) {
+    const bool hot = step.pattern.hot != nullptr && step.pattern.hot[pixel] != 0;
+    tag = static_cast<uint32_t>(cause_of(span, drift, hot ? Cause::hot : Cause::leak)) << 1;
+  }
+  double r = reference;
+  uint32_t now = 0;
+  bool up = r + on <= end;
+  do {
+    // fire, and move the reference by a threshold
+    const double level = r + choose(up, on, -off);
+    const uint32_t exact = crossing_time(level - from, v, tick);
+    const uint32_t stamp = exact > now ? exact : now;
+    out.push_back({static_cast<uint32_t>(pixel), (stamp << kTagBits) | tag | (up ? 1u : 0u)});
+    r = level;
+    now = stamp;
+    if constexpr (REFRACTORY) {
+      // reset the reference to the signal when the refractory period ends
+      const uint64_t until = static_cast<uint64_t>(stamp) + step.settings.refractory;
+      if (until > step.tick.us) {
+        step.arrays.blind_until[pixel] = step.tick.begin_us + static_cast<int64_t>(until);
+        r = std::numeric_limits<double>::quiet_NaN();
+        break;
+      }
+      now = static_cast<uint32_t>(until);
+      r = on_grid(from + v * (now / tick));
+    }
+    up = r + on <= end;
+  } while (up | (r - off >= end));
+  step.arrays.reference[pixel] = r - drift;
+}
+
+// Time by the sensor's clock up to which a block has no event if its light is constant and its
+// filters have settled.
+inline int64_t quiet_until(const PixelStep& step, size_t first, size_t count, const float* signal,
+                           const float* dn) {
+  constexpr double kFar = 0x1p61;
+  const int64_t end = step.tick.begin_us + step.tick.us;
+  double soonest = kFar;
+  int64_t refractory_end = std::numeric_limits<int64_t>::max();
+  for (size_t i = 0; i < count; i++) {
+    const double r = step.arrays.reference[first + i];
+    if (r != r) {
+      // refractory: until its end
+      const bool refractory = step.arrays.blind_until != nullptr && signal[i] == signal[i];
+      if (refractory && step.arrays.blind_until[first + i] < refractory_end) {
+        refractory_end = step.arrays.blind_until[first + i];
+      }
+      continue;
+    }
+    // leaking: until the reference is a threshold below the signal
+    if (step.pattern.leak == nullptr) continue;
+    const double leak = leak_rate(step, first + i, dn[i]);
+    const double theta = step.pattern.theta_on[first + i];
+    const double wait = leak > 0.0 ? (r + theta - static_cast<double>(signal[i])) / leak : kFar;
+    soonest = wait < soonest ? wait : soonest;
+  }
+  // the division rounds by less than a us for waits below 2^50 us
+  const int64_t leak_end = soonest < 0x1p50 ? end + static_cast<int64_t>(soonest) - 2 : kNever;
+  return leak_end < refractory_end ? leak_end : refractory_end - 1;
+}
+
+// The pixels, as bits, whose signal has reached a threshold or whose reference is NaN. In: the
+// signal at the end of the tick, the reference at its start, and by how much it sinks.
+template <bool DRIFTS>
+EVS_ALWAYS_INLINE uint64_t pixels_at_threshold(const float* __restrict theta_on,
+                                               const float* __restrict theta_off,
+                                               const float* __restrict to,
+                                               const double* __restrict drift,
+                                               const double* __restrict reference, size_t count) {
+  alignas(64) uint64_t flags[kBlock];
+  uint64_t any = 0;
+  for (size_t i = 0; i < count; i++) {
+    const double r = reference[i];
+    const double on = theta_on[i];
+    const double off = theta_off[i];
+    double end = to[i];
+    if constexpr (DRIFTS) end += drift[i];
+    const bool quiet = (end < r + on) & (end > r - off);
+    flags[i] = quiet ? 0 : 1;
+    any |= flags[i];
+  }
+  if (any == 0) return 0;
+  uint64_t pixels = 0;
+  for (size_t i = 0; i < count; i++) pixels |= flags[i] << i;
+  return pixels;
+}
+
+// Whether a candidate is below the rate of its pixel at this light.
+EVS_ALWAYS_INLINE bool accepts(const PixelStep& step, size_t first, const ShotCandidate& shot,
+                               float dn) {
+  const ShotNoise& noise = step.settings.shot;
+  const double scale = noise.rate_scale(dn);
+  // reject most candidates by the bound of the block; the rates are seldom in the cache
+  if (!(shot.draw_hz < step.shot_bounds[first / kBlock] * scale)) return false;
+  const double on = noise.on[first + shot.pixel];
+  const double off = noise.off[first + shot.pixel];
+  return shot.draw_hz < (on + off) * scale;
+}
+
+// Pixels [first, first + count) of one block. Out: pixels with unusable luminance.
+EVS_ALWAYS_INLINE size_t step_block(const PixelStep& step, size_t first, size_t count, Scratch& s,
+                                    std::vector<ShotCandidate>& shots, std::vector<Crossing>& out) {
+  const PixelArrays& arrays = step.arrays;
+  const size_t block = first / kBlock;
+  const int64_t end_us = step.tick.begin_us + step.tick.us;
+  float* last_luminance = arrays.last_luminance + first;
+
+  // draw candidates for shot noise
+  shots.clear();
+  if (arrays.shot.next != nullptr && arrays.shot.next[block] <= end_us * kShotUnits) {
+    draw_candidates(step.settings.shot, {arrays.shot.next + block, arrays.shot.count + block},
+                    block, count, step.shot_bounds[block], step.tick.begin_us, end_us, shots);
+  }
+  // skip the block if no event can occur
+  const LuminanceCheck seen =
+      check_luminance(step.tick.luminance + first, last_luminance, step.safe_below, count);
+  bool changed = seen.changed;
+  const bool due = arrays.due_us != nullptr && arrays.due_us[block] < end_us;
+  if (!changed && !due) {
+    // in a block that is otherwise quiet, drop the candidates that are rejected
+    const float* light =
+        step.settings.running_mean ? arrays.running_mean.mean + first : last_luminance;
+    std::erase_if(shots, [&](const ShotCandidate& shot) {
+      return !accepts(step, first, shot, to_dn(step.settings.map, light[shot.pixel]));
+    });
+    if (shots.empty()) return 0;
+  }
+
+  // front end
+  apply_skipped_leak(step, first, count);
+  const size_t clamped =
+      step.settings.map.kind == LogKind::linlog
+          ? log_intensity<LogKind::linlog>(step, first, count, s, seen.safe, changed)
+          : log_intensity<LogKind::log_eps>(step, first, count, s, seen.safe, changed);
+  const Signal signal = limit_bandwidth(step, first, count, s, changed);
+  // find the pixels at a threshold and those with noise
+  const bool drifts = step.pattern.leak != nullptr || step.settings.highpass > 0.0;
+  double* reference = arrays.reference + first;
+  const float* theta_on = step.pattern.theta_on + first;
+  const float* theta_off = step.pattern.theta_off + first;
+  uint64_t at_threshold = 0;
+  if (drifts) {
+    reference_drift(step, first, count, signal, s, changed);
+    at_threshold =
+        pixels_at_threshold<true>(theta_on, theta_off, signal.to, s.drift, s.reference, count);
+    // the references sink; those of pixels at a threshold are overwritten below
+    for (size_t i = 0; i < count; i++) reference[i] = s.reference[i] - s.drift[i];
+  } else {
+    at_threshold =
+        pixels_at_threshold<false>(theta_on, theta_off, signal.to, nullptr, reference, count);
+  }
+  uint64_t noisy = 0;
+  for (const ShotCandidate& shot : shots) {
+    if (accepts(step, first, shot, s.dn[shot.pixel])) noisy |= uint64_t{1} << shot.pixel;
+  }
+
+  // run their comparators
+  const bool refractory = step.settings.refractory > 0;
+  if (refractory) {
+    // prefetch the ends of refractory periods, which are seldom in the cache
+    for (uint64_t left = at_threshold; left != 0; left &= left - 1) {
+      const size_t i = static_cast<size_t>(std::countr_zero(left));
+      __builtin_prefetch(arrays.blind_until + first + i);
+    }
+  }
+  for (uint64_t left = at_threshold | noisy; left != 0; left &= left - 1) {
+    const size_t i = static_cast<size_t>(std::countr_zero(left));
+    const double r = drifts ? s.reference[i] : reference[i];
+    const double drift = drifts ? s.drift[i] : 0.0;
+    if ((noisy >> i & 1) != 0) {
+      compare<true>(step, first + i, signal.from[i], signal.to[i], s.dn[i], r, drift, shots, out);
+    } else if (r != r) {
+      compare<false>(step, first + i, signal.from[i], signal.to[i], s.dn[i], r, drift, shots, out);
+    } else if (refractory) {
+      compare_simple<true>(step, first + i, signal.from[i], signal.to[i], r, drift, out);
+    } else {
+      compare_simple<false>(step, first + i, signal.from[i], signal.to[i], r, drift, out);
+    }
+  }
+  // store the state of the block
+  if (arrays.due_us != nullptr) {
+    arrays.due_us[block] = changed ? end_us : quiet_until(step, first, count, signal.to, s.dn);
+    arrays.since_us[block] = end_us;
+  }
+  float* last_log = arrays.last_log + first;
+  for (size_t i = 0; i < count; i++) last_log[i] = s.log[i];
+  for (size_t i = 0; i < count; i++) last_luminance[i] = s.luminance[i];
+  return clamped;
+}
+
+// Pixels [first, last) in order; first is a multiple of kBlock. Appends crossings to `out`. Out:
+// pixels with unusable luminance.
+EVS_ALWAYS_INLINE size_t step_pixels(const PixelStep& step, size_t first, size_t last,
+                                     std::vector<Crossing>& out) {
+  Scratch scratch;
+  std::vector<ShotCandidate> shots;
+  size_t clamped = 0;
+  for (; first < last; first += kBlock) {
+    const size_t count = last - first < kBlock ? last - first : kBlock;
+    // whole blocks are compiled with a constant count
+    clamped += count == kBlock ? step_block(step, first, kBlock, scratch, shots, out)
+                               : step_block(step, first, count, scratch, shots, out);
+  }
+  return clamped;
+}
+
+}  // namespace evs

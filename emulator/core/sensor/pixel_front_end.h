@@ -1,0 +1,241 @@
+// The front end of a block of pixels, before the comparators: running mean, log intensity,
+// photoreceptor and source follower bandwidth, leak and high pass.
+//
+// Each term is a loop over the 64 pixels of a block. Loops load both sides of a choice before they
+// choose and never store to what they load, so that the compiler vectorises them.
+#pragma once
+
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+
+#include "comparator.h"
+#include "pixel.h"
+
+namespace evs {
+
+// Intermediate values of one block.
+struct Scratch {
+  alignas(64) float luminance[kBlock];  // the last usable one where it is unusable
+  alignas(64) float mean[kBlock];       // its running mean
+  alignas(64) float dn[kBlock];
+  alignas(64) float log_part[kBlock];
+  alignas(64) float a[kBlock];  // LowpassStep at the light of each pixel
+  alignas(64) float b[kBlock];
+  alignas(64) float log[kBlock];         // log intensity at the end of the tick
+  alignas(64) float from[2][kBlock];     // output of each filter at the start of the tick
+  alignas(64) double reference[kBlock];  // at the start of the tick
+  alignas(64) double drift[kBlock];      // by how much it sinks in the tick
+};
+
+// The luminance of a block, compared with the last tick.
+struct LuminanceCheck {
+  bool changed;  // of some pixel, or it is unusable
+  bool safe;     // all of it is in [0, safe_below)
+};
+
+EVS_ALWAYS_INLINE LuminanceCheck check_luminance(const float* luminance, const float* last,
+                                                 float safe_below, size_t count) {
+  uint32_t changed = 0;
+  uint32_t largest = 0;
+  for (size_t i = 0; i < count; i++) {
+    const uint32_t bits = std::bit_cast<uint32_t>(luminance[i]);
+    largest = bits > largest ? bits : largest;
+    changed |= bits ^ std::bit_cast<uint32_t>(last[i]);
+  }
+  // the bits of luminance have its order; those of negative values and NaN come after them
+  return {changed != 0 || largest >= 0x7f800000u, largest < std::bit_cast<uint32_t>(safe_below)};
+}
+
+// Luminance to log intensity. In/out: `changed`, whether the state of the block changes. Out:
+// pixels with unusable luminance, which keep their last one.
+template <LogKind kind>
+EVS_ALWAYS_INLINE size_t log_intensity(const PixelStep& step, size_t first, size_t count,
+                                       Scratch& s, bool safe, bool& changed) {
+  const LogMap map = step.settings.map;
+  const float* __restrict luminance = step.tick.luminance + first;
+  const float* __restrict last = step.arrays.last_luminance + first;
+  const float* __restrict last_log = step.arrays.last_log + first;
+  const float largest = step.settings.running_mean ? kLargestMean : kLargest;
+  // all luminance is usable: only map it
+  if (safe && !step.settings.running_mean) {
+    for (size_t i = 0; i < count; i++) {
+      s.luminance[i] = luminance[i];
+      s.dn[i] = to_dn(map, luminance[i]);
+    }
+    for (size_t i = 0; i < count; i++) s.log_part[i] = log_part<kind>(map, s.dn[i]);
+    for (size_t i = 0; i < count; i++) s.log[i] = with_log_part<kind>(map, s.dn[i], s.log_part[i]);
+    return 0;
+  }
+  // replace unusable luminance by the last one
+  uint32_t clamped = 0;
+  for (size_t i = 0; i < count; i++) {
+    const float new_luminance = luminance[i];
+    const float old_luminance = last[i];
+    const float dn = to_dn(map, new_luminance);
+    const bool usable = is_usable(new_luminance, dn) & (new_luminance <= largest);
+    s.luminance[i] = choose(usable, new_luminance, old_luminance);
+    s.dn[i] = dn;
+    clamped += usable ? 0u : 1u;
+  }
+  // average, then map to log intensity
+  const float* light = s.luminance;
+  if (step.settings.running_mean) {
+    changed |=
+        update_running_mean(step.arrays.running_mean, s.luminance, last, first, count, s.mean);
+    light = s.mean;
+  }
+  if (clamped != 0 || step.settings.running_mean) {
+    for (size_t i = 0; i < count; i++) s.dn[i] = to_dn(map, light[i]);
+  }
+  for (size_t i = 0; i < count; i++) s.log_part[i] = log_part<kind>(map, s.dn[i]);
+  for (size_t i = 0; i < count; i++) {
+    const float new_log = with_log_part<kind>(map, s.dn[i], s.log_part[i]);
+    const float old_log = last_log[i];
+    s.log[i] = choose(light[i] > -kBlack, new_log, old_log);
+  }
+  return clamped;
+}
+
+// One pole. In: its input `x0` and `x1` at the start and the end of the tick; `step_pole`, one
+// step. In/out: `state`, its output; `changed`, set if a state changes. Out: `from`, the output at
+// the start of the tick. At its first light a pixel starts from its log intensity.
+template <class StepPole>
+EVS_ALWAYS_INLINE void filter(StepPole&& step_pole, const float* __restrict last_log,
+                              const float* __restrict now_log, const float* __restrict x0,
+                              const float* __restrict x1, float* __restrict state, size_t count,
+                              float* __restrict from, bool& changed) {
+  uint32_t difference = 0;
+  for (size_t i = 0; i < count; i++) {
+    const float log = now_log[i];
+    const float before = last_log[i];
+    const float y0 = state[i];
+    const float y1 = step_pole(i, y0, x0[i], x1[i]);
+    const bool begins = before != before;
+    const float to = choose(begins, log, y1);
+    from[i] = choose(begins, log, y0);
+    difference |= std::bit_cast<uint32_t>(to) ^ std::bit_cast<uint32_t>(y0);
+    state[i] = to;
+  }
+  if (!changed) changed = difference != 0;
+}
+
+// The input of the comparators at the start and the end of the tick.
+struct Signal {
+  const float* from;
+  const float* to;
+};
+
+// Limit the bandwidth of the log intensity.
+EVS_ALWAYS_INLINE Signal limit_bandwidth(const PixelStep& step, size_t first, size_t count,
+                                         Scratch& s, bool& changed) {
+  const float* last_log = step.arrays.last_log + first;
+  const bool euler = step.settings.euler;
+  Signal signal{last_log, s.log};
+  // photoreceptor: a pole in proportion to light
+  if (step.settings.lowpass()) {
+    float* state = step.arrays.filtered + first;
+    const float low = step.lowpass_low;
+    const float slope = step.lowpass_slope;
+    const float* __restrict dn = s.dn;
+    const float* __restrict a = s.a;
+    const float* __restrict b = s.b;
+    auto exact_step = [=](size_t i, float y0, float x0, float x1) {
+      return lowpass(LowpassStep{a[i], b[i]}, y0, x0, x1);
+    };
+    auto euler_step = [=](size_t i, float y0, float, float x1) {
+      return lowpass_euler(low + slope * dn[i], y0, x1);
+    };
+    if (euler) {
+      filter(euler_step, last_log, s.log, last_log, s.log, state, count, s.from[0], changed);
+    } else {
+      // short loops, so that a core overlaps several iterations
+      for (size_t i = 0; i < count; i++) s.a[i] = lowpass_a(low + slope * dn[i]);
+      for (size_t i = 0; i < count; i++) s.b[i] = lowpass_b(low + slope * dn[i], s.a[i]);
+      filter(exact_step, last_log, s.log, last_log, s.log, state, count, s.from[0], changed);
+    }
+    signal = {s.from[0], state};
+  }
+  // source follower: a fixed pole
+  if (step.settings.follower > 0.0) {
+    float* state = step.arrays.followed + first;
+    const LowpassStep follower = step.follower;
+    const float z = step.follower_z;
+    auto exact_step = [=](size_t, float y0, float x0, float x1) {
+      return lowpass(follower, y0, x0, x1);
+    };
+    auto euler_step = [=](size_t, float y0, float, float x1) { return lowpass_euler(z, y0, x1); };
+    // the input is not overwritten by the output
+    if (euler) {
+      filter(euler_step, last_log, s.log, signal.from, signal.to, state, count, s.from[1], changed);
+    } else {
+      filter(exact_step, last_log, s.log, signal.from, signal.to, state, count, s.from[1], changed);
+    }
+    signal = {s.from[1], state};
+  }
+  return signal;
+}
+
+// Leak of a pixel at this light: log units per us by which its reference sinks, a multiple of
+// 2^-43. Parasitic leak is limited to one event a us, so that a pixel in the sun does not exhaust
+// the memory.
+EVS_ALWAYS_INLINE double leak_rate(const PixelStep& step, size_t pixel, float dn) {
+  const double dark = step.pattern.leak[pixel];
+  if (step.pattern.parasitic == nullptr) return dark;
+  const double limit = step.pattern.theta_on[pixel];
+  const double parasitic = step.pattern.parasitic[pixel] * (step.settings.parasitic_slope * dn);
+  return dark + on_grid(parasitic < limit ? parasitic : limit);
+}
+
+// Apply the leak of the ticks in which the block was skipped, at the light of those ticks.
+EVS_ALWAYS_INLINE void apply_skipped_leak(const PixelStep& step, size_t first, size_t count) {
+  if (step.pattern.leak == nullptr) return;
+  const double skipped_us =
+      static_cast<double>(step.tick.begin_us - step.arrays.since_us[first / kBlock]);
+  if (skipped_us == 0.0) return;
+  const float* light =
+      (step.settings.running_mean ? step.arrays.running_mean.mean : step.arrays.last_luminance) +
+      first;
+  double* reference = step.arrays.reference + first;
+  for (size_t i = 0; i < count; i++) {
+    reference[i] -= leak_rate(step, first + i, to_dn(step.settings.map, light[i])) * skipped_us;
+  }
+}
+
+// The references at the start of the tick and by how much they sink in it, into the scratch.
+EVS_ALWAYS_INLINE void reference_drift(const PixelStep& step, size_t first, size_t count,
+                                       Signal signal, Scratch& s, bool& changed) {
+  const double* __restrict reference = step.arrays.reference + first;
+  const double us = step.tick.us;
+  // leak
+  if (step.pattern.leak == nullptr) {
+    for (size_t i = 0; i < count; i++) {
+      s.reference[i] = reference[i];
+      s.drift[i] = 0.0;
+    }
+  } else {
+    for (size_t i = 0; i < count; i++) {
+      s.reference[i] = reference[i];
+      s.drift[i] = leak_rate(step, first + i, s.dn[i]) * us;
+    }
+  }
+  if (step.settings.highpass > 0.0) {
+    // high pass: the reference follows the signal, so that their distance is high-passed
+    const double a = step.highpass.a;
+    const double b = step.highpass.b;
+    uint64_t difference = 0;
+    for (size_t i = 0; i < count; i++) {
+      const double from = signal.from[i];
+      const double to = signal.to[i];
+      const double old = s.drift[i];
+      const double rise = on_grid(a * (from - s.reference[i]) + b * (to - from));
+      const double drift = rise == rise ? old - rise : old;
+      difference |= std::bit_cast<uint64_t>(drift) ^ std::bit_cast<uint64_t>(old);
+      s.drift[i] = drift;
+    }
+    // a leaking reference keeps changing: it may come within reach of the high pass
+    changed |= difference != 0 || step.pattern.leak != nullptr;
+  }
+}
+
+}  // namespace evs
