@@ -1,4 +1,4 @@
-"""`evs`: finds the command, runs it, and turns an EvsError into one line and exit code 2."""
+"""`evs`: find the command, run it, turn an EvsError into one line and exit code 2."""
 
 from __future__ import annotations
 
@@ -41,24 +41,27 @@ COMMANDS = {
     "dataset": "evs.launch.commands.dataset",
     "doctor": "evs.launch.commands.doctor",
 }
-"""Command -> module. Each has HELP (one line), configure(parser), run(args) -> exit code.
-SUBCOMMANDS = True: its first word is a command of its own."""
+"""Command -> module. To add a command, write a module in launch/commands and list it here.
+
+A module has HELP (one line), configure(parser), which adds the arguments, and run(args), which
+returns the exit code. SUBCOMMANDS = True: the first word is a command of its own. What several
+commands share is in launch/support."""
 
 ABOUT = """evs: an event camera for MuJoCo scenes.
 
 It takes the place of a real DVS, DAVIS or EVK camera: the same topics, files and parameters,
-but the world behind the lens is a MuJoCo model. Physics runs in ticks of 1 ms, rays are traced
-for every tick, and each pixel tells only what changed."""
+but the world in front of the lens is a MuJoCo model. Physics runs in ticks of 1 ms, rays are
+traced for every tick, and each pixel reports only changes."""
 
 EXAMPLES = """Examples:
   evs emulate humanoid.xml --record run.aedat4
-      one simulated second of a robot, seen by a DAVIS346, into a file that DV opens
+      record one simulated second of a robot with a DAVIS346, to a file that DV opens
   evs emulate humanoid.xml --publish tcp://127.0.0.1:5560 --pace realtime --duration 60
-      a live stream, as a camera would give it; `evs echo tcp://127.0.0.1:5560 --hz` listens
+      publish a live stream, as a camera does; `evs echo tcp://127.0.0.1:5560 --hz` subscribes
   evs view run.aedat4 -o run.gif
       look at a recording
 
-`evs COMMAND --help` says everything about a command; `evs doctor` checks this machine."""
+`evs COMMAND --help` describes a command; `evs doctor` checks this machine."""
 
 
 MORE_MEMORY = (
@@ -72,10 +75,10 @@ itself, aborts the process while it is loaded, and none of them says so in the s
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse, but an error is an EvsError: one line that says how to get help."""
+    """An ArgumentParser whose errors are EvsErrors: one line that says how to get help."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise what main prints."""
+        """Raise an EvsError, with the nearest known option if one was misspelt."""
         word = message.removeprefix("unrecognized arguments: ").split(" ")[0].partition("=")[0]
         if word != message and word.startswith("--"):
             known = [name for name in self._option_string_actions if name.startswith("--")]
@@ -87,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; the exit code: 0, 2 for what the user can mend, 130 after Ctrl-C."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     if sys.stderr is None:
-        # `2>&-`: the next file that is opened must not get what is said
+        # `2>&-`: the next file that is opened must not receive messages
         sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115 - as long as the process
     try:
         if sys.stdout is None:
@@ -104,25 +107,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     except ImportError as reason:
         # a broken installation, or no memory left to map a library into
-        said = " ".join(str(reason).split())
-        print(f"evs: cannot load what it needs ({said}); {INSTALL}", file=sys.stderr)
+        message = " ".join(str(reason).split())
+        print(f"evs: cannot load what it needs ({message}); {INSTALL}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
         # `evs ... | head`: nobody reads on
-        _say_no_more()
+        _discard_output()
         return 141
     except OSError as reason:
         if reason.errno != errno.ENOSPC or reason.filename is not None:
             raise
         # `evs ... > FILE` where there is no room
-        _say_no_more()
+        _discard_output()
         print(f"evs: cannot write its output: {reason.strerror}; make room", file=sys.stderr)
         return 2
 
 
-def _say_no_more() -> None:
+def _discard_output() -> None:
     """Standard output goes nowhere: the interpreter's last flush must not fail too."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
@@ -133,7 +136,7 @@ def _show_warning(message: Warning | str, *_where: object, **_named: object) -> 
 
 
 def _flushed(words: list[str]) -> int:
-    """Run it, and have all written that it says while errors of that can still be told."""
+    """Run it and flush its output while a write error can still be reported."""
     code = _dispatch(words)
     sys.stdout.flush()
     return code

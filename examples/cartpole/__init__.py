@@ -1,7 +1,19 @@
-"""Pole balancing on gymnasium's inverted pendulum, from its cart. See docs/explanation/demos.md."""
+"""Balance gymnasium's inverted pendulum by events alone.
+
+A camera rides on the cart and looks at the pole. Each packet of events corrects an estimate of the
+pole's angle (tracker.py), an observer adds the angular rate, and state feedback drives the cart
+(controller.py). environment.py builds the scene, draws starts and pushes the pole; `play` runs one
+trial. Start there:
+
+    from evs.examples.cartpole.environment import CartPoleLoop, CartPoleTrial, play
+
+    print(play(CartPoleLoop(), CartPoleTrial(seed=1)))
+
+Results: docs/explanation/demos.md.
+"""
 
 TRACKERS = {"events": 0}
-"""Name of a tracker -> frames per second; 0: events."""
+"""name of a tracker -> frames per second; 0: events"""
 
 SEEDS = 20
-"""How many starts a measurement takes."""
+"""trials of a measurement"""

@@ -1,7 +1,7 @@
-"""The whole controller: events and encoders in, the motor's control out. It knows nothing else.
+"""The controller: events and encoders in, the control of the motor out.
 
-It finds the pole in the events, believes in a rod that falls by its own equation, corrects that by
-what is found, and places four poles of the linear model.
+It tracks the pole in the events, predicts it with the equation of a falling rod, corrects the
+prediction by the tracker, and feeds the state back with four placed poles of the linear model.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class Plant:
-    """What is known of gymnasium's inverted pendulum beside its events."""
+    """Known parameters of gymnasium's inverted pendulum."""
 
     mass_kg: float = 15.5
     """cart and pole: the motor moves both"""
@@ -31,11 +31,11 @@ class Plant:
     gear: float = 100.0
     """N of a control of 1; the encoder counts as many for a metre"""
     control: float = 3.0
-    """the most that the motor takes"""
+    """largest control of the motor"""
 
 
 @dataclass(frozen=True)
-class Gains:
+class CartPoleGains:
     """Where the poles of the linear model lie, in units of the pole's own rate."""
 
     fast: float = 1.5
@@ -43,35 +43,38 @@ class Gains:
     slow: float = 0.5
     """two poles that bring the cart back"""
     observer_hz: float = 10.0
-    """how fast what is believed follows what is seen"""
+    """bandwidth of the observer"""
 
 
-class Balancer:
+class CartPoleController:
     """Keeps the pole up and the cart in the middle: `decide` at each Observation."""
 
-    def __init__(self, plant: Plant | None = None, gains: Gains | None = None) -> None:
-        self.plant, self.gains = plant or Plant(), gains or Gains()
+    def __init__(self, plant: Plant | None = None, gains: CartPoleGains | None = None) -> None:
+        self.plant, self.gains = plant or Plant(), gains or CartPoleGains()
         self._tracker = PoleTracker()
         # a thin rod on a cart with acceleration a: angle'' = w^2 (angle - a / g)
         self._square = 1.5 * GRAVITY / self.plant.pole_m
         self._feedback = feedback(self._square, self.gains)
         self.angle, self.rate = 0.0, 0.0
-        """what is believed of the pole, rad and rad/s"""
+        """estimate of the pole, rad and rad/s"""
         self._t_us, self._speed = 0, 0.0
 
-    def decide(self, seen: Observation) -> F64:
+    def decide(self, observation: Observation) -> F64:
         """(1,) the motor's control, for the next tick."""
-        place, speed = seen.position[0] / self.plant.gear, seen.velocity[0] / self.plant.gear
-        for packet in seen.packets:
-            self._tracker.see(packet.events)
-        self._observe(1e-6 * (seen.t_us - self._t_us), speed)
-        self._t_us = seen.t_us
+        place, speed = (
+            observation.position[0] / self.plant.gear,
+            observation.velocity[0] / self.plant.gear,
+        )
+        for packet in observation.packets:
+            self._tracker.update(packet.events)
+        self._observe(1e-6 * (observation.t_us - self._t_us), speed)
+        self._t_us = observation.t_us
         wanted = self._feedback @ (self.angle, self.rate, place, speed)
         control = self.plant.mass_kg * wanted / self.plant.gear
         return np.clip([control], -self.plant.control, self.plant.control)
 
     def _observe(self, dt_s: float, speed: float) -> None:
-        """The pole fell for so long while the cart came to this speed; then look where it is."""
+        """Predict the pole over the time step, then correct it by the tracker."""
         acceleration = (speed - self._speed) / dt_s if dt_s > 0.0 else 0.0
         self._speed = speed
         self.rate += self._square * (self.angle - acceleration / GRAVITY) * dt_s
@@ -83,11 +86,15 @@ class Balancer:
         self.rate += (pole * pole + self._square) * dt_s * error
 
 
-def feedback(square: float, gains: Gains) -> F64:
+def feedback(square: float, gains: CartPoleGains) -> F64:
     """(4,) acceleration of the cart for angle, rate, place and speed: m/s^2 for rad, rad/s, m, m/s.
 
     Ackermann's formula written out for angle'' = w^2 angle - (w^2 / g) a, place'' = a, with poles
-    twice at -fast w and twice at -slow w. In: square, w^2.
+    twice at -fast w and twice at -slow w.
+
+    Args:
+        square: w^2.
+        gains: where the poles lie.
     """
     w = math.sqrt(square)
     fast, slow = gains.fast * w, gains.slow * w

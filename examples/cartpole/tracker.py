@@ -1,7 +1,8 @@
-"""The pole's angle from events: a camera that rides on the cart sees the hinge at a fixed place.
+"""Track the angle of the pole by events.
 
-So every pixel has one angle about the hinge, known beforehand, and an event there says that an edge
-of the pole is at that angle now. The pole's two edges lie on either side of its axis.
+The camera rides on the cart, so the hinge stays at one place in the image. Each pixel therefore has
+a fixed angle about the hinge, and an event there means that an edge of the pole is at that angle.
+The two edges lie on either side of the axis.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ F64 = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Mount:
-    """The camera on the cart, beside the pole's plane and looking straight at it."""
+class CameraMount:
+    """The camera on the cart, which looks straight at the plane of the pole."""
 
     width: int = 128
     """px"""
@@ -33,8 +34,8 @@ class Mount:
 
 
 @dataclass(frozen=True)
-class Pole:
-    """What is known of the pole; gymnasium's inverted pendulum."""
+class PoleShape:
+    """Dimensions of the pole of gymnasium's inverted pendulum."""
 
     length_m: float = 0.6
     """from hinge to tip"""
@@ -42,23 +43,26 @@ class Pole:
 
 
 class PoleTracker:
-    """Follows the pole's angle. Without events it stays: nothing moved then."""
+    """Tracks the angle of the pole. Without events nothing moved and the angle stays."""
 
     def __init__(
         self,
-        mount: Mount | None = None,
-        pole: Pole | None = None,
+        mount: CameraMount | None = None,
+        pole: PoleShape | None = None,
         gate_rad: float = 0.1,
         memory: float = 20.0,
         inset_px: float = 0.45,
     ) -> None:
         """Begin with an upright pole.
 
-        In: gate_rad, an event farther from the nearer edge is of something else; memory, so many
-        events count as much as all that was seen before; inset_px, how far inside the edge its
-        events seem to be, since they are late.
+        Args:
+            mount: the camera on the cart.
+            pole: dimensions of the pole.
+            gate_rad: an event farther from the nearer edge is of something else.
+            memory: so many events count as much as all that was seen before.
+            inset_px: how far inside the edge its events seem to be, since they are late.
         """
-        mount, pole = mount or Mount(), pole or Pole()
+        mount, pole = mount or CameraMount(), pole or PoleShape()
         self._gate, self._memory = gate_rad, memory
         self.angle = 0.0
         m_per_px = 2.0 * mount.distance_m * np.tan(np.radians(mount.fovy_deg) / 2.0) / mount.height
@@ -73,7 +77,7 @@ class PoleTracker:
         # the cart below hides the lower end, and the tip is round
         self._counts = (radius > 0.35 * pole.length_m) & (radius < 0.95 * pole.length_m)
 
-    def see(self, events: Events) -> float:
+    def update(self, events: Events) -> float:
         """The angle after these events, (n,) EVENT_DTYPE, all of them at once: rad to the right.
 
         ON events alone: the pole is brighter than what is behind it, and what grows darker tells it

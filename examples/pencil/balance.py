@@ -1,4 +1,4 @@
-"""From tilts, late ones too, to forces: an observer of the stick and a controller of the cart.
+"""Delayed tilts to forces: an observer of the stick and a controller of the cart.
 
 A thin rod of length L on a cart with acceleration a falls as
 
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evs.examples.pencil.line import F64
+from evs.examples.pencil.line_tracker import F64
 from evs.msgs import EvsError
 
 GRAVITY = 9.81
@@ -31,8 +31,8 @@ TICKS = 256
 
 
 @dataclass(frozen=True)
-class Gains:
-    """What the table tunes, for every tracker alike; these are calm ones for events.
+class StickGains:
+    """Gains, which the study tunes for every tracker; these are calm ones for events.
 
     Poles are in units of the stick's own rate w, so that they serve sticks of any length.
     """
@@ -42,7 +42,7 @@ class Gains:
     slow: float = 0.5
     """poles that bring the cart back to the middle"""
     observer_hz: float = 45.0
-    """how fast the observer follows what is seen"""
+    """bandwidth of the observer"""
     lag_ms: float = 3.5
     """how much older than its stamp a measurement is"""
 
@@ -70,7 +70,7 @@ class Observer:
         self.past[-1] = now
 
     def correct(self, tilt: F64, age_s: float, stamp_us: int) -> None:
-        """The tilt was this, so long ago: all since was wrong by what came of the difference."""
+        """Correct by a tilt measured some time ago: the error of then is propagated until now."""
         age = round(age_s / TICK_S)
         if not 0 <= age < TICKS:
             return
@@ -88,14 +88,14 @@ class Observer:
         self.past[TICKS - 1 - age :] += self._growth[: age + 1] @ change
 
 
-class Balancer:
+class StickBalancer:
     """Forces that keep the stick upright and the cart in the middle."""
 
-    def __init__(self, length_m: float, gains: Gains | None = None) -> None:
+    def __init__(self, length_m: float, gains: StickGains | None = None) -> None:
         """Place the poles of the linear model: two at -fast w, two at -slow w."""
         if not length_m > 0.0:
             raise EvsError(f"length_m is {length_m}: a stick is longer than 0 m")
-        self.gains = gains or Gains()
+        self.gains = gains or StickGains()
         square = 1.5 * GRAVITY / length_m
         rate = math.sqrt(square)
         fast, slow = self.gains.fast * rate, self.gains.slow * rate
@@ -115,8 +115,12 @@ class Balancer:
     ) -> F64:
         """(2,) N for the next tick; call it once a tick.
 
-        In: position, velocity, the motors' encoders, m and m/s (2,); tilt, rad (2,) if something
-        was measured since the last call, and when that was.
+        Args:
+            t_us: time of the decision.
+            position: the motors' encoders, m and m/s (2,).
+            velocity: the motors' encoders, m and m/s (2,).
+            tilt: rad (2,) if something was measured since the last call, and when that was.
+            stamp_us: time of the measurement.
         """
         before = velocity if self._velocity is None else self._velocity
         self._velocity = velocity

@@ -1,28 +1,28 @@
-"""The whole controller: what arrives goes in, forces come out. It knows nothing else.
+"""The controller: observations in, forces out.
 
-An Observation holds what the cameras sent and what the motors' encoders say, never the simulator's
-state; the same object arrives over the wire, in a process that has no simulator.
+An Observation holds the packets of the cameras and the encoders of the motors, never the state of
+the simulator. The same object arrives over the network, in a process without a simulator.
 """
 
 from __future__ import annotations
 
 from typing import Protocol
 
-from evs.examples.pencil.balance import Balancer, Gains
-from evs.examples.pencil.line import F64, EventLine, FrameLine, Line
-from evs.examples.pencil.views import DISTANCE_M, FOCAL_PX, Stick, combine, project
+from evs.examples.pencil.balance import StickBalancer, StickGains
+from evs.examples.pencil.line_tracker import F64, EventLineTracker, FrameLineTracker, StickLine
+from evs.examples.pencil.stereo import DISTANCE_M, FOCAL_PX, Stick, combine, project
 from evs.msgs import Observation
 
 CAMERAS = ("left", "right")
 
 
 class Tracker(Protocol):
-    """Eyes: what arrived into the stick, and the time that it is of."""
+    """Estimates the stick from observations."""
 
     stick: Stick | None
-    """the last one that was seen"""
+    """the last estimate"""
 
-    def look(self, seen: Observation) -> tuple[Stick, int] | None:
+    def update(self, observation: Observation) -> tuple[Stick, int] | None:
         """The stick and the time it was there, us; None: nothing new."""
 
 
@@ -32,35 +32,35 @@ class EventTracker:
     def __init__(self, length_m: float) -> None:
         """In: length_m, of the stick."""
         height_px = length_m * FOCAL_PX / DISTANCE_M
-        self._lines = {camera: EventLine(height_px) for camera in CAMERAS}
-        self._seen = dict.fromkeys(CAMERAS, Line(0.0, 0.0))
+        self._lines = {camera: EventLineTracker(height_px) for camera in CAMERAS}
+        self._seen = dict.fromkeys(CAMERAS, StickLine(0.0, 0.0))
         self.stick: Stick | None = None
 
-    def look(self, seen: Observation) -> tuple[Stick, int]:
-        """That no event came tells something, too: the stick is where it was."""
-        cups = dict(zip(CAMERAS, project(seen.position), strict=True))
-        for packet in seen.packets:
+    def update(self, observation: Observation) -> tuple[Stick, int]:
+        """Update both lines. Without events the stick has not moved."""
+        cups = dict(zip(CAMERAS, project(observation.position), strict=True))
+        for packet in observation.packets:
             camera = packet.camera
-            self._seen[camera] = self._lines[camera].see(packet.events, cups[camera])
+            self._seen[camera] = self._lines[camera].update(packet.events, cups[camera])
         self.stick = combine(*(self._seen[camera] for camera in CAMERAS))
-        return self.stick, seen.t_us
+        return self.stick, observation.t_us
 
 
 class FrameTracker:
     """A line per camera and frame; between frames nothing is known."""
 
     def __init__(self) -> None:
-        self._fits: dict[tuple[int, int], FrameLine] = {}
-        self._lines: dict[str, Line] = {}
+        self._fits: dict[tuple[int, int], FrameLineTracker] = {}
+        self._lines: dict[str, StickLine] = {}
         self.stick: Stick | None = None
 
-    def look(self, seen: Observation) -> tuple[Stick, int] | None:
+    def update(self, observation: Observation) -> tuple[Stick, int] | None:
         """A frame is of the middle of its exposure, and both cameras expose at once."""
         stamp_us = 0
-        for frame in seen.frames:
+        for frame in observation.frames:
             size = frame.width, frame.height
-            fit = self._fits.setdefault(size, FrameLine(*size))
-            line = fit.see(frame.pixels)
+            fit = self._fits.setdefault(size, FrameLineTracker(*size))
+            line = fit.update(frame.pixels)
             if line is None:
                 self._lines.pop(frame.camera, None)
                 continue
@@ -73,22 +73,33 @@ class FrameTracker:
 
 
 def make_tracker(fps: int, length_m: float) -> Tracker:
-    """New eyes. In: fps, frames per second, 0: events; length_m, of the stick."""
+    """A new tracker.
+
+    Args:
+        fps: frames per second, 0: events.
+        length_m: of the stick.
+    """
     return FrameTracker() if fps else EventTracker(length_m)
 
 
 class Controller:
-    """Eyes, an observer and forces."""
+    """A tracker and a balancer."""
 
-    def __init__(self, tracker: Tracker, length_m: float = 0.2, gains: Gains | None = None) -> None:
+    def __init__(
+        self, tracker: Tracker, length_m: float = 0.2, gains: StickGains | None = None
+    ) -> None:
         """In: length_m, of the stick: the model needs it."""
         self.tracker = tracker
-        self.balancer = Balancer(length_m, gains)
+        self.balancer = StickBalancer(length_m, gains)
 
-    def decide(self, seen: Observation) -> F64:
+    def decide(self, observation: Observation) -> F64:
         """(2,) N, for the next tick."""
-        found = self.tracker.look(seen)
+        found = self.tracker.update(observation)
         if found is None:
-            return self.balancer.decide(seen.t_us, seen.position, seen.velocity)
+            return self.balancer.decide(
+                observation.t_us, observation.position, observation.velocity
+            )
         stick, stamp_us = found
-        return self.balancer.decide(seen.t_us, seen.position, seen.velocity, stick.tilt, stamp_us)
+        return self.balancer.decide(
+            observation.t_us, observation.position, observation.velocity, stick.tilt, stamp_us
+        )

@@ -1,4 +1,4 @@
-"""Every tracker at its best, and how far each goes: shortest stick, strongest push, longest delay.
+"""Compare the trackers: tune each, then find its shortest stick, strongest push, longest delay.
 
 All are tuned by the same search with the same budget on the same practice, then tried on seeds that
 no search has seen. A value counts as survived where every seed stands.
@@ -11,13 +11,13 @@ from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
 
-from evs.examples.limits import limit
+from evs.examples.common.bisection import limit
+from evs.examples.common.cross_entropy import Budget, cross_entropy
+from evs.examples.common.results_file import ResultsFile
 from evs.examples.pencil import TRACKERS
-from evs.examples.pencil.arena import Arena, Trial
-from evs.examples.pencil.balance import Gains
-from evs.examples.results import Results
-from evs.examples.search import Budget, cross_entropy
-from evs.tools.jobs import work_off
+from evs.examples.pencil.balance import StickGains
+from evs.examples.pencil.environment import PencilExperiment, PencilTrial
+from evs.tools.jobs import run_units
 
 BOX = {"fast": (1.2, 8.0), "slow": (0.1, 1.5), "observer_hz": (1.0, 100.0), "lag_ms": (0.1, 20.0)}
 """Field of Gains -> where it is searched."""
@@ -25,13 +25,13 @@ BOX = {"fast": (1.2, 8.0), "slow": (0.1, 1.5), "observer_hz": (1.0, 100.0), "lag
 BEGIN = {"fast": 2.5, "slow": 0.4, "observer_hz": 10.0, "lag_ms": 1.0}
 
 PRACTICE = (
-    Trial(push_mns=5.0),
-    Trial(push_mns=9.0),
-    Trial(delay_ms=35.0),
-    Trial(delay_ms=60.0),
-    Trial(length_m=0.03),
-    Trial(length_m=0.018),
-    Trial(length_m=0.011),
+    PencilTrial(push_mns=5.0),
+    PencilTrial(push_mns=9.0),
+    PencilTrial(delay_ms=35.0),
+    PencilTrial(delay_ms=60.0),
+    PencilTrial(length_m=0.03),
+    PencilTrial(length_m=0.018),
+    PencilTrial(length_m=0.011),
 )
 """What gains are judged by: from easy to beyond most."""
 
@@ -45,8 +45,8 @@ STEADY = 1e-3
 
 
 @dataclass(frozen=True)
-class Plan:
-    """How thoroughly it is done."""
+class StudyPlan:
+    """Extent of the study."""
 
     trackers: tuple[str, ...] = tuple(TRACKERS)
     budget: Budget = BUDGET
@@ -64,64 +64,64 @@ class Plan:
     """pushes, one a second, while it has to stand"""
 
 
-QUICK = Plan(
+QUICK = StudyPlan(
     budget=Budget(1, 2, 2), practice_s=0.4, seeds=1, steps=1, limit_s=0.6, starts=2, stand_s=1.0
 )
 """Minutes become seconds; the numbers mean nothing."""
 
 
 @dataclass(frozen=True)
-class Unit:
-    """One thing to find out about one tracker."""
+class StudyUnit:
+    """One value to measure for one tracker."""
 
     tracker: str
     what: str
     """gains | shortest_m | strongest_mns | longest_ms | stood"""
-    plan: Plan
-    gains: Gains | None = None
+    plan: StudyPlan
+    gains: StickGains | None = None
 
 
 AFTER = ("shortest_m", "strongest_mns", "longest_ms", "stood")
-"""What is found out with the gains that were tuned."""
+"""values that are measured with the tuned gains"""
 
 
-def run_study(plan: Plan, results: Results, jobs: int = 1) -> Iterator[Unit]:
-    """Find out what is not known yet; gives each unit when it is done and kept."""
+def run_study(plan: StudyPlan, results: ResultsFile, jobs: int = 1) -> Iterator[StudyUnit]:
+    """Measure the values that are missing; yield each unit once its value is saved."""
     todo = []
     for tracker in plan.trackers:
         if results.has(tracker, "gains"):
             todo += _rest(tracker, plan, results)
         else:
-            todo.append(Unit(tracker, "gains", plan))
-    for unit, value in work_off(todo, find, jobs):
+            todo.append(StudyUnit(tracker, "gains", plan))
+    for unit, value in run_units(todo, find, jobs):
         results.put(unit.tracker, unit.what, value)
         if unit.what == "gains":
             todo += _rest(unit.tracker, plan, results)
         yield unit
 
 
-def count_units(plan: Plan) -> int:
+def count_units(plan: StudyPlan) -> int:
     """How many units there are in all."""
     return len(plan.trackers) * (1 + len(AFTER))
 
 
-def _rest(tracker: str, plan: Plan, results: Results) -> list[Unit]:
-    gains = Gains(**results.rows[tracker]["gains"]["found"])
+def _rest(tracker: str, plan: StudyPlan, results: ResultsFile) -> list[StudyUnit]:
+    gains = StickGains(**results.rows[tracker]["gains"]["found"])
     missing = [what for what in AFTER if not results.has(tracker, what)]
-    return [Unit(tracker, what, plan, gains) for what in missing]
+    return [StudyUnit(tracker, what, plan, gains) for what in missing]
 
 
-def find(unit: Unit) -> Any:
+def find(unit: StudyUnit) -> Any:
     """The value of a unit, plain data."""
     if unit.gains is None:
         return tune(unit.tracker, unit.plan)
     if unit.what == "stood":
         return stand(unit.tracker, unit.gains, unit.plan)
-    easy = Trial(seconds=unit.plan.limit_s)
+    easy = PencilTrial(seconds=unit.plan.limit_s)
 
-    def survives(trial: Trial) -> bool:
+    def survives(trial: PencilTrial) -> bool:
         return all(
-            not _arena(unit.tracker, trial).play(replace(trial, seed=seed), gains).fallen
+            not _experiment(unit.tracker, trial).play(replace(trial, seed=seed), gains).fallen
             for seed in range(unit.plan.seeds)
         )
 
@@ -133,14 +133,14 @@ def find(unit: Unit) -> Any:
     return limit(lambda delay: survives(replace(easy, delay_ms=delay)), 0.0, 128.0, steps, True)
 
 
-def tune(tracker: str, plan: Plan) -> dict[str, Any]:
+def tune(tracker: str, plan: StudyPlan) -> dict[str, Any]:
     """The gains of the best score, the score and how many were tried."""
 
     def score(point: dict[str, float]) -> float:
-        gains, total = Gains(**point), 0.0
+        gains, total = StickGains(**point), 0.0
         for number, trial in enumerate(PRACTICE):
             trial = replace(trial, seconds=plan.practice_s, seed=PRACTICE_SEED + number)
-            outcome = _arena(tracker, trial).play(trial, gains)
+            outcome = _experiment(tracker, trial).play(trial, gains)
             total += outcome.stood_s / plan.practice_s - STEADY * outcome.sway_mm
         return total
 
@@ -148,15 +148,15 @@ def tune(tracker: str, plan: Plan) -> dict[str, Any]:
     return {"found": found, "score": best, "tried": plan.budget.trials}
 
 
-def stand(tracker: str, gains: Gains, plan: Plan) -> dict[str, Any]:
+def stand(tracker: str, gains: StickGains, plan: StudyPlan) -> dict[str, Any]:
     """How many of the starts stand to the end, and the shortest time that one did."""
-    arena = _arena(tracker, Trial())
+    experiment = _experiment(tracker, PencilTrial())
     starts = plan.starts if tracker == "events" else max(1, plan.starts // 4)
     trials = [
-        Trial(push_mns=plan.stand_mns, seconds=plan.stand_s, seed=STAND_SEED + number)
+        PencilTrial(push_mns=plan.stand_mns, seconds=plan.stand_s, seed=STAND_SEED + number)
         for number in range(starts)
     ]
-    outcomes = [arena.play(trial, gains) for trial in trials]
+    outcomes = [experiment.play(trial, gains) for trial in trials]
     return {
         "starts": starts,
         "stood": sum(not outcome.fallen for outcome in outcomes),
@@ -165,19 +165,19 @@ def stand(tracker: str, gains: Gains, plan: Plan) -> dict[str, Any]:
     }
 
 
-def _arena(tracker: str, trial: Trial) -> Arena:
+def _experiment(tracker: str, trial: PencilTrial) -> PencilExperiment:
     return _built(tracker, trial.length_m, trial.delay_ms)
 
 
 @lru_cache(maxsize=16)
-def _built(tracker: str, length_m: float, delay_ms: float) -> Arena:
+def _built(tracker: str, length_m: float, delay_ms: float) -> PencilExperiment:
     """Building a scene costs more than a reset."""
-    return Arena(tracker, length_m, delay_ms)
+    return PencilExperiment(tracker, length_m, delay_ms)
 
 
-def plain_plan(plan: Plan) -> dict[str, Any]:
-    """What a file of results is of; other trackers may join it later."""
-    told = asdict(plan)
-    del told["trackers"]
+def plain_plan(plan: StudyPlan) -> dict[str, Any]:
+    """The plan as plain data, for the file of results; other trackers may be added later."""
+    plain = asdict(plan)
+    del plain["trackers"]
     practice = [asdict(replace(trial, seconds=plan.practice_s)) for trial in PRACTICE]
-    return {"loop": "pencil", **told, "box": BOX, "practice": practice}
+    return {"loop": "pencil", **plain, "box": BOX, "practice": practice}

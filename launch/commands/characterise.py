@@ -1,4 +1,4 @@
-"""`evs characterise`: measures a sensor as its makers would, and lays it beside what was set."""
+"""`evs characterise`: measure a sensor as its makers do, and compare with its parameters."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ def run(args: argparse.Namespace) -> int:
     from evs.drivers.pictures import suffix_of, write_png
     from evs.drivers.run.report import check_targets, write_whole
     from evs.emulator.sensor import resolve_sensor
-    from evs.launch import terminal
+    from evs.launch.support import terminal
     from evs.tools import characterise as bench
-    from evs.tools.characterise import text
+    from evs.tools.characterise import table_text
     from evs.tools.characterise.chart_page import characterisation_page
 
     picture = None if args.picture is None else Path(args.picture)
@@ -80,14 +80,16 @@ def run(args: argparse.Namespace) -> int:
         )
     if picture is not None:
         write_png(picture, characterisation_page(found), few_colours=True)
-    told = json.dumps(found.plain(), indent=2, allow_nan=False)
+    text = json.dumps(found.plain(), indent=2, allow_nan=False)
     if numbers is not None:
-        write_whole(told + "\n", numbers)
+        write_whole(text + "\n", numbers)
     if args.json == "-":
-        print(told)
+        print(text)
     elif not args.quiet:
         terminal.table(
-            f"{sensor.name}: {found.pixels:,} pixels", text.HEADINGS, text.rows(found.results())
+            f"{sensor.name}: {found.pixels:,} pixels",
+            table_text.HEADINGS,
+            table_text.rows(found.results()),
         )
     return 0
 
@@ -99,12 +101,14 @@ def _config(args: argparse.Namespace) -> RunConfig:
         raise EvsError(f"one sensor is measured at a time, given: {given} (try: --help)")
     overrides = [("sensor.preset", sensors[0])]
     overrides += [settings.split_word(word) for word in args.words if "=" in word]
-    overrides += [(key, text) for key in ("seed", "threads") if (text := getattr(args, key))]
+    overrides += [
+        (key, table_text) for key in ("seed", "threads") if (table_text := getattr(args, key))
+    ]
     config = RunConfig()
-    for key, text in overrides:
+    for key, table_text in overrides:
         if key.partition(".")[0] not in KEYS:
             raise EvsError(f"{key} has no meaning for a sensor alone; give keys of sensor")
-        config = settings.override(config, key, text)
+        config = settings.override(config, key, table_text)
     if config.seed < 0:
         raise EvsError(f"at seed: {config.seed}; give 0 or more")
     return config

@@ -6,8 +6,8 @@ import argparse
 import textwrap
 from collections.abc import Callable
 
-from evs.launch.again import command
-from evs.launch.single import add_single
+from evs.launch.support.recording_options import add_single_option
+from evs.launch.support.reinvoke import command
 
 HELP = "write a recording in another format: IN and OUT go by their endings"
 
@@ -47,7 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "and say so in its header (shift, the default), or refuse (keep)",
     )
     parser.add_argument("--force", action="store_true", help="replace OUT if it is there")
-    add_single(parser)
+    add_single_option(parser)
     parser.add_argument(
         "--quiet", action="store_true", help="print nothing but warnings and errors"
     )
@@ -57,10 +57,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Convert; one line says what came of it."""
     from evs.drivers.files import convert, overwriting, to_write
-    from evs.launch import terminal
+    from evs.launch.support import terminal
 
-    asked = {"compression": args.compression, "encoding": args.encoding}
-    options = {key: value for key, value in asked.items() if value is not None}
+    wanted = {"compression": args.compression, "encoding": args.encoding}
+    options = {key: value for key, value in wanted.items() if value is not None}
     steps = 1000
     to_write(args.target, args.format)
     if not args.force:
@@ -80,9 +80,9 @@ def run(args: argparse.Namespace) -> int:
         return 0
     counts = [("events", done.events), ("frames", done.frames)]
     counts += [("IMU samples", done.imu_samples), ("triggers", done.triggers)]
-    told = ", ".join(f"{count:,} {what}" for what, count in counts if count or what == "events")
+    counted = ", ".join(f"{count:,} {what}" for what, count in counts if count or what == "events")
     several = f" in {len(done.files)} files" if len(done.files) > 1 else ""
-    print(f"{args.target}: {told}, {done.size / 1e6:.2f} MB{several}")
+    print(f"{args.target}: {counted}, {done.size / 1e6:.2f} MB{several}")
     if done.start_us is not None:
         print(f"start: its clock begins at {done.start_us} us; its header holds this offset")
     if done.left_out:
@@ -118,7 +118,9 @@ def _formats() -> list[str]:
         facts += [f"stamps from {holds.first_us} us"] if holds.first_us >= 0 else []
         facts += [f"extra {one.extra}"] if one.extra else []
         ends = ", ".join(one.suffixes + tuple(f"({also})" for also in one.shared_suffixes))
-        said = one.title + (f" ({', '.join(facts)})" if facts else "")
+        description = one.title + (f" ({', '.join(facts)})" if facts else "")
         lead = f"  {one.name:8s} {ends:18s} "
-        lines += textwrap.wrap(said, 100, initial_indent=lead, subsequent_indent=" " * len(lead))
+        lines += textwrap.wrap(
+            description, 100, initial_indent=lead, subsequent_indent=" " * len(lead)
+        )
     return lines

@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
         raise EvsError(f"give one folder for the data set, not {len(folders)}")
     folder = Path(folders[0]).expanduser()
     # here, so that --help is quick
-    from evs.launch import terminal
+    from evs.launch.support import terminal
 
     if args.sheet and args.describe:
         raise EvsError("--describe makes nothing that --sheet could show; leave out one of them")
@@ -143,8 +143,8 @@ def _scenes(args: argparse.Namespace) -> dict[str, SceneFile]:
 
 def _make(args: argparse.Namespace, folder: Path, scenes: Mapping[str, SceneFile]) -> int:
     from evs.drivers.run.stopping import stop_signals
-    from evs.launch import terminal
     from evs.launch.commands.emulate import STOPPED
+    from evs.launch.support import terminal
     from evs.tools.dataset.make import SHARD_S, make_dataset, shard_count
 
     usual = SHORT_SHARD_S if args.short else SHARD_S
@@ -158,7 +158,7 @@ def _make(args: argparse.Namespace, folder: Path, scenes: Mapping[str, SceneFile
             scenes,
             shard_s=shard_s,
             workers=args.workers,
-            moved=lambda done, told: moved(round(1000 * done), told),
+            moved=lambda done, what: moved(round(1000 * done), what),
             stopped=lambda: bool(stopped),
             ray=args.ray,
         )
@@ -183,6 +183,6 @@ def _check_sheet(picture: Path, folder: Path) -> None:
 def _sheet(folder: Path, picture: Path) -> None:
     from evs.drivers.pictures import write_png
     from evs.tools.dataset import Dataset
-    from evs.tools.dataset.sheet import set_page
+    from evs.tools.dataset.contact_sheet import set_page
 
     write_png(picture, set_page(Dataset(folder)), few_colours=True)

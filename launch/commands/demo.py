@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from evs.drivers import settings
 from evs.drivers.run import config as pipeline
-from evs.launch.again import program
 from evs.launch.commands.emulate import STOPPED
+from evs.launch.support.reinvoke import program
 from evs.msgs import DEFAULT_ADDRESS, EvsError
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def _emulate(
     from evs.drivers.run.report import COMPLETE, write_report
     from evs.drivers.run.run import run as run_loop
     from evs.drivers.run.run import tick_count
-    from evs.launch import terminal
+    from evs.launch.support import terminal
     from evs.tools.doctor.counter import Counter
 
     watch = StopWatch()
@@ -179,7 +179,7 @@ def _draw(
 
 
 def _sum_up(report: AuditedReport, files: list[Path]) -> None:
-    from evs.launch import terminal
+    from evs.launch.support import terminal
 
     terminal.summary(report)
     heard = report.subscriber

@@ -1,4 +1,4 @@
-"""`evs doctor`: is this machine fit, what breaks evs on it, and what to do about that."""
+"""`evs doctor`: check this machine, run the stress cases, and say how to fix what fails."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from evs.tools.doctor import Check
-    from evs.tools.stress import Tried
+    from evs.tools.stress import CaseResult
 
 HELP = "is this machine fit: packages, processor, a trial run, and the extremes"
 
@@ -43,7 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Look at everything; 0 if evs works here and keeps its bounds, 1 if not."""
+    """Run all checks; 0 if evs works here and keeps its bounds, 1 if not."""
     if args.markdown:
         return _write(args.markdown)
     checks = []
@@ -52,13 +52,13 @@ def run(args: argparse.Namespace) -> int:
         if not args.json:
             print(_line(check), flush=True)
     fit = all(check.verdict != "bad" for check in checks)
-    # what does not work at all need not be tried hard
-    tried = _extremes(short=True, loud=not args.json) if fit and not args.quick else []
-    holds = all(one.holds for one in tried)
+    # stress cases only if everything else works
+    results = _stress_cases(short=True, loud=not args.json) if fit and not args.quick else []
+    holds = all(one.holds for one in results)
     if args.json:
         plain = [dataclasses.asdict(check) for check in checks]
-        told = {"fit": fit, "checks": plain, "extremes": [_plain(one) for one in tried]}
-        print(json.dumps(told, indent=2))
+        report = {"fit": fit, "checks": plain, "extremes": [_plain(one) for one in results]}
+        print(json.dumps(report, indent=2))
     else:
         print(FIT if fit and holds else BROKEN if fit else UNFIT)
     return 0 if fit and holds else 1
@@ -69,44 +69,48 @@ def _write(file: str) -> int:
     from evs.tools.stress.report import write_table
 
     check_targets([file])
-    tried = _extremes(short=False, loud=True)
-    write_table(file, tried)
-    kept = sum(one.holds for one in tried)
-    print(f"{kept} of {len(tried)} extremes keep their bounds; the table is in {file}")
-    return 0 if kept == len(tried) else 1
+    results = _stress_cases(short=False, loud=True)
+    write_table(file, results)
+    kept = sum(one.holds for one in results)
+    print(f"{kept} of {len(results)} extremes keep their bounds; the table is in {file}")
+    return 0 if kept == len(results) else 1
 
 
-def _extremes(short: bool, loud: bool) -> list[Tried]:
-    """Try all of them; loud: a line for each as it is done."""
-    from evs.tools.stress import run_extremes
+def _stress_cases(short: bool, loud: bool) -> list[CaseResult]:
+    """Run all stress cases; with `loud` print a line for each at once."""
+    from evs.tools.stress import run_cases
     from evs.tools.stress.report import measured
 
-    def show(tried: Tried) -> None:
-        mark = "ok  " if tried.holds else "FAIL"
-        print(f"{mark} {tried.extreme.name:24s} {measured(tried)}", flush=True)
+    def show(result: CaseResult) -> None:
+        mark = "ok  " if result.holds else "FAIL"
+        print(f"{mark} {result.case.name:24s} {measured(result)}", flush=True)
 
-    return run_extremes(short=short, on_done=show if loud else None)
+    return run_cases(short=short, on_done=show if loud else None)
 
 
-def _plain(tried: Tried) -> dict[str, Any]:
-    extreme, outcome = tried.extreme, tried.outcome
-    told = dataclasses.asdict(outcome) if outcome is not None else {}
+def _plain(result: CaseResult) -> dict[str, Any]:
+    """A result as JSON."""
+    case, measurement = result.case, result.measurement
+    values = dataclasses.asdict(measurement) if measurement is not None else {}
+    if values:
+        # the key that readers of the JSON know
+        values["said"] = values.pop("messages")
     return {
-        "name": extreme.name,
-        "group": extreme.group,
-        "bound": extreme.bound,
-        "holds": tried.holds,
-        "error": tried.error,
+        "name": case.name,
+        "group": case.group,
+        "bound": case.bound,
+        "holds": result.holds,
+        "error": result.error,
         # JSON has no NaN
         **{
             k: str(v) if isinstance(v, float) and not math.isfinite(v) else v
-            for k, v in told.items()
+            for k, v in values.items()
         },
     }
 
 
 def examine() -> Iterator[Check]:
-    """Every check in turn, the quick ones first."""
+    """Yield every check, the quick ones first."""
     from evs.tools import doctor
 
     yield doctor.check_python()

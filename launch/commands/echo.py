@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from evs.launch.options import declare_keys
+from evs.launch.support.pipeline_options import add_key_options
 from evs.msgs import EventPacket, EvsError
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ HELP = "show what a camera publishes: its packets, their rate or their bandwidth
 
 _SHOWN_EVENTS = 4
 _LOOK_S = 1.0
-"""how often it is looked whether the publisher is still there"""
+"""how often the connection is checked"""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -38,7 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--frames", action="store_true", help="show intensity frames too")
     parser.add_argument("--imu", action="store_true", help="show IMU samples too")
     parser.add_argument("--poses", action="store_true", help="show the camera's poses too")
-    declare_keys(parser)
+    add_key_options(parser)
     parser.add_argument("--count", type=int, metavar="N", help="end after N packets")
     parser.add_argument(
         "--timeout", type=float, metavar="S", help="end when no packet came for S seconds"
@@ -87,12 +87,14 @@ def _listen(stream: Subscription, args: argparse.Namespace) -> None:
         if first and alone.remaining_s <= 0:
             first = False
             if stream.packets == 0 and not stream.connected:
-                _say(f"nobody answers at {stream.address} yet; it waits until a camera is there")
+                _print_message(
+                    f"nobody answers at {stream.address} yet; it waits until a camera is there"
+                )
         if packet is not None:
             silence.take()
             reports.add(len(packet), packet.events.nbytes)
             if not (periodic or args.quiet):
-                for line in _beside_lines(stream):
+                for line in _lines_of_other_topics(stream):
                     print(line)
                 print(_line(packet), flush=True)
         if periodic and reports.remaining_s <= 0:
@@ -102,10 +104,10 @@ def _listen(stream: Subscription, args: argparse.Namespace) -> None:
 
 
 def _warn(line: str) -> None:
-    _say(f"warning: {line}")
+    _print_message(f"warning: {line}")
 
 
-def _say(line: str) -> None:
+def _print_message(line: str) -> None:
     print(f"evs: {line}", file=sys.stderr, flush=True)
 
 
@@ -123,7 +125,7 @@ def _line(packet: EventPacket) -> str:
     ).rstrip()
 
 
-def _beside_lines(stream: Subscription) -> Iterator[str]:
+def _lines_of_other_topics(stream: Subscription) -> Iterator[str]:
     """A line for each frame and each IMU sample that came with the last packet."""
     for frame in stream.frames:
         exposure_us = frame.exposure_end_us - frame.exposure_begin_us

@@ -1,4 +1,4 @@
-"""`evs emulate`: reads the pipeline, wires world and sinks, runs, reports."""
+"""`evs emulate`: read the pipeline, connect world and sinks, run, report."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pathlib import Path
 
 from evs.drivers import settings
 from evs.drivers.run import config as pipeline
-from evs.launch import options
-from evs.launch.again import command
+from evs.launch.support import pipeline_options
+from evs.launch.support.reinvoke import command
 
 HELP = "run a scene through the event camera: publish it, record it"
 
@@ -32,10 +32,14 @@ OPTIONS = {
     "wait-for": ("publish_wait_for", "N", "begin when N subscribers of --publish are there"),
     "control": ("publish_control", "ADDRESS", "control port of --publish (evs topics)"),
     "key": ("publish_key", "FILE", "secret key of --publish, made by evs keygen"),
-    "allow": ("publish_allow", "KEYS", "public keys that may listen to --publish: files, folders"),
-    "aside": ("aside", "", "every sink in a process of its own, so that it slows no tick"),
-    "insecure": ("publish_insecure", "", "let other machines listen to --publish without a key"),
-    "model-everything": ("plan.everything", "", "run what the scene does not need, too: evs plan"),
+    "allow": (
+        "publish_allow",
+        "KEYS",
+        "public keys that may subscribe to --publish: files, folders",
+    ),
+    "aside": ("aside", "", "run every sink in its own process, so that none slows a tick"),
+    "insecure": ("publish_insecure", "", "let other machines subscribe to --publish without a key"),
+    "model-everything": ("plan.everything", "", "run also what the scene does not need: evs plan"),
     "threads": ("threads", "N", "worker threads; 0: one a core"),
     "seed": ("seed", "N", "every random number follows from it"),
 }
@@ -48,18 +52,18 @@ STOPPED = {"interrupted": 130, "terminated": 143}
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments. All stay text here; the configuration knows their types."""
     parser.usage = "evs emulate [SCENE.xml] [PIPELINE.toml] [key=value ...] [options]"
-    options.declare(parser, OPTIONS)
+    pipeline_options.add_pipeline_options(parser, OPTIONS)
     parser.add_argument(
         "--quiet", action="store_true", help="print nothing but warnings and errors"
     )
-    parser.epilog = options.keys_text()
+    parser.epilog = pipeline_options.keys_text()
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the pipeline; the exit code."""
-    config = pipeline.load(*options.given(args, OPTIONS))
+    config = pipeline.load(*pipeline_options.parse_pipeline(args, OPTIONS))
     if config.is_closed:
-        from evs.launch.serving import serve
+        from evs.launch.support.serve_loop import serve
 
         return serve(config, args.quiet)
     return _emulate(config, args)
@@ -73,20 +77,20 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     from evs.drivers.run.report import check_targets, report_beside
     from evs.drivers.run.run import run as run_loop
     from evs.drivers.run.run import tick_count
-    from evs.launch import terminal
-    from evs.launch.report_writer import Keeper
+    from evs.launch.support import terminal
+    from evs.launch.support.report_writer import ReportWriter
 
     tables = pipeline.settled(config.sinks(), config.beside)
     recordings = [table.file for table in tables if table.file]
     targets = [report_beside(file) for file in recordings]
     if config.report:
         targets.append(Path(config.report))
-    # the folder of a recording is its recorder's to look at
+    # recorders check the folders of their files themselves
     check_targets(targets[len(recordings) :])
     ticks = tick_count(config.duration_s, config.scene.tick_us)
     sinks = [pipeline.make_sink(table) for table in tables]
     watch = StopWatch()
-    keep = Keeper(targets)
+    write_reports = ReportWriter(targets)
     with (
         open_world(config, watch) as world,
         terminal.progress(ticks, args.quiet) as moved,
@@ -101,19 +105,19 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
             moved,
             begun=lambda: terminal.notes(world.chosen, args.quiet),
             warn=terminal.warn,
-            on_report=keep,
+            on_report=write_reports,
             config=settings.to_plain(config),
         )
     addresses = [table.address for table in tables if table.address and table.type == "zmq"]
     terminal.summary(report, args.quiet, next_commands(args, recordings, addresses))
-    # a recording that stopped has been warned of, but it is not what was asked for
-    stopped = any(said.get("error") for said in report.sinks)
-    return STOPPED.get(report.ended.split()[0], 2 if stopped or keep.unkept else 0)
+    # a recording that stopped is not a success, although a warning was printed
+    stopped = any(sink.get("error") for sink in report.sinks)
+    return STOPPED.get(report.ended.split()[0], 2 if stopped or write_reports.failures else 0)
 
 
 @contextmanager
 def _frozen() -> Iterator[None]:
-    """What is there already stays, so that the garbage collector need not go through it."""
+    """Freeze existing objects, so that the garbage collector skips them."""
     gc.freeze()
     try:
         yield
@@ -138,6 +142,6 @@ def next_commands(
     ]
     this_run = command("emulate", args.words, given)
     # port 0 is another one each time
-    heard = [address for address in addresses if not address.endswith(":0")]
-    listen = [f"{command('echo', heard[0], '--hz')} & {this_run}"] if heard else []
+    reachable = [address for address in addresses if not address.endswith(":0")]
+    listen = [f"{command('echo', reachable[0], '--hz')} & {this_run}"] if reachable else []
     return [*listen, f"{this_run} --record run.aedat4"]

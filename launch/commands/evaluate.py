@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from evs.launch import again
+from evs.launch.support import reinvoke
 from evs.msgs import EvsError
 
 HELP = "measure event models: error, false events, recall, timing, cost, against converged light"
@@ -68,10 +68,10 @@ def run(args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.drivers.pictures import suffix_of, write_png
     from evs.drivers.run.report import check_targets, write_whole
-    from evs.launch import terminal
+    from evs.launch.support import terminal
     from evs.tools.evaluation import evaluate, models, table
-    from evs.tools.evaluation.cache import LightCache, user_cache
     from evs.tools.evaluation.chart_page import evaluation_page
+    from evs.tools.evaluation.light_cache import LightCache, user_cache
 
     numbers, words, picture = (
         None if text is None else Path(text) for text in (args.json, args.markdown, args.picture)
@@ -79,8 +79,8 @@ def run(args: argparse.Namespace) -> int:
     if picture is not None and suffix_of(picture) != ".png":
         raise EvsError(f"--picture is '{picture}': end it in .png")
     check_targets([path for path in (numbers, words, picture) if path is not None])
-    settings = _settings(args, evaluate.QUICK if args.quick else evaluate.Settings())
-    judged, missing = models.contenders(settings.models, settings.network, settings.how)
+    settings = _settings(args, evaluate.QUICK if args.quick else evaluate.EvaluationSettings())
+    judged, missing = models.models_under_test(settings.models, settings.network, settings.how)
     for line in missing:
         terminal.warn(line)
     own = settings.network
@@ -90,13 +90,13 @@ def run(args: argparse.Namespace) -> int:
     with terminal.bar("tracing", total, args.quiet) as moved:
         found = evaluate.evaluate(settings, cache, judged, moved, _command(args))
     found = replace(found, left_out=missing, check=checked)
-    told = table.markdown(found)
+    text = table.markdown(found)
     if numbers is not None:
         write_whole(found.to_json(), numbers)
     if words is not None:
-        write_whole(told, words)
+        write_whole(text, words)
     elif not args.quiet:
-        print(told, end="")
+        print(text, end="")
     if picture is not None:
         write_png(picture, evaluation_page(found), few_colours=True)
     return 0
@@ -104,11 +104,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _checked(network: Path, provider: str) -> Any:
     """What was found out about a user's network; each thing that is bad is a warning."""
-    from evs.launch import terminal
+    from evs.launch.support import terminal
     from evs.tools.doctor.check import BAD
-    from evs.tools.evaluation.check import check_model
+    from evs.tools.evaluation.network_check import check_network
 
-    checked = check_model(network, provider)
+    checked = check_network(network, provider)
     for finding in checked.findings:
         if finding.verdict == BAD:
             terminal.warn(f"{network}: {finding.what}: {finding.found}")
@@ -150,4 +150,4 @@ def _command(args: argparse.Namespace) -> str:
             parts += [f"--{name}", str(given)]
     if args.quick:
         parts.insert(1, "--quick")
-    return again.command(parts)
+    return reinvoke.command(parts)

@@ -1,4 +1,4 @@
-"""`evs info FILE`: what a recording holds, whether it is whole, `--repair`, `--camera-info`."""
+"""`evs info FILE`: describe a recording; `--repair` it; print its `--camera-info`."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from evs.launch.again import command
-from evs.launch.single import add_single
+from evs.launch.support.recording_options import add_single_option
+from evs.launch.support.reinvoke import command
 
 if TYPE_CHECKING:
     from evs.drivers.files import Summary
 
-HELP = "say what a recording holds and whether it is whole; --repair cuts a torn tail"
+HELP = "describe a recording and whether it is complete; --repair cuts a torn tail"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--repair", action="store_true", help="first cut a torn tail, in place; no packet is lost"
     )
-    add_single(parser)
+    add_single_option(parser)
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="one JSON object instead of lines")
     form.add_argument(
@@ -46,12 +46,12 @@ def run(args: argparse.Namespace) -> int:
         return 0
     found = summary(args.file, single=args.single)
     if args.json:
-        said = dataclasses.asdict(found)
-        said |= {"duration_s": found.duration_s, "rate_hz": found.rate_hz}
+        data = dataclasses.asdict(found)
+        data |= {"duration_s": found.duration_s, "rate_hz": found.rate_hz}
         if repaired:
             cut = sum(one.cut_bytes for one in repaired)
-            said |= {"repaired": any(one.needed for one in repaired), "cut_bytes": cut}
-        print(json.dumps(said, default=str))
+            data |= {"repaired": any(one.needed for one in repaired), "cut_bytes": cut}
+        print(json.dumps(data, default=str))
         return 0
     for one in repaired:
         print(one)
@@ -88,8 +88,8 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
         more = f" and {len(later) - 1} more" if len(later) > 1 else ""
         lines.append(("goes on in", f"{later[0]}{more}"))
     if found.left_out:
-        told = ", ".join(f"{count:,} {what}" for what, count in found.left_out.items())
-        lines.append(("left out", told))
+        text = ", ".join(f"{count:,} {what}" for what, count in found.left_out.items())
+        lines.append(("left out", text))
     if found.damaged_packets:
         what = found.damaged_what
         lines.append(("damaged", f"{found.damaged_packets:,} {what} between whole ones"))

@@ -1,12 +1,12 @@
-"""`evs keygen NAME`: a pair of keys, so that a camera may be heard on other machines."""
+"""`evs keygen NAME`: make a pair of keys, to publish a camera to other machines."""
 
 from __future__ import annotations
 
 import argparse
 
-from evs.launch.again import command
+from evs.launch.support.reinvoke import command
 
-HELP = "make a pair of keys: who may listen to a camera over the network"
+HELP = "make a pair of keys, which protect a camera on the network"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -14,8 +14,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.usage = "evs keygen NAME"
     parser.epilog = (
         "Writes NAME.key, which you give away, and NAME.secret.key, which stays where it is. A\n"
-        "camera with a pair is heard by whoever knows its NAME.key, encrypted; with --allow only\n"
-        "by those whose own NAME.key it is given."
+        "camera with a pair publishes, encrypted, to clients that have its NAME.key; with --allow\n"
+        "only to clients whose own NAME.key it is given."
     )
     parser.add_argument(
         "name", metavar="NAME", help="of the files, a folder before it may be given"

@@ -1,4 +1,4 @@
-"""`evs launch FILE.toml [NAME:=VALUE]`: several programs at once, as a ROS launch file does."""
+"""`evs launch FILE.toml [NAME:=VALUE]`: start several programs, as a ROS launch file does."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ def run(args: argparse.Namespace) -> int:
     check_programs(plan)
     one_line = threading.Lock()
 
-    def say(name: str, line: str) -> None:
+    def print_output(name: str, line: str) -> None:
         with one_line:
             print(f"[{name}] {line}", flush=True)
 
-    def tell(line: str) -> None:
+    def print_message(line: str) -> None:
         with one_line:
             print(f"launch: {line}", file=sys.stderr, flush=True)
 
-    return Launch(plan, say, tell).run()
+    return Launch(plan, print_output, print_message).run()

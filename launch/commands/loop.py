@@ -1,4 +1,4 @@
-"""`evs loop NAME`: closed loops that show why, played, measured, filmed, or over the wire."""
+"""`evs loop NAME`: run an example of a closed loop, measure it, film it, or serve it."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import argparse
 import math
 from pathlib import Path
 
-from evs.launch import options
-from evs.launch.commands import loop_tables, loop_wire
+from evs.launch.support import loop_tables, loop_wire, pipeline_options
 from evs.msgs import EvsError, unknown
 
-HELP = "closed loops that show why: a pencil is balanced, a goal kept, by what event cameras see"
+HELP = "closed-loop examples: balance a pencil, keep a goal, by event cameras"
 
 LOOPS = ("pencil", "goalie", "cartpole")
 
@@ -51,7 +50,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--seeds", type=int, metavar="N", help="cartpole, --table: how many trials")
     add("--jobs", type=int, metavar="N", help="--table: processes at work (1)")
     add("--quick", action="store_true", help="--table: a rehearsal")
-    options.declare_keys(parser)
+    pipeline_options.add_key_options(parser)
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
 
 
@@ -111,15 +110,15 @@ def _check_tracker(args: argparse.Namespace) -> None:
 
 
 def _pencil(args: argparse.Namespace) -> int:
-    from evs.examples.pencil.arena import Arena, Trial
-    from evs.examples.pencil.film import film
+    from evs.examples.pencil.environment import PencilExperiment, PencilTrial
+    from evs.examples.pencil.gif import record_gif
 
     seconds = loop_wire.seconds(args, 4.0 if args.gif else 30.0)
-    trial = Trial(args.length, args.push, args.delay, seconds, args.seed)
+    trial = PencilTrial(args.length, args.push, args.delay, seconds, args.seed)
     if args.gif is not None:
-        outcome = film(Path(args.gif), trial, args.tracker)
+        outcome = record_gif(Path(args.gif), trial, args.tracker)
     else:
-        outcome = Arena(args.tracker, trial.length_m, trial.delay_ms).play(trial)
+        outcome = PencilExperiment(args.tracker, trial.length_m, trial.delay_ms).play(trial)
     if not args.quiet:
         what = "fell after" if outcome.fallen else "stood for"
         print(f"{args.tracker}: {what} {outcome.stood_s:g} s, sway {outcome.sway_mm:.1f} mm rms")
@@ -127,15 +126,15 @@ def _pencil(args: argparse.Namespace) -> int:
 
 
 def _goalie(args: argparse.Namespace) -> int:
-    from evs.examples.goalie.film import SHOTS, film
-    from evs.examples.goalie.shots import SAVES_M, Goal
+    from evs.examples.goalie.environment import SAVES_M, GoalieExperiment
+    from evs.examples.goalie.gif import SHOTS, record_gif
 
     if args.gif is not None:
-        saved = film(Path(args.gif), args.speed, args.tracker, args.seed)
+        saved = record_gif(Path(args.gif), args.speed, args.tracker, args.seed)
         if not args.quiet:
             print(f"{args.tracker}: {saved} of {SHOTS} saved at {args.speed:g} m/s")
         return int(saved < SHOTS)
-    miss_m = Goal(args.tracker).shoot(args.speed, args.seed)
+    miss_m = GoalieExperiment(args.tracker).shoot(args.speed, args.seed)
     if not args.quiet:
         what = "saved" if miss_m <= SAVES_M else "goal"
         print(f"{args.tracker}: {what}, {1e3 * miss_m:.0f} mm from the middle of the paddle")
@@ -143,18 +142,19 @@ def _goalie(args: argparse.Namespace) -> int:
 
 
 def _cartpole(args: argparse.Namespace) -> int:
-    from evs.examples.cartpole.arena import CartPoleLoop, Trial, play
-    from evs.examples.cartpole.film import film
+    from evs.examples.cartpole.environment import CartPoleLoop, CartPoleTrial, play
+    from evs.examples.cartpole.gif import record_gif
 
     seconds = loop_wire.seconds(args, 4.0 if args.gif else 10.0)
     count = 1 if args.seeds is None else args.seeds
     if count < 1:
         raise EvsError(f"--seeds is {count}: give 1 or more")
     trials = [
-        Trial(args.seed + number, args.push * 1e-3, args.delay, seconds) for number in range(count)
+        CartPoleTrial(args.seed + number, args.push * 1e-3, args.delay, seconds)
+        for number in range(count)
     ]
     if args.gif is not None:
-        outcomes = [film(Path(args.gif), trials[0])]
+        outcomes = [record_gif(Path(args.gif), trials[0])]
     else:
         loop = CartPoleLoop(delay_ms=args.delay)
         outcomes = [play(loop, trial) for trial in trials]

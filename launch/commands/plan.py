@@ -1,4 +1,4 @@
-"""`evs plan`: what a scene requires, which code paths that turns on, and what a tick costs."""
+"""`evs plan`: show what a scene needs, which code paths are on, and the cost of a tick."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from evs.drivers.run import config as pipeline
-from evs.launch import options
 from evs.launch.commands.emulate import OPTIONS as EMULATE
 from evs.launch.commands.emulate import STOPPED
+from evs.launch.support import pipeline_options
 from evs.msgs import EvsError
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ MEASURE_TICKS = 100
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.usage = "evs plan [SCENE.xml | PIPELINE.toml] [key=value ...] [options]"
-    options.declare(parser, OPTIONS)
+    pipeline_options.add_pipeline_options(parser, OPTIONS)
     parser.add_argument(
         "--measure",
         nargs="?",
@@ -47,7 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Load the scene, print its plan."""
-    config = pipeline.load(*options.given(args, OPTIONS))
+    config = pipeline.load(*pipeline_options.parse_pipeline(args, OPTIONS))
     ticks = _ticks(args.measure)
 
     # here, so that --help is quick
@@ -71,7 +71,7 @@ def _ticks(text: str | None) -> int:
 
 def _show(planned: PipelinePlan) -> None:
     """Tables: contents, code paths that are on and off, cost."""
-    from evs.launch import terminal
+    from evs.launch.support import terminal
 
     plain = planned.plan.compact()
     scene = f"{planned.scene}, camera '{planned.camera}'"
@@ -114,16 +114,16 @@ def _contents(planned: PipelinePlan, contents: dict[str, Any]) -> list[tuple[str
     """What there is of it, in words; what there is none of is left out."""
     rows = []
     for key, value in contents.items():
-        told = str(value)
+        text = str(value)
         if isinstance(value, dict):
-            told = ", ".join(f"{count} {kind}" for kind, count in value.items())
+            text = ", ".join(f"{count} {kind}" for kind, count in value.items())
         elif isinstance(value, tuple | list):
-            told = ", ".join(map(str, value))
+            text = ", ".join(map(str, value))
         elif value is True:
-            told = "yes"
+            text = "yes"
         elif key == "not_mirrors":
-            told += " with reflectance, of shapes that do not mirror: planes and box tops do"
-        rows.append((key.replace("_", " "), told))
+            text += " with reflectance, of shapes that do not mirror: planes and box tops do"
+        rows.append((key.replace("_", " "), text))
     if "camera_moves" not in contents:
         rows.append(("camera", "stands still"))
     view = planned.plan.view

@@ -1,4 +1,4 @@
-"""`evs play FILE`: a recording on the bus again, in real time, at another speed, or at once."""
+"""`evs play FILE`: publish a recording, in real time, at another speed or at once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from evs.launch.single import add_single
+from evs.launch.support.recording_options import add_single_option
 from evs.msgs import DEFAULT_ADDRESS, EvsError, Frame, ImuPacket, TriggerPacket
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="ADDR",
         help="where to publish (default: %(default)s)",
     )
-    add_single(parser)
+    add_single_option(parser)
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument(
         "--speed",
@@ -38,7 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="0.1 is ten times slower than it was recorded (default: %(default)s)",
     )
-    pace.add_argument("--fast", action="store_true", help="as fast as it goes")
+    pace.add_argument("--fast", action="store_true", help="as fast as possible")
     parser.add_argument(
         "--wait-for", type=int, default=0, metavar="N", help="begin when N subscribers are there"
     )

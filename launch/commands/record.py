@@ -1,12 +1,12 @@
-"""`evs record ADDRESS FILE`: what a camera publishes, into a file, until it ends."""
+"""`evs record ADDRESS FILE`: record what a camera publishes."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 
-from evs.launch.again import command
-from evs.launch.options import declare_keys
+from evs.launch.support.pipeline_options import add_key_options
+from evs.launch.support.reinvoke import command
 from evs.msgs import EVENTS, EvsError
 
 HELP = "record what a camera publishes: events, frames and IMU"
@@ -34,10 +34,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="record beside a file that is there, as run-1.aedat4: what evs launch adds where it "
         "starts a recorder again",
     )
-    declare_keys(parser)
+    add_key_options(parser)
     parser.epilog = (
         "Ends with the camera, --duration, --timeout or Ctrl-C; the file is whole each time. Exit\n"
-        "code 1 if packets were lost on the way: how many and where is told, and in\n"
+        "code 1 if packets were lost: how many and where is printed, and in\n"
         "FILE.report.json."
     )
 
@@ -71,10 +71,10 @@ def run(args: argparse.Namespace) -> int:
         taking = Taking(stream, args.file, warn=_warn)
         print(f"recording {stream.address} to {args.file} (Ctrl-C ends)", file=sys.stderr)
         taken = taking.run(stopped, args.duration, args.timeout)
-    told = f"{taken.packets:,} packets, {taken.events:,} events"
-    told += f", {taken.frames:,} frames" if taken.frames else ""
-    told += f", {taken.imu_samples:,} IMU samples" if taken.imu_samples else ""
-    print(f"{taken.file}: {told}, {taken.lost:,} packets lost; {taken.ended}")
+    counts = f"{taken.packets:,} packets, {taken.events:,} events"
+    counts += f", {taken.frames:,} frames" if taken.frames else ""
+    counts += f", {taken.imu_samples:,} IMU samples" if taken.imu_samples else ""
+    print(f"{taken.file}: {counts}, {taken.lost:,} packets lost; {taken.ended}")
     for gap in taken.gaps[:_GAPS_SHOWN]:
         print(f"  lost: {gap}")
     if len(taken.gaps) > _GAPS_SHOWN:

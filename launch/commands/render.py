@@ -1,4 +1,4 @@
-"""`evs render`: what the camera would see, as arrays: light and ground truth, no events."""
+"""`evs render`: render light and ground truth of a scene as arrays, without events."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from evs.drivers import settings
 from evs.drivers.run import config as pipeline
-from evs.launch import options
+from evs.launch.support import pipeline_options
 from evs.msgs import EvsError
 
 HELP = "luminance, colour, depth, normals, ids and optical flow of a scene, into one .npz file"
@@ -57,7 +57,7 @@ rendered: Ctrl-C ends it and loses nothing.
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments; what is short for a key stays text."""
     parser.usage = "evs render [SCENE.xml] [PIPELINE.toml] [key=value ...] [options] -o FILE.npz"
-    options.declare(parser, OPTIONS)
+    pipeline_options.add_pipeline_options(parser, OPTIONS)
     add = parser.add_argument
     add("-o", "--out", metavar="FILE.npz", required=True, help="the file to write")
     add("--fps", default="25", metavar="N", help="frames per simulated second (25), or tick: every")
@@ -66,12 +66,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--preview", metavar="FILE.png", help="the last frame's channels as one picture")
     add("--force", action="store_true", help="replace files that are there")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
-    parser.epilog = EXAMPLES + options.keys_text(NOT_HERE)
+    parser.epilog = EXAMPLES + pipeline_options.keys_text(NOT_HERE)
 
 
 def run(args: argparse.Namespace) -> int:
     """Render; the exit code."""
-    file, overrides = options.given(args, OPTIONS)
+    file, overrides = pipeline_options.parse_pipeline(args, OPTIONS)
     for key, _ in overrides:
         if key.partition(".")[0] in NOT_HERE:
             raise EvsError(f"{key} is a key of evs emulate; evs render writes one file, -o")
@@ -81,8 +81,8 @@ def run(args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.drivers.files import overwriting
     from evs.drivers.run import rendering
-    from evs.launch import terminal
     from evs.launch.commands.emulate import STOPPED
+    from evs.launch.support import terminal
 
     channels = rendering.chosen_channels(args.channels, config.render.renderer)
     ticks = rendering.instants(config.duration_s, _fps(args.fps), config.scene.tick_us)

@@ -1,4 +1,4 @@
-"""`evs sensors [NAME]`: the sensors that there are, or one with every parameter and its source."""
+"""`evs sensors [NAME]`: list the sensors, or all parameters of one and their sources."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from evs.msgs import EvsError
 if TYPE_CHECKING:
     from evs.emulator.sensor.presets.described import Bias, Description, Parameter
 
-HELP = "the sensors that there are, or every parameter of one and where it comes from"
+HELP = "list the sensors, or every parameter of one and its source"
 
 WIDTH = 110
 """columns of a page"""

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from evs.launch import again
+from evs.launch.support import reinvoke
 from evs.msgs import EvsError
 
 HELP = "measure speed against error, around each preset, beside frame-based ways"
@@ -76,10 +76,10 @@ def run(args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.drivers.pictures import suffix_of
     from evs.drivers.run.report import check_targets
-    from evs.launch import terminal
-    from evs.tools.evaluation.cache import LightCache, user_cache
+    from evs.launch.support import terminal
+    from evs.tools.evaluation.light_cache import LightCache, user_cache
     from evs.tools.sweep import sweep
-    from evs.tools.sweep.store import Store
+    from evs.tools.sweep.store import SweepStore
 
     words, picture = (None if t is None else Path(t) for t in (args.markdown, args.picture))
     if picture is not None and suffix_of(picture) != ".png":
@@ -89,13 +89,13 @@ def run(args: argparse.Namespace) -> int:
     check_targets([path for path in (words, *drawn.values()) if path is not None])
     folder = user_cache() if args.cache is None else Path(args.cache).expanduser()
     cache = LightCache(folder)
-    file = sweep.own_store(folder, settings) if args.json is None else Path(args.json)
+    file = sweep.default_store(folder, settings) if args.json is None else Path(args.json)
     if file.is_dir():
         raise EvsError(f"--json is '{file}', a folder; give a file, as in sweep.jsonl")
-    # a scene that is not there is told before a file is begun
-    cases = sweep.cases_of(settings)
+    # report a missing scene before a file is begun
+    cases = sweep.sweep_cases(settings)
     header = sweep.header(settings, _command(args))
-    store = Store(file, header)
+    store = SweepStore(file, header)
     whole = sweep.Sweep(settings, cases, store, cache, header.about, warn=terminal.warn)
     try:
         with terminal.bar("sweeping", whole.total(), args.quiet) as moved:
@@ -123,7 +123,7 @@ def _settings(args: argparse.Namespace) -> Any:
     speeds = sweep.QUICK_SPEEDS if quick else SpeedSettings()
     what: tuple[str, ...] = (sweep.ERRORS, sweep.SPEEDS)
     what = what[:1] if args.errors_only else what[1:] if args.speed_only else what
-    return sweep.Settings(
+    return sweep.SweepSettings(
         scenes=tuple(args.scenes) or (scenes.QUICK if quick else tuple(scenes.DEFAULT)),
         cameras=lists["camera"] or ("still", "pan"),
         points=tuple(axes.points(presets, lists["axis"], quick=quick)),
@@ -175,14 +175,14 @@ def _tell(store: Any, words: Path | None, drawn: dict[str, Path], quiet: bool) -
     """Table and pictures of everything that the file holds."""
     from evs.drivers.pictures import write_png
     from evs.drivers.run.report import write_whole
-    from evs.tools.sweep.picture import pareto_page
-    from evs.tools.sweep.table import About, markdown
+    from evs.tools.sweep.pareto_chart import pareto_page
+    from evs.tools.sweep.table import SweepInfo, markdown
 
-    told = markdown(store.records, About(**store.header.about))
+    text = markdown(store.records, SweepInfo(**store.header.about))
     if words is not None:
-        write_whole(told, words)
+        write_whole(text, words)
     elif not quiet:
-        print(told, end="")
+        print(text, end="")
     for scene, path in drawn.items():
         here = [record for record in store.records if record.scene == scene]
         write_png(path, pareto_page(here), few_colours=True)
@@ -197,4 +197,4 @@ def _command(args: argparse.Namespace) -> str:
             parts += [f"--{name}", str(given)]
     if args.quick:
         parts.append("--quick")
-    return again.command(parts)
+    return reinvoke.command(parts)

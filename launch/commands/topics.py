@@ -1,4 +1,4 @@
-"""`evs topics CONTROL`: who is on a bus, where, and who listens; or the end of its run."""
+"""`evs topics CONTROL`: list the topics of a camera and their subscribers, or stop its run."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from evs.launch.options import declare_keys
+from evs.launch.support.pipeline_options import add_key_options
 
 if TYPE_CHECKING:
     from evs.drivers.bus import Described
 
-HELP = "ask a camera's control port what it publishes and where, or to stop"
+HELP = "list what a camera publishes, by its control port, or stop it"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -28,11 +28,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--timeout", type=float, default=5.0, metavar="S", help="default: %(default)s"
     )
-    declare_keys(parser)
+    add_key_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Ask, and print the answer."""
+    """Send the request and print the answer."""
     from evs.drivers.bus import discover, request
 
     with_keys: dict[str, Any] = {
@@ -56,13 +56,13 @@ def _table(found: Described) -> str:
     """A line for each topic of each camera, then where they are."""
     rows: list[tuple[str, ...]] = [("topic", "message", "rate", "queue", "listeners")]
     for topic in found.topics:
-        told = [str(topic[key]) for key in ("message", "rate", "queue")]
+        facts = [str(topic[key]) for key in ("message", "rate", "queue")]
         if not topic["per_camera"]:
-            rows.append((f"{topic['name']}/", *told, ""))
+            rows.append((f"{topic['name']}/", *facts, ""))
             continue
         for camera in found.cameras:
             listeners = str(camera["subscribers"].get(topic["name"], 0))
-            rows.append((f"{topic['name']}/{camera['camera']}", *told, listeners))
+            rows.append((f"{topic['name']}/{camera['camera']}", *facts, listeners))
     wide = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
     lines = [
         "  ".join(cell.ljust(width) for cell, width in zip(row, wide, strict=True)).rstrip()

@@ -1,11 +1,11 @@
-"""`evs train`: what the network learns from, and the learning."""
+"""`evs train`: make training data, and train the network."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from evs.launch.commands import fit
+from evs.launch.support import train_fit
 from evs.msgs import EvsError
 from evs.tools.training.settings import DataSettings
 
@@ -56,13 +56,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     _configure_data(data)
     learn = commands.add_parser(
         "fit",
-        help=fit.DESCRIPTION,
-        description=fit.DESCRIPTION,
+        help=train_fit.DESCRIPTION,
+        description=train_fit.DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    learn.set_defaults(act=fit.run)
-    fit.configure(learn)
+    learn.set_defaults(act=train_fit.run)
+    train_fit.configure(learn)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -75,14 +75,14 @@ def _configure_data(parser: argparse.ArgumentParser) -> None:
     add("folder", metavar="DIR", help="where the shards go; made if it is not there")
     add("--scenes", type=int, default=200, metavar="N", help="how many (200)")
     add("--from", type=int, default=0, metavar="N", dest="first", help="number of the first (0)")
-    for key, told in (
+    for key, meaning in (
         ("pixels", "of each scene"),
         ("ticks", "ms of each scene"),
         ("truth-spp", "samples a pixel of converged light"),
         ("seed", "all that is random follows from it"),
     ):
         default = getattr(usual, key.replace("-", "_"))
-        add(f"--{key}", type=int, default=default, metavar="N", help=f"{told} ({default})")
+        add(f"--{key}", type=int, default=default, metavar="N", help=f"{meaning} ({default})")
     add("--workers", type=int, default=1, metavar="N", help="scenes at once, each a process (1)")
     add("--ray", default="", metavar="ADDRESS", help="a Ray cluster makes them: HOST:PORT, or auto")
     add(
@@ -95,8 +95,8 @@ def _configure_data(parser: argparse.ArgumentParser) -> None:
 def _data(args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.drivers.run.stopping import stop_signals
-    from evs.launch import terminal
     from evs.launch.commands.emulate import STOPPED
+    from evs.launch.support import terminal
     from evs.tools.training.make import make_data, work_of
 
     if args.describe:

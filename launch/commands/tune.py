@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from evs.launch import again, options
+from evs.launch.support import pipeline_options, reinvoke
 from evs.msgs import EvsError
 
 HELP = "find the pipeline for a scene that reaches a speed, or keeps an error, and write it"
@@ -32,7 +32,7 @@ SCENE is an MJCF or MJB file, package:path, a robot as `evs evaluate` names it, 
 that has one. Its controls are random ones, as in `evs evaluate`. The error is the share of events,
 ours and those of converged light, that have no partner on their pixel within 3 ms: silence has 1.
 A few configurations are measured, all others predicted from them; the best is then measured too,
-and so is what might beat it. Exit code 1: the goal cannot be reached; the best there is was told.
+and so is what might beat it. Exit code 1: the goal cannot be reached; the best found is printed.
 docs/howto/tuning.md says how."""
 
 
@@ -42,12 +42,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "SCENE, key=value",
         "the scene (or a pipeline that has one), then keys that stay as given",
     )
-    options.declare(parser, OPTIONS, scene)
+    pipeline_options.add_pipeline_options(parser, OPTIONS, scene)
     parser.usage = "evs tune SCENE (--rtf R | --error E) [key=value ...] [options]"
     add = parser.add_argument
     add("--rtf", type=float, metavar="R", help="real-time factor to reach, as accurate as can be")
     add("--error", type=float, metavar="E", help="error to keep, as fast as can be")
-    add("--figure", default="unmatched", metavar="NAME", help="what --error is: unmatched, emd")
+    add(
+        *("--metric", "--figure"),
+        dest="figure",
+        default="unmatched",
+        metavar="NAME",
+        help="error metric: unmatched, emd",
+    )
     add("--motion", default="still", metavar="HOW", help="camera: still, pan, slide (still)")
     add("--budget", type=float, default=BUDGET_S, metavar="S", help=f"seconds ({BUDGET_S:g})")
     add("-o", "--output", default=OUTPUT, metavar="FILE", help=f"what to write ({OUTPUT})")
@@ -65,17 +71,17 @@ def run(args: argparse.Namespace) -> int:
     from evs.drivers.cores import cores
     from evs.drivers.run.config import is_scene
     from evs.drivers.run.report import check_targets, write_whole
-    from evs.launch import terminal
+    from evs.launch.support import terminal
     from evs.tools.doctor.machine import cpu_name
-    from evs.tools.evaluation.cache import LightCache, user_cache
-    from evs.tools.sweep.front import figure_named
-    from evs.tools.tuning import gauge, search, text
-    from evs.tools.tuning.base import base_of
+    from evs.tools.evaluation.light_cache import LightCache, user_cache
+    from evs.tools.sweep.pareto_front import error_metric
+    from evs.tools.tuning import measurement, search, summary
+    from evs.tools.tuning.base_pipeline import base_pipeline
+    from evs.tools.tuning.pipeline_file import check_own, pipeline_text
     from evs.tools.tuning.space import candidates
-    from evs.tools.tuning.written import check_own, pipeline_text
 
     begin_s = monotonic_s()
-    goal, figure = search.Goal(args.rtf, args.error), figure_named(args.figure)
+    goal, figure = search.TuningGoal(args.rtf, args.error), error_metric(args.figure)
     budget_s: float = args.budget
     if not 0.0 < budget_s <= MAX_BUDGET_S:
         raise EvsError(f"--budget is {budget_s:g} s: give more than 0, {MAX_BUDGET_S:g} at most")
@@ -84,11 +90,11 @@ def run(args: argparse.Namespace) -> int:
         raise EvsError(f"--output is '{output}', a scene by its ending: give one in .toml")
     check_own(output)
     check_targets([output])
-    base = base_of(*options.given(args, OPTIONS))
+    base = base_pipeline(*pipeline_options.parse_pipeline(args, OPTIONS))
     able = candidates(base.pinned)
     cache = LightCache(user_cache() if args.cache is None else Path(args.cache).expanduser())
-    effort = gauge.QUICK if args.quick else gauge.USUAL
-    told = ""
+    effort = measurement.QUICK if args.quick else measurement.USUAL
+    measuring = ""
 
     def left_s() -> float:
         return budget_s - (monotonic_s() - begin_s)
@@ -96,16 +102,16 @@ def run(args: argparse.Namespace) -> int:
     with terminal.bar("tuning", round(budget_s), args.quiet) as moved:
 
         def step() -> None:
-            moved(round(budget_s - max(0.0, left_s())), told)
+            moved(round(budget_s - max(0.0, left_s())), measuring)
 
         def begin(_done: int, what: str) -> None:
-            nonlocal told
-            told = what
+            nonlocal measuring
+            measuring = what
             step()
 
-        with gauge.opened(base, args.motion, figure, cache, effort, step) as measures:
+        with measurement.open_measurer(base, args.motion, figure, cache, effort, step) as measures:
             found = search.Search(able, goal, measures, left_s, begin).run()
-    facts = text.facts(found, figure, measures.own, monotonic_s() - begin_s)
+    facts = summary.facts(found, figure, measures.reference_error, monotonic_s() - begin_s)
     facts.append(("machine", f"{cpu_name()}, {cores()} cores"))
     if found.reached or args.anyway:
         config = base.with_settings(found.winner.candidate.settings)
@@ -115,13 +121,13 @@ def run(args: argparse.Namespace) -> int:
     else:
         facts.append(("not written", "--anyway writes it as it is"))
     if not args.quiet:
-        _show(facts, text.table(found), str(output) if found.reached or args.anyway else "")
+        _show(facts, summary.table(found), str(output) if found.reached or args.anyway else "")
     return 0 if found.reached else 1
 
 
 def _show(facts: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]], written: str) -> None:
     """What was measured, then what was found, then what to try next."""
-    from evs.launch import terminal
+    from evs.launch.support import terminal
 
     headings = ("configuration", "real-time factor", "predicted", "error", "predicted")
     terminal.table("measured", headings, rows)
@@ -129,7 +135,7 @@ def _show(facts: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]], writt
         print(f"{name:17s} {line}")
     if written:
         print("next:")
-        print(f"  {again.command('emulate', written, '--record', 'run.aedat4')}")
+        print(f"  {reinvoke.command('emulate', written, '--record', 'run.aedat4')}")
 
 
 def _command(args: argparse.Namespace) -> str:
@@ -142,4 +148,4 @@ def _command(args: argparse.Namespace) -> str:
     for name, usual in (("figure", "unmatched"), ("motion", "still")):
         if getattr(args, name) != usual:
             parts += [f"--{name}", getattr(args, name)]
-    return again.command([*parts, *(["--quick"] if args.quick else [])])
+    return reinvoke.command([*parts, *(["--quick"] if args.quick else [])])

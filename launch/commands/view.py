@@ -1,4 +1,4 @@
-"""`evs view`: a recording as a picture that anyone can open; a live stream as it comes."""
+"""`evs view`: show a recording as a picture or film, or a live stream."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from evs.launch import options
-from evs.launch.single import add_single
+from evs.launch.support import pipeline_options
+from evs.launch.support.recording_options import add_single_option
 from evs.msgs import Events, EvsError
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ examples:
 blue: brighter (ON), red: darker (OFF). Times are the stream's own, in seconds."""
 
 MAX_SCALE = 64
-"""Larger pixels help nobody."""
+"""largest --scale"""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -49,17 +49,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--start", metavar="S", type=float, help="from this time on (default: the first event)")
     add("--stop", metavar="S", type=float, help="up to this time (default: the last event)")
     add("--scale", metavar="N", type=int, help="picture pixels per sensor pixel (default: by size)")
-    add_single(parser)
-    live = parser.add_argument_group("live")
-    live.add_argument("--live", metavar="ADDRESS", help="listen to a publisher instead")
-    live.add_argument("--camera", default="", metavar="NAME", help="only this camera")
-    live.add_argument(
+    add_single_option(parser)
+    live_view = parser.add_argument_group("live")
+    live_view.add_argument("--live", metavar="ADDRESS", help="listen to a publisher instead")
+    live_view.add_argument("--camera", default="", metavar="NAME", help="only this camera")
+    live_view.add_argument(
         "--sketch", action="store_true", help="characters in the terminal, even with a display"
     )
-    live.add_argument(
+    live_view.add_argument(
         "--timeout", type=float, metavar="S", help="end when no packet came for S seconds"
     )
-    options.declare_keys(live)
+    pipeline_options.add_key_options(live_view)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -67,10 +67,10 @@ def run(args: argparse.Namespace) -> int:
     if (args.file is None) == (args.live is None):
         raise EvsError("give a recording, as in evs view run.aedat4, or --live ADDRESS")
     if args.live is not None:
-        from evs.launch.commands import live
+        from evs.launch.support import live_view
 
         _only("--live", args, ("window", "fps", "speed", "start", "stop", "scale"))
-        return live.run(args)
+        return live_view.run(args)
     if args.sketch or args.camera or args.server_key or args.key or args.timeout is not None:
         raise EvsError("--sketch, --camera, --timeout and keys belong to --live ADDRESS")
     from evs.drivers.pictures import need_video, suffix_of
@@ -85,10 +85,10 @@ def run(args: argparse.Namespace) -> int:
     recording = _read(args.file, args.single)
     playback = _playback(args, recording)
     if suffix == ".png":
-        said = _still(out, recording, playback, args.scale, Path(args.file).name)
+        shown = _still(out, recording, playback, args.scale, Path(args.file).name)
     else:
-        said = _film(out, suffix, recording, playback, args.scale)
-    print(f"{out}: {said}, {out.stat().st_size / 1e6:.2f} MB")
+        shown = _film(out, suffix, recording, playback, args.scale)
+    print(f"{out}: {shown}, {out.stat().st_size / 1e6:.2f} MB")
     return 0
 
 

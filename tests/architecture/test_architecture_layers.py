@@ -27,7 +27,7 @@ DOORS = {
     "zstandard": ("drivers/files/aedat4/",),
     "PIL": ("drivers/pictures/",),
     "imageio_ffmpeg": ("drivers/pictures/",),
-    "rich": ("launch/terminal.py",),
+    "rich": ("launch/support/terminal.py",),
     "rerun": ("drivers/viewer/viewer.py",),
     "pyrender": ("emulator/render/raster/",),
     "OpenGL": ("emulator/render/raster/",),
@@ -35,7 +35,7 @@ DOORS = {
     "optax": ("tools/training/",),
     "onnxruntime": ("emulator/evsnet/session.py",),
     "gymnasium": ("drivers/gym/",),
-    "ray": ("tools/jobs/cluster.py",),
+    "ray": ("tools/jobs/ray_cluster.py",),
     "pytest": ("tools/testing/plugin.py",),
 }
 """Import name -> the only places that may import it. What is not listed may not be imported."""

@@ -16,8 +16,8 @@ import pytest
 
 from evs.emulator import World
 from evs.tools.dataset import named, names
+from evs.tools.dataset.sequence_spec import SequenceSpec, make_sequence_spec
 from evs.tools.dataset.shards import EVENTS, FRAMES, EventShard, FrameShard
-from evs.tools.dataset.take import Take, take_of
 
 TICKS = 10
 BEGIN_S = 2.0
@@ -28,21 +28,23 @@ WAYS = {
 }
 
 
-def seconds_of(take: Take, folder: Path, shard: type[EventShard] | type[FrameShard]) -> float:
+def seconds_of(
+    sequence: SequenceSpec, folder: Path, shard: type[EventShard] | type[FrameShard]
+) -> float:
     """Processor seconds of a shard's making, without what leads up to its begin."""
-    job = shard(take, 0, take.begin, take.end)
+    job = shard(sequence, 0, sequence.begin, sequence.end)
     folder.mkdir()
     before = time.process_time()
     job.make(folder)
     return time.process_time() - before
 
 
-def lead_up(take: Take) -> float:
+def lead_up(sequence: SequenceSpec) -> float:
     """Processor seconds of the physics up to the begin, and of building world and camera."""
     before = time.process_time()
-    with take.standing() as config:
-        if take.begin:
-            take.world_at_begin(config)
+    with sequence.with_model_file() as config:
+        if sequence.begin:
+            sequence.world_at_begin(config)
         else:
             World.from_config(config)
     return time.process_time() - before
@@ -52,8 +54,8 @@ def lead_up(take: Take) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_cost_of_a_scene_second(way: str, tmp_path: Path) -> None:
-    said, keys = WAYS[way]
-    print(f"\n{way}: {said}; for a simulated second, 346 x 260, one thread")
+    config_json, keys = WAYS[way]
+    print(f"\n{way}: {config_json}; for a simulated second, 346 x 260, one thread")
     print(
         f"{'scene':10s}{'physics':>9s}{'events':>9s}{'frames':>9s} CPU s{'events':>12s}{'MB':>7s}"
     )
@@ -63,11 +65,11 @@ def test_cost_of_a_scene_second(way: str, tmp_path: Path) -> None:
         common = [("threads", "1"), ("begin_s", f"{BEGIN_S}"), ("settle_s", "0")]
         common += [("frames.fps", "60"), *keys]
         scene = named(name, [*common, ("duration_s", f"{TICKS / 1000}")])
-        take = take_of(name, scene)
-        begin_s = lead_up(take)
-        film_s = seconds_of(take, tmp_path / f"{name}_events", EventShard) - begin_s
+        sequence = make_sequence_spec(name, scene)
+        begin_s = lead_up(sequence)
+        film_s = seconds_of(sequence, tmp_path / f"{name}_events", EventShard) - begin_s
         # the second frame's tick lies beyond one tick: one frame alone
-        one = replace(take, end=take.begin + 1)
+        one = replace(sequence, end=sequence.begin + 1)
         frame_s = seconds_of(one, tmp_path / f"{name}_frame", FrameShard) - begin_s
         events_s, frames_s = film_s * 1000 / TICKS, 60 * frame_s
         files = (tmp_path / f"{name}_events" / EVENTS, tmp_path / f"{name}_frame" / FRAMES)

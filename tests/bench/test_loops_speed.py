@@ -7,9 +7,9 @@ from collections.abc import Callable
 import pytest
 
 from evs.examples.pencil import TRACKERS
-from evs.examples.pencil.arena import PencilLoop
 from evs.examples.pencil.controller import Controller, make_tracker
-from evs.examples.pencil.views import F64
+from evs.examples.pencil.environment import PencilLoop
+from evs.examples.pencil.stereo import F64
 from speed.turns import Table, milliseconds
 
 TICKS = 300
@@ -22,12 +22,12 @@ def runs(tracker: str) -> dict[str, Callable[[], object]]:
     loop, forces = PencilLoop(fps), list[F64]()
 
     def controlled() -> None:
-        controller, seen = Controller(make_tracker(fps, 0.2)), loop.reset(1)
+        controller, observation = Controller(make_tracker(fps, 0.2)), loop.reset(1)
         forces.clear()
         for _ in range(TICKS):
-            forces.append(controller.decide(seen))
-            seen = loop.step(forces[-1])
-        assert not seen.done
+            forces.append(controller.decide(observation))
+            observation = loop.step(forces[-1])
+        assert not observation.done
 
     def bare() -> None:
         loop.reset(1)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from evs.tools.jobs import Ran, run_jobs
+from evs.tools.jobs import JobSummary, run_jobs
 from evs.tools.training.make import ShardJob
 from speed.scene_alone import SCENE, scene_alone
 from speed.turns import Table, milliseconds
@@ -32,7 +32,7 @@ def run(workers: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         todo = [ShardJob(SCENE, number) for number in range(SCENES)]
         ran = run_jobs(todo, Path(folder), workers=workers, threads=1)
-        assert ran == Ran(SCENES, 0, 0)
+        assert ran == JobSummary(SCENES, 0, 0)
 
 
 @pytest.mark.bench

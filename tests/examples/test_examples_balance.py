@@ -13,9 +13,9 @@ from evs.examples.pencil.balance import (
     GRAVITY,
     MASS_KG,
     TICK_S,
-    Balancer,
-    Gains,
     Observer,
+    StickBalancer,
+    StickGains,
 )
 from evs.msgs import EvsError
 
@@ -71,8 +71,8 @@ def test_what_cannot_be_placed_in_time_is_left_out() -> None:
 
 @pytest.mark.parametrize("length_m", [0.2, 0.05])
 def test_poles_lie_where_they_were_placed(length_m: float) -> None:
-    gains = Gains(fast=3.0, slow=0.5)
-    balancer = Balancer(length_m, gains)
+    gains = StickGains(fast=3.0, slow=0.5)
+    balancer = StickBalancer(length_m, gains)
     w = math.sqrt(1.5 * GRAVITY / length_m)
 
     def force(tilt: float, rate: float, place: float, speed: float) -> float:
@@ -93,11 +93,11 @@ def test_poles_lie_where_they_were_placed(length_m: float) -> None:
 
 
 def test_force_is_what_a_motor_can_give() -> None:
-    balancer = Balancer(0.2)
+    balancer = StickBalancer(0.2)
     force = balancer.decide(0, np.array([1.0, -1.0]), np.zeros(2), np.array([0.5, -0.5]), 0)
     assert np.all(np.abs(force) == FORCE_N)
 
 
 def test_a_stick_without_length_is_refused() -> None:
     with pytest.raises(EvsError, match="longer than 0 m"):
-        Balancer(0.0)
+        StickBalancer(0.0)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evs.examples.goalie.curve import Plan, half_speed, speeds_of
-from evs.examples.goalie.keeper import FORCE_N, MASS_KG, Keeper
-from evs.examples.goalie.path import (
+from evs.examples.goalie.controller import FORCE_N, MASS_KG, Goalkeeper
+from evs.examples.goalie.speed_curve import CurvePlan, half_speed, speeds_of
+from evs.examples.goalie.tracker import (
     CENTRE_PX,
     FOCAL_PX,
     HEIGHT_M,
     LOOKS_AT_X_M,
-    EventBall,
-    FrameBall,
-    Path,
+    BallPath,
+    EventBallTracker,
+    FrameBallTracker,
     on_table,
 )
 from evs.msgs import EVENT_DTYPE, Events, Frame
@@ -51,9 +51,9 @@ def test_pixels_and_table() -> None:
 
 
 def test_events_of_a_ball_say_where_it_will_cross() -> None:
-    random, ball = np.random.default_rng(2), EventBall()
+    random, ball = np.random.default_rng(2), EventBallTracker()
     for tick in range(100):
-        ball.see(ball_events(tick, random), 1000 * (tick + 1))
+        ball.update(ball_events(tick, random), 1000 * (tick + 1))
     crossing = ball.path.crossing(100_000)
     assert crossing is not None
     # 1300 events, 1.5 px rms off, over 100 ms: 1.5 / sqrt(1300) * 150 ms / 29 ms, 0.2 px or 2 mm at
@@ -63,25 +63,25 @@ def test_events_of_a_ball_say_where_it_will_cross() -> None:
 
 
 def test_a_cluster_that_was_none_is_given_up() -> None:
-    random, ball = np.random.default_rng(9), EventBall()
+    random, ball = np.random.default_rng(9), EventBallTracker()
     wrong = np.zeros(8, EVENT_DTYPE)
     wrong["x"], wrong["y"], wrong["t"] = 50, 100, np.arange(1, 9)
-    ball.see(wrong, 1000)
+    ball.update(wrong, 1000)
     assert ball.path.at(1000) is not None
     for tick in range(1, 120):
-        ball.see(ball_events(tick, random), 1000 * (tick + 1))
+        ball.update(ball_events(tick, random), 1000 * (tick + 1))
     crossing = ball.path.crossing(120_000)
     assert crossing is not None
     assert crossing.y_m == pytest.approx(CROSSES_Y, abs=0.01)
 
 
 def test_noise_alone_is_no_ball() -> None:
-    random, ball = np.random.default_rng(4), EventBall()
+    random, ball = np.random.default_rng(4), EventBallTracker()
     for tick in range(100):
         events = np.zeros(4, EVENT_DTYPE)
         events["x"], events["y"] = random.integers(30, 128, (2, 4))
         events["t"] = 1000 * tick + 1
-        ball.see(events, 1000 * (tick + 1))
+        ball.update(events, 1000 * (tick + 1))
     assert ball.path.at(100_000) is None
     assert ball.path.crossing(100_000) is None
 
@@ -98,9 +98,9 @@ def frame_of(begin_us: int, end_us: int) -> Frame:
 
 
 def test_frames_of_a_ball_say_where_it_will_cross() -> None:
-    ball = FrameBall()
+    ball = FrameBallTracker()
     for index in range(3):
-        ball.see(frame_of(16_667 * index, 16_667 * index + 5000))
+        ball.update(frame_of(16_667 * index, 16_667 * index + 5000))
         # of one sample nobody knows a speed
         assert (ball.path.crossing(50_000) is None) == (index == 0)
     crossing = ball.path.crossing(50_000)
@@ -109,14 +109,14 @@ def test_frames_of_a_ball_say_where_it_will_cross() -> None:
 
 
 def test_an_empty_frame_says_nothing() -> None:
-    ball = FrameBall()
-    ball.see(Frame(0, 0, 0, 5000, 5000, np.full((128, 128), 200, np.uint8)))
+    ball = FrameBallTracker()
+    ball.update(Frame(0, 0, 0, 5000, 5000, np.full((128, 128), 200, np.uint8)))
     assert ball.path.at(0) is None
 
 
 def test_a_path_goes_through_its_samples_at_any_time_of_day() -> None:
     for day_us in (0, 86_400_000_000):
-        path, t_us = Path(1e-6), day_us + np.array([1000, 2000, 7000])
+        path, t_us = BallPath(1e-6), day_us + np.array([1000, 2000, 7000])
         place = BEGIN[:, np.newaxis] + SPEED[:, np.newaxis] * (t_us - day_us) * 1e-6
         path.add(*pixel(place), t_us)
         found = path.at(day_us + 20_000)
@@ -127,7 +127,7 @@ def test_a_path_goes_through_its_samples_at_any_time_of_day() -> None:
 
 @pytest.mark.parametrize("target", [0.28, -0.1, 0.02])
 def test_the_paddle_gets_there_nearly_as_fast_as_can_be_and_stays(target: float) -> None:
-    keeper, place, speed = Keeper(frames=False), 0.0, 0.0
+    keeper, place, speed = Goalkeeper(frames=False), 0.0, 0.0
     best_s = 2.0 * (abs(target) / (FORCE_N / MASS_KG)) ** 0.5
     ticks = 0
     while abs(place - target) > 0.01 and ticks < 1000:
@@ -146,6 +146,6 @@ def test_the_paddle_gets_there_nearly_as_fast_as_can_be_and_stays(target: float)
 def test_the_speed_at_which_half_are_saved() -> None:
     assert half_speed({2.0: 1.0, 4.0: 0.75, 16.0: 0.25}) == pytest.approx(8.0)
     assert half_speed({2.0: 1.0, 4.0: 0.75}) is None
-    speeds = speeds_of(Plan())
+    speeds = speeds_of(CurvePlan())
     assert (speeds[0], speeds[-1], len(speeds)) == (1.0, 64.0, 19)
     assert np.all(np.diff(speeds) > 0)

@@ -10,9 +10,9 @@ from apart import controlled_apart
 
 import evs
 from evs.examples.cartpole import SEEDS
-from evs.examples.cartpole.arena import CartPoleLoop, Trial, play
-from evs.examples.cartpole.controller import Balancer, Gains, Plant, feedback
-from evs.examples.cartpole.tracker import Mount, Pole, PoleTracker
+from evs.examples.cartpole.controller import CartPoleController, CartPoleGains, Plant, feedback
+from evs.examples.cartpole.environment import CartPoleLoop, CartPoleTrial, play
+from evs.examples.cartpole.tracker import CameraMount, PoleShape, PoleTracker
 from evs.launch.main import main
 from evs.msgs import Observation, join_events, make_events
 from evs.tools.testing import LoopRunner
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.integration
 def test_it_stands_though_it_is_pushed(tmp_path: Path) -> None:
     # as a robotics team would say it: the fixture's runner on a loop of one's own
     run = LoopRunner(tmp_path)(
-        CartPoleLoop(push_ns=3.0), lambda: Balancer().decide, seconds=2.5, seeds=[0, 1]
+        CartPoleLoop(push_ns=3.0), lambda: CartPoleController().decide, seconds=2.5, seeds=[0, 1]
     )
     run.never_ends()
     run.never_leaves("place", -0.8, 0.8)
@@ -37,36 +37,36 @@ def test_it_stands_though_it_is_pushed(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_it_stands_from_twenty_starts() -> None:
     loop = CartPoleLoop()
-    outcomes = [play(loop, Trial(seed, push_ns=3.0, seconds=10.0)) for seed in range(SEEDS)]
+    outcomes = [play(loop, CartPoleTrial(seed, push_ns=3.0, seconds=10.0)) for seed in range(SEEDS)]
     assert [outcome.ended for outcome in outcomes] == [""] * SEEDS
 
 
 def test_without_a_hand_or_without_events_it_falls() -> None:
     loop = CartPoleLoop(max_s=5.0)
-    seen = loop.reset(0)
-    while not seen.done:
-        seen = loop.step([0.0])
-    assert "angle left" in seen.done
+    observation = loop.reset(0)
+    while not observation.done:
+        observation = loop.step([0.0])
+    assert "angle left" in observation.done
     # the encoder alone does not tell where the pole is
-    controller, seen = Balancer(), loop.reset(0)
-    while not seen.done:
-        blind = Observation(seen.t_us, (), seen.position, seen.velocity)
-        seen = loop.step(controller.decide(blind))
-    assert "left" in seen.done
+    controller, observation = CartPoleController(), loop.reset(0)
+    while not observation.done:
+        blind = Observation(observation.t_us, (), observation.position, observation.velocity)
+        observation = loop.step(controller.decide(blind))
+    assert "left" in observation.done
 
 
 def test_what_it_believes_is_where_the_pole_is() -> None:
-    loop, controller = CartPoleLoop(push_ns=2.0), Balancer()
-    seen, errors = loop.reset(2), []
+    loop, controller = CartPoleLoop(push_ns=2.0), CartPoleController()
+    observation, errors = loop.reset(2), []
     for _ in range(2000):
-        seen = loop.step(controller.decide(seen))
+        observation = loop.step(controller.decide(observation))
         errors.append(controller.angle - loop.world.data.joint("hinge").qpos[0])
     # a pixel is 0.006 m wide at 1.1 m: 0.012 rad at the pole's tip, seen from its hinge
     assert np.sqrt(np.mean(np.square(errors[300:]))) < 0.015
 
 
 def test_the_tracker_follows_edges_and_nothing_else() -> None:
-    mount, pole = Mount(), Pole()
+    mount, pole = CameraMount(), PoleShape()
     m_per_px = 2 * mount.distance_m * np.tan(np.radians(mount.fovy_deg) / 2) / mount.height
 
     def edges(angle: float) -> tuple[np.ndarray, np.ndarray]:
@@ -85,17 +85,17 @@ def test_the_tracker_follows_edges_and_nothing_else() -> None:
         for _ in range(5):
             x, y = edges(angle)
             t = np.arange(len(x))
-            tracker.see(make_events(t, x, y, np.ones(len(x))))
+            tracker.update(make_events(t, x, y, np.ones(len(x))))
         assert tracker.angle == pytest.approx(angle, abs=0.01)
         # what grows darker, and what is far away, moves nothing
         before = tracker.angle
-        tracker.see(make_events(t, x, y, np.zeros(len(x))))
-        tracker.see(make_events([1], [3], [60], [1]))
+        tracker.update(make_events(t, x, y, np.zeros(len(x))))
+        tracker.update(make_events([1], [3], [60], [1]))
         assert tracker.angle == before
 
 
 def test_the_gains_place_the_poles() -> None:
-    square, gains = 1.5 * 9.81 / 0.6, Gains()
+    square, gains = 1.5 * 9.81 / 0.6, CartPoleGains()
     g = 9.81
     plant = np.array([[0, 1, 0, 0], [square, 0, 0, 0], [0, 0, 0, 1], [0, 0, 0, 0.0]])
     drive = np.array([[0], [-square / g], [0], [1.0]])
@@ -112,10 +112,10 @@ def test_the_controllers_numbers_are_the_robots() -> None:
     assert float(model.body_mass.sum()) == pytest.approx(Plant().mass_kg, rel=0.01)
     assert float(model.actuator_gear[0, 0]) == Plant().gear
     assert list(model.actuator_ctrlrange[0]) == [-Plant().control, Plant().control]
-    assert float(model.geom("cpole").size[0]) == Pole().half_width_m
+    assert float(model.geom("cpole").size[0]) == PoleShape().half_width_m
     (stream,) = loop.streams
-    assert (stream.width, stream.height) == (Mount().width, Mount().height)
-    focal_px = 0.5 * Mount().height / np.tan(np.radians(Mount().fovy_deg) / 2)
+    assert (stream.width, stream.height) == (CameraMount().width, CameraMount().height)
+    focal_px = 0.5 * CameraMount().height / np.tan(np.radians(CameraMount().fovy_deg) / 2)
     assert stream.camera_info["k"][0] == pytest.approx(focal_px, rel=1e-6)
 
 
@@ -123,10 +123,10 @@ def test_a_process_that_has_no_simulator_balances_it() -> None:
     loop = CartPoleLoop(push_ns=3.0, max_s=1.2)
     assert "1.2 s are over" in controlled_apart("cartpole", loop)
     # and the same as in process, to the last bit
-    controller, again = Balancer(), CartPoleLoop(push_ns=3.0, max_s=1.2)
-    seen = again.reset(3)
-    while not seen.done:
-        seen = again.step(controller.decide(seen))
+    controller, again = CartPoleController(), CartPoleLoop(push_ns=3.0, max_s=1.2)
+    observation = again.reset(3)
+    while not observation.done:
+        observation = again.step(controller.decide(observation))
     np.testing.assert_array_equal(again.world.data.qpos, loop.world.data.qpos)
 
 
@@ -137,11 +137,11 @@ def test_the_launch_file_runs_world_controller_and_recorder(
     assert main(["launch", "cartpole", "seconds:=0.5", "seed:=4", f"record:={record}"]) == 0
     assert "[controller] 0.5 s: 0.5 s are over" in capfd.readouterr().out
     # what was recorded is what the loop makes in process
-    controller, loop = Balancer(), CartPoleLoop(push_ns=3.0, max_s=0.5)
-    seen, parts = loop.reset(4), []
-    while not seen.done:
-        seen = loop.step(controller.decide(seen))
-        parts += [packet.events for packet in seen.packets]
+    controller, loop = CartPoleController(), CartPoleLoop(push_ns=3.0, max_s=0.5)
+    observation, parts = loop.reset(4), []
+    while not observation.done:
+        observation = loop.step(controller.decide(observation))
+        parts += [packet.events for packet in observation.packets]
     np.testing.assert_array_equal(evs.read(record), join_events(parts))
 
 

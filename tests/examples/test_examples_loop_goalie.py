@@ -11,9 +11,9 @@ import pytest
 
 from evs.drivers.lockstep import LockstepServer
 from evs.examples.goalie import TRACKERS
-from evs.examples.goalie.keeper import FORCE_N, MASS_KG
-from evs.examples.goalie.path import CENTRE_PX, FOCAL_PX
-from evs.examples.goalie.shots import SAVES_M, Goal, GoalieLoop
+from evs.examples.goalie.controller import FORCE_N, MASS_KG
+from evs.examples.goalie.environment import SAVES_M, GoalieExperiment, GoalieLoop
+from evs.examples.goalie.tracker import CENTRE_PX, FOCAL_PX
 from evs.launch.main import main
 from evs.msgs import EventPacket
 
@@ -22,17 +22,17 @@ pytestmark = pytest.mark.integration
 
 @pytest.mark.parametrize("tracker", list(TRACKERS))
 def test_slow_balls_are_saved(tracker: str) -> None:
-    goal = Goal(tracker)
+    goal = GoalieExperiment(tracker)
     assert [goal.shoot(5.0, seed) <= SAVES_M for seed in range(4)] == [True] * 4
 
 
 def test_who_does_not_move_saves_few() -> None:
     loop, saved = GoalieLoop(speed_m_s=20.0), 0
     for seed in range(20):
-        seen = loop.reset(seed)
-        while not seen.done:
-            seen = loop.step(np.zeros(1))
-        assert "ball_x" in seen.done
+        observation = loop.reset(seed)
+        while not observation.done:
+            observation = loop.step(np.zeros(1))
+        assert "ball_x" in observation.done
         saved += loop.miss_m <= SAVES_M
     # 28 % of what is aimed evenly at -0.25 ... 0.25 m comes within 0.07 m of the middle
     assert 1 <= saved <= 11
@@ -41,7 +41,7 @@ def test_who_does_not_move_saves_few() -> None:
 def test_events_save_balls_that_are_too_fast_for_60_frames() -> None:
     saved = {}
     for tracker in ("events", "60 FPS"):
-        goal = Goal(tracker)
+        goal = GoalieExperiment(tracker)
         saved[tracker] = sum(goal.shoot(20.0, seed) <= SAVES_M for seed in range(20))
     # the same shots; by chance alone 28 % are saved
     assert saved["events"] >= saved["60 FPS"] + 5
@@ -71,7 +71,7 @@ def test_over_the_wire_it_is_the_same(capsys: pytest.CaptureFixture[str]) -> Non
         thread.join()
         server.close()
     assert "ball_x left" in capsys.readouterr().out
-    goal = Goal("events")
+    goal = GoalieExperiment("events")
     assert goal.shoot(8.0, 7) == loop.miss_m <= SAVES_M
 
 
@@ -82,7 +82,7 @@ def test_the_launch_file_runs_world_keeper_and_recorder(
     assert main(["launch", "goalie", "speed:=8", "seed:=7", f"record:={file}"]) == 0
     assert "ball_x left" in capfd.readouterr().out
     told = json.loads(Path(f"{file}.report.json").read_text())
-    goal = Goal("events")
+    goal = GoalieExperiment("events")
     events = 0
 
     def count(packets: tuple[EventPacket, ...]) -> None:

@@ -16,11 +16,11 @@ from apart import controlled_apart
 from evs.drivers import files
 from evs.drivers.bus.loopback import free_address
 from evs.examples.pencil import TRACKERS
-from evs.examples.pencil.arena import Arena, PencilLoop, Trial, pencil_model
 from evs.examples.pencil.balance import FRICTION, MASS_KG
 from evs.examples.pencil.controller import CAMERAS, Controller, make_tracker
-from evs.examples.pencil.line import Origin
-from evs.examples.pencil.views import DISTANCE_M, FOCAL_PX
+from evs.examples.pencil.environment import PencilExperiment, PencilLoop, PencilTrial, pencil_model
+from evs.examples.pencil.line_tracker import PrincipalPoint
+from evs.examples.pencil.stereo import DISTANCE_M, FOCAL_PX
 from evs.launch.main import main
 from evs.msgs import EventPacket, EvsError, Observation
 
@@ -30,9 +30,9 @@ FAR_S = 30.0
 
 
 def test_it_stands_from_two_starts_though_it_is_pushed() -> None:
-    arena = Arena("events")
+    experiment = PencilExperiment("events")
     for seed in (0, 1):
-        outcome = arena.play(Trial(push_mns=3.0, seconds=3.0, seed=seed))
+        outcome = experiment.play(PencilTrial(push_mns=3.0, seconds=3.0, seed=seed))
         assert not outcome.fallen
         # half of the way to the ends of the rails
         assert outcome.sway_mm < 50.0
@@ -41,34 +41,37 @@ def test_it_stands_from_two_starts_though_it_is_pushed() -> None:
 def test_without_a_hand_it_falls() -> None:
     # what makes the others worth something: nothing else holds the stick
     loop = PencilLoop(max_s=3.0)
-    seen = loop.reset(0)
-    while not seen.done:
-        seen = loop.step(np.zeros(2))
-    assert "tilt" in seen.done
-    assert seen.t_us < 1_000_000
+    observation = loop.reset(0)
+    while not observation.done:
+        observation = loop.step(np.zeros(2))
+    assert "tilt" in observation.done
+    assert observation.t_us < 1_000_000
 
 
 @pytest.mark.parametrize("tracker", [name for name in TRACKERS if name != "events"])
 def test_frames_hold_it_too(tracker: str) -> None:
-    assert not Arena(tracker).play(Trial(push_mns=1.0, seconds=1.5)).fallen
+    assert not PencilExperiment(tracker).play(PencilTrial(push_mns=1.0, seconds=1.5)).fallen
 
 
 @pytest.mark.slow
 def test_it_stands_for_half_a_minute() -> None:
     # from 20 starts: evs loop pencil --table
-    arena = Arena("events")
-    trials = [Trial(push_mns=2.0, seconds=FAR_S, seed=2000 + start) for start in range(4)]
-    assert [arena.play(trial).stood_s for trial in trials] == [FAR_S] * 4
+    experiment = PencilExperiment("events")
+    trials = [PencilTrial(push_mns=2.0, seconds=FAR_S, seed=2000 + start) for start in range(4)]
+    assert [experiment.play(trial).stood_s for trial in trials] == [FAR_S] * 4
 
 
 def test_a_trial_is_its_seed() -> None:
-    first, again = Arena("events"), Arena("events")
-    trial = Trial(push_mns=3.0, seconds=0.7, seed=5)
+    first, again = PencilExperiment("events"), PencilExperiment("events")
+    trial = PencilTrial(push_mns=3.0, seconds=0.7, seed=5)
     paths: list[list[bytes]] = [[], []]
-    for arena, path in zip((first, again), paths, strict=True):
+    for experiment, path in zip((first, again), paths, strict=True):
         # what was played before leaves nothing behind
-        arena.play(Trial(seconds=0.1, seed=1))
-        arena.play(trial, watch=lambda seen, _, path=path: path.append(seen.position.tobytes()))
+        experiment.play(PencilTrial(seconds=0.1, seed=1))
+        experiment.play(
+            trial,
+            watch=lambda observation, _, path=path: path.append(observation.position.tobytes()),
+        )
     assert paths[0] == paths[1]
 
 
@@ -77,7 +80,7 @@ def test_the_controllers_numbers_are_the_scenes() -> None:
     for camera in loop.world.cameras:
         fx, _, cx, _, fy, cy, *_ = camera.info.camera_info["k"]
         assert (fx, fy) == pytest.approx((FOCAL_PX, FOCAL_PX), rel=1e-6)
-        assert (cx, cy) == pytest.approx((Origin().x, Origin().y), abs=1e-4)
+        assert (cx, cy) == pytest.approx((PrincipalPoint().x, PrincipalPoint().y), abs=1e-4)
     model = loop.world.model
     assert tuple(camera.name for camera in loop.world.cameras) == CAMERAS
     np.testing.assert_allclose(np.abs(model.cam_pos[:2]).max(1), DISTANCE_M)
@@ -105,17 +108,17 @@ class Wiretap:
         self.loop = loop
 
     def play(self, controller: Controller, ticks: int) -> float:
-        seen = self.loop.reset(3)
+        observation = self.loop.reset(3)
         for _ in range(ticks):
-            told = {field.name: getattr(seen, field.name) for field in fields(Observation)}
+            told = {field.name: getattr(observation, field.name) for field in fields(Observation)}
             assert told["state"] is None
             # as it would be after a way over the wire: values, and no other object of the loop
             copied = {
                 name: np.array(value) if isinstance(value, np.ndarray) else value
                 for name, value in told.items()
             }
-            seen = self.loop.step(controller.decide(Observation(**copied)))
-        return float(np.abs(seen.position).max())
+            observation = self.loop.step(controller.decide(Observation(**copied)))
+        return float(np.abs(observation.position).max())
 
 
 def test_the_controller_needs_events_and_encoders_only() -> None:
@@ -123,22 +126,22 @@ def test_the_controller_needs_events_and_encoders_only() -> None:
     place = Wiretap(PencilLoop()).play(Controller(make_tracker(0, 0.2)), 1000)
     assert place < 0.05
     # and it does need them: with the events taken away it falls
-    controller, seen = Controller(make_tracker(0, 0.2)), blind.reset(3)
-    while not seen.done and seen.t_us < 2_000_000:
-        less = Observation(seen.t_us, (), seen.position, seen.velocity)
-        seen = blind.step(controller.decide(less))
-    assert seen.done
+    controller, observation = Controller(make_tracker(0, 0.2)), blind.reset(3)
+    while not observation.done and observation.t_us < 2_000_000:
+        less = Observation(observation.t_us, (), observation.position, observation.velocity)
+        observation = blind.step(controller.decide(less))
+    assert observation.done
 
 
 def test_a_process_that_has_no_simulator_balances_it() -> None:
     loop = PencilLoop(push_mns=2.0, max_s=1.2)
     assert "1.2 s are over" in controlled_apart("pencil", loop)
     # and the same as in process, to the last bit
-    here, seen = Controller(make_tracker(0, 0.2)), None
+    here, observation = Controller(make_tracker(0, 0.2)), None
     again = PencilLoop(push_mns=2.0, max_s=1.2)
-    seen = again.reset(3)
-    while not seen.done:
-        seen = again.step(here.decide(seen))
+    observation = again.reset(3)
+    while not observation.done:
+        observation = again.step(here.decide(observation))
     np.testing.assert_array_equal(again.world.data.qpos, loop.world.data.qpos)
 
 
@@ -152,9 +155,9 @@ def test_the_launch_file_runs_world_controller_and_recorders(
     loop = PencilLoop(push_mns=3.0, max_s=1.0)
     packets: list[EventPacket] = []
     loop.on_tick = packets.extend
-    controller, seen = Controller(make_tracker(0, 0.2)), loop.reset(4)
-    while not seen.done:
-        seen = loop.step(controller.decide(seen))
+    controller, observation = Controller(make_tracker(0, 0.2)), loop.reset(4)
+    while not observation.done:
+        observation = loop.step(controller.decide(observation))
     for camera in CAMERAS:
         file = tmp_path / f"run-{camera}.aedat4"
         told = json.loads(Path(f"{file}.report.json").read_text())

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from evs.examples.limits import limit
-from evs.examples.results import Results
-from evs.examples.search import Budget, Point, cross_entropy
+from evs.examples.common.bisection import limit
+from evs.examples.common.cross_entropy import Budget, Point, cross_entropy
+from evs.examples.common.results_file import ResultsFile
 from evs.msgs import EvsError
 
 BOX = {"a": (0.1, 100.0), "b": (0.01, 10.0)}
@@ -62,14 +62,14 @@ def test_limits_both_ways_round() -> None:
 
 def test_results_are_taken_up_again(tmp_path: Path) -> None:
     file = tmp_path / "table.json"
-    first = Results(file, {"steps": 3, "ends": (1, 2)})
+    first = ResultsFile(file, {"steps": 3, "ends": (1, 2)})
     first.put("events", "longest_ms", 40.0)
     assert json.loads(file.read_text())["rows"] == {"events": {"longest_ms": 40.0}}
-    second = Results(file, {"steps": 3, "ends": (1, 2)})
+    second = ResultsFile(file, {"steps": 3, "ends": (1, 2)})
     assert second.has("events", "longest_ms")
     assert not second.has("60 FPS", "longest_ms")
     with pytest.raises(EvsError, match="made with other options"):
-        Results(file, {"steps": 4, "ends": (1, 2)})
+        ResultsFile(file, {"steps": 4, "ends": (1, 2)})
     file.write_text("[1]")
     with pytest.raises(EvsError, match="holds no results"):
-        Results(file, {"steps": 3})
+        ResultsFile(file, {"steps": 3})

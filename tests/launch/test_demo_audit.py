@@ -13,9 +13,9 @@ import pytest
 from evs.drivers.pictures import LightLog, to_srgb8
 from evs.drivers.run.report import Report
 from evs.emulator import World
-from evs.launch import again
 from evs.launch.commands import demo
 from evs.launch.main import main
+from evs.launch.support import reinvoke
 from evs.tools.doctor.audit import audit, audited
 
 GOOD = Report(
@@ -204,9 +204,9 @@ def test_the_program_is_called_as_it_was(monkeypatch: pytest.MonkeyPatch, tmp_pa
     program.chmod(0o755)
     monkeypatch.setattr("sys.argv", [str(program)])
     monkeypatch.setenv("PATH", "")
-    assert again.program() == str(program)
-    assert again.command("info", "my run.npz") == f"{program} info 'my run.npz'"
+    assert reinvoke.program() == str(program)
+    assert reinvoke.command("info", "my run.npz") == f"{program} info 'my run.npz'"
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert again.program() == "evs"
+    assert reinvoke.program() == "evs"
     monkeypatch.setattr("sys.argv", ["main.py"])
-    assert again.program().endswith("-m evs.launch.main")
+    assert reinvoke.program().endswith("-m evs.launch.main")

@@ -15,8 +15,8 @@ from evs.launch.main import main
 from evs.msgs import EvsError
 from evs.tools.evaluation import evaluate as whole
 from evs.tools.evaluation import models, scenes, table
-from evs.tools.evaluation.cache import DamagedCacheWarning, LightCache
-from evs.tools.evaluation.light import LightSpec
+from evs.tools.evaluation.clip_light import LightSpec
+from evs.tools.evaluation.light_cache import DamagedCacheWarning, LightCache
 from evs.tools.training.export import export
 from reference.judged import written
 from reference.networks import random_network
@@ -31,16 +31,18 @@ def scene(tmp_path: Path) -> Path:
     return written(tmp_path, repeat=1)
 
 
-def tiny(scene: Path, **given: Any) -> whole.Settings:
-    settings = whole.Settings(
+def tiny(scene: Path, **given: Any) -> whole.EvaluationSettings:
+    settings = whole.EvaluationSettings(
         (str(scene),), ("still", "pan"), (2,), ("plain", "adaptive"), ticks=6, pixels=24,
         reference_spp=4, threads=1, size=SIZE, patch_px=8,
     )  # fmt: skip
     return replace(settings, **given)
 
 
-def judge(settings: whole.Settings, cache: LightCache) -> whole.Evaluation:
-    judged, _ = models.contenders(settings.models, None, models.Running(1, "reference"))
+def judge(settings: whole.EvaluationSettings, cache: LightCache) -> whole.Evaluation:
+    judged, _ = models.models_under_test(
+        settings.models, None, models.RuntimeOptions(1, "reference")
+    )
     return whole.evaluate(settings, cache, judged)
 
 
@@ -67,7 +69,7 @@ def test_command_json_and_picture(
     assert told["check"] is None
     # two cameras; half the reference, nothing; two models on 1, 2 spp fixed, fresh, and direct
     assert len(told["cells"]) == len(told["rows"]) == 2 * (2 + 2 * 5)
-    assert {take["camera"] for take in told["takes"]} == {"still", "pan"}
+    assert {clip["camera"] for clip in told["takes"]} == {"still", "pan"}
     assert told["settings"]["reference_spp"] == 4
     assert told["command"].endswith(
         f"evaluate --scenes {scene} --spp 1,2 --models plain,adaptive --ticks 8 --pixels 24 "
@@ -132,7 +134,7 @@ def test_a_damaged_file_changes_nothing(scene: Path, tmp_path: Path) -> None:
 def test_interrupted_it_keeps_what_was_traced(scene: Path, tmp_path: Path) -> None:
     settings = tiny(scene)
     cache = LightCache(tmp_path / "cache")
-    judged, _ = models.contenders(("plain",), None, models.Running(1, "reference"))
+    judged, _ = models.models_under_test(("plain",), None, models.RuntimeOptions(1, "reference"))
     # both halves of the first take are done, its first noisy light is not
     most = settings.reference_spp * settings.ticks + 3
 
@@ -153,9 +155,9 @@ def test_interrupted_it_keeps_what_was_traced(scene: Path, tmp_path: Path) -> No
 
 def test_progress_ends_where_it_was_said(scene: Path, tmp_path: Path) -> None:
     settings = tiny(scene)
-    how = models.Running(1, "reference")
+    how = models.RuntimeOptions(1, "reference")
     late = models.network(random_network(3, 2, 8, look_ahead=3), how)
-    judged = [*models.contenders(("plain",), None, how)[0], late]
+    judged = [*models.models_under_test(("plain",), None, how)[0], late]
     ahead = whole.look_ahead(judged)
     assert ahead == 72
     seen: list[int] = []
@@ -178,22 +180,22 @@ def test_what_the_rows_say(scene: Path, tmp_path: Path) -> None:
     few, many = rows["plain", 1, "fresh"], rows["plain", 64, "fresh"]
     assert own["emd"].mean < many["emd"].mean < few["emd"].mean
     assert many["precision"].mean > few["precision"].mean
-    takes = found.takes[0]
-    assert takes.reference_events > 50
-    assert takes.soft
+    clips = found.clips[0]
+    assert clips.reference_events > 50
+    assert clips.soft
 
 
 def test_light_is_that_of_whole_pictures(scene: Path, tmp_path: Path) -> None:
     """What is cached are the renderer's own pixels."""
-    from evs.tools.evaluation.light import light_of, renderer_of
-    from evs.tools.evaluation.take import film
+    from evs.tools.evaluation.clip import make_clip
+    from evs.tools.evaluation.clip_light import light_of, renderer_of
 
-    take = film(scenes.stage_of(str(scene)), "slide", 3, sampled=20, patch_px=8, size=SIZE)
+    clip = make_clip(scenes.scene_setup(str(scene)), "slide", 3, sampled=20, patch_px=8, size=SIZE)
     spec = LightSpec("path", 2, "fresh")
-    light = light_of(take, "mark", spec, 3, LightCache(tmp_path), 1, lambda _: None)
-    renderer = renderer_of(take, spec, 1)
-    x, y = take.pixels.T
-    for k, shot in enumerate(take.shots):
+    light = light_of(clip, "mark", spec, 3, LightCache(tmp_path), 1, lambda _: None)
+    renderer = renderer_of(clip, spec, 1)
+    x, y = clip.pixels.T
+    for k, shot in enumerate(clip.instants):
         assert np.array_equal(light[k], renderer.render(*shot)[y, x])
 
 
@@ -269,9 +271,11 @@ def test_networks_that_do_not_come_with_evs_are_left_out(
 def test_two_models_of_one_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(models, "read_network", lambda path: random_network(1))
     with pytest.raises(EvsError, match="two models are called 'plain'"):
-        models.contenders(("plain",), tmp_path / "plain.onnx", models.Running(1, "reference"))
-    (found, own), _ = models.contenders(
-        ("plain",), tmp_path / "mine.onnx", models.Running(1, "reference")
+        models.models_under_test(
+            ("plain",), tmp_path / "plain.onnx", models.RuntimeOptions(1, "reference")
+        )
+    (found, own), _ = models.models_under_test(
+        ("plain",), tmp_path / "mine.onnx", models.RuntimeOptions(1, "reference")
     )
     assert (found.name, own.name) == ("plain", "mine")
 
@@ -287,12 +291,12 @@ def test_every_scene_of_the_table_can_be_filmed(
     """Where its package is installed; robots' lamps have a size, and something moves."""
     if name not in robot_files and not name.startswith("procedural/"):
         with pytest.raises(EvsError, match="no Python package 'dm_control' here"):
-            scenes.stage_of(name)
+            scenes.scene_setup(name)
         return
     settings = tiny(Path(name), cameras=("still",), ticks=30, pixels=200, reference_spp=2)
     found = judge(replace(settings, scenes=(name,)), LightCache(tmp_path))
-    assert found.takes[0].soft or name.startswith("procedural/")
-    assert found.takes[0].reference_patch_events > 0
+    assert found.clips[0].soft or name.startswith("procedural/")
+    assert found.clips[0].reference_patch_events > 0
 
 
 def test_a_users_own_network_is_judged_besides(
@@ -316,11 +320,11 @@ def test_a_users_own_network_is_judged_besides(
 def test_a_network_of_other_ticks_is_told_before_anything_is_traced() -> None:
     weights = replace(random_network(4, 2), tick_us=500)
     with pytest.raises(EvsError, match="is for ticks of 500 us; here they have 1000 us"):
-        models.network(weights, models.Running(1, "reference"), "mine")
+        models.network(weights, models.RuntimeOptions(1, "reference"), "mine")
     with pytest.raises(EvsError, match="no runtime 'nativ'"):
-        models.network(random_network(4, 2), models.Running(1, "nativ"), "mine")
+        models.network(random_network(4, 2), models.RuntimeOptions(1, "nativ"), "mine")
     with pytest.raises(EvsError, match=r"^no execution provider 'gpu'; there is: "):
-        models.network(random_network(4, 2), models.Running(1, "onnxruntime", "gpu"), "mine")
+        models.network(random_network(4, 2), models.RuntimeOptions(1, "onnxruntime", "gpu"), "mine")
 
 
 def test_a_network_that_is_not_sound_is_told_and_judged_all_the_same(

@@ -8,8 +8,8 @@ import shlex
 import pytest
 
 from evs.launch import main
-from evs.launch.again import program
 from evs.launch.commands import emulate, info
+from evs.launch.support.reinvoke import program
 
 
 @pytest.fixture(autouse=True)

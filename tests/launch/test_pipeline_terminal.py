@@ -14,7 +14,7 @@ import pytest
 
 from evs.drivers.clock import StageTime
 from evs.drivers.run.report import STAGES, Report
-from evs.launch import terminal
+from evs.launch.support import terminal
 
 REPORT = Report(
     real_time_factor=0.25,
@@ -85,9 +85,9 @@ PROGRAM = """
 import sys
 sys.path[:0] = [folder for folder in sys.argv[1].split(":")]
 from evs.drivers.run.run import Progress
-from evs.launch import terminal
+from evs.launch.support import terminal
 sys.path.insert(0, sys.argv[2])
-from test_program_terminal import REPORT
+from test_pipeline_terminal import REPORT
 with terminal.progress(100) as moved:
     for tick in range(1, 101):
         moved(Progress(tick, 100, tick * 1e-3, tick * 50, tick * 0.05))
@@ -139,7 +139,7 @@ def test_a_terminal_gets_a_bar_and_a_table() -> None:
 PLAIN_BAR = """
 import sys
 sys.path[:0] = [folder for folder in sys.argv[1].split(":")]
-from evs.launch import terminal
+from evs.launch.support import terminal
 with terminal.bar("rendering", 20) as moved:
     for frame in range(1, 21):
         moved(frame, f"frame {frame}")

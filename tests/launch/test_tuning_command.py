@@ -14,7 +14,7 @@ import pytest
 from evs.drivers.run.config import load
 from evs.drivers.run.shipped import PIPELINES
 from evs.launch.main import main
-from evs.tools.tuning import gauge
+from evs.tools.tuning import measurement
 from evs.tools.tuning.space import Candidate
 
 SCENE = str(PIPELINES.parent / "scenes" / "pendulum.xml")
@@ -23,7 +23,7 @@ SCENE = str(PIPELINES.parent / "scenes" / "pendulum.xml")
 class Known:
     """What each configuration costs and errs is known."""
 
-    own = 0.004
+    reference_error = 0.004
 
     def rtf(self, one: Candidate) -> float:
         return 4.0 * one.tick_us / 1000 / (one.spp * (3.0 if one.renderer == "path" else 1.0))
@@ -40,10 +40,10 @@ def known(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Nothing is measured, and files are written to a folder of their own."""
 
     @contextmanager
-    def opened(*_given: Any) -> Iterator[Known]:
+    def open_measurer(*_given: Any) -> Iterator[Known]:
         yield Known()
 
-    monkeypatch.setattr(gauge, "opened", opened)
+    monkeypatch.setattr(measurement, "open_measurer", open_measurer)
     monkeypatch.chdir(tmp_path)
 
 

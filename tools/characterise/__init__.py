@@ -1,4 +1,4 @@
-"""The bench: measures a virtual sensor as makers measure real ones, from its events alone."""
+"""Characterise a virtual sensor by its events alone, as makers characterise real ones."""
 
 from evs.tools.characterise.background import Background, measure_background
 from evs.tools.characterise.bandwidth import Bandwidth, measure_bandwidth
@@ -7,8 +7,8 @@ from evs.tools.characterise.contrast import SCurve, Thresholds, measure_threshol
 from evs.tools.characterise.dynamic_range import DynamicRange, measure_dynamic_range
 from evs.tools.characterise.latency import Latency, measure_latency
 from evs.tools.characterise.peak_rate import PeakRate, measure_peak_rate
+from evs.tools.characterise.quantity import Quantity
 from evs.tools.characterise.refractory import Refractory, measure_refractory
-from evs.tools.characterise.result import Result
 from evs.tools.characterise.suite import PIXELS, STEPS, Characterisation, characterise
 
 __all__ = [
@@ -21,8 +21,8 @@ __all__ = [
     "DynamicRange",
     "Latency",
     "PeakRate",
+    "Quantity",
     "Refractory",
-    "Result",
     "SCurve",
     "Thresholds",
     "characterise",

@@ -1,4 +1,4 @@
-"""Background rate: what the pixels say of light that stands still, by polarity and regularity.
+"""Background rate: events of pixels under constant light, by polarity and regularity.
 
 Leak is regular and ON. Shot noise comes at random and is of both polarities alike, and starts the
 pixel's leak anew. So OFF events tell the shot noise, and the ON events in excess the leak.
@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.sensor import SensorParameters
-from evs.tools.characterise.bench import F64, Bench, Exposure, Mask, pixel_numbers
+from evs.tools.characterise.bench import F64, Bench, LightExposure, Mask, pixel_numbers
+from evs.tools.characterise.expected import leak_rate_hz, shot_rate_hz
 from evs.tools.characterise.fit import mean_and_error
-from evs.tools.characterise.promised import leak_rate_hz, shot_rate_hz
+from evs.tools.characterise.quantity import Quantity
 from evs.tools.characterise.renewal import Spreads, find_spreads, leak_without_noise
-from evs.tools.characterise.result import Result
 
 LADDER_LUX = (0.1, 1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
 
@@ -69,7 +69,7 @@ class Background:
 
 
 @dataclass(frozen=True)
-class _Look:
+class _Observation:
     """What one illuminance gave."""
 
     lux: float
@@ -89,26 +89,30 @@ def measure_background(
 ) -> list[Background]:
     """Each illuminance until there are enough events.
 
-    In: unevenness of OFF thresholds, standard deviation over mean, as their S-curve told: uneven
-    pixels are unevenly noisy; moved, told each illuminance before it begins.
+    Args:
+        bench: the bench with the sensor.
+        ladder_lux: illuminances to measure.
+        unevenness: of OFF thresholds, standard deviation over mean, from their S-curve: uneven
+            pixels are unevenly noisy.
+        moved: called with each illuminance before it begins.
     """
-    looks = []
+    observations = []
     for lux in ladder_lux:
         moved(lux)
-        looks.append(_look(bench, lux))
+        observations.append(_observe(bench, lux))
     # where noise is strongest, chance hides its spread least
-    noisy = max(looks, key=lambda look: float(look.off.mean()))
+    noisy = max(observations, key=lambda observation: float(observation.off.mean()))
     spreads = find_spreads(noisy.off[~noisy.hot], noisy.seconds, unevenness)
-    return [_tell(look, spreads) for look in looks]
+    return [_summarise(observation, spreads) for observation in observations]
 
 
-def _look(bench: Bench, lux: float) -> _Look:
+def _observe(bench: Bench, lux: float) -> _Observation:
     exposure = bench.start(lux)
     rate = _first_rate(exposure, lux)
     nothing = np.zeros(bench.pixels)
     if rate == 0.0:
         quiet = np.zeros(bench.pixels, bool)
-        return _Look(lux, exposure.t_us * 1e-6, nothing, nothing, quiet, math.nan)
+        return _Observation(lux, exposure.t_us * 1e-6, nothing, nothing, quiet, math.nan)
     seconds = min(LONGEST_S, min(EVENTS / bench.pixels, A_PIXEL) / rate)
     ticks = math.ceil(max(2 * TICKS, seconds * rate / MOST_A_TICK))
     tick_us = math.ceil(seconds / ticks * 1e6)
@@ -131,10 +135,10 @@ def _look(bench: Bench, lux: float) -> _Look:
     awake = 1.0 / np.maximum(1.0 - blind, 0.1)
     hot = _hot(np.bincount(pixel, minlength=bench.pixels))
     irregularity = _irregularity(pixel[on], when[on], hot)
-    return _Look(lux, seconds, rate_on * awake, rate_off * awake, hot, irregularity)
+    return _Observation(lux, seconds, rate_on * awake, rate_off * awake, hot, irregularity)
 
 
-def _first_rate(exposure: Exposure, lux: float) -> float:
+def _first_rate(exposure: LightExposure, lux: float) -> float:
     """Events of a pixel and second, roughly; 0: there are none."""
     pixels, tick_us = exposure.bench.pixels, math.ceil(FIRST_LOOK_S / TICKS * 1e6)
     while True:
@@ -144,21 +148,21 @@ def _first_rate(exposure: Exposure, lux: float) -> float:
         tick_us *= 2
 
 
-def _tell(look: _Look, spreads: Spreads) -> Background:
-    usual = ~look.hot
-    off = mean_and_error(look.off[usual])
-    excess = mean_and_error((look.on - look.off)[usual])
+def _summarise(observation: _Observation, spreads: Spreads) -> Background:
+    usual = ~observation.hot
+    off = mean_and_error(observation.off[usual])
+    excess = mean_and_error((observation.on - observation.off)[usual])
     return Background(
-        look.lux,
-        len(look.hot),
-        look.seconds,
-        on=mean_and_error(look.on[usual]),
+        observation.lux,
+        len(observation.hot),
+        observation.seconds,
+        on=mean_and_error(observation.on[usual]),
         off=off,
         leak=leak_without_noise(excess, (2.0 * off[0], 2.0 * off[1]), spreads),
         shot=(2.0 * off[0], 2.0 * off[1]),
-        irregularity=look.irregularity,
-        hot_share=float(look.hot.mean()),
-        hot_rate=mean_and_error((look.on + look.off)[look.hot]),
+        irregularity=observation.irregularity,
+        hot_share=float(observation.hot.mean()),
+        hot_rate=mean_and_error((observation.on + observation.off)[observation.hot]),
     )
 
 
@@ -186,22 +190,22 @@ def _irregularity(pixel: npt.NDArray[np.int64], when: F64, hot: Mask) -> float:
     return float(np.sqrt(np.maximum(variance, 0.0).sum() / (mean**2).sum()))
 
 
-def background_results(sensor: SensorParameters, found: Sequence[Background]) -> list[Result]:
+def background_results(sensor: SensorParameters, found: Sequence[Background]) -> list[Quantity]:
     """Leak and shot noise of every illuminance; hot pixels of the quietest."""
     results = []
     for at in found:
         promised = shot_rate_hz(sensor, at.lux)
-        results.append(Result("shot noise rate", "Hz", *at.shot, promised, at.lux))
+        results.append(Quantity("shot noise rate", "Hz", *at.shot, promised, at.lux))
     for at in found:
         note = "the high pass takes part of it" if sensor.highpass_hz else ""
         note = "lost in shot noise" if math.isnan(at.leak[0]) else note
         promised = leak_rate_hz(sensor, at.lux)
-        results.append(Result("leak rate", "Hz", *at.leak, promised, at.lux, note))
+        results.append(Quantity("leak rate", "Hz", *at.leak, promised, at.lux, note))
     last = min(found, key=lambda at: at.on[0] + at.off[0])
     share = last.hot_share
     error = math.sqrt(share * (1.0 - share) / last.pixels)
-    results.append(Result("hot pixels", "", share, error, sensor.hot_pixel_fraction, last.lux))
+    results.append(Quantity("hot pixels", "", share, error, sensor.hot_pixel_fraction, last.lux))
     if share > 0.0:
         promised = sensor.hot_pixel_rate_hz if sensor.has_hot_pixels else math.nan
-        results.append(Result("rate of hot pixels", "Hz", *last.hot_rate, promised, last.lux))
+        results.append(Quantity("rate of hot pixels", "Hz", *last.hot_rate, promised, last.lux))
     return results

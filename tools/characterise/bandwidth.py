@@ -16,9 +16,9 @@ import numpy as np
 
 from evs.emulator.sensor import SensorParameters
 from evs.tools.characterise.bench import F64, Bench, pixel_numbers
+from evs.tools.characterise.expected import half_power_hz
 from evs.tools.characterise.fit import crossing, mean_and_error
-from evs.tools.characterise.promised import half_power_hz
-from evs.tools.characterise.result import Result
+from evs.tools.characterise.quantity import Quantity
 
 LADDER_LUX = (1.0, 10.0, 100.0, 1_000.0, 10_000.0)
 PIXELS = 40_000
@@ -115,8 +115,8 @@ def _find(lamp: _Lamp, guess: float) -> Bandwidth:
     else:
         return Bandwidth(lamp.lux, math.nan, math.nan, nothing, nothing)
     frequency = guess * np.array(AROUND)
-    told = [lamp.events_a_period(f) for f in frequency]
-    count, error = (np.array(values) for values in zip(*told, strict=True))
+    counted = [lamp.events_a_period(f) for f in frequency]
+    count, error = (np.array(values) for values in zip(*counted, strict=True))
     # a cubic through the four, over the logarithm of frequency
     fine = np.linspace(math.log(AROUND[0]), math.log(AROUND[-1]), 257)
     cubic = np.polynomial.Polynomial.fit(np.log(AROUND), count, len(AROUND) - 1)
@@ -147,7 +147,9 @@ class _Lamp:
     def events_a_period(self, hz: float, share: float = 1.0) -> tuple[float, float]:
         """Events of a pixel and period, half of both polarities', with the error over pixels.
 
-        In: share, of the depth of modulation.
+        Args:
+            hz: of the lamp.
+            share: of the depth of modulation.
         """
         bench = self.bench
         period_us = 1e6 / hz
@@ -165,7 +167,7 @@ class _Lamp:
         return mean_and_error(total / (2.0 * PERIODS))
 
 
-def bandwidth_results(sensor: SensorParameters, found: Sequence[Bandwidth]) -> list[Result]:
+def bandwidth_results(sensor: SensorParameters, found: Sequence[Bandwidth]) -> list[Quantity]:
     """One line an illuminance."""
     results = []
     for at in found:
@@ -177,6 +179,6 @@ def bandwidth_results(sensor: SensorParameters, found: Sequence[Bandwidth]) -> l
             note = "too few events"
         promised = math.nan if math.isinf(promised) else promised
         results.append(
-            Result("bandwidth, -3 dB", "Hz", measured, at.error_hz, promised, at.lux, note)
+            Quantity("bandwidth, -3 dB", "Hz", measured, at.error_hz, promised, at.lux, note)
         )
     return results

@@ -62,9 +62,9 @@ class Bench:
             self._make,
         )
 
-    def start(self, lux: float | F64, us: int = 1) -> Exposure:
+    def start(self, lux: float | F64, us: int = 1) -> LightExposure:
         """Switch the sensor on in this light and wait so long."""
-        exposure = Exposure(self, self._model, self._model.init(self.seed), 0)
+        exposure = LightExposure(self, self._model, self._model.init(self.seed), 0)
         exposure.expose(lux, us)
         return exposure
 
@@ -77,7 +77,7 @@ class Bench:
 
 
 @dataclass
-class Exposure:
+class LightExposure:
     """A sensor that is on."""
 
     bench: Bench
@@ -90,20 +90,22 @@ class Exposure:
 
         It is one tick; only where that would be over four minutes it is several.
 
-        In: lux, a number or (h w,).
+        Args:
+            lux: a number or (h w,).
+            us: duration.
         """
         light = self.bench.luminance(lux)
-        told = []
+        parts = []
         while us > 0:
             tick_us = min(us, MAX_TICK_US)
             begin, self.t_us, us = self.t_us, self.t_us + tick_us, us - tick_us
             events, self.state = self.model.step(light, self.state, begin, self.t_us)
-            told.append(events)
-        return told[0] if len(told) == 1 else join_events(told)
+            parts.append(events)
+        return parts[0] if len(parts) == 1 else join_events(parts)
 
-    def copy(self) -> Exposure:
+    def copy(self) -> LightExposure:
         """The same sensor at the same moment, to go another way."""
-        return Exposure(self.bench, self.model, self.state.copy(), self.t_us)
+        return LightExposure(self.bench, self.model, self.state.copy(), self.t_us)
 
 
 def corner(sensor: SensorParameters, pixels: int) -> SensorParameters:

@@ -1,4 +1,4 @@
-"""One page of a sensor's characterisation: nine charts, measured points on curves as set."""
+"""A page with nine charts of a sensor: measured points and expected curves."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from evs.drivers.pictures.layout import Chart, Series
 from evs.drivers.pictures.lettering import paste, text_line
 from evs.drivers.pictures.pen import RGB
 from evs.drivers.pictures.scales import Scale, decades_around
-from evs.tools.characterise import Characterisation, Result, SCurve, promised
+from evs.tools.characterise import Characterisation, Quantity, SCurve, expected
 from evs.tools.characterise.fit import normal_cdf
 
 CHART_PX = (520, 400)
@@ -52,13 +52,13 @@ def characterisation_page(found: Characterisation) -> U8:
     size = f"{sensor.width} x {sensor.height} px"
     part = "" if found.pixels == sensor.width * sensor.height else f", {found.pixels:,} measured"
     words = f"{size}{part}; seed {found.seed}. Points: measured from events alone. Lines: as set."
-    told = text_line(words, 17)
-    top = MARGIN_PX + heading.height + told.height + 14
+    subtitle = text_line(words, 17)
+    top = MARGIN_PX + heading.height + subtitle.height + 14
     rows = -(-len(charts) // COLUMNS)
     page = np.full((top + rows * height + MARGIN_PX, COLUMNS * width + 2 * MARGIN_PX, 3), PAPER,
                    np.uint8)  # fmt: skip
     paste(page, heading.picture, MARGIN_PX + 16, MARGIN_PX)
-    paste(page, told.picture, MARGIN_PX + 16, MARGIN_PX + heading.height)
+    paste(page, subtitle.picture, MARGIN_PX + 16, MARGIN_PX + heading.height)
     for k, chart in enumerate(charts):
         left, row = MARGIN_PX + k % COLUMNS * width, k // COLUMNS
         paste(page, draw_chart(chart, width, height), left, top + row * height)
@@ -115,11 +115,11 @@ def _map(curve: SCurve, name: str) -> Chart:
                  below=f"blue {low}, white {mean:.3g}, red {high}; grey: did not tell")  # fmt: skip
 
 
-def _of(results: Sequence[Result], quantity: str) -> list[Result]:
+def _of(results: Sequence[Quantity], quantity: str) -> list[Quantity]:
     return [r for r in results if r.quantity == quantity and math.isfinite(r.measured)]
 
 
-def _points(results: Sequence[Result], colour: RGB, label: str) -> Series:
+def _points(results: Sequence[Quantity], colour: RGB, label: str) -> Series:
     return Series(
         [r.lux or 0.0 for r in results],
         [r.measured for r in results],
@@ -136,10 +136,10 @@ def _y_scale(values: Sequence[float], unit: str) -> Scale:
 def _latency(found: Characterisation) -> Chart:
     results = found.latency_results()
     grid = _lux_grid()
-    told = [promised.latency_s(found.sensor, lux) for lux in grid]
+    pairs = [expected.latency_s(found.sensor, lux) for lux in grid]
     series = []
     for k, (name, colour) in enumerate((("latency", ONE_RGB), ("jitter", OTHER_RGB))):
-        series.append(Series(grid, [pair[k] for pair in told], _pale(colour), line=True))
+        series.append(Series(grid, [pair[k] for pair in pairs], _pale(colour), line=True))
         series.append(_points(_of(results, name), colour, name))
     series.sort(key=lambda one: not one.line)
     seen = [y for one in series if not one.line for y in one.y]
@@ -151,7 +151,7 @@ def _latency(found: Characterisation) -> Chart:
 
 def _bandwidth(found: Characterisation) -> Chart:
     grid = _lux_grid()
-    line = [promised.half_power_hz(found.sensor, lux) for lux in grid]
+    line = [expected.half_power_hz(found.sensor, lux) for lux in grid]
     points = _points(_of(found.bandwidth_results(), "bandwidth, -3 dB"), ONE_RGB, "-3 dB")
     y = _y_scale([*points.y, *(v for v in line if math.isfinite(v))], "Hz")
     empty = "" if points.y else "faster than the bench"
@@ -163,9 +163,9 @@ def _background(found: Characterisation) -> Chart:
     results = found.background_results()
     sensor, grid = found.sensor, _lux_grid()
     lines = [
-        Series(grid, [promised.leak_rate_hz(sensor, lux) for lux in grid], _pale(LEAK_RGB),
+        Series(grid, [expected.leak_rate_hz(sensor, lux) for lux in grid], _pale(LEAK_RGB),
                line=True),
-        Series(grid, [promised.shot_rate_hz(sensor, lux) for lux in grid], _pale(SHOT_RGB),
+        Series(grid, [expected.shot_rate_hz(sensor, lux) for lux in grid], _pale(SHOT_RGB),
                line=True),
     ]  # fmt: skip
     seen = [at for at in found.background if at.on[0] + at.off[0] > 0.0]
@@ -185,19 +185,19 @@ def _background(found: Characterisation) -> Chart:
 
 
 def _dynamic_range(found: Characterisation) -> Chart:
-    told, sensor = found.dynamic_range, found.sensor
-    x = Scale(float(told.lux[0]), float(told.lux[-1]), log=True)
+    result, sensor = found.dynamic_range, found.sensor
+    x = Scale(float(result.lux[0]), float(result.lux[-1]), log=True)
     grid = np.geomspace(x.low, x.high, 193).tolist()
-    line = [100.0 * promised.answering_share(sensor, lux) for lux in grid]
-    points = Series(told.lux.tolist(), (100.0 * told.share).tolist(), ONE_RGB,
-                    f"{told.decibels:.1f} dB" if math.isfinite(told.decibels) else "")  # fmt: skip
+    line = [100.0 * expected.answering_share(sensor, lux) for lux in grid]
+    label = f"{result.decibels:.1f} dB" if math.isfinite(result.decibels) else ""
+    points = Series(result.lux.tolist(), (100.0 * result.share).tolist(), ONE_RGB, label)
     return Chart("Dynamic range: pixels that answer + 80 %, %", x, Scale(0.0, 105.0), LUX_LABEL,
                  [Series(grid, line, _pale(ONE_RGB), line=True), points],
                  marks=[(50.0, "one half")])  # fmt: skip
 
 
 def _refractory(found: Characterisation) -> Chart:
-    told = found.refractory
+    result = found.refractory
     period_s = found.sensor.refractory_period_s
     high = max(3.0 * period_s, 1e-5)
     scale = Scale(0.0, high, unit="s")
@@ -206,27 +206,27 @@ def _refractory(found: Characterisation) -> Chart:
     line = Series(grid.tolist(), np.maximum(grid, period_s).tolist(), _pale(ONE_RGB), line=True)
     pairs = [
         (1e-6 * delay, 1e-6 * interval)
-        for delay, interval in zip(told.delays_us, told.intervals_us, strict=True)
+        for delay, interval in zip(result.delays_us, result.intervals_us, strict=True)
         if interval >= 0
     ]
     # stamps are whole us: the first event comes in the one after
-    blind = f"blind for {told.period_us:g} us, never under {told.shortest_us} us"
-    label = blind if told.shortest_us >= 0 else ""
+    blind = f"blind for {result.period_us:g} us, never under {result.shortest_us} us"
+    label = blind if result.shortest_us >= 0 else ""
     points = Series([x for x, _ in pairs], [y for _, y in pairs], ONE_RGB, label)
     return Chart("Refractory period: shortest interval of two events", scale, scale,
                  "from one step of light to the next", [line, points])  # fmt: skip
 
 
 def _peak_rate(found: Characterisation) -> Chart:
-    told = found.peak_rate
-    x = _y_scale(told.offered.tolist(), "")
-    y = _y_scale([*told.passed.tolist(), *told.offered.tolist()], "")
+    result = found.peak_rate
+    x = _y_scale(result.offered.tolist(), "")
+    y = _y_scale([*result.passed.tolist(), *result.offered.tolist()], "")
     grid = np.geomspace(x.low, x.high, CURVE_POINTS).tolist()
-    limit = promised.peak_rate(found.sensor)
+    limit = expected.peak_rate(found.sensor)
     most = math.inf if math.isnan(limit) else limit
     line = Series(grid, [min(value, most) for value in grid], _pale(ONE_RGB), line=True)
-    peak = told.peak[0]
+    peak = result.peak[0]
     label = f"{peak / 1e6:.3g} Mev/s at most" if math.isfinite(peak) else "no limit seen"
-    points = Series(told.offered.tolist(), told.passed.tolist(), ONE_RGB, label)
+    points = Series(result.offered.tolist(), result.passed.tolist(), ONE_RGB, label)
     return Chart("Peak rate: events a second that come out", x, y,
                  "events a second that the pixels give", [line, points])  # fmt: skip

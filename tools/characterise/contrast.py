@@ -1,4 +1,4 @@
-"""The S-curve: which share of the pixels answers a step of contrast, and each pixel's threshold."""
+"""The S-curve: the share of the pixels that respond to a step of contrast; all thresholds."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from evs.emulator.sensor import SensorParameters
 from evs.tools.characterise.bench import F64, Bench, Mask
 from evs.tools.characterise.fit import Normal, fit_normal
-from evs.tools.characterise.result import Result
+from evs.tools.characterise.quantity import Quantity
 from evs.tools.characterise.settle import Settled, least_contrast, settle
 
 DAYLIGHT_LUX = 10_000.0
@@ -50,7 +50,7 @@ class Thresholds:
         fit = self.off.fit
         return fit.sigma / fit.mean if fit.mean > 0.0 else 0.0
 
-    def results(self, sensor: SensorParameters) -> list[Result]:
+    def results(self, sensor: SensorParameters) -> list[Quantity]:
         """Mean and spread of both, and how many pixels are dead."""
         found = []
         for name, curve, mean in (
@@ -60,8 +60,8 @@ class Thresholds:
             fit = curve.fit
             note = "no pixel answers" if math.isnan(fit.mean) else ""
             found += [
-                Result(name, "log", fit.mean, fit.mean_error, mean, DAYLIGHT_LUX, note),
-                Result(
+                Quantity(name, "log", fit.mean, fit.mean_error, mean, DAYLIGHT_LUX, note),
+                Quantity(
                     f"{name}, sigma over pixels",
                     "log",
                     fit.sigma,
@@ -75,7 +75,7 @@ class Thresholds:
         error = math.sqrt(
             max(self.dead_share * (1 - self.dead_share), 0.0) / self.on.thresholds.size
         )
-        found.append(Result("dead pixels", "", self.dead_share, error, dead, DAYLIGHT_LUX))
+        found.append(Quantity("dead pixels", "", self.dead_share, error, dead, DAYLIGHT_LUX))
         return found
 
 
@@ -97,20 +97,20 @@ def _curve(settled: Settled, quiet: Mask, on: bool) -> SCurve:
     own = least_contrast(answers, settled.exposure.bench.pixels)
     own[~quiet] = np.nan
     thresholds = own.reshape(sensor.height, sensor.width)
-    asked = own[np.isfinite(own)]
-    if not len(asked):
+    tested = own[np.isfinite(own)]
+    if not len(tested):
         nothing = Normal(math.nan, math.nan, math.nan, math.nan)
         return SCurve(np.zeros(0), np.zeros(0), nothing, thresholds)
 
     # the steps that all pixels see together, around what each one said
-    low, middle, high = np.quantile(asked, (0.16, 0.5, 0.84))
+    low, middle, high = np.quantile(tested, (0.16, 0.5, 0.84))
     reach = SIGMAS * max(0.5 * (high - low), 1e-4 * middle)
     contrast = np.linspace(max(middle - reach, 0.05 * middle), middle + reach, STEPS)
-    told = np.isfinite(own)
+    counted = np.isfinite(own)
     counts = [
-        np.count_nonzero(settled.step(settled.lux * math.exp(sign * step), on) & told)
+        np.count_nonzero(settled.step(settled.lux * math.exp(sign * step), on) & counted)
         for step in contrast
     ]
-    reached = np.maximum.accumulate(np.array([0, *counts, len(asked)], np.float64))
-    return SCurve(contrast, reached[1:-1] / len(asked), fit_normal(contrast, np.diff(reached)),
+    reached = np.maximum.accumulate(np.array([0, *counts, len(tested)], np.float64))
+    return SCurve(contrast, reached[1:-1] / len(tested), fit_normal(contrast, np.diff(reached)),
                   thresholds)  # fmt: skip

@@ -1,4 +1,4 @@
-"""Dynamic range: from the least light in which half of the pixels answer, to the most there is."""
+"""Dynamic range: from the least light in which half of the pixels respond to the most there is."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from evs.emulator.sensor import SensorParameters
 from evs.tools.characterise.bench import F64, Bench, share_of
-from evs.tools.characterise.promised import CONTRAST, lowest_lux
-from evs.tools.characterise.result import Result
+from evs.tools.characterise.expected import CONTRAST, lowest_lux
+from evs.tools.characterise.quantity import Quantity
 from evs.tools.characterise.settle import settle
 
 DARKEST_LUX, BRIGHTEST_LUX = 1e-3, 1e5
@@ -41,7 +41,7 @@ class DynamicRange:
         """20 log10 of their ratio."""
         return 20.0 * math.log10(self.highest_lux / self.lowest_lux[0])
 
-    def results(self, sensor: SensorParameters) -> list[Result]:
+    def results(self, sensor: SensorParameters) -> list[Quantity]:
         """The least light, and the range up to where half of the pixels answer no more."""
         promised = lowest_lux(sensor, DARKEST_LUX, BRIGHTEST_LUX)
         lowest, error = self.lowest_lux
@@ -50,8 +50,8 @@ class DynamicRange:
         range_error = 20.0 / math.log(10.0) * error / lowest
         promised_range = 20.0 * math.log10(BRIGHTEST_LUX / promised)
         return [
-            Result("least illuminance", "lux", lowest, error, promised, None, nowhere),
-            Result(
+            Quantity("least illuminance", "lux", lowest, error, promised, None, nowhere),
+            Quantity(
                 "dynamic range",
                 "dB",
                 self.decibels,
@@ -66,15 +66,15 @@ class DynamicRange:
 def measure_dynamic_range(bench: Bench) -> DynamicRange:
     """Share of the pixels that answer, over all the lamp gives."""
     part = bench.part(PIXELS)
-    told: dict[float, tuple[float, int]] = {}
+    shares_at: dict[float, tuple[float, int]] = {}
 
     def ask(exponent: float) -> float:
-        if exponent not in told:
+        if exponent not in shares_at:
             settled = settle(part, 10.0**exponent)
             quiet = settled.quiet()
             yes = settled.step(CONTRAST * settled.lux, True)
-            told[exponent] = (share_of(yes, quiet), int(np.count_nonzero(quiet)))
-        return told[exponent][0]
+            shares_at[exponent] = (share_of(yes, quiet), int(np.count_nonzero(quiet)))
+        return shares_at[exponent][0]
 
     low, high = math.log10(DARKEST_LUX), math.log10(BRIGHTEST_LUX)
     ladder = np.linspace(low, high, round((high - low) * A_DECADE) + 1).tolist()
@@ -86,9 +86,9 @@ def measure_dynamic_range(bench: Bench) -> DynamicRange:
         lowest = (10.0 ** ladder[0], 0.0)
         if first > 0:
             dark, light = _halve(ask, ladder[first - 1], ladder[first])
-            lowest = _between(dark, ask(dark), light, ask(light), told[light][1])
-    exponents = sorted(told)
-    shares = np.array([told[exponent][0] for exponent in exponents])
+            lowest = _between(dark, ask(dark), light, ask(light), shares_at[light][1])
+    exponents = sorted(shares_at)
+    shares = np.array([shares_at[exponent][0] for exponent in exponents])
     return DynamicRange(10.0 ** np.array(exponents), shares, lowest, highest)
 
 

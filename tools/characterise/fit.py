@@ -35,8 +35,11 @@ def fit_normal(edges: F64, counts: F64) -> Normal:
     """The normal distribution that most likely gave these counts, by Fisher's scoring.
 
     This is the probit fit where each individual is asked at every edge (Finney 1971, grouped data).
-    In: edges (k,) ascending; counts (k + 1,), below the first, between, and above the last.
     Counts in fewer than three places tell no sigma: it is 0, within the distance of the edges.
+
+    Args:
+        edges: (k,) ascending.
+        counts: (k + 1,), below the first, between, and above the last.
     """
     total = counts.sum()
     held = np.flatnonzero(counts)

@@ -1,4 +1,4 @@
-"""Latency and its jitter: when each pixel first answers light that doubles."""
+"""Latency and jitter: when each pixel first responds to light that doubles."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from evs.emulator.sensor import SensorParameters, make_readout
 from evs.emulator.sensor.readout import ReadoutParameters
-from evs.tools.characterise.bench import Bench, Exposure, pixel_numbers, share_of
-from evs.tools.characterise.promised import DOUBLED, HALF, latency_s
-from evs.tools.characterise.result import Result
+from evs.tools.characterise.bench import Bench, LightExposure, pixel_numbers, share_of
+from evs.tools.characterise.expected import DOUBLED, HALF, latency_s
+from evs.tools.characterise.quantity import Quantity
 from evs.tools.characterise.settle import growing_us, settle, window_us
 
 LADDER_LUX = (1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
@@ -52,21 +52,21 @@ def measure_latency(bench: Bench, lux: float) -> Latency:
     part = bench.part(PIXELS, readout=ReadoutParameters())
     window = sum(window_us(part, lux / DOUBLED))
     took_us = np.full(part.pixels, -1, np.int64)
-    asked = np.zeros(part.pixels, bool)
+    tested = np.zeros(part.pixels, bool)
     for attempt in range(ATTEMPTS):
         settled = settle(part, lux / DOUBLED, 1 + attempt * 2 * window)
-        new = settled.quiet() & ~asked
+        new = settled.quiet() & ~tested
         answer = _first_answers(settled.exposure.copy(), lux, window)
         took_us[new] = answer[new]
-        asked |= new
-        if np.count_nonzero(asked | settled.dead) >= ENOUGH * part.pixels:
+        tested |= new
+        if np.count_nonzero(tested | settled.dead) >= ENOUGH * part.pixels:
             break
-    told = took_us >= 0
-    share = share_of(told, asked)
-    times = took_us[told].astype(np.float64) * 1e-6
+    fired = took_us >= 0
+    share = share_of(fired, tested)
+    times = took_us[fired].astype(np.float64) * 1e-6
     nothing = (math.nan, math.nan)
     if share < HALF or len(times) < 2:
-        return Latency(lux, share if asked.any() else math.nan, nothing, nothing)
+        return Latency(lux, share if tested.any() else math.nan, nothing, nothing)
     spread = float(times.std(ddof=1))
     centred = times - times.mean()
     kurtosis = float((centred**4).mean()) / max(spread**4, 1e-60)
@@ -80,7 +80,7 @@ def measure_latency(bench: Bench, lux: float) -> Latency:
     )
 
 
-def _first_answers(exposure: Exposure, lux: float, window_us: int) -> npt.NDArray[np.int64]:
+def _first_answers(exposure: LightExposure, lux: float, window_us: int) -> npt.NDArray[np.int64]:
     """(h w,) us from a step to `lux` until each pixel's first ON event has left; -1: none."""
     sensor = exposure.bench.sensor
     readout = make_readout(sensor)
@@ -100,7 +100,7 @@ def _first_answers(exposure: Exposure, lux: float, window_us: int) -> npt.NDArra
     return first
 
 
-def latency_results(sensor: SensorParameters, found: Sequence[Latency]) -> list[Result]:
+def latency_results(sensor: SensorParameters, found: Sequence[Latency]) -> list[Quantity]:
     """Mean and jitter of every illuminance."""
     means, jitters = [], []
     for at in found:
@@ -108,6 +108,6 @@ def latency_results(sensor: SensorParameters, found: Sequence[Latency]) -> list[
         note = "the high pass delays it" if sensor.highpass_hz else ""
         note = note if at.share >= HALF else "too dark for half of the pixels"
         note = "buried in noise" if math.isnan(at.share) else note
-        means.append(Result("latency", "s", *at.mean_s, mean, at.lux, note))
-        jitters.append(Result("jitter", "s", *at.jitter_s, jitter, at.lux, note))
+        means.append(Quantity("latency", "s", *at.mean_s, mean, at.lux, note))
+        jitters.append(Quantity("jitter", "s", *at.jitter_s, jitter, at.lux, note))
     return means + jitters

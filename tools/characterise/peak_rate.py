@@ -1,4 +1,4 @@
-"""Peak rate: light that swings ever faster everywhere, and how many events come out of the chip."""
+"""Peak rate: the events that leave the chip while light swings faster and faster everywhere."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.emulator.sensor import SensorParameters, make_readout
-from evs.tools.characterise import promised
+from evs.tools.characterise import expected
 from evs.tools.characterise.bench import F64, Bench
-from evs.tools.characterise.result import Result
+from evs.tools.characterise.quantity import Quantity
 
 LUX = 10_000.0
 SWING = 1.0
@@ -48,12 +48,12 @@ class PeakRate:
     peak: tuple[float, float]
     """most that came out, standard error; NaN: there is no limit up to what was offered"""
 
-    def results(self, sensor: SensorParameters) -> list[Result]:
+    def results(self, sensor: SensorParameters) -> list[Quantity]:
         """The most that comes out."""
         note = ""
         if math.isnan(self.peak[0]):
             note = f"no limit up to {self.passed.max() / 1e6:.0f} Mev/s"
-        return [Result("peak rate", "ev/s", *self.peak, promised.peak_rate(sensor), LUX, note)]
+        return [Quantity("peak rate", "ev/s", *self.peak, expected.peak_rate(sensor), LUX, note)]
 
 
 def measure_peak_rate(bench: Bench) -> PeakRate:

@@ -1,4 +1,4 @@
-"""The refractory period: two steps of light, ever closer, until the second one is not answered."""
+"""The refractory period: two steps of light, closer and closer, until the second has no event."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from evs.emulator.sensor import SensorParameters
 from evs.tools.characterise.bench import Bench, pixel_numbers, share_of
-from evs.tools.characterise.result import Result
+from evs.tools.characterise.quantity import Quantity
 from evs.tools.characterise.settle import growing_us, window_us
 
 LUX = 1000.0
@@ -49,7 +49,7 @@ class Refractory:
     intervals_us: list[int]
     """shortest interval between two events of a pixel then; -1: none"""
 
-    def results(self, sensor: SensorParameters) -> list[Result]:
+    def results(self, sensor: SensorParameters) -> list[Quantity]:
         """The longest time after an event for which every pixel was blind."""
         promised = sensor.refractory_period_s
         runs_us = sensor.refractory_us
@@ -58,10 +58,10 @@ class Refractory:
         )
         if self.shortest_us < 0:
             nothing = "no pixel answered twice"
-            return [Result("refractory period", "s", math.nan, math.nan, promised, None, nothing)]
+            return [Quantity("refractory period", "s", math.nan, math.nan, promised, None, nothing)]
         measured = self.period_us * 1e-6
         error = self.error_us * 1e-6
-        return [Result("refractory period", "s", measured, error, promised, None, note)]
+        return [Quantity("refractory period", "s", measured, error, promised, None, note)]
 
 
 def measure_refractory(bench: Bench) -> Refractory:

@@ -1,4 +1,4 @@
-"""Leak under shot noise: each noise event starts the pixel's leak anew, so that it is seen less."""
+"""Leak under shot noise: each noise event restarts the leak of its pixel, which hides some leak."""
 
 from __future__ import annotations
 
@@ -78,7 +78,12 @@ def find_spreads(off: F64, seconds: float, unevenness: float) -> Spreads:
     """From the rates of the pixels' OFF events, which are all noise.
 
     Chance in their counts is taken off, and what thresholds do, which leak does not know and of
-    which each polarity has its own. In: unevenness of thresholds, standard deviation over mean.
+    which each polarity has its own.
+
+    Args:
+        off: events of each pixel.
+        seconds: duration.
+        unevenness: of thresholds, standard deviation over mean.
     """
     mean = float(off.mean())
     if not mean > 0.0:

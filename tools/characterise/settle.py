@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evs.tools.characterise.bench import F64, Bench, Exposure, Mask, answered, pixel_numbers
-from evs.tools.characterise.promised import time_constants_s
+from evs.tools.characterise.bench import F64, Bench, LightExposure, Mask, answered, pixel_numbers
+from evs.tools.characterise.expected import time_constants_s
 
 TIME_CONSTANTS = 9.0
 """How long the bench waits for an answer; e^-9 of a step is still to come then."""
@@ -34,7 +34,7 @@ HALVINGS = 13
 class Settled:
     """A sensor at rest in uniform light."""
 
-    exposure: Exposure
+    exposure: LightExposure
     lux: float
     sound: Mask
     """(h w,) pixels that settled"""
@@ -84,7 +84,7 @@ def settle(bench: Bench, lux: float, wait_us: int = 1) -> Settled:
     sensor = bench.sensor
     window = window_us(bench, lux)
 
-    def fall(contrast: F64) -> tuple[Exposure, Mask]:
+    def fall(contrast: F64) -> tuple[LightExposure, Mask]:
         exposure = bench.start(lux * np.exp(contrast), wait_us)
         mask = np.zeros(bench.pixels, bool)
         for us in window:
@@ -109,8 +109,11 @@ def settle(bench: Bench, lux: float, wait_us: int = 1) -> Settled:
 def least_contrast(answers: Callable[[F64], Mask], pixels: int) -> F64:
     """(h w,) the least contrast that each pixel answers; NaN: none up to MOST_CONTRAST.
 
-    In: answers, of one contrast a pixel, whether it answers. First doubled until it does, then
-    halved between.
+    First doubled until it does, then halved between.
+
+    Args:
+        answers: of one contrast a pixel, whether it answers.
+        pixels: the pixels.
     """
     none = np.zeros(pixels)
     enough = np.full(pixels, FIRST_CONTRAST)

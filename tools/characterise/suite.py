@@ -26,8 +26,8 @@ from evs.tools.characterise.dynamic_range import DynamicRange, measure_dynamic_r
 from evs.tools.characterise.latency import LADDER_LUX as LATENCY_LUX
 from evs.tools.characterise.latency import Latency, latency_results, measure_latency
 from evs.tools.characterise.peak_rate import PeakRate, measure_peak_rate
+from evs.tools.characterise.quantity import Quantity
 from evs.tools.characterise.refractory import Refractory, measure_refractory
-from evs.tools.characterise.result import Result
 
 PIXELS = 100_000
 """At most so many are measured: the upper left corner of a larger sensor."""
@@ -54,7 +54,7 @@ class Characterisation:
     dynamic_range: DynamicRange
     peak_rate: PeakRate
 
-    def results(self) -> list[Result]:
+    def results(self) -> list[Quantity]:
         """Every number beside what was set."""
         sensor = self.sensor
         return [
@@ -67,15 +67,15 @@ class Characterisation:
             *self.peak_rate.results(sensor),
         ]
 
-    def latency_results(self) -> list[Result]:
+    def latency_results(self) -> list[Quantity]:
         """Latency and jitter of every illuminance."""
         return latency_results(self.sensor, self.latency)
 
-    def bandwidth_results(self) -> list[Result]:
+    def bandwidth_results(self) -> list[Quantity]:
         """Bandwidth of every illuminance."""
         return bandwidth_results(self.sensor, self.bandwidth)
 
-    def background_results(self) -> list[Result]:
+    def background_results(self) -> list[Quantity]:
         """Noise and leak of every illuminance, hot pixels."""
         return background_results(self.sensor, self.background)
 
@@ -113,8 +113,16 @@ def characterise(
 ) -> Characterisation:
     """Measure a sensor as its makers would, from its events alone.
 
-    In: pixels, at most so many are measured, but for the peak rate, which is that of the whole
-    sensor; moved, told in words what comes next, STEPS times. Raises EvsError: too few pixels.
+    Args:
+        sensor: its parameters.
+        seed: of all random numbers.
+        threads: worker threads; 0: one per core.
+        pixels: at most so many are measured, but for the peak rate, which is that of the whole
+            sensor.
+        moved: called with a description of what comes next, STEPS times.
+
+    Raises:
+        EvsError: too few pixels.
     """
     if pixels < LEAST_PIXELS:
         raise EvsError(f"{pixels} pixels are too few to measure; give {LEAST_PIXELS} or more")

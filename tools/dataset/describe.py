@@ -1,4 +1,4 @@
-"""What a data set is to be, or what a folder holds."""
+"""Describe a data set, planned or existing."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def describe(folder: Path, scenes: Mapping[str, SceneFile]) -> Iterator[str]:
 
 
 def _there(folder: Path) -> Iterator[str]:
-    told = read_json(folder / MANIFEST)
-    for name, scene in told["scenes"].items():
-        files = told["files"].items()
+    manifest = read_json(folder / MANIFEST)
+    for name, scene in manifest["scenes"].items():
+        files = manifest["files"].items()
         own = {key: size["bytes"] for key, size in files if key.startswith(f"{name}/")}
         seconds = (scene["end_us"] - scene["begin_us"]) / 1e6
         yield (
             f"{name:10s}{seconds:6.1f} s  {scene['place'] or 'own':8s}{scene['frames']} frames, "
             f"{len(own)} files, {sum(own.values()) / 1e6:.1f} MB: {scene['about']}"
         )
-    yield "versions  " + ", ".join(f"{key} {value}" for key, value in told["versions"].items())
+    yield "versions  " + ", ".join(f"{key} {value}" for key, value in manifest["versions"].items())

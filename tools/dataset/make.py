@@ -1,4 +1,4 @@
-"""make_dataset: the shards of all scenes by the runner, then what is put together of them."""
+"""make_dataset: run the shards of all scenes as jobs, then join them."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from evs.emulator import World
 from evs.emulator.state.versions import versions
 from evs.emulator.world import digest_of
 from evs.msgs import EvsError, Frame, ImuPacket, TriggerPacket
+from evs.tools.dataset.contact_sheet import scene_page
 from evs.tools.dataset.manifest import KIND, MANIFEST, claim, listed, missing, write_json
-from evs.tools.dataset.reading import Recorded
+from evs.tools.dataset.reader import RecordedSequence
 from evs.tools.dataset.scenes import SceneFile
+from evs.tools.dataset.sequence_spec import SequenceSpec, make_sequence_spec
 from evs.tools.dataset.shards import EVENTS, STATE, EventShard, FrameShard, Shard, cut
-from evs.tools.dataset.sheet import scene_page
-from evs.tools.dataset.take import Take, take_of
 from evs.tools.jobs import check_workers, run_jobs
 
 SHARD_S = 1.0
@@ -32,7 +32,7 @@ RECORDING, SHEET = "events.aedat4", "sheet.png"
 
 
 @dataclass(frozen=True)
-class Made:
+class DatasetSummary:
     """What make_dataset did."""
 
     made: int
@@ -54,24 +54,31 @@ def make_dataset(
     ray: str = "",
     moved: Callable[[float, str], None] = lambda _done, _told: None,
     stopped: Callable[[], bool] = lambda: False,
-) -> Made:
+) -> DatasetSummary:
     """Make, or go on with, a data set of these scenes; the same bytes with any number of workers.
 
-    In: shard_s, simulated seconds of a shard; workers, ray, as run_jobs takes them; moved, told how
-    many shards are done and which one moves; stopped, asked before each shard.
     Raises EvsError; what arrived before stays, and the same call goes on there.
+
+    Args:
+        folder: target folder.
+        scenes: name -> scene.
+        shard_s: simulated seconds of a shard.
+        workers: as run_jobs takes them.
+        ray: as run_jobs takes them.
+        moved: called with how many shards are done and which one moves.
+        stopped: polled before each shard.
     """
     check_workers(workers, ray)
-    takes = [take_of(name, scene) for name, scene in scenes.items()]
-    told = told_of(takes, scenes, shard_s)
-    claim(folder, told)
+    sequences = [make_sequence_spec(name, scene) for name, scene in scenes.items()]
+    described = describe_settings(sequences, scenes, shard_s)
+    claim(folder, described)
     if missing(folder):
         # it says that the set is whole, and is written anew once it is
         (folder / MANIFEST).unlink()
-    jobs = _jobs(takes, shard_s)
+    jobs = _jobs(sequences, shard_s)
     shares: dict[str, float] = {}
 
-    def tell(job: Shard, share: float) -> None:
+    def report(job: Shard, share: float) -> None:
         shares[job.name] = share
         moved(sum(shares.values()), job.name)
 
@@ -80,20 +87,20 @@ def make_dataset(
         folder,
         workers=workers,
         ray=ray,
-        threads=max((take.config.threads for take in takes), default=0),
-        on_done=lambda job, _: tell(job, 1.0),
-        on_share=tell,
+        threads=max((sequence.config.threads for sequence in sequences), default=0),
+        on_done=lambda job, _: report(job, 1.0),
+        on_share=report,
         stopped=stopped,
         then=lambda job: _next(folder, job, shard_s),
     )
     if ran.left or stopped():
-        return Made(ran.made, ran.kept, False, ran.lost)
+        return DatasetSummary(ran.made, ran.kept, False, ran.lost)
     if not (folder / MANIFEST).exists():
-        for take in takes:
-            moved(sum(shares.values()), f"{take.name}/{RECORDING}")
-            _finish(folder / take.name)
-        write_json(folder / MANIFEST, {**told, "files": listed(folder)})
-    return Made(ran.made, ran.kept, True, ran.lost)
+        for sequence in sequences:
+            moved(sum(shares.values()), f"{sequence.name}/{RECORDING}")
+            _finish(folder / sequence.name)
+        write_json(folder / MANIFEST, {**described, "files": listed(folder)})
+    return DatasetSummary(ran.made, ran.kept, True, ran.lost)
 
 
 def shard_count(scenes: Mapping[str, SceneFile], shard_s: float = SHARD_S) -> int:
@@ -105,52 +112,55 @@ def shard_count(scenes: Mapping[str, SceneFile], shard_s: float = SHARD_S) -> in
     return count
 
 
-def told_of(
-    takes: Sequence[Take], scenes: Mapping[str, SceneFile], shard_s: float
+def describe_settings(
+    sequences: Sequence[SequenceSpec], scenes: Mapping[str, SceneFile], shard_s: float
 ) -> dict[str, Any]:
     """Everything that the bytes follow from, in plain values, and what the numbers in them mean."""
     return {
         "kind": KIND,
         "versions": {**versions(), "zlib": zlib.ZLIB_RUNTIME_VERSION},
         "shard_s": shard_s,
-        "scenes": {take.name: _told_of_scene(take, scenes[take.name]) for take in takes},
+        "scenes": {
+            sequence.name: _describe_scene(sequence, scenes[sequence.name])
+            for sequence in sequences
+        },
     }
 
 
-def _told_of_scene(take: Take, scene: SceneFile) -> dict[str, Any]:
-    with take.standing() as config:
+def _describe_scene(sequence: SequenceSpec, scene: SceneFile) -> dict[str, Any]:
+    with sequence.with_model_file() as config:
         world = World.from_config(config)
     (camera,) = world.cameras
     model = world.model
-    config = take.said(take.config)
-    said = settings.to_plain(dataclasses.replace(scene, scene=config.scene, threads=0))
-    if take.rows is not None:
-        said["controls_crc32"] = zlib.crc32(take.rows.tobytes())
+    config = sequence.recorded_config(sequence.config)
+    config_json = settings.to_plain(dataclasses.replace(scene, scene=config.scene, threads=0))
+    if sequence.rows is not None:
+        config_json["controls_crc32"] = zlib.crc32(sequence.rows.tobytes())
     return {
         "about": scene.about,
         "place": scene.place,
         "model": digest_of(model),
-        "begin_us": take.begin * take.tick_us,
-        "end_us": take.end * take.tick_us,
-        "frames": len(take.frame_ticks()),
+        "begin_us": sequence.begin * sequence.tick_us,
+        "end_us": sequence.end * sequence.tick_us,
+        "frames": len(sequence.frame_ticks()),
         "camera_info": json.loads(json.dumps(camera.info.camera_info)),
         "geoms": [model.geom(place).name for place in range(model.ngeom)],
         "bodies": [model.body(place).name for place in range(model.nbody)],
         "body_of_geom": [int(body) for body in model.geom_bodyid],
-        "config": said,
+        "config": config_json,
     }
 
 
-def _jobs(takes: Sequence[Take], shard_s: float) -> list[Shard]:
+def _jobs(sequences: Sequence[SequenceSpec], shard_s: float) -> list[Shard]:
     """What can begin at once: the first events of every scene, and all frames."""
     first: list[Shard] = []
     frames: list[Shard] = []
-    for take in takes:
-        ranges = cut(take, shard_s)
-        first.append(EventShard(take, 0, *ranges[0]))
-        ticks = take.frame_ticks()
+    for sequence in sequences:
+        ranges = cut(sequence, shard_s)
+        first.append(EventShard(sequence, 0, *ranges[0]))
+        ticks = sequence.frame_ticks()
         frames += [
-            FrameShard(take, index, begin, end)
+            FrameShard(sequence, index, begin, end)
             for index, (begin, end) in enumerate(ranges)
             if any(begin <= tick < end for tick in ticks)
         ]
@@ -162,9 +172,9 @@ def _next(folder: Path, job: Shard, shard_s: float) -> list[Shard]:
     if not isinstance(job, EventShard) or job.is_last:
         return []
     index = job.index + 1
-    begin, end = cut(job.take, shard_s)[index]
+    begin, end = cut(job.sequence, shard_s)[index]
     path = folder / job.name / STATE
-    following = EventShard(job.take, index, begin, end)
+    following = EventShard(job.sequence, index, begin, end)
     if (folder / following.name).exists():
         # it is there: nobody needs the state that it began with
         return [following]
@@ -198,7 +208,7 @@ def _finish(folder: Path) -> None:
     finally:
         recorder.close()
     part.replace(folder / RECORDING)
-    scene = Recorded(folder)
+    scene = RecordedSequence(folder)
     if scene.frame_count > 1:
         write_png(folder / SHEET, scene_page(scene))
     for shard in shards:

@@ -1,4 +1,4 @@
-"""The manifest: every file of a data set with its checksum; written last, so it says: whole."""
+"""The manifest: all files of a data set with checksums. It is written last: the set is complete."""
 
 from __future__ import annotations
 
@@ -26,36 +26,36 @@ def digest(path: Path) -> str:
     return made.hexdigest()
 
 
-def claim(folder: Path, told: Mapping[str, Any]) -> None:
+def claim(folder: Path, data: Mapping[str, Any]) -> None:
     """Make the folder one of these settings; one of others is refused. EvsError in one line."""
     path = folder / SETTINGS
     there = read_json(path) if path.exists() else None
     if there is None and folder.is_dir() and any(folder.iterdir()):
         raise EvsError(f"'{folder}' holds something else ({SETTINGS} is not there); take another")
     if there is None:
-        write_json(path, told)
-    elif there != json.loads(json.dumps(told)):
-        where = _difference(there, json.loads(json.dumps(told)), "")
+        write_json(path, data)
+    elif there != json.loads(json.dumps(data)):
+        where = _difference(there, json.loads(json.dumps(data)), "")
         raise EvsError(f"'{folder}' holds a data set of other settings: {where}; take another")
 
 
-def _difference(there: Any, asked: Any, path: str) -> str:
+def _difference(there: Any, wanted: Any, path: str) -> str:
     """The first place where two plain values differ, with both."""
-    if isinstance(there, dict) and isinstance(asked, dict):
-        for key in [*asked, *there]:
-            if there.get(key) != asked.get(key):
-                return _difference(there.get(key), asked.get(key), f"{path}.{key}".lstrip("."))
-    short = [text if len(text) < 60 else text[:57] + "..." for text in (f"{there}", f"{asked}")]
+    if isinstance(there, dict) and isinstance(wanted, dict):
+        for key in [*wanted, *there]:
+            if there.get(key) != wanted.get(key):
+                return _difference(there.get(key), wanted.get(key), f"{path}.{key}".lstrip("."))
+    short = [text if len(text) < 60 else text[:57] + "..." for text in (f"{there}", f"{wanted}")]
     return f"{path} is {short[0]}, not {short[1]}"
 
 
-def write_json(path: Path, told: Mapping[str, Any]) -> None:
+def write_json(path: Path, data: Mapping[str, Any]) -> None:
     """A JSON file, whole or not at all. EvsError where the disk does not take it."""
     part = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with part.open("w", encoding="utf-8") as file:
-            file.write(json.dumps(told, indent=1) + "\n")
+            file.write(json.dumps(data, indent=1) + "\n")
             file.flush()
             os.fsync(file.fileno())
         part.replace(path)
@@ -66,16 +66,16 @@ def write_json(path: Path, told: Mapping[str, Any]) -> None:
 def read_json(path: Path) -> dict[str, Any]:
     """What a JSON file of ours tells. EvsError where it is not there, or is something else."""
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(path.read_text(encoding="utf-8"))
     except OSError as reason:
         raise EvsError(
             f"cannot read {path}: {reason.strerror}; is this the folder of a data set that is done?"
         ) from None
     except ValueError:
         raise EvsError(f"{path} is damaged: it is no JSON; make the data set again") from None
-    if not isinstance(told, dict) or told.get("kind") != KIND:
+    if not isinstance(data, dict) or data.get("kind") != KIND:
         raise EvsError(f"{path} is not of a data set ('{KIND}')")
-    return told
+    return data
 
 
 def listed(folder: Path) -> dict[str, dict[str, Any]]:
@@ -103,14 +103,14 @@ def verify(folder: Path, moved: Callable[[int, str], None] = lambda _done, _name
     files: dict[str, dict[str, Any]] = read_json(folder / MANIFEST)["files"]
     wrong = []
     bad: dict[str, None] = {}
-    for done, (name, said) in enumerate(files.items()):
+    for done, (name, entry) in enumerate(files.items()):
         moved(done, name)
         path = folder / name
         if not path.is_file():
             wrong.append(f"{name} is missing")
-        elif path.stat().st_size != said["bytes"]:
-            wrong.append(f"{name} has {path.stat().st_size} bytes, not {said['bytes']}")
-        elif digest(path) != said["sha256"]:
+        elif path.stat().st_size != entry["bytes"]:
+            wrong.append(f"{name} has {path.stat().st_size} bytes, not {entry['bytes']}")
+        elif digest(path) != entry["sha256"]:
             wrong.append(f"{name} has another checksum")
         else:
             continue

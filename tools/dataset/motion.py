@@ -1,4 +1,4 @@
-"""Motion: what a scene's actuators are told, as smooth curves through a few points in time.
+"""Motion: controls of a scene's actuators, as smooth curves through a few points in time.
 
 A function of time and seed alone, so any range of a scene can be made anywhere.
 """
@@ -22,7 +22,7 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class Track:
-    """[[motion]]: what one actuator of the scene is told."""
+    """[[motion]]: the control of one actuator of the scene."""
 
     actuator: str = ""
     """name"""
@@ -37,7 +37,7 @@ class Track:
 
 
 def control_of(tracks: Sequence[Track], model: MjModel, seed: int) -> ControlFunction:
-    """The control function of all tracks; actuators without one are told 0.
+    """The control function of all tracks; the control of actuators without one is 0.
 
     Raises EvsError with the place of a bad track.
     """

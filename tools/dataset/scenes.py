@@ -1,4 +1,4 @@
-"""The scenes of a data set: those that come with evs, and any other one."""
+"""The scenes of a data set: those of evs, and files of the user."""
 
 from __future__ import annotations
 

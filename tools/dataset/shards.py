@@ -1,4 +1,4 @@
-"""The two kinds of shard: events, a chain in which each goes on from the last, and frames."""
+"""The two kinds of shard: events, each continuing the one before it, and frames."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from evs.emulator import World
 from evs.emulator.camera.camera import Camera
 from evs.emulator.config import RunConfig
 from evs.msgs import EventPacket, Pose, StreamInfo
-from evs.tools.dataset.take import Take
-from evs.tools.jobs import tell_share
+from evs.tools.dataset.sequence_spec import SequenceSpec
+from evs.tools.jobs import report_progress
 
 EVENTS, POSE, STATE, FRAMES = "events.npz", "pose.npz", "state.bin", "frames.npz"
 """files of a shard"""
@@ -27,7 +27,7 @@ EVENTS, POSE, STATE, FRAMES = "events.npz", "pose.npz", "state.bin", "frames.npz
 class EventShard:
     """The events, IMU samples and camera poses of the ticks begin + 1 ... end of a take."""
 
-    take: Take
+    sequence: SequenceSpec
     index: int
     begin: int
     end: int
@@ -37,18 +37,18 @@ class EventShard:
     @property
     def name(self) -> str:
         """Folder below the target."""
-        return f"{self.take.name}/events/{self.index:04d}"
+        return f"{self.sequence.name}/events/{self.index:04d}"
 
     @property
     def is_last(self) -> bool:
         """Whether the take ends with it."""
-        return self.end == self.take.end
+        return self.end == self.sequence.end
 
     def make(self, folder: Path) -> None:
         """Write events.npz, pose.npz and, unless it is the last, state.bin for the next one."""
-        with self.take.standing() as config:
+        with self.sequence.with_model_file() as config:
             if self.state is None:
-                world = self.take.world_at_begin(config)
+                world = self.sequence.world_at_begin(config)
             else:
                 world = World.from_config(config)
                 world.restore(self.state)
@@ -64,7 +64,7 @@ class EventShard:
                 (folder / STATE).write_bytes(world.save(compress=True))
 
     def _film(self, world: World, camera: Camera, recorder: NpzRecorder) -> list[Pose]:
-        control = self.take.control(world)
+        control = self.sequence.control(world)
         poses = []
         while world.tick < self.end:
             packets = world.step(control())
@@ -73,7 +73,7 @@ class EventShard:
             self._write(recorder, packets)
             if camera.pose is not None:
                 poses.append(camera.pose)
-            tell_share((world.tick - self.begin) / (self.end - self.begin))
+            report_progress((world.tick - self.begin) / (self.end - self.begin))
         if self.is_last:
             self._write(recorder, world.finish())
         return poses
@@ -83,17 +83,17 @@ class EventShard:
             recorder.write(packet)
 
     def _stream(self, camera: Camera, config: RunConfig) -> StreamInfo:
-        said = dataclasses.asdict(self.take.said(config))
+        config_json = dataclasses.asdict(self.sequence.recorded_config(config))
         # the sensor's table as the camera completed it
-        said["sensor"] = camera.info.config["sensor"]
-        return dataclasses.replace(camera.info, config=said)
+        config_json["sensor"] = camera.info.config["sensor"]
+        return dataclasses.replace(camera.info, config=config_json)
 
 
 @dataclass(frozen=True, eq=False)
 class FrameShard:
     """The frames of a take in the ticks begin ... end - 1, one at least, each with its truth."""
 
-    take: Take
+    sequence: SequenceSpec
     index: int
     begin: int
     end: int
@@ -101,15 +101,15 @@ class FrameShard:
     @property
     def name(self) -> str:
         """Folder below the target."""
-        return f"{self.take.name}/frames/{self.index:04d}"
+        return f"{self.sequence.name}/frames/{self.index:04d}"
 
     def make(self, folder: Path) -> None:
         """Write frames.npz."""
-        ticks = [tick for tick in self.take.frame_ticks() if self.begin <= tick < self.end]
-        with self.take.standing() as config:
+        ticks = [tick for tick in self.sequence.frame_ticks() if self.begin <= tick < self.end]
+        with self.sequence.with_model_file() as config:
             # one tick before, so that the first frame has its flow
-            world, view = self.take.view_at(config, max(0, ticks[0] - 1))
-            control = self.take.control(world)
+            world, view = self.sequence.view_at(config, max(0, ticks[0] - 1))
+            control = self.sequence.control(world)
             found: list[Mapping[str, npt.NDArray[Any]]] = []
             for tick in ticks:
                 while world.tick < tick:
@@ -131,7 +131,7 @@ class FrameShard:
                         "orientation": np.array(pose.orientation),
                     }
                 )
-                tell_share(len(found) / len(ticks))
+                report_progress(len(found) / len(ticks))
         stacks = {name: np.stack([frame[name] for frame in found]) for name in found[0]}
         np.savez_compressed(folder / FRAMES, allow_pickle=False, **stacks)
 
@@ -148,7 +148,10 @@ def _write_poses(path: Path, poses: list[Pose]) -> None:
     )
 
 
-def cut(take: Take, shard_s: float) -> list[tuple[int, int]]:
+def cut(sequence: SequenceSpec, shard_s: float) -> list[tuple[int, int]]:
     """(begin, end) of each range of a take, ticks; all but the last are `shard_s` long."""
-    length = max(1, round(shard_s * 1e6 / take.tick_us))
-    return [(tick, min(tick + length, take.end)) for tick in range(take.begin, take.end, length)]
+    length = max(1, round(shard_s * 1e6 / sequence.tick_us))
+    return [
+        (tick, min(tick + length, sequence.end))
+        for tick in range(sequence.begin, sequence.end, length)
+    ]

@@ -22,7 +22,7 @@ LEVELS = 20
 """of each colour: few of them make small files"""
 
 
-class Canvas:
+class TextureCanvas:
     """A square of (side, side) numbers to paint on, and its random numbers."""
 
     def __init__(self, name: str, side: int) -> None:
@@ -64,7 +64,7 @@ def coloured(shade: F64, dark: tuple[float, ...], bright: tuple[float, ...]) -> 
     return np.asarray(low + np.clip(shade, 0, 1)[..., None] * (high - low))
 
 
-def brick(c: Canvas) -> F64:
+def brick(c: TextureCanvas) -> F64:
     """Eight rows in a running bond; every brick has a tone of its own."""
     row = c.y // 32
     x = (c.x + 32 * (row % 2)) % c.side
@@ -74,7 +74,7 @@ def brick(c: Canvas) -> F64:
     return np.where(mortar[..., None], 0.62 + 0.12 * c.clouds(32, 64)[..., None], wall)
 
 
-def planks(c: Canvas) -> F64:
+def planks(c: TextureCanvas) -> F64:
     """Four boards with their grain and a seam between them."""
     board = c.x // 64
     grain = np.sin(0.55 * c.x + 9 * c.smooth(4) + 5 * board) * 0.5 + 0.5
@@ -84,7 +84,7 @@ def planks(c: Canvas) -> F64:
     return np.where((c.x % 64 < 2)[..., None], 0.14, wood)
 
 
-def tiles(c: Canvas) -> F64:
+def tiles(c: TextureCanvas) -> F64:
     """Four by four glazed tiles, light and dark in turn."""
     side = c.side // 4
     tone = 0.1 * c.cells(4, 4) + 0.06 * c.clouds(8, 32)
@@ -94,19 +94,19 @@ def tiles(c: Canvas) -> F64:
     return np.where(grout[..., None], 0.45, face)
 
 
-def plaster(c: Canvas) -> F64:
+def plaster(c: TextureCanvas) -> F64:
     """A rough wall."""
     shade = 0.6 * c.clouds(4, 64, 0.7) + 0.4 * c.smooth(64)
     return coloured(shade, (0.7, 0.7, 0.7), (1.0, 1.0, 1.0))
 
 
-def asphalt(c: Canvas) -> F64:
+def asphalt(c: TextureCanvas) -> F64:
     """Stones in tar, with worn and with wet places."""
     shade = 0.55 * c.grain() ** 2 + 0.45 * c.clouds(2, 16)
     return coloured(shade, (0.3, 0.3, 0.31), (1.0, 1.0, 1.0))
 
 
-def concrete(c: Canvas) -> F64:
+def concrete(c: TextureCanvas) -> F64:
     """Panels with joints and stains that ran down."""
     stain = np.repeat(c.smooth(32)[:1], c.side, 0) * (c.y / c.side)
     shade = 0.5 * c.clouds(4, 64, 0.7) + 0.25 * c.grain() + 0.25 * (1 - stain)
@@ -114,7 +114,7 @@ def concrete(c: Canvas) -> F64:
     return np.where(joint[..., None], 0.25, coloured(shade, (0.45, 0.45, 0.44), (0.95, 0.94, 0.9)))
 
 
-def grass(c: Canvas) -> F64:
+def grass(c: TextureCanvas) -> F64:
     """Blades, dry patches, a few flowers."""
     blades = np.roll(c.grain(), 1, 0) * 0.5 + c.grain() * 0.5
     shade = 0.5 * blades + 0.5 * c.clouds(4, 32, 0.7)
@@ -123,26 +123,26 @@ def grass(c: Canvas) -> F64:
     return np.where(flowers[..., None], (0.95, 0.95, 0.7), green)
 
 
-def foliage(c: Canvas) -> F64:
+def foliage(c: TextureCanvas) -> F64:
     """Leaves, and the dark between them."""
     shade = 0.6 * c.clouds(16, 64, 0.8) + 0.4 * c.grain()
     return coloured((shade - 0.25) * 1.6, (0.05, 0.12, 0.03), (0.5, 0.66, 0.24))
 
 
-def bark(c: Canvas) -> F64:
+def bark(c: TextureCanvas) -> F64:
     """Furrows that run up a trunk."""
     furrow = np.sin(0.5 * c.x + 7 * c.smooth(8)) * 0.5 + 0.5
     return coloured(0.6 * furrow + 0.4 * c.clouds(16, 64), (0.15, 0.1, 0.07), (0.6, 0.46, 0.34))
 
 
-def plaid(c: Canvas) -> F64:
+def plaid(c: TextureCanvas) -> F64:
     """A checked tablecloth with its weave."""
     across, down = (c.x // 16) % 2, (c.y // 16) % 2
     weave = 0.1 * ((c.x + c.y) % 2)
     return coloured(1 - 0.5 * (across + down) + weave, (0.66, 0.1, 0.1), (0.97, 0.95, 0.9))
 
 
-def carpet(c: Canvas) -> F64:
+def carpet(c: TextureCanvas) -> F64:
     """Diamonds in three wools."""
     u, v = (c.x + c.y) % 64, (c.x - c.y) % 64
     ring = np.maximum(abs(u - 32), abs(v - 32)) // 8
@@ -150,7 +150,7 @@ def carpet(c: Canvas) -> F64:
     return np.asarray(wool[np.clip(ring, 0, 3)] * (0.75 + 0.25 * c.grain()[..., None]))
 
 
-def poster(c: Canvas) -> F64:
+def poster(c: TextureCanvas) -> F64:
     """A picture: sun, hills, stripes."""
     t = c.y / c.side
     image = coloured(1 - t, (0.95, 0.75, 0.4), (0.2, 0.45, 0.75))
@@ -169,7 +169,7 @@ def poster(c: Canvas) -> F64:
     return image
 
 
-def books(c: Canvas) -> F64:
+def books(c: TextureCanvas) -> F64:
     """Four shelves of spines."""
     image = np.full((c.side, c.side, 3), 0.06)
     shelf = c.side // 4
@@ -188,7 +188,7 @@ def books(c: Canvas) -> F64:
     return image
 
 
-def cardboard(c: Canvas) -> F64:
+def cardboard(c: TextureCanvas) -> F64:
     """A carton: tape, a label, a bar code."""
     image = coloured(
         0.5 * c.clouds(8, 64) + 0.5 * c.grain(), (0.52, 0.37, 0.22), (0.72, 0.55, 0.36)
@@ -201,7 +201,7 @@ def cardboard(c: Canvas) -> F64:
     return image
 
 
-def facade(c: Canvas) -> F64:
+def facade(c: TextureCanvas) -> F64:
     """A house front of plaster with four by four windows."""
     image = coloured(c.clouds(4, 64, 0.7), (0.62, 0.6, 0.56), (0.82, 0.79, 0.73))
     image[_windows(c)] = (0.1, 0.12, 0.15)
@@ -210,7 +210,7 @@ def facade(c: Canvas) -> F64:
     return image
 
 
-def lit(c: Canvas) -> F64:
+def lit(c: TextureCanvas) -> F64:
     """What glows of that house at night: a few of its windows, curtains in some."""
     warm = coloured(c.clouds(8, 32), (0.75, 0.42, 0.16), (1.0, 0.78, 0.42))
     home = c.cells(4, 4)
@@ -219,18 +219,18 @@ def lit(c: Canvas) -> F64:
     return np.asarray(warm * glow[..., None], np.float64)
 
 
-def _windows(c: Canvas) -> npt.NDArray[np.bool_]:
+def _windows(c: TextureCanvas) -> npt.NDArray[np.bool_]:
     u, v = c.x % 64, c.y % 64
     bars = (abs(u - 32) < 2) | (abs(v - 26) < 1)
     return np.asarray((u >= 16) & (u < 48) & (v >= 12) & (v < 48) & ~bars)
 
 
-def _sills(c: Canvas) -> npt.NDArray[np.bool_]:
+def _sills(c: TextureCanvas) -> npt.NDArray[np.bool_]:
     u, v = c.x % 64, c.y % 64
     return np.asarray((u >= 13) & (u < 51) & (v >= 48) & (v < 52))
 
 
-TEXTURES: dict[str, tuple[Callable[[Canvas], F64], int]] = {
+TEXTURES: dict[str, tuple[Callable[[TextureCanvas], F64], int]] = {
     paint.__name__: (paint, side)
     for paint, side in (
         (brick, 256),
@@ -257,7 +257,7 @@ TEXTURES: dict[str, tuple[Callable[[Canvas], F64], int]] = {
 def texture(name: str) -> U8:
     """(side, side, 3) one of them, coded for displays."""
     paint, side = TEXTURES[name]
-    image = np.clip(paint(Canvas(name, side)), 0.0, 1.0)
+    image = np.clip(paint(TextureCanvas(name, side)), 0.0, 1.0)
     return np.asarray(np.rint(image * LEVELS) * (255 / LEVELS)).round().astype(np.uint8)
 
 

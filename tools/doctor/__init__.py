@@ -1,4 +1,4 @@
-"""The check-up of a machine: everything evs needs, looked at once."""
+"""Check a machine: everything that evs needs."""
 
 from evs.tools.doctor.check import BAD, NOTE, OK, Check, guarded
 from evs.tools.doctor.machine import (

@@ -1,4 +1,4 @@
-"""Whether what left the sensor arrived: on the bus, at a subscriber and in a recording."""
+"""Check that all events arrived: on the bus, at a subscriber and in a recording."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def audit(report: Report, subscriber: Mapping[str, Any], recording: Mapping[str,
     In: a report with one zmq sink; Subscription.totals() of a subscriber that was there from the
     first packet; `file`, `events` read back. Out: empty if every event arrived everywhere.
     """
-    sent = next((said for said in report.sinks if said.get("type") == "zmq"), {})
+    sent = next((sink for sink in report.sinks if sink.get("type") == "zmq"), {})
     found = []
     if report.ended != COMPLETE:
         found.append(f"the run did not end by itself: {report.ended}")

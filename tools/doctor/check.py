@@ -1,4 +1,4 @@
-"""One line of a check-up: what was looked at, whether it is well, and what to do if not."""
+"""Check: one line of a check-up, with its verdict and a fix."""
 
 from __future__ import annotations
 

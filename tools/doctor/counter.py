@@ -1,4 +1,4 @@
-"""A subscriber in a process of its own that counts what arrives."""
+"""Counter: a subscriber in its own process that counts what arrives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What evs stands on: the native core, the packages it needs, and the extras that are there."""
+"""Check the native core, the required packages and the installed extras."""
 
 from __future__ import annotations
 

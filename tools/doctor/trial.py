@@ -1,4 +1,4 @@
-"""A trial run: a pendulum through renderer, sensor, bus and recorder, and how long a tick takes."""
+"""A trial run: a pendulum through renderer, sensor, bus and recorder; the time of a tick."""
 
 from __future__ import annotations
 
@@ -104,11 +104,11 @@ def check_timing() -> Check:
     watch = StopWatch()
     report = run(World.from_config(config.emulation(), meter=watch), [], TIMING_S, watch)
     stages = {name: taken.median for name, taken in report.stage_ms.items() if taken.median}
-    told = ", ".join(f"{name} {taken:.2f}" for name, taken in stages.items())
+    text = ", ".join(f"{name} {taken:.2f}" for name, taken in stages.items())
     return Check(
         "timing",
         OK,
-        f"{sum(stages.values()):.2f} ms a tick of 1 ms, davis346 on a simple scene ({told})",
+        f"{sum(stages.values()):.2f} ms a tick of 1 ms, davis346 on a simple scene ({text})",
     )
 
 

@@ -1,1 +1,1 @@
-"""Evaluation: event models on noisy light, laid beside the events of converged light."""
+"""Evaluation: event models on noisy light, compared with the events of converged light."""

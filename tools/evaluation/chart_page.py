@@ -13,9 +13,9 @@ from evs.drivers.pictures.layout import Chart, Series
 from evs.drivers.pictures.lettering import paste, text_line
 from evs.drivers.pictures.pen import RGB
 from evs.drivers.pictures.scales import Scale, decades_around
-from evs.tools.evaluation.pool import Row
+from evs.tools.evaluation.aggregate import ResultRow
+from evs.tools.evaluation.claims import NOTHING, REFERENCE
 from evs.tools.evaluation.table import Evaluation
-from evs.tools.evaluation.verdict import NOTHING, REFERENCE
 
 CHART_PX = (640, 400)
 MARGIN_PX = 22
@@ -47,18 +47,18 @@ def evaluation_page(found: Evaluation) -> U8:
     ]
     width, height = CHART_PX
     heading = text_line("Event models on light of few samples", 30)
-    scenes = len(dict.fromkeys(take.scene for take in found.takes))
-    words = (
+    scenes = len(dict.fromkeys(clip.scene for clip in found.clips))
+    description = (
         f"{scenes} scene{'s' if scenes > 1 else ''}: mean, bars: standard deviation; "
         f"against events of {found.settings.get('reference_spp')} samples a pixel"
     )
-    told = text_line(words, 17)
-    top = MARGIN_PX + heading.height + told.height + 14
+    subtitle = text_line(description, 17)
+    top = MARGIN_PX + heading.height + subtitle.height + 14
     page = np.full(
         (top + len(cases) * height + MARGIN_PX, 2 * width + 2 * MARGIN_PX, 3), PAPER, np.uint8
     )
     paste(page, heading.picture, MARGIN_PX + 16, MARGIN_PX)
-    paste(page, told.picture, MARGIN_PX + 16, MARGIN_PX + heading.height)
+    paste(page, subtitle.picture, MARGIN_PX + 16, MARGIN_PX + heading.height)
     for k, chart in enumerate(charts):
         left, row = MARGIN_PX + k % 2 * width, k // 2
         paste(page, draw_chart(chart, width, height), left, top + row * height)
@@ -73,34 +73,39 @@ def _colours(models: Sequence[str]) -> dict[str, RGB]:
 
 
 def _series(
-    rows: Sequence[Row], camera: str, seeds: str, value: str, colours: dict[str, RGB], spread: bool
+    rows: Sequence[ResultRow],
+    camera: str,
+    seeds: str,
+    value: str,
+    colours: dict[str, RGB],
+    spread: bool,
 ) -> list[Series]:
     """A line and points for each model, over samples a pixel."""
     series = []
     for model, colour in colours.items():
-        here = [
+        subset = [
             r for r in rows
             if (r.camera, r.light, r.seeds, r.model) == (camera, "path", seeds, model)
         ]  # fmt: skip
-        here.sort(key=lambda row: row.spp)
-        x = [float(row.spp) for row in here]
-        y = [row.values[value].mean for row in here]
-        error = [row.values[value].spread for row in here] if spread else []
+        subset.sort(key=lambda row: row.spp)
+        x = [float(row.spp) for row in subset]
+        y = [row.values[value].mean for row in subset]
+        error = [row.values[value].spread for row in subset] if spread else []
         series.append(Series(x, y, colour, line=True))
         series.append(Series(x, y, colour, model, error=error))
     return series
 
 
-def _x(rows: Sequence[Row]) -> Scale:
+def _x(rows: Sequence[ResultRow]) -> Scale:
     spp = sorted({float(row.spp) for row in rows if row.light == "path"})
     return Scale(spp[0] / 1.5, spp[-1] * 1.5, log=True, shown=tuple(spp))
 
 
-def _emd(rows: Sequence[Row], camera: str, seeds: str, colours: dict[str, RGB]) -> Chart:
+def _emd(rows: Sequence[ResultRow], camera: str, seeds: str, colours: dict[str, RGB]) -> Chart:
     series = _series(rows, camera, seeds, "emd", colours, spread=False)
     marks = [
-        (row.values["emd"].mean, words)
-        for name, words in (
+        (row.values["emd"].mean, description)
+        for name, description in (
             (NOTHING, "no event at all"),
             (REFERENCE, "the halves of the reference"),
         )
@@ -113,7 +118,7 @@ def _emd(rows: Sequence[Row], camera: str, seeds: str, colours: dict[str, RGB]) 
     return Chart(title, _x(rows), Scale(low, high, log=True), "samples a pixel", series, marks)
 
 
-def _recall(rows: Sequence[Row], camera: str, seeds: str, colours: dict[str, RGB]) -> Chart:
+def _recall(rows: Sequence[ResultRow], camera: str, seeds: str, colours: dict[str, RGB]) -> Chart:
     series = _series(rows, camera, seeds, "recall", colours, spread=True)
     title = f"Recall, 3 ms: camera {camera}, {seeds} samples"
     some = any(math.isfinite(y) for one in series for y in one.y)

@@ -1,4 +1,4 @@
-"""The whole evaluation: every model, on every light, of every take."""
+"""Run the evaluation: every model on every light of every clip."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from evs.emulator.sensor.pixel.logmap import log_light
 from evs.emulator.state.versions import versions as emulator_versions
 from evs.msgs import Events, EvsError
 from evs.tools.evaluation import models, scenes
-from evs.tools.evaluation.cache import LightCache
-from evs.tools.evaluation.light import HALF_SEEDS, LightSpec, light_of
+from evs.tools.evaluation.aggregate import ResultCell
+from evs.tools.evaluation.claims import NOTHING, REFERENCE
+from evs.tools.evaluation.clip import MOTIONS, PATCH_PX, SIZE, TICK_US, Clip, make_clip
+from evs.tools.evaluation.clip_light import HALF_SEEDS, LightSpec, light_of
+from evs.tools.evaluation.light_cache import LightCache
 from evs.tools.evaluation.measure import Mask, measure
-from evs.tools.evaluation.models import Running
-from evs.tools.evaluation.pool import Cell
-from evs.tools.evaluation.table import Evaluation, TakeFacts
-from evs.tools.evaluation.take import MOTIONS, PATCH_PX, SIZE, TICK_US, Take, film
-from evs.tools.evaluation.verdict import NOTHING, REFERENCE
+from evs.tools.evaluation.models import RuntimeOptions
+from evs.tools.evaluation.table import ClipFacts, Evaluation
 
 SPP = (1, 4, 16, 64)
 SEEDS = ("fixed", "fresh")
 MAX_SPP = 4096
 K = 384
-"""ticks of the earth mover's distance, the last ones of a take"""
+"""ticks that are measured, the last ones of a clip"""
 DIRECT_SPP = 4
 WARM = 42
 """ticks of the first instant with fresh noise, which a network sees before a take: its window"""
@@ -38,8 +38,12 @@ still, and every event on it is false"""
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What is evaluated. Raises EvsError for values without sense."""
+class EvaluationSettings:
+    """What is evaluated.
+
+    Raises:
+        EvsError: a value is out of range.
+    """
 
     scenes: tuple[str, ...] = scenes.DEFAULT
     cameras: tuple[str, ...] = ("still", "pan")
@@ -78,9 +82,9 @@ class Settings:
             raise EvsError(f"give at least one camera ({', '.join(MOTIONS)}) and one spp")
 
     @property
-    def how(self) -> Running:
+    def how(self) -> RuntimeOptions:
         """How models are run."""
-        return Running(self.threads, self.runtime, self.provider)
+        return RuntimeOptions(self.threads, self.runtime, self.provider)
 
     @property
     def measured_ticks(self) -> int:
@@ -88,7 +92,7 @@ class Settings:
         return min(K, self.ticks - 1)
 
 
-QUICK = Settings(
+QUICK = EvaluationSettings(
     scenes=scenes.QUICK,
     spp=(4, 16),
     pixels=512,
@@ -102,7 +106,7 @@ Moved = Callable[[int, str], None]
 """(samples a pixel and tick done so far, what is being done)"""
 
 
-def lights(settings: Settings) -> Iterator[LightSpec]:
+def lights(settings: EvaluationSettings) -> Iterator[LightSpec]:
     """What models are judged on."""
     for seeds in SEEDS:
         for spp in settings.spp:
@@ -110,30 +114,30 @@ def lights(settings: Settings) -> Iterator[LightSpec]:
     yield LightSpec("direct", DIRECT_SPP)
 
 
-def work(settings: Settings, latency: int) -> int:
+def work(settings: EvaluationSettings, latency: int) -> int:
     """Samples a pixel and tick of the whole evaluation: the length of its progress bar."""
-    takes = len(settings.scenes) * len(settings.cameras)
+    clips = len(settings.scenes) * len(settings.cameras)
     noisy = sum(spec.spp for spec in lights(settings)) * (settings.ticks + latency)
     warm = sum(spec.spp for spec in lights(settings) if spec.seeds == "fresh") * WARM
-    return takes * (noisy + warm + settings.reference_spp * settings.ticks)
+    return clips * (noisy + warm + settings.reference_spp * settings.ticks)
 
 
 def evaluate(
-    settings: Settings,
+    settings: EvaluationSettings,
     cache: LightCache,
-    contenders: Sequence[models.Contender],
+    models_under_test: Sequence[models.ModelUnderTest],
     moved: Moved | None = None,
     command: str = "",
 ) -> Evaluation:
-    """Measure everything. Raises EvsError; what was traced until then stays in the cache."""
-    stages = [scenes.stage_of(name) for name in settings.scenes]
-    told = Evaluation(command, _plain(settings), {**versions(), **emulator_versions()})
-    latency = look_ahead(contenders)
+    """Run the evaluation. Light that is rendered stays in the cache, also after an error."""
+    setups = [scenes.scene_setup(name) for name in settings.scenes]
+    result = Evaluation(command, _plain(settings), {**versions(), **emulator_versions()})
+    latency = look_ahead(models_under_test)
     done = 0
-    for stage in stages:
+    for setup in setups:
         for motion in settings.cameras:
-            take = film(
-                stage,
+            clip = make_clip(
+                setup,
                 motion,
                 settings.ticks + latency,
                 sampled=settings.pixels,
@@ -143,85 +147,85 @@ def evaluate(
                 look_ticks=settings.ticks,
             )
 
-            def step(samples: int, what: str = take.name) -> None:
+            def step(samples: int, what: str = clip.name) -> None:
                 nonlocal done
                 done += samples
                 if moved is not None:
                     moved(done, what)
 
-            facts, cells = _judge(take, settings, cache, contenders, latency, step)
-            told.takes.append(facts)
-            told.cells.extend(cells)
-    return told
+            facts, cells = _judge(clip, settings, cache, models_under_test, latency, step)
+            result.clips.append(facts)
+            result.cells.extend(cells)
+    return result
 
 
-def look_ahead(contenders: Sequence[models.Contender]) -> int:
+def look_ahead(models_under_test: Sequence[models.ModelUnderTest]) -> int:
     """Ticks of light after the last one measured that some model needs, in steps of 24.
 
     In steps, so that models of different latency find the same light in the cache.
     """
-    most = max((one.latency_ticks for one in contenders), default=0)
+    most = max((one.latency_ticks for one in models_under_test), default=0)
     return 24 * max(1, -(-most // 24))
 
 
 def _judge(
-    take: Take,
-    settings: Settings,
+    clip: Clip,
+    settings: EvaluationSettings,
     cache: LightCache,
-    contenders: Sequence[models.Contender],
+    models_under_test: Sequence[models.ModelUnderTest],
     latency: int,
     step: Callable[[int], None],
-) -> tuple[TakeFacts, list[Cell]]:
-    """All cells of one take."""
+) -> tuple[ClipFacts, list[ResultCell]]:
+    """All cells of one clip."""
     ticks, threads = settings.ticks, settings.threads
     begin_us, end_us = TICK_US * (ticks - 1 - settings.measured_ticks), TICK_US * (ticks - 1)
-    key = take.fingerprint(ticks)
+    key = clip.fingerprint(ticks)
     one, two = (
-        light_of(take, key, LightSpec("path", settings.reference_spp // 2, seed=seed), ticks,
+        light_of(clip, key, LightSpec("path", settings.reference_spp // 2, seed=seed), ticks,
                  cache, threads, step)
         for seed in HALF_SEEDS
     )  # fmt: skip
     converged: F32 = (one + two) * np.float32(0.5)
-    reference = models.true_events(converged, threads)
+    reference = models.reference_events(converged, threads)
     still = stands_still(converged)
 
     def cell(
         spec: LightSpec, light: str, model: str, events: Events, ms: float, of: Events
-    ) -> Cell:
-        found = measure(events, of, take, still, begin_us, end_us, ms)
-        return Cell(
-            take.scene_name, take.motion, take.soft, light, spec.spp, spec.seeds, model, found
+    ) -> ResultCell:
+        found = measure(events, of, clip, still, begin_us, end_us, ms)
+        return ResultCell(
+            clip.scene_name, clip.motion, clip.soft, light, spec.spp, spec.seeds, model, found
         )
 
     half = LightSpec("path", settings.reference_spp // 2)
-    halves = [models.true_events(light, threads) for light in (one, two)]
+    halves = [models.reference_events(light, threads) for light in (one, two)]
     cells = [
         cell(half, "converged", REFERENCE, halves[1], 0.0, halves[0]),
         cell(replace(half, spp=0), "none", NOTHING, reference[:0], 0.0, reference),
     ]
-    longer = take.fingerprint(ticks + latency)
-    still_before = take.before(WARM)
+    longer = clip.fingerprint(ticks + latency)
+    still_before = clip.before(WARM)
     earlier = still_before.fingerprint(WARM)
     for spec in lights(settings):
-        light = light_of(take, longer, spec, ticks + latency, cache, threads, step)
+        light = light_of(clip, longer, spec, ticks + latency, cache, threads, step)
         warm = None
         if spec.seeds == "fresh":
             warm = light_of(still_before, earlier, spec, WARM, cache, threads, step)
-        for contender in contenders:
-            chosen = contender.at(spec.noisy_samples)
+        for tested in models_under_test:
+            chosen = tested.at(spec.noisy_samples)
             out = models.run(chosen, light, warm)
             cells.append(
-                cell(spec, spec.renderer, contender.name, out.events, out.ms_per_tick, reference)
+                cell(spec, spec.renderer, tested.name, out.events, out.ms_per_tick, reference)
             )
-    patch = take.pixels[take.sampled]
+    patch = clip.pixels[clip.sampled]
     wanted = cells[1].measures
-    facts = TakeFacts(
-        take.scene_name,
-        take.motion,
-        take.soft,
-        take.sampled,
+    facts = ClipFacts(
+        clip.scene_name,
+        clip.motion,
+        clip.soft,
+        clip.sampled,
         wanted.static_px,
-        (int(patch[0]), int(patch[1]), take.patch_px),
+        (int(patch[0]), int(patch[1]), clip.patch_px),
         wanted.reference_on + wanted.reference_off,
         wanted.patch_reference,
     )
@@ -235,7 +239,7 @@ def stands_still(light: F32) -> Mask:
     return still
 
 
-def _plain(settings: Settings) -> dict[str, Any]:
-    told = asdict(settings)
-    told["network"] = None if settings.network is None else str(settings.network)
-    return told
+def _plain(settings: EvaluationSettings) -> dict[str, Any]:
+    result = asdict(settings)
+    result["network"] = None if settings.network is None else str(settings.network)
+    return result

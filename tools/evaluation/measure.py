@@ -1,4 +1,4 @@
-"""What is measured of one model on the light of one take."""
+"""Measure the events of one model on the light of one clip."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.msgs import Events
-from evs.tools.evaluation.take import TICK_US, Take
+from evs.tools.evaluation.clip import TICK_US, Clip
 from evs.tools.metrics import (
     Matching,
     Window,
@@ -72,27 +72,36 @@ class Measures:
 def measure(
     events: Events,
     reference: Events,
-    take: Take,
+    clip: Clip,
     static: Mask,
     t_begin_us: int,
     t_end_us: int,
     ms_per_tick: float = 0.0,
 ) -> Measures:
-    """Everything about events of all the take's pixels in (t_begin_us, t_end_us].
+    """Measure the events of all pixels of a clip in (t_begin_us, t_end_us].
 
-    In: events, reference: x is the number of the pixel, y 0; static (n,), pixels whose converged
-    light stands still. Raises EvsError for events that cannot be.
+    Args:
+        events: x is the number of the pixel, y 0.
+        reference: x is the number of the pixel, y 0.
+        clip: the clip.
+        static: (n,), pixels whose converged light stands still.
+        t_begin_us: begin of the window.
+        t_end_us: end of the window.
+        ms_per_tick: cost of the model.
+
+    Raises:
+        EvsError: events that cannot be.
     """
-    window = Window(take.sampled, 1, t_begin_us, t_end_us)
-    patch = Window(take.patch_px, take.patch_px, t_begin_us, t_end_us)
-    spread, spread_reference = (_spread(part, take, window) for part in (events, reference))
+    window = Window(clip.sampled, 1, t_begin_us, t_end_us)
+    patch = Window(clip.patch_px, clip.patch_px, t_begin_us, t_end_us)
+    spread, spread_reference = (_spread(part, clip, window) for part in (events, reference))
     found = match_events(spread, spread_reference, TOLERANCE_US, 0)
     timing = measure_timing(spread, spread_reference, found)
     counts, wanted = count_map(spread, window), count_map(spread_reference, window)
     maps = compare_rate_maps(counts, wanted, window.duration_s)
-    square, square_reference = (_square(part, take, patch) for part in (events, reference))
+    square, square_reference = (_square(part, clip, patch) for part in (events, reference))
     near: Matching = match_events(square, square_reference, TOLERANCE_US, TOLERANCE_PX)
-    still = static[: take.sampled]
+    still = static[: clip.sampled]
     on, reference_on = (int(np.count_nonzero(p["p"] == 1)) for p in (spread, spread_reference))
     return Measures(
         pixels=window.pixels,
@@ -119,14 +128,14 @@ def measure(
     )
 
 
-def _spread(events: Events, take: Take, window: Window) -> Events:
+def _spread(events: Events, clip: Clip, window: Window) -> Events:
     """Those of the pixels that are spread over the picture."""
-    return window.cut(events[events["x"] < take.sampled])
+    return window.cut(events[events["x"] < clip.sampled])
 
 
-def _square(events: Events, take: Take, window: Window) -> Events:
+def _square(events: Events, clip: Clip, window: Window) -> Events:
     """Those of the patch, at their places in it."""
-    inside = events[events["x"] >= take.sampled].copy()
-    number = inside["x"].astype(np.int64) - take.sampled
-    inside["x"], inside["y"] = number % take.patch_px, number // take.patch_px
+    inside = events[events["x"] >= clip.sampled].copy()
+    number = inside["x"].astype(np.int64) - clip.sampled
+    inside["x"], inside["y"] = number % clip.patch_px, number // clip.patch_px
     return window.cut(inside)

@@ -1,4 +1,4 @@
-"""The event models that are judged, by name, and what they make of the light of a row of pixels."""
+"""The event models under test, by name, and how they are run on a row of pixels."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from evs.emulator.evsnet.network_files import load_network, network_names, read_
 from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters, resolve_sensor
 from evs.msgs import Events, EvsError, join_events, unknown
-from evs.tools.evaluation.take import TICK_US
+from evs.tools.evaluation.clip import TICK_US
 
 SENSOR = SensorConfig(preset="ideal", pos_thres=0.2, neg_thres=0.2)
 """Of every model and of the reference: no noise but the light's."""
@@ -40,7 +40,7 @@ Make = Callable[[SensorParameters], EventModel]
 
 
 @dataclass(frozen=True)
-class Running:
+class RuntimeOptions:
     """How models are run: as EvsNetModel takes it."""
 
     threads: int = 0
@@ -50,7 +50,7 @@ class Running:
 
 
 @dataclass(frozen=True)
-class Contender:
+class ModelUnderTest:
     """One model."""
 
     name: str
@@ -58,27 +58,27 @@ class Contender:
     latency_ticks: int = 0
     """light that it looks ahead; it is taken off its stamps"""
 
-    def at(self, spp: int) -> Contender:
+    def at(self, spp: int) -> ModelUnderTest:
         """The model for light of so many samples a pixel; 0: of light without noise."""
         del spp
         return self
 
 
 @dataclass(frozen=True)
-class Family(Contender):
+class NetworkFamily(ModelUnderTest):
     """Networks of one design, each for light of another number of samples."""
 
-    found: tuple[tuple[int, Contender], ...] = ()
+    found: tuple[tuple[int, ModelUnderTest], ...] = ()
     """(samples a pixel, the member for them)"""
 
-    def at(self, spp: int) -> Contender:
+    def at(self, spp: int) -> ModelUnderTest:
         """The member for light of so many samples a pixel."""
         return dataclasses.replace(nearest_member(dict(self.found), spp), name=self.name)
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What a model made of the light of n pixels."""
+class ModelOutput:
+    """Events and cost of a model on the light of n pixels."""
 
     events: Events
     """(m,) x is the number of the pixel, y 0; without the model's latency"""
@@ -95,7 +95,10 @@ def sensor_of(pixels: int) -> SensorParameters:
 def frames_of(light: F32) -> F32:
     """(ticks, 4, width) pictures of that sensor, black where the last tile is filled up.
 
-    In: light (ticks, n). Pixel 16 i + 4 j + k stands in row j, column k of tile i.
+    Pixel 16 i + 4 j + k stands in row j, column k of tile i.
+
+    Args:
+        light: (ticks, n).
     """
     ticks, pixels = light.shape
     sensor = sensor_of(pixels)
@@ -113,23 +116,28 @@ def numbered(events: Events) -> Events:
     return found
 
 
-def contenders(
-    names: Sequence[str], own: Path | None, how: Running
-) -> tuple[list[Contender], list[str]]:
+def models_under_test(
+    names: Sequence[str], own: Path | None, how: RuntimeOptions
+) -> tuple[list[ModelUnderTest], list[str]]:
     """The models of a list, and a line for each network that does not come with this evs.
 
-    In: own, a user's network, which is judged besides.
-    Raises EvsError: unknown name, a name twice, a network that cannot be read.
+    Args:
+        names: names of models.
+        own: a user's network, which is judged besides.
+        how: how models are run.
+
+    Raises:
+        EvsError: unknown name, a name twice, a network that cannot be read.
     """
     shipped = network_names()
     known = list(dict.fromkeys([*DEFAULT, *families(shipped), *shipped]))
-    found: list[Contender] = []
+    found: list[ModelUnderTest] = []
     missing: list[str] = []
     for name in names:
         if name not in known:
             raise unknown("model", name, known)
         if name in PIXELS:
-            found.append(Contender(name, _pixel(name, how.threads)))
+            found.append(ModelUnderTest(name, _pixel(name, how.threads)))
         elif name in shipped:
             found.append(network(load_network(name), how, name))
         elif name in families(shipped):
@@ -144,11 +152,15 @@ def contenders(
     return found, missing
 
 
-def network(weights: Network, how: Running, name: str = "") -> Contender:
-    """A trained network. Its membranes begin at zero, as the reference's pixels do.
+def network(weights: Network, how: RuntimeOptions, name: str = "") -> ModelUnderTest:
+    """A trained network.
 
-    A graph of another design goes to onnxruntime, whatever the runtime. Raises EvsError where it
-    is for other ticks, or no sensor can have it.
+    Its membranes begin at zero, as the reference's pixels do.
+
+    A graph of another design goes to onnxruntime, whatever the runtime.
+
+    Raises:
+        EvsError: it is for other ticks, or no sensor can have it.
     """
     name = name or weights.name
     if weights.tick_us != TICK_US:
@@ -167,22 +179,22 @@ def network(weights: Network, how: Running, name: str = "") -> Contender:
             initial="zero",
         )
 
-    # what is wrong with it is told before anything is traced
+    # fail before anything is rendered
     make(sensor_of(1))
-    return Contender(name, make, weights.latency_ticks)
+    return ModelUnderTest(name, make, weights.latency_ticks)
 
 
-def _family(name: str, found: dict[int, str], how: Running) -> Family:
+def _family(name: str, found: dict[int, str], how: RuntimeOptions) -> NetworkFamily:
     networks = [(spp, network(load_network(member), how, member)) for spp, member in found.items()]
     latest = max(one.latency_ticks for _, one in networks)
-    return Family(name, networks[0][1].make, latest, tuple(networks))
+    return NetworkFamily(name, networks[0][1].make, latest, tuple(networks))
 
 
 def _pixel(name: str, threads: int) -> Make:
     return lambda sensor: make_event_model(sensor, ModelConfig(name=name), threads)
 
 
-def run(contender: Contender, light: F32, warm: F32 | None = None) -> Outcome:
+def run(tested: ModelUnderTest, light: F32, warm: F32 | None = None) -> ModelOutput:
     """Events of every pixel.
 
     In: light (ticks, n) of the instants 0, 1 ... ms. Tick k is (k - 1, k] ms; the first only sets
@@ -191,9 +203,9 @@ def run(contender: Contender, light: F32, warm: F32 | None = None) -> Outcome:
     zero when it comes to the first tick.
     """
     pixels = light.shape[1]
-    model = contender.make(sensor_of(pixels))
+    model = tested.make(sensor_of(pixels))
     state = model.init(0)
-    late = contender.latency_ticks
+    late = tested.latency_ticks
     if model.warm_up_ticks and warm is not None:
         seen = frames_of(
             np.concatenate([warm[max(0, len(warm) - model.warm_up_ticks) :], light[:late]])
@@ -210,7 +222,7 @@ def run(contender: Contender, light: F32, warm: F32 | None = None) -> Outcome:
     seconds = monotonic_s() - begin_s
     events = numbered(join_events(parts))
     events["t"] -= TICK_US * late
-    return Outcome(events, 1e3 * seconds / len(frames))
+    return ModelOutput(events, 1e3 * seconds / len(frames))
 
 
 def _see(model: EventModel, frames: F32, state: Any, begin_us: int) -> tuple[Any, list[Events]]:
@@ -229,6 +241,6 @@ def _see(model: EventModel, frames: F32, state: Any, begin_us: int) -> tuple[Any
     return state, parts
 
 
-def true_events(light: F32, threads: int = 0) -> Events:
-    """What the noise-free pixel says: the reference. In: light (ticks, n), converged."""
-    return run(Contender("plain", _pixel("plain", threads)), light).events
+def reference_events(light: F32, threads: int = 0) -> Events:
+    """Events of the noise-free pixel on converged light (ticks, n): the reference."""
+    return run(ModelUnderTest("plain", _pixel("plain", threads)), light).events

@@ -8,11 +8,11 @@ import numpy as np
 
 from evs.emulator.config import CameraConfig
 from evs.msgs import EvsError
-from evs.tools.evaluation.scene_setup import Stage
-from evs.tools.evaluation.take import TICK_US
-from evs.tools.training.pilot import look
+from evs.tools.evaluation.clip import TICK_US
+from evs.tools.evaluation.scene_setup import SceneSetup
+from evs.tools.training.pilot import run_pilot
 from evs.tools.training.scenes import CAMERA, START, make_scene
-from evs.tools.training.traced_scene import load_scene, set_up
+from evs.tools.training.traced_scene import load_scene, simulate_scene
 
 FIRST_SEED = 2**63
 """Training takes seeds below it; those from it on are for evaluation."""
@@ -22,28 +22,31 @@ _LOOK_TICKS = 128
 _LOOK_SEED = 0
 
 
-def procedural_stage(name: str, number: str) -> Stage:
-    """Scene procedural/NUMBER. Raises EvsError: no number, or none of its attempts is of use.
+def procedural_setup(name: str, number: str) -> SceneSetup:
+    """Scene procedural/NUMBER.
 
     Its camera stands where the recipe's first is; the evaluation moves it. So that a scene is of
     use, something else has to move too.
+
+    Raises:
+        EvsError: no number, or none of its attempts is of use.
     """
     if not (number.isdecimal() and int(number) < MOST):
         raise EvsError(f"scene '{name}': give procedural/0 ... procedural/{MOST - 1}")
     for attempt in range(ATTEMPTS):
         scene = make_scene(FIRST_SEED, int(number), attempt)
         try:
-            moving = set_up(scene, _LOOK_TICKS, TICK_US, 1)
+            moving = simulate_scene(scene, _LOOK_TICKS, TICK_US, 1)
         except EvsError:
             # it flies apart; the next one may not
             continue
         first = moving.snapshots[0].cameras
         held = tuple(replace(snapshot, cameras=first) for snapshot in moving.snapshots)
-        pilot = look(replace(moving, snapshots=held), _LOOK_SEED)
+        pilot = run_pilot(replace(moving, snapshots=held), _LOOK_SEED)
         if not pilot.is_useful or pilot.is_still:
             continue
         model = load_scene(scene)
-        return Stage(
+        return SceneSetup(
             name,
             model,
             CameraConfig(),

@@ -1,30 +1,33 @@
-"""Stage: a world to film, and how."""
+"""SceneSetup: a world to evaluate on, and how it is seen."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from evs.emulator.config import CameraConfig, FlickerConfig
 from evs.emulator.world import MjModel
 
 
 @dataclass(frozen=True)
-class Stage:
-    """A world to film."""
+class SceneSetup:
+    """A world, its view and how long it has moved before the first image."""
+
+    DIGEST_NAME: ClassVar[str] = "Stage"
 
     name: str
     model: MjModel
     view: CameraConfig
-    """from where it is seen"""
+    """viewpoint of the free camera"""
     camera: str = ""
-    """or through which of the model's cameras"""
+    """a camera of the model instead"""
     soft: bool = False
-    """whether a lamp has a size, so that shadows are soft"""
+    """whether a light has a size, so that shadows are soft"""
     keyframe: str = ""
-    """of the model, to start from"""
+    """initial state"""
     warm_ticks: int = 100
-    """ms that the scene has moved before the first picture"""
+    """ms of simulation before the first image"""
     stands: bool = False
-    """the camera stays where it is at first, however the scene would move it"""
+    """whether the camera keeps its first pose"""
     bounces: int = 2
     flicker: tuple[FlickerConfig, ...] = ()

@@ -10,8 +10,8 @@ from evs.drivers.run.paths import in_package
 from evs.emulator.config import CameraConfig
 from evs.emulator.world import MjModel, load_model
 from evs.msgs import EvsError
-from evs.tools.evaluation.procedural import procedural_stage
-from evs.tools.evaluation.scene_setup import Stage
+from evs.tools.evaluation.procedural import procedural_setup
+from evs.tools.evaluation.scene_setup import SceneSetup
 
 BULB = 0.1
 """Radius of a robot's lamps, as a share of their distance from the model's centre: soft light."""
@@ -42,22 +42,24 @@ DEFAULT = (
 QUICK = ("gymnasium/humanoid", "procedural/0")
 
 
-def stage_of(name: str) -> Stage:
+def scene_setup(name: str) -> SceneSetup:
     """The scene: gymnasium/ROBOT, dm_control/ROBOT, procedural/NUMBER, FILE, package:path.
 
-    The lamps of a robot get a size, so that its shadows are soft. Raises EvsError: no such scene,
-    or the package that holds it is not installed.
+    The lamps of a robot get a size, so that its shadows are soft.
+
+    Raises:
+        EvsError: no such scene, or the package that holds it is not installed.
     """
     package, _, robot = name.partition("/")
     if package == "procedural":
-        return procedural_stage(name, robot)
+        return procedural_setup(name, robot)
     if package in FOLDERS and not name.endswith(".xml"):
         return _robot(name, package, robot)
     model = load_model(in_package(name))
-    return Stage(name, model, CameraConfig(), soft=_has_bulb(model))
+    return SceneSetup(name, model, CameraConfig(), soft=_has_bulb(model))
 
 
-def _robot(name: str, package: str, robot: str) -> Stage:
+def _robot(name: str, package: str, robot: str) -> SceneSetup:
     try:
         model = load_model(in_package(f"{package}:{FOLDERS[package]}/{robot}.xml"))
     except EvsError as error:
@@ -67,10 +69,10 @@ def _robot(name: str, package: str, robot: str) -> Stage:
     away = np.linalg.norm(model.light_pos - model.stat.center, axis=1)
     model.light_bulbradius[:] = BULB * away
     if name not in VIEWS:
-        return Stage(name, model, CameraConfig(), soft=bool(model.nlight))
+        return SceneSetup(name, model, CameraConfig(), soft=bool(model.nlight))
     height, distance = VIEWS[name]
     view = CameraConfig(lookat=(0, 0, height), distance=distance, azimuth=90, elevation=-20)
-    return Stage(name, model, view, soft=bool(model.nlight))
+    return SceneSetup(name, model, view, soft=bool(model.nlight))
 
 
 def _has_bulb(model: MjModel) -> bool:

@@ -1,4 +1,4 @@
-"""An evaluation in words: one table in Markdown, everything in JSON."""
+"""The result of an evaluation as a Markdown table and as JSON."""
 
 from __future__ import annotations
 
@@ -8,45 +8,45 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from evs.tools.evaluation.check import Check
-from evs.tools.evaluation.pool import Cell, Row, Value, rows_of
-from evs.tools.evaluation.verdict import NOTHING, REFERENCE, Claim, verdict, winners
+from evs.tools.evaluation.aggregate import Aggregate, ResultCell, ResultRow, aggregate_rows
+from evs.tools.evaluation.claims import NOTHING, REFERENCE, Claim, check_claims, winners
+from evs.tools.evaluation.network_check import NetworkReport
 
 
 @dataclass(frozen=True)
-class Column:
+class MetricColumn:
     """One value of a row in the Markdown table."""
 
     heading: str
     value: str
-    """its name in pool.VALUES"""
+    """its name in aggregate.VALUES"""
     form: str
     """of the number"""
     scale: float = 1.0
 
 
 COLUMNS = (
-    Column("EMD", "emd", ".3f"),
-    Column("ON", "count_on", ".2f"),
-    Column("OFF", "count_off", ".2f"),
-    Column("static Hz", "static_hz", ".3g"),
-    Column("spurious Hz", "spurious_hz", ".3g"),
-    Column("recall", "recall", ".2f"),
-    Column("precision", "precision", ".2f"),
-    Column("patch recall", "patch_recall", ".2f"),
-    Column("patch precision", "patch_precision", ".2f"),
-    Column("delay ms", "delay_us", ".2f", 1e-3),
-    Column("timing ms", "timing_us", ".2f", 1e-3),
-    Column("RMSE Hz", "rmse_hz", ".3g"),
-    Column("KL", "kl_nats", ".3f"),
-    Column("corr.", "correlation", ".3f"),
-    Column("ms a tick", "ms_per_tick", ".2f"),
+    MetricColumn("EMD", "emd", ".3f"),
+    MetricColumn("ON", "count_on", ".2f"),
+    MetricColumn("OFF", "count_off", ".2f"),
+    MetricColumn("static Hz", "static_hz", ".3g"),
+    MetricColumn("spurious Hz", "spurious_hz", ".3g"),
+    MetricColumn("recall", "recall", ".2f"),
+    MetricColumn("precision", "precision", ".2f"),
+    MetricColumn("patch recall", "patch_recall", ".2f"),
+    MetricColumn("patch precision", "patch_precision", ".2f"),
+    MetricColumn("delay ms", "delay_us", ".2f", 1e-3),
+    MetricColumn("timing ms", "timing_us", ".2f", 1e-3),
+    MetricColumn("RMSE Hz", "rmse_hz", ".3g"),
+    MetricColumn("KL", "kl_nats", ".3f"),
+    MetricColumn("corr.", "correlation", ".3f"),
+    MetricColumn("ms a tick", "ms_per_tick", ".2f"),
 )
 
 
 @dataclass(frozen=True)
-class TakeFacts:
-    """What one take was."""
+class ClipFacts:
+    """Facts about one clip."""
 
     scene: str
     camera: str
@@ -69,22 +69,22 @@ class Evaluation:
     """the command line that made it"""
     settings: dict[str, Any]
     versions: dict[str, str]
-    takes: list[TakeFacts] = field(default_factory=list)
-    cells: list[Cell] = field(default_factory=list)
+    clips: list[ClipFacts] = field(default_factory=list)
+    cells: list[ResultCell] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
     """a line for each model that is not there"""
-    check: Check | None = None
+    check: NetworkReport | None = None
     """of a user's own network"""
 
     @property
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[ResultRow]:
         """The table: all scenes of one camera motion together."""
-        return rows_of(self.cells)
+        return aggregate_rows(self.cells)
 
     @property
-    def verdict(self) -> list[Claim]:
-        """What became of each claim."""
-        return verdict(self.cells)
+    def claims(self) -> list[Claim]:
+        """Whether each claim is met."""
+        return check_claims(self.cells)
 
     def plain(self) -> dict[str, Any]:
         """Nested dicts and lists, strict JSON: None where a value is not defined."""
@@ -95,9 +95,9 @@ class Evaluation:
                 "versions": self.versions,
                 "left_out": self.left_out,
                 "check": None if self.check is None else asdict(self.check),
-                "takes": [asdict(take) for take in self.takes],
+                "takes": [asdict(clip) for clip in self.clips],
                 "rows": [_row(row) for row in self.rows],
-                "verdict": [asdict(claim) for claim in self.verdict],
+                "verdict": [asdict(claim) for claim in self.claims],
                 "winners": winners(self.cells),
                 "cells": [asdict(cell) for cell in self.cells],
             }
@@ -109,11 +109,11 @@ class Evaluation:
         return json.dumps(self.plain(), indent=1, allow_nan=False) + "\n"
 
 
-def _row(row: Row) -> dict[str, Any]:
-    told = asdict(row)
-    for name, value in told.pop("values").items():
-        told[name], told[f"{name}_spread"] = value["mean"], value["spread"]
-    return told
+def _row(row: ResultRow) -> dict[str, Any]:
+    plain = asdict(row)
+    for name, value in plain.pop("values").items():
+        plain[name], plain[f"{name}_spread"] = value["mean"], value["spread"]
+    return plain
 
 
 def finite(value: Any) -> Any:
@@ -127,7 +127,7 @@ def finite(value: Any) -> Any:
 
 def markdown(found: Evaluation) -> str:
     """The command, the table and the verdict."""
-    scenes = list(dict.fromkeys(take.scene for take in found.takes))
+    scenes = list(dict.fromkeys(clip.scene for clip in found.clips))
     lines = [
         f"    {found.command}",
         "",
@@ -143,7 +143,7 @@ def markdown(found: Evaluation) -> str:
         "",
         "| claim | | figures |",
         "|---|---|---|",
-        *(f"| {c.claim} | {MET[c.met]} | {c.figures} |" for c in found.verdict),
+        *(f"| {c.claim} | {MET[c.met]} | {c.figures} |" for c in found.claims),
         "",
         "Least EMD and best F1 (same pixel, 3 ms) of each case:",
         "",
@@ -156,21 +156,23 @@ def markdown(found: Evaluation) -> str:
 MET = {True: "met", False: "missed", None: "-"}
 
 
-def overview(rows: Sequence[Row]) -> list[str]:
+def overview(rows: Sequence[ResultRow]) -> list[str]:
     """Lines of Markdown: a line for each camera and kind of light, a column for each model."""
     judged = [row for row in rows if row.model not in (NOTHING, REFERENCE)]
     models = list(dict.fromkeys(row.model for row in judged))
     lines = ["| " + " | ".join(["camera", "light", *models]) + " |"]
     lines.append("|" + "---|" * (2 + len(models)))
-    cases = dict.fromkeys((row.camera, light_words(row)) for row in judged)
+    cases = dict.fromkeys((row.camera, light_label(row)) for row in judged)
     for camera, words in cases:
-        here = {r.model: r.values for r in judged if (r.camera, light_words(r)) == (camera, words)}
-        cells = [_in_short(here[model]) if model in here else "-" for model in models]
+        subset = {
+            r.model: r.values for r in judged if (r.camera, light_label(r)) == (camera, words)
+        }
+        cells = [_in_short(subset[model]) if model in subset else "-" for model in models]
         lines.append("| " + " | ".join([camera, words, *cells]) + " |")
     return lines
 
 
-def _in_short(values: dict[str, Value]) -> str:
+def _in_short(values: dict[str, Aggregate]) -> str:
     emd, recall, precision, static = (
         values[name].mean for name in ("emd", "recall", "precision", "static_hz")
     )
@@ -179,29 +181,29 @@ def _in_short(values: dict[str, Value]) -> str:
     return f"{emd:.3f}, {shares}, {still}"
 
 
-def table(rows: Sequence[Row]) -> list[str]:
+def table(rows: Sequence[ResultRow]) -> list[str]:
     """Lines of Markdown."""
     headings = ["camera", "light", "model", *(column.heading for column in COLUMNS)]
     lines = ["| " + " | ".join(headings) + " |"]
     lines.append("|" + "|".join(["---"] * 3 + ["---:"] * len(COLUMNS)) + "|")
     for row in rows:
-        cells = [row.camera, light_words(row), row.model]
+        cells = [row.camera, light_label(row), row.model]
         cells += [_number(row.values[column.value], column) for column in COLUMNS]
         lines.append("| " + " | ".join(cells) + " |")
     return lines
 
 
-def light_words(row: Row | Cell) -> str:
+def light_label(row: ResultRow | ResultCell) -> str:
     """How its light was traced."""
     if row.light == "path":
         return f"{row.spp} spp {row.seeds}"
     return row.light
 
 
-def _number(value: Value, column: Column) -> str:
+def _number(value: Aggregate, column: MetricColumn) -> str:
     if not math.isfinite(value.mean):
         return "-"
-    told = f"{column.scale * value.mean:{column.form}}"
+    text = f"{column.scale * value.mean:{column.form}}"
     if math.isfinite(value.spread):
-        told += f" ± {column.scale * value.spread:{column.form}}"
-    return told
+        text += f" ± {column.scale * value.spread:{column.form}}"
+    return text

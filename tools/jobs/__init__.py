@@ -1,8 +1,20 @@
-"""The one way to run jobs apart: here, in processes, or on a cluster; the same bytes each way."""
+"""Run jobs in this process, in several processes or on a Ray cluster, with the same result."""
 
-from evs.tools.jobs.here import job_threads, tell_share
-from evs.tools.jobs.job import Job, Ran
-from evs.tools.jobs.run import check_workers, run_jobs
-from evs.tools.jobs.work import work_off
+from evs.tools.jobs.job import Job, JobSummary
+from evs.tools.jobs.job_context import job_threads, report_progress
+from evs.tools.jobs.runner import check_workers, run_jobs
+from evs.tools.jobs.worker_pool import run_units
 
-__all__ = ["Job", "Ran", "check_workers", "job_threads", "run_jobs", "tell_share", "work_off"]
+__all__ = [
+    "Job",
+    "JobSummary",
+    "check_workers",
+    "job_threads",
+    "report_progress",
+    "run_jobs",
+    "run_units",
+    "tell_share",
+]
+
+tell_share = report_progress
+"""the former name of report_progress"""

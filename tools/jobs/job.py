@@ -1,4 +1,4 @@
-"""Job: a pure function with a name that writes files. Ran: what came of a set of them."""
+"""Job: a named pure function that writes files. JobSummary: the result of a set of jobs."""
 
 from __future__ import annotations
 
@@ -11,37 +11,47 @@ from evs.msgs import EvsError
 
 
 class Job(Protocol):
-    """A frozen dataclass of a module, which pickle can carry to another process or machine."""
+    """A frozen dataclass of a module, so that pickle can send it to a process or machine."""
 
     @property
     def name(self) -> str:
-        """Path under the target where the files arrive, such as `00012.npz` or `night/0003`."""
+        """Path of the result below the target folder, such as `00012.npz` or `night/0003`."""
 
     def make(self, folder: Path) -> None:
         """Write the files into an empty folder, and nothing anywhere else.
 
-        The folder arrives as `target/name`. One file alone that bears the last part of the name
-        arrives itself. What is written must follow from the job's fields: it may be made twice.
-        `job_threads` says how many threads it may use, `tell_share` how far it is. Raises EvsError.
+        The folder becomes `target/name`. A single file with the last part of the name becomes that
+        file instead. The content must follow from the job's fields: a job may run twice.
+        `job_threads` returns the threads that it may use; `report_progress` reports its progress.
+
+        Args:
+            folder: an empty folder.
+
+        Raises:
+            EvsError: the job cannot be done.
         """
 
 
 @dataclass(frozen=True)
-class Ran:
+class JobSummary:
     """What run_jobs did."""
 
     made: int
-    """jobs that are new"""
+    """jobs that ran"""
     kept: int
-    """jobs that were there"""
+    """jobs whose results existed"""
     left: int
-    """jobs that are still to be done, because it was stopped"""
+    """jobs that did not run because the caller stopped"""
     lost: tuple[str, ...] = ()
-    """one line for each worker or node that died over a job, which was then made elsewhere"""
+    """one line for each worker or node that died; its job was run again"""
 
 
 def check_names(names: Iterable[str]) -> None:
-    """EvsError where a name is no path below the target, or stands for two jobs."""
+    """Check job names.
+
+    Raises:
+        EvsError: a name is not a path below the target, or two jobs share it.
+    """
     seen: set[str] = set()
     for name in names:
         parts = name.split("/")

@@ -1,4 +1,4 @@
-"""How close two event streams are: events found and false, stamps, counts, mover's distance."""
+"""Compare two event streams: matched and false events, stamps, counts, earth mover's distance."""
 
 from evs.tools.metrics.compare import Comparison, compare
 from evs.tools.metrics.counts import (

@@ -1,4 +1,4 @@
-"""All metrics of one pair of streams in one call: what reports and tables are made of."""
+"""All metrics of one pair of streams in one call."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which event is which: one-to-one pairs of events and reference events, as many as there can be.
+"""Match events one to one with reference events, as many pairs as possible.
 
 Two events may be a pair when their polarity is the same, their stamps differ by at most
 tolerance_us and their pixels by at most tolerance_px in x and in y (Chebyshev); both bounds are

@@ -1,4 +1,4 @@
-"""A bipartite matching made as large as it can be, by shortest augmenting paths.
+"""Extend a bipartite matching to the largest one, by shortest augmenting paths.
 
 Source: J. Hopcroft, R. Karp, "An n^5/2 algorithm for maximum matchings in bipartite graphs", SIAM
 J. Comput. 2 (1973). Left vertices are numbered 0 ... n-1, right ones 0 ... m-1.

@@ -1,4 +1,4 @@
-"""How well stamps agree: the error of events that have a partner in the reference."""
+"""The timing error of events that have a partner in the reference."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Window: the pixels and the time that a comparison looks at."""
+"""Window: the pixels and the time of a comparison."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ MAX_STAMP_US = 2**60
 class Window:
     """width x height px and the stamps t_begin_us < t <= t_end_us.
 
-    Half open as a tick is: tick k owns (t_{k-1}, t_k]. Raises EvsError for values without sense.
+    Half open as a tick is: tick k owns (t_{k-1}, t_k].
+
+    Raises:
+        EvsError: a value is out of range.
     """
 
     width: int
@@ -60,7 +63,11 @@ class Window:
         return (self.t_end_us - self.t_begin_us) / 1e6
 
     def ticks(self, tick_us: int) -> int:
-        """K: how many ticks of tick_us the window holds. Raises EvsError if not a whole number."""
+        """K: how many ticks of tick_us the window holds.
+
+        Raises:
+            EvsError: not a whole number.
+        """
         tick_us = whole_number("tick_us", tick_us, lowest=1)
         count, rest = divmod(self.t_end_us - self.t_begin_us, tick_us)
         if rest:
@@ -114,7 +121,11 @@ def check_fields(events: Events, name: str) -> None:
 
 
 def whole_number(name: str, value: object, lowest: int | None = None) -> int:
-    """The value as an int, numpy's integers too. Raises EvsError for others and below `lowest`."""
+    """The value as an int, numpy's integers too.
+
+    Raises:
+        EvsError: others and below `lowest`.
+    """
     try:
         number = operator.index(value)  # type: ignore[arg-type]
     except TypeError:

@@ -1,18 +1,18 @@
-"""The extremes: what breaks an emulator, done to this one, each with its bound and what came of it.
+"""Stress cases: what breaks an emulator, each with its bound and its measurement.
 
-Tests run them at full length, `evs doctor` in their short form.
+Tests run them at full length, `evs doctor` in a short form.
 """
 
-from evs.tools.stress.extreme import Extreme, Outcome, Tried
-from evs.tools.stress.groups import GROUPS, extremes_of
-from evs.tools.stress.runner import run_extremes, try_extreme
+from evs.tools.stress.groups import GROUPS, cases_of
+from evs.tools.stress.runner import run_case, run_cases
+from evs.tools.stress.stress_case import CaseResult, Measurement, StressCase
 
 __all__ = [
     "GROUPS",
-    "Extreme",
-    "Outcome",
-    "Tried",
-    "extremes_of",
-    "run_extremes",
-    "try_extreme",
+    "CaseResult",
+    "Measurement",
+    "StressCase",
+    "cases_of",
+    "run_case",
+    "run_cases",
 ]

@@ -1,4 +1,4 @@
-"""Film a scene that is written out in the code: world, camera, run loop, recorder, report."""
+"""Run a scene given as MJCF text through world, camera, run loop and recorder."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ Act = Callable[[int, World], None]
 
 
 @dataclass(frozen=True)
-class Film:
-    """A run that came to its end."""
+class Capture:
+    """A completed run."""
 
     report: Report
     events: Events
-    """as the recording has them, which is as they left the camera"""
+    """of the recording, equal to those of the camera"""
     world: World
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Those of the report, which are those that were said."""
+        """Warnings of the report, equal to those that were emitted."""
         return tuple(self.report.warnings)
 
     def within(self, begin_us: int, end_us: int) -> Events:
-        """Its events of (begin_us, end_us]."""
+        """The events in (begin_us, end_us]."""
         t = self.events["t"]
         return self.events[(t > begin_us) & (t <= end_us)]
 
 
-def film(
+def capture(
     mjcf: str,
     seconds: float,
     tables: Mapping[str, Any] | None = None,
@@ -57,14 +57,22 @@ def film(
     folder: Path | None = None,
     pace: Pacer | None = None,
     on_report: Callable[[Report], None] | None = None,
-) -> Film:
+) -> Capture:
     """Emulate `seconds` of a scene as `evs emulate` would, recorder on.
 
-    In: mjcf, its text; tables, of the pipeline, over the IDEAL sensor in one thread; act, what
-    moves it; suffix, of the recording; files, what stands beside the scene, by name; folder, where
-    scene and recording (run + suffix) are to stay; pace, None: free; on_report, told of the report
-    of a run that ends in an error too. Raises EvsError as the run does, and where the recording is
-    not what left the camera.
+    Args:
+        mjcf: text of the scene.
+        seconds: simulated time.
+        tables: tables of the pipeline, over the IDEAL sensor in one thread.
+        act: moves things before the first tick and after each.
+        suffix: ending of the recording.
+        files: name -> content of files beside the scene.
+        folder: keep scene and recording (run + suffix) there.
+        pace: None: free.
+        on_report: called with the report, also of a run that ends in an error.
+
+    Raises:
+        EvsError: as the run does, or the recording differs from the events of the camera.
     """
     with tempfile.TemporaryDirectory() as name:
         folder = folder or Path(name)
@@ -73,16 +81,16 @@ def film(
         scene = folder / "scene.xml"
         scene.write_text(mjcf, encoding="utf-8")
         target = folder / f"run{suffix}"
-        return _film(scene, seconds, dict(tables or {}), act, target, pace, on_report)
+        return _capture(scene, seconds, dict(tables or {}), act, target, pace, on_report)
 
 
-def differing(one: Film, other: Film) -> int:
-    """Events of the one that the other lacks, and the other way round."""
+def differing(one: Capture, other: Capture) -> int:
+    """How many events are in one of the captures only."""
     a, b = one.events, other.events
     return len(np.setxor1d(a, b)) + abs(len(a) - len(b))
 
 
-def _film(
+def _capture(
     scene: Path,
     seconds: float,
     tables: dict[str, Any],
@@ -90,7 +98,7 @@ def _film(
     target: Path,
     pace: Pacer | None,
     on_report: Callable[[Report], None] | None,
-) -> Film:
+) -> Capture:
     own = {"file": str(scene), **tables.pop("scene", {})}
     sensor = {**IDEAL, **tables.pop("sensor", {})}
     config = load(
@@ -111,7 +119,7 @@ def _film(
     if [str(warning.message) for warning in loading] != list(world.left_out):
         raise EvsError("what is left out is not what was warned of at loading")
     sent: list[Events] = []
-    said: list[str] = []
+    messages: list[str] = []
 
     def keep(tick: int, _world: Any, packets: tuple[EventPacket, ...]) -> None:
         sent.extend(packet.events for packet in packets)
@@ -128,13 +136,13 @@ def _film(
         watch,
         pace,
         observers=[keep],
-        warn=said.append,
+        warn=messages.append,
         on_report=on_report,
         config=settings.to_plain(config),
     )
-    if [line for line in report.warnings if line not in world.left_out] != said:
+    if [line for line in report.warnings if line not in world.left_out] != messages:
         raise EvsError("the report's warnings are not those that were said")
     events = join_events(sent)
     if not np.array_equal(read(target), events):
         raise EvsError(f"{target.name} has other events than left the camera")
-    return Film(report, events, world)
+    return Capture(report, events, world)

@@ -1,4 +1,4 @@
-"""What an ideal pixel must say of known light: written anew, in float64, from its definition.
+"""The events of an ideal pixel under known light, written in float64 from the definition.
 
 A pixel fires ON each time its log light is a threshold above its reference, OFF a threshold below,
 and the reference goes along by that threshold.
@@ -38,39 +38,43 @@ def log_light(luminance: F64) -> F64:
 
 
 def counts(luminance: F64) -> tuple[F64, Flags]:
-    """Events that each pixel owes, and which pixels are in no doubt.
+    """Events that each pixel must fire, and which pixels are certain.
 
     In: luminance (n, ...), one a tick; the first is the reference. Out: (n, 2, ...) OFF and ON in
     each tick, none in the first; (...) False where a crossing was nearer than NEAR.
     """
     light = log_light(luminance)
     reference = light[0].copy()
-    owed = np.zeros((len(light), 2, *light.shape[1:]))
-    sure = np.ones(light.shape[1:], np.bool_)
+    expected = np.zeros((len(light), 2, *light.shape[1:]))
+    certain = np.ones(light.shape[1:], np.bool_)
     for tick, now in enumerate(light[1:], 1):
         steps = (now - reference) / THETA
         whole = np.trunc(steps + np.copysign(SAME, steps))
         beside = np.abs(steps - np.rint(steps))
-        sure &= (beside > NEAR) | (beside < SAME) | (np.rint(steps) == 0)
-        owed[tick, 1], owed[tick, 0] = np.maximum(whole, 0), np.maximum(-whole, 0)
+        certain &= (beside > NEAR) | (beside < SAME) | (np.rint(steps) == 0)
+        expected[tick, 1], expected[tick, 0] = np.maximum(whole, 0), np.maximum(-whole, 0)
         reference += whole * THETA
-    return owed, sure
+    return expected, certain
 
 
-def miscounted(events: Events, luminance: F64, tick_us: int, most_unsure: float = 0.25) -> float:
-    """Events too many or too few in a pixel, tick and polarity, over all pixels without a doubt.
+def count_error(events: Events, luminance: F64, tick_us: int, max_uncertain: float = 0.25) -> float:
+    """Events too many or too few, summed over ticks, polarities and all certain pixels.
 
-    In: luminance (ticks + 1, h, w), as of counts. inf where more of the picture than `most_unsure`
-    is in doubt: there is little to be compared then.
+    Args:
+        events: the events.
+        luminance: (ticks + 1, h, w), as of counts. inf if more of the picture than `max_uncertain`
+            is uncertain, which leaves little to compare.
+        tick_us: length of a tick.
+        max_uncertain: largest share of uncertain pixels.
     """
-    owed, sure = counts(luminance)
-    found = seen_counts(events, len(luminance) - 1, tick_us, sure.shape)
-    if sure.mean() < 1.0 - most_unsure:
+    expected, certain = counts(luminance)
+    found = event_counts(events, len(luminance) - 1, tick_us, certain.shape)
+    if certain.mean() < 1.0 - max_uncertain:
         return math.inf
-    return float(np.abs(found - owed)[..., sure].sum())
+    return float(np.abs(found - expected)[..., certain].sum())
 
 
-def seen_counts(
+def event_counts(
     events: Events, ticks: int, tick_us: int, shape: tuple[int, int], start_us: int = 0
 ) -> F64:
     """(ticks + 1, 2, h, w) OFF and ON events in each tick, whose number is its end's."""
@@ -80,12 +84,12 @@ def seen_counts(
     return found
 
 
-def untold(events: Events, first: F64, last: F64, theta: float = THETA) -> float:
-    """How far the events of a stream are from telling what became of the light, thresholds.
+def residual_thresholds(events: Events, first: F64, last: F64, theta: float = THETA) -> float:
+    """Largest change of log light that the events of a pixel do not explain, in thresholds.
 
     In: luminance (h, w) of the reference and of the end. Below 1 where every pixel's events add up
     to its change of log light: what is left is not yet a threshold. Out: the worst pixel's.
     """
-    told = np.zeros(first.shape)
-    np.add.at(told, (events["y"], events["x"]), np.where(events["p"] != 0, theta, -theta))
-    return float(np.abs(log_light(last) - log_light(first) - told).max() / theta)
+    explained = np.zeros(first.shape)
+    np.add.at(explained, (events["y"], events["x"]), np.where(events["p"] != 0, theta, -theta))
+    return float(np.abs(log_light(last) - log_light(first) - explained).max() / theta)

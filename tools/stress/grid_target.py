@@ -1,7 +1,7 @@
-"""A wall of glowing plates before a camera without perspective: light that is known to the bit.
+"""The grid target: glowing plates before an orthographic camera, whose light is known to the bit.
 
-A plate is a whole number of pixels wide and the wall moves by whole pixels, so every sample of a
-pixel lies on one plate and its light is the plate's emission.
+A plate is a whole number of pixels wide and the grid moves by whole pixels, so every sample of a
+pixel lies on one plate and its light is the emission of the plate.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 from evs.emulator import World
 from evs.emulator.base.scene import F64
 from evs.emulator.world import ORTHOGRAPHIC
-from evs.tools.stress.capture import Film, film
-from evs.tools.stress.closed_form import NEAR, miscounted, untold
+from evs.tools.stress.capture import Capture, capture
+from evs.tools.stress.closed_form import NEAR, count_error, residual_thresholds
 
 HEIGHT_PX = 8
 """of the picture; a pixel is 1 m"""
@@ -25,10 +25,13 @@ FLASH_PX = 16
 """width of a picture that shows one plate at a time"""
 
 
-def wall(levels: Sequence[float], plate_px: int, more: str = "") -> str:
+def grid_mjcf(levels: Sequence[float], plate_px: int, more: str = "") -> str:
     """MJCF: the plates side by side on a mocap body, the first at its origin.
 
-    In: levels, what each emits; more, what else stands in the world.
+    Args:
+        levels: what each emits.
+        plate_px: width of a plate.
+        more: what else stands in the world.
     """
     materials = "".join(
         f'<material name="level{k}" {_glow(level)}/>' for k, level in enumerate(map(float, levels))
@@ -54,41 +57,41 @@ def _glow(level: float) -> str:
 
 
 def place(world: World, first_px: int) -> None:
-    """Move the wall: the picture's left column shows its column `first_px`."""
+    """Move the grid so that the left column of the picture shows its column `first_px`."""
     half_px = world.cameras[0].info.width / 2
     world.data.mocap_pos[0] = (-half_px - first_px, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Shown:
-    """A wall that was filmed."""
+class GridCapture:
+    """A capture of the grid target, and the light that it should have seen."""
 
-    film: Film
+    capture: Capture
     light: F64
     """(ticks + 1, h, w) what each pixel sees at the end of each tick, by the plates' emissions"""
     tick_us: int
 
     @property
     def wrong(self) -> float:
-        """Events too many or too few in a pixel, tick and polarity, over all."""
-        return miscounted(self.film.events, self.light, self.tick_us)
+        """Events too many or too few, summed over pixels, ticks and polarities."""
+        return count_error(self.capture.events, self.light, self.tick_us)
 
     @property
-    def told(self) -> bool:
-        """Whether every pixel's events add up to its light at the end, within a threshold."""
-        return untold(self.film.events, self.light[0], self.light[-1]) < 1.0 + NEAR
+    def is_explained(self) -> bool:
+        """Whether the events of every pixel add up to its light at the end, within a threshold."""
+        return residual_thresholds(self.capture.events, self.light[0], self.light[-1]) < 1.0 + NEAR
 
 
-def watch(
+def capture_scene(
     mjcf: str,
     ticks: int,
     act: Callable[[int, World], None],
     sensor: Mapping[str, Any] | None = None,
     files: Mapping[str, bytes] | None = None,
-) -> Shown:
-    """Film any scene in ticks of 1 ms; what each pixel sees is what the renderer says.
+) -> GridCapture:
+    """Capture any scene in ticks of 1 ms; the light of each pixel is the renderer's.
 
-    In: act, as of film; what it moves before the first tick is moved in the reference already.
+    In: act, as of capture; what it moves before the first tick is in the reference already.
     """
     light: list[F64] = []
 
@@ -97,11 +100,11 @@ def watch(
             light.append(np.asarray(world.cameras[0].luminance, np.float64))
         act(tick, world)
 
-    seen = film(mjcf, ticks / 1e3, {"sensor": dict(sensor or {})}, note, files=files)
-    return Shown(seen, np.array([light[0], *light]), 1000)
+    seen = capture(mjcf, ticks / 1e3, {"sensor": dict(sensor or {})}, note, files=files)
+    return GridCapture(seen, np.array([light[0], *light]), 1000)
 
 
-def show(
+def capture_grid(
     levels: Sequence[float],
     firsts: Sequence[int],
     width_px: int,
@@ -109,11 +112,11 @@ def show(
     tables: Mapping[str, Any] | None = None,
     more: str = "",
     first: Callable[[World], None] | None = None,
-) -> Shown:
-    """Film a wall, whose column firsts[k] is the picture's left one in tick k + 1.
+) -> GridCapture:
+    """Capture a grid whose column firsts[k] is the left one of the picture in tick k + 1.
 
-    In: tables, of the pipeline; first, called with the world before anything is seen; the others
-    as of wall. The reference is firsts[0] too.
+    In: tables, of the pipeline; first, called with the world before the first tick; the others as
+    of grid_mjcf. The reference is firsts[0] too.
     """
     given = dict(tables or {})
     given["sensor"] = {"width": width_px, "height": HEIGHT_PX, **given.get("sensor", {})}
@@ -124,18 +127,18 @@ def show(
             first(world)
         place(world, firsts[min(tick, len(firsts) - 1)])
 
-    seen = film(wall(levels, plate_px, more), len(firsts) * tick_us / 1e6, given, act)
+    seen = capture(grid_mjcf(levels, plate_px, more), len(firsts) * tick_us / 1e6, given, act)
     columns = np.repeat(np.asarray(levels, np.float64), plate_px)
     rows = np.array([columns[first : first + width_px] for first in (firsts[0], *firsts)])
     light = np.repeat(rows[:, np.newaxis], HEIGHT_PX, 1)
-    return Shown(seen, light, tick_us)
+    return GridCapture(seen, light, tick_us)
 
 
-def flash(
+def capture_flashes(
     levels: Sequence[float],
     tables: Mapping[str, Any] | None = None,
     first: Callable[[World], None] | None = None,
-) -> Shown:
-    """Film light that fills the picture, another in each tick."""
+) -> GridCapture:
+    """Capture uniform light, another level in each tick."""
     firsts = [place * FLASH_PX for place in range(len(levels))]
-    return show(levels, firsts, FLASH_PX, FLASH_PX, tables, first=first)
+    return capture_grid(levels, firsts, FLASH_PX, FLASH_PX, tables, first=first)

@@ -1,64 +1,32 @@
-"""The groups of extremes, by name; a group's module is imported when it is asked for."""
+"""The groups of stress cases, by name; the module of a group is imported on demand."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
+from evs.emulator.base.registry import load
 from evs.msgs import unknown
-from evs.tools.stress.extreme import Extreme
+from evs.tools.stress.stress_case import StressCase
 
-
-def _light() -> tuple[Extreme, ...]:
-    from evs.tools.stress.light import EXTREMES
-
-    return EXTREMES
-
-
-def _time() -> tuple[Extreme, ...]:
-    from evs.tools.stress.time import EXTREMES
-
-    return EXTREMES
-
-
-def _motion() -> tuple[Extreme, ...]:
-    from evs.tools.stress.motion import EXTREMES
-
-    return EXTREMES
-
-
-def _sensor() -> tuple[Extreme, ...]:
-    from evs.tools.stress.sensor import EXTREMES
-
-    return EXTREMES
-
-
-def _network() -> tuple[Extreme, ...]:
-    from evs.tools.stress.network import EXTREMES
-
-    return EXTREMES
-
-
-def _machine() -> tuple[Extreme, ...]:
-    from evs.tools.stress.machine import EXTREMES
-
-    return EXTREMES
-
-
-_LOADERS: dict[str, Callable[[], tuple[Extreme, ...]]] = {
-    "light": _light,
-    "time": _time,
-    "motion": _motion,
-    "sensor": _sensor,
-    "network": _network,
-    "machine": _machine,
+_CASES = {
+    "light": "evs.tools.stress.light:CASES",
+    "time": "evs.tools.stress.time:CASES",
+    "motion": "evs.tools.stress.motion:CASES",
+    "sensor": "evs.tools.stress.sensor:CASES",
+    "network": "evs.tools.stress.network:CASES",
+    "machine": "evs.tools.stress.machine:CASES",
 }
+"""group -> where its cases are; to add a case, write it in a module of its group"""
 
-GROUPS = tuple(_LOADERS)
+GROUPS = tuple(_CASES)
 """every group, in the order of the table"""
 
 
-def extremes_of(group: str) -> tuple[Extreme, ...]:
-    """The extremes of a group, in the order of the table. EvsError for an unknown one."""
-    if group not in _LOADERS:
+def cases_of(group: str) -> tuple[StressCase, ...]:
+    """The cases of a group, in the order of the table.
+
+    Raises:
+        EvsError: there is no such group.
+    """
+    if group not in _CASES:
         raise unknown("group of extremes", group, GROUPS)
-    return _LOADERS[group]()
+    cases: tuple[StressCase, ...] = load(_CASES[group])
+    return cases

@@ -1,4 +1,4 @@
-"""The table of extremes as Markdown, and its place in the page that tells of them."""
+"""The table of stress cases as Markdown, and its place in tools/stress/README.md."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from evs.msgs import EvsError
-from evs.tools.stress.extreme import Tried
+from evs.tools.stress.stress_case import CaseResult
 
 BEGIN = "<!-- written by evs doctor --markdown from here -->"
 END = "<!-- to here -->"
 HEAD = "| | what is done | bound | measured | what a user sees |\n|---|---|---|---|---|"
 
 
-def measured(tried: Tried) -> str:
-    """What it came to beside the most that it may be: 0.263 thresholds, at most 1."""
-    if tried.outcome is None:
-        return f"broke down: {tried.error}"
-    found = tried.outcome
+def measured(result: CaseResult) -> str:
+    """The measurement beside its limit: 0.263 thresholds, at most 1."""
+    if result.measurement is None:
+        return f"broke down: {result.error}"
+    found = result.measurement
     value = f"{_number(found.value)} {found.unit}".rstrip()
     text = f"{value}, at most {_number(found.limit)}"
     if found.recovered:
@@ -28,25 +28,26 @@ def measured(tried: Tried) -> str:
     return f"{text}, and the stream or what is said of it is not right afterwards"
 
 
-def table(every: Iterable[Tried]) -> str:
+def table(every: Iterable[CaseResult]) -> str:
     """One table for each group, in the order given; no newline at the end."""
     parts: dict[str, list[str]] = {}
-    for tried in every:
-        extreme = tried.extreme
-        mark = "" if tried.holds else "**FAILS** "
-        said = "; ".join(tried.outcome.said) if tried.outcome is not None else ""
-        cells = (f"`{extreme.name}`", extreme.what, extreme.bound, mark + measured(tried), said)
+    for result in every:
+        case = result.case
+        mark = "" if result.holds else "**FAILS** "
+        messages = "; ".join(result.measurement.messages) if result.measurement is not None else ""
+        cells = (f"`{case.name}`", case.what, case.bound, mark + measured(result), messages)
         row = " | ".join(_cell(cell) for cell in cells)
-        parts.setdefault(extreme.group, []).append(f"| {row} |")
+        parts.setdefault(case.group, []).append(f"| {row} |")
     return "\n\n".join(
         f"### {group.capitalize()}\n\n" + "\n".join([HEAD, *rows]) for group, rows in parts.items()
     )
 
 
-def write_table(path: str | Path, every: Iterable[Tried]) -> None:
+def write_table(path: str | Path, every: Iterable[CaseResult]) -> None:
     """Write the table to a file: between BEGIN and END where it has them, else it is all of it.
 
-    Raises EvsError where the file cannot be written, or has one of the two only.
+    Raises:
+        EvsError: the file cannot be written, or has one of the two only.
     """
     target = Path(path)
     new = f"{BEGIN}\n\n{table(every)}\n\n{END}\n"

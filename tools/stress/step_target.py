@@ -1,4 +1,4 @@
-"""A black curtain before a white wall, for the extremes of the sensor: light that is known."""
+"""The step target: a black plate moves before a white one, so that the light is known."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from evs.emulator.config import SensorConfig
 from evs.emulator.sensor import SensorParameters, resolve_sensor
 from evs.emulator.sensor.pixel.fixed_pattern import draw_pattern
 from evs.msgs import Events
-from evs.tools.stress.capture import IDEAL, Act, Film, film
+from evs.tools.stress.capture import IDEAL, Act, Capture, capture
 
-WALL = """<mujoco><visual><headlight active="0"/></visual><worldbody>
+MJCF = """<mujoco><visual><headlight active="0"/></visual><worldbody>
 <light directional="true" castshadow="false" dir="0 1 0" diffuse="1 1 1" specular="0 0 0"/>
 <camera name="eye" pos="0 -3 0" xyaxes="1 0 0 0 0 1" fovy="45"/>
 <geom type="box" pos="0 1 0" size="90 .1 90" rgba="1 1 1 1"/>
@@ -26,16 +26,16 @@ WALL = """<mujoco><visual><headlight active="0"/></visual><worldbody>
 </worldbody></mujoco>"""
 
 OPEN, SHUT = np.inf, -20.0
-"""where the curtain's left edge is, m: away, and over all that the camera sees"""
+"""x of the black plate's left edge, m: out of view, and covering the whole picture"""
 
 I64 = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Shown:
-    """What a camera made of the curtain."""
+class StepCapture:
+    """A capture of the step target."""
 
-    film: Film
+    capture: Capture
     sensor: SensorParameters
     first: F32
     """(h, w) luminance of the reference: the picture stood still for the first tick"""
@@ -45,7 +45,7 @@ class Shown:
     def counts(self, events: Events | None = None) -> tuple[I64, I64]:
         """ON and OFF events of each pixel, (h, w); of all events, or of these."""
         shape = (self.sensor.height, self.sensor.width)
-        events = self.film.events if events is None else events
+        events = self.capture.events if events is None else events
         place = events["y"].astype(np.int64) * shape[1] + events["x"]
         on, off = (
             np.bincount(place[events["p"] == p], minlength=shape[0] * shape[1]).reshape(shape)
@@ -53,12 +53,12 @@ class Shown:
         )
         return on, off
 
-    def untold(self) -> float:
-        """Largest contrast that a pixel did not tell, in thresholds of its own.
+    def residual_thresholds(self) -> float:
+        """Largest contrast that the events of a pixel do not explain, in its own thresholds.
 
-        What a pixel has told is its ON thresholds times ON events less the same of OFF. NaN where
-        no pixel fired. Without a refractory period and filters it is under 1 by the pixel's law: at
-        1 there would have been one more event.
+        Events explain the ON thresholds times ON events less the same of OFF. NaN if no pixel
+        fired. Without a refractory period and filters it is below 1 by the definition of the
+        pixel: at 1 there would be one more event.
         """
         on, off = self.counts()
         if not (on.any() or off.any()):
@@ -78,7 +78,7 @@ class Shown:
 
     @cached_property
     def _thresholds(self) -> tuple[F64, F64]:
-        pattern = draw_pattern(self.sensor, self.film.world.cameras[0].info.seed)
+        pattern = draw_pattern(self.sensor, self.capture.world.cameras[0].info.seed)
         return pattern.on.astype(np.float64), pattern.off.astype(np.float64)
 
 
@@ -89,23 +89,23 @@ def log_of(luminance: F32, sensor: SensorParameters) -> F64:
     return np.where(dn >= knee, np.log(np.maximum(dn, knee)), np.log(knee) / knee * dn)
 
 
-def curtain(
+def capture_step(
     left: Callable[[int], float],
     ticks: int,
     tables: Mapping[str, Any] | None = None,
-    mjcf: str = WALL,
+    mjcf: str = MJCF,
     watch: Act | None = None,
-) -> Shown:
-    """Draw the curtain in front of a camera. Raises EvsError as film does.
+) -> StepCapture:
+    """Move the black plate before the camera. Raises EvsError as capture does.
 
-    In: left, ticks done -> x of the curtain's left edge, m, OPEN or SHUT; it covers all on the
-    right of it, and the camera sees some 1.7 m to either side. `left(0)` holds until the end of the
-    first tick: that light is the reference. tables, of the pipeline; watch, called after each tick,
-    before the curtain moves.
+    In: left, ticks done -> x of the plate's left edge, m, OPEN or SHUT; the plate covers all to
+    the right of it, and the camera sees some 1.7 m to either side. `left(0)` holds until the end of
+    the first tick: that light is the reference. tables, of the pipeline; watch, called after each
+    tick, before the plate moves.
     """
-    told = {key: dict(value) if isinstance(value, Mapping) else value
+    given = {key: dict(value) if isinstance(value, Mapping) else value
             for key, value in (tables or {}).items()}  # fmt: skip
-    render = {"spp": 1, **told.pop("render", {})}
+    render = {"spp": 1, **given.pop("render", {})}
     first: list[F32] = []
 
     def draw(tick: int, world: World) -> None:
@@ -116,29 +116,33 @@ def curtain(
         edge = left(tick)
         world.data.mocap_pos[0] = (0, 9, 0) if edge == OPEN else (edge + 20, 0, 0)
 
-    tick_us = told.get("scene", {}).get("tick_us", 1000)
-    seen = film(mjcf, ticks * tick_us * 1e-6, {**told, "render": render}, draw)
+    tick_us = given.get("scene", {}).get("tick_us", 1000)
+    seen = capture(mjcf, ticks * tick_us * 1e-6, {**given, "render": render}, draw)
     camera = seen.world.cameras[0]
-    sensor = resolve_sensor(SensorConfig(**{**IDEAL, **_sensor(told)}))
-    return Shown(seen, sensor, first[0], camera.luminance)
+    sensor = resolve_sensor(SensorConfig(**{**IDEAL, **_sensor(given)}))
+    return StepCapture(seen, sensor, first[0], camera.luminance)
 
 
 def _sensor(tables: Mapping[str, Any]) -> dict[str, Any]:
     return {k: v for k, v in tables.get("sensor", {}).items() if not isinstance(v, Mapping)}
 
 
-def swept(begin: int, length: int, tick: int) -> float:
-    """Where the curtain is that is drawn from ticks `begin` on and drawn back, `length` each."""
+def edge_position(begin: int, length: int, tick: int) -> float:
+    """Left edge of a plate that moves in at tick `begin` and out again, in `length` ticks each."""
     shut = min(tick - begin, begin + 2 * length - tick) / length
     return OPEN if shut <= 0 else 2.0 - 4.0 * shut
 
 
-def sweep(length: int, still: int, sensor: Mapping[str, Any]) -> Shown:
-    """The curtain drawn and drawn back, `length` ticks each; `still` ticks. In: its [sensor]."""
-    return curtain(lambda tick: swept(1, length, tick), 1 + 2 * length + still, {"sensor": sensor})
+def capture_sweep(length: int, still: int, sensor: Mapping[str, Any]) -> StepCapture:
+    """The plate moves in and out, `length` ticks each, then rests for `still`. In: its [sensor]."""
+    return capture_step(
+        lambda tick: edge_position(1, length, tick), 1 + 2 * length + still, {"sensor": sensor}
+    )
 
 
-def said_of(shown: Shown) -> tuple[str, ...]:
-    """Its warnings, or how many events its report counts."""
-    report = shown.film.report
-    return shown.film.warnings or (f"{report.events:,} events, {report.events_dropped:,} dropped",)
+def messages_of(shown: StepCapture) -> tuple[str, ...]:
+    """Its warnings; without any, the event counts of its report."""
+    report = shown.capture.report
+    return shown.capture.warnings or (
+        f"{report.events:,} events, {report.events_dropped:,} dropped",
+    )

@@ -1,1 +1,1 @@
-"""The trade of speed for accuracy, measured: points, their cost, their error."""
+"""Sweep: measure the speed and the error of configurations around the presets."""

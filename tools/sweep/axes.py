@@ -9,8 +9,8 @@ from evs.emulator.evsnet.families import families, members
 from evs.emulator.evsnet.network_files import network_names
 from evs.emulator.sensor import resolve_sensor
 from evs.msgs import EvsError, unknown
-from evs.tools.sweep.measured import FRAMES, OURS, PAPER, Setting
-from evs.tools.sweep.points import Point, point_of, preset_of, unique
+from evs.tools.sweep.points import SweepPoint, preset_of, sweep_point, unique
+from evs.tools.sweep.record import FRAMES, OURS, PAPER, Setting
 
 Changes = Mapping[str, Setting]
 Values = Sequence[tuple[str, Changes]]
@@ -160,12 +160,12 @@ def incremental(base: PipelineConfig) -> Values:
 
 
 def frames(base: PipelineConfig) -> Values:
-    """The way of v2e and ESIM: pictures first, events from pictures (tools/sweep/peers.py)."""
+    """Frames first, events from frames, as in v2e and ESIM (frame_methods.py)."""
     del base
     plain: Changes = {"model.name": "plain", "model.chunk": 1}
     found: list[tuple[str, Changes]] = [
-        (f"{way}, {fps} FPS", {**plain, "scene.tick_us": round(1e6 / fps)})
-        for way in ("ESIM", "v2e")
+        (f"{method}, {fps} FPS", {**plain, "scene.tick_us": round(1e6 / fps)})
+        for method in ("ESIM", "v2e")
         for fps in FPS
     ]
     every_ms: Changes = {**plain, "scene.tick_us": 1000}
@@ -221,7 +221,7 @@ DEFAULT: dict[str, tuple[str, ...]] = {
     "accurate": ("samples", "seeds", "model", "frames", "paper"),
     "reference": ("samples",),
 }  # fmt: skip
-"""Preset -> axes of a sweep that is told nothing else: each where it says most for its time."""
+"""preset -> default axes of a sweep, each where it shows most for its time"""
 
 QUICK: dict[str, tuple[str, ...]] = {
     "fast": ("samples", "tick"),
@@ -230,7 +230,9 @@ QUICK: dict[str, tuple[str, ...]] = {
 """The same of `--quick`."""
 
 
-def points(presets: Sequence[str], axes: Sequence[str] = (), *, quick: bool = False) -> list[Point]:
+def points(
+    presets: Sequence[str], axes: Sequence[str] = (), *, quick: bool = False
+) -> list[SweepPoint]:
     """The points of a sweep, each preset first, then its axes.
 
     In: axes, around every preset; none: those of the table. Raises EvsError: an axis or preset that
@@ -244,15 +246,15 @@ def points(presets: Sequence[str], axes: Sequence[str] = (), *, quick: bool = Fa
     for name in axes:
         if name not in AXES:
             raise unknown("axis", name, AXES)
-    found: list[Point] = []
+    found: list[SweepPoint] = []
     for preset in presets:
         base = preset_of(preset)
-        found.append(Point(preset))
+        found.append(SweepPoint(preset))
         table = QUICK if quick else DEFAULT
         for axis in axes or table.get(preset, ("samples", "tick") if not quick else ()):
             kind = KINDS.get(axis, OURS)
             for value, changes in AXES[axis](base):
-                found.append(point_of(preset, axis, value, changes, kind))
+                found.append(sweep_point(preset, axis, value, changes, kind))
     if axes and not any(one.axis for one in unique(found)):
         raise EvsError(
             f"no value of {', '.join(axes)} differs from {', '.join(presets)}; give another axis"

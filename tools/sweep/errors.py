@@ -1,4 +1,4 @@
-"""How far the events of a point are from those of converged light, on one scene and camera motion.
+"""ErrorMeter: compare the events of a point with those of converged light.
 
 The definitions are those of `evs evaluate`: sampled pixels, events of converged light in two halves
 as the reference, a sensor without noise. Nothing here is timed, so any machine will do.
@@ -17,29 +17,29 @@ from evs.emulator.base.scene import F32
 from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.sensor import resolve_sensor
 from evs.msgs import Events, EvsError
-from evs.tools.evaluation.cache import LightCache
+from evs.tools.evaluation.clip import TICK_US, Clip, make_clip
+from evs.tools.evaluation.clip_light import HALF_SEEDS
 from evs.tools.evaluation.digest import digest
 from evs.tools.evaluation.evaluate import WARM, stands_still
-from evs.tools.evaluation.light import HALF_SEEDS
+from evs.tools.evaluation.light_cache import LightCache
 from evs.tools.evaluation.measure import Mask, Measures, measure
-from evs.tools.evaluation.scene_setup import Stage
-from evs.tools.evaluation.take import TICK_US, Take, film
-from evs.tools.sweep.light import Lights, Moved
-from evs.tools.sweep.measured import FRAMES, Error
-from evs.tools.sweep.peers import way_of
+from evs.tools.evaluation.scene_setup import SceneSetup
+from evs.tools.sweep.clip_renderer import ClipRenderer, Moved
+from evs.tools.sweep.frame_methods import frame_method
 from evs.tools.sweep.pixels import (
     check_tick,
-    contender,
     events_of,
-    judged_sensor,
+    metered_sensor,
     network_events,
+    network_model,
 )
-from evs.tools.sweep.points import Point, preset_of
+from evs.tools.sweep.points import SweepPoint, preset_of
+from evs.tools.sweep.record import FRAMES, Accuracy
 
 FINE_US = 250
 """what the physics of every error is stepped by, and its shortest tick"""
 SETTLE_TICKS = 24
-"""ms at the start that are not measured, in which running means and windows settle"""
+"""ms at the begin that are not measured, while running means and windows settle"""
 AHEAD_TICKS = 24
 """ms of light after the last one measured: networks look ahead, a frame may end late"""
 PATCH_PX = 4
@@ -49,7 +49,11 @@ MAX_SPP = 4096
 
 @dataclass(frozen=True)
 class ErrorSettings:
-    """What errors are measured on. Raises EvsError for values without sense."""
+    """What errors are measured on.
+
+    Raises:
+        EvsError: a value is out of range.
+    """
 
     pixels: int = 1024
     """spread over the picture"""
@@ -93,31 +97,35 @@ class _Reference:
 
 
 @dataclass
-class Judge:
+class ErrorMeter:
     """Measures points on one scene under one camera motion."""
 
-    stage: Stage
+    setup: SceneSetup
     motion: str
     settings: ErrorSettings
     cache: LightCache
     threads: int = 0
     moved: Moved = lambda _samples: None
-    lit: RenderConfig = field(default_factory=RenderConfig)
-    """what lights the scene, for the reference too: headlight, shadows, fog, haze, units"""
-    _lights: dict[tuple[int, int], Lights] = field(default_factory=dict)
+    lighting: RenderConfig = field(default_factory=RenderConfig)
+    """headlight, shadows, fog, haze, units; of the reference too"""
+    _renderers: dict[tuple[int, int], ClipRenderer] = field(default_factory=dict)
     _references: dict[str, _Reference] = field(default_factory=dict)
-    _found: dict[str, Error] = field(default_factory=dict)
+    _found: dict[str, Accuracy] = field(default_factory=dict)
 
-    def error(self, point: Point) -> Error:
-        """Its error. Raises EvsError where it cannot be measured, as without its renderer."""
+    def error(self, point: SweepPoint) -> Accuracy:
+        """Its error.
+
+        Raises:
+            EvsError: it cannot be measured, as without its renderer.
+        """
         config = point.config
         check_tick(config.model, config.scene.tick_us)
-        sensor = judged_sensor(config.sensor, preset_of(point.preset).sensor)
-        lights = self._of(size_of(config.sensor))
+        sensor = metered_sensor(config.sensor, preset_of(point.preset).sensor)
+        renderer = self._of(size_of(config.sensor))
         key = digest(
             (
-                lights.take.camera.width,
-                lights.plain(config.render),
+                renderer.clip.camera.width,
+                renderer.plain(config.render),
                 dataclasses.replace(config.model, chunk=1, labels=False),
                 sensor,
                 config.scene.tick_us,
@@ -125,81 +133,85 @@ class Judge:
             )
         )
         if key not in self._found:
-            reference = self._reference(lights, sensor)
-            events = self._events(point, config, lights, sensor)
-            measures = self._measure(events, reference.events, lights.take, reference.still)
+            reference = self._reference(renderer, sensor)
+            events = self._events(point, config, renderer, sensor)
+            measures = self._measure(events, reference.events, renderer.clip, reference.still)
             self._found[key] = error_of(measures, reference.own)
         return self._found[key]
 
-    def _of(self, size: tuple[int, int]) -> Lights:
-        """The take of that size. Its motion is that of every other."""
-        if size not in self._lights:
-            told = self.settings
+    def _of(self, size: tuple[int, int]) -> ClipRenderer:
+        """The renderer of a clip of that size; the motion does not depend on the size."""
+        if size not in self._renderers:
+            settings = self.settings
             fine = TICK_US // FINE_US
-            take = film(
-                self.stage,
+            clip = make_clip(
+                self.setup,
                 self.motion,
-                fine * (told.ticks + AHEAD_TICKS),
-                sampled=min(told.pixels, size[0] * size[1]),
+                fine * (settings.ticks + AHEAD_TICKS),
+                sampled=min(settings.pixels, size[0] * size[1]),
                 patch_px=min(PATCH_PX, *size),
                 size=size,
-                seed=told.seed,
-                look_ticks=fine * told.ticks,
+                seed=settings.seed,
+                look_ticks=fine * settings.ticks,
                 tick_us=FINE_US,
             )
-            self._lights[size] = Lights(take, self.cache, self.threads, self.moved)
-        return self._lights[size]
+            self._renderers[size] = ClipRenderer(clip, self.cache, self.threads, self.moved)
+        return self._renderers[size]
 
-    def _reference(self, lights: Lights, sensor: SensorConfig) -> _Reference:
+    def _reference(self, renderer: ClipRenderer, sensor: SensorConfig) -> _Reference:
         """Of this take, seen through the low pass of `sensor`, stepped exactly, every ms."""
         sensor = dataclasses.replace(sensor, filter="exact")
-        key = digest((lights.take.camera.width, sensor))
+        key = digest((renderer.clip.camera.width, sensor))
         if key not in self._references:
             half = dataclasses.replace(
-                self.lit,
+                self.lighting,
                 renderer="path",
                 spp=self.settings.reference_spp // 2,
                 seeds="fixed",
                 antialiasing="fixed",
                 sampler=RenderConfig.sampler,
             )
-            every_ms = instants(TICK_US, self.settings.end_us)
-            one, two = (lights.at(half, every_ms, seed) for seed in HALF_SEEDS)
+            every_ms = instant_indices(TICK_US, self.settings.end_us)
+            one, two = (renderer.at(half, every_ms, seed) for seed in HALF_SEEDS)
             converged: F32 = (one + two) * np.float32(0.5)
             still = stands_still(converged)
             found = [
                 events_of(light, times_of(every_ms), ModelConfig(), sensor)
                 for light in (one, two, converged)
             ]
-            own = self._measure(found[1], found[0], lights.take, still)
+            own = self._measure(found[1], found[0], renderer.clip, still)
             self._references[key] = _Reference(found[2], still, own)
         return self._references[key]
 
     def _events(
-        self, point: Point, config: PipelineConfig, lights: Lights, sensor: SensorConfig
+        self,
+        point: SweepPoint,
+        config: PipelineConfig,
+        renderer: ClipRenderer,
+        sensor: SensorConfig,
     ) -> Events:
         render, model, tick_us = config.render, config.model, config.scene.tick_us
         end_us = self.settings.end_us
         if model.name != "evsnet":
-            shots = instants(tick_us, end_us)
-            way = way_of(point.value) if point.kind == FRAMES else None
-            return events_of(lights.at(render, shots), times_of(shots), model, sensor, way)
-        late = contender(model, render.noisy_samples).latency_ticks
-        light = lights.at(render, instants(tick_us, end_us + late * TICK_US))
+            indices = instant_indices(tick_us, end_us)
+            method = frame_method(point.value) if point.kind == FRAMES else None
+            return events_of(renderer.at(render, indices), times_of(indices), model, sensor, method)
+        late = network_model(model, render.noisy_samples).latency_ticks
+        light = renderer.at(render, instant_indices(tick_us, end_us + late * TICK_US))
         warm = None
         if render.seeds == "fresh":
-            before = dataclasses.replace(lights.take, tick_us=TICK_US).before(WARM)
-            earlier = Lights(before, self.cache, self.threads, self.moved)
+            before = dataclasses.replace(renderer.clip, tick_us=TICK_US).before(WARM)
+            earlier = ClipRenderer(before, self.cache, self.threads, self.moved)
             warm = earlier.at(render, range(WARM))
         return network_events(light, model, render.noisy_samples, warm)
 
-    def _measure(self, events: Events, of: Events, take: Take, still: Mask) -> Measures:
+    def _measure(self, events: Events, of: Events, clip: Clip, still: Mask) -> Measures:
         begin_us, end_us = self.settings.begin_us, self.settings.end_us
-        return measure(events, of, take, still, begin_us, end_us)
+        return measure(events, of, clip, still, begin_us, end_us)
 
 
-def instants(tick_us: int, end_us: int) -> list[int]:
-    """The shots, FINE_US apart, that a run with such ticks sees until it has reached end_us.
+def instant_indices(tick_us: int, end_us: int) -> list[int]:
+    """Indices of the instants, FINE_US apart, that a run with such ticks sees up to end_us.
 
     The nearest ones where a tick is no multiple of FINE_US, as with 60 frames a second.
     """
@@ -213,9 +225,9 @@ def instants(tick_us: int, end_us: int) -> list[int]:
     return found
 
 
-def times_of(shots: list[int]) -> list[int]:
-    """Of each shot, us."""
-    return [FINE_US * shot for shot in shots]
+def times_of(indices: list[int]) -> list[int]:
+    """Times of the instants, us."""
+    return [FINE_US * k for k in indices]
 
 
 def size_of(sensor: SensorConfig) -> tuple[int, int]:
@@ -224,11 +236,16 @@ def size_of(sensor: SensorConfig) -> tuple[int, int]:
     return int(found.width), int(found.height)
 
 
-def error_of(found: Measures, own: Measures) -> Error:
-    """Shares and rates of the sums. In: own, of one half of the reference against the other."""
+def error_of(found: Measures, own: Measures) -> Accuracy:
+    """Shares and rates of the sums.
+
+    Args:
+        found: measures of the point.
+        own: of one half of the reference against the other.
+    """
     wanted = found.reference_on + found.reference_off
     events = found.on + found.off
-    return Error(
+    return Accuracy(
         emd=found.emd,
         emd_reference=own.emd,
         recall=_ratio(found.pairs, wanted),

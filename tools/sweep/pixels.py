@@ -15,14 +15,14 @@ from evs.emulator.evsnet.network_files import load_network, network_names
 from evs.emulator.sensor import SensorParameters, resolve_sensor
 from evs.msgs import Events, EvsError, join_events
 from evs.tools.evaluation import models
-from evs.tools.evaluation.take import TICK_US
-from evs.tools.sweep.peers import Way, between, coded
+from evs.tools.evaluation.clip import TICK_US
+from evs.tools.sweep.frame_methods import FrameMethod, interpolate, quantise
 
 LOW_PASS = ("cutoff_hz", "filter", "follower_hz")
 """what of a point's sensor its error is measured with, and the reference's with the exact filter"""
 
 
-def judged_sensor(asked: SensorConfig, preset: SensorConfig) -> SensorConfig:
+def metered_sensor(asked: SensorConfig, preset: SensorConfig) -> SensorConfig:
     """The sensor that errors are measured with: ideal, but for the low pass where a point sets one.
 
     Noise is no error of the light, so errors have none.
@@ -37,12 +37,12 @@ def row_of(sensor: SensorConfig, pixels: int) -> SensorParameters:
     return dataclasses.replace(resolve_sensor(sensor), width=size.width, height=size.height)
 
 
-def contender(model: ModelConfig, noisy_samples: int) -> models.Contender:
+def network_model(model: ModelConfig, noisy_samples: int) -> models.ModelUnderTest:
     """The network of a pipeline, of a family the member for light of so many samples."""
-    how = models.Running(0, model.runtime, model.provider)
+    how = models.RuntimeOptions(0, model.runtime, model.provider)
     shipped = network_names()
     if model.network in shipped or model.network in families(shipped):
-        return models.contenders([model.network], None, how)[0][0].at(noisy_samples)
+        return models.models_under_test([model.network], None, how)[0][0].at(noisy_samples)
     return models.network(load_network(model.network), how)
 
 
@@ -51,14 +51,14 @@ def events_of(
     times_us: Sequence[int],
     model: ModelConfig,
     sensor: SensorConfig,
-    way: Way | None = None,
+    method: FrameMethod | None = None,
 ) -> Events:
     """(m,) events, x the number of the pixel and y 0, of an event pixel.
 
     In: light (k, n) at times_us; the first only sets the reference. way: frames of a peer.
     """
-    if way is not None:
-        light = coded(light, way.code)
+    if method is not None:
+        light = quantise(light, method.code)
     row = row_of(sensor, light.shape[1])
     pixel = make_event_model(row, model)
     frames = models.frames_of(light)
@@ -68,8 +68,8 @@ def events_of(
     some, state = pixel.step(before, state, before_us - 1, before_us)
     for frame, t_us in zip(frames[1:], times_us[1:], strict=True):
         steps = [(t_us, frame)]
-        if way is not None and way.upsampled:
-            steps = between(before, frame, before_us, t_us)
+        if method is not None and method.upsampled:
+            steps = interpolate(before, frame, before_us, t_us)
         begin_us = before_us
         for end_us, shown in steps:
             some, state = pixel.step(np.ascontiguousarray(shown), state, begin_us, end_us)
@@ -84,9 +84,13 @@ def network_events(
 ) -> Events:
     """The same of a network, as `evs evaluate` runs it: ticks of 1 ms, its latency taken off.
 
-    In: light (ticks + latency, n); warm, what stood still before, with fresh noise.
+    Args:
+        light: (ticks + latency, n).
+        model: configuration of the event model.
+        noisy_samples: fresh samples per pixel of the light.
+        warm: what stood still before, with fresh noise.
     """
-    chosen = contender(model, noisy_samples)
+    chosen = network_model(model, noisy_samples)
     return models.run(chosen, light, warm).events
 
 

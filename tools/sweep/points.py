@@ -14,14 +14,14 @@ from evs.emulator.camera.event_models import check_chunk
 from evs.emulator.config import SEEDS
 from evs.emulator.render.renderers import check_render
 from evs.msgs import EvsError
-from evs.tools.sweep.measured import OURS, Setting
+from evs.tools.sweep.record import OURS, Setting
 
 SHAPING = ("seed", "threads", "ahead", "scene", "camera", "sensor", "render", "model", "plan")
 """tables and keys of a pipeline that a point may change: what shapes events or their cost"""
 
 
 @dataclass(frozen=True)
-class Point:
+class SweepPoint:
     """One configuration, on no scene yet."""
 
     preset: str
@@ -35,7 +35,11 @@ class Point:
 
     @property
     def config(self) -> PipelineConfig:
-        """The whole configuration. Raises EvsError: a key or value that makes no sense."""
+        """The whole configuration.
+
+        Raises:
+            EvsError: a key or value that makes no sense.
+        """
         return _config_of(self.preset, self.settings)
 
 
@@ -46,9 +50,12 @@ def _config_of(preset: str, changes: tuple[tuple[str, Setting], ...]) -> Pipelin
 
 @lru_cache(maxsize=32)
 def preset_of(name: str) -> PipelineConfig:
-    """The pipeline of a preset: one that comes with evs, or a file. Its scene and sinks are unused.
+    """The pipeline of a preset: one that comes with evs, or a file.
 
-    Raises EvsError: no such pipeline, or a key or value in it that makes no sense.
+    Its scene and sinks are unused.
+
+    Raises:
+        EvsError: no such pipeline, or a key or value in it that makes no sense.
     """
     path = find_pipeline(name)
     try:
@@ -87,16 +94,16 @@ def differences(base: PipelineConfig, other: PipelineConfig) -> dict[str, Settin
     return {key: value for key, value in after.items() if before.get(key) != value}
 
 
-def point_of(
+def sweep_point(
     preset: str, axis: str, value: str, changes: Mapping[str, Setting], kind: str = OURS
-) -> Point:
+) -> SweepPoint:
     """The point; settings that the preset has anyway are left out. Raises EvsError."""
     base = preset_of(preset)
     changed = differences(base, configured(base, changes))
-    return Point(preset, axis, value, tuple(sorted(changed.items())), kind)
+    return SweepPoint(preset, axis, value, tuple(sorted(changed.items())), kind)
 
 
-def unique(points: Iterable[Point]) -> list[Point]:
+def unique(points: Iterable[SweepPoint]) -> list[SweepPoint]:
     """Without those on an axis that are nothing but their preset."""
     return [one for one in points if not one.axis or one.settings or one.kind != OURS]
 

@@ -1,4 +1,4 @@
-"""The scenes of a sweep that is told none."""
+"""The default scenes of a sweep."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ DEFAULT = {
     "procedural/4": "meshes, dark, an area light, three bounces",
     "procedural/8": "primitives and a mesh, bright, three lamps",
 }
-"""scene -> why it is there"""
+"""scene -> why it is included"""
 
 QUICK = ("dm_control/humanoid",)

@@ -1,4 +1,4 @@
-"""What a point costs: the real run, whole frames, bus and recorder on, as `evs emulate` does it.
+"""SpeedMeter: time the whole run of a point, bus and recorder on, as in `evs emulate`.
 
 One run is cut into repeats of as many ticks. Between two of them, in time that belongs to neither,
 the yardstick is measured.
@@ -20,14 +20,14 @@ from evs.drivers.run.report import COMPLETE, STAGES
 from evs.drivers.run.run import run
 from evs.drivers.sink import Sink
 from evs.msgs import EvsError
-from evs.tools.evaluation.scene_setup import Stage
+from evs.tools.evaluation.scene_setup import SceneSetup
+from evs.tools.sweep.confidence import confidence_interval
 from evs.tools.sweep.errors import size_of
-from evs.tools.sweep.interval import interval
-from evs.tools.sweep.measured import FRAMES, Speed
-from evs.tools.sweep.peers import way_of
-from evs.tools.sweep.points import Point
-from evs.tools.sweep.stretches import Stretches
-from evs.tools.sweep.world import SweepWorld
+from evs.tools.sweep.frame_methods import frame_method
+from evs.tools.sweep.points import SweepPoint
+from evs.tools.sweep.record import FRAMES, Speed
+from evs.tools.sweep.segmented_world import SegmentedWorld
+from evs.tools.sweep.sweep_world import SweepWorld
 from evs.tools.sweep.yardstick import Yardstick
 
 SLOW_REPEATS = 3
@@ -44,7 +44,11 @@ _LOOKS = 4
 
 @dataclass(frozen=True)
 class SpeedSettings:
-    """How long and how often. Raises EvsError for values without sense."""
+    """How long and how often.
+
+    Raises:
+        EvsError: a value is out of range.
+    """
 
     seconds: float = 0.6
     """wall clock of all repeats of a point together"""
@@ -59,7 +63,7 @@ class SpeedSettings:
 
 
 @dataclass
-class Repeat:
+class TimedRepeat:
     """What one of them took."""
 
     ticks: int
@@ -100,7 +104,7 @@ class _Cutter:
     ticks: int
     watch: CutWatch
     yardstick: Yardstick
-    repeats: list[Repeat] = field(default_factory=list)
+    repeats: list[TimedRepeat] = field(default_factory=list)
     traced: float = 0.0
     seen: int = 0
 
@@ -123,16 +127,16 @@ class _Cutter:
         stage_ms = {name: 1e3 * s / self.ticks for name, s in self.watch.cut().items()}
         after_s = self.yardstick.measure_s()
         mean_s = 0.5 * (self.before_s + after_s)
-        self.repeats.append(Repeat(self.ticks, wall_s, cpu_s, mean_s, stage_ms))
+        self.repeats.append(TimedRepeat(self.ticks, wall_s, cpu_s, mean_s, stage_ms))
         self.before_s = after_s
         self.cpu_s, self.begin_s = process_cpu_s(), monotonic_s()
 
 
 @dataclass(frozen=True)
-class Timer:
+class SpeedMeter:
     """Times points on one scene under one camera motion."""
 
-    stage: Stage
+    setup: SceneSetup
     motion: str
     settings: SpeedSettings
     yardstick: Yardstick
@@ -140,12 +144,17 @@ class Timer:
     """where the listener waits for the bus"""
     seed: int = 0
 
-    def speed(self, point: Point) -> Speed:
-        """Its speed. Raises EvsError where it cannot run, KeyboardInterrupt after Ctrl-C."""
+    def speed(self, point: SweepPoint) -> Speed:
+        """Its speed.
+
+        Raises:
+            EvsError: it cannot run.
+            KeyboardInterrupt: after Ctrl-C.
+        """
         config = point.config
-        way = way_of(point.value) if point.kind == FRAMES else None
+        method = frame_method(point.value) if point.kind == FRAMES else None
         watch = CutWatch()
-        world = SweepWorld(self.stage, self.motion, config, self.seed, way, watch)
+        world = SweepWorld(self.setup, self.motion, config, self.seed, method, watch)
         chunk = world.cameras[0].chunk
         tick_s = _tick_s(world, chunk, self.motion != STILL, self.settings.seconds)
         ticks, repeats = self._length(tick_s, chunk, config.scene.tick_us)
@@ -154,7 +163,7 @@ class Timer:
             file = SinkConfig(type="aedat4", file=str(Path(folder) / "run.aedat4"))
             bus = SinkConfig(type="zmq", address=self.address, wait_for=1, wait_s=SUBSCRIBER_S)
             begin = _AtOpening(cutter.begin)
-            with closing(Stretches(world, ticks, watch, depth_of(config))) as running:
+            with closing(SegmentedWorld(world, ticks, watch, depth_of(config))) as running:
                 report = run(
                     running,
                     # the last one opened: what the others take for that is not counted
@@ -169,11 +178,11 @@ class Timer:
 
     def _length(self, tick_s: float, chunk: int, tick_us: int) -> tuple[int, int]:
         """(ticks of a repeat, repeats) for ticks that take so long."""
-        told = self.settings
-        repeats = told.repeats
-        if repeats * chunk * tick_s > _SLOW * told.seconds:
+        settings = self.settings
+        repeats = settings.repeats
+        if repeats * chunk * tick_s > _SLOW * settings.seconds:
             repeats = min(repeats, SLOW_REPEATS)
-        most = min(told.seconds / tick_s, MOST_SIM_S * 1e6 / tick_us)
+        most = min(settings.seconds / tick_s, MOST_SIM_S * 1e6 / tick_us)
         chunks = max(1, int(most / (repeats * chunk)))
         return chunks * chunk, repeats
 
@@ -217,15 +226,26 @@ class _AtOpening(Sink):
         return {}
 
 
-def speed_of(repeats: list[Repeat], config: PipelineConfig, traced: float) -> Speed:
-    """The intervals of all repeats. In: traced, share of the pixels, mean of all ticks."""
+def speed_of(repeats: list[TimedRepeat], config: PipelineConfig, traced: float) -> Speed:
+    """The intervals of all repeats.
+
+    Args:
+        repeats: the timed repeats.
+        config: of the pipeline.
+        traced: share of the pixels, mean of all ticks.
+    """
     tick_s = 1e-6 * config.scene.tick_us
     width, height = size_of(config.sensor)
-    stages = {name: interval([one.stage_ms.get(name, 0.0) for one in repeats]) for name in STAGES}
+    stages = {
+        name: confidence_interval([one.stage_ms.get(name, 0.0) for one in repeats])
+        for name in STAGES
+    }
     return Speed(
-        real_time_factor=interval([one.ticks * tick_s / one.wall_s for one in repeats]),
-        cpu_s_per_s=interval([one.cpu_s / (one.ticks * tick_s) for one in repeats]),
-        yardstick_ratio=interval([one.wall_s / one.ticks / one.yardstick_s for one in repeats]),
+        real_time_factor=confidence_interval([one.ticks * tick_s / one.wall_s for one in repeats]),
+        cpu_s_per_s=confidence_interval([one.cpu_s / (one.ticks * tick_s) for one in repeats]),
+        yardstick_ratio=confidence_interval(
+            [one.wall_s / one.ticks / one.yardstick_s for one in repeats]
+        ),
         stage_ms=stages,
         rays_per_tick=traced * width * height * config.render.samples,
         ticks=repeats[0].ticks,

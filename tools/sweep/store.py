@@ -15,7 +15,7 @@ from typing import Any
 
 from evs.drivers.run.report import write_whole
 from evs.msgs import EvsError
-from evs.tools.sweep.measured import Measured, merged
+from evs.tools.sweep.record import SweepRecord, merged
 
 KEY = "sweep"
 """of the first line"""
@@ -25,7 +25,7 @@ SHAPING = ("evs", "mujoco")
 
 
 @dataclass(frozen=True)
-class Header:
+class SweepHeader:
     """The first line: what makes records comparable, and with what they were measured."""
 
     settings: Mapping[str, Any]
@@ -38,13 +38,17 @@ class Header:
         return json.dumps({KEY: {"settings": self.settings, "about": self.about}})
 
 
-class Store:
-    """A sweep's records on disk. Raises EvsError: not readable, or of another sweep."""
+class SweepStore:
+    """A sweep's records on disk.
 
-    def __init__(self, path: Path, header: Header) -> None:
+    Raises:
+        EvsError: not readable, or of another sweep.
+    """
+
+    def __init__(self, path: Path, header: SweepHeader) -> None:
         """Open it, or begin it."""
         self.path = path
-        self._lines: list[Measured] = []
+        self._lines: list[SweepRecord] = []
         if path.exists() and path.stat().st_size:
             found, self._lines, whole = _read(path)
             self._check(found, header)
@@ -60,19 +64,20 @@ class Store:
             self._append(header.to_json())
 
     @property
-    def records(self) -> list[Measured]:
+    def records(self) -> list[SweepRecord]:
         """Every point once, speed and error together."""
         return merged(self._lines)
 
-    def add(self, record: Measured) -> None:
+    def add(self, record: SweepRecord) -> None:
         """Append it; it is on the disk when this returns."""
         self._append(record.to_json())
         self._lines.append(record)
 
     def begin_timings(self, about: Mapping[str, Any]) -> None:
-        """Timings come next, on this machine; before the first the file is told which that is.
+        """Declare that speeds of this machine follow; the header of the file names the machine.
 
-        Raises EvsError where it holds timings of another one.
+        Raises:
+            EvsError: it holds timings of another one.
         """
         there, here = self.header.about.get("machine"), about.get("machine")
         if there == here:
@@ -82,7 +87,7 @@ class Store:
                 f"the timings of '{self.path}' are of another machine ({there}; here: {here}): "
                 "give another --json"
             )
-        self.header = Header(self.header.settings, dict(about))
+        self.header = SweepHeader(self.header.settings, dict(about))
         lines = [self.header.to_json(), *(one.to_json() for one in self._lines)]
         write_whole("".join(f"{line}\n" for line in lines), self.path)
 
@@ -101,7 +106,7 @@ class Store:
             "give another --json"
         )
 
-    def _check(self, found: Header, wanted: Header) -> None:
+    def _check(self, found: SweepHeader, wanted: SweepHeader) -> None:
         """Records of other settings cannot stand beside these."""
         differing = [
             f"{name} {found.settings.get(name)} there, {value} here"
@@ -121,13 +126,13 @@ class Store:
             )
 
 
-def read_sweep(path: Path) -> tuple[Header, list[Measured]]:
+def read_sweep(path: Path) -> tuple[SweepHeader, list[SweepRecord]]:
     """What a sweep's file holds, every point once. Raises EvsError."""
     header, lines, _ = _read(path)
     return header, merged(lines)
 
 
-def _read(path: Path) -> tuple[Header, list[Measured], int]:
+def _read(path: Path) -> tuple[SweepHeader, list[SweepRecord], int]:
     """(header, records line by line, bytes of all whole lines)."""
     try:
         data = path.read_bytes()
@@ -140,7 +145,7 @@ def _read(path: Path) -> tuple[Header, list[Measured], int]:
     records = []
     for number, line in enumerate(lines[1:], 2):
         try:
-            records.append(Measured.from_json(line))
+            records.append(SweepRecord.from_json(line))
         except EvsError as error:
             raise EvsError(f"'{path}', line {number}: {error}") from None
     return header, records, data.rfind(b"\n") + 1
@@ -151,10 +156,10 @@ def _whole_lines(data: bytes) -> Iterator[str]:
         yield line.decode("utf-8", errors="replace")
 
 
-def _header(line: str) -> Header | None:
+def _header(line: str) -> SweepHeader | None:
     try:
-        told = json.loads(line)[KEY]
-        return Header(dict(told["settings"]), dict(told["about"]))
+        data = json.loads(line)[KEY]
+        return SweepHeader(dict(data["settings"]), dict(data["about"]))
     except (ValueError, KeyError, TypeError):
         return None
 

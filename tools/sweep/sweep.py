@@ -14,22 +14,22 @@ from evs.drivers.run.report import versions
 from evs.emulator.world import digest_of
 from evs.msgs import EvsError, unknown
 from evs.tools.doctor.machine import cpu_name
-from evs.tools.evaluation.cache import LightCache
+from evs.tools.evaluation.clip import MOTIONS
 from evs.tools.evaluation.digest import digest
-from evs.tools.evaluation.scene_setup import Stage
-from evs.tools.evaluation.scenes import stage_of
-from evs.tools.evaluation.take import MOTIONS
+from evs.tools.evaluation.light_cache import LightCache
+from evs.tools.evaluation.scene_setup import SceneSetup
+from evs.tools.evaluation.scenes import scene_setup
 from evs.tools.jobs import run_jobs
-from evs.tools.jobs.work import MOST_WORKERS
-from evs.tools.sweep.errors import ErrorSettings, Judge
-from evs.tools.sweep.jobs import ErrorsJob
-from evs.tools.sweep.listener import BusListener
-from evs.tools.sweep.measured import FRAMES, Error, Measured, Speed
-from evs.tools.sweep.points import Point, shaping
-from evs.tools.sweep.speed import SpeedSettings, Timer
-from evs.tools.sweep.store import SHAPING, Header, Store
-from evs.tools.sweep.usable import usable
-from evs.tools.sweep.yardstick import WORDS, Yardstick
+from evs.tools.jobs.worker_pool import MOST_WORKERS
+from evs.tools.sweep.bus_listener import BusListener
+from evs.tools.sweep.error_jobs import ErrorsJob
+from evs.tools.sweep.errors import ErrorMeter, ErrorSettings
+from evs.tools.sweep.feasible import feasible
+from evs.tools.sweep.points import SweepPoint, shaping
+from evs.tools.sweep.record import FRAMES, Accuracy, Speed, SweepRecord
+from evs.tools.sweep.speed import SpeedMeter, SpeedSettings
+from evs.tools.sweep.store import SHAPING, SweepHeader, SweepStore
+from evs.tools.sweep.yardstick import DESCRIPTION, Yardstick
 
 ERRORS, SPEEDS = "errors", "speeds"
 
@@ -38,12 +38,16 @@ QUICK_SPEEDS = SpeedSettings(seconds=0.3)
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What is swept, and how. Raises EvsError for values without sense."""
+class SweepSettings:
+    """What is swept, and how.
+
+    Raises:
+        EvsError: a value is out of range.
+    """
 
     scenes: tuple[str, ...]
     cameras: tuple[str, ...]
-    points: tuple[Point, ...]
+    points: tuple[SweepPoint, ...]
     errors: ErrorSettings = dataclasses.field(default_factory=ErrorSettings)
     speeds: SpeedSettings = dataclasses.field(default_factory=SpeedSettings)
     what: tuple[str, ...] = (ERRORS, SPEEDS)
@@ -71,22 +75,22 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Case:
+class SweepCase:
     """One scene under one camera motion."""
 
     scene: str
     camera: str
-    stage: Stage
+    setup: SceneSetup
 
-    def digest(self, point: Point) -> str:
+    def digest(self, point: SweepPoint) -> str:
         """Of everything that shapes what a point gives there."""
-        told = dataclasses.replace(self.stage, name="", model=None)
-        way = point.value if point.kind == FRAMES else ""
-        return digest((_model(self.stage), told, self.camera, shaping(point.config), way))
+        parts = dataclasses.replace(self.setup, name="", model=None)
+        method = point.value if point.kind == FRAMES else ""
+        return digest((_model(self.setup), parts, self.camera, shaping(point.config), method))
 
-    def record(self, point: Point) -> Measured:
+    def record(self, point: SweepPoint) -> SweepRecord:
         """Of the point, nothing measured yet."""
-        return Measured(
+        return SweepRecord(
             self.scene,
             self.camera,
             point.preset,
@@ -98,20 +102,26 @@ class Case:
         )
 
 
-def _model(stage: Stage) -> str:
-    return _model_digest(id(stage.model), stage)
+def _model(setup: SceneSetup) -> str:
+    return _model_digest(id(setup.model), setup)
 
 
 @lru_cache(maxsize=64)
-def _model_digest(_identity: int, stage: Stage) -> str:
-    return digest_of(stage.model)
+def _model_digest(_identity: int, setup: SceneSetup) -> str:
+    return digest_of(setup.model)
 
 
-def cases_of(settings: Settings) -> list[Case]:
-    """Every scene under every camera motion. Raises EvsError: a scene that is not there."""
-    stages = {scene: stage_of(scene) for scene in settings.scenes}
+def sweep_cases(settings: SweepSettings) -> list[SweepCase]:
+    """Every scene under every camera motion.
+
+    Raises:
+        EvsError: a scene that is not there.
+    """
+    setups = {scene: scene_setup(scene) for scene in settings.scenes}
     return [
-        Case(scene, camera, stage) for scene, stage in stages.items() for camera in settings.cameras
+        SweepCase(scene, camera, setup)
+        for scene, setup in setups.items()
+        for camera in settings.cameras
     ]
 
 
@@ -123,9 +133,9 @@ Moved = Callable[[int, str], None]
 class Sweep:
     """Measures what a store does not have yet."""
 
-    settings: Settings
-    cases: Sequence[Case]
-    store: Store
+    settings: SweepSettings
+    cases: Sequence[SweepCase]
+    store: SweepStore
     cache: LightCache
     about: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     """of the header, as it is here and now"""
@@ -137,7 +147,7 @@ class Sweep:
 
     def run(self) -> None:
         """All of it. Ctrl-C keeps what is whole. Raises EvsError."""
-        points, cases = usable(self.settings.points, self.warn), self.cases
+        points, cases = feasible(self.settings.points, self.warn), self.cases
         if ERRORS in self.settings.what:
             if self.settings.workers > 1 or self.settings.ray:
                 self._errors_apart(cases, points)
@@ -153,20 +163,20 @@ class Sweep:
 
     def total(self) -> int:
         """How far `moved` goes."""
-        told = self.settings
-        return len(told.scenes) * len(told.cameras) * len(told.points) * len(told.what)
+        parts = self.settings
+        return len(parts.scenes) * len(parts.cameras) * len(parts.points) * len(parts.what)
 
-    def _errors(self, case: Case, points: Sequence[Point]) -> None:
-        judge = Judge(case.stage, case.camera, self.settings.errors, self.cache)
+    def _errors(self, case: SweepCase, points: Sequence[SweepPoint]) -> None:
+        error_meter = ErrorMeter(case.setup, case.camera, self.settings.errors, self.cache)
         for point, record in self._missing(case, points, ERRORS):
             try:
-                found = judge.error(point)
+                found = error_meter.error(point)
             except EvsError as error:
                 self._left_out(record, error)
             else:
                 self.store.add(dataclasses.replace(record, error=found))
 
-    def _errors_apart(self, cases: Sequence[Case], points: Sequence[Point]) -> None:
+    def _errors_apart(self, cases: Sequence[SweepCase], points: Sequence[SweepPoint]) -> None:
         """In processes of the runner, or on its cluster, a case each."""
         jobs, wanted = [], {}
         for case in cases:
@@ -183,9 +193,9 @@ class Sweep:
                 wanted[job.name] = [record for _, record in missing]
         target = self.cache.folder / "errors"
 
-        def take(job: ErrorsJob, _is_new: bool) -> None:
+        def store_errors(job: ErrorsJob, _is_new: bool) -> None:
             for record, found in zip(wanted[job.name], job.read(target), strict=True):
-                if isinstance(found, Error):
+                if isinstance(found, Accuracy):
                     self.store.add(dataclasses.replace(record, error=found))
                 else:
                     self._left_out(record, EvsError(found))
@@ -197,15 +207,15 @@ class Sweep:
             target,
             workers=self.settings.workers,
             ray=self.settings.ray,
-            on_done=take,
+            on_done=store_errors,
             on_lost=self.warn,
         )
 
     def _speeds(
-        self, case: Case, points: Sequence[Point], yardstick: Yardstick, address: str
+        self, case: SweepCase, points: Sequence[SweepPoint], yardstick: Yardstick, address: str
     ) -> None:
-        timer = Timer(
-            case.stage, case.camera, self.settings.speeds, yardstick, address,
+        speed_meter = SpeedMeter(
+            case.setup, case.camera, self.settings.speeds, yardstick, address,
             self.settings.errors.seed,
         )  # fmt: skip
         # the same configuration by two names is measured once
@@ -218,15 +228,15 @@ class Sweep:
             speed: Speed | None = known.get(record.digest)
             if speed is None:
                 try:
-                    speed = known[record.digest] = timer.speed(point)
+                    speed = known[record.digest] = speed_meter.speed(point)
                 except EvsError as error:
                     self._left_out(record, error)
                     continue
             self.store.add(dataclasses.replace(record, speed=speed))
 
     def _missing(
-        self, case: Case, points: Sequence[Point], what: str
-    ) -> Iterator[tuple[Point, Measured]]:
+        self, case: SweepCase, points: Sequence[SweepPoint], what: str
+    ) -> Iterator[tuple[SweepPoint, SweepRecord]]:
         """Points that the store has no error, or speed, of."""
         there = {
             (one.point, one.digest)
@@ -241,27 +251,27 @@ class Sweep:
             self.done += 1
         self.moved(self.done, "")
 
-    def _left_out(self, record: Measured, error: EvsError) -> None:
+    def _left_out(self, record: SweepRecord, error: EvsError) -> None:
         self.failed += 1
         self.warn(f"{record.scene}, {record.camera}: {record.label} is left out: {error}")
 
 
-def header(settings: Settings, command: str) -> Header:
+def header(settings: SweepSettings, command: str) -> SweepHeader:
     """The first line of a sweep's file, on this machine."""
     about = {
         "command": command,
         "machine": f"{cpu_name()}, {cores()} cores",
         "versions": versions(),
-        "yardstick": WORDS,
+        "yardstick": DESCRIPTION,
         "reference": (
             f"events of {settings.errors.reference_spp} samples a pixel every ms on "
             f"{settings.errors.pixels} pixels"
         ),
     }
-    return Header(settings.comparable, about)
+    return SweepHeader(settings.comparable, about)
 
 
-def own_store(folder: Path, settings: Settings) -> Path:
-    """Where a sweep is kept that is told no file: one of its own for each kind of settings."""
-    told = {name: versions().get(name) for name in SHAPING}
-    return folder / f"{digest((settings.comparable, told))[:12]}.jsonl"
+def default_store(folder: Path, settings: SweepSettings) -> Path:
+    """The default file of a sweep: one for each kind of settings."""
+    parts = {name: versions().get(name) for name in SHAPING}
+    return folder / f"{digest((settings.comparable, parts))[:12]}.jsonl"

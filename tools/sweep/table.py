@@ -1,4 +1,4 @@
-"""A sweep in words: per scene the presets, then each axis around them, then how others do it."""
+"""The result of a sweep as Markdown: presets, axes around them, then other methods."""
 
 from __future__ import annotations
 
@@ -7,13 +7,21 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from evs.drivers.run.shipped import PRESETS
-from evs.tools.sweep.choose import choose, told
-from evs.tools.sweep.front import DEFAULT, FIGURES, Figure, cases, front, spots, unmatched
-from evs.tools.sweep.measured import OURS, STAGES, Error, Interval, Measured, Speed
+from evs.tools.sweep.pareto_front import (
+    DEFAULT,
+    ERROR_METRICS,
+    ErrorMetric,
+    cases,
+    pareto_front,
+    pareto_points,
+    unmatched,
+)
+from evs.tools.sweep.preset_choice import choice_text, choose
+from evs.tools.sweep.record import OURS, STAGES, Accuracy, ConfidenceInterval, Speed, SweepRecord
 
 
 @dataclass(frozen=True)
-class About:
+class SweepInfo:
     """What holds for all records of a sweep."""
 
     command: str = ""
@@ -22,17 +30,17 @@ class About:
     """processor, cores, instruction set"""
     versions: Mapping[str, str] = field(default_factory=dict)
     yardstick: str = ""
-    """what the wall clock is told in multiples of"""
+    """unit of the wall clock"""
     reference: str = ""
     """what errors are against"""
 
 
 @dataclass(frozen=True)
-class Column:
+class RecordColumn:
     """One value of a row."""
 
     heading: str
-    cell: Callable[[Measured], str]
+    cell: Callable[[SweepRecord], str]
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -42,18 +50,18 @@ def number(value: float, digits: int = 3) -> str:
     return f"{value:.{digits}g}" if abs(value) < 10**digits else f"{value:,.0f}"
 
 
-def with_interval(value: Interval) -> str:
+def with_interval(value: ConfidenceInterval) -> str:
     """A median and its interval, which one repeat does not have."""
     if not (math.isfinite(value.low) and math.isfinite(value.high)):
         return number(value.median)
     return f"{number(value.median)} [{number(value.low)}, {number(value.high)}]"
 
 
-def _speed(of: Callable[[Speed], str]) -> Callable[[Measured], str]:
+def _speed(of: Callable[[Speed], str]) -> Callable[[SweepRecord], str]:
     return lambda record: "-" if record.speed is None else of(record.speed)
 
 
-def _error(of: Callable[[Error], float]) -> Callable[[Measured], str]:
+def _error(of: Callable[[Accuracy], float]) -> Callable[[SweepRecord], str]:
     return lambda record: "-" if record.error is None else number(of(record.error))
 
 
@@ -63,20 +71,20 @@ def _stages(speed: Speed) -> str:
 
 
 COLUMNS = (
-    Column("real-time factor", _speed(lambda s: with_interval(s.real_time_factor))),
-    Column("CPU s per s", _speed(lambda s: with_interval(s.cpu_s_per_s))),
-    Column("yardsticks a tick", _speed(lambda s: with_interval(s.yardstick_ratio))),
-    Column("ms a tick: " + " / ".join(STAGES), _speed(_stages)),
-    Column("rays a tick", _speed(lambda s: number(s.rays_per_tick))),
-    Column("unmatched", _error(lambda e: unmatched(e.recall, e.precision))),
-    Column("EMD", _error(lambda e: e.emd)),
-    Column("recall", _error(lambda e: e.recall)),
-    Column("precision", _error(lambda e: e.precision)),
-    Column("spurious Hz", _error(lambda e: e.spurious_hz)),
-    Column("ON", _error(lambda e: e.count_ratio_on)),
-    Column("OFF", _error(lambda e: e.count_ratio_off)),
-    Column("delay ms", _error(lambda e: e.delay_ms)),
-    Column("timing ms", _error(lambda e: e.timing_ms)),
+    RecordColumn("real-time factor", _speed(lambda s: with_interval(s.real_time_factor))),
+    RecordColumn("CPU s per s", _speed(lambda s: with_interval(s.cpu_s_per_s))),
+    RecordColumn("yardsticks a tick", _speed(lambda s: with_interval(s.yardstick_ratio))),
+    RecordColumn("ms a tick: " + " / ".join(STAGES), _speed(_stages)),
+    RecordColumn("rays a tick", _speed(lambda s: number(s.rays_per_tick))),
+    RecordColumn("unmatched", _error(lambda e: unmatched(e.recall, e.precision))),
+    RecordColumn("EMD", _error(lambda e: e.emd)),
+    RecordColumn("recall", _error(lambda e: e.recall)),
+    RecordColumn("precision", _error(lambda e: e.precision)),
+    RecordColumn("spurious Hz", _error(lambda e: e.spurious_hz)),
+    RecordColumn("ON", _error(lambda e: e.count_ratio_on)),
+    RecordColumn("OFF", _error(lambda e: e.count_ratio_off)),
+    RecordColumn("delay ms", _error(lambda e: e.delay_ms)),
+    RecordColumn("timing ms", _error(lambda e: e.timing_ms)),
 )
 
 MEANS = """\
@@ -90,11 +98,16 @@ reference. ● on the front: no other row with the same sensor is both faster an
 SHORT = "Real-time factor, unmatched, EMD:"
 
 
-def markdown(records: Iterable[Measured], about: About | None = None) -> str:
-    """All of it. In: records, of points each once (`merged`); about, of all of them."""
+def markdown(records: Iterable[SweepRecord], about: SweepInfo | None = None) -> str:
+    """All of it.
+
+    Args:
+        records: of points each once (`merged`).
+        about: of all of them.
+    """
     every = list(records)
     lines = [
-        *_about(about or About()),
+        *_about(about or SweepInfo()),
         MEANS,
         "",
         "## Presets",
@@ -106,14 +119,21 @@ def markdown(records: Iterable[Measured], about: About | None = None) -> str:
     ]
     if others := peers(every):
         lines += ["## How others do it", "", *others, ""]
-    for (scene, camera), here in cases(every).items():
-        lines += [f"## {scene}, camera {camera}", "", own_error(here), "", *case_table(here), ""]
+    for (scene, camera), subset in cases(every).items():
+        lines += [
+            f"## {scene}, camera {camera}",
+            "",
+            reference_error_text(subset),
+            "",
+            *case_table(subset),
+            "",
+        ]
     lines += ["## What each preset should be", "", *("    " + line for line in
-              told(choose(every)).splitlines())]  # fmt: skip
+              choice_text(choose(every)).splitlines())]  # fmt: skip
     return "\n".join(lines) + "\n"
 
 
-def _about(about: About) -> list[str]:
+def _about(about: SweepInfo) -> list[str]:
     lines = [f"    {about.command}", ""] if about.command else []
     versions = ", ".join(f"{name} {version}" for name, version in about.versions.items())
     facts = (
@@ -126,49 +146,49 @@ def _about(about: About) -> list[str]:
     return [*lines, ""] if lines else []
 
 
-def overview(records: Sequence[Measured], figure: Figure = DEFAULT) -> list[str]:
+def overview(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -> list[str]:
     """Lines of Markdown: a row for each scene and camera, a column for each preset.
 
     Real-time factor, unmatched, EMD of each; the table in docs/explanation/sweep.md.
     """
     ours = sorted((r for r in records if r.kind == OURS and not r.axis), key=_preset_rank)
-    return _short(ours, [(r.preset, r) for r in ours], "the reference's own", figure)
+    return _short(ours, [(r.preset, r) for r in ours], "the reference's own", metric)
 
 
-def peers(records: Sequence[Measured], figure: Figure = DEFAULT) -> list[str]:
+def peers(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -> list[str]:
     """The same of other people's ways; none where none was measured."""
     others = [r for r in records if r.kind != OURS]
     # on the light of one preset its name says nothing
     several = len({r.preset for r in others}) > 1
     named = [(f"{r.preset}, {r.value}" if several else r.value, r) for r in others]
-    return _short(others, named, "", figure)
+    return _short(others, named, "", metric)
 
 
 def _short(
-    records: Sequence[Measured],
-    named: Sequence[tuple[str, Measured]],
-    own: str,
-    figure: Figure,
+    records: Sequence[SweepRecord],
+    named: Sequence[tuple[str, SweepRecord]],
+    reference_error: str,
+    metric: ErrorMetric,
 ) -> list[str]:
     columns = list(dict.fromkeys(name for name, _ in named))
     if not columns:
         return []
-    headings = ["scene", "camera", *columns, *([own] if own else [])]
+    headings = ["scene", "camera", *columns, *([reference_error] if reference_error else [])]
     lines = ["| " + " | ".join(headings) + " |", "|" + "---|" * len(headings)]
-    for (scene, camera), here in cases(records).items():
+    for (scene, camera), subset in cases(records).items():
         cells = {
-            name: _in_short(r, figure)
+            name: _in_short(r, metric)
             for name, r in named
             if (r.scene, r.camera) == (scene, camera)
         }
         row = [scene, camera, *(cells.get(name, "-") for name in columns)]
-        if own:
-            row.append(", ".join(number(value, 2) for value in own_values(here)) or "-")
+        if reference_error:
+            row.append(", ".join(number(value, 2) for value in reference_errors(subset)) or "-")
         lines.append("| " + " | ".join(row) + " |")
     return lines
 
 
-def _preset_rank(record: Measured) -> tuple[int, str]:
+def _preset_rank(record: SweepRecord) -> tuple[int, str]:
     return _rank(record.preset)
 
 
@@ -176,31 +196,37 @@ def _rank(preset: str) -> tuple[int, str]:
     return (PRESETS.index(preset) if preset in PRESETS else len(PRESETS), preset)
 
 
-def _in_short(record: Measured, figure: Figure) -> str:
+def _in_short(record: SweepRecord, metric: ErrorMetric) -> str:
     speed = "-" if record.speed is None else f"{number(record.speed.real_time_factor.median, 2)}x"
     if record.error is None:
         return f"{speed}, -"
-    return f"{speed}, {number(figure.of(record.error), 2)}, {number(record.error.emd, 2)}"
+    return f"{speed}, {number(metric.of(record.error), 2)}, {number(record.error.emd, 2)}"
 
 
-def own_values(records: Sequence[Measured]) -> list[float]:
+def reference_errors(records: Sequence[SweepRecord]) -> list[float]:
     """What the reference of a scene may itself be off by, of each figure; none without errors."""
     errors = [r.error for r in records if r.error is not None]
-    return [figure.own(errors[0]) for figure in FIGURES.values()] if errors else []
+    return (
+        [metric.reference_error(errors[0]) for metric in ERROR_METRICS.values()] if errors else []
+    )
 
 
-def own_error(records: Sequence[Measured]) -> str:
+def reference_error_text(records: Sequence[SweepRecord]) -> str:
     """The same as a sentence."""
-    own = own_values(records)
-    if not own:
+    reference_error = reference_errors(records)
+    if not reference_error:
         return "No errors were measured here."
-    told = ", ".join(f"{name} {number(o, 2)}" for name, o in zip(FIGURES, own, strict=True))
-    return f"The reference's own error: {told}. Nothing can be seen to be better than that."
+    text = ", ".join(
+        f"{name} {number(o, 2)}" for name, o in zip(ERROR_METRICS, reference_error, strict=True)
+    )
+    return f"The reference's own error: {text}. Nothing can be seen to be better than that."
 
 
-def case_table(records: Sequence[Measured], figure: Figure = DEFAULT) -> list[str]:
+def case_table(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -> list[str]:
     """Lines of Markdown for one scene under one camera motion."""
-    best = {id(spot.record) for spot in front(spots(records, figure))}
+    best = {
+        id(pareto_point.record) for pareto_point in pareto_front(pareto_points(records, metric))
+    }
     lines = ["| around | axis | value | | " + " | ".join(c.heading for c in COLUMNS) + " |"]
     lines.append("|---|---|---|---|" + "---:|" * len(COLUMNS))
     for record in in_order(records):
@@ -210,10 +236,10 @@ def case_table(records: Sequence[Measured], figure: Figure = DEFAULT) -> list[st
     return lines
 
 
-def in_order(records: Sequence[Measured]) -> list[Measured]:
+def in_order(records: Sequence[SweepRecord]) -> list[SweepRecord]:
     """Presets first, the fastest first; then each axis around each of them; then other ways."""
 
-    def place(record: Measured) -> tuple[int, tuple[int, str]]:
+    def place(record: SweepRecord) -> tuple[int, tuple[int, str]]:
         if record.kind != OURS:
             return 2, (0, "")
         return (1 if record.axis else 0), _rank(record.preset)

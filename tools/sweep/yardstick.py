@@ -1,7 +1,7 @@
-"""The yardstick: a fixed piece of work, timed beside every repeat: how fast it is here now.
+"""Yardstick: a fixed piece of work, timed beside every repeat: the speed of the machine now.
 
-It is NumPy and nothing of ours, on one thread, so it stays the same when evs becomes faster. What a
-tick took is told as a ratio to it: that can be compared from one machine, or one hour, to another.
+It is NumPy and nothing of ours, on one thread, so it stays the same when evs becomes faster. The
+time of a tick is given as a ratio to it, which can be compared between machines and hours.
 """
 
 from __future__ import annotations
@@ -10,7 +10,9 @@ import numpy as np
 
 from evs.drivers.clock import monotonic_s
 
-WORDS = "NumPy: logarithm, sort, sum of 346 x 260 floats 8 times, one thread, beside every repeat"
+DESCRIPTION = (
+    "NumPy: logarithm, sort, sum of 346 x 260 floats 8 times, one thread, beside every repeat"
+)
 
 _SHAPE = 260, 346
 _PASSES = 8

@@ -1,4 +1,4 @@
-"""Evidence: an episode as a file that runs it again, and a recording of its events to look at."""
+"""Evidence: an episode as a file that can be replayed, and a recording of its events."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _NO_ARCHIVE = (
 
 
 @dataclass(frozen=True)
-class Origin:
+class LoopOrigin:
     """How a run made its loop."""
 
     scene: str = ""
@@ -41,7 +41,7 @@ class Origin:
 
 
 def leave_behind(
-    folder: Path, loop: Loop, trace: Trace, ticks: int, pushes: Sequence[Push], origin: Origin
+    folder: Path, loop: Loop, trace: Trace, ticks: int, pushes: Sequence[Push], origin: LoopOrigin
 ) -> tuple[str, ...]:
     """Write seed-N.npz, and one seed-N-CAMERA.aedat4 a camera. Out: what a message says of them.
 

@@ -1,4 +1,4 @@
-"""Run: the episodes of a controller, and claims about them that fail with what one needs."""
+"""Run: the episodes of a controller, and assertions about them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Fault:
     says: str
     """what is wrong, and when"""
     size: float
-    """how bad it is: the worst seed is told in full"""
+    """how bad it is: the worst seed is reported in full"""
 
 
 @dataclass(frozen=True, eq=False)

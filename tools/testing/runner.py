@@ -1,4 +1,4 @@
-"""LoopRunner: what the fixture evs_loop is. It runs the episodes and hands out a Run."""
+"""LoopRunner: the fixture evs_loop. It runs the episodes and returns a Run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.simulation.closed_loop.initial_states import Start, begin, check_start
 from evs.emulator.world import MjData, NamedSensors, Scene
 from evs.msgs import EvsError, Observation
-from evs.tools.testing.evidence import Origin, leave_behind
+from evs.tools.testing.evidence import LoopOrigin, leave_behind
 from evs.tools.testing.options import plain_options
 from evs.tools.testing.pushes import Push, Pushes
 from evs.tools.testing.run import Run
@@ -148,15 +148,15 @@ class _Episode:
         )
 
 
-def _loop_of(scene: Scene | Loop, options: dict[str, Any]) -> tuple[Loop, Origin]:
+def _loop_of(scene: Scene | Loop, options: dict[str, Any]) -> tuple[Loop, LoopOrigin]:
     """The loop, and how it was made."""
     if isinstance(scene, Loop):
         if options:
             raise EvsError(f"{next(iter(options))}= belongs to the Loop: give it there")
-        return scene, Origin()
+        return scene, LoopOrigin()
     file = str(Path(in_package(str(scene))).absolute()) if isinstance(scene, str | Path) else ""
     try:
-        return Loop(file or scene, **options), Origin(file, plain_options(options))
+        return Loop(file or scene, **options), LoopOrigin(file, plain_options(options))
     except TypeError as reason:
         raise EvsError(f"evs_loop: {reason}; see help(evs.Loop)") from None
 

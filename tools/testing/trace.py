@@ -1,4 +1,4 @@
-"""Trace: everything that one episode of a controller was."""
+"""Trace: the record of one episode of a controller."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What training keeps of past batches: the price of an event, and how hard each variant is.
+"""What training remembers of past batches: the price of an event, the weight of each variant.
 
 The paper's losses reward silence, and its count loss does not see that all pixels of a batch err to
 one side. Here each variant of the light and each polarity has a price that every predicted event
@@ -68,8 +68,12 @@ class Calibration:
     def update(self, variant: I32, loss: F64, predicted: F64, true: F64, rate: float) -> None:
         """After a step.
 
-        In: variant (G,) of each group; loss (G,); predicted and true events (G, 2); rate, how fast
-        the price moves.
+        Args:
+            variant: (G,) of each group.
+            loss: (G,).
+            predicted: predicted events (G, 2).
+            true: true events (G, 2).
+            rate: how fast the price moves.
         """
         seen = np.unique(variant)
         counted = np.stack([loss, np.ones(len(loss))], 1)

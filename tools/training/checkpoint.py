@@ -1,4 +1,4 @@
-"""Where a training stands: a value, and an .npz file from which it goes on to the same end."""
+"""Checkpoint: the state of a training, which continues from its .npz file to the same end."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from evs.tools.training.network import Parameters
 
 @dataclass
 class Checkpoint:
-    """All that the next step depends on, and what is to be told at the end."""
+    """All that the next step depends on, and the curves for the report."""
 
     parameters: Parameters
     optimiser: Any
@@ -42,7 +42,11 @@ class Checkpoint:
     """recipe and seed: what it can be continued with"""
 
     def save(self, path: Path) -> None:
-        """Whole or not at all. Raises EvsError where the disk does not take it."""
+        """Whole or not at all.
+
+        Raises:
+            EvsError: the disk does not take it.
+        """
         leaves = jax.tree.leaves((self.parameters, self.optimiser, self.best))
         held = self.calibration
         told = {
@@ -78,7 +82,8 @@ class Checkpoint:
     def load(self, path: Path) -> Checkpoint:
         """The checkpoint that was saved; this one, fresh, tells what it must look like.
 
-        Raises EvsError: no checkpoint, damaged, or one of another recipe or seed.
+        Raises:
+            EvsError: no checkpoint, damaged, or one of another recipe or seed.
         """
         shape = jax.tree.structure((self.parameters, self.optimiser, self.best))
         mine = jax.tree.leaves((self.parameters, self.optimiser, self.best))

@@ -33,8 +33,12 @@ def _places() -> F32:
 def convolve(ticks: Array, weight: Array) -> Array:
     """Valid convolution as evs.emulator.evsnet.Convolution has it, without bias.
 
-    In: ticks (P, K + 6, in) float32; weight (out, in, 7), j = 6 is the latest tick.
-    Out: (P, K, out).
+    Args:
+        ticks: (P, K + 6, in) float32.
+        weight: (out, in, 7), j = 6 is the latest tick.
+
+    Returns:
+        (P, K, out).
     """
     rows, count = _rows(ticks)
     out = rows @ _banded(weight)

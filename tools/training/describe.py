@@ -1,4 +1,4 @@
-"""What a folder of training data holds, in a few lines."""
+"""Describe a folder of training data in a few lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A trained network to disk: NAME.onnx, the streaming graph, and NAME.toml, its sidecar.
+"""Write a trained network: NAME.onnx, the streaming graph, and NAME.toml, its sidecar.
 
 The sidecar says what the graph cannot: name, tau_s, threshold, linlog_dn, tick_us, spp = [fewest,
 most], look_ahead = [ticks, one a convolution], and a table [training] of how it came about.
@@ -33,8 +33,8 @@ def export(
     graph = Path(path)
     if graph.suffix != ".onnx":
         raise EvsError(f"cannot write a network to '{graph}': the name must end in .onnx")
-    told = sidecar(weights, training)
-    contents = {graph: streaming_graph(weights), graph.with_suffix(".toml"): told.encode()}
+    sidecar_text = sidecar(weights, training)
+    contents = {graph: streaming_graph(weights), graph.with_suffix(".toml"): sidecar_text.encode()}
     parts = {target: target.with_name(f"{target.name}.part") for target in contents}
     try:
         # both are complete before either takes its place

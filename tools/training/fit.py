@@ -1,4 +1,4 @@
-"""Training: steps, validations between them, the best network kept."""
+"""Train a network: steps, validations between them, and the best network."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from evs.emulator.evsnet import NetworkWeights
 from evs.msgs import EvsError
 from evs.tools.training.calibration import Calibration
 from evs.tools.training.checkpoint import Checkpoint
-from evs.tools.training.examples import Examples, sample_held_out
 from evs.tools.training.initial import INITIAL
 from evs.tools.training.network import to_weights
 from evs.tools.training.recipes import Recipe
 from evs.tools.training.step import Stepper, learning_rate
+from evs.tools.training.training_examples import TrainingExamples, sample_held_out
 from evs.tools.training.validation import Scores, Validation, overall
 
 LINLOG_DN = math.e
@@ -35,7 +35,7 @@ TELL_STEPS = 100
 
 
 @dataclass(frozen=True)
-class Fitted:
+class TrainedNetwork:
     """The best network so far, and how it came about."""
 
     weights: NetworkWeights
@@ -48,12 +48,12 @@ class Fitted:
     silence: Scores
     """of no events at all"""
     checkpoint: Checkpoint
-    examples: Examples
+    examples: TrainingExamples
     recipe: Recipe
     seed: int
 
 
-def _tell_nobody(_: object) -> None:
+def _report_nothing(_: object) -> None:
     """Whoever calls `fit` does not want to know."""
 
 
@@ -66,19 +66,21 @@ def fit(
     minutes: float | None = None,
     name: str | None = None,
     validate_every: int = 500,
-    tell: Callable[[str], None] = _tell_nobody,
-    improved: Callable[[Fitted], None] = _tell_nobody,
-) -> Fitted:
+    report: Callable[[str], None] = _report_nothing,
+    improved: Callable[[TrainedNetwork], None] = _report_nothing,
+) -> TrainedNetwork:
     """Train until recipe.steps are done or the time is over, whichever comes first.
 
     A checkpoint that is there is continued: with the same data the end is the same as without the
     interruption, unless the time limit set it. With more scenes it goes on with all of them.
     `improved` gets each new best network.
-    Raises EvsError: no data, a checkpoint of something else, a loss that is NaN.
+
+    Raises:
+        EvsError: no data, a checkpoint of something else, a loss that is NaN.
     """
     if minutes is not None and not minutes > 0:
         raise EvsError(f"minutes is {minutes}; give a number over 0")
-    examples = Examples(folder, recipe, seed, LINLOG_DN)
+    examples = TrainingExamples(folder, recipe, seed, LINLOG_DN)
     held_out = sample_held_out(examples, recipe.variants, VALIDATION_PIXELS)
     validation = Validation(held_out, recipe.architecture, recipe.warm_ticks)
     stepper = Stepper(recipe)
@@ -89,13 +91,13 @@ def fit(
         at.best_score = overall(validation.scores(at.best))
     at.held_out = numbers
     limit_s = math.inf if minutes is None else 60.0 * minutes
-    tell(_opening(examples, recipe, at))
+    report(_opening(examples, recipe, at))
     begun_s = monotonic_s() - at.elapsed_s
 
-    def fitted() -> Fitted:
+    def fitted() -> TrainedNetwork:
         weights = to_weights(at.best, recipe.architecture, name or recipe.name, recipe.spp)
         best = validation.scores(at.best)
-        return Fitted(weights, at.best_score, best, validation.plain, validation.silence,
+        return TrainedNetwork(weights, at.best_score, best, validation.plain, validation.silence,
                       copy.deepcopy(at), examples, recipe, seed)  # fmt: skip
 
     recent: list[float] = []
@@ -105,7 +107,7 @@ def fit(
         due = at.step % validate_every == 0 or ended
         if due and at.step not in at.curves["step"]:
             progress = max(at.step / recipe.steps, at.elapsed_s / limit_s)
-            better = _validate(at, validation, recent, progress >= LATE, tell)
+            better = _validate(at, validation, recent, progress >= LATE, report)
             at.save(checkpoint)
             recent = []
             if better:
@@ -118,7 +120,7 @@ def fit(
         if at.step % TELL_STEPS == 0:
             mean = float(np.mean(recent[-TELL_STEPS:]))
             each = 1e3 * (monotonic_s() - begun_s) / at.step
-            tell(f"step {at.step} of {recipe.steps}, loss {mean:.4f}, rate {rate:.2e}, "
+            report(f"step {at.step} of {recipe.steps}, loss {mean:.4f}, rate {rate:.2e}, "
                  f"{each:.0f} ms a step")  # fmt: skip
 
 
@@ -141,7 +143,7 @@ def _begin(recipe: Recipe, seed: int, stepper: Stepper, path: Path) -> Checkpoin
     return fresh.load(path) if path.exists() else fresh
 
 
-def _advance(at: Checkpoint, stepper: Stepper, examples: Examples, rate: float) -> float:
+def _advance(at: Checkpoint, stepper: Stepper, examples: TrainingExamples, rate: float) -> float:
     """One step; the loss before it."""
     batch = examples.batch(at.step)
     price = at.calibration.prices()[batch.variant]
@@ -170,7 +172,7 @@ def _validate(
     validation: Validation,
     recent: list[float],
     late: bool,
-    tell: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> bool:
     """Put a validation into the curves; whether it is the best."""
     scores = validation.scores(at.parameters)
@@ -190,12 +192,12 @@ def _validate(
         for one, plain in zip(scores, validation.plain, strict=True)
     )
     counts = " ".join(f"{one.on:.2f},{one.off:.2f}" for one in scores)
-    tell(f"step {at.step}, score {score:.4f}{' (best)' if better else ''}, tau {tau_s:.2f} s; "
+    report(f"step {at.step}, score {score:.4f}{' (best)' if better else ''}, tau {tau_s:.2f} s; "
          f"EMD, of plain: {emds}; counts ON, OFF: {counts}")  # fmt: skip
     return better
 
 
-def _opening(examples: Examples, recipe: Recipe, at: Checkpoint) -> str:
+def _opening(examples: TrainingExamples, recipe: Recipe, at: Checkpoint) -> str:
     device = jax.devices()[0]
     begun = f"going on from step {at.step}" if at.step else "from the start"
     return (

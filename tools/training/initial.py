@@ -1,4 +1,4 @@
-"""Where training starts from."""
+"""The initial weights of a training."""
 
 from __future__ import annotations
 

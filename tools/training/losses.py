@@ -64,8 +64,12 @@ def objective(
 ) -> Array:
     """(P,): the paper's loss and the terms asked for.
 
-    In: price (2, P), what an ON and an OFF event of a pixel costs (negative: is worth), from
-    calibration.py.
+    Args:
+        true: events of the reference.
+        spikes: events of the network.
+        terms: weights of the terms.
+        price: (2, P), what an ON and an OFF event of a pixel costs (negative: is worth), from
+            calibration.py.
     """
     loss = total(true, spikes, terms.count)
     if terms.relative_count:

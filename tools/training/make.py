@@ -1,4 +1,4 @@
-"""make_shard: one scene from its number to its shard; make_data: all of them, into a folder."""
+"""make_shard: the shard of one scene; make_data: the shards of many scenes in a folder."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy as np
 
 from evs.emulator.state.versions import versions
 from evs.msgs import EvsError
-from evs.tools.jobs import check_workers, job_threads, run_jobs, tell_share
-from evs.tools.training.pilot import WHITE_DN, Pilot, choose_pixels, look
+from evs.tools.jobs import check_workers, job_threads, report_progress, run_jobs
+from evs.tools.training.pilot import WHITE_DN, Pilot, choose_pixels, run_pilot
 from evs.tools.training.scenes import make_scene
 from evs.tools.training.settings import DataSettings, Variant, claim_folder
 from evs.tools.training.shards import Shard, read_meta, shard_name, write_shard
 from evs.tools.training.targets import IDEAL, NOISY, draw_phases, event_counts
-from evs.tools.training.traced_scene import Moved, Stage, set_up
+from evs.tools.training.traced_scene import Moved, TracedScene, simulate_scene
 
 ATTEMPTS = 20
 """How many scenes are tried before a number is given up."""
@@ -27,7 +27,7 @@ MOST_SCENES = 100_000
 
 
 @dataclass(frozen=True)
-class Made:
+class TrainingDataSummary:
     """What make_data did."""
 
     made: int
@@ -41,33 +41,34 @@ def make_shard(
 ) -> Shard:
     """The shard of scene `number`: the same bytes on any number of threads.
 
-    Raises EvsError where none of ATTEMPTS scenes is of any use.
+    Raises:
+        EvsError: none of ATTEMPTS scenes is of any use.
     """
-    words = np.random.SeedSequence([settings.seed, 4, number])
-    may_be_still = np.random.Generator(np.random.PCG64(words)).random() < STILL_SHARE
+    entropy = np.random.SeedSequence([settings.seed, 4, number])
+    may_be_still = np.random.Generator(np.random.PCG64(entropy)).random() < STILL_SHARE
     why = ""
     for attempt in range(ATTEMPTS):
 
         def seed(place: int, attempt: int = attempt) -> int:
-            words = [settings.seed, 3, number, attempt, place]
-            return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
+            entropy = [settings.seed, 3, number, attempt, place]
+            return int(np.random.SeedSequence(entropy).generate_state(1, np.uint64)[0])
 
         scene = make_scene(settings.seed, number, attempt)
         try:
-            stage = set_up(scene, settings.ticks, settings.tick_us, threads)
+            traced = simulate_scene(scene, settings.ticks, settings.tick_us, threads)
         except EvsError as reason:
             # it flies apart, or a mesh has no volume; the next one may not
             why = str(reason)
             continue
-        pilot = look(stage, seed(0))
+        pilot = run_pilot(traced, seed(0))
         if not pilot.is_useful or (pilot.is_still and not may_be_still):
             why = "too dark, too bright, too fast, or nothing moves"
             continue
         rng = np.random.Generator(np.random.PCG64(seed(1)))
         pixels = choose_pixels(pilot, settings.pixels, rng)
-        truth = stage.light(pixels, Variant(settings.truth_spp, "fixed"), seed(2), moved)
+        truth = traced.light(pixels, Variant(settings.truth_spp, "fixed"), seed(2), moved)
         light = [
-            stage.light(pixels, variant, seed(4 + place), moved)
+            traced.light(pixels, variant, seed(4 + place), moved)
             for place, variant in enumerate(settings.variants)
         ]
         phase = draw_phases(rng, settings.pixels)
@@ -76,7 +77,7 @@ def make_shard(
             "scene": scene.meta,
             "digest": scene.digest,
             "versions": versions(),
-            "seen": _seen(pilot, stage),
+            "seen": _seen(pilot, traced),
         }
         return Shard(
             light=np.stack(light),
@@ -95,7 +96,7 @@ def make_shard(
 
 
 def work_of(settings: DataSettings) -> int:
-    """Samples of pixels that a shard takes: what `moved` is told, in sum."""
+    """Samples of pixels of a shard: the sum of what `moved` receives."""
     spp = settings.truth_spp + sum(variant.spp for variant in settings.variants)
     return spp * settings.pixels * settings.ticks
 
@@ -119,7 +120,7 @@ class ShardJob:
         def traced(samples: int) -> None:
             nonlocal done
             done += samples
-            tell_share(done / work)
+            report_progress(done / work)
 
         shard = make_shard(self.settings, self.number, job_threads(), traced)
         write_shard(folder / self.name, shard)
@@ -135,12 +136,21 @@ def make_data(
     *,
     workers: int = 1,
     ray: str = "",
-) -> Made:
+) -> TrainingDataSummary:
     """Make the shards of these scenes that are not there yet: the same bytes whoever makes them.
 
-    In: moved, told how many scenes times `work_of` are done, and a word; stopped, asked before
-    each scene; threads, workers, ray: as run_jobs. Raises EvsError where the folder is of other
-    settings or the disk is full, and as run_jobs.
+    Args:
+        folder: target folder.
+        settings: of the data.
+        numbers: of the scenes.
+        threads: as run_jobs.
+        moved: called with how many scenes times `work_of` are done, and a word.
+        stopped: polled before each scene.
+        workers: as run_jobs.
+        ray: as run_jobs.
+
+    Raises:
+        EvsError: the folder is of other settings or the disk is full, and as run_jobs.
     """
     if not (0 <= numbers.start < numbers.stop <= MOST_SCENES):
         raise EvsError(
@@ -174,7 +184,7 @@ def make_data(
         on_share=on_share,
         stopped=stopped,
     )
-    return Made(ran.made, ran.kept)
+    return TrainingDataSummary(ran.made, ran.kept)
 
 
 def _check(path: Path, settings: DataSettings) -> None:
@@ -183,21 +193,21 @@ def _check(path: Path, settings: DataSettings) -> None:
         raise EvsError(f"{path} is of other settings than its folder; delete it and go on")
 
 
-def _seen(pilot: Pilot, stage: Stage) -> dict[str, Any]:
+def _seen(pilot: Pilot, traced: TracedScene) -> dict[str, Any]:
     """Statistics of the pilot frames, for people."""
     speed = pilot.speed[np.isfinite(pilot.speed)]
     shares = (1, 10, 50, 90, 99)
 
-    def told(values: Any) -> list[float]:
+    def percentiles(values: Any) -> list[float]:
         found = np.percentile(values, shares) if values.size else np.zeros(len(shares))
         return [float(f"{value:.4g}") for value in found]
 
     return {
         "percentiles": list(shares),
-        "dn": told(pilot.light_dn),
+        "dn": percentiles(pilot.light_dn),
         "white_dn": WHITE_DN,
-        "speeds_px_s": told(speed),
+        "speeds_px_s": percentiles(speed),
         "changing": float(f"{np.mean(pilot.score > 0):.4g}"),
-        "geoms": len(stage.scene.geom_type),
-        "lights": len(stage.scene.lights),
+        "geoms": len(traced.scene.geom_type),
+        "lights": len(traced.scene.lights),
     }

@@ -96,10 +96,15 @@ def _surrogate(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Ar
 def bilif(current: Array, start: Array, decay: Array) -> tuple[Array, Array]:
     """Equations 2 and 3 with V_th = 1: (K, P) ON and OFF spikes, 0 or 1, of (K, P) currents.
 
-    V' = d V + I; ON where V' >= 1, OFF where V' <= -1; V = V' - S. In: start (P,), V(0).
+    V' = d V + I; ON where V' >= 1, OFF where V' <= -1; V = V' - S.
 
     S = ON - OFF has equation 4's gradient. The reset is not detached (SpikingJelly's default): what
     a little more current adds to S is taken from V, so that it is counted once over all ticks.
+
+    Args:
+        current: input current.
+        start: (P,), V(0).
+        decay: of the membrane per tick.
     """
 
     def tick(v: Array, current: Array) -> tuple[Array, tuple[Array, Array]]:
@@ -173,9 +178,14 @@ def _layer(layer: Parameters, ticks: Array) -> Array:
 def stream(
     parameters: Parameters, x: Array, start: Array, architecture: Architecture, first: int = 0
 ) -> tuple[Array, Array]:
-    """The whole network, (2) ... (6): (K - first, P) ON and OFF spikes of (P, K) X.
+    """ON and OFF spikes (K - first, P) of X (P, K): equations 2 to 6.
 
-    In: start (P,), V before stream tick `first`, which is the first that comes out.
+    Args:
+        parameters: weights of the network.
+        x: input of the network.
+        start: (P,), V before stream tick `first`, which is the first that comes out.
+        architecture: of the network.
+        first: first tick that is returned.
     """
     decay = decay_of(parameters["log_tau"], architecture.tick_us)
     return bilif(currents(parameters, x, architecture, first).T, start, decay)
@@ -184,7 +194,11 @@ def stream(
 def to_weights(
     parameters: Parameters, architecture: Architecture, name: str, spp: tuple[int, int] = (1, 64)
 ) -> NetworkWeights:
-    """What the runtimes take. Raises EvsError where training went to NaN."""
+    """What the runtimes take.
+
+    Raises:
+        EvsError: training went to NaN.
+    """
     if architecture.odd:
         parameters = mirrored(parameters)
     look_ahead = architecture.look_ahead

@@ -1,4 +1,4 @@
-"""The pilot pass: a cheap look at a scene, which decides whether it is of use, and which pixels.
+"""The pilot pass: a cheap rendering of a scene, which decides whether to use it and which pixels.
 
 A few frames of half the size, evenly spread over the scene, are traced with 4 fixed samples and
 averaged over 3 x 3 of their pixels. A pixel's score is how far its log light goes from frame to
@@ -13,11 +13,11 @@ import numpy as np
 
 from evs.emulator.base.scene import F32, F64, I32
 from evs.tools.training.settings import Variant
-from evs.tools.training.traced_scene import Stage
+from evs.tools.training.traced_scene import TracedScene
 
 FRAMES = 16
 SHRINK = 2
-LOOK = Variant(4, "fixed")
+PILOT_VARIANT = Variant(4, "fixed")
 THRESHOLD = 0.2
 MOVES, MOST = 0.5, 20.0
 """thresholds"""
@@ -56,19 +56,24 @@ class Pilot:
         return bool(dark >= DARKEST_DN and bright <= BRIGHTEST_DN and not fast)
 
 
-def look(stage: Stage, seed: int) -> Pilot:
-    """Trace the pilot frames. In: seed of their noise."""
-    renderer = stage.renderer(LOOK, seed, SHRINK)
-    last = len(stage.snapshots) - 1
+def run_pilot(traced: TracedScene, seed: int) -> Pilot:
+    """Trace the pilot frames.
+
+    Args:
+        traced: the scene.
+        seed: of their noise.
+    """
+    renderer = traced.renderer(PILOT_VARIANT, seed, SHRINK)
+    last = len(traced.snapshots) - 1
     chosen = sorted({round(k * last / (FRAMES - 1)) for k in range(FRAMES)})
     light, speed = [], []
     for tick in chosen:
-        snapshot = stage.snapshots[tick]
+        snapshot = traced.snapshots[tick]
         pose = snapshot.cameras[0]
         light.append(_blurred(WHITE_DN * renderer.render(snapshot, pose)))
         # motion over one tick: from the tick before, or to the one after
-        first = stage.snapshots[max(0, tick - 1)]
-        second = stage.snapshots[max(1, tick)]
+        first = traced.snapshots[max(0, tick - 1)]
+        second = traced.snapshots[max(1, tick)]
         flow = renderer.ground_truth(second, second.cameras[0], (first, first.cameras[0])).flow
         speed.append(SHRINK * np.hypot(flow[..., 0], flow[..., 1]))
     dn = np.stack(light)

@@ -1,4 +1,4 @@
-"""Recipes: what a network is trained from, and how."""
+"""Recipes: the network, its light and the settings of its training."""
 
 from __future__ import annotations
 
@@ -18,7 +18,11 @@ GROUP = 32
 
 @dataclass(frozen=True)
 class Recipe:
-    """A network and its training. Raises EvsError for nonsense."""
+    """A network and its training.
+
+    Raises:
+        EvsError: a value is out of range.
+    """
 
     name: str
     architecture: Architecture = field(default_factory=Architecture)

@@ -1,4 +1,4 @@
-"""What is told of a training: NAME.training.json, and its curves as a picture."""
+"""The report of a training: NAME.training.json, and its curves as a picture."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from evs.drivers.pictures.pen import RGB
 from evs.drivers.pictures.scales import Scale, decades_around
 from evs.drivers.run.report import write_whole
 from evs.tools.training.export import export
-from evs.tools.training.fit import Fitted
+from evs.tools.training.fit import TrainedNetwork
 from evs.tools.training.settings import Variant
 
 PACKAGES = ("evs", "jax", "jaxlib", "numpy", "optax")
@@ -33,10 +33,11 @@ PLAIN_RGB: RGB = (60, 60, 60)
 ON_OFF_RGB: tuple[RGB, RGB] = ((0, 114, 255), (224, 48, 16))
 
 
-def write_network(fitted: Fitted, folder: Path) -> list[Path]:
+def write_network(fitted: TrainedNetwork, folder: Path) -> list[Path]:
     """NAME.onnx, NAME.toml, NAME.training.json and NAME.training.png in a folder; their paths.
 
-    Raises EvsError where the disk does not take them.
+    Raises:
+        EvsError: the disk does not take them.
     """
     stem = folder / fitted.weights.name
     report = report_of(fitted)
@@ -47,7 +48,7 @@ def write_network(fitted: Fitted, folder: Path) -> list[Path]:
     return [*files, numbers, curves]
 
 
-def sidecar_of(fitted: Fitted) -> dict[str, Any]:
+def sidecar_of(fitted: TrainedNetwork) -> dict[str, Any]:
     """What the sidecar says under [training]."""
     at = fitted.checkpoint
     return {
@@ -61,7 +62,7 @@ def sidecar_of(fitted: Fitted) -> dict[str, Any]:
     }
 
 
-def report_of(fitted: Fitted) -> dict[str, Any]:
+def report_of(fitted: TrainedNetwork) -> dict[str, Any]:
     """The whole report, as JSON takes it."""
     at, examples = fitted.checkpoint, fitted.examples
     settings = examples.settings.plain()
@@ -102,25 +103,25 @@ def report_of(fitted: Fitted) -> dict[str, Any]:
     }
 
 
-def curves_page(fitted: Fitted) -> U8:
+def curves_page(fitted: TrainedNetwork) -> U8:
     """(height, width, 3): loss, EMD, counts and false events over steps."""
     charts = [_loss(fitted), _emd(fitted), _counts(fitted), _spurious(fitted)]
     drawn = [draw_chart(chart, *CHART_PX) for chart in charts]
     return np.concatenate([np.concatenate(drawn[:2], 1), np.concatenate(drawn[2:], 1)], 0)
 
 
-def _steps(fitted: Fitted) -> tuple[list[float], Scale]:
+def _steps(fitted: TrainedNetwork) -> tuple[list[float], Scale]:
     steps = [float(step) for step in fitted.checkpoint.curves["step"]]
     return steps, Scale(0.0, max(1.0, *steps))
 
 
-def _curve(fitted: Fitted, key: str, variant: int) -> list[float]:
+def _curve(fitted: TrainedNetwork, key: str, variant: int) -> list[float]:
     """A score of one variant over validations; NaN where it has none."""
-    told = [scores[variant][key] for scores in fitted.checkpoint.curves["scores"]]
-    return [math.nan if value is None else value for value in told]
+    values = [scores[variant][key] for scores in fitted.checkpoint.curves["scores"]]
+    return [math.nan if value is None else value for value in values]
 
 
-def _loss(fitted: Fitted) -> Chart:
+def _loss(fitted: TrainedNetwork) -> Chart:
     steps, x = _steps(fitted)
     curves = fitted.checkpoint.curves
     # with prices of events it goes below zero, where a logarithm has nothing to show
@@ -134,7 +135,7 @@ def _loss(fitted: Fitted) -> Chart:
     return Chart(title, x, y, "steps", _with_labels(series))
 
 
-def _emd(fitted: Fitted) -> Chart:
+def _emd(fitted: TrainedNetwork) -> Chart:
     _, x = _steps(fitted)
     series, every = _of_variants(fitted, "emd")
     y = Scale(*decades_around([*every, fitted.silence.emd]), log=True)
@@ -142,7 +143,7 @@ def _emd(fitted: Fitted) -> Chart:
                  marks=[(fitted.silence.emd, "no events at all")])  # fmt: skip
 
 
-def _counts(fitted: Fitted) -> Chart:
+def _counts(fitted: TrainedNetwork) -> Chart:
     steps, x = _steps(fitted)
     series = []
     for key, colour in (("on", ON_OFF_RGB[0]), ("off", ON_OFF_RGB[1])):
@@ -153,7 +154,7 @@ def _counts(fitted: Fitted) -> Chart:
                  marks=[(1.0, "right")])  # fmt: skip
 
 
-def _spurious(fitted: Fitted) -> Chart:
+def _spurious(fitted: TrainedNetwork) -> Chart:
     _, x = _steps(fitted)
     series, every = _of_variants(fitted, "spurious_hz")
     low, high = decades_around([value for value in every if value >= 1e-3])
@@ -161,7 +162,7 @@ def _spurious(fitted: Fitted) -> Chart:
                  _with_labels(series))  # fmt: skip
 
 
-def _of_variants(fitted: Fitted, key: str) -> tuple[list[Series], list[float]]:
+def _of_variants(fitted: TrainedNetwork, key: str) -> tuple[list[Series], list[float]]:
     """A curve of each variant of the light, and all their values."""
     steps, _ = _steps(fitted)
     series, every = [], []
@@ -187,7 +188,7 @@ def _words(variant: Variant) -> str:
     return f"{variant.spp} {variant.seeds}"
 
 
-def _colour(fitted: Fitted, variant: Variant) -> RGB:
+def _colour(fitted: TrainedNetwork, variant: Variant) -> RGB:
     """By samples a pixel: the more, the darker."""
     counts = sorted({one.spp for one in fitted.recipe.variants if one.seeds == variant.seeds})
     shades: Sequence[RGB] = FRESH_RGB if variant.seeds == "fresh" else FIXED_RGB

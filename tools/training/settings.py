@@ -1,4 +1,4 @@
-"""What a folder of training data was made with: DataSettings, in DIR/data.json."""
+"""DataSettings: the settings of a folder of training data, in DIR/data.json."""
 
 from __future__ import annotations
 
@@ -37,7 +37,11 @@ VARIANTS = tuple(Variant(spp, seeds) for seeds in ("fixed", "fresh") for spp in 
 
 @dataclass(frozen=True)
 class DataSettings:
-    """All that a scene's shard follows from, but its number. Raises EvsError for nonsense."""
+    """All that a scene's shard follows from, but its number.
+
+    Raises:
+        EvsError: a value is out of range.
+    """
 
     seed: int = 1
     """all that is random follows from it"""
@@ -73,15 +77,19 @@ class DataSettings:
 
     def plain(self) -> dict[str, Any]:
         """As JSON takes it."""
-        told = dataclasses.asdict(self)
-        told["variants"] = [dataclasses.asdict(variant) for variant in self.variants]
-        return told
+        plain = dataclasses.asdict(self)
+        plain["variants"] = [dataclasses.asdict(variant) for variant in self.variants]
+        return plain
 
     @classmethod
-    def of(cls, told: Any, where: str) -> DataSettings:
-        """What `plain` told. Raises EvsError, which names `where` it was read."""
+    def of(cls, plain: Any, where: str) -> DataSettings:
+        """What `plain` told.
+
+        Raises:
+            EvsError: which names `where` it was read.
+        """
         try:
-            values = dict(told)
+            values = dict(plain)
             values["variants"] = variants_of(values["variants"])
             kinds = {field.name for field in dataclasses.fields(cls)} - {"variants"}
             if set(values) != kinds | {"variants"}:
@@ -95,26 +103,30 @@ class DataSettings:
         return cls(**values)
 
 
-def variants_of(told: Any) -> tuple[Variant, ...]:
+def variants_of(plain: Any) -> tuple[Variant, ...]:
     """Variants from a JSON list. Raises ValueError or TypeError."""
-    found = tuple(Variant(**entry) for entry in told)
+    found = tuple(Variant(**entry) for entry in plain)
     if any(type(v.spp) is not int or type(v.seeds) is not str for v in found):
         raise ValueError("spp is a whole number, seeds a word")
     return found
 
 
 def read_settings(folder: Path) -> DataSettings:
-    """Those of a folder of training data. Raises EvsError where it is none."""
+    """Those of a folder of training data.
+
+    Raises:
+        EvsError: it is none.
+    """
     path = folder / SETTINGS_FILE
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        plain = json.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError):
         raise EvsError(
             f"no training data in '{folder}': make some with evs train data {folder}"
         ) from None
     except (OSError, ValueError) as reason:
         raise EvsError(f"cannot read {path}: {reason}") from None
-    return DataSettings.of(told, str(path))
+    return DataSettings.of(plain, str(path))
 
 
 def claim_folder(folder: Path, settings: DataSettings) -> None:

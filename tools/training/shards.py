@@ -36,7 +36,8 @@ TEXTS = ("variants", "meta")
 class Shard:
     """One scene: P pixels in K ticks, noisy light in V variants, and the events it should give.
 
-    Raises EvsError where something of it does not fit the rest.
+    Raises:
+        EvsError: something of it does not fit the rest.
     """
 
     light: F32
@@ -94,7 +95,11 @@ class Shard:
         return int(self.truth.shape[0])
 
     def variant(self, spp: int, seeds: str) -> F32:
-        """(K, P) the light of one variant. Raises EvsError where the shard has none such."""
+        """(K, P) the light of one variant.
+
+        Raises:
+            EvsError: the shard has none such.
+        """
         for place, one in enumerate(self.variants):
             if one == Variant(spp, seeds):
                 return np.asarray(self.light[place])
@@ -120,7 +125,11 @@ def write_shard(path: Path, shard: Shard) -> None:
 
 
 def read_shard(path: str | os.PathLike[str]) -> Shard:
-    """Read a shard, all of it. Raises EvsError: no such file, damaged, not a shard."""
+    """Read a shard, all of it.
+
+    Raises:
+        EvsError: no such file, damaged, not a shard.
+    """
     found = Path(path)
     with _opened(found) as archive:
         missing = [name for name in (*ARRAYS, *TEXTS) if name not in archive]
@@ -168,8 +177,8 @@ def _opened(path: Path) -> Iterator[Any]:
         *(OSError, EOFError, KeyError, TypeError, ValueError, IndexError, MemoryError),
         *(zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError),
     ) as reason:
-        told = " ".join(str(reason).split()) or type(reason).__name__
-        raise EvsError(f"cannot read {path}: {told}; delete it and make it again") from None
+        message = " ".join(str(reason).split()) or type(reason).__name__
+        raise EvsError(f"cannot read {path}: {message}; delete it and make it again") from None
 
 
 class Shards:

@@ -13,14 +13,14 @@ import optax
 from jax import Array, lax
 
 from evs.emulator.base.scene import F32
-from evs.tools.training.examples import Batch
 from evs.tools.training.losses import edge_weight, objective
 from evs.tools.training.network import Parameters, stream
 from evs.tools.training.recipes import Recipe
+from evs.tools.training.training_examples import Batch
 
 
 @dataclass(frozen=True)
-class Outcome:
+class StepResult:
     """What a step leaves behind."""
 
     parameters: Parameters
@@ -61,10 +61,10 @@ class Stepper:
         price: F32,
         weight: F32,
         rate: float,
-    ) -> Outcome:
+    ) -> StepResult:
         """In: price (G, 2) of an event and weight (G,) of each group; rate, the learning rate."""
         data = (batch.x, batch.start, batch.counts, price, weight)
-        return Outcome(*self._step(parameters, optimiser, data, jnp.float32(rate)))
+        return StepResult(*self._step(parameters, optimiser, data, jnp.float32(rate)))
 
     def _build(self, groups: _Groups) -> Callable[..., tuple[Any, ...]]:
         gradient = jax.value_and_grad(self._loss, has_aux=True)

@@ -30,8 +30,13 @@ def event_counts(
 ) -> U8:
     """(2, K, P) uint8: ON and OFF events of each tick and pixel, at most 255.
 
-    In: truth (K, P) luminance; phase (P,), the first light stands so many of the pixel's own
-    thresholds above its reference, ON thresholds where it is positive, OFF ones where negative.
+    Args:
+        truth: (K, P) luminance.
+        phase: (P,), the first light stands so many of the pixel's own thresholds above its
+            reference, ON thresholds where it is positive, OFF ones where negative.
+        config: of the sensor.
+        seed: of all random numbers.
+        tick_us: length of a tick.
     """
     ticks, count = truth.shape
     sensor = dataclasses.replace(resolve_sensor(config), width=count, height=1)
@@ -43,7 +48,7 @@ def event_counts(
             truth[tick : tick + 1], state, tick * tick_us, (tick + 1) * tick_us
         )
         if tick == 0:
-            # what noise gave in the first tick is not told: it only sets the log light
+            # events of noise in the first tick do not count: it only sets the log light
             _shift(state, phase, _thresholds(model, sensor, seed, phase))
             continue
         for row, polarity in enumerate((1, 0)):

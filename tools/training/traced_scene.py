@@ -1,4 +1,4 @@
-"""Stage: a training scene as it moves, and the light of its pixels, traced tick by tick."""
+"""TracedScene: a training scene as it moves, and the light of its pixels, traced tick by tick."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Moved = Callable[[int], None]
 
 
 @dataclass(frozen=True)
-class Stage:
+class TracedScene:
     """All that a renderer needs, for every tick."""
 
     scene: SceneModel
@@ -40,7 +40,13 @@ class Stage:
     threads: int
 
     def renderer(self, variant: Variant, seed: int, shrink: int = 1) -> PathRenderer:
-        """What traces a variant. In: shrink, the image is smaller by this factor."""
+        """What traces a variant.
+
+        Args:
+            variant: samples and seeds of the light.
+            seed: of all random numbers.
+            shrink: the image is smaller by this factor.
+        """
         config = replace(self.render, spp=variant.spp, seeds=variant.seeds)
         camera = self.camera
         small = replace(
@@ -55,7 +61,14 @@ class Stage:
         return PathRenderer(self.scene, small, config, self.threads, seed=seed)
 
     def light(self, pixels: I32, variant: Variant, seed: int, moved: Moved) -> F32:
-        """(K, P) float32 luminance. In: pixels (P, 2); seed of the noise."""
+        """(K, P) float32 luminance.
+
+        Args:
+            pixels: (P, 2).
+            variant: samples and seeds of the light.
+            seed: of the noise.
+            moved: receives the samples that were traced.
+        """
         renderer = self.renderer(variant, seed)
         found = np.zeros((len(self.snapshots), len(pixels)), np.float32)
         for tick, snapshot in enumerate(self.snapshots):
@@ -69,8 +82,12 @@ def load_scene(scene: TrainingScene) -> MjModel:
     return load_text(scene.text, scene.files)
 
 
-def set_up(scene: TrainingScene, ticks: int, tick_us: int, threads: int) -> Stage:
-    """Let a scene run for all its ticks. Raises EvsError where its physics breaks down."""
+def simulate_scene(scene: TrainingScene, ticks: int, tick_us: int, threads: int) -> TracedScene:
+    """Let a scene run for all its ticks.
+
+    Raises:
+        EvsError: its physics breaks down.
+    """
     model = load_scene(scene)
     physics = Physics(model, tick_us, find_keyframe(model, START))
     bound = bind_camera(model, CAMERA, WIDTH, HEIGHT)
@@ -80,4 +97,4 @@ def set_up(scene: TrainingScene, ticks: int, tick_us: int, threads: int) -> Stag
         physics.advance()
         snapshots.append(poser.snapshot(physics.data, physics.t_us, tick_us))
     render = RenderConfig(renderer="path", bounces=scene.bounces, flicker=scene.flicker)
-    return Stage(extract_scene(model), bound.model, tuple(snapshots), render, threads)
+    return TracedScene(extract_scene(model), bound.model, tuple(snapshots), render, threads)

@@ -1,4 +1,4 @@
-"""How good a network is on scenes that it was not trained on, variant by variant."""
+"""Validate a network on scenes that it was not trained on, for each variant of the light."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import jax
 import numpy as np
 
 from evs.emulator.base.scene import F32, U8
-from evs.tools.training.examples import Prepared
 from evs.tools.training.initial import THRESHOLD
 from evs.tools.training.network import Architecture, Parameters, stream
+from evs.tools.training.training_examples import Prepared
 
 AT_ONCE = 128
 """pixels"""
@@ -44,7 +44,12 @@ def predict(
 ) -> U8:
     """(P, 2, K - first) ON and OFF events of stream ticks first ..., of (P, K) X.
 
-    In: start (P,), V before the first.
+    Args:
+        parameters: weights of the network.
+        architecture: of the network.
+        x: input of the network.
+        start: (P,), V before the first.
+        first: first tick that is returned.
     """
     found = []
     for begin in range(0, len(x), AT_ONCE):

@@ -1,6 +1,6 @@
-"""The search: measure a few, predict all, measure the best, until the best was measured.
+"""Search: measure a few candidates, predict all, measure the best, until the best is measured.
 
-Prediction only says where to look. What is answered was measured: its speed and its error.
+Predictions only choose what to measure; speed and error of the result are measured.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Protocol
 
 from evs.msgs import EvsError
 from evs.tools.tuning.space import Candidate, calibration
-from evs.tools.tuning.surface import COST, ERROR, Surface
+from evs.tools.tuning.surrogate import COST, ERROR, Surrogate
 
 MOST = 24
 """measurements of one search"""
@@ -32,8 +32,8 @@ LEAST_ERROR = 1e-4
 
 
 @dataclass(frozen=True)
-class Goal:
-    """One of the two."""
+class TuningGoal:
+    """The goal of a search: one of the two."""
 
     rtf: float | None = None
     """real-time factor that is to be reached, with as little error as can be"""
@@ -66,11 +66,11 @@ class Goal:
         return f"error of at most {self.error:g}"
 
 
-class Gauge(Protocol):
+class Measurer(Protocol):
     """Measures configurations on a scene."""
 
-    own: float
-    """the reference's own error: nothing is seen to be better than that"""
+    reference_error: float
+    """error of the reference, below which none can be measured"""
 
     def rtf(self, one: Candidate) -> float:
         """Real-time factor."""
@@ -83,7 +83,7 @@ class Gauge(Protocol):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CandidateResult:
     """A configuration, what was predicted of it and what was measured."""
 
     candidate: Candidate
@@ -100,19 +100,19 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Found:
-    """The end of a search."""
+class SearchResult:
+    """The result of a search."""
 
-    goal: Goal
-    winner: Outcome
+    goal: TuningGoal
+    winner: CandidateResult
     reached: bool
     verified: bool
     """False: the budget ended before the best that was predicted could be measured"""
-    better: Outcome | None
+    better: CandidateResult | None
     """the fastest of those with less error"""
-    faster: Outcome | None
+    faster: CandidateResult | None
     """the most accurate of those that are faster"""
-    measured: list[Outcome]
+    measured: list[CandidateResult]
     """in their order"""
 
 
@@ -124,20 +124,24 @@ Moved = Callable[[int, str], None]
 class Search:
     """One search over candidates."""
 
-    able: Sequence[Candidate]
-    goal: Goal
-    gauge: Gauge
+    candidates: Sequence[Candidate]
+    goal: TuningGoal
+    measurer: Measurer
     left_s: Callable[[], float]
     """seconds of the budget that are left"""
     moved: Moved = lambda _done, _what: None
     most: int = MOST
-    known: dict[Candidate, Outcome] = field(default_factory=dict)
+    known: dict[Candidate, CandidateResult] = field(default_factory=dict)
     errors: dict[Candidate, float] = field(default_factory=dict)
     """of what shapes events: threads do not"""
 
-    def run(self) -> Found:
-        """Search. Raises EvsError where not even one could be measured."""
-        for one in calibration(self.able):
+    def run(self) -> SearchResult:
+        """Search.
+
+        Raises:
+            EvsError: not even one could be measured.
+        """
+        for one in calibration(self.candidates):
             if len(self.known) >= self.most or (self.known and self._too_long(one)):
                 continue
             self._measure(one, None)
@@ -155,7 +159,7 @@ class Search:
                 break
             self._measure(best.candidate, best)
         winner = self._best(self.known.values())
-        return Found(
+        return SearchResult(
             self.goal,
             winner,
             self.goal.met(winner.rtf, winner.error),
@@ -167,11 +171,13 @@ class Search:
             list(self.known.values()),
         )
 
-    def _best(self, some: Iterable[Outcome]) -> Outcome:
+    def _best(self, some: Iterable[CandidateResult]) -> CandidateResult:
         # of equals the one that is known
         return min(some, key=lambda one: (*self.goal.rank(one.rtf, one.error), not one.measured))
 
-    def _rival(self, every: Sequence[Outcome], best: Outcome) -> Outcome | None:
+    def _rival(
+        self, every: Sequence[CandidateResult], best: CandidateResult
+    ) -> CandidateResult | None:
         """The one that was not measured and most likely beats the best by a tenth; None: none."""
         if not self.goal.met(best.rtf, best.error):
             return None
@@ -187,55 +193,61 @@ class Search:
 
     @staticmethod
     def _next(
-        every: Iterable[Outcome],
-        asked: Callable[[Outcome], bool],
-        rank: Callable[[Outcome], tuple[float, ...]],
-    ) -> Outcome | None:
+        every: Iterable[CandidateResult],
+        asked: Callable[[CandidateResult], bool],
+        rank: Callable[[CandidateResult], tuple[float, ...]],
+    ) -> CandidateResult | None:
         return min((one for one in every if asked(one)), key=rank, default=None)
 
     def _too_long(self, one: Candidate, rtf: float | None = None) -> bool:
         if rtf is None:
-            rtf = float(self._surfaces()[0].at([one])[0][0]) ** -1
-        return self.gauge.seconds(one, rtf) > self.left_s()
+            rtf = float(self._surrogates()[0].at([one])[0][0]) ** -1
+        return self.measurer.seconds(one, rtf) > self.left_s()
 
-    def _measure(self, one: Candidate, predicted: Outcome | None) -> None:
+    def _measure(self, one: Candidate, predicted: CandidateResult | None) -> None:
         self.moved(len(self.known), str(one))
         if one.light not in self.errors:
-            self.errors[one.light] = max(self.gauge.error(one), self.gauge.own, LEAST_ERROR)
-        rtf, error = self.gauge.rtf(one), self.errors[one.light]
+            self.errors[one.light] = max(
+                self.measurer.error(one), self.measurer.reference_error, LEAST_ERROR
+            )
+        rtf, error = self.measurer.rtf(one), self.errors[one.light]
         if not (math.isfinite(error) and math.isfinite(rtf) and rtf > 0.0):
             raise EvsError(
                 "nothing happens in the scene, so there are no events to be right or wrong: let "
                 "something move, or the camera (--motion pan)"
             )
         before = (math.nan, math.nan) if predicted is None else (predicted.rtf, predicted.error)
-        self.known[one] = Outcome(one, rtf, error, True, 1.0, 1.0, *before)
+        self.known[one] = CandidateResult(one, rtf, error, True, 1.0, 1.0, *before)
 
-    def _surfaces(self) -> tuple[Surface, Surface]:
+    def _surrogates(self) -> tuple[Surrogate, Surrogate]:
         """Cost of a simulated second, and error, fitted to all that was measured."""
-        cost, error = Surface(COST, SPEED_NOISE), Surface(ERROR, ERROR_NOISE)
+        cost, error = Surrogate(COST, SPEED_NOISE), Surrogate(ERROR, ERROR_NOISE)
         cost.fit(list(self.known), [1.0 / one.rtf for one in self.known.values()])
         error.fit(list(self.errors), list(self.errors.values()))
         return cost, error
 
-    def _all(self) -> list[Outcome]:
+    def _all(self) -> list[CandidateResult]:
         """Every candidate: measured, else predicted."""
-        cost, error = self._surfaces()
-        able = list(self.able)
-        spent = zip(*cost.at(able), strict=True)
-        off = zip(*error.at([one.light for one in able]), strict=True)
+        cost, error = self._surrogates()
+        candidates = list(self.candidates)
+        spent = zip(*cost.at(candidates), strict=True)
+        off = zip(*error.at([one.light for one in candidates]), strict=True)
         found = []
-        for one, (seconds, rtf_factor), (far, error_factor) in zip(able, spent, off, strict=True):
-            seen = max(float(far), self.gauge.own, LEAST_ERROR)
+        for one, (seconds, rtf_factor), (far, error_factor) in zip(
+            candidates, spent, off, strict=True
+        ):
+            seen = max(float(far), self.measurer.reference_error, LEAST_ERROR)
             if one.light in self.errors:
                 seen, error_factor = self.errors[one.light], 1.0
-            told = Outcome(one, 1.0 / float(seconds), seen, False, rtf_factor, error_factor)
-            found.append(self.known.get(one, told))
+            prediction = CandidateResult(
+                one, 1.0 / float(seconds), seen, False, rtf_factor, error_factor
+            )
+            found.append(self.known.get(one, prediction))
         return found
 
 
 def _chance(ratio: float, factor: float) -> float:
-    """Probability that something is at least 1 whose logarithm is normal around that of a ratio."""
+    """Probability that a log-normal value with this median is at least 1."""
     if factor <= 1.0:
         return float(ratio >= 1.0)
     return 0.5 * (1.0 + math.erf(math.log(ratio) / math.log(factor) / math.sqrt(2.0)))

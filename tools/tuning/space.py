@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from evs.msgs import EvsError
-from evs.tools.sweep.measured import Setting
+from evs.tools.sweep.record import Setting
 
 BASE_TICK_US = 1000
 
@@ -83,10 +83,13 @@ class Candidate:
 
 
 def candidates(pinned: Mapping[str, Setting] | None = None) -> list[Candidate]:
-    """Every one, or those with these keys at these values. Raises EvsError where there is none.
+    """Every one, or those with these keys at these values.
 
     Samples that are new in every tick are asked for by pinning render.seeds to fresh: the same in
     every tick are nearer to the truth in all that was measured.
+
+    Raises:
+        EvsError: there is none.
     """
     pinned = dict(pinned or {})
     seeds = str(pinned.get("render.seeds", "fixed"))
@@ -104,8 +107,8 @@ def _none(pinned: Mapping[str, Setting], seeds: str) -> EvsError:
         # a number of the user's own is taken; a name has to be one of ours
         if isinstance(pinned.get(key), str) and there and pinned[key] not in there:
             return EvsError(f"{key}={pinned[key]} is not tuned; give {' or '.join(there)}")
-    told = ", ".join(f"{key}={value}" for key, value in pinned.items())
-    return EvsError(f"no configuration to tune has {told}; leave one of these keys out")
+    text = ", ".join(f"{key}={value}" for key, value in pinned.items())
+    return EvsError(f"no configuration to tune has {text}; leave one of these keys out")
 
 
 def _families(seeds: str, pinned: Mapping[str, Setting]) -> Iterable[list[Candidate]]:
@@ -152,31 +155,33 @@ def calibration(every: Iterable[Candidate]) -> list[Candidate]:
     Of each family two numbers of samples, few and some; of each renderer one longer tick; and one
     run on a single thread. What is pinned has fewer.
     """
-    able = list(every)
+    candidates = list(every)
     chosen: list[Candidate] = []
-    many = max(c.threads != 1 for c in able)
-    usual = [c for c in able if (c.threads != 1) == many and c.tick_us == _usual_tick(able)]
+    many = max(c.threads != 1 for c in candidates)
+    usual = [
+        c for c in candidates if (c.threads != 1) == many and c.tick_us == _usual_tick(candidates)
+    ]
     for family in dict.fromkeys(c.family for c in usual):
-        here = sorted((c for c in usual if c.family == family), key=lambda c: c.spp)
-        few = _nearest(here, 1 if here[0].renderer == "direct" else 4)
+        subset = sorted((c for c in usual if c.family == family), key=lambda c: c.spp)
+        few = _nearest(subset, 1 if subset[0].renderer == "direct" else 4)
         chosen.append(few)
         # a network is one more curve like the pixel's
         if family[3] == "plain":
-            chosen.append(_nearest(here, 16))
+            chosen.append(_nearest(subset, 16))
     for renderer in dict.fromkeys(c.renderer for c in chosen):
         # of the pixel alone where there is one: a running mean has a pace of its own
         first = min((c for c in chosen if c.renderer == renderer), key=lambda c: c.model != "plain")
         longer = dataclasses.replace(first, tick_us=2 * first.tick_us)
-        chosen += [longer] if longer in able else []
+        chosen += [longer] if longer in candidates else []
     single = dataclasses.replace(chosen[0], threads=1)
-    chosen += [single] if single in able else []
+    chosen += [single] if single in candidates else []
     return sorted(dict.fromkeys(chosen), key=lambda c: (c.renderer == "path", c.spp))
 
 
-def _usual_tick(able: list[Candidate]) -> int:
-    ticks = {c.tick_us for c in able}
+def _usual_tick(candidates: list[Candidate]) -> int:
+    ticks = {c.tick_us for c in candidates}
     return BASE_TICK_US if BASE_TICK_US in ticks else min(ticks)
 
 
-def _nearest(here: list[Candidate], spp: int) -> Candidate:
-    return min(here, key=lambda c: abs(c.samples - math.log2(spp)))
+def _nearest(subset: list[Candidate], spp: int) -> Candidate:
+    return min(subset, key=lambda c: abs(c.samples - math.log2(spp)))

@@ -15,8 +15,8 @@ import pytest
 from evs.drivers import files
 from evs.drivers.files.aedat4 import Aedat4Recorder
 from evs.drivers.files.npz import NpzRecorder
-from evs.launch import again
 from evs.launch.main import main
+from evs.launch.support import reinvoke
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
 
 STREAM = StreamInfo(346, 260, camera="eye", sensor="davis346", seed=9, versions={"evs": "0.1.0"})
@@ -91,7 +91,7 @@ def test_info_repairs(recording: Path, capsys: pytest.CaptureFixture[str]) -> No
         file.write(b"torn" * 3)
     assert main(["info", str(recording)]) == 0
     said = capsys.readouterr().out
-    mend = again.command("info", "--repair", str(recording))
+    mend = reinvoke.command("info", "--repair", str(recording))
     assert f"12 bytes at offset {size:,}; {mend} cuts them" in said
     assert main(["info", "--repair", "--json", str(recording)]) == 0
     told = json.loads(capsys.readouterr().out)

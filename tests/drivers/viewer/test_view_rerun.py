@@ -19,7 +19,7 @@ from evs.drivers.bus import Publisher
 from evs.drivers.run import config as pipeline
 from evs.drivers.viewer import ViewSink
 from evs.launch import main as program
-from evs.launch.commands import live
+from evs.launch.support import live_view
 from evs.msgs import EventPacket, EvsError, Frame, Pose, StreamInfo, make_events
 
 pytest.importorskip("rerun", reason="the extra `view` is not installed")
@@ -288,7 +288,7 @@ def test_without_the_extra_one_line_says_how_to_get_it(
 
 def test_nothing_else_imports_rerun() -> None:
     code = (
-        "import sys, evs, evs.drivers.viewer, evs.launch.commands.live\n"
+        "import sys, evs, evs.drivers.viewer, evs.launch.support.live_view\n"
         "from evs.launch.main import main\n"
         "try: main(['view', '--help'])\n"
         "except SystemExit: pass\n"
@@ -304,6 +304,6 @@ def test_a_window_opens_only_where_there_is_a_display(monkeypatch: pytest.Monkey
     monkeypatch.setattr(sys, "platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    assert not live.has_display()
+    assert not live_view.has_display()
     monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
-    assert live.has_display()
+    assert live_view.has_display()

@@ -73,7 +73,9 @@ def test_a_camera_takes_the_member_for_its_light(folder: Path) -> None:
 
 def test_an_evaluation_takes_it_too(folder: Path) -> None:
     assert folder.is_dir()
-    (family,), missing = models.contenders(("net",), None, models.Running(1, "reference"))
+    (family,), missing = models.models_under_test(
+        ("net",), None, models.RuntimeOptions(1, "reference")
+    )
     assert not missing
     for spp, channels in ((1, 2), (64, 4), (0, 4)):
         chosen = family.at(spp)

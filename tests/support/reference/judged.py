@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from evs.tools.evaluation.aggregate import ResultCell
 from evs.tools.evaluation.measure import Measures
-from evs.tools.evaluation.pool import Cell
 
 SCENE = """<mujoco><statistic center="0 0 .5" extent="1"/>
   <visual><headlight ambient=".2 .2 .2" diffuse="0 0 0" specular="0 0 0"/></visual>
@@ -43,11 +43,11 @@ def measures(**given: Any) -> Measures:
     return Measures(**{**values, **given})
 
 
-def cell(model: str, spp: int = 4, seeds: str = "fresh", **given: Any) -> Cell:
+def cell(model: str, spp: int = 4, seeds: str = "fresh", **given: Any) -> ResultCell:
     """One cell; what is given and no field of a cell is a measure."""
     own = {"scene": "one", "camera": "still", "soft": True, "light": "path"}
     fields = {key: given.pop(key, usual) for key, usual in own.items()}
-    return Cell(**fields, spp=spp, seeds=seeds, model=model, measures=measures(**given))  # type: ignore[arg-type]
+    return ResultCell(**fields, spp=spp, seeds=seeds, model=model, measures=measures(**given))  # type: ignore[arg-type]
 
 
 def light_of_steps(steps: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from evs.msgs import EvsError
-from evs.tools.jobs import job_threads, tell_share
+from evs.tools.jobs import job_threads, report_progress
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class One:
     name: str
 
     def make(self, folder: Path) -> None:
-        tell_share(0.5)
+        report_progress(0.5)
         (folder / self.name).write_text(f"{job_threads()}")
 
 

@@ -13,12 +13,12 @@ from evs.drivers.pictures.chart import diverging, draw_chart
 from evs.drivers.pictures.layout import Chart, Series
 from evs.drivers.pictures.scales import Scale, decades_around
 from evs.emulator.sensor import SensorParameters
-from evs.tools.characterise import promised
+from evs.tools.characterise import expected
 from evs.tools.characterise.bench import Bench, corner
 from evs.tools.characterise.fit import crossing, fit_normal, mean_and_error
+from evs.tools.characterise.quantity import Quantity
 from evs.tools.characterise.renewal import Spreads, leak_without_noise, mean_excess
-from evs.tools.characterise.result import Result
-from evs.tools.characterise.text import rows
+from evs.tools.characterise.table_text import rows
 
 SENSOR = SensorParameters("s", 20, 10, 0.2, 0.2, 0.02, cutoff_hz=300.0, follower_hz=900.0)
 
@@ -75,37 +75,37 @@ def test_no_counts_no_numbers() -> None:
 
 def test_half_power_of_two_poles() -> None:
     for lux in (0.0, 30.0, 1000.0, 5e4):
-        f = promised.half_power_hz(SENSOR, lux)
+        f = expected.half_power_hz(SENSOR, lux)
         power = 1.0
-        for pole in (promised.pole_hz(SENSOR, lux), SENSOR.follower_hz):
+        for pole in (expected.pole_hz(SENSOR, lux), SENSOR.follower_hz):
             power /= 1.0 + (f / pole) ** 2
         assert abs(power - 0.5) < 1e-12
-    assert promised.pole_hz(SENSOR, SENSOR.bright_lux) == 300.0
+    assert expected.pole_hz(SENSOR, SENSOR.bright_lux) == 300.0
     one = dataclasses.replace(SENSOR, follower_hz=0.0)
-    assert promised.half_power_hz(one, 1000.0) == 300.0
-    assert math.isinf(promised.half_power_hz(dataclasses.replace(one, cutoff_hz=0.0), 1.0))
+    assert expected.half_power_hz(one, 1000.0) == 300.0
+    assert math.isinf(expected.half_power_hz(dataclasses.replace(one, cutoff_hz=0.0), 1.0))
 
 
 def test_step_time_of_two_poles_is_that_of_the_equation() -> None:
-    one, two = promised.time_constants_s(SENSOR, 100.0)
+    one, two = expected.time_constants_s(SENSOR, 100.0)
     for share in (0.1, 0.5, 0.9):
-        t = promised.step_time_s(SENSOR, 100.0, share)
+        t = expected.step_time_s(SENSOR, 100.0, share)
         through = 1.0 - (one * math.exp(-t / one) - two * math.exp(-t / two)) / (one - two)
         assert abs(through - share) < 1e-9
     single = dataclasses.replace(SENSOR, follower_hz=0.0)
-    assert math.isclose(promised.step_time_s(single, 100.0, 1.0 - math.exp(-1.0)), one)
-    assert math.isinf(promised.step_time_s(single, 100.0, 1.0))
-    equal = dataclasses.replace(SENSOR, follower_hz=promised.pole_hz(SENSOR, 100.0))
-    x = promised.step_time_s(equal, 100.0, 0.5) / one
+    assert math.isclose(expected.step_time_s(single, 100.0, 1.0 - math.exp(-1.0)), one)
+    assert math.isinf(expected.step_time_s(single, 100.0, 1.0))
+    equal = dataclasses.replace(SENSOR, follower_hz=expected.pole_hz(SENSOR, 100.0))
+    x = expected.step_time_s(equal, 100.0, 0.5) / one
     # two equal poles: 1 - (1 + x) e^-x
     assert abs(1.0 - (1.0 + x) * math.exp(-x) - 0.5) < 1e-5
 
 
 def test_least_light_is_where_the_step_is_a_threshold() -> None:
-    lux = promised.lowest_lux(SENSOR, 1e-3, 1e5)
-    assert abs(promised.log_step(SENSOR, lux, promised.CONTRAST * lux) - 0.2) < 1e-6
+    lux = expected.lowest_lux(SENSOR, 1e-3, 1e5)
+    assert abs(expected.log_step(SENSOR, lux, expected.CONTRAST * lux) - 0.2) < 1e-6
     deaf = dataclasses.replace(SENSOR, pos_thres=0.6)
-    assert math.isnan(promised.lowest_lux(deaf, 1e-3, 1e5))
+    assert math.isnan(expected.lowest_lux(deaf, 1e-3, 1e5))
 
 
 def test_leak_behind_noise_by_simulation() -> None:
@@ -134,10 +134,10 @@ def test_leak_lost_in_noise_has_no_number() -> None:
 def test_rows_have_the_digits_that_their_errors_have() -> None:
     told = rows(
         [
-            Result("latency", "s", 0.00123456, 2.1e-6, 0.0012, 100.0),
-            Result("latency", "s", math.nan, math.nan, 0.0012, 1.0, "too dark"),
-            Result("bandwidth", "Hz", 1863.8, 4.4, 1865.0, 1e4),
-            Result("dead pixels", "", 0.0, 0.0, 0.0),
+            Quantity("latency", "s", 0.00123456, 2.1e-6, 0.0012, 100.0),
+            Quantity("latency", "s", math.nan, math.nan, 0.0012, 1.0, "too dark"),
+            Quantity("bandwidth", "Hz", 1863.8, 4.4, 1865.0, 1e4),
+            Quantity("dead pixels", "", 0.0, 0.0, 0.0),
         ]
     )
     assert told[0] == ("latency", "100", "1.2346 ms", "0.0021", "1.2000 ms", "+2.88 %", "")

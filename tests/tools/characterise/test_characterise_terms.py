@@ -16,7 +16,7 @@ from evs.emulator.sensor import PlainModel, SensorParameters
 from evs.emulator.sensor.readout import ReadoutParameters
 from evs.tools.characterise import (
     Bench,
-    Result,
+    Quantity,
     measure_background,
     measure_bandwidth,
     measure_dynamic_range,
@@ -27,8 +27,8 @@ from evs.tools.characterise import (
 )
 from evs.tools.characterise.background import background_results
 from evs.tools.characterise.bandwidth import bandwidth_results
+from evs.tools.characterise.expected import DOUBLED, leak_rate_hz
 from evs.tools.characterise.latency import latency_results
-from evs.tools.characterise.promised import DOUBLED, leak_rate_hz
 from evs.tools.characterise.settle import window_us
 
 pytestmark = pytest.mark.statistical
@@ -71,7 +71,7 @@ def bench(seed: int = 1, side: int = 200, **terms: Any) -> Bench:
     return Bench(SensorParameters("synthetic", side, side, **values), seed, 2)
 
 
-def check(result: Result, share: float) -> None:
+def check(result: Quantity, share: float) -> None:
     """Within Z of its own standard errors, and within the share that the issue names."""
     assert result.error > 0.0, result
     assert abs(result.measured - result.set) < Z * result.error, result

@@ -67,8 +67,8 @@ def test_every_channel_is_there_on_one_clock(whole: Path) -> None:
     found = Dataset(whole)
     assert found.names == ("street", "workshop")
     for scene in found:
-        told = found.manifest["scenes"][scene.name]
-        assert (told["begin_us"], told["end_us"], told["frames"]) == (0, 70_000, 5)
+        described = found.manifest["scenes"][scene.name]
+        assert (described["begin_us"], described["end_us"], described["frames"]) == (0, 70_000, 5)
         events = scene.events(0, 10**9)
         assert events.labels is not None
         assert len(events.array) == len(events.labels) > 20
@@ -94,9 +94,9 @@ def test_every_channel_is_there_on_one_clock(whole: Path) -> None:
             "orientation": ((4,), "float64"),
         }
         seen = frame["geom_id"] >= 0
-        bodies = np.array(told["body_of_geom"])[frame["geom_id"]]
+        bodies = np.array(described["body_of_geom"])[frame["geom_id"]]
         assert np.array_equal(bodies[seen], frame["body_id"][seen])
-        assert told["geoms"][0] in ("road", "floor")
+        assert described["geoms"][0] in ("road", "floor")
         # the camera after every tick; at a frame's time it stands where the frame says
         poses, imu = scene.poses(), scene.imu()
         assert poses["t_us"].tolist() == list(range(1000, 70_001, 1000))
@@ -139,11 +139,13 @@ def test_the_manifest_finds_one_changed_byte(
     victim.write_bytes(data)
     (copy / "workshop" / "sheet.png").unlink()
     assert main(["dataset", str(copy), "--verify"]) == 2
-    said = capsys.readouterr().err
-    assert "street/frames/0001/frames.npz has another checksum" in said
-    assert "workshop/sheet.png is missing" in said
-    assert "remove street/frames/0001, workshop/sheet.png there, and give the command" in said
-    assert said.count("\n") == 1
+    config_json = capsys.readouterr().err
+    assert "street/frames/0001/frames.npz has another checksum" in config_json
+    assert "workshop/sheet.png is missing" in config_json
+    assert (
+        "remove street/frames/0001, workshop/sheet.png there, and give the command" in config_json
+    )
+    assert config_json.count("\n") == 1
 
 
 def test_what_is_removed_of_a_set_that_was_whole_is_made_anew(ball: str, tmp_path: Path) -> None:
@@ -312,11 +314,11 @@ def test_a_folder_is_of_one_set_of_settings(ball: str, tmp_path: Path) -> None:
 
 
 def test_a_stop_leaves_what_is_whole_and_says_so(ball: str, tmp_path: Path) -> None:
-    asked: list[int] = []
+    wanted: list[int] = []
 
     def stopped() -> bool:
-        asked.append(1)
-        return len(asked) > 1
+        wanted.append(1)
+        return len(wanted) > 1
 
     made = make_dataset(tmp_path / "a", small(ball), shard_s=0.05, stopped=stopped)
     assert (made.made, made.whole) == (1, False)
@@ -333,9 +335,9 @@ def test_the_picture_of_a_set_and_what_it_holds(
     assert sheet.stat().st_size > 1000
     capsys.readouterr()
     assert main(["dataset", str(whole), "--describe"]) == 0
-    told = capsys.readouterr().out
-    assert "street" in told
-    assert "5 frames" in told
+    described = capsys.readouterr().out
+    assert "street" in described
+    assert "5 frames" in described
     assert main(["dataset", str(tmp_path / "not_yet"), "--describe"]) == 0
     assert "90.0 s" in capsys.readouterr().out
     assert not (tmp_path / "not_yet").exists()
@@ -374,13 +376,13 @@ def test_bad_input_is_one_line(
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
     assert main(["dataset", *words]) == 2
-    said = capsys.readouterr().err
-    assert says in said
-    assert said.count("\n") == 1
+    config_json = capsys.readouterr().err
+    assert says in config_json
+    assert config_json.count("\n") == 1
 
 
 def test_what_the_folder_says_is_plain_json(whole: Path) -> None:
-    told = json.loads((whole / MANIFEST).read_text())
-    assert set(told) == {"kind", "versions", "shard_s", "scenes", "files"}
-    assert set(told["files"]) == set(listed(whole))
-    assert len(named("street").motion) == len(told["scenes"]["street"]["config"]["motion"])
+    described = json.loads((whole / MANIFEST).read_text())
+    assert set(described) == {"kind", "versions", "shard_s", "scenes", "files"}
+    assert set(described["files"]) == set(listed(whole))
+    assert len(named("street").motion) == len(described["scenes"]["street"]["config"]["motion"])

@@ -21,7 +21,7 @@ MODEL = """
 """
 
 
-def told(track: Track, times: list[float], seed: int = 0) -> np.ndarray:
+def described(track: Track, times: list[float], seed: int = 0) -> np.ndarray:
     model = mujoco.MjModel.from_xml_string(MODEL)
     control = control_of([track], model, seed)
     rows = [control(t_s, None) for t_s in times]
@@ -30,14 +30,14 @@ def told(track: Track, times: list[float], seed: int = 0) -> np.ndarray:
 
 def test_a_curve_goes_through_its_points_and_holds_outside() -> None:
     track = Track("b", ((1.0, 2.0), (2.0, -1.0), (4.0, 0.5)))
-    found = told(track, [0.0, 1.0, 2.0, 4.0, 9.0])
+    found = described(track, [0.0, 1.0, 2.0, 4.0, 9.0])
     assert found[:, 1].tolist() == [2.0, 2.0, -1.0, 0.5, 0.5]
     # the other actuator is told nothing
     assert not found[:, 0].any()
 
 
 def test_two_points_are_a_straight_line() -> None:
-    found = told(Track("a", ((0.0, 0.0), (2.0, 3.0))), [0.25, 0.5, 1.5])
+    found = described(Track("a", ((0.0, 0.0), (2.0, 3.0))), [0.25, 0.5, 1.5])
     np.testing.assert_allclose(found[:, 0], [0.375, 0.75, 2.25], rtol=1e-14)
 
 
@@ -45,7 +45,7 @@ def test_two_points_are_a_straight_line() -> None:
 def test_a_period_repeats_without_a_step_or_a_kink(period_s: float, v0: float, v1: float) -> None:
     track = Track("a", ((0.0, v0), (period_s * 0.4, v1)), period_s=period_s)
     eps = period_s * 1e-5
-    seam = told(track, [period_s - eps, period_s, period_s + eps, 5 * period_s + eps])[:, 0]
+    seam = described(track, [period_s - eps, period_s, period_s + eps, 5 * period_s + eps])[:, 0]
     slope = 3 * abs(v1 - v0) / (0.4 * period_s)
     # no step: a Hermite cubic between these points has no slope over 3 times the chord's
     assert abs(seam[1] - seam[0]) <= slope * eps + 1e-9
@@ -59,7 +59,7 @@ def test_a_period_repeats_without_a_step_or_a_kink(period_s: float, v0: float, v
 def test_shaking_begins_at_rest_stays_within_its_bound_and_follows_the_seed() -> None:
     track = Track("a", shake=0.2, shake_hz=5.0)
     times = list(np.linspace(0, 10, 2001))
-    one, again, other = (told(track, times, seed)[:, 0] for seed in (1, 1, 2))
+    one, again, other = (described(track, times, seed)[:, 0] for seed in (1, 1, 2))
     assert one[0] == 0.0
     assert np.abs(one).max() <= 0.2
     assert np.array_equal(one, again)
@@ -83,7 +83,7 @@ def test_shaking_begins_at_rest_stays_within_its_bound_and_follows_the_seed() ->
 )
 def test_a_bad_track_is_told_with_its_place(track: Track, says: str) -> None:
     with pytest.raises(EvsError) as caught:
-        told(track, [0.0])
+        described(track, [0.0])
     assert says in str(caught.value)
 
 

@@ -15,7 +15,7 @@ from evs.emulator.sensor import resolve_sensor
 from evs.msgs import EvsError
 from evs.tools.dataset import named, names, of_file
 from evs.tools.dataset.scenes import FOLDER
-from evs.tools.dataset.take import take_of
+from evs.tools.dataset.sequence_spec import make_sequence_spec
 from evs.tools.dataset.textures import TEXTURES, texture
 
 SIX = ("kitchen", "park", "playroom", "street", "tunnel", "workshop")
@@ -40,10 +40,10 @@ def test_there_are_six_of_ninety_seconds_three_of_them_indoors() -> None:
 def test_a_scene_moves_and_is_as_bright_as_it_says(name: str) -> None:
     """The camera and at least three bodies move; its middle grey is what an exposure gives."""
     scene = named(name, SMALL)
-    take = take_of(name, scene)
-    with take.standing() as config:
-        world, view = take.view_at(config, 0)
-        control = take.control(world)
+    sequence = make_sequence_spec(name, scene)
+    with sequence.with_model_file() as config:
+        world, view = sequence.view_at(config, 0)
+        control = sequence.control(world)
         eyes, bodies = [view.pose.position], [world.data.xpos.copy()]
         for _ in range(1500):
             world.step(control())
@@ -65,10 +65,10 @@ def test_a_scene_moves_and_is_as_bright_as_it_says(name: str) -> None:
 
 def test_the_tunnel_ends_in_daylight() -> None:
     """Which dazzles: ten times as bright as the tunnel for the same exposure, with a sky."""
-    take = take_of("tunnel", named("tunnel", SMALL))
-    with take.standing() as config:
-        inside = float(np.median(take.view_at(config, 0)[1].render()[0]))
-        _, view = take.view_at(config, 13_000)
+    sequence = make_sequence_spec("tunnel", named("tunnel", SMALL))
+    with sequence.with_model_file() as config:
+        inside = float(np.median(sequence.view_at(config, 0)[1].render()[0]))
+        _, view = sequence.view_at(config, 13_000)
         assert float(np.median(view.render()[0])) > 10 * inside
         assert not np.isfinite(view.ground_truth().distance).all()
 
@@ -77,9 +77,9 @@ def test_light_as_such_is_of_another_order_by_night() -> None:
     """Before exposure: the night's median is far below any day's, as lux are."""
 
     def median(name: str) -> float:
-        take = take_of(name, named(name, SMALL))
-        with take.standing() as config:
-            return float(np.median(take.view_at(config, 0)[1].render()[0]))
+        sequence = make_sequence_spec(name, named(name, SMALL))
+        with sequence.with_model_file() as config:
+            return float(np.median(sequence.view_at(config, 0)[1].render()[0]))
 
     night, room, day = median("street"), median("workshop"), median("park")
     assert 5 * night < room < day
@@ -95,8 +95,8 @@ def test_the_textures_that_ship_are_what_the_generator_makes(name: str) -> None:
 
 
 def test_every_texture_and_track_of_the_scenes_is_used() -> None:
-    told = "".join((FOLDER / f"{name}.xml").read_text() for name in names())
-    assert [name for name in TEXTURES if f'file="{name}.png"' not in told] == []
+    described = "".join((FOLDER / f"{name}.xml").read_text() for name in names())
+    assert [name for name in TEXTURES if f'file="{name}.png"' not in described] == []
 
 
 def test_the_shipped_scenes_are_small(tmp_path: Path) -> None:
@@ -138,10 +138,10 @@ def test_flow_of_a_still_scene_is_the_motion_of_the_pose(tmp_path: Path) -> None
     )
     scene = of_file(str(tmp_path / "still.xml"), "still", [*SMALL, ("scene.camera", "eye")])
     scene = replace(scene, render=RenderConfig())
-    take = take_of("still", scene)
-    with take.standing() as config:
+    sequence = make_sequence_spec("still", scene)
+    with sequence.with_model_file() as config:
         world, view = World.with_view(config)
-        control = take.control(world)
+        control = sequence.control(world)
         poses = []
         for _ in range(60):
             world.step(control())
@@ -150,7 +150,7 @@ def test_flow_of_a_still_scene_is_the_motion_of_the_pose(tmp_path: Path) -> None
     k = np.array(view.camera_info["k"], float).reshape(3, 3)
     points = truth.position.astype(np.float64)
     shown = [_projected(points, pose, k) for pose in poses[-2:]]
-    expected = (shown[1] - shown[0]) / (take.tick_us * 1e-6)
+    expected = (shown[1] - shown[0]) / (sequence.tick_us * 1e-6)
     there = np.isfinite(truth.depth)
     error = np.abs(truth.flow - expected)[there]
     speed = np.linalg.norm(expected[there], axis=-1)

@@ -6,9 +6,11 @@ from pathlib import Path
 
 from evs.tools.doctor import packages
 
+PYPROJECT = Path(__file__).parents[3] / "pyproject.toml"
 
-def test_the_packages_looked_at_are_those_required(checkout: Path) -> None:
-    project = tomllib.loads((checkout / "pyproject.toml").read_text())["project"]
+
+def test_the_packages_looked_at_are_those_required() -> None:
+    project = tomllib.loads(PYPROJECT.read_text())["project"]
 
     def names(requirements: list[str]) -> tuple[str, ...]:
         return tuple(re.split(r"[<>=!~\[]", line)[0].strip() for line in requirements)
@@ -20,8 +22,8 @@ def test_the_packages_looked_at_are_those_required(checkout: Path) -> None:
     assert set(packages.USES) == set(packages.EXTRAS)
 
 
-def test_the_ranges_looked_at_are_those_required(checkout: Path) -> None:
-    project = tomllib.loads((checkout / "pyproject.toml").read_text())["project"]
+def test_the_ranges_looked_at_are_those_required() -> None:
+    project = tomllib.loads(PYPROJECT.read_text())["project"]
     extras = project["optional-dependencies"]
     required = [
         *project["dependencies"],

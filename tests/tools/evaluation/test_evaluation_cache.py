@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from evs.msgs import EvsError
-from evs.tools.evaluation.cache import DamagedCacheWarning, LightCache, user_cache
+from evs.tools.evaluation.digest import digest
+from evs.tools.evaluation.light_cache import DamagedCacheWarning, LightCache, user_cache
+from evs.tools.evaluation.scene_setup import SceneSetup
 
 LIGHT = np.arange(12, dtype=np.float32).reshape(3, 4)
 
@@ -88,3 +92,19 @@ def test_where_a_users_cache_lies(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
         monkeypatch.setenv("XDG_CACHE_HOME", told)
         monkeypatch.setenv("HOME", str(tmp_path))
         assert user_cache() == tmp_path / ".cache" / "evs" / "evaluation"
+
+
+def test_a_renamed_class_keeps_its_digest() -> None:
+    @dataclass(frozen=True)
+    class Stage:
+        name: str
+        size: int
+
+    @dataclass(frozen=True)
+    class Renamed:
+        DIGEST_NAME: ClassVar[str] = "Stage"
+        name: str
+        size: int
+
+    assert digest(Renamed("a", 1)) == digest(Stage("a", 1))
+    assert SceneSetup.DIGEST_NAME == "Stage"

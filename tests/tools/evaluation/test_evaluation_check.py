@@ -14,8 +14,8 @@ from evs.emulator.evsnet import NetworkWeights
 from evs.emulator.evsnet.graph import streaming_graph
 from evs.msgs import EvsError
 from evs.tools.doctor.check import BAD, NOTE, OK
-from evs.tools.evaluation import check as check_module
-from evs.tools.evaluation.check import Check, check_model
+from evs.tools.evaluation import network_check as check_module
+from evs.tools.evaluation.network_check import NetworkReport, check_network
 from evs.tools.training.export import export
 from reference.graphs import Shape, graph, moving_mean, write
 from reference.networks import random_network, through_network
@@ -47,16 +47,16 @@ def roomy(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def checked(tmp_path: Path, weights: NetworkWeights) -> dict[str, tuple[str, str]]:
     path, _ = export(weights, tmp_path / "mine.onnx")
-    return told(check_model(path))
+    return told(check_network(path))
 
 
-def told(check: Check) -> dict[str, tuple[str, str]]:
+def told(check: NetworkReport) -> dict[str, tuple[str, str]]:
     """what -> (verdict, found)"""
     return {finding.what: (finding.verdict, finding.found) for finding in check.findings}
 
 
 def foreign(tmp_path: Path, model: bytes, look_ahead: int = 5) -> dict[str, tuple[str, str]]:
-    return told(check_model(write(tmp_path / "theirs.onnx", model, SOUND, [look_ahead])))
+    return told(check_network(write(tmp_path / "theirs.onnx", model, SOUND, [look_ahead])))
 
 
 def current(*nodes: onnx.NodeProto, **constants: float) -> bytes:
@@ -75,7 +75,7 @@ def carrying(*nodes: onnx.NodeProto, **constants: float) -> bytes:
 
 def test_a_sound_network_is_sound(tmp_path: Path) -> None:
     path, _ = export(SOUND, tmp_path / "mine.onnx")
-    check = check_model(path)
+    check = check_network(path)
     found = told(check)
     assert list(found) == EVERY
     assert {verdict for verdict, _ in found.values()} == {OK}
@@ -92,7 +92,7 @@ def test_a_sound_network_is_sound(tmp_path: Path) -> None:
 
 def test_it_prints_as_a_table(tmp_path: Path) -> None:
     path, _ = export(SOUND, tmp_path / "mine.onnx")
-    lines = check_model(path).markdown().splitlines()
+    lines = check_network(path).markdown().splitlines()
     assert lines[:2] == ["| through | found | |", "|---|---|---|"]
     assert [line.split(" | ")[0][2:] for line in lines[2:]] == EVERY
     assert all(line.count("|") == 4 for line in lines)
@@ -100,7 +100,7 @@ def test_it_prints_as_a_table(tmp_path: Path) -> None:
 
 def test_the_same_network_is_found_the_same(tmp_path: Path) -> None:
     path, _ = export(random_network(4, 4, biased=True), tmp_path / "mine.onnx")
-    assert check_model(path) == check_model(path)
+    assert check_network(path) == check_network(path)
 
 
 def test_a_biased_network_has_ghosts_as_many_as_counted(tmp_path: Path) -> None:
@@ -152,17 +152,17 @@ def test_named_weights_in_a_graph_that_computes_something_else_are_bad(tmp_path:
     # the same graph as another writer lays it out is still ours
     model.producer_name = "another"
     path.write_bytes(model.SerializeToString())
-    verdict, said = told(check_model(path))["graph and named weights"]
+    verdict, said = told(check_network(path))["graph and named weights"]
     assert verdict == OK
     assert said.startswith("currents of the graph and of its named weights differ by 0")
     for node in model.graph.node:
         node.op_type = "Abs" if node.op_type == "Relu" else node.op_type
     path.write_bytes(model.SerializeToString())
-    assert told(check_model(path))["graph and named weights"][0] == BAD
+    assert told(check_network(path))["graph and named weights"][0] == BAD
     # a graph that is not even for streams
     model.graph.input[0].name = "light"
     path.write_bytes(model.SerializeToString())
-    verdict, said = told(check_model(path))["graph and named weights"]
+    verdict, said = told(check_network(path))["graph and named weights"]
     assert verdict == BAD
     assert said.startswith("weights have our names, but ")
 
@@ -248,7 +248,7 @@ def test_bad_files_are_one_clear_line(tmp_path: Path) -> None:
 
     def refused(match: str) -> None:
         with pytest.raises(EvsError, match=match) as raised:
-            check_model(path)
+            check_network(path)
         assert "\n" not in str(raised.value)
         assert "mine.onnx" in str(raised.value)
 
@@ -288,7 +288,7 @@ def test_damaged_bytes_are_refused_or_found_out_and_never_crash(tmp_path: Path) 
 def refusal(path: Path) -> str:
     """Why it cannot be checked; nothing where it can."""
     try:
-        check_model(path)
+        check_network(path)
     except EvsError as reason:
         return str(reason)
     return ""
@@ -297,10 +297,10 @@ def refusal(path: Path) -> str:
 @pytest.mark.parametrize("network", ["nothing", "nothing.onnx", "./nothing", ""])
 def test_a_network_that_is_not_there_is_refused(network: str) -> None:
     with pytest.raises(EvsError, match=r"^no network"):
-        check_model(network)
+        check_network(network)
 
 
 def test_a_provider_that_is_not_there_is_refused(tmp_path: Path) -> None:
     path, _ = export(SOUND, tmp_path / "mine.onnx")
     with pytest.raises(EvsError, match=r"^no execution provider 'gpu'; there is: "):
-        check_model(path, provider="gpu")
+        check_network(path, provider="gpu")

@@ -11,12 +11,12 @@ import pytest
 from evs.emulator.evsnet.model import EvsNetModel
 from evs.msgs import Events, join_events, make_events
 from evs.tools.evaluation import models
+from evs.tools.evaluation.aggregate import VALUES, aggregate, aggregate_rows
+from evs.tools.evaluation.clip import Clip, make_clip
 from evs.tools.evaluation.evaluate import stands_still
 from evs.tools.evaluation.measure import Measures, measure
-from evs.tools.evaluation.pool import VALUES, pool, rows_of
-from evs.tools.evaluation.scenes import stage_of
+from evs.tools.evaluation.scenes import scene_setup
 from evs.tools.evaluation.table import finite, markdown, overview, table
-from evs.tools.evaluation.take import Take, film
 from reference.judged import cell, light_of_steps, measures, written
 from reference.networks import random_network
 
@@ -25,9 +25,9 @@ SAMPLED, PATCH = 6, 4
 
 
 @pytest.fixture(scope="module")
-def take(tmp_path_factory: pytest.TempPathFactory) -> Take:
-    stage = stage_of(str(written(tmp_path_factory.mktemp("scene"))))
-    return film(stage, "still", 5, sampled=SAMPLED, patch_px=PATCH, size=(32, 24))
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Clip:
+    setup = scene_setup(str(written(tmp_path_factory.mktemp("scene"))))
+    return make_clip(setup, "still", 5, sampled=SAMPLED, patch_px=PATCH, size=(32, 24))
 
 
 def stream(*rows: tuple[int, int, int]) -> Events:
@@ -36,18 +36,18 @@ def stream(*rows: tuple[int, int, int]) -> Events:
     return make_events(t, x, np.zeros(len(t)), p)
 
 
-def judge(take: Take, events: Events, reference: Events, static: list[int]) -> Measures:
+def judge(clip: Clip, events: Events, reference: Events, static: list[int]) -> Measures:
     mask = np.zeros(SAMPLED + PATCH**2, np.bool_)
     mask[static] = True
-    return measure(events, reference, take, mask, 0, END_US, 2.0)
+    return measure(events, reference, clip, mask, 0, END_US, 2.0)
 
 
-def test_sampled_pixels(take: Take) -> None:
+def test_sampled_pixels(clip: Clip) -> None:
     reference = stream((2000, 0, 1), (5000, 1, 0), (7000, 2, 1), (0, 5, 1))
     # 1.5 ms late; 4 ms late: no pair; on the neighbour: no pair; a false one on a still pixel
     events = stream((3500, 0, 1), (9000, 1, 0), (7000, 3, 1), (8000, 4, 0), (8000, 4, 0),
                     (10_001, 4, 0))  # fmt: skip
-    found = judge(take, events, reference, [4, 5, SAMPLED])
+    found = judge(clip, events, reference, [4, 5, SAMPLED])
     assert (found.pixels, found.seconds, found.ms_per_tick) == (6, 0.01, 2.0)
     assert (found.on, found.off, found.reference_on, found.reference_off) == (2, 3, 2, 1)
     assert found.pairs == 1
@@ -60,14 +60,14 @@ def test_sampled_pixels(take: Take) -> None:
     assert found.patch_events == found.patch_reference == 0
 
 
-def test_the_patch_knows_neighbours(take: Take) -> None:
+def test_the_patch_knows_neighbours(clip: Clip) -> None:
     def at(x: int, y: int) -> int:
         return SAMPLED + PATCH * y + x
 
     reference = stream((2000, at(1, 1), 1), (2000, at(3, 0), 1), (2000, at(0, 3), 0))
     # diagonal neighbour; next in the row of numbers but far in the patch; two to the right
     events = stream((2500, at(2, 2), 1), (2000, at(0, 1), 1), (2000, at(2, 3), 0))
-    found = judge(take, events, reference, [])
+    found = judge(clip, events, reference, [])
     assert (found.patch_px, found.patch_reference, found.patch_events) == (16, 3, 3)
     assert found.patch_pairs == 1
     assert found.patch_emd == pytest.approx(6 * 11 / 20 / 16)
@@ -79,7 +79,7 @@ def test_a_model_sees_each_pixel_alone_and_its_latency_is_taken_off() -> None:
     steps = np.zeros((60, 3), np.int64)
     steps[20:, 0], steps[30:, 1], steps[30:, 2] = 1, -2, 0
     light = light_of_steps(steps)
-    found = models.true_events(light)
+    found = models.reference_events(light)
     assert set(found["x"].tolist()) == {0, 1}
     on, off = (found[found["x"] == x] for x in (0, 1))
     assert on["p"].tolist() == [1]
@@ -89,9 +89,9 @@ def test_a_model_sees_each_pixel_alone_and_its_latency_is_taken_off() -> None:
     assert ((off["t"] > 29_000) & (off["t"] <= 30_000)).all()
 
     weights = random_network(5, 4, look_ahead=3)
-    contender = models.network(weights, models.Running(1, "reference"), "mine")
-    assert (contender.name, contender.latency_ticks) == ("mine", 21)
-    out = models.run(contender, light)
+    tested = models.network(weights, models.RuntimeOptions(1, "reference"), "mine")
+    assert (tested.name, tested.latency_ticks) == ("mine", 21)
+    out = models.run(tested, light)
     assert out.ms_per_tick > 0
     sensor = replace(models.sensor_of(3), width=3, height=1)
     model = EvsNetModel(sensor, weights, runtime="reference", initial="zero")
@@ -110,7 +110,7 @@ def test_pixels_keep_their_numbers() -> None:
         steps[pixel + 1 :, pixel] = 1
     sensor = models.sensor_of(count)
     assert (sensor.width, sensor.height) == (12, 4)
-    found = models.true_events(light_of_steps(steps))
+    found = models.reference_events(light_of_steps(steps))
     assert found["x"].tolist() == list(range(count))
     assert ((found["t"] + 999) // 1000).tolist() == list(range(1, count + 1))
     assert not found["y"].any()
@@ -129,7 +129,7 @@ def test_pooled_values_are_shares_of_sums() -> None:
                     static_px=100, static_events=40, delay_us=500.0, emd=3.0)  # fmt: skip
     calm = measures(on=0, off=0, reference_on=0, reference_off=0, pairs=0, static_px=900,
                     static_events=10, delay_us=math.nan, emd=1.0)  # fmt: skip
-    found = pool([busy, calm])
+    found = aggregate([busy, calm])
     told = {name: value.mean for name, value in found.items()}
     assert told["emd"] == 2.0
     assert (told["count_on"], told["count_off"], told["count"]) == (1.5, 0.5, 1.0)
@@ -142,7 +142,7 @@ def test_pooled_values_are_shares_of_sums() -> None:
     assert math.isnan(found["count_on"].spread)
     assert found["static_hz"].spread == pytest.approx((0.4 - 10 / 900) / math.sqrt(2))
     assert set(found) == set(VALUES)
-    assert all(math.isnan(value.spread) for value in pool([busy]).values())
+    assert all(math.isnan(value.spread) for value in aggregate([busy]).values())
 
 
 def test_rows_and_their_words() -> None:
@@ -152,7 +152,7 @@ def test_rows_and_their_words() -> None:
         cell("plain", 16, emd=0.5, scene="one"),
         cell("nothing", 0, "fixed", light="none", on=0, off=0, pairs=0, scene="one"),
     ]
-    rows = rows_of(cells)
+    rows = aggregate_rows(cells)
     assert [(row.model, row.spp, row.scenes) for row in rows] == [
         ("plain", 4, 2), ("plain", 16, 1), ("nothing", 0, 1)]  # fmt: skip
     lines = table(rows)
@@ -170,7 +170,7 @@ def test_the_overview() -> None:
         cell("adaptive", emd=0.5, pairs=150, on=50, static_px=0),
         cell("plain", 4, "fixed", light="direct", on=0, off=0, pairs=0),
     ]
-    assert overview(rows_of(cells)) == [
+    assert overview(aggregate_rows(cells)) == [
         "| camera | light | plain | adaptive |",
         "|---|---|---|---|",
         "| still | 4 spp fresh | 1.000, 0.75 / 0.75, 2.5 | 0.500, 0.75 / 1.00, - |",
@@ -197,9 +197,9 @@ def test_what_stood_still_before_fills_the_window_of_a_network() -> None:
     light = rng.gamma(8.0, 0.02, (110, 3)).astype(np.float32)
     for look_ahead in (0, 1):
         weights = random_network(6, 4, look_ahead=look_ahead)
-        contender = models.network(weights, models.Running(1, "reference"))
-        cold = models.run(contender, light[42:]).events
-        found = models.run(contender, light[42:], light[:42]).events
+        tested = models.network(weights, models.RuntimeOptions(1, "reference"))
+        cold = models.run(tested, light[42:]).events
+        found = models.run(tested, light[42:], light[:42]).events
         assert not np.array_equal(cold, found)
         sensor = replace(models.sensor_of(3), width=3, height=1)
         model = EvsNetModel(sensor, weights, runtime="reference", initial="zero")
@@ -212,20 +212,20 @@ def test_what_stood_still_before_fills_the_window_of_a_network() -> None:
         assert len(wanted) > 10
         assert np.array_equal(found, wanted)
     # pixels have no window
-    (plain,), _ = models.contenders(("plain",), None, models.Running(1, "native"))
+    (plain,), _ = models.models_under_test(("plain",), None, models.RuntimeOptions(1, "native"))
     known = models.run(plain, light[42:]).events
     assert np.array_equal(models.run(plain, light[42:], light[:42]).events, known)
 
 
 def test_before_a_take_its_first_instant_stood_still() -> None:
-    take = film(stage_of("procedural/0"), "pan", 4, sampled=8, patch_px=8, size=(32, 24))
-    before = take.before(3)
-    assert [shot[0].t_us for shot in before.shots] == [-3000, -2000, -1000]
-    for snapshot, pose in before.shots:
-        assert pose is take.shots[0][1]
-        assert np.array_equal(snapshot.geom_pos, take.shots[0][0].geom_pos)
-    assert before.fingerprint(3) != take.fingerprint(3)
+    clip = make_clip(scene_setup("procedural/0"), "pan", 4, sampled=8, patch_px=8, size=(32, 24))
+    before = clip.before(3)
+    assert [shot[0].t_us for shot in before.instants] == [-3000, -2000, -1000]
+    for snapshot, pose in before.instants:
+        assert pose is clip.instants[0][1]
+        assert np.array_equal(snapshot.geom_pos, clip.instants[0][0].geom_pos)
+    assert before.fingerprint(3) != clip.fingerprint(3)
     # whatever comes later in it
-    longer = film(stage_of("procedural/0"), "pan", 6, sampled=8, patch_px=8, size=(32, 24),
+    longer = make_clip(scene_setup("procedural/0"), "pan", 6, sampled=8, patch_px=8, size=(32, 24),
                   look_ticks=4)  # fmt: skip
     assert longer.before(3).fingerprint(3) == before.fingerprint(3)

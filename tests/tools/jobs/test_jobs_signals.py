@@ -13,7 +13,7 @@ import pytest
 
 from evs.drivers.clock import monotonic_s, sleep_s
 from evs.tools.jobs import run_jobs
-from evs.tools.jobs.target import PREFIX
+from evs.tools.jobs.target_folder import PREFIX
 from speed import jobs
 
 PROGRAM = """
@@ -110,7 +110,7 @@ def test_signals_leave_nothing_half_and_nobody_behind(tmp_path: Path, how: str) 
         assert len(left) == 1
     else:
         assert program.returncode == 0
-        assert f"['{how}'] Ran(made={len(whole)}, kept=0, left={40 - len(whole)}" in said
+        assert f"['{how}'] JobSummary(made={len(whole)}, kept=0, left={40 - len(whole)}" in said
         assert left == []
     assert run_jobs([jobs.Noise(number) for number in range(40)], tmp_path / "out").made > 0
     assert list((tmp_path / "out").glob(f"{PREFIX}*")) == []

@@ -14,29 +14,32 @@ from evs.launch.main import main
 from evs.msgs import EvsError
 from evs.tools import stress
 from evs.tools.doctor import trial
-from evs.tools.stress import GROUPS, Extreme, Outcome, Tried, extremes_of
+from evs.tools.stress import GROUPS, CaseResult, Measurement, StressCase, cases_of
 from evs.tools.stress.report import BEGIN, END, measured, rows_of, write_table
 
 PAGE = Path(__file__).parents[3] / "docs/reference/extremes.md"
 
-GOOD = Outcome(0.263, 1.0019, "thresholds", ("4 events", "a|b"))
-BAD = Outcome(2.5, 1.0, "ms")
-UNRECOVERED = Outcome(0, 0, "events", recovered=False)
+GOOD = Measurement(0.263, 1.0019, "thresholds", ("4 events", "a|b"))
+BAD = Measurement(2.5, 1.0, "ms")
+UNRECOVERED = Measurement(0, 0, "events", recovered=False)
 
 
-def tried(outcome: Outcome | None, name: str = "one", error: str = "") -> Tried:
-    extreme = Extreme(name, "light", "what | is done", "its bound", lambda _short: GOOD)
-    return Tried(extreme, outcome, error, 0.5)
+def tried(measurement: Measurement | None, name: str = "one", error: str = "") -> CaseResult:
+    case = StressCase(name, "light", "what | is done", "its bound", lambda _short: GOOD)
+    return CaseResult(case, measurement, error, 0.5)
 
 
 @pytest.fixture
-def found(monkeypatch: pytest.MonkeyPatch) -> list[Tried]:
+def found(monkeypatch: pytest.MonkeyPatch) -> list[CaseResult]:
     """What stands in for the run of the extremes; the trial run is left out."""
-    results: list[Tried] = []
+    results: list[CaseResult] = []
 
     def run(
-        *, short: bool, on_done: Callable[[Tried], None] | None, groups: tuple[str, ...] = GROUPS
-    ) -> list[Tried]:
+        *,
+        short: bool,
+        on_done: Callable[[CaseResult], None] | None,
+        groups: tuple[str, ...] = GROUPS,
+    ) -> list[CaseResult]:
         for one in results:
             if on_done is not None:
                 on_done(one)
@@ -44,7 +47,7 @@ def found(monkeypatch: pytest.MonkeyPatch) -> list[Tried]:
 
     monkeypatch.setattr(trial, "check_pipeline", lambda folder: [])
     monkeypatch.setattr(trial, "check_timing", doctor_check)
-    monkeypatch.setattr(stress, "run_extremes", run)
+    monkeypatch.setattr(stress, "run_cases", run)
     return results
 
 
@@ -55,9 +58,9 @@ def doctor_check() -> object:
 
 
 def test_each_is_a_line_with_measured_value_and_bound(
-    found: list[Tried], capsys: pytest.CaptureFixture[str]
+    found: list[CaseResult], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found += [tried(GOOD), tried(Outcome(1234567, 1e7, "events"), "two")]
+    found += [tried(GOOD), tried(Measurement(1234567, 1e7, "events"), "two")]
     assert main(["doctor"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert "ok   one                      0.263 thresholds, at most 1" in lines
@@ -66,21 +69,21 @@ def test_each_is_a_line_with_measured_value_and_bound(
 
 
 @pytest.mark.parametrize(
-    ("one", "said"),
+    ("one", "messages"),
     [
         (tried(BAD), "2.5 ms, at most 1"),
         (tried(UNRECOVERED), "0 events, at most 0, and the stream or what is said of it is not"),
         (tried(None, error="EvsError: it broke"), "broke down: EvsError: it broke"),
-        (tried(Outcome(math.nan, 1.0, "us")), "nan us, at most 1"),
+        (tried(Measurement(math.nan, 1.0, "us")), "nan us, at most 1"),
     ],
 )  # fmt: skip
 def test_one_that_fails_makes_the_exit_code(
-    one: Tried, said: str, found: list[Tried], capsys: pytest.CaptureFixture[str]
+    one: CaseResult, messages: str, found: list[CaseResult], capsys: pytest.CaptureFixture[str]
 ) -> None:
     found += [tried(GOOD), one]
     assert main(["doctor"]) == 1
     out = capsys.readouterr().out
-    assert f"FAIL one                      {said}" in out
+    assert f"FAIL one                      {messages}" in out
     assert out.splitlines()[-1] == doctor.BROKEN
     assert main(["doctor", "--json"]) == 1
     told = json.loads(capsys.readouterr().out)["extremes"]
@@ -89,7 +92,7 @@ def test_one_that_fails_makes_the_exit_code(
 
 
 def test_quick_leaves_them_out_and_an_unfit_machine_is_not_tried(
-    found: list[Tried], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    found: list[CaseResult], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found.append(tried(BAD))
     assert main(["doctor", "--quick"]) == 0
@@ -99,7 +102,7 @@ def test_quick_leaves_them_out_and_an_unfit_machine_is_not_tried(
 
 
 def test_the_table_is_written_whole_into_a_new_file_or_a_page(
-    found: list[Tried], tmp_path: Path
+    found: list[CaseResult], tmp_path: Path
 ) -> None:
     found += [tried(GOOD), tried(BAD, "two"), tried(None, "three", "it broke")]
     file = tmp_path / "new.md"
@@ -124,7 +127,7 @@ def test_the_table_is_written_whole_into_a_new_file_or_a_page(
     assert page.read_text() == written
 
 
-def test_a_file_that_is_no_page_is_left_as_it_is(found: list[Tried], tmp_path: Path) -> None:
+def test_a_file_that_is_no_page_is_left_as_it_is(found: list[CaseResult], tmp_path: Path) -> None:
     file = tmp_path / "notes.md"
     file.write_text("mine")
     with pytest.raises(EvsError, match="has no place for the table"):
@@ -138,13 +141,13 @@ def test_the_page_has_a_row_for_every_extreme_with_its_bound() -> None:
     registry = [
         (group, one.name, " ".join(one.what.split()), " ".join(one.bound.split()))
         for group in GROUPS
-        for one in extremes_of(group)
+        for one in cases_of(group)
     ]
     assert list(rows_of(PAGE.read_text(encoding="utf-8"))) == registry
     assert "FAILS" not in PAGE.read_text(encoding="utf-8")
 
 
 def test_a_number_is_told_as_people_write_it() -> None:
-    assert measured(tried(Outcome(0.0, 0, "events"))) == "0 events, at most 0"
-    assert measured(tried(Outcome(1e-9, 0.5))) == "1e-09, at most 0.5"
-    assert measured(tried(Outcome(math.inf, 1))) == "inf, at most 1"
+    assert measured(tried(Measurement(0.0, 0, "events"))) == "0 events, at most 0"
+    assert measured(tried(Measurement(1e-9, 0.5))) == "1e-09, at most 0.5"
+    assert measured(tried(Measurement(math.inf, 1))) == "inf, at most 1"

@@ -18,9 +18,9 @@ from evs.emulator.evsnet.decay import Decay, decay_tables
 from evs.emulator.sensor.pixel import plain
 from evs.emulator.sensor.readout.state import ReadoutState
 from evs.msgs import Events
-from evs.tools.stress import Tried, extremes_of, try_extreme
-from evs.tools.stress.machine import processor, scarce
-from evs.tools.stress.machine.child import Ended
+from evs.tools.stress import CaseResult, cases_of, run_case
+from evs.tools.stress.machine import processor, resources
+from evs.tools.stress.machine.child import ProcessResult
 from evs.tools.stress.network import clamps
 
 # what the extremes see is tried by running them
@@ -29,11 +29,11 @@ pytestmark = pytest.mark.slow
 Patch = pytest.MonkeyPatch
 
 
-def tried(name: str) -> Tried:
+def tried(name: str) -> CaseResult:
     """The short form of an extreme."""
     groups = ("sensor", "network", "machine")
-    (extreme,) = (one for group in groups for one in extremes_of(group) if one.name == name)
-    return try_extreme(extreme, short=True)
+    (case,) = (one for group in groups for one in cases_of(group) if one.name == name)
+    return run_case(case, short=True)
 
 
 def test_whole_they_hold() -> None:
@@ -66,9 +66,9 @@ def changed(patch: Patch, change: Callable[[Events], Events]) -> None:
 def test_events_that_are_lost(name: str, monkeypatch: Patch) -> None:
     changed(monkeypatch, lambda events: events[: len(events) // 2])
     found = tried(name)
-    assert found.outcome is not None
+    assert found.measurement is not None
     assert not found.holds
-    assert not found.outcome.value <= found.outcome.limit
+    assert not found.measurement.value <= found.measurement.limit
 
 
 def test_events_that_are_late(monkeypatch: Patch) -> None:
@@ -90,23 +90,23 @@ def test_events_that_are_late(monkeypatch: Patch) -> None:
 def test_pixels_that_are_not_blind(monkeypatch: Patch) -> None:
     changed(monkeypatch, lambda events: np.repeat(events, 2))
     found = tried("refractory-beyond-run")
-    assert found.outcome is not None
-    assert found.outcome.value == 2
+    assert found.measurement is not None
+    assert found.measurement.value == 2
 
 
 @pytest.mark.parametrize("name", ["sigma-over-theta", "refractory-beyond-run", "cutoff-0.01-hz"])
 def test_settings_that_nobody_is_warned_of(name: str, monkeypatch: Patch) -> None:
     monkeypatch.setattr(account, "doubts", lambda _camera, _config: [])
     found = tried(name)
-    assert found.outcome is not None
-    assert not found.outcome.recovered
+    assert found.measurement is not None
+    assert not found.measurement.recovered
 
 
 def test_drops_that_are_not_counted(monkeypatch: Patch) -> None:
     monkeypatch.setattr(ReadoutState, "dropped", property(lambda _state: {"busy": 1}))
     found = tried("every-pixel-every-tick")
-    assert found.outcome is not None
-    assert found.outcome.value > 1000
+    assert found.measurement is not None
+    assert found.measurement.value > 1000
 
 
 def test_a_network_that_is_not_refused_in_time(monkeypatch: Patch) -> None:
@@ -126,8 +126,8 @@ def test_a_membrane_that_decays_a_little_too_fast(name: str, monkeypatch: Patch)
     if name == "tau-longest":
         assert not short.holds
     else:  # nothing is left of it after 1e9 ticks; at full length shorter waits are looked at
-        (extreme,) = (one for one in extremes_of("network") if one.name == name)
-        assert not try_extreme(extreme).holds
+        (case,) = (one for one in cases_of("network") if one.name == name)
+        assert not run_case(case).holds
 
 
 def test_a_decay_that_is_no_number(monkeypatch: Patch) -> None:
@@ -155,8 +155,8 @@ def test_a_clock_that_is_waited_for_or_not_told_of(monkeypatch: Patch) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(clock, "_CLOCK_STEP_S", math.inf)
         found = tried("clock-jumps")
-        assert found.outcome is not None
-        assert found.outcome.value > 1e6
+        assert found.measurement is not None
+        assert found.measurement.value > 1e6
     monkeypatch.setattr(Lateness, "look", lambda _lateness: None)
     assert not tried("clock-jumps").holds
 
@@ -168,29 +168,29 @@ def test_time_that_is_stolen_and_not_told_of(monkeypatch: Patch) -> None:
 
 @pytest.mark.parametrize("name", ["memory-limit", "disk-full"])
 def test_a_recording_that_lacks_an_event(name: str, monkeypatch: Patch) -> None:
-    emulate = scarce.emulate
+    emulate = resources.emulate
 
-    def lossy(*words: Any, **more: Any) -> Ended:
+    def lossy(*words: Any, **more: Any) -> ProcessResult:
         ended = emulate(*words, **more)
         return replace(ended, recorded=ended.recorded[:-1])
 
-    monkeypatch.setattr(scarce, "emulate", lossy)
+    monkeypatch.setattr(resources, "emulate", lossy)
     found = tried(name)
-    assert found.outcome is not None
-    assert found.outcome.value >= 1
+    assert found.measurement is not None
+    assert found.measurement.value >= 1
 
 
 def test_a_path_without_avx_that_makes_other_events(monkeypatch: Patch) -> None:
     emulate = processor.emulate
 
-    def other(*words: Any, **more: Any) -> Ended:
+    def other(*words: Any, **more: Any) -> ProcessResult:
         ended = emulate(*words, **more)
         return replace(ended, recorded=ended.recorded[::2])
 
     monkeypatch.setattr(processor, "emulate", other)
     found = tried("no-avx")
-    assert found.outcome is not None
-    assert found.outcome.value > 10
+    assert found.measurement is not None
+    assert found.measurement.value > 10
 
 
 def test_a_thread_that_makes_other_events(monkeypatch: Patch) -> None:
@@ -202,5 +202,5 @@ def test_a_thread_that_makes_other_events(monkeypatch: Patch) -> None:
 
     monkeypatch.setattr(plain.PlainModel, "step", wrong)
     found = tried("threads")
-    assert found.outcome is not None
-    assert found.outcome.value > 100
+    assert found.measurement is not None
+    assert found.measurement.value > 100

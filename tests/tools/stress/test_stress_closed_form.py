@@ -11,11 +11,11 @@ from evs.msgs import Events, make_events
 from evs.tools.stress.closed_form import (
     THETA,
     WHITE_DN,
+    count_error,
     counts,
+    event_counts,
     log_light,
-    miscounted,
-    seen_counts,
-    untold,
+    residual_thresholds,
 )
 
 
@@ -32,15 +32,15 @@ def test_log_light_is_smooth_where_its_two_lines_touch() -> None:
 
 
 def test_a_step_owes_its_whole_thresholds_and_the_way_back_as_many() -> None:
-    owed, sure = counts(one_pixel(0.1, 0.1 * math.exp(2.5 * THETA), 0.1, 0.1))
-    assert sure.all()
-    assert owed[:, :, 0, 0].tolist() == [[0, 0], [0, 2], [2, 0], [0, 0]]
+    expected, certain = counts(one_pixel(0.1, 0.1 * math.exp(2.5 * THETA), 0.1, 0.1))
+    assert certain.all()
+    assert expected[:, :, 0, 0].tolist() == [[0, 0], [0, 2], [2, 0], [0, 0]]
 
 
 def test_a_crossing_that_float32_cannot_tell_is_in_doubt() -> None:
     for beside, certain in ((1e-5, False), (1e-4, True)):
-        _, sure = counts(one_pixel(0.1, 0.1 * math.exp((3 + beside) * THETA)))
-        assert sure.all() == certain
+        _, certain = counts(one_pixel(0.1, 0.1 * math.exp((3 + beside) * THETA)))
+        assert certain.all() == certain
 
 
 def events_of(*ticks: tuple[int, int]) -> Events:
@@ -52,23 +52,23 @@ def events_of(*ticks: tuple[int, int]) -> Events:
 def test_one_event_too_many_or_too_few_is_seen() -> None:
     light = one_pixel(0.1, 0.1 * math.exp(2.5 * THETA), 0.1)
     right = [(1, 1), (1, 1), (2, 0), (2, 0)]
-    assert miscounted(events_of(*right), light, 1000) == 0
-    assert miscounted(events_of(*right[:-1]), light, 1000) == 1
-    assert miscounted(events_of(*right, (2, 1)), light, 1000) == 1
+    assert count_error(events_of(*right), light, 1000) == 0
+    assert count_error(events_of(*right[:-1]), light, 1000) == 1
+    assert count_error(events_of(*right, (2, 1)), light, 1000) == 1
     # the same number in another tick is wrong twice
-    assert miscounted(events_of((1, 1), (2, 1), (2, 0), (2, 0)), light, 1000) == 2
+    assert count_error(events_of((1, 1), (2, 1), (2, 0), (2, 0)), light, 1000) == 2
     # a picture in doubt is no proof
-    assert miscounted(events_of(), one_pixel(0.1, 0.1 * math.exp(3 * THETA + 2e-6)), 1000) == (
+    assert count_error(events_of(), one_pixel(0.1, 0.1 * math.exp(3 * THETA + 2e-6)), 1000) == (
         math.inf
     )
 
 
 def test_events_tell_the_change_of_light_but_for_a_threshold() -> None:
     first, last = one_pixel(0.1, 0.1 * math.exp(2.5 * THETA))
-    assert untold(events_of((1, 1), (1, 1)), first, last) == pytest.approx(0.5)
-    assert untold(events_of((1, 1)), first, last) == pytest.approx(1.5)
+    assert residual_thresholds(events_of((1, 1), (1, 1)), first, last) == pytest.approx(0.5)
+    assert residual_thresholds(events_of((1, 1)), first, last) == pytest.approx(1.5)
 
 
 def test_a_stamp_at_a_ticks_end_is_the_ticks() -> None:
-    found = seen_counts(make_events([1000, 1001], [0, 0], [0, 0], [1, 1]), 2, 1000, (1, 1))
+    found = event_counts(make_events([1000, 1001], [0, 0], [0, 0], [1, 1]), 2, 1000, (1, 1))
     assert found[:, 1, 0, 0].tolist() == [0, 1, 1]

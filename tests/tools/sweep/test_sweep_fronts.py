@@ -9,16 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evs.drivers.pictures.labels import Label, overlap, place_labels
-from evs.tools.sweep.front import Spot, front
-from evs.tools.sweep.measured import Measured
+from evs.tools.sweep.pareto_front import ParetoPoint, pareto_front
+from evs.tools.sweep.record import SweepRecord
 
 pytestmark = pytest.mark.property
 
-RECORD = Measured("a.xml", "still", "fast", "", "", {})
+RECORD = SweepRecord("a.xml", "still", "fast", "", "", {})
 
 # few different values, so that there are many ties
-spot = st.builds(
-    Spot,
+pareto_point = st.builds(
+    ParetoPoint,
     st.just(RECORD),
     st.sampled_from([0.1, 0.2, 0.5, 1.0, 2.0]) | st.floats(1e-4, 10.0),
     st.sampled_from([0.0, 0.1, 0.2, 0.3]) | st.floats(0.0, 1.0),
@@ -26,21 +26,23 @@ spot = st.builds(
 )
 
 
-@given(st.lists(spot, max_size=30))
-def test_no_point_of_a_front_is_dominated_and_every_other_one_is(every: list[Spot]) -> None:
-    found = front(every)
+@given(st.lists(pareto_point, max_size=30))
+def test_no_point_of_a_front_is_dominated_and_every_other_one_is(every: list[ParetoPoint]) -> None:
+    found = pareto_front(every)
     assert bool(found) == bool(every)
     kept = {id(one) for one in found}
     for one, other in itertools.product(found, every):
         assert not other.dominates(one)
     for other in every:
         if id(other) not in kept:
-            equal = any((p.speed, p.seen) == (other.speed, other.seen) for p in found)
+            equal = any(
+                (p.speed, p.visible_error) == (other.speed, other.visible_error) for p in found
+            )
             assert equal or any(p.dominates(other) for p in found)
     # the fastest first, each more accurate than the one before
     for one, two in itertools.pairwise(found):
         assert one.speed > two.speed
-        assert one.seen > two.seen
+        assert one.visible_error > two.visible_error
 
 
 numbers = st.floats(0.0, 300.0)

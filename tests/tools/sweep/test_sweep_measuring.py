@@ -17,19 +17,19 @@ from evs.emulator.render import make_renderer
 from evs.launch.main import main
 from evs.msgs import EvsError, join_events
 from evs.tools.evaluation import models
-from evs.tools.evaluation.cache import LightCache
-from evs.tools.evaluation.scene_setup import Stage
-from evs.tools.evaluation.scenes import stage_of
-from evs.tools.evaluation.take import MOTIONS, SIZE, film
+from evs.tools.evaluation.clip import MOTIONS, SIZE, make_clip
+from evs.tools.evaluation.light_cache import LightCache
+from evs.tools.evaluation.scene_setup import SceneSetup
+from evs.tools.evaluation.scenes import scene_setup
 from evs.tools.sweep import axes
-from evs.tools.sweep.errors import ErrorSettings, Judge
-from evs.tools.sweep.front import unmatched
-from evs.tools.sweep.measured import STAGES, Measured
-from evs.tools.sweep.peers import way_of
+from evs.tools.sweep.errors import ErrorMeter, ErrorSettings
+from evs.tools.sweep.frame_methods import frame_method
+from evs.tools.sweep.pareto_front import unmatched
 from evs.tools.sweep.pixels import events_of
-from evs.tools.sweep.points import Point, point_of, preset_of
+from evs.tools.sweep.points import SweepPoint, preset_of, sweep_point
+from evs.tools.sweep.record import STAGES, SweepRecord
 from evs.tools.sweep.store import read_sweep
-from evs.tools.sweep.world import SweepWorld
+from evs.tools.sweep.sweep_world import SweepWorld
 from reference.judged import written
 
 TINY = ErrorSettings(pixels=160, ticks=60, reference_spp=512)
@@ -47,8 +47,8 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> LightCache:
 
 
 @pytest.fixture(scope="module")
-def judge(scene: Path, cache: LightCache) -> Judge:
-    return Judge(stage_of(str(scene)), "pan", TINY, cache)
+def error_meter(scene: Path, cache: LightCache) -> ErrorMeter:
+    return ErrorMeter(scene_setup(str(scene)), "pan", TINY, cache)
 
 
 def sweep_of(scene: Path, folder: Path, *words: str) -> tuple[list[str], Path]:
@@ -59,16 +59,16 @@ def sweep_of(scene: Path, folder: Path, *words: str) -> tuple[list[str], Path]:
     return [*base, *SMALL, *where, "--errors-only", "--quiet", *words], file
 
 
-def on_axis(preset: str, axis: str) -> dict[str, Point]:
+def on_axis(preset: str, axis: str) -> dict[str, SweepPoint]:
     return {p.value: p for p in axes.points([preset], [axis])}
 
 
 # errors
 
 
-def test_more_light_is_nearer_to_converged_light(judge: Judge) -> None:
+def test_more_light_is_nearer_to_converged_light(error_meter: ErrorMeter) -> None:
     fast, balanced, reference = (
-        judge.error(Point(name)) for name in ("fast", "balanced", "reference")
+        error_meter.error(SweepPoint(name)) for name in ("fast", "balanced", "reference")
     )
     assert reference.emd < balanced.emd
     assert reference.emd < fast.emd
@@ -82,10 +82,10 @@ def test_more_light_is_nearer_to_converged_light(judge: Judge) -> None:
     assert reference.recall_reference < 1.0
 
 
-def test_fresh_noise_is_worse_than_fixed(judge: Judge) -> None:
+def test_fresh_noise_is_worse_than_fixed(error_meter: ErrorMeter) -> None:
     four: dict[str, str | int] = {"render.renderer": "path", "render.spp": 4, "model.name": "plain"}
     fixed, fresh = (
-        judge.error(point_of("reference", "s", seeds, {**four, "render.seeds": seeds}))
+        error_meter.error(sweep_point("reference", "s", seeds, {**four, "render.seeds": seeds}))
         for seeds in ("fixed", "fresh")
     )
     assert fresh.emd > 3 * fixed.emd
@@ -93,19 +93,21 @@ def test_fresh_noise_is_worse_than_fixed(judge: Judge) -> None:
     assert fresh.count_ratio_on > fixed.count_ratio_on
 
 
-def test_what_changes_no_byte_changes_no_error(judge: Judge) -> None:
-    base = judge.error(Point("fast"))
+def test_what_changes_no_byte_changes_no_error(error_meter: ErrorMeter) -> None:
+    base = error_meter.error(SweepPoint("fast"))
     for axis in ("threads", "incremental"):
         for point in on_axis("fast", axis).values():
-            assert judge.error(point) == base
+            assert error_meter.error(point) == base
     one, eight = (on_axis("balanced", "chunk")[f"{n}"] for n in ("1 tick", "8 ticks"))
-    assert judge.error(one) == judge.error(eight)
+    assert error_meter.error(one) == error_meter.error(eight)
 
 
-def test_ticks_and_frames_are_laid_beside_the_same_reference(judge: Judge) -> None:
-    plain = judge.error(point_of("accurate", "s", "p", {"model.name": "plain", "model.chunk": 1}))
-    ticks = {v: judge.error(p) for v, p in on_axis("fast", "tick").items()}
-    ways = {v: judge.error(p) for v, p in on_axis("accurate", "frames").items()}
+def test_ticks_and_frames_are_laid_beside_the_same_reference(error_meter: ErrorMeter) -> None:
+    plain = error_meter.error(
+        sweep_point("accurate", "s", "p", {"model.name": "plain", "model.chunk": 1})
+    )
+    ticks = {v: error_meter.error(p) for v, p in on_axis("fast", "tick").items()}
+    ways = {v: error_meter.error(p) for v, p in on_axis("accurate", "frames").items()}
     # a picture every ms is what a tick of a ms sees
     assert ways["ESIM, 1000 FPS"] == plain == ways["v2e, 1000 FPS"]
     assert ways["ESIM, 60 FPS"].recall < ways["ESIM, 250 FPS"].recall < plain.recall
@@ -115,35 +117,39 @@ def test_ticks_and_frames_are_laid_beside_the_same_reference(judge: Judge) -> No
     assert ticks["10 ms"].recall < ticks["0.5 ms"].recall
 
 
-def test_another_size_and_another_low_pass_have_references_of_their_own(judge: Judge) -> None:
-    base = judge.error(Point("fast"))
-    small = judge.error(on_axis("fast", "resolution")["173 x 130"])
+def test_another_size_and_another_low_pass_have_references_of_their_own(
+    error_meter: ErrorMeter,
+) -> None:
+    base = error_meter.error(SweepPoint("fast"))
+    small = error_meter.error(on_axis("fast", "resolution")["173 x 130"])
     assert small.emd_reference != base.emd_reference
     filters = {v.split()[0]: p for v, p in on_axis("fast", "precision").items() if v}
-    exact, euler = (judge.error(filters[name]) for name in ("exact", "euler"))
+    exact, euler = (error_meter.error(filters[name]) for name in ("exact", "euler"))
     assert exact.emd_reference == euler.emd_reference != base.emd_reference
     assert exact != euler
 
 
-def test_light_is_traced_once(scene: Path, judge: Judge, cache: LightCache) -> None:
-    before = judge.error(Point("balanced"))
+def test_light_is_traced_once(scene: Path, error_meter: ErrorMeter, cache: LightCache) -> None:
+    before = error_meter.error(SweepPoint("balanced"))
     misses, hits = cache.misses, cache.hits
-    again = Judge(stage_of(str(scene)), "pan", TINY, cache, threads=1)
-    assert again.error(Point("balanced")) == before
+    again = ErrorMeter(scene_setup(str(scene)), "pan", TINY, cache, threads=1)
+    assert again.error(SweepPoint("balanced")) == before
     assert cache.misses == misses
     assert cache.hits > hits
 
 
-def test_a_network_is_for_ticks_of_a_ms(judge: Judge) -> None:
-    point = point_of("balanced", "s", "v", {"model.name": "evsnet", "scene.tick_us": 500})
+def test_a_network_is_for_ticks_of_a_ms(error_meter: ErrorMeter) -> None:
+    point = sweep_point("balanced", "s", "v", {"model.name": "evsnet", "scene.tick_us": 500})
     with pytest.raises(EvsError, match="networks are for ticks of 1000 us, not 500"):
-        judge.error(point)
+        error_meter.error(point)
 
 
 @pytest.mark.slow
-def test_pictures_of_opengl_have_an_error_too(judge: Judge) -> None:
+def test_pictures_of_opengl_have_an_error_too(error_meter: ErrorMeter) -> None:
     raster, direct = (
-        judge.error(point_of("fast", "renderer", name, {"render.renderer": name, "render.spp": 4}))
+        error_meter.error(
+            sweep_point("fast", "renderer", name, {"render.renderer": name, "render.spp": 4})
+        )
         for name in ("raster", "direct")
     )
     # the same hard light but for shadows, so events come at the same edges
@@ -155,19 +161,19 @@ def test_pictures_of_opengl_have_an_error_too(judge: Judge) -> None:
 # the world that is timed
 
 
-def pictures(stage: Stage, motion: str, config: PipelineConfig, ticks: int) -> list[F32]:
+def pictures(setup: SceneSetup, motion: str, config: PipelineConfig, ticks: int) -> list[F32]:
     """What the film of errors shows at the same ticks, whole."""
-    take = film(stage, motion, ticks, sampled=9, patch_px=8, tick_us=config.scene.tick_us)
-    render = replace(config.render, bounces=stage.bounces)
-    renderer = make_renderer(take.scene, take.camera, render, 1)
-    return [renderer.render(*shot).copy() for shot in take.shots]
+    clip = make_clip(setup, motion, ticks, sampled=9, patch_px=8, tick_us=config.scene.tick_us)
+    render = replace(config.render, bounces=setup.bounces)
+    renderer = make_renderer(clip.scene, clip.camera, render, 1)
+    return [renderer.render(*shot).copy() for shot in clip.instants]
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_the_timed_world_shows_what_errors_see(scene: Path, motion: str) -> None:
-    stage, config = stage_of(str(scene)), preset_of("fast")
-    world = SweepWorld(stage, motion, config)
-    wanted = pictures(stage, motion, config, 4)
+    setup, config = scene_setup(str(scene)), preset_of("fast")
+    world = SweepWorld(setup, motion, config)
+    wanted = pictures(setup, motion, config, 4)
     for picture in wanted[1:]:
         world.step()
         assert np.array_equal(world.cameras[0].luminance, picture)
@@ -175,15 +181,15 @@ def test_the_timed_world_shows_what_errors_see(scene: Path, motion: str) -> None
 
 
 def test_a_camera_of_frames_gives_the_events_of_its_way(scene: Path) -> None:
-    stage, way, base = stage_of(str(scene)), way_of("v2e, 250 FPS"), preset_of("fast")
+    setup, method, base = scene_setup(str(scene)), frame_method("v2e, 250 FPS"), preset_of("fast")
     config = replace(base, scene=replace(base.scene, tick_us=4000), sensor=models.SENSOR)
-    world = SweepWorld(stage, "pan", config, 0, way)
+    world = SweepWorld(setup, "pan", config, 0, method)
     begin_us = world.t_us
     seen = join_events([packet.events for _ in range(5) for packet in world.step()])
     rows, columns = np.mgrid[60:200, 100:250]
     y, x = rows.ravel(), columns.ravel()
-    light = np.stack([picture[y, x] for picture in pictures(stage, "pan", config, 6)])
-    alone = events_of(light, range(0, 24000, 4000), ModelConfig(), models.SENSOR, way)
+    light = np.stack([picture[y, x] for picture in pictures(setup, "pan", config, 6)])
+    alone = events_of(light, range(0, 24000, 4000), ModelConfig(), models.SENSOR, method)
     inside = seen[(seen["x"] >= 100) & (seen["x"] < 250) & (seen["y"] >= 60) & (seen["y"] < 200)]
     place = 150 * (inside["y"].astype(int) - 60) + inside["x"] - 100
     found = sorted(zip(inside["t"] - begin_us, place, inside["p"], strict=True))
@@ -236,23 +242,23 @@ def test_a_stopped_sweep_goes_on(
 ) -> None:
     line, file = sweep_of(scene, tmp_path, "--axis", "tick")
     measured: list[str] = []
-    error = Judge.error
+    error = ErrorMeter.error
 
-    def stopping(judge: Judge, point: Point) -> object:
+    def stopping(error_meter: ErrorMeter, point: SweepPoint) -> object:
         if len(measured) == 2:
             raise KeyboardInterrupt
         measured.append(point.value)
-        return error(judge, point)
+        return error(error_meter, point)
 
-    monkeypatch.setattr(Judge, "error", stopping)
+    monkeypatch.setattr(ErrorMeter, "error", stopping)
     assert main(line) == 130
     assert [one.value for one in read_sweep(file)[1]] == measured == ["", "0.25 ms"]
 
-    def counting(judge: Judge, point: Point) -> object:
+    def counting(error_meter: ErrorMeter, point: SweepPoint) -> object:
         measured.append(point.value)
-        return error(judge, point)
+        return error(error_meter, point)
 
-    monkeypatch.setattr(Judge, "error", counting)
+    monkeypatch.setattr(ErrorMeter, "error", counting)
     assert main(line) == 0
     everything = ["", "0.25 ms", "0.5 ms", "2 ms", "4 ms", "10 ms"]
     assert measured == everything
@@ -293,14 +299,14 @@ def test_a_point_that_fails_leaves_the_others(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    error = Judge.error
+    error = ErrorMeter.error
 
-    def failing(judge: Judge, point: Point) -> object:
+    def failing(error_meter: ErrorMeter, point: SweepPoint) -> object:
         if point.value == "2 ms":
             raise EvsError("it flies apart; take another scene")
-        return error(judge, point)
+        return error(error_meter, point)
 
-    monkeypatch.setattr(Judge, "error", failing)
+    monkeypatch.setattr(ErrorMeter, "error", failing)
     line, file = sweep_of(scene, tmp_path, "--axis", "tick")
     assert main(line) == 1
     assert [one.value for one in read_sweep(file)[1]] == ["", "0.25 ms", "0.5 ms", "4 ms", "10 ms"]
@@ -346,7 +352,7 @@ def test_records_are_json(tmp_path: Path, scene: Path) -> None:
     assert main(line) == 0
     head, *lines = file.read_text().splitlines()
     assert json.loads(head)["sweep"]["settings"]["pixels"] == 40
-    found = [Measured.from_json(line) for line in lines]
+    found = [SweepRecord.from_json(line) for line in lines]
     assert [one.value for one in found] == ["", "adaptive", "evsnet"]
     assert dict(found[1].settings) == {"model.name": "adaptive"}
     assert all(one.error is not None and math.isfinite(one.error.emd) for one in found)

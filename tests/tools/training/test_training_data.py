@@ -118,9 +118,9 @@ def test_scenes_of_no_use_are_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     score = np.full((130, 173), 2.0)
     bad = [pilot_of(score, 0.1), pilot_of(score, 1e5), pilot_of(score, 50.0, 1e5)]
     seen = iter([*bad, pilot_of(score)])
-    monkeypatch.setattr(make, "look", lambda *_: next(seen))
+    monkeypatch.setattr(make, "run_pilot", lambda *_: next(seen))
     assert make_shard(TINY, number).meta["scene"]["attempt"] == 3
-    monkeypatch.setattr(make, "look", lambda *_: pilot_of(score, 0.1))
+    monkeypatch.setattr(make, "run_pilot", lambda *_: pilot_of(score, 0.1))
     with pytest.raises(EvsError, match=r"scene 1: none of 20 .*take another seed"):
         make_shard(TINY, number)
 
@@ -128,7 +128,7 @@ def test_scenes_of_no_use_are_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_few_numbers_may_be_still(monkeypatch: pytest.MonkeyPatch) -> None:
     still = pilot_of(np.zeros((130, 173)))
     seen = []
-    monkeypatch.setattr(make, "look", lambda *_: still)
+    monkeypatch.setattr(make, "run_pilot", lambda *_: still)
     monkeypatch.setattr(make, "ATTEMPTS", 1)
     for number in range(60):
         try:

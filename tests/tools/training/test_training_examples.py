@@ -10,21 +10,21 @@ import numpy as np
 import pytest
 
 from evs.msgs import EvsError
-from evs.tools.training import examples as module
+from evs.tools.training import training_examples as module
 from evs.tools.training.calibration import MOST_PRICE, Calibration
-from evs.tools.training.examples import (
-    Examples,
+from evs.tools.training.fit import LINLOG_DN
+from evs.tools.training.network import Architecture
+from evs.tools.training.recipes import RECIPES, Recipe, recipe_named
+from evs.tools.training.settings import Variant
+from evs.tools.training.shards import Shards
+from evs.tools.training.training_examples import (
+    TrainingExamples,
     differences,
     louder,
     prepare,
     sample_held_out,
     true_membranes,
 )
-from evs.tools.training.fit import LINLOG_DN
-from evs.tools.training.network import Architecture
-from evs.tools.training.recipes import RECIPES, Recipe, recipe_named
-from evs.tools.training.settings import Variant
-from evs.tools.training.shards import Shards
 from evs.tools.training.validation import plain_events
 from reference.shards import synthetic_data
 
@@ -97,7 +97,7 @@ def test_pixels_that_no_network_can_follow_are_left_out(folder: Path) -> None:
 
 
 def test_a_batch_follows_from_seed_and_step(folder: Path) -> None:
-    first, second = (Examples(folder, RECIPE, 1, LINLOG_DN) for _ in range(2))
+    first, second = (TrainingExamples(folder, RECIPE, 1, LINLOG_DN) for _ in range(2))
     assert [int(path.stem) for path in first.held_out] == [0, 8]
     early = [first.batch(step) for step in range(4)]
     late = second.batch(3)
@@ -108,11 +108,11 @@ def test_a_batch_follows_from_seed_and_step(folder: Path) -> None:
     for name in ("x", "start", "counts", "variant"):
         assert np.array_equal(getattr(early[3], name), getattr(late, name))
     assert not np.array_equal(early[2].x, late.x)
-    assert not np.array_equal(Examples(folder, RECIPE, 2, LINLOG_DN).batch(3).x, late.x)
+    assert not np.array_equal(TrainingExamples(folder, RECIPE, 2, LINLOG_DN).batch(3).x, late.x)
 
 
 def test_a_batch_holds_pixels_of_the_training_scenes_with_their_truth(folder: Path) -> None:
-    examples = Examples(folder, RECIPE, 1, LINLOG_DN)
+    examples = TrainingExamples(folder, RECIPE, 1, LINLOG_DN)
     batch = examples.batch(0)
     scenes = [prepare(shard, RECIPE, LINLOG_DN) for shard in Shards(folder)]
     seen = set()
@@ -150,7 +150,7 @@ def test_the_noise_of_each_pixel_is_taken_so_many_times(folder: Path) -> None:
     assert np.abs(louder(true + 15, true - 5, (4.0, 4.0), rng)).max() == 20
 
     noisy = dataclasses.replace(RECIPE, noise=(2.0, 2.0))
-    plain, loud = (Examples(folder, one, 1, LINLOG_DN).batch(0) for one in (RECIPE, noisy))
+    plain, loud = (TrainingExamples(folder, one, 1, LINLOG_DN).batch(0) for one in (RECIPE, noisy))
     assert np.array_equal(plain.counts[0], loud.counts[0])
     truth = np.concatenate([prepare(s, noisy, LINLOG_DN).true_x for s in Shards(folder)])
     starts = np.concatenate([prepare(s, noisy, LINLOG_DN).start for s in Shards(folder)])
@@ -162,14 +162,14 @@ def test_the_noise_of_each_pixel_is_taken_so_many_times(folder: Path) -> None:
 
 def test_shares_choose_the_variants(folder: Path) -> None:
     only = dataclasses.replace(RECIPE, shares=(0.0, 1.0))
-    examples = Examples(folder, only, 1, LINLOG_DN)
+    examples = TrainingExamples(folder, only, 1, LINLOG_DN)
     assert {int(v) for step in range(10) for v in examples.batch(step).variant} == {1}
 
 
 def test_more_scenes_than_memory_take_turns(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "ROUND_STEPS", 1)
     one = 24 * 60 * (4 * 2 + 2)
-    examples = Examples(folder, RECIPE, 1, LINLOG_DN, memory_bytes=3 * one)
+    examples = TrainingExamples(folder, RECIPE, 1, LINLOG_DN, memory_bytes=3 * one)
     seen: dict[Path, int] = {}
     for step in range(7):
         examples.batch(step)
@@ -179,12 +179,12 @@ def test_more_scenes_than_memory_take_turns(folder: Path, monkeypatch: pytest.Mo
             seen[path] = seen.get(path, 0) + 1
     assert set(seen) == set(examples.training)
     assert set(seen.values()) <= {2, 3}
-    again = Examples(folder, RECIPE, 1, LINLOG_DN, memory_bytes=3 * one)
+    again = TrainingExamples(folder, RECIPE, 1, LINLOG_DN, memory_bytes=3 * one)
     assert np.array_equal(again.batch(5).x, examples.batch(5).x)
 
 
 def test_validation_pixels_are_of_the_held_out_scenes(folder: Path) -> None:
-    examples = Examples(folder, RECIPE, 1, LINLOG_DN)
+    examples = TrainingExamples(folder, RECIPE, 1, LINLOG_DN)
     sample = sample_held_out(examples, VARIANTS, 20)
     assert sample.x.shape == (2, 20, 60)
     held = [prepare(Shards(folder)[place], RECIPE, LINLOG_DN).start for place in (0, 8)]
@@ -193,19 +193,19 @@ def test_validation_pixels_are_of_the_held_out_scenes(folder: Path) -> None:
 
 def test_bad_data_is_told_in_one_line(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(EvsError, match="evs train data"):
-        Examples(tmp_path, RECIPE, 1, LINLOG_DN)
+        TrainingExamples(tmp_path, RECIPE, 1, LINLOG_DN)
     few = tmp_path / "few"
     shutil.copytree(folder, few)
     for number in (0, 8):
         (few / f"{number:05d}.npz").unlink()
     with pytest.raises(EvsError, match="7 scenes; two are needed"):
-        Examples(few, RECIPE, 1, LINLOG_DN)
+        TrainingExamples(few, RECIPE, 1, LINLOG_DN)
     late = RECIPE.with_look_ahead(21)
     with pytest.raises(EvsError, match="60 ticks, too few"):
-        Examples(folder, dataclasses.replace(late, warm_ticks=40), 1, LINLOG_DN)
+        TrainingExamples(folder, dataclasses.replace(late, warm_ticks=40), 1, LINLOG_DN)
     paper = dataclasses.replace(recipe_named("paper"), warm_ticks=4)
     with pytest.raises(EvsError, match="no light of 64 spp"):
-        Examples(folder, paper, 1, LINLOG_DN).batch(0)
+        TrainingExamples(folder, paper, 1, LINLOG_DN).batch(0)
 
 
 @pytest.mark.parametrize(

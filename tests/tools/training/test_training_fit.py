@@ -19,8 +19,7 @@ from evs.msgs import EVENT_DTYPE, Events, EvsError
 from evs.tools.metrics import Window, count_ratio, mean_emd
 from evs.tools.training import fit as module
 from evs.tools.training import initial, report
-from evs.tools.training.examples import Examples, Prepared, differences
-from evs.tools.training.fit import LINLOG_DN, Fitted, fit
+from evs.tools.training.fit import LINLOG_DN, TrainedNetwork, fit
 from evs.tools.training.initial import identity
 from evs.tools.training.losses import Terms
 from evs.tools.training.network import Architecture, currents, spread_look_ahead
@@ -29,6 +28,7 @@ from evs.tools.training.settings import Variant
 from evs.tools.training.shards import Shards
 from evs.tools.training.step import Stepper, learning_rate
 from evs.tools.training.targets import IDEAL
+from evs.tools.training.training_examples import Prepared, TrainingExamples, differences
 from evs.tools.training.validation import (
     Scores,
     Validation,
@@ -132,7 +132,7 @@ def test_groups_one_by_one_and_all_at_once_are_the_same_step(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What a CPU does and what a GPU does."""
-    examples = Examples(folder, SMALL, 1, LINLOG_DN)
+    examples = TrainingExamples(folder, SMALL, 1, LINLOG_DN)
     batch = examples.batch(0)
     price = np.array([[0.1, -0.05], [0.2, 0.0]], np.float32)
     weight = np.array([0.5, 1.5], np.float32)
@@ -166,9 +166,9 @@ def test_an_interrupted_training_ends_as_one_that_was_not(folder: Path, tmp_path
 
     # after the validation, before its checkpoint: what follows step 4 is done again
     with pytest.raises(KeyboardInterrupt):
-        fit(folder, SMALL, tmp_path / "b.npz", validate_every=4, tell=interrupt)
+        fit(folder, SMALL, tmp_path / "b.npz", validate_every=4, report=interrupt)
     told.clear()
-    resumed = fit(folder, SMALL, tmp_path / "b.npz", validate_every=4, tell=told.append)
+    resumed = fit(folder, SMALL, tmp_path / "b.npz", validate_every=4, report=told.append)
     assert "going on from step 4" in told[0]
     assert resumed.checkpoint.step == whole.checkpoint.step == 8
     for mine, theirs in zip(
@@ -193,7 +193,7 @@ def test_scenes_may_be_added_between_two_parts_of_a_training(tmp_path: Path) -> 
     first = fit(folder, short, tmp_path / "a.npz", validate_every=2)
     synthetic_data(folder, 9, 48, 100)
     told: list[str] = []
-    second = fit(folder, SMALL, tmp_path / "a.npz", validate_every=100, tell=told.append)
+    second = fit(folder, SMALL, tmp_path / "a.npz", validate_every=100, report=told.append)
     assert "7 scenes to train on, 2 held out, going on from step 2" in told[0]
     assert (first.checkpoint.held_out, second.checkpoint.held_out) == ([0], [0, 8])
     # the best so far was scored anew before anything was compared with it
@@ -271,7 +271,7 @@ def test_a_small_training(tmp_path: Path, look_ahead: int) -> None:
 
 
 def agree_with_the_reference(
-    folder: Path, fitted: Fitted, stored: NetworkWeights, variant: Variant
+    folder: Path, fitted: TrainedNetwork, stored: NetworkWeights, variant: Variant
 ) -> int:
     """Events of runtime `reference` are those of JAX, but where V' is a threshold but for rounding.
 

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from evs.emulator.world import bytes_of
-from evs.tools.training.pilot import look
+from evs.tools.training.pilot import run_pilot
 from evs.tools.training.scenes import KINDS, make_scene
 from evs.tools.training.scenes.draft import Draft, encoded, num
 from evs.tools.training.scenes.materials import albedo
 from evs.tools.training.scenes.motion import Eye, moving
 from evs.tools.training.scenes.patterns import PATTERNS, pattern_file
 from evs.tools.training.scenes.scene import TrainingScene
-from evs.tools.training.traced_scene import load_scene, set_up
+from evs.tools.training.traced_scene import load_scene, simulate_scene
 
 MANY = 150
 
@@ -119,11 +119,11 @@ def test_every_pattern_is_a_picture_with_the_contrast_asked_for() -> None:
 
 def test_scenes_load_and_hold_together(scenes: list[TrainingScene]) -> None:
     for scene in scenes[:40]:
-        stage = set_up(scene, 3, 1000, 1)
-        assert len(stage.snapshots) == 3
-        assert (stage.camera.width, stage.camera.height) == (346, 260)
-        assert not stage.scene.left_out
-        assert [snapshot.t_us for snapshot in stage.snapshots] == [0, 1000, 2000]
+        traced = simulate_scene(scene, 3, 1000, 1)
+        assert len(traced.snapshots) == 3
+        assert (traced.camera.width, traced.camera.height) == (346, 260)
+        assert not traced.scene.left_out
+        assert [snapshot.t_us for snapshot in traced.snapshots] == [0, 1000, 2000]
 
 
 def test_a_scene_is_the_same_model_whenever_it_is_made(scenes: list[TrainingScene]) -> None:
@@ -150,7 +150,7 @@ def test_things_move_as_fast_as_was_asked(way: str, speed: float) -> None:
             f'{body}<camera name="eye" fovy="45" xyaxes="{num(*right, *up)}"/></worldbody>'
             f'<keyframe><key name="start" qvel="{num(*draft.velocity)}"/></keyframe></mujoco>'
         )
-        pilot = look(set_up(TrainingScene(text, {}, (), 1, {}), 20, 1000, 1), 0)
+        pilot = run_pilot(simulate_scene(TrainingScene(text, {}, (), 1, {}), 20, 1000, 1), 0)
         # its fastest part, in the first ms
         found.append(float(np.nanmax(pilot.speed[0])) / speed)
     assert len(found) >= 2

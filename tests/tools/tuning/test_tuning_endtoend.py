@@ -10,13 +10,13 @@ import pytest
 from evs.drivers.run.config import load
 from evs.drivers.run.shipped import PIPELINES
 from evs.launch.main import main
-from evs.tools.evaluation.cache import LightCache
+from evs.tools.evaluation.light_cache import LightCache
 from evs.tools.sweep.errors import ErrorSettings
-from evs.tools.sweep.front import DEFAULT
+from evs.tools.sweep.pareto_front import DEFAULT
 from evs.tools.sweep.speed import SpeedSettings
-from evs.tools.tuning.base import base_of
-from evs.tools.tuning.gauge import Effort, opened
-from evs.tools.tuning.search import Goal, Search
+from evs.tools.tuning.base_pipeline import base_pipeline
+from evs.tools.tuning.measurement import MeasurementEffort, open_measurer
+from evs.tools.tuning.search import Search, TuningGoal
 from evs.tools.tuning.space import Candidate, candidates
 
 pytestmark = pytest.mark.integration
@@ -38,7 +38,7 @@ WASHED_OUT = """<mujoco>
 </mujoco>"""
 """A box that turns in a lamp's light, which its headlight drowns."""
 
-LITTLE = Effort(
+LITTLE = MeasurementEffort(
     ErrorSettings(pixels=128, ticks=60, reference_spp=64), SpeedSettings(seconds=0.1, repeats=2)
 )
 
@@ -75,21 +75,21 @@ def test_what_is_measured_is_of_the_pipeline_that_is_asked_for(tmp_path: Path) -
     """Light that a pipeline takes away is not in the reference either."""
     (tmp_path / "box.xml").write_text(WASHED_OUT)
     keys = [*SMALL, ("render.headlight", "off"), ("scene.keyframe", "0")]
-    base = base_of(str(tmp_path / "box.xml"), keys)
+    base = base_pipeline(str(tmp_path / "box.xml"), keys)
     few = Candidate("path", 1, "fixed", "fixed", "plain")
     many = Candidate("path", 64, "fixed", "fixed", "plain")
-    with opened(base, "still", DEFAULT, LightCache(tmp_path / "cache"), LITTLE) as gauge:
-        assert gauge.point(many).config.render.headlight == "off"
-        assert gauge.error(many) < 0.1
-        assert gauge.error(many) < gauge.error(few)
-        assert 0.0 < gauge.own < 0.1
-        assert gauge.rtf(many) < gauge.rtf(few)
-        assert 0.0 < gauge.speeds[few].rays_per_tick <= 48 * 36
-        assert 0.0 < gauge.seconds(many, 0.5) < 60.0
-        able = candidates({"model.name": "plain", "scene.tick_us": 1000, "threads": 1,
+    with open_measurer(base, "still", DEFAULT, LightCache(tmp_path / "cache"), LITTLE) as measurer:
+        assert measurer.point(many).config.render.headlight == "off"
+        assert measurer.error(many) < 0.1
+        assert measurer.error(many) < measurer.error(few)
+        assert 0.0 < measurer.reference_error < 0.1
+        assert measurer.rtf(many) < measurer.rtf(few)
+        assert 0.0 < measurer.speeds[few].rays_per_tick <= 48 * 36
+        assert 0.0 < measurer.seconds(many, 0.5) < 60.0
+        every = candidates({"model.name": "plain", "scene.tick_us": 1000, "threads": 1,
                            "render.renderer": "path"})  # fmt: skip
-        goal = Goal(error=2.0 * gauge.own + 0.1)
-        found = Search(able, goal, gauge, lambda: math.inf).run()
+        goal = TuningGoal(error=2.0 * measurer.reference_error + 0.1)
+        found = Search(every, goal, measurer, lambda: math.inf).run()
     assert found.reached
     assert found.verified
     assert found.winner.candidate.spp < 1024

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.tools.tuning.search import MOST, Goal, Search
+from evs.tools.tuning.search import MOST, Search, TuningGoal
 from evs.tools.tuning.space import Candidate, candidates
 
 pytestmark = pytest.mark.property
@@ -34,7 +34,7 @@ class Formula:
     adaptive: float
     network: float
     ticks: float
-    own: float = 0.01
+    reference_error: float = 0.01
 
     def rtf(self, one: Candidate) -> float:
         ray_ms = self.direct_ms if one.renderer == "direct" else self.path_ms
@@ -68,19 +68,21 @@ formulas = st.builds(
     network=st.floats(0.5, 1.5),
     ticks=st.floats(0.0, 0.8),
 )
-goals = st.floats(-2.0, 0.5).map(lambda e: Goal(rtf=10.0**e)) | st.floats(-1.5, -0.3).map(
-    lambda e: Goal(error=10.0**e)
+goals = st.floats(-2.0, 0.5).map(lambda e: TuningGoal(rtf=10.0**e)) | st.floats(-1.5, -0.3).map(
+    lambda e: TuningGoal(error=10.0**e)
 )
 
 
 @settings(deadline=None, max_examples=40)
 @given(formulas, goals)
-def test_the_answer_was_measured_and_nothing_known_is_better(scene: Formula, goal: Goal) -> None:
+def test_the_answer_was_measured_and_nothing_known_is_better(
+    scene: Formula, goal: TuningGoal
+) -> None:
     found = Search(EVERY, goal, scene, lambda: math.inf).run()
     winner = found.winner
     assert winner.measured
     assert winner.rtf == scene.rtf(winner.candidate)
-    assert winner.error == max(scene.error(winner.candidate), scene.own)
+    assert winner.error == max(scene.error(winner.candidate), scene.reference_error)
     assert found.reached == goal.met(winner.rtf, winner.error)
     assert len(found.measured) <= MOST
     for one in found.measured:
@@ -93,9 +95,9 @@ def test_the_answer_was_measured_and_nothing_known_is_better(scene: Formula, goa
 
 @settings(deadline=None, max_examples=40, derandomize=True)
 @given(formulas, goals)
-def test_little_is_better_than_the_answer(scene: Formula, goal: Goal) -> None:
+def test_little_is_better_than_the_answer(scene: Formula, goal: TuningGoal) -> None:
     found = Search(EVERY, goal, scene, lambda: math.inf).run()
-    values = [(scene.rtf(one), max(scene.error(one), scene.own)) for one in EVERY]
+    values = [(scene.rtf(one), max(scene.error(one), scene.reference_error)) for one in EVERY]
     rtf, error = min(values, key=lambda both: goal.rank(*both))
     assert found.reached or not goal.met(0.9 * rtf, 1.1 * error)
     if found.reached and goal.rtf is not None:

@@ -13,9 +13,9 @@ from evs.drivers.settings import override, to_text
 from evs.emulator.config import ModelConfig
 from evs.msgs import EvsError
 from evs.tools.sweep.points import check
-from evs.tools.tuning.search import MOST, Found, Goal, Search
+from evs.tools.tuning.search import MOST, Search, SearchResult, TuningGoal
 from evs.tools.tuning.space import Candidate, calibration, candidates
-from evs.tools.tuning.surface import COST, EFFECTS, ERROR, Surface, effects_of
+from evs.tools.tuning.surrogate import COST, EFFECTS, ERROR, Surrogate, effects_of
 
 
 @dataclass
@@ -28,7 +28,7 @@ class Formula:
     """what `direct` can never find: soft light"""
     wrong: Callable[[Candidate], tuple[float, float]] = lambda _: (1.0, 1.0)
     """factors on cost and error that no model would guess"""
-    own: float = 0.008
+    reference_error: float = 0.008
     timed: list[Candidate] = field(default_factory=list)
     judged: list[Candidate] = field(default_factory=list)
 
@@ -50,7 +50,9 @@ class Formula:
         else:
             off = 0.45 * one.spp**-0.35
         ticks = one.tick_us / 1000
-        return max(self.own, min(1.0, off * (0.8 + 0.2 * ticks**1.3)) * self.wrong(one)[1])
+        return max(
+            self.reference_error, min(1.0, off * (0.8 + 0.2 * ticks**1.3)) * self.wrong(one)[1]
+        )
 
     def rtf(self, one: Candidate) -> float:
         self.timed.append(one)
@@ -65,27 +67,27 @@ class Formula:
 
 
 def tuned(
-    goal: Goal, scene: Formula, able: list[Candidate] | None = None, budget: float = 1e9
-) -> Found:
+    goal: TuningGoal, scene: Formula, given: list[Candidate] | None = None, budget: float = 1e9
+) -> SearchResult:
     def left() -> float:
         return budget - sum(scene.seconds(c, scene.true_rtf(c)) for c in scene.timed)
 
-    return Search(able or candidates(), goal, scene, left).run()
+    return Search(given or candidates(), goal, scene, left).run()
 
 
-def best(goal: Goal, scene: Formula) -> tuple[float, float]:
+def best(goal: TuningGoal, scene: Formula) -> tuple[float, float]:
     """(real-time factor, error) of the best there is, by looking at all of them."""
     every = [(scene.true_rtf(c), scene.true_error(c)) for c in candidates()]
     return min(every, key=lambda values: goal.rank(*values))
 
 
-GOALS = [Goal(rtf=r) for r in (3.0, 1.0, 0.3, 0.1, 0.02)]
-GOALS += [Goal(error=e) for e in (0.3, 0.15, 0.05, 0.02)]
+GOALS = [TuningGoal(rtf=r) for r in (3.0, 1.0, 0.3, 0.1, 0.02)]
+GOALS += [TuningGoal(error=e) for e in (0.3, 0.15, 0.05, 0.02)]
 
 
 @pytest.mark.parametrize("goal", GOALS, ids=str)
 @pytest.mark.parametrize("floor", [0.002, 0.1])
-def test_the_optimum_of_a_formula_is_found(goal: Goal, floor: float) -> None:
+def test_the_optimum_of_a_formula_is_found(goal: TuningGoal, floor: float) -> None:
     scene = Formula(floor=floor)
     found = tuned(goal, scene)
     assert found.reached
@@ -107,7 +109,7 @@ def test_the_optimum_of_a_formula_is_found(goal: Goal, floor: float) -> None:
 
 def test_what_is_measured_is_measured_once_and_threads_change_no_error() -> None:
     scene = Formula()
-    tuned(Goal(rtf=0.3), scene)
+    tuned(TuningGoal(rtf=0.3), scene)
     assert len(set(scene.timed)) == len(scene.timed)
     assert len(set(scene.judged)) == len(scene.judged)
     assert {c.threads for c in scene.timed} == {0, 1}
@@ -118,11 +120,13 @@ def test_what_is_measured_is_measured_once_and_threads_change_no_error() -> None
 
 def test_a_single_thread_wins_where_threads_only_get_in_each_others_way() -> None:
     scene = Formula(parallel=0.5)
-    assert tuned(Goal(rtf=0.3), scene).winner.candidate.threads == 1
+    assert tuned(TuningGoal(rtf=0.3), scene).winner.candidate.threads == 1
 
 
-@pytest.mark.parametrize("goal", [Goal(rtf=1.0), Goal(rtf=0.05), Goal(error=0.06)], ids=str)
-def test_a_wrong_prediction_is_corrected_by_measuring(goal: Goal) -> None:
+@pytest.mark.parametrize(
+    "goal", [TuningGoal(rtf=1.0), TuningGoal(rtf=0.05), TuningGoal(error=0.06)], ids=str
+)
+def test_a_wrong_prediction_is_corrected_by_measuring(goal: TuningGoal) -> None:
     """What promises to be best is four times as dear and errs twice as much as all that is near."""
     promised = tuned(goal, Formula()).winner.candidate
 
@@ -142,10 +146,10 @@ def test_a_wrong_prediction_is_corrected_by_measuring(goal: Goal) -> None:
 
 def test_what_cannot_be_reached_ends_in_the_best_there_is() -> None:
     scene = Formula()
-    fast = tuned(Goal(rtf=1e4), scene)
+    fast = tuned(TuningGoal(rtf=1e4), scene)
     assert not fast.reached
-    assert fast.winner.rtf == pytest.approx(best(Goal(rtf=1e4), scene)[0], rel=0.1)
-    exact = tuned(Goal(error=1e-3), Formula())
+    assert fast.winner.rtf == pytest.approx(best(TuningGoal(rtf=1e4), scene)[0], rel=0.1)
+    exact = tuned(TuningGoal(error=1e-3), Formula())
     assert not exact.reached
     # the reference cannot tell anything below its own error
     assert exact.winner.error == 0.008
@@ -153,18 +157,18 @@ def test_what_cannot_be_reached_ends_in_the_best_there_is() -> None:
 
 def test_a_budget_bounds_the_measuring() -> None:
     scene = Formula()
-    found = tuned(Goal(error=0.01), scene, budget=2.0)
+    found = tuned(TuningGoal(error=0.01), scene, budget=2.0)
     spent = sum(scene.seconds(c, scene.true_rtf(c)) for c in scene.timed)
     assert spent < 2.0 * 1.5
     assert not found.verified
     assert found.winner.measured
     # nothing at all to spend: one is measured all the same
-    assert len(tuned(Goal(error=0.01), Formula(), budget=0.0).measured) == 1
+    assert len(tuned(TuningGoal(error=0.01), Formula(), budget=0.0).measured) == 1
 
 
 def test_what_the_next_steps_would_have_cost() -> None:
     scene = Formula()
-    found = tuned(Goal(rtf=0.3), scene)
+    found = tuned(TuningGoal(rtf=0.3), scene)
     assert found.better is not None
     assert found.faster is not None
     assert found.better.error < found.winner.error
@@ -180,18 +184,18 @@ def test_a_scene_without_events_is_told() -> None:
             return math.nan
 
     with pytest.raises(EvsError, match="nothing happens in the scene"):
-        tuned(Goal(rtf=1.0), Dead())
+        tuned(TuningGoal(rtf=1.0), Dead())
 
 
 def test_goals_that_make_no_sense() -> None:
     for wanted in ({}, {"rtf": 1.0, "error": 0.1}):
         with pytest.raises(EvsError, match=r"give one goal: --rtf 1\.0 or --error 0\.1"):
-            Goal(**wanted)
+            TuningGoal(**wanted)
     for wanted in ({"rtf": 0.0}, {"rtf": math.inf}, {"rtf": math.nan}):
         with pytest.raises(EvsError, match="--rtf is "):
-            Goal(**wanted)
+            TuningGoal(**wanted)
     with pytest.raises(EvsError, match="--error is -1: give an error above 0"):
-        Goal(error=-1.0)
+        TuningGoal(error=-1.0)
 
 
 def test_candidates_and_their_calibration() -> None:
@@ -243,7 +247,7 @@ def test_a_surface_meets_what_was_measured_and_says_how_sure_it_is() -> None:
     assert all(len(effects_of(one)) == len(EFFECTS) for one in candidates())
     scene = Formula()
     known = calibration(candidates())
-    surface = Surface(COST, 0.01)
+    surface = Surrogate(COST, 0.01)
     surface.fit(known, [1.0 / scene.true_rtf(one) for one in known])
     values, factors = surface.at(known)
     for one, value, factor in zip(known, values, factors, strict=True):
@@ -256,6 +260,6 @@ def test_a_surface_meets_what_was_measured_and_says_how_sure_it_is() -> None:
 
 
 def test_before_anything_is_measured_a_surface_knows_next_to_nothing() -> None:
-    surface = Surface(ERROR, 0.05)
+    surface = Surrogate(ERROR, 0.05)
     _, factors = surface.at(candidates()[:3])
     assert factors.min() > 8.0

@@ -1,7 +1,7 @@
-"""The extremes of light."""
+"""Stress cases of light."""
 
-from evs.tools.stress.light import bad, levels, pulses, sun
+from evs.tools.stress.light import invalid, levels, pulses, sun
 
-EXTREMES = (*levels.EXTREMES, *sun.EXTREMES, *pulses.EXTREMES, *bad.EXTREMES)
+CASES = (*levels.CASES, *sun.CASES, *pulses.CASES, *invalid.CASES)
 
-__all__ = ["EXTREMES"]
+__all__ = ["CASES"]

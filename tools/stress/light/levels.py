@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from evs.tools.stress.extreme import Extreme, Outcome
-from evs.tools.stress.grid_target import Shown, flash, show
+from evs.tools.stress.grid_target import GridCapture, capture_flashes, capture_grid
+from evs.tools.stress.stress_case import Measurement, StressCase
 
 SUN = 1.6e9 * math.pi / 1000.0
 """The sun's disc, 1.6e9 cd/m^2, in units of light: white under 1000 lux is 1."""
@@ -18,48 +18,48 @@ USUAL = (0.5, 0.05, 0.9, 0.9, 0.004, 0.5, 1.0)
 DARK_LINE = "sees nothing lit"
 
 
-def _judged(shown: Shown, warnings: int = 0, said: tuple[str, ...] = ()) -> Outcome:
+def _judged(shown: GridCapture, warnings: int = 0, more: tuple[str, ...] = ()) -> Measurement:
     """Events that are wrong; one more for each warning, or clamp, too many or too few."""
-    film = shown.film
-    unsaid = abs(len(film.warnings) - warnings) + film.report.clamps
-    told = (*film.warnings, f"events {film.report.events:,}", *said)
-    return Outcome(shown.wrong + unsaid, 0, "events", told, shown.told)
+    capture = shown.capture
+    unexpected = abs(len(capture.warnings) - warnings) + capture.report.clamps
+    messages = (*capture.warnings, f"events {capture.report.events:,}", *more)
+    return Measurement(shown.wrong + unexpected, 0, "events", messages, shown.is_explained)
 
 
-def _no_light(short: bool) -> Outcome:
-    shown = flash([0.0] * (10 if short else 100) + list(USUAL))
-    outcome = _judged(shown, warnings=1)
-    return outcome if DARK_LINE in "".join(outcome.said) else Outcome(math.inf, 0)
+def _no_light(short: bool) -> Measurement:
+    shown = capture_flashes([0.0] * (10 if short else 100) + list(USUAL))
+    measurement = _judged(shown, warnings=1)
+    return measurement if DARK_LINE in "".join(measurement.messages) else Measurement(math.inf, 0)
 
 
-def _denormal(short: bool) -> Outcome:
+def _denormal(short: bool) -> Measurement:
     denormal = [1e-40, 0.0, 1e-44, 1e-39, 1e-38, 1.4e-45] * (2 if short else 20)
-    return _judged(flash([*denormal, *USUAL]), warnings=1)
+    return _judged(capture_flashes([*denormal, *USUAL]), warnings=1)
 
 
-def _decades(short: bool) -> Outcome:
+def _decades(short: bool) -> Measurement:
     levels = [10.0**k for k in range(-9, 7)]
     width = len(levels) // 2
     # to the left and back, a plate a tick
     firsts = [width - abs(width - k % (2 * width)) for k in range(17 if short else 161)]
-    return _judged(show(levels, firsts, width))
+    return _judged(capture_grid(levels, firsts, width))
 
 
-def _black_to_sun(short: bool) -> Outcome:
+def _black_to_sun(short: bool) -> Measurement:
     times = 1 if short else 10
-    shown = flash([*[0.0, 0.0, SUN, SUN, 0.0] * times, *USUAL])
-    events = shown.film.events
+    shown = capture_flashes([*[0.0, 0.0, SUN, SUN, 0.0] * times, *USUAL])
+    events = shown.capture.events
     sun = events[(events["t"] > 2000) & (events["t"] <= 3000)]
     # all of them inside the tick, in order, and not all at one instant
     crowded = float(len(np.unique(sun["t"])) < 50 or bool((np.diff(events["t"]) < 0).any()))
-    outcome = _judged(shown, warnings=1)
+    measurement = _judged(shown, warnings=1)
     each = len(sun) // shown.light[0].size
-    said = (*outcome.said, f"{each} events of each pixel in the tick of the sun")
-    return Outcome(outcome.value + crowded, 0, "events", said, outcome.recovered)
+    more = (*measurement.messages, f"{each} events of each pixel in the tick of the sun")
+    return Measurement(measurement.value + crowded, 0, "events", more, measurement.recovered)
 
 
-EXTREMES = (
-    Extreme(
+CASES = (
+    StressCase(
         "no-light",
         "light",
         "a picture in which nothing is lit; then light as usual",
@@ -67,7 +67,7 @@ EXTREMES = (
         "nothing is lit",
         _no_light,
     ),
-    Extreme(
+    StressCase(
         "denormal-light",
         "light",
         "light of 1e-45 ... 1e-38, denormal float32, changing every ms; then light as usual",
@@ -75,7 +75,7 @@ EXTREMES = (
         "ln(light), one by one",
         _denormal,
     ),
-    Extreme(
+    StressCase(
         "fifteen-decades",
         "light",
         "1e-6 ... 1e9 lux (white of 1e-9 ... 1e6) side by side in a picture that moves a decade a "
@@ -84,7 +84,7 @@ EXTREMES = (
         "exact logarithm",
         _decades,
     ),
-    Extreme(
+    StressCase(
         "black-to-sun",
         "light",
         "from no light to the sun's disc (1.6e9 cd/m2) on every pixel in one tick, and back",

@@ -9,9 +9,9 @@ import numpy as np
 from evs.emulator import World
 from evs.emulator.base.scene import F64
 from evs.emulator.world import ORTHOGRAPHIC
-from evs.tools.stress.capture import film
-from evs.tools.stress.closed_form import miscounted, untold
-from evs.tools.stress.extreme import Extreme, Outcome
+from evs.tools.stress.capture import capture
+from evs.tools.stress.closed_form import count_error, residual_thresholds
+from evs.tools.stress.stress_case import Measurement, StressCase
 
 SIDE_PX = 8
 
@@ -29,12 +29,12 @@ LAMP = f"""<mujoco><option timestep="1000"/><visual><headlight active="0"/></vis
 """A lamp on white; a shutter whose two halves glow beside what they reflect of the lamp."""
 
 LIT, GLOW, CLOSED_TICKS = 0.5, {0: 3.0, 1: 0.2}, 12
-"""the lamp's light on white without pulses; the halves of the shutter; ticks that end each film"""
+"""the lamp's light on white without pulses; the halves of the shutter; ticks at the end"""
 
 
 def _pulsing(
     hz: float, waveform: str, tick_us: int, ticks: int, depth: float, warned: bool
-) -> Outcome:
+) -> Measurement:
     """The lamp alone, then the shutter's halves in turn: events wrong, warnings wrong."""
     table = {"light": "lamp", "waveform": waveform, "hz": hz, "depth": depth, "duty": 0.5}
     total = ticks + CLOSED_TICKS
@@ -43,7 +43,7 @@ def _pulsing(
         half = tick // 3 % 2
         world.data.mocap_pos[0] = (-30.0 * half, 0, 4) if tick >= ticks else (50, 0, 4)
 
-    seen = film(
+    seen = capture(
         LAMP,
         total * tick_us / 1e6,
         {
@@ -57,15 +57,15 @@ def _pulsing(
     for tick in range(ticks + 1, total + 1):
         level[tick] = GLOW[(tick - 1) // 3 % 2] + level[tick]
     light = np.repeat(np.repeat(level[:, None, None], SIDE_PX, 1), SIDE_PX, 2)
-    wrong = miscounted(seen.events, light, tick_us)
+    wrong = count_error(seen.events, light, tick_us)
     lines = [line for line in seen.warnings if "light 'lamp' pulses" in line]
-    unsaid = abs(len(lines) - warned) + len(seen.warnings) - len(lines)
-    return Outcome(
-        wrong + unsaid,
+    unexpected = abs(len(lines) - warned) + len(seen.warnings) - len(lines)
+    return Measurement(
+        wrong + unexpected,
         0,
         "events",
         (*seen.warnings, f"events {seen.report.events:,}"),
-        untold(seen.events, light[0], light[-1]) < 1.001,
+        residual_thresholds(seen.events, light[0], light[-1]) < 1.001,
     )
 
 
@@ -83,28 +83,28 @@ def _means(hz: float, waveform: str, depth: float, tick_us: int, ticks: int) -> 
     return means
 
 
-def _strobe(short: bool) -> Outcome:
+def _strobe(short: bool) -> Measurement:
     return _pulsing(10_000.0, "pwm", 1000, 20 if short else 500, 1.0, True)
 
 
-def _strobe_beats(short: bool) -> Outcome:
+def _strobe_beats(short: bool) -> Measurement:
     return _pulsing(640.0, "pwm", 1000, 25 if short else 500, 1.0, True)
 
 
-def _strobe_seen(short: bool) -> Outcome:
+def _strobe_seen(short: bool) -> Measurement:
     return _pulsing(10_000.0, "pwm", 25, 40 if short else 2000, 0.9, False)
 
 
-def _mains(short: bool) -> Outcome:
+def _mains(short: bool) -> Measurement:
     return _pulsing(50.0, "mains", 1000, 20 if short else 500, 0.3, False)
 
 
-def _mains_slow_ticks(short: bool) -> Outcome:
+def _mains_slow_ticks(short: bool) -> Measurement:
     return _pulsing(50.0, "mains", 10_000, 10 if short else 200, 0.3, True)
 
 
-EXTREMES = (
-    Extreme(
+CASES = (
+    StressCase(
         "strobe-10-khz",
         "light",
         "a lamp switched at 10 kHz, dark between its pulses, ticks of 1 ms",
@@ -112,28 +112,28 @@ EXTREMES = (
         "the tick that would show it; then a shutter, event by event",
         _strobe,
     ),
-    Extreme(
+    StressCase(
         "strobe-aliased",
         "light",
         "a lamp switched at 640 Hz, ticks of 1 ms: what is left of it beats with the ticks",
         "the events of the waveform's integral over each tick, one by one, and the same warning",
         _strobe_beats,
     ),
-    Extreme(
+    StressCase(
         "strobe-followed",
         "light",
         "the 10 kHz lamp in ticks of 25 us, four a pulse",
         "the events of the waveform's integral over each tick, one by one, no warning",
         _strobe_seen,
     ),
-    Extreme(
+    StressCase(
         "mains",
         "light",
         "a lamp on 50 Hz mains, light that swings by 30 % a hundred times a second",
         "the events of the waveform's integral over each tick, one by one, no warning",
         _mains,
     ),
-    Extreme(
+    StressCase(
         "mains-slow-ticks",
         "light",
         "the same lamp in ticks of 10 ms, one a pulse",

@@ -6,10 +6,10 @@ import numpy as np
 
 from evs.emulator import World
 from evs.emulator.base.scene import F64
-from evs.tools.stress.capture import Film, film
-from evs.tools.stress.closed_form import miscounted, untold
-from evs.tools.stress.extreme import Extreme, Outcome
+from evs.tools.stress.capture import Capture, capture
+from evs.tools.stress.closed_form import count_error, residual_thresholds
 from evs.tools.stress.light.levels import SUN
+from evs.tools.stress.stress_case import Measurement, StressCase
 
 WIDTH_PX, HEIGHT_PX, TICK_US = 32, 24, 1000
 SUN_M, SUN_RADIUS_M = 1000.0, 4.65
@@ -26,8 +26,8 @@ SCENE = f"""<mujoco><option timestep="1000"/><statistic extent="1" center="0 0 0
 """8 degrees over 24 px: the disc is 1.6 px wide; a sky as a wall behind, before which it stands"""
 
 
-def _filmed(ticks: int, sun: bool) -> tuple[Film, F64]:
-    """The film and its light, (ticks + 1, h, w), with the sun's way through the picture or not."""
+def _captured(ticks: int, sun: bool) -> tuple[Capture, F64]:
+    """The capture and its light, (ticks + 1, h, w), with or without the sun."""
     light: list[F64] = []
 
     def act(tick: int, world: World) -> None:
@@ -39,36 +39,36 @@ def _filmed(ticks: int, sun: bool) -> tuple[Film, F64]:
         world.data.mocap_pos[0] = 0.8 * np.array([x, SUN_M, 30.0])
         world.data.mocap_pos[1] = (-1.0 + 2.0 * tick / ticks, 30.0, -1.5)
 
-    seen = film(
+    seen = capture(
         SCENE, ticks * TICK_US / 1e6, {"sensor": {"width": WIDTH_PX, "height": HEIGHT_PX}}, act
     )
     return seen, np.array([light[0], *light])
 
 
-def _sun_disc(short: bool) -> Outcome:
+def _sun_disc(short: bool) -> Measurement:
     ticks = 60 if short else 600
-    (shone, light), (usual, plain) = (_filmed(ticks, sun) for sun in (True, False))
+    (shone, light), (usual, plain) = (_captured(ticks, sun) for sun in (True, False))
     touched = (light != plain).any(0)
     outside = np.setxor1d(
-        *(film.events[~touched[film.events["y"], film.events["x"]]] for film in (shone, usual))
+        *(one.events[~touched[one.events["y"], one.events["x"]]] for one in (shone, usual))
     )
-    wrong = miscounted(shone.events, light, TICK_US)
+    wrong = count_error(shone.events, light, TICK_US)
     # a pixel in the middle of the disc sees the sun's own light, nothing is clipped
     clipped = not np.isclose(light.max(), SUN, rtol=1e-5)
     path = float(touched.mean())
     value = len(outside) + wrong + clipped + (not 0.05 < path < 0.5)
     same_end = bool(np.array_equal(light[-1], plain[-1]))
-    told = untold(shone.events, light[0], light[-1]) < 1.001
-    said = (
+    explained = residual_thresholds(shone.events, light[0], light[-1]) < 1.001
+    messages = (
         *shone.warnings,
         f"events {shone.report.events:,}, without the sun {usual.report.events:,}",
         f"{100 * path:.0f} % of the pixels are in its way",
     )
-    return Outcome(value, 0, "events", said, told and same_end)
+    return Measurement(value, 0, "events", messages, explained and same_end)
 
 
-EXTREMES = (
-    Extreme(
+CASES = (
+    StressCase(
         "sun-in-view",
         "light",
         "the sun's disc (1.6e9 cd/m2, 0.53 degrees, 1.6 px wide) crosses a lit scene",

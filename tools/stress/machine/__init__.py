@@ -1,7 +1,7 @@
-"""The extremes of the machine."""
+"""Stress cases of the machine."""
 
-from evs.tools.stress.machine import clock, processor, scarce
+from evs.tools.stress.machine import clock, processor, resources
 
-EXTREMES = (*processor.EXTREMES, *clock.EXTREMES, *scarce.EXTREMES)
+CASES = (*processor.CASES, *clock.CASES, *resources.CASES)
 
-__all__ = ["EXTREMES"]
+__all__ = ["CASES"]

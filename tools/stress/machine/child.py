@@ -18,7 +18,7 @@ PATIENCE_S = 120.0
 
 _CODE = """
 import resource, sys
-from evs.tools.stress.limits import address_space
+from evs.tools.stress.memory_limit import address_space
 from evs.launch.main import main
 memory, file = int(sys.argv[1]), int(sys.argv[2])
 if file:
@@ -31,7 +31,7 @@ with address_space(memory):
 
 
 @dataclass(frozen=True)
-class Ended:
+class ProcessResult:
     """A run of a child."""
 
     code: int
@@ -53,12 +53,19 @@ def emulate(
     memory_bytes: int = 0,
     file_bytes: int = 0,
     environment: Mapping[str, str] | None = None,
-) -> Ended:
+) -> ProcessResult:
     """`evs emulate` of this scene, recorded and reported into `folder`.
 
-    In: words, more arguments; memory_bytes, how much more than its program it may take, 0: any;
-    file_bytes, how large a file may be, 0: any: as on a full disk; environment, variables beside
-    this process's. Raises EvsError where it does not end, or its recording cannot be read.
+    Args:
+        folder: target folder.
+        mjcf: text of the scene.
+        words: more arguments.
+        memory_bytes: how much more than its program it may take, 0: any.
+        file_bytes: how large a file may be, 0: any: as on a full disk.
+        environment: variables beside this process's.
+
+    Raises:
+        EvsError: it does not end, or its recording cannot be read.
     """
     scene, recording, report = (folder / name for name in ("s.xml", "run.aedat4", "report.json"))
     scene.write_text(mjcf, encoding="utf-8")
@@ -79,7 +86,7 @@ def emulate(
         raise EvsError(f"a run did not end in {PATIENCE_S:g} s: try again when less runs") from None
     lines = ended.stderr.splitlines()
     warned = tuple(line for line in lines if line.startswith("evs: warning: "))
-    return Ended(
+    return ProcessResult(
         ended.returncode,
         tuple(line for line in lines if line not in warned),
         warned,

@@ -11,8 +11,8 @@ from contextlib import ExitStack, contextmanager
 
 from evs.drivers.clock import Pacer, monotonic_s, sleep_s
 from evs.emulator import World
-from evs.tools.stress.extreme import Extreme, Outcome
 from evs.tools.stress.machine.spinner import differing, spun
+from evs.tools.stress.stress_case import Measurement, StressCase
 
 BUSY = """
 import os, signal, sys
@@ -28,7 +28,7 @@ while True:
 """So many processes that do nothing but work; whatever becomes of us, they end in a minute."""
 
 
-def _stolen(short: bool) -> Outcome:
+def _stolen(short: bool) -> Measurement:
     """Sixteen others want this core while a run has to keep its pace; then they are gone."""
     free = spun(0.1)
     # a third of what is possible: easy alone, out of reach with a seventeenth of the core
@@ -48,12 +48,12 @@ def _stolen(short: bool) -> Outcome:
         loaded = spun(ticks * 1e-3, act=watch, pace=pacer)
         undisturbed = spun(ticks * 1e-3)
     caught_up = min(late_s[ticks // 2 + 1 :], default=1.0) == 0.0
-    said = [line for line in loaded.warnings if "cannot keep up" in line]
+    warned = [line for line in loaded.warnings if "cannot keep up" in line]
     pace = loaded.report.pace
-    told = (*said[:1], f"slips: {pace['slips']}, slipped_s: {pace['slipped_s']}")
-    right = caught_up and len(said) > 0 and pace["slips"] > 0
+    messages = (*warned[:1], f"slips: {pace['slips']}, slipped_s: {pace['slipped_s']}")
+    right = caught_up and len(warned) > 0 and pace["slips"] > 0
     wrong = differing(loaded.events, undisturbed.events)
-    return Outcome(wrong, 0, "other events", told, right)
+    return Measurement(wrong, 0, "other events", messages, right)
 
 
 @contextmanager
@@ -106,7 +106,7 @@ class JumpingClock:
         sleep_s(min(seconds, 0.1))
 
 
-def _jumps(short: bool) -> Outcome:
+def _jumps(short: bool) -> Measurement:
     """The clock by which a run is paced jumps an hour ahead, and two hours back."""
     ticks = 60 if short else 600
     speed = 0.5
@@ -123,11 +123,11 @@ def _jumps(short: bool) -> Outcome:
     back = any("clock went back by 7.2e+03 s" in line for line in paced.warnings)
     hours = 3599.0 < report["slipped_s"] < 3601.0 and 7199.0 < report["clock_back_s"] < 7201.0
     right = slipped and back and hours and not differing(paced.events, still.events)
-    return Outcome(1e3 * clock.longest_s, 1.0 / speed, "ms", paced.warnings, right)
+    return Measurement(1e3 * clock.longest_s, 1.0 / speed, "ms", paced.warnings, right)
 
 
-EXTREMES = (
-    Extreme(
+CASES = (
+    StressCase(
         "stolen-time",
         "machine",
         "sixteen busy processes on the core of a run that is held to a third of its speed",
@@ -135,7 +135,7 @@ EXTREMES = (
         "when they are gone it catches up",
         _stolen,
     ),
-    Extreme(
+    StressCase(
         "clock-jumps",
         "machine",
         "the clock of a paced run jumps an hour ahead, then two hours back",

@@ -7,9 +7,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from evs.tools.stress.extreme import Extreme, Outcome
-from evs.tools.stress.machine.child import Ended, emulate
+from evs.tools.stress.machine.child import ProcessResult, emulate
 from evs.tools.stress.machine.spinner import SPINNER, TABLES, differing, spun
+from evs.tools.stress.stress_case import Measurement, StressCase
 
 NO_AVX = {
     "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX,-AVX2,-FMA,-AVX512F,-AVX512VL,-AVX512BW,-AVX512DQ",
@@ -19,18 +19,18 @@ NO_AVX = {
 """environment: instructions that the C library and NumPy are not to use"""
 
 
-def _threads(short: bool) -> Outcome:
+def _threads(short: bool) -> Measurement:
     """One thread, two, and more than there are cores."""
     seconds = 0.02 if short else 0.2
     many = 4 * (os.cpu_count() or 1) + 1
     one, *others = (spun(seconds, {"threads": count}) for count in (1, 2, many))
     wrong = sum(differing(one.events, other.events) for other in others)
-    return Outcome(
+    return Measurement(
         wrong, 0, "other events", (f"{len(one.events):,} events with 1, 2, {many} threads",)
     )
 
 
-def _portable(short: bool) -> Outcome:
+def _portable(short: bool) -> Measurement:
     """All models and renderers on the portable path, beside the fastest that this machine has."""
     seconds = 0.01 if short else 0.05
     wrong, made = 0, 0
@@ -44,12 +44,12 @@ def _portable(short: bool) -> Outcome:
     bare = _without_avx(seconds)
     auto = spun(seconds)
     wrong += differing(auto.events, bare.recorded)
-    said = f"{made + len(auto.events):,} events, each the same"
-    return Outcome(wrong, 0, "other events", (said,), bare.code == 0)
+    messages = f"{made + len(auto.events):,} events, each the same"
+    return Measurement(wrong, 0, "other events", (messages,), bare.code == 0)
 
 
-def _without_avx(seconds: float) -> Ended:
-    """A process in which NumPy and the C library are told that there is no AVX either."""
+def _without_avx(seconds: float) -> ProcessResult:
+    """A process in which NumPy and the C library do not use AVX either."""
     given = [f"sensor.{key}={value}" for key, value in TABLES["sensor"].items()]
     given += ["scene.keyframe=calm", "threads=1", "render.isa=portable", f"duration_s={seconds}"]
     with tempfile.TemporaryDirectory() as folder:
@@ -64,15 +64,15 @@ _EVERYTHING: tuple[dict[str, Any], ...] = (
 )
 """what the portable path is tried with: direct and plain, path and adaptive, the network"""
 
-EXTREMES = (
-    Extreme(
+CASES = (
+    StressCase(
         "threads",
         "machine",
         "one thread, two, and four for each core and one more",
         "the same bytes",
         _threads,
     ),
-    Extreme(
+    StressCase(
         "no-avx",
         "machine",
         "no AVX: renderers, pixels and network on the portable path; NumPy and the C library "

@@ -1,4 +1,4 @@
-"""A bar that spins by physics alone, for the extremes of the machine: no hand moves it."""
+"""A bar that spins by physics alone, for the stress cases of the machine."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from evs.msgs import Events
-from evs.tools.stress.capture import Film, film
+from evs.tools.stress.capture import Capture, capture
 
 SPINNER = """<mujoco><option gravity="0 0 0"/><visual><headlight active="0"/></visual><worldbody>
 <light directional="true" dir="0.3 1 -0.2" diffuse="1 1 1" specular="0 0 0"/>
@@ -31,9 +31,9 @@ TABLES: dict[str, Any] = {
 """of the pipeline: a DAVIS346's pixels with their noise, and its readout"""
 
 
-def spun(seconds: float, tables: Mapping[str, Any] | None = None, **more: Any) -> Film:
-    """A film of it. In: tables, over TABLES; more, for `film`."""
-    return film(SPINNER, seconds, {**TABLES, **(tables or {})}, **more)
+def spun(seconds: float, tables: Mapping[str, Any] | None = None, **more: Any) -> Capture:
+    """Capture it. In: tables, over TABLES; more, for `capture`."""
+    return capture(SPINNER, seconds, {**TABLES, **(tables or {})}, **more)
 
 
 def differing(a: Events, b: Events) -> int:

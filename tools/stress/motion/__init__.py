@@ -1,7 +1,7 @@
-"""The extremes of motion."""
+"""Stress cases of motion."""
 
 from evs.tools.stress.motion import many, meshes, places, scales, speeds
 
-EXTREMES = (*speeds.EXTREMES, *places.EXTREMES, *many.EXTREMES, *meshes.EXTREMES, *scales.EXTREMES)
+CASES = (*speeds.CASES, *places.CASES, *many.CASES, *meshes.CASES, *scales.CASES)
 
-__all__ = ["EXTREMES"]
+__all__ = ["CASES"]

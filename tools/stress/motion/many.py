@@ -7,25 +7,25 @@ import numpy as np
 from evs.emulator import World
 from evs.emulator.base.scene import F32, F64, I32
 from evs.msgs import EvsError
-from evs.tools.stress.capture import differing, film
-from evs.tools.stress.extreme import Extreme, Outcome
-from evs.tools.stress.grid_target import watch
+from evs.tools.stress.capture import capture, differing
+from evs.tools.stress.grid_target import capture_scene
+from evs.tools.stress.stress_case import Measurement, StressCase
 
 EYE = '<camera name="eye" pos="0 0 {}" fovy="45"/>'
 
 
-def _no_bodies(short: bool) -> Outcome:
+def _no_bodies(short: bool) -> Measurement:
     ticks = 10 if short else 100
     still = f'<mujoco><worldbody>{EYE.format(5)}<geom size="1" type="sphere"/></worldbody></mujoco>'
-    seen = film(still, ticks / 1e3)
+    seen = capture(still, ticks / 1e3)
     refusal = ""
     try:
-        film(f"<mujoco><worldbody>{EYE.format(5)}</worldbody></mujoco>", ticks / 1e3)
+        capture(f"<mujoco><worldbody>{EYE.format(5)}</worldbody></mujoco>", ticks / 1e3)
     except EvsError as error:
         refusal = str(error)
     named = "nothing to see" in refusal and "give the scene some geometry" in refusal
     whole = seen.report.ticks == ticks and bool(seen.world.cameras[0].luminance.any())
-    return Outcome(len(seen.events) + (not named), 0, "events", (refusal,), whole)
+    return Measurement(len(seen.events) + (not named), 0, "events", (refusal,), whole)
 
 
 def _crowd(side: int, together: bool) -> str:
@@ -45,7 +45,7 @@ def _crowd(side: int, together: bool) -> str:
 {EYE.format(1.25 * side)}{inside}</worldbody></mujoco>"""
 
 
-def _many_bodies(short: bool) -> Outcome:
+def _many_bodies(short: bool) -> Measurement:
     side, ticks = (30, 10) if short else (100, 50)
 
     def roll(tick: int, world: World) -> None:
@@ -55,13 +55,13 @@ def _many_bodies(short: bool) -> Outcome:
 
     sensor = {"width": 64, "height": 48}
     seen, one = (
-        film(_crowd(side, together), ticks / 1e3, {"sensor": sensor}, roll)
+        capture(_crowd(side, together), ticks / 1e3, {"sensor": sensor}, roll)
         for together in (False, True)
     )
     bodies = seen.world.model.nbody - 1
-    said = (*seen.warnings, f"{bodies:,} bodies, events {seen.report.events:,}")
+    messages = (*seen.warnings, f"{bodies:,} bodies, events {seen.report.events:,}")
     right = bodies == side * side and one.world.model.nbody == 2 and len(seen.events) > 1000
-    return Outcome(differing(seen, one), 0, "events", said, right)
+    return Measurement(differing(seen, one), 0, "events", messages, right)
 
 
 def _cube(n: int, half: float) -> tuple[F32, I32]:
@@ -97,7 +97,7 @@ SOLID = """<mujoco><asset>{}</asset><worldbody><camera name="eye" pos="0 0 5" fo
  conaffinity="0"/></body></worldbody></mujoco>"""
 
 
-def _triangles(short: bool) -> Outcome:
+def _triangles(short: bool) -> Measurement:
     n, ticks = (58, 20) if short else (289, 100)
     vertices, faces = _cube(n, 1.0)
 
@@ -105,36 +105,36 @@ def _triangles(short: bool) -> Outcome:
         world.data.mocap_pos[0] = (-0.5 + tick / ticks, 0.0, 0.0)
 
     asset, files = '<mesh name="cube" file="cube.msh"/>', {"cube.msh": mesh_file(vertices, faces)}
-    mesh = watch(SOLID.format(asset, 'type="mesh" mesh="cube"'), ticks, move, files=files)
-    box = watch(SOLID.format("", 'type="box" size="1 1 1"'), ticks, move)
+    mesh = capture_scene(SOLID.format(asset, 'type="mesh" mesh="cube"'), ticks, move, files=files)
+    box = capture_scene(SOLID.format("", 'type="box" size="1 1 1"'), ticks, move)
     # the same light but where a sample falls on the other side of an edge by rounding
     apart = np.abs(mesh.light - box.light) > 1e-4 * box.light.max()
     share = float(apart.mean())
-    said = (
-        *mesh.film.warnings,
-        f"{len(faces):,} triangles, events {mesh.film.report.events:,}, as a box "
-        f"{box.film.report.events:,}",
+    messages = (
+        *mesh.capture.warnings,
+        f"{len(faces):,} triangles, events {mesh.capture.report.events:,}, as a box "
+        f"{box.capture.report.events:,}",
     )
-    right = mesh.wrong == 0 and mesh.told and box.film.report.events > 100
-    return Outcome(share, 1e-3, "of the pixels", said, right)
+    right = mesh.wrong == 0 and mesh.is_explained and box.capture.report.events > 100
+    return Measurement(share, 1e-3, "of the pixels", messages, right)
 
 
-EXTREMES = (
-    Extreme(
+CASES = (
+    StressCase(
         "no-bodies",
         "motion",
         "a world of one still geom and no body; a world of nothing",
         "no event in the first; the second is refused in one line that says what to do",
         _no_bodies,
     ),
-    Extreme(
+    StressCase(
         "ten-thousand-bodies",
         "motion",
         "10,000 balls, each on a joint of its own, roll through the picture",
         "the bytes of one body that carries all the balls: places are sums without rounding",
         _many_bodies,
     ),
-    Extreme(
+    StressCase(
         "a-million-triangles",
         "motion",
         "a cube of 1,002,252 triangles moves through the picture",

@@ -13,9 +13,9 @@ from evs.emulator import World
 from evs.emulator.base.scene import F32, I32
 from evs.emulator.world import MjModel, load_model
 from evs.msgs import EvsError
-from evs.tools.stress.extreme import Extreme, Outcome
-from evs.tools.stress.grid_target import Shown, watch
+from evs.tools.stress.grid_target import GridCapture, capture_scene
 from evs.tools.stress.motion.many import SOLID, mesh_file
+from evs.tools.stress.stress_case import Measurement, StressCase
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], "<f4")
 SIDES = np.array(
@@ -39,7 +39,7 @@ NUMBERS = """<mujoco><asset><mesh name="cube" file="cube.msh" inertia="shell"/>
 <geom type="hfield" hfield="hills"/></worldbody></mujoco>"""
 
 
-def _spoilt(name: str, vertices: F32, faces: I32) -> tuple[F32, I32]:
+def _degraded(name: str, vertices: F32, faces: I32) -> tuple[F32, I32]:
     """The same surface, made badly."""
     if name == "no area":
         # points, and edges there and back
@@ -57,61 +57,63 @@ def _move(tick: int, world: World) -> None:
     world.data.mocap_pos[0] = (0.02 * tick, 0.0, 0.0)
 
 
-def _apart(one: Shown, other: Shown) -> float:
+def _apart(one: GridCapture, other: GridCapture) -> float:
     """Share of the pixels whose light is another; of both films the events are those of ln(light).
 
     MuJoCo puts a mesh into the frame of its inertia, in float32, so samples at an edge may change.
     """
-    wrong = one.wrong + other.wrong + one.film.report.clamps
+    wrong = one.wrong + other.wrong + one.capture.report.clamps
     apart = np.abs(one.light - other.light) > 1e-4 * other.light.max()
     return float(apart.mean()) if wrong == 0 else math.inf
 
 
-def _degenerate(short: bool) -> Outcome:
+def _degenerate(short: bool) -> Measurement:
     ticks, worst = 10 if short else 60, 0.0
-    said: list[str] = []
+    messages: list[str] = []
     mjcf = SOLID.format('<mesh name="cube" file="cube.msh" inertia="shell"/>', MESH)
-    usual = watch(mjcf, ticks, _move, files={"cube.msh": mesh_file(CORNERS, CUBE)})
-    recovered = usual.told
+    usual = capture_scene(mjcf, ticks, _move, files={"cube.msh": mesh_file(CORNERS, CUBE)})
+    recovered = usual.is_explained
     for name in ("no area", "doubles", "unused"):
-        bad = {"cube.msh": mesh_file(*_spoilt(name, CORNERS, CUBE))}
-        shown = watch(mjcf, ticks, _move, files=bad)
-        worst, recovered = max(worst, _apart(shown, usual)), recovered and shown.told
-        said += [f"{name}: events {shown.film.report.events:,}", *shown.film.warnings]
-    said.append(f"as it should be: events {usual.film.report.events:,}")
-    return Outcome(worst, MOST_APART, "of the pixels", tuple(said), recovered)
+        bad = {"cube.msh": mesh_file(*_degraded(name, CORNERS, CUBE))}
+        shown = capture_scene(mjcf, ticks, _move, files=bad)
+        worst, recovered = max(worst, _apart(shown, usual)), recovered and shown.is_explained
+        messages += [f"{name}: events {shown.capture.report.events:,}", *shown.capture.warnings]
+    messages.append(f"as it should be: events {usual.capture.report.events:,}")
+    return Measurement(worst, MOST_APART, "of the pixels", tuple(messages), recovered)
 
 
-def _sheet(short: bool) -> Outcome:
+def _sheet(short: bool) -> Measurement:
     ticks = 10 if short else 60
     # no turn: a box's sides would be seen, a sheet has none
     scene = SOLID.replace('quat=".9 .3 .2 .1"', "").replace(".4 .5 .6 1", ".05 .05 .05 1")
     front = (CORNERS[[1, 5, 7, 3]] * (1, 1, 0)).astype("<f4")
     files = {"cube.msh": mesh_file(front, np.array([[0, 1, 2], [0, 2, 3]], "<i4"))}
     asset = '<mesh name="cube" file="cube.msh" inertia="shell"/>'
-    sheet = watch(scene.format(asset, MESH), ticks, _move, files=files)
-    box = watch(scene.format("", f'type="box" size="1 1 {THIN_M}"'), ticks, _move)
-    right = sheet.told and box.told and box.film.report.events > 50
-    said = (*sheet.film.warnings, f"events {sheet.film.report.events:,}")
-    return Outcome(_apart(sheet, box), MOST_APART, "of the pixels", said, right)
+    sheet = capture_scene(scene.format(asset, MESH), ticks, _move, files=files)
+    box = capture_scene(scene.format("", f'type="box" size="1 1 {THIN_M}"'), ticks, _move)
+    right = sheet.is_explained and box.is_explained and box.capture.report.events > 50
+    messages = (*sheet.capture.warnings, f"events {sheet.capture.report.events:,}")
+    return Measurement(_apart(sheet, box), MOST_APART, "of the pixels", messages, right)
 
 
-def _no_numbers(short: bool) -> Outcome:
+def _no_numbers(short: bool) -> Measurement:
     """Meshes, height fields and skins with NaN and infinite vertices: how many are let in."""
-    missed, said = 0, []
+    missed, messages = 0, []
     for number in ("nan",) if short else ("nan", "inf", "-inf"):
-        for what, spoil in SPOILS.items():
+        for what, corrupt in CORRUPTIONS.items():
             model = _model()
-            spoil(model, float(number))
+            corrupt(model, float(number))
             try:
                 World(model)
                 missed += 1
             except EvsError as refusal:
-                said.append(str(refusal))
-                missed += not (what in said[-1] and "give" in said[-1] and "\n" not in said[-1])
+                messages.append(str(refusal))
+                missed += not (
+                    what in messages[-1] and "give" in messages[-1] and "\n" not in messages[-1]
+                )
     world = World(_model())
     world.add_camera(sensor="ideal")
-    return Outcome(missed, 0, "meshes let in", tuple(said), len(world.step()) == 1)
+    return Measurement(missed, 0, "meshes let in", tuple(messages), len(world.step()) == 1)
 
 
 def _model() -> MjModel:
@@ -123,22 +125,22 @@ def _model() -> MjModel:
         return load_model(scene)
 
 
-def _spoil_mesh(model: MjModel, number: float) -> None:
+def _corrupt_mesh(model: MjModel, number: float) -> None:
     model.mesh_vert[3, 1] = number
 
 
-def _spoil_field(model: MjModel, number: float) -> None:
+def _corrupt_field(model: MjModel, number: float) -> None:
     model.hfield_data[2] = number
 
 
-SPOILS: dict[str, Callable[[MjModel, float], None]] = {
-    "mesh 'cube'": _spoil_mesh,
-    "height field 'hills'": _spoil_field,
+CORRUPTIONS: dict[str, Callable[[MjModel, float], None]] = {
+    "mesh 'cube'": _corrupt_mesh,
+    "height field 'hills'": _corrupt_field,
 }
 """what is spoilt, as an error names it -> how"""
 
-EXTREMES = (
-    Extreme(
+CASES = (
+    StressCase(
         "degenerate-meshes",
         "motion",
         "a cube with triangles that are points and lines; with every triangle twice and every "
@@ -147,7 +149,7 @@ EXTREMES = (
         "the pixels; the events are those of ln(light), one by one",
         _degenerate,
     ),
-    Extreme(
+    StressCase(
         "flat-mesh",
         "motion",
         "a mesh without thickness beside a box of 2 um at 5 m",
@@ -155,7 +157,7 @@ EXTREMES = (
         "pixels; the events are those of ln(light), one by one",
         _sheet,
     ),
-    Extreme(
+    StressCase(
         "meshes-of-no-numbers",
         "motion",
         "NaN and infinite vertices of a mesh and heights of a height field",

@@ -11,9 +11,9 @@ from evs.drivers.files import read
 from evs.drivers.run.report import Report
 from evs.emulator import World
 from evs.msgs import EvsError, join_events
-from evs.tools.stress.capture import film
-from evs.tools.stress.extreme import Extreme, Outcome
-from evs.tools.stress.grid_target import watch
+from evs.tools.stress.capture import capture
+from evs.tools.stress.grid_target import capture_scene
+from evs.tools.stress.stress_case import Measurement, StressCase
 
 ROOM = """<mujoco><asset><texture name="squares" type="2d" builtin="checker" rgb1=".9 .8 .7"
  rgb2=".2 .2 .3" width="64" height="64"/><material name="floor" texture="squares"
@@ -28,9 +28,9 @@ FAR = (0.0, -1e3, 0.0)
 """behind the camera"""
 
 
-def _inside(short: bool) -> Outcome:
+def _inside(short: bool) -> Measurement:
     ticks, wrong, events, recovered = 40 if short else 200, 0.0, 0, True
-    said: list[str] = []
+    messages: list[str] = []
     for shape in SHAPES[:2] if short else SHAPES:
         # from before the camera through it to behind it, at rest in the end
         y = np.concatenate([np.linspace(4.0, -4.0, ticks), [-4.0] * 3])
@@ -42,30 +42,30 @@ def _inside(short: bool) -> Outcome:
             world.data.mocap_pos[0] = FAR
 
         mjcf = ROOM.format(shape)
-        shown = watch(mjcf, len(y), move)
-        (empty,) = {light.tobytes() for light in watch(mjcf, 3, away).light}
+        shown = capture_scene(mjcf, len(y), move)
+        (empty,) = {light.tobytes() for light in capture_scene(mjcf, 3, away).light}
         # tick k shows y[k - 1]; a capsule is as long again in z alone
         hidden = np.flatnonzero(y < 0.49) + 1
         wrong += shown.wrong + sum(shown.light[tick].tobytes() != empty for tick in hidden)
-        recovered = recovered and shown.told and shown.film.report.clamps == 0
-        events += shown.film.report.events
-        said += shown.film.warnings
-    return Outcome(wrong, 0, "events or ticks", (*said, f"events {events:,}"), recovered)
+        recovered = recovered and shown.is_explained and shown.capture.report.clamps == 0
+        events += shown.capture.report.events
+        messages += shown.capture.warnings
+    return Measurement(wrong, 0, "events or ticks", (*messages, f"events {events:,}"), recovered)
 
 
-def _teleport(short: bool) -> Outcome:
+def _teleport(short: bool) -> Measurement:
     ticks = 24 if short else 240
     places = {0: (0.0, 3.0, 0.0), 1: (1e3, 3.0, 0.0), 2: (-1.0, 4.0, 0.5), 3: (1e9, -1e9, 1e9)}
 
     def move(tick: int, world: World) -> None:
         world.data.mocap_pos[0] = places[tick // 2 % 4 if tick < ticks - 4 else 0]
 
-    shown = watch(ROOM.format("box"), ticks, move)
+    shown = capture_scene(ROOM.format("box"), ticks, move)
     first, last = shown.light[0], shown.light[-1]
-    said = (*shown.film.warnings, f"events {shown.film.report.events:,}")
+    messages = (*shown.capture.warnings, f"events {shown.capture.report.events:,}")
     moved = (shown.light[4] != first).mean()
-    same = np.array_equal(first, last) and shown.told and moved > 0.01
-    return Outcome(shown.wrong + shown.film.report.clamps, 0, "events", said, bool(same))
+    same = np.array_equal(first, last) and shown.is_explained and moved > 0.01
+    return Measurement(shown.wrong + shown.capture.report.clamps, 0, "events", messages, bool(same))
 
 
 CART = """<mujoco><option timestep=".001"/><worldbody>
@@ -75,7 +75,7 @@ CART = """<mujoco><option timestep=".001"/><worldbody>
 SPEED_M_S, PUSH_N = 3.0, 1e14
 
 
-def _explosion(short: bool) -> Outcome:
+def _explosion(short: bool) -> Measurement:
     good = 10 if short else 100
     reports: list[Report] = []
     worlds: list[World] = []
@@ -89,10 +89,10 @@ def _explosion(short: bool) -> Outcome:
         roll(tick, world)
         world.data.qfrc_applied[0] = PUSH_N if tick == good else 0.0
 
-    usual, line = film(CART, good / 1e3, act=roll), ""
+    usual, line = capture(CART, good / 1e3, act=roll), ""
     with TemporaryDirectory() as name:
         try:
-            film(CART, 1.0, act=blow, folder=Path(name), on_report=reports.append)
+            capture(CART, 1.0, act=blow, folder=Path(name), on_report=reports.append)
         except EvsError as error:
             line = str(error)
         recorded = read(Path(name) / "run.aedat4")
@@ -106,11 +106,11 @@ def _explosion(short: bool) -> Outcome:
     world.data.qvel[0] = SPEED_M_S
     again = join_events([world.step()[0].events for _ in range(good)])
     recovered = np.array_equal(again, usual.events) and len(again) > 0
-    return Outcome(wrong + (not named) + (not ended), 0, "events", (report.ended,), recovered)
+    return Measurement(wrong + (not named) + (not ended), 0, "events", (report.ended,), recovered)
 
 
-EXTREMES = (
-    Extreme(
+CASES = (
+    StressCase(
         "camera-inside",
         "motion",
         "a sphere, a box, a capsule, a cylinder and an ellipsoid go through the camera",
@@ -118,7 +118,7 @@ EXTREMES = (
         "without it; the events are those of ln(light), one by one",
         _inside,
     ),
-    Extreme(
+    StressCase(
         "teleport",
         "motion",
         "a box is 1 km, then 1e9 m away every other tick, and back where it was",
@@ -126,7 +126,7 @@ EXTREMES = (
         "bit and each pixel's events add up to nothing",
         _teleport,
     ),
-    Extreme(
+    StressCase(
         "exploding-physics",
         "motion",
         "a force of 1e14 N on a cart",

@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from evs.emulator import World
-from evs.tools.stress.closed_form import seen_counts
-from evs.tools.stress.extreme import Extreme, Outcome
-from evs.tools.stress.grid_target import Shown, watch
+from evs.tools.stress.closed_form import event_counts
+from evs.tools.stress.grid_target import GridCapture, capture_scene
 from evs.tools.stress.motion.many import mesh_file
 from evs.tools.stress.motion.meshes import CORNERS, CUBE
+from evs.tools.stress.stress_case import Measurement, StressCase
 
 SIDE_PX = 48
 MOST = 1e-3
@@ -38,7 +38,7 @@ def _world(scale: float) -> str:
  conaffinity="0"/></body></worldbody></mujoco>"""
 
 
-def _seen(scale: float, ticks: int) -> Shown:
+def _seen(scale: float, ticks: int) -> GridCapture:
     def move(tick: int, world: World) -> None:
         along = tick / ticks
         world.data.mocap_pos[0] = np.array([-2 + 4 * along, -1.0, 0.5]) * scale
@@ -48,27 +48,30 @@ def _seen(scale: float, ticks: int) -> Shown:
 
     files = {"cube.msh": mesh_file(CORNERS, CUBE)}
     sensor = {"width": SIDE_PX, "height": SIDE_PX}
-    return watch(_world(scale), ticks, move, sensor, files)
+    return capture_scene(_world(scale), ticks, move, sensor, files)
 
 
-def _scales(short: bool) -> Outcome:
+def _scales(short: bool) -> Measurement:
     ticks, worst = 15 if short else 150, 0.0
     usual = _seen(1.0, ticks)
-    counted = seen_counts(usual.film.events, ticks, 1000, (SIDE_PX, SIDE_PX))
-    said, recovered = [f"1 m: events {usual.film.report.events:,}"], usual.told
+    counted = event_counts(usual.capture.events, ticks, 1000, (SIDE_PX, SIDE_PX))
+    messages, recovered = [f"1 m: events {usual.capture.report.events:,}"], usual.is_explained
     for scale in (1e-6, 1e6) if short else (1e-6, 1e-3, 1e3, 1e6):
         shown = _seen(scale, ticks)
         apart = np.abs(shown.light - usual.light) > 1e-3 * usual.light.max()
-        counts = seen_counts(shown.film.events, ticks, 1000, (SIDE_PX, SIDE_PX))
+        counts = event_counts(shown.capture.events, ticks, 1000, (SIDE_PX, SIDE_PX))
         other = float(np.abs(counts - counted).sum() / counted.sum())
         worst = max(worst, float(apart.mean()), other)
-        recovered = recovered and shown.told and shown.wrong == usual.wrong == 0
-        said += [f"{scale:g} m: events {shown.film.report.events:,}", *shown.film.warnings]
-    return Outcome(worst, MOST, "of pixels, events", tuple(said), recovered)
+        recovered = recovered and shown.is_explained and shown.wrong == usual.wrong == 0
+        messages += [
+            f"{scale:g} m: events {shown.capture.report.events:,}",
+            *shown.capture.warnings,
+        ]
+    return Measurement(worst, MOST, "of pixels, events", tuple(messages), recovered)
 
 
-EXTREMES = (
-    Extreme(
+CASES = (
+    StressCase(
         "world-scales",
         "motion",
         "the same scene at 1e-6, 1e-3, 1e3 and 1e6 times its size",

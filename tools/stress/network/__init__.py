@@ -1,7 +1,7 @@
-"""The extremes of the network."""
+"""Stress cases of the network."""
 
 from evs.tools.stress.network import clamps, memory
 
-EXTREMES = (*memory.EXTREMES, *clamps.EXTREMES)
+CASES = (*memory.CASES, *clamps.CASES)
 
-__all__ = ["EXTREMES"]
+__all__ = ["CASES"]

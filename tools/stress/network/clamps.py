@@ -7,19 +7,19 @@ import numpy as np
 from evs.emulator import World
 from evs.emulator.evsnet.bilif import MAX_POTENTIAL
 from evs.emulator.evsnet.weights import NetworkWeights
-from evs.tools.stress.extreme import Extreme, Outcome
-from evs.tools.stress.network.through import (
+from evs.tools.stress.network.known_networks import (
     SENSOR,
+    capture_network,
     membranes,
     refused,
     scaled,
-    shown,
     through,
 )
 from evs.tools.stress.step_target import OPEN, SHUT
+from evs.tools.stress.stress_case import Measurement, StressCase
 
 
-def _strobe(network: NetworkWeights, flashes: int, exposure_dn: float) -> Outcome:
+def _strobe(network: NetworkWeights, flashes: int, exposure_dn: float) -> Measurement:
     """Black and white in turn, tick by tick, then stillness: how large a membrane gets."""
     still = int(MAX_POTENTIAL) + network.receptive_field + 8
     largest: list[float] = []
@@ -31,38 +31,42 @@ def _strobe(network: NetworkWeights, flashes: int, exposure_dn: float) -> Outcom
         return SHUT if tick < flashes and tick % 2 else OPEN
 
     ticks = flashes + still
-    seen = shown(network, left, ticks, watch, exposure_dn)
-    fired = len(seen.film.events) > 0
-    quiet = not len(seen.film.within((ticks - 8) * 1000, ticks * 1000))
+    seen = capture_network(network, left, ticks, watch, exposure_dn)
+    fired = len(seen.capture.events) > 0
+    quiet = not len(seen.capture.within((ticks - 8) * 1000, ticks * 1000))
     # one event a pixel and tick at most, and each impossible value is counted
     most = SENSOR["width"] * SENSOR["height"] * ticks
-    clamps = seen.film.report.clamps
-    told = any("clamps" in line for line in seen.film.warnings)
-    said = (*seen.film.warnings, f"clamps: {clamps:,}")
-    right = fired and quiet and told and clamps > 0 and len(seen.film.events) <= most
-    return Outcome(max(largest), float(MAX_POTENTIAL), "V_th", said, right and largest[-1] < 1.0)
+    clamps = seen.capture.report.clamps
+    warned = any("clamps" in line for line in seen.capture.warnings)
+    messages = (*seen.capture.warnings, f"clamps: {clamps:,}")
+    right = fired and quiet and warned and clamps > 0 and len(seen.capture.events) <= most
+    return Measurement(
+        max(largest), float(MAX_POTENTIAL), "V_th", messages, right and largest[-1] < 1.0
+    )
 
 
-def _clamped(short: bool) -> Outcome:
+def _clamped(short: bool) -> Measurement:
     """Steps of 20.7 log units, each tick, for ever: X is cut at 20."""
     return _strobe(through(5.0, blocks=3), 100 if short else 5000, 1e9)
 
 
-def _zeros(short: bool) -> Outcome:
+def _zeros(short: bool) -> Measurement:
     """Weights of zeros under a strobe."""
     flashes = 100 if short else 5000
-    seen = shown(scaled(0.0, 8, 3), lambda tick: SHUT if tick % 2 else OPEN, flashes)
-    rest = float(np.abs(membranes(seen.film.world)).max())
-    said = (f"{seen.film.report.events} events, {seen.film.report.clamps} values clamped",)
-    return Outcome(len(seen.film.events), 0, "events", said, rest == 0.0)
+    seen = capture_network(scaled(0.0, 8, 3), lambda tick: SHUT if tick % 2 else OPEN, flashes)
+    rest = float(np.abs(membranes(seen.capture.world)).max())
+    messages = (
+        f"{seen.capture.report.events} events, {seen.capture.report.clamps} values clamped",
+    )
+    return Measurement(len(seen.capture.events), 0, "events", messages, rest == 0.0)
 
 
-def _large(short: bool) -> Outcome:
+def _large(short: bool) -> Measurement:
     """Weights of a million: two of them bounded, all of a whole network refused."""
     refusal = refused(lambda: scaled(1e6, 8, 3))
     found = _strobe(scaled(1e6, 2, 1), 100 if short else 5000, 255.0)
     right = found.recovered and "its weights are so large" in refusal
-    return Outcome(found.value, found.limit, found.unit, (*found.said, refusal), right)
+    return Measurement(found.value, found.limit, found.unit, (*found.messages, refusal), right)
 
 
 _MEMBRANE = (
@@ -70,16 +74,18 @@ _MEMBRANE = (
     "64 ticks and the network's window after the last change all is silent"
 )
 
-EXTREMES = (
-    Extreme(
+CASES = (
+    StressCase(
         "x-at-its-clamp",
         "network",
         "steps of 20.7 log units in every tick (cut at 20), current 100",
         _MEMBRANE,
         _clamped,
     ),
-    Extreme("weights-0", "network", "weights of zeros under a strobe", "no event, V = 0", _zeros),
-    Extreme(
+    StressCase(
+        "weights-0", "network", "weights of zeros under a strobe", "no event, V = 0", _zeros
+    ),
+    StressCase(
         "weights-1e6",
         "network",
         "weights of a million under a strobe",

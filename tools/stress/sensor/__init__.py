@@ -1,7 +1,7 @@
-"""The extremes of the sensor."""
+"""Stress cases of the sensor."""
 
 from evs.tools.stress.sensor import bandwidth, readout, size, thresholds
 
-EXTREMES = (*thresholds.EXTREMES, *bandwidth.EXTREMES, *readout.EXTREMES, *size.EXTREMES)
+CASES = (*thresholds.CASES, *bandwidth.CASES, *readout.CASES, *size.CASES)
 
-__all__ = ["EXTREMES"]
+__all__ = ["CASES"]

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from evs.msgs import Events
-from evs.tools.stress.extreme import Extreme, Outcome
-from evs.tools.stress.step_target import OPEN, SHUT, curtain, swept
+from evs.tools.stress.step_target import OPEN, SHUT, capture_step, edge_position
+from evs.tools.stress.stress_case import Measurement, StressCase
 
 READOUT = {
     "order": "arbiter", "row_ns": 500, "column_ns": 83, "jitter_ns": 50.0,
@@ -17,7 +17,7 @@ READOUT = {
 """[sensor.readout]: a DAVIS346's, its queue short enough to overflow soon"""
 
 
-def _saturated(short: bool) -> Outcome:
+def _saturated(short: bool) -> Measurement:
     """All pixels black and white in turn, tick by tick, then one calm sweep."""
     flashes, calm = (20, 10) if short else (200, 40)
     rest = flashes + 12
@@ -25,24 +25,24 @@ def _saturated(short: bool) -> Outcome:
     def left(tick: int) -> float:
         if tick < flashes:
             return SHUT if tick % 2 else OPEN
-        return swept(rest, calm, tick)
+        return edge_position(rest, calm, tick)
 
     ticks = rest + 2 * calm + 4
-    ideal = curtain(left, ticks)
-    chip = curtain(left, ticks, {"sensor": {"readout": READOUT}})
-    report = chip.film.report
-    made, out = len(ideal.film.events), len(chip.film.events)
+    ideal = capture_step(left, ticks)
+    chip = capture_step(left, ticks, {"sensor": {"readout": READOUT}})
+    report = chip.capture.report
+    made, out = len(ideal.capture.events), len(chip.capture.events)
     lost = report.events_dropped
     missing = abs(made - out - lost - report.events_waiting)
     # no more leaves in a millisecond than the link carries
     ends = np.arange(0, ticks * 1000 + 1, 1000)
-    busiest = int(np.diff(np.searchsorted(chip.film.events["t"], ends, "right")).max())
-    told = report.cameras[0]["events_dropped"]
-    said = (f"{made:,} events made, {out:,} read out, dropped: {_causes(told)}",)
+    busiest = int(np.diff(np.searchsorted(chip.capture.events["t"], ends, "right")).max())
+    dropped = report.cameras[0]["events_dropped"]
+    messages = (f"{made:,} events made, {out:,} read out, dropped: {_causes(dropped)}",)
     calm_us = rest * 1000
-    after, expected = (film.within(calm_us, 10**9) for film in (ideal.film, chip.film))
+    after, expected = (capture.within(calm_us, 10**9) for capture in (ideal.capture, chip.capture))
     right = lost > 0 and busiest <= 12_001 and _same_pixels(after, expected)
-    return Outcome(missing, 0, "missing events", said, right)
+    return Measurement(missing, 0, "missing events", messages, right)
 
 
 def _causes(dropped: Mapping[str, int]) -> str:
@@ -55,8 +55,8 @@ def _same_pixels(a: Events, b: Events) -> bool:
     return len(a) > 0 and bool(np.array_equal(sorted_a, sorted_b))
 
 
-EXTREMES = (
-    Extreme(
+CASES = (
+    StressCase(
         "every-pixel-every-tick",
         "sensor",
         "the whole picture black and white in turn, tick by tick, through a DAVIS346's readout",

@@ -1,7 +1,7 @@
-"""The extremes of time."""
+"""Stress cases of time."""
 
 from evs.tools.stress.time import day, resets, starts, ticks
 
-EXTREMES = (*ticks.EXTREMES, *day.EXTREMES, *starts.EXTREMES, *resets.EXTREMES)
+CASES = (*ticks.CASES, *day.CASES, *starts.CASES, *resets.CASES)
 
-__all__ = ["EXTREMES"]
+__all__ = ["CASES"]

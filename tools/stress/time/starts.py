@@ -13,10 +13,10 @@ from evs.drivers.files import formats, messages, stream_of
 from evs.emulator import World
 from evs.emulator.base.stamps import MAX_START_US
 from evs.msgs import EventPacket, Events, join_events
-from evs.tools.stress.capture import film
-from evs.tools.stress.extreme import Extreme, Outcome
-from evs.tools.stress.grid_target import FLASH_PX, HEIGHT_PX, place, wall
+from evs.tools.stress.capture import capture
+from evs.tools.stress.grid_target import FLASH_PX, HEIGHT_PX, grid_mjcf, place
 from evs.tools.stress.light.levels import USUAL
+from evs.tools.stress.stress_case import Measurement, StressCase
 
 UNIX_US = 1_795_305_600_000_000
 """22 November 2026 as a Unix time"""
@@ -27,14 +27,14 @@ STARTS_US = (2**31 - 4000, 2**31, 2**32 - 4000, UNIX_US, MAX_START_US)
 LEVELS = (*USUAL, *USUAL)
 
 
-def _film(start_us: int, suffix: str, folder: Path | None = None) -> Events:
+def _capture(start_us: int, suffix: str, folder: Path | None = None) -> Events:
     """What leaves the camera, which `film` has found in the recording too."""
 
     def act(tick: int, world: World) -> None:
         place(world, min(tick, len(LEVELS) - 1) * FLASH_PX)
 
-    seen = film(
-        wall(LEVELS, FLASH_PX),
+    seen = capture(
+        grid_mjcf(LEVELS, FLASH_PX),
         len(LEVELS) * 1e-3,
         {
             "sensor": {"width": FLASH_PX, "height": HEIGHT_PX},
@@ -55,7 +55,7 @@ class _Listener:
     """A subscriber in a thread of its own."""
 
     def __init__(self, address: str) -> None:
-        self.heard: list[Events] = []
+        self.received: list[Events] = []
         self.lost = -1
         self._address = address
         self._thread = threading.Thread(target=self._listen, daemon=True)
@@ -63,13 +63,13 @@ class _Listener:
 
     def _listen(self) -> None:
         with subscribe(self._address, timeout_s=20.0, queue=QUEUE) as subscription:
-            self.heard += [packet.events for packet in subscription]
+            self.received += [packet.events for packet in subscription]
             self.lost = subscription.lost
 
     def events(self) -> Events:
         """All that came until the publisher's end."""
         self._thread.join(timeout=30.0)
-        return join_events(self.heard)
+        return join_events(self.received)
 
 
 def _played(file: Path) -> tuple[Events, int]:
@@ -94,29 +94,29 @@ def _later(events: Events, by_us: int) -> Events:
     return moved
 
 
-def _starts(short: bool) -> Outcome:
+def _starts(short: bool) -> Measurement:
     kinds = [kind for kind in formats.FORMATS if not kind.extra]
     if short:
         kinds = [kind for kind in kinds if kind.name in ("aedat4", "aedat2", "evt3", "npz")]
-    usual = _film(0, ".aedat4")
+    usual = _capture(0, ".aedat4")
     wrong, notes = 0, []
     for start_us in (STARTS_US[0], UNIX_US) if short else STARTS_US:
         expected = _later(usual, start_us)
         for kind in kinds:
-            wrong += len(np.setxor1d(_film(start_us, kind.suffixes[0]), expected))
+            wrong += len(np.setxor1d(_capture(start_us, kind.suffixes[0]), expected))
         with TemporaryDirectory() as name:
-            _film(start_us, ".aedat4", Path(name))
-            heard, lost = _played(Path(name) / "run.aedat4")
-        unheard = len(np.setxor1d(heard, expected)) + abs(lost)
-        wrong += unheard
-        if unheard:
-            notes.append(f"from {start_us} us on the bus: {len(heard)} events, lost {lost}")
-    again = _film(0, ".aedat4")
-    return Outcome(wrong, 0, "events", tuple(notes), np.array_equal(again, usual))
+            _capture(start_us, ".aedat4", Path(name))
+            received, lost = _played(Path(name) / "run.aedat4")
+        missing = len(np.setxor1d(received, expected)) + abs(lost)
+        wrong += missing
+        if missing:
+            notes.append(f"from {start_us} us on the bus: {len(received)} events, lost {lost}")
+    again = _capture(0, ".aedat4")
+    return Measurement(wrong, 0, "events", tuple(notes), np.array_equal(again, usual))
 
 
-EXTREMES = (
-    Extreme(
+CASES = (
+    StressCase(
         "start-times",
         "time",
         "scene.start_us of 2^31 us, 2^32 us, a Unix time and the year 2112, into every format, "

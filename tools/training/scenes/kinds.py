@@ -18,8 +18,8 @@ STANDING = 0.25
 
 def _put(draft: Draft, eye: Eye, place: F64, radius: float, pace: float) -> None:
     """One thing: it stands, or moves at some share of the scene's pace."""
-    look = material(draft, 2 * radius, eye.px_per_m(place), fine=0.3)
-    content = thing(draft, radius, look)
+    material_name = material(draft, 2 * radius, eye.px_per_m(place), fine=0.3)
+    content = thing(draft, radius, material_name)
     if draft.chance(STANDING):
         draft.bodies.append(still(place, content))
         return
@@ -52,11 +52,11 @@ def room(draft: Draft, level: float) -> tuple[Eye, F64, float]:
         ((0, -y, z / 2), (x, z / 2), (0, 1, 0)),
     )
     for at, half, normal in walls:
-        look = material(draft, 2 * max(half), scale, fine=0.2, reflects=0.05)
+        material_name = material(draft, 2 * max(half), scale, fine=0.2, reflects=0.05)
         axes = _plane_axes(normal)
         draft.bodies.append(
             f'<geom type="plane" pos="{num(*at)}" size="{num(*half, 0.1)}" '
-            f'xyaxes="{num(*axes)}" material="{look}"/>'
+            f'xyaxes="{num(*axes)}" material="{material_name}"/>'
         )
     pace = draft.speed()
     for _ in range(draft.integer(3, 10)):
@@ -67,11 +67,11 @@ def room(draft: Draft, level: float) -> tuple[Eye, F64, float]:
         )
         _put(draft, eye, spot, radius, pace)
     if draft.chance(0.3):
-        look = glowing(draft, level * draft.log_uniform(1.0, 8.0))
+        material_name = glowing(draft, level * draft.log_uniform(1.0, 8.0))
         panel = (draft.uniform(-0.5, 0.5) * x, draft.uniform(-0.5, 0.5) * y, z - 0.05)
         draft.bodies.append(
             f'<geom type="box" size="{num(0.2 * x, 0.1 * y, 0.02)}" pos="{num(*panel)}" '
-            f'material="{look}"/>'
+            f'material="{material_name}"/>'
         )
     # not through a wall
     reach = 0.8 * min(x - abs(place[0]), y - abs(place[1]), 0.5 * z)
@@ -98,8 +98,8 @@ def tabletop(draft: Draft, level: float) -> tuple[Eye, F64, float]:
     scale = eye.focal_px / eye.distance
     falls = draft.chance(0.35)
     touch = 'contype="1" conaffinity="1"' if falls else ""
-    look = material(draft, 4.0, scale, fine=0.3)
-    draft.bodies.append(f'<geom type="plane" size="2 2 .1" material="{look}" {touch}/>')
+    material_name = material(draft, 4.0, scale, fine=0.3)
+    draft.bodies.append(f'<geom type="plane" size="2 2 .1" material="{material_name}" {touch}/>')
     pace = draft.speed()
     for k in range(draft.integer(3, 12)):
         radius = draft.log_uniform(0.02, 0.12)
@@ -148,10 +148,12 @@ def floor(draft: Draft, level: float) -> tuple[Eye, F64, float]:
         np.array([ahead * math.cos(turn), ahead * math.sin(turn), 0.0]),
         draft.uniform(35.0, 90.0),
     )
-    look = material(draft, 1.0, eye.focal_px / eye.distance, fine=0.4, plain=0.1, contrast=1.2)
+    material_name = material(
+        draft, 1.0, eye.focal_px / eye.distance, fine=0.4, plain=0.1, contrast=1.2
+    )
     # texture coordinates per metre
     draft.assets[-1] = draft.assets[-1].replace("<material ", '<material texuniform="true" ')
-    draft.bodies.append(f'<geom type="plane" size="0 0 1" material="{look}"/>')
+    draft.bodies.append(f'<geom type="plane" size="0 0 1" material="{material_name}"/>')
     pace = draft.speed()
     for _ in range(draft.integer(0, 7)):
         radius = draft.log_uniform(0.03, 0.4)
@@ -171,10 +173,10 @@ def clutter(draft: Draft, level: float) -> tuple[Eye, F64, float]:
     )
     if draft.chance(0.65):
         away = draft.uniform(3.0, 6.0)
-        look = material(draft, 16.0, eye.focal_px / away, fine=0.25)
+        material_name = material(draft, 16.0, eye.focal_px / away, fine=0.25)
         draft.bodies.append(
             f'<geom type="plane" pos="{num(away, 0, 0)}" size="8 8 .1" '
-            f'xyaxes="0 0 1 0 1 0" material="{look}"/>'
+            f'xyaxes="0 0 1 0 1 0" material="{material_name}"/>'
         )
     else:
         sky(draft, level * draft.log_uniform(0.05, 1.0))
@@ -198,24 +200,30 @@ def closeup(draft: Draft, level: float) -> tuple[Eye, F64, float]:
     shape = draft.choice(("plane", "ball", "drum", "hills", "hull"))
     speed, spins = draft.speed(), draft.chance(0.6)
     if shape == "plane":
-        look = material(draft, 6.0, scale, fine=0.5, plain=0.03, reflects=0.04, contrast=1.3)
-        content, radius = f'<geom type="box" size="3 3 .1" material="{look}"/>', 0.2
+        material_name = material(
+            draft, 6.0, scale, fine=0.5, plain=0.03, reflects=0.04, contrast=1.3
+        )
+        content, radius = f'<geom type="box" size="3 3 .1" material="{material_name}"/>', 0.2
         axis, depth = np.array([0.0, 0.0, 1.0]), -0.1
     elif shape == "hills":
         radius = 0.2
-        look = material(draft, 2.0, scale, fine=0.5, plain=0.1, reflects=0.04, contrast=1.3)
-        content, depth = _hills(draft, look), -0.15
+        material_name = material(
+            draft, 2.0, scale, fine=0.5, plain=0.1, reflects=0.04, contrast=1.3
+        )
+        content, depth = _hills(draft, material_name), -0.15
         axis = np.array([0.0, 0.0, 1.0])
     else:
         radius = draft.uniform(0.3, 1.0)
-        look = material(draft, 2 * radius, scale, fine=0.5, plain=0.05, reflects=0.06, contrast=1.3)
+        material_name = material(
+            draft, 2 * radius, scale, fine=0.5, plain=0.05, reflects=0.06, contrast=1.3
+        )
         axis, depth = draft.direction() * (1.0, 1.0, 0.2), -radius
         form = f'type="sphere" size="{num(radius)}"'
         if shape == "drum":
             form = f'type="cylinder" size="{num(radius, 2)}" zaxis="{num(*axis)}"'
         elif shape == "hull":
             form = f'type="mesh" mesh="{mesh(draft, radius)}"'
-        content = f'<geom {form} material="{look}"/>'
+        content = f'<geom {form} material="{material_name}"/>'
     place = np.array([0.0, 0.0, depth])
     if spins:
         turn = min(speed / scale / radius, 400.0)
@@ -236,7 +244,7 @@ def closeup(draft: Draft, level: float) -> tuple[Eye, F64, float]:
     return eye, eye.target, draft.uniform(1.0, 2.5)
 
 
-def _hills(draft: Draft, look: str) -> str:
+def _hills(draft: Draft, material_name: str) -> str:
     """A height field, 2 x 2 m."""
     side = draft.integer(8, 24)
     heights = draft.rng.uniform(0.0, 1.0, (side, side))
@@ -246,4 +254,4 @@ def _hills(draft: Draft, look: str) -> str:
         f'<hfield name="{name}" nrow="{side}" ncol="{side}" '
         f'size="1 1 {num(draft.uniform(0.03, 0.3))} .02" elevation="{num(*heights.ravel())}"/>'
     )
-    return f'<geom type="hfield" hfield="{name}" material="{look}"/>'
+    return f'<geom type="hfield" hfield="{name}" material="{material_name}"/>'

@@ -54,18 +54,18 @@ def _lamp(draft: Draft, eye: Eye, strength: float, middle: F64, reach: float) ->
     cone = ""
     if kind == "spot":
         cone = f'cutoff="{num(draft.uniform(20, 70))}" exponent="{num(draft.log_uniform(0.5, 20))}"'
-    said = (
+    attributes = (
         f'<light type="{kind}" dir="{num(*-away)}" diffuse="{num(*tint)}" '
         f'specular="{num(*(tint * draft.uniform(0.0, 0.5)))}" {soft} {cone}'
     )
     if kind != "directional" and draft.chance(0.12):
         # a lamp that swings moves every shadow
         draft.bodies.append(
-            moving(draft, eye, place, f'{said} pos="0 0 0"/>', 0.3 * reach, draft.speed())
+            moving(draft, eye, place, f'{attributes} pos="0 0 0"/>', 0.3 * reach, draft.speed())
         )
         draft.tags.append("swinging lamp")
         return
-    draft.bodies.append(f'{said} pos="{num(*place)}"/>')
+    draft.bodies.append(f'{attributes} pos="{num(*place)}"/>')
 
 
 def _flicker(draft: Draft) -> None:

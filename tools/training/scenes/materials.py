@@ -34,12 +34,17 @@ def material(
 ) -> str:
     """Name of a new material for something of this size.
 
-    In: px_per_m, how large a metre appears; fine, share of textures with a period of a few px;
-    plain, share without texture; reflects, share of mirrors;
-    contrast, the least of a texture.
+    Args:
+        draft: the scene so far.
+        size_m: size of what it covers, m.
+        px_per_m: how large a metre appears.
+        fine: share of textures with a period of a few px.
+        plain: share without texture.
+        reflects: share of mirrors.
+        contrast: the least of a texture.
     """
     name = draft.name("look")
-    said = [f'name="{name}"', f'rgba="{num(*map(encoded, colour(draft, albedo(draft))))} 1"']
+    attributes = [f'name="{name}"', f'rgba="{num(*map(encoded, colour(draft, albedo(draft))))} 1"']
     if not draft.chance(plain):
         # a period in the image, px
         period_px = (
@@ -47,23 +52,23 @@ def material(
         )
         repeat = max(0.3, size_m * px_per_m / period_px)
         stretched = draft.log_uniform(0.5, 2.0)
-        said.append(
+        attributes.append(
             f'texture="{texture(draft, contrast)}" texrepeat="{num(repeat, repeat * stretched)}"'
         )
         draft.tags.append("fine" if period_px < 8 else "textured")
     if draft.chance(reflects):
-        said.append(f'reflectance="{num(draft.uniform(0.1, 0.95))}"')
+        attributes.append(f'reflectance="{num(draft.uniform(0.1, 0.95))}"')
         draft.tags.append("mirror")
     elif draft.chance(0.25):
         metal = 1.0 if draft.chance(0.5) else 0.0
-        said.append(f'metallic="{num(metal)}" roughness="{num(draft.uniform(0.05, 1.0))}"')
+        attributes.append(f'metallic="{num(metal)}" roughness="{num(draft.uniform(0.05, 1.0))}"')
         draft.tags.append("metal" if metal else "physical")
     elif draft.chance(0.5):
         gloss = draft.uniform(0.0, 1.0), draft.uniform(0.05, 1.0)
-        said.append(f'specular="{num(gloss[0])}" shininess="{num(gloss[1])}"')
+        attributes.append(f'specular="{num(gloss[0])}" shininess="{num(gloss[1])}"')
     else:
-        said.append('specular="0"')
-    draft.assets.append(f"<material {' '.join(said)}/>")
+        attributes.append('specular="0"')
+    draft.assets.append(f"<material {' '.join(attributes)}/>")
     return name
 
 

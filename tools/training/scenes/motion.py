@@ -91,8 +91,12 @@ def camera(
 ) -> None:
     """Write the camera `eye` and how it moves.
 
-    In: span_px, how far the picture may turn before there is nothing to see; around, a turn about
-    the vertical always shows something; reach_m, how far it may slide.
+    Args:
+        draft: the scene so far.
+        eye: the camera.
+        span_px: how far the picture may turn before there is nothing to see.
+        around: a turn about the vertical always shows something.
+        reach_m: how far it may slide.
     """
     right, up, forward = eye.axes()
     way = draft.choice(("still", "pan", "slide", "shake"), (35, 25, 25, 15))

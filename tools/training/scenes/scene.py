@@ -52,9 +52,14 @@ class TrainingScene:
 
 
 def make_scene(seed: int, number: int, attempt: int = 0) -> TrainingScene:
-    """Scene `number` of a seed. In: attempt, another one in its place, where the first is no use.
+    """Scene `number` of a seed.
 
     Of every five scenes in a row each is of another kind.
+
+    Args:
+        seed: of the data set.
+        number: of the scene.
+        attempt: another one in its place, where the first is no use.
     """
     order = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 1, number // 5])))
     kind = list(KINDS)[int(order.permutation(len(KINDS))[number % len(KINDS)])]

@@ -16,20 +16,20 @@ PRIMITIVES = ("sphere", "capsule", "cylinder", "box", "ellipsoid")
 MESHES = ("hull", "knob", "star")
 
 
-def thing(draft: Draft, radius: float, look: str) -> str:
+def thing(draft: Draft, radius: float, material_name: str) -> str:
     """Geoms that fill about a ball of this radius around the body's origin, one or a few."""
     if draft.chance(0.25):
         parts = draft.integer(2, 4)
         spread = 0.6 * radius
         return "".join(
-            _one(draft, radius * draft.uniform(0.3, 0.6), look, draft.direction() * spread)
+            _one(draft, radius * draft.uniform(0.3, 0.6), material_name, draft.direction() * spread)
             for _ in range(parts)
         )
-    return _one(draft, radius, look, np.zeros(3))
+    return _one(draft, radius, material_name, np.zeros(3))
 
 
-def _one(draft: Draft, radius: float, look: str, place: F64) -> str:
-    common = f'material="{look}" pos="{num(*place)}" zaxis="{num(*draft.direction())}"'
+def _one(draft: Draft, radius: float, material_name: str, place: F64) -> str:
+    common = f'material="{material_name}" pos="{num(*place)}" zaxis="{num(*draft.direction())}"'
     if draft.chance(0.35):
         return f'<geom type="mesh" mesh="{mesh(draft, radius)}" {common}/>'
     kind = draft.choice(PRIMITIVES)

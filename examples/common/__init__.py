@@ -1,0 +1,1 @@
+"""What the examples share: sensors, pushes, a search, a file of results, GIFs."""

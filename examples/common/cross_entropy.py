@@ -1,0 +1,76 @@
+"""Cross-entropy search over a box, which tunes every controller with the same budget.
+
+After Rubinstein, The cross-entropy method for combinatorial and continuous optimization, 1999.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from evs.msgs import EvsError
+
+Point = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How long it may look. Equal budgets try equally many points."""
+
+    rounds: int = 5
+    points: int = 10
+    """tried in each round"""
+    kept: int = 3
+    """whose mean and spread the next round is drawn from"""
+
+    @property
+    def trials(self) -> int:
+        """Points that are tried in all."""
+        return self.rounds * self.points
+
+
+def cross_entropy(
+    score: Callable[[Point], float],
+    box: Mapping[str, tuple[float, float]],
+    begin: Point,
+    budget: Budget,
+    seed: int = 0,
+) -> tuple[Point, float]:
+    """The best point that was tried, and its score: more is better.
+
+    Same seed, same points.
+
+    Args:
+        score: rates a point; more is better.
+        box: name -> least and largest value, both over 0: they are searched by their logarithm.
+        begin: the first point tried and the middle of the first round.
+        budget: how many points are tried.
+        seed: of all random numbers.
+    """
+    for name, (low, high) in box.items():
+        if not 0.0 < low < high or not low <= begin[name] <= high:
+            raise EvsError(
+                f"{name} is to lie in {low:g} ... {high:g} and to begin at {begin[name]:g}"
+            )
+    if not 1 < budget.kept <= budget.points or budget.rounds < 1:
+        raise EvsError(f"a search keeps 2 points or more of each round: {budget}")
+    random = np.random.default_rng(seed)
+    least, most = (np.log([ends[k] for ends in box.values()]) for k in (0, 1))
+    mean, spread = np.log([begin[name] for name in box]), (most - least) / 4.0
+    best, highest = dict(begin), -math.inf
+    for turn in range(budget.rounds):
+        drawn = mean + spread * random.standard_normal((budget.points, len(box)))
+        tried = np.clip(drawn, least, most)
+        if turn == 0:
+            tried[0] = mean
+        points = [dict(zip(box, np.exp(row).tolist(), strict=True)) for row in tried]
+        scores = np.array([score(point) for point in points])
+        # stable: of equal ones the first
+        order = np.argsort(-scores, kind="stable")[: budget.kept]
+        if scores[order[0]] > highest:
+            best, highest = points[order[0]], float(scores[order[0]])
+        mean, spread = tried[order].mean(0), tried[order].std(0) + 0.02 * (most - least)
+    return best, highest

@@ -1,0 +1,103 @@
+"""Measure how many balls each tracker saves, over the speed of the balls."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from evs.examples.common.results_file import ResultsFile
+from evs.examples.goalie import TRACKERS
+from evs.examples.goalie.environment import SAVES_M, GoalieExperiment
+from evs.tools.jobs import run_units
+
+SLOWEST_M_S, FASTEST_M_S = 1.0, 64.0
+
+
+@dataclass(frozen=True)
+class CurvePlan:
+    """Extent of the measurement."""
+
+    trackers: tuple[str, ...] = tuple(TRACKERS)
+    speeds: int = 19
+    """from the slowest to the fastest, evenly by ratio"""
+    shots: int = 100
+    """at each speed; the same ones for every tracker"""
+
+
+QUICK = CurvePlan(speeds=4, shots=3)
+"""A rehearsal, whose numbers mean nothing."""
+
+
+@dataclass(frozen=True)
+class CurveUnit:
+    """All shots of one speed at one tracker."""
+
+    tracker: str
+    speed_m_s: float
+    shots: int
+
+    @property
+    def name(self) -> str:
+        """In the file of results."""
+        return f"{self.speed_m_s:g}"
+
+
+def speeds_of(plan: CurvePlan) -> list[float]:
+    """M/s, of three digits, so that they have names."""
+    ends = math.log(SLOWEST_M_S), math.log(FASTEST_M_S)
+    return [float(f"{value:.3g}") for value in np.exp(np.linspace(*ends, plan.speeds))]
+
+
+def run_curve(plan: CurvePlan, results: ResultsFile, jobs: int = 1) -> Iterator[CurveUnit]:
+    """Run the units that have no result; yield each once its result is saved."""
+    every = [
+        CurveUnit(tracker, speed, plan.shots)
+        for tracker in plan.trackers
+        for speed in speeds_of(plan)
+    ]
+    todo = [unit for unit in every if not results.has(unit.tracker, unit.name)]
+    for unit, saved in run_units(todo, shoot, jobs):
+        results.put(unit.tracker, unit.name, saved)
+        yield unit
+
+
+def count_units(plan: CurvePlan) -> int:
+    """How many units there are in all."""
+    return len(plan.trackers) * plan.speeds
+
+
+def shoot(unit: CurveUnit) -> int:
+    """How many of the shots are saved; their seeds are 0, 1, ..."""
+    experiment = _goal(unit.tracker)
+    return sum(experiment.shoot(unit.speed_m_s, seed) <= SAVES_M for seed in range(unit.shots))
+
+
+@lru_cache(maxsize=4)
+def _goal(tracker: str) -> GoalieExperiment:
+    return GoalieExperiment(tracker)
+
+
+def plain_plan(plan: CurvePlan) -> dict[str, Any]:
+    """The plan as plain data, for the file of results."""
+    plain = asdict(plan)
+    del plain["trackers"]
+    return {"loop": "goalie", **plain, "speeds_m_s": speeds_of(plan)}
+
+
+def half_speed(saved: dict[float, float]) -> float | None:
+    """The speed above which fewer than half are saved, m/s, between two by ratio; None: never.
+
+    In: speed -> share saved.
+    """
+    known = sorted(saved.items())
+    for (slow, more), (fast, less) in itertools.pairwise(known):
+        if more >= 0.5 > less:
+            part = (more - 0.5) / (more - less)
+            return float(slow * (fast / slow) ** part)
+    return None

@@ -1,0 +1,234 @@
+"""`evs view --live ADDRESS`: show a live stream in a window, a file or characters."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Protocol
+
+from evs.msgs import EventPacket, EvsError
+
+if TYPE_CHECKING:
+    from evs.drivers.bus import Subscription
+    from evs.drivers.viewer import Gatherer, Window
+
+REDRAW_S = 0.05
+"""A terminal is drawn no more often; windows between two drawings are left out."""
+
+_HOME, _CLEAR_LINE, _CLEAR_REST = "\x1b[H", "\x1b[K", "\x1b[J"
+
+
+class Screen(Protocol):
+    """Where a live stream is shown."""
+
+    def __enter__(self) -> Screen:
+        """Begin."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End."""
+
+    def show(self, packet: EventPacket, stream: Subscription) -> bool:
+        """Show one packet and what came with it; False once the window is closed."""
+
+
+def run(args: argparse.Namespace) -> int:
+    """Show packets until the publisher ends, --timeout, Ctrl-C, or the window is closed."""
+    from evs.drivers.bus import subscribe
+
+    screen = _screen(args)
+    with (
+        subscribe(
+            args.live,
+            args.camera,
+            timeout_s=args.timeout,
+            frames=True,
+            poses=True,
+            camera_info=True,
+            server_key=args.server_key,
+            key=args.key,
+        ) as stream,
+        screen,
+    ):
+        try:
+            for packet in stream:
+                if not screen.show(packet, stream):
+                    break
+        except KeyboardInterrupt:
+            pass
+        lost = f"  lost {stream.lost}" if stream.lost else ""
+        totals = f"packets {stream.packets}  events {stream.events}{lost}"
+        if not stream.packets and not stream.ended and args.timeout is not None:
+            raise EvsError(
+                f"nothing came from {stream.address} within {args.timeout:g} s: is a publisher "
+                "running there? (evs emulate starts one)"
+            )
+    print(totals, file=sys.stderr)
+    return 0
+
+
+def has_display() -> bool:
+    """Whether a window can be opened here."""
+    if sys.platform in ("darwin", "win32"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _screen(args: argparse.Namespace) -> Screen:
+    """A file if one is named; characters if asked for or nothing else is there; else a window."""
+    if args.out:
+        if args.sketch:
+            raise EvsError("--sketch draws in the terminal: leave out -o, or leave out --sketch")
+        return _Viewer(Path(args.out))
+    return _Characters() if args.sketch or not has_display() else _Viewer(None)
+
+
+class _Characters:
+    """A sketch of the newest window in the terminal; one below the other where it is none."""
+
+    def __init__(self) -> None:
+        self._gatherers: dict[str, Gatherer] = {}
+        self._is_terminal = sys.stdout.isatty()
+        self._braille = (sys.stdout.encoding or "").lower().replace("-", "") == "utf8"
+        self._due_s: dict[str, float] = {}
+
+    def __enter__(self) -> _Characters:
+        if self._is_terminal:
+            # another page, which leaves the shell's as it was; no cursor
+            print("\x1b[?1049h\x1b[?25l", end="", flush=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._is_terminal:
+            print("\x1b[?25h\x1b[?1049l", end="", flush=True)
+
+    def show(self, packet: EventPacket, stream: Subscription) -> bool:
+        from evs.drivers.clock import monotonic_s
+
+        for window in _windows(self._gatherers, packet):
+            if monotonic_s() >= self._due_s.get(window.camera, 0.0):
+                if window.camera not in self._due_s and self._is_terminal:
+                    # one more camera: all get other places
+                    print(_HOME, _CLEAR_REST, sep="", end="")
+                self._draw(window, stream.lost)
+                self._due_s[window.camera] = monotonic_s() + REDRAW_S
+        return True
+
+    def _draw(self, window: Window, lost: int) -> None:
+        from evs.drivers.viewer import sketch
+
+        columns, rows = shutil.get_terminal_size()
+        # cameras one below the other
+        rows = max(2, rows // max(1, len(self._gatherers)) - 1)
+        place = list(self._gatherers).index(window.camera) * (rows + 1)
+        lines = sketch(
+            window.picture, columns, rows - 1, colours=self._is_terminal, braille=self._braille
+        )
+        total = window.on_hz + window.off_hz
+        share = f", {100 * window.on_hz / total:.0f} % ON" if total else ""
+        head = (
+            f"{window.camera}  t {window.end_us / 1e6:.3f} s  {total:,.0f} events/s{share}"
+            f"  lost {lost}"
+        )
+        if not self._is_terminal:
+            print("\n".join([head, *lines]), flush=True)
+            return
+        text = f"{_CLEAR_LINE}\n".join([head[:columns], *lines])
+        at = f"\x1b[{place + 1};1H" if place else _HOME
+        end = _CLEAR_REST if window.camera == list(self._gatherers)[-1] else _CLEAR_LINE
+        print(f"{at}{text}{end}", end="", flush=True)
+
+
+class _Viewer:
+    """Rerun's viewer in a window of its own, or a .rrd file."""
+
+    def __init__(self, file: Path | None) -> None:
+        from evs.drivers.viewer.viewer import Drawing
+
+        if file is not None and file.suffix != ".rrd":
+            raise EvsError(f"'{file}' is no name for a live view: end it in .rrd")
+        self._file = file
+        self._drawing = Drawing()
+        self._gatherers: dict[str, Gatherer] = {}
+        self._described: dict[str, bool] = {}
+        """camera -> whether with its optics"""
+        self._process: subprocess.Popen[bytes] | None = None
+        self._folder: Path | None = None
+
+    def __enter__(self) -> _Viewer:
+        from evs.drivers.viewer.viewer import open_window
+
+        if self._file is not None:
+            self._drawing.to_file(self._file)
+        else:
+            self._process, self._folder, port = open_window()
+            self._drawing.to_viewer(port)
+        return self
+
+    def __exit__(self, *ended: object) -> None:
+        for gatherer in self._gatherers.values():
+            for window in gatherer.rest():
+                self._drawing.window(window)
+        self._drawing.close()
+        if self._process is not None:
+            self._stay(self._process, at_once=ended[0] is not None)
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    def show(self, packet: EventPacket, stream: Subscription) -> bool:
+        self._describe(packet, stream)
+        for frame in stream.frames:
+            self._drawing.frame(frame)
+        for pose in stream.poses:
+            self._drawing.pose(pose.camera, pose.t_us, pose.position, pose.orientation)
+        for window in _windows(self._gatherers, packet):
+            self._drawing.window(window)
+        if self._drawing.failure:
+            raise EvsError(
+                f"writing {self._file} stopped: {self._drawing.failure}; Rerun shows what came "
+                "before, free some space and listen again"
+            )
+        return self._process is None or self._process.poll() is None
+
+    def _describe(self, packet: EventPacket, stream: Subscription) -> None:
+        """What is constant of a new camera, and its optics once they have come."""
+        from evs.msgs import StreamInfo
+
+        optics = stream.camera_info.get(packet.camera)
+        if self._described.get(packet.camera) == (optics is not None):
+            return
+        self._described[packet.camera] = optics is not None
+        known = {} if optics is None else {"k": list(optics.k)}
+        self._drawing.describe(
+            [StreamInfo(packet.width, packet.height, camera=packet.camera, camera_info=known)]
+        )
+
+    @staticmethod
+    def _stay(process: subprocess.Popen[bytes], at_once: bool) -> None:
+        """Leave the window open until its user closes it, or presses Ctrl-C here."""
+        try:
+            if not at_once:
+                process.wait()
+        except KeyboardInterrupt:
+            pass
+        finally:
+            process.terminate()
+            process.wait()
+
+
+def _windows(gatherers: dict[str, Gatherer], packet: EventPacket) -> list[Window]:
+    """The windows that a packet completes; its camera's gatherer is made where it is new."""
+    from evs.drivers.viewer import Gatherer
+
+    if packet.camera not in gatherers:
+        gatherers[packet.camera] = Gatherer(packet.camera, packet.width, packet.height)
+    return list(gatherers[packet.camera].add(packet))

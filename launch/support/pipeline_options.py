@@ -1,0 +1,114 @@
+"""Options of the commands that run a pipeline: a file, key=value words, short options."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+from collections.abc import Collection, Mapping
+
+from evs.drivers import settings
+from evs.drivers.run import config as pipeline
+from evs.drivers.run import config_keys, shipped
+from evs.msgs import EvsError
+
+Options = Mapping[str, tuple[str, str, str]]
+"""option -> (the key it is short for, placeholder, help line). Defaults are declared with the keys.
+Without a placeholder the option takes no value and sets its key to true."""
+
+
+PIPELINE = (
+    "SCENE.xml, PIPELINE.toml, key=value",
+    "a scene, a pipeline file (or the name of one that comes with evs), then any keys",
+)
+"""the positional arguments of most commands, and their help line"""
+
+
+def add_pipeline_options(
+    parser: argparse.ArgumentParser, options: Options, words: tuple[str, str] = PIPELINE
+) -> None:
+    """Add the pipeline, its keys and the short options, all as text."""
+    parser.add_argument("words", nargs="*", metavar=words[0], help=words[1])
+    for option, (key, placeholder, line) in options.items():
+        if placeholder:
+            parser.add_argument(
+                f"--{option}", metavar=placeholder, help=f"{line}; short for {key}=", dest=option
+            )
+        else:
+            parser.add_argument(
+                f"--{option}",
+                action="store_const",
+                const="true",
+                help=f"{line}; short for {key}=true",
+                dest=option,
+            )
+
+
+def parse_pipeline(
+    args: argparse.Namespace, options: Options
+) -> tuple[str | None, list[tuple[str, str]]]:
+    """The pipeline file, if any, and (key, text) of everything else on the command line.
+
+    Where there is --scene, a word with a scene's ending is short for it.
+    """
+    files = [word for word in args.words if "=" not in word]
+    scenes = [word for word in files if "scene" in options and pipeline.is_scene(word)]
+    files = [word for word in files if word not in scenes]
+    for what, several in (("pipelines", files), ("scenes", scenes)):
+        if len(several) > 1:
+            raise EvsError(
+                f"two {what}, '{several[0]}' and '{several[1]}'; give one, then key=value"
+            )
+    overrides = [settings.split_word(word) for word in args.words if "=" in word]
+    overrides += [("scene.file", scene) for scene in scenes]
+    words = dict(overrides)
+    for option, (key, _, _) in options.items():
+        text = getattr(args, option)
+        if text is not None and words.get(key, text) != text:
+            raise EvsError(
+                f"--{option} {text} and {key}={words[key]} are one key; give one of them"
+            )
+        if text is not None:
+            overrides.append((key, text))
+    return (files[0] if files else None), overrides
+
+
+def add_key_options(parser: argparse._ActionsContainer) -> None:
+    """Add the CURVE keys of a subscriber: --server-key and --key."""
+    parser.add_argument(
+        "--server-key", default="", metavar="KEY", help="the publisher's public key, if it has one"
+    )
+    parser.add_argument(
+        "--key",
+        default="",
+        metavar="FILE",
+        help="your secret key, if the publisher accepts listed clients only",
+    )
+
+
+def keys_text(without: Collection[str] = ()) -> str:
+    """Every configuration key with its default and meaning, from the classes themselves.
+
+    Args:
+        without: first parts of the names of those that are left out.
+    """
+    named = shipped.pipelines()
+    lines = [
+        "Pipelines that come with evs; a preset wants a scene, as in",
+        f"`evs emulate {shipped.PRESETS[0]} robot.xml`:",
+        *(f"  {name:12s}{shipped.about(file)}" for name, file in named.items()),
+        "",
+        "Configuration: defaults < PIPELINE.toml < the command line. A key is set in the file,",
+        "under its table, or here as key=value. Paths in a file are relative to that file, others",
+        "to the working directory; package:path is a file inside an installed Python package.",
+    ]
+    for table in config_keys.describe(pipeline.PipelineConfig):
+        shown = [key for key in table.keys if key.name.partition(".")[0] not in without]
+        if not shown:
+            continue
+        lines += ["", f"[{table.name}]" if table.name else "top level"]
+        if table.doc and table.name:
+            lines[-1] += f"  {table.doc.partition(': ')[2] or table.doc}"
+        for key in shown:
+            lines.append(f"  {key.name}={key.default}")
+            lines += textwrap.wrap(key.doc, 92, initial_indent=" " * 6, subsequent_indent=" " * 6)
+    return "\n".join(lines)

@@ -1,0 +1,157 @@
+"""The curves that the parameters of a sensor promise, to compare with measured points.
+
+Only this module knows the laws; no measurement does. An illuminance is what the lamp gives; dark
+current adds to it in the pixel.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from evs.emulator.sensor import SensorParameters
+from evs.emulator.sensor.pixel.logmap import log_light
+from evs.tools.characterise.fit import normal_cdf
+
+DOUBLED = 2.0
+"""Light after the step over that before it, for latency."""
+
+CONTRAST = 1.8
+"""The same for the dynamic range: 80 %, as makers state it."""
+
+HALF = 0.5
+"""If fewer of the pixels answer, they are not the ones to ask."""
+
+
+def pole_hz(sensor: SensorParameters, lux: float) -> float:
+    """The pixel's bandwidth at an illuminance; inf: it has none."""
+    if sensor.cutoff_hz == 0.0:
+        return math.inf
+    lux += sensor.dark_lux
+    ratio = (lux + sensor.dim_lux) / (sensor.bright_lux + sensor.dim_lux)
+    return sensor.cutoff_hz * ratio
+
+
+def half_power_hz(sensor: SensorParameters, lux: float) -> float:
+    """-3 dB of both poles in series; inf: there is none.
+
+    With q = f^2 the poles a, b give (1 + q / a^2)(1 + q / b^2) = 2, a quadratic equation.
+    """
+    a, b = pole_hz(sensor, lux), sensor.follower_hz or math.inf
+    if math.isinf(a) or math.isinf(b):
+        return min(a, b)
+    sum_of_squares = a * a + b * b
+    root = math.sqrt(sum_of_squares**2 + 4.0 * (a * b) ** 2)
+    # (root - sum) / 2 without cancellation
+    return math.sqrt(2.0 * (a * b) ** 2 / (root + sum_of_squares))
+
+
+def time_constants_s(sensor: SensorParameters, lux: float) -> tuple[float, float]:
+    """Of the two poles, s; 0: there is none."""
+    poles = (pole_hz(sensor, lux), sensor.follower_hz or math.inf)
+    first, second = (0.0 if math.isinf(pole) else 1.0 / (2.0 * math.pi * pole) for pole in poles)
+    return first, second
+
+
+def step_time_s(sensor: SensorParameters, lux: float, share: float) -> float:
+    """How long after a step in light to `lux` this share of it has come through; inf: never."""
+    if not share < 1.0:
+        return math.inf
+    one, two = time_constants_s(sensor, lux)
+    if one == 0.0 or two == 0.0 or share <= 0.0:
+        return -(one + two) * math.log1p(-max(share, 0.0))
+    if math.isclose(one, two, rel_tol=1e-6):
+        two *= 1.0 + 2e-6
+
+    def through(t: float) -> float:
+        return 1.0 - (one * math.exp(-t / one) - two * math.exp(-t / two)) / (one - two)
+
+    low, high = 0.0, 40.0 * (one + two)
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if through(middle) < share else (low, middle)
+    return high
+
+
+def shot_rate_hz(sensor: SensorParameters, lux: float) -> float:
+    """Shot noise of both polarities, mean over pixels."""
+    lux += sensor.dark_lux
+    bright, dim = sensor.shot_noise_bright, sensor.dim_lux
+    if sensor.shot_noise_law == "inverse":
+        share = bright + (1.0 - bright) * dim / (dim + lux)
+    else:
+        share = 1.0 - (1.0 - bright) * min(1.0, (lux + dim) / (sensor.bright_lux + dim))
+    return sensor.shot_noise_rate_hz * share
+
+
+def leak_rate_hz(sensor: SensorParameters, lux: float) -> float:
+    """ON events that leak brings about, mean over pixels, without noise that restarts it."""
+    share = (lux + sensor.dark_lux) / sensor.bright_lux
+    return sensor.leak_rate_hz + sensor.parasitic_leak_hz * share
+
+
+def log_step(sensor: SensorParameters, lux: float, after: float) -> float:
+    """How far log light goes when an illuminance goes from `lux` to `after`."""
+    lights = np.array([lux, after]) / (sensor.lux_per_dn * sensor.exposure_dn)
+    first, second = log_light(lights.astype(np.float32), sensor).astype(np.float64)
+    return float(second - first)
+
+
+def lowest_lux(sensor: SensorParameters, darkest: float, brightest: float) -> float:
+    """Illuminance from which on light that grows by CONTRAST crosses the mean ON threshold.
+
+    NaN: not even at `brightest`. Log light of a ratio grows with the illuminance.
+    """
+    if log_step(sensor, brightest, brightest * CONTRAST) < sensor.pos_thres:
+        return math.nan
+    low, high = math.log(darkest), math.log(brightest)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        lux = math.exp(middle)
+        enough = log_step(sensor, lux, lux * CONTRAST) >= sensor.pos_thres
+        low, high = (low, middle) if enough else (middle, high)
+    return math.exp(high)
+
+
+def latency_s(sensor: SensorParameters, lux: float) -> tuple[float, float]:
+    """(mean, standard deviation) over pixels whose thresholds light that doubles can cross, s.
+
+    NaN where they are under half. The latency of a pixel counts as if none were cut at 0.
+    """
+    step = log_step(sensor, lux / DOUBLED, lux)
+    if step <= 0.0:
+        return math.nan, math.nan
+    # at evenly spaced probabilities of a normal distribution
+    z = np.linspace(-4.0, 4.0, 161)
+    weight = np.exp(-0.5 * z * z)
+    times = np.array(
+        [step_time_s(sensor, lux, (sensor.pos_thres + sensor.sigma_thres * k) / step) for k in z]
+    )
+    there = np.isfinite(times)
+    if weight[there].sum() < HALF * weight.sum():
+        return math.nan, math.nan
+    weight, times = weight[there] / weight[there].sum(), times[there]
+    mean = float(weight @ times)
+    variance = max(float(weight @ (times - mean) ** 2), 0.0)
+    late_s, sigma_s = 1e-6 * sensor.latency_us, 1e-6 * sensor.latency_sigma_us
+    return mean + late_s, math.sqrt(variance + sigma_s**2)
+
+
+def answering_share(sensor: SensorParameters, lux: float) -> float:
+    """Of the pixels, those that a step by CONTRAST makes answer."""
+    step = log_step(sensor, lux, CONTRAST * lux)
+    return normal_cdf((step - sensor.pos_thres) / max(sensor.sigma_thres, 1e-12))
+
+
+def peak_rate(sensor: SensorParameters) -> float:
+    """The narrowest place of the readout, ev/s; NaN: there is none."""
+    readout = sensor.readout
+    limits = [1e6 * mevs for mevs in (readout.bandwidth_mevs, readout.erc_rate_mevs) if mevs > 0.0]
+    if readout.order == "arbiter":
+        # rows that are full
+        row_ns = readout.row_ns + sensor.width * readout.column_ns
+        limits += [sensor.width / row_ns * 1e9] if row_ns else []
+    if readout.order == "scan":
+        limits.append(sensor.width * sensor.height / readout.scan_us * 1e6)
+    return min(limits, default=math.nan)

@@ -1,0 +1,157 @@
+"""SequenceSpec: all inputs of the shards of a scene, sent to every process that makes one."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.emulator import View, World
+from evs.emulator.config import CameraConfig, RunConfig
+from evs.emulator.world import bytes_of
+from evs.emulator.world.controls import read_controls
+from evs.msgs import EvsError
+from evs.tools.dataset.motion import Track, control_of
+from evs.tools.dataset.scenes import FramesConfig, SceneFile, model_of
+from evs.tools.jobs import job_threads
+
+
+@dataclass(frozen=True, eq=False)
+class SequenceSpec:
+    """All inputs of one recorded sequence of a scene."""
+
+    name: str
+    model: bytes
+    """MJB"""
+    config: RunConfig
+    """without the scene file, which may not exist on the machine that makes a shard"""
+    tracks: tuple[Track, ...]
+    rows: npt.NDArray[np.float64] | None
+    """(n, nu) controls of a file"""
+    frames: FramesConfig
+    settle: int
+    """ticks that the camera sees before the first; they are not recorded"""
+    begin: int
+    """the first tick"""
+    end: int
+    """the last one"""
+
+    @property
+    def tick_us(self) -> int:
+        """Length of a tick, us."""
+        return self.config.scene.tick_us
+
+    @contextmanager
+    def with_model_file(self) -> Iterator[RunConfig]:
+        """The configuration with a temporary file of the model and the threads of the job."""
+        with tempfile.TemporaryDirectory(prefix="evs-dataset-") as folder:
+            file = Path(folder, "scene.mjb")
+            file.write_bytes(self.model)
+            scene = replace(self.config.scene, file=str(file))
+            yield replace(self.config, scene=scene, threads=job_threads() or self.config.threads)
+
+    def recorded_config(self, config: RunConfig) -> RunConfig:
+        """The configuration for the files, without what depends on the machine."""
+        return replace(config, scene=replace(config.scene, file=self.name), threads=0)
+
+    def control(self, world: World) -> Callable[[], npt.NDArray[np.float64] | None]:
+        """The controls of the next tick; None: those of the scene's own source."""
+        if self.tracks:
+            source = control_of(self.tracks, world.model, self.config.seed)
+            return lambda: np.asarray(
+                source(world.tick * self.tick_us * 1e-6, world.data), np.float64
+            )
+        if self.rows is not None:
+            rows, periods = self.rows, self.config.scene.control_hz * self.tick_us / 1e6
+            return lambda: rows[min(math.floor(world.tick * periods + 1e-9), len(rows) - 1)]
+        return lambda: None
+
+    def world_at_begin(self, config: RunConfig) -> World:
+        """Its world with its one camera, at `begin`, after the camera has settled."""
+        first_look = self.begin - self.settle
+        if not first_look:
+            world = World.from_config(config)
+            control = self.control(world)
+        elif config.scene.camera and config.camera != CameraConfig():
+            raise EvsError(
+                "a camera of the model with another lens cannot begin later: "
+                f"begin_s={self.settle * self.tick_us * 1e-6:g}"
+            )
+        else:
+            world = World(config.scene, seed=config.seed, threads=config.threads)
+            control = self.control(world)
+            while world.tick < first_look:
+                world.step(control())
+            world.add_camera(
+                config.scene.camera or config.camera,
+                sensor=config.sensor,
+                render=config.render,
+                model=config.model,
+                name=config.name,
+            )
+        while world.tick < self.begin:
+            world.step(control())
+        return world
+
+    def view_at(self, config: RunConfig, tick: int) -> tuple[World, View]:
+        """Its world at a tick, and a view with colour of the frames' samples."""
+        render = replace(config.render, spp=self.frames.spp)
+        world, view = World.with_view(replace(config, render=render), rgb=True)
+        control = self.control(world)
+        while world.tick < tick:
+            world.step(control())
+        return world, view
+
+    def frame_ticks(self) -> list[int]:
+        """The ticks of its frames: the first one's, then every 1 / fps; none at the end."""
+        count = math.ceil((self.end - self.begin) * self.tick_us * self.frames.fps / 1e6 - 1e-6)
+        at = (round(one * 1e6 / self.frames.fps / self.tick_us) for one in range(count))
+        return [self.begin + tick for tick in at if self.begin + tick < self.end]
+
+
+def make_sequence_spec(name: str, scene: SceneFile) -> SequenceSpec:
+    """The specification of a scene.
+
+    Raises:
+        EvsError: something in it is impossible; nothing has been made.
+    """
+    model = model_of(scene)
+    config = scene.run()
+    rows = None
+    if config.scene.control == "file":
+        rows = read_controls(config.scene.control_file, model.nu)
+        plain = replace(config.scene, control="auto", control_file="")
+        config = replace(config, scene=plain)
+    # whole chunks of a network, so that the recording begins with one
+    chunk = max(1, config.model.chunk)  # less is refused below
+    settle = math.ceil(scene.settle_s * 1e6 / (config.scene.tick_us * chunk)) * chunk
+    begin = max(round(scene.begin_s * 1e6 / config.scene.tick_us), settle)
+    ticks = max(1, round(scene.duration_s * 1e6 / config.scene.tick_us))
+    config = replace(config, scene=replace(config.scene, file=""))
+    sequence = SequenceSpec(
+        name,
+        bytes_of(model),
+        config,
+        scene.motion,
+        rows,
+        scene.frames,
+        settle,
+        begin,
+        begin + ticks,
+    )
+    # whatever the emulator refuses, it refuses here
+    with sequence.with_model_file() as placed:
+        World.from_config(placed)
+        render = replace(placed.render, spp=sequence.frames.spp)
+        try:
+            World.with_view(replace(placed, render=render))
+        except EvsError as reason:
+            # all that is new in it is what the user knows as the frames' samples
+            raise EvsError(str(reason).replace("render.spp", "frames.spp")) from None
+    return sequence

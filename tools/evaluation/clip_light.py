@@ -1,0 +1,121 @@
+"""Render the light of a clip at its pixels, or find it in the cache."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from evs.emulator.base.scene import F32
+from evs.emulator.config import RenderConfig
+from evs.emulator.render.direct import DirectRenderer
+from evs.emulator.render.path import PathRenderer
+from evs.emulator.render.renderers import check_render
+from evs.emulator.state.versions import versions
+from evs.tools.evaluation.clip import Clip
+from evs.tools.evaluation.digest import digest
+from evs.tools.evaluation.light_cache import LightCache
+
+SEED = 3
+"""of the light under test; the halves of the reference have 1 and 2"""
+HALF_SEEDS = (1, 2)
+
+_PROBED_PX = 64
+_PROBED_SPP = 4
+
+
+@dataclass(frozen=True)
+class LightSpec:
+    """How light is traced."""
+
+    renderer: str
+    """direct | path"""
+    spp: int
+    seeds: str = "fixed"
+    """fixed | fresh"""
+    seed: int = SEED
+    """what the noise follows from"""
+
+    @property
+    def noisy_samples(self) -> int:
+        """As RenderConfig.noisy_samples."""
+        return RenderConfig(renderer=self.renderer, spp=self.spp).noisy_samples
+
+
+def renderer_of(clip: Clip, spec: LightSpec, threads: int) -> DirectRenderer:
+    """The renderer of a clip.
+
+    Raises:
+        EvsError: no renderer has these settings.
+    """
+    config = RenderConfig(
+        renderer=spec.renderer,
+        spp=spec.spp,
+        seeds=spec.seeds,
+        bounces=clip.bounces,
+        flicker=clip.flicker,
+    )
+    check_render(config)
+    if spec.renderer == "path":
+        return PathRenderer(clip.scene, clip.camera, config, threads, seed=spec.seed)
+    return DirectRenderer(clip.scene, clip.camera, config, threads)
+
+
+def light_key(clip: Clip, fingerprint: str, spec: LightSpec, ticks: int) -> str:
+    """Hash of everything that shapes the light: scene, instants, pixels, settings, versions.
+
+    A few pixels are traced and belong to the key, so that a tracer that has changed does not pass
+    for the one that filled the cache.
+
+    Args:
+        clip: the clip.
+        fingerprint: of the clip and these ticks.
+        spec: how light is traced.
+        ticks: how many.
+    """
+    probed = LightSpec(spec.renderer, min(spec.spp, _PROBED_SPP), spec.seeds, spec.seed)
+    renderer = renderer_of(clip, probed, 1)
+    step = max(1, len(clip.pixels) // _PROBED_PX)
+    some = clip.pixels[::step]
+    probe = [renderer.trace(*clip.instants[k], some) for k in (0, ticks - 1)]
+    return digest((fingerprint, asdict(spec), ticks, versions(), probe))
+
+
+def light_of(
+    clip: Clip,
+    fingerprint: str,
+    spec: LightSpec,
+    ticks: int,
+    cache: LightCache,
+    threads: int,
+    moved: Callable[[int], None],
+) -> F32:
+    """(ticks, n) luminance of the take's pixels.
+
+    Args:
+        clip: the clip.
+        fingerprint: of the clip.
+        spec: how light is traced.
+        ticks: how many.
+        cache: holds the light.
+        threads: worker threads; 0: one per core.
+        moved: called with the samples a pixel that each tick took, all at once where the cache has
+            them.
+    """
+    done = 0
+
+    def trace() -> F32:
+        nonlocal done
+        renderer = renderer_of(clip, spec, threads)
+        light = np.empty((ticks, len(clip.pixels)), np.float32)
+        for k in range(ticks):
+            light[k] = renderer.trace(*clip.instants[k], clip.pixels)
+            moved(spec.spp)
+            done += 1
+        return light
+
+    key = light_key(clip, fingerprint, spec, ticks)
+    light = cache.get(key, (ticks, len(clip.pixels)), trace)
+    moved(spec.spp * (ticks - done))
+    return light

@@ -1,0 +1,86 @@
+"""Run a job on a node of a Ray cluster: compare versions, run it, send its files."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import tempfile
+import warnings
+import zlib
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from pathlib import Path
+
+from evs.emulator.state.versions import versions
+from evs.msgs import EvsError
+from evs.tools.jobs.job import Job
+from evs.tools.jobs.job_context import job_context
+from evs.tools.jobs.job_maker import JobMaker
+from evs.tools.jobs.packing import Message, StreamDigest, StreamEnd, pack
+
+SOURCES = "sources of evs"
+
+
+@lru_cache(maxsize=1)
+def fingerprint() -> dict[str, str]:
+    """Versions that all machines must share to produce the same bytes."""
+    python = ".".join(platform.python_version_tuple()[:2])
+    found = {"Python": python, **versions(), "zlib": zlib.ZLIB_RUNTIME_VERSION}
+    return {**found, SOURCES: _sources(Path(__file__).parents[2])}
+
+
+def differences(wanted: Mapping[str, str], found: Mapping[str, str]) -> str:
+    """How a machine differs from the one that sent the job, for a message; empty: it does not."""
+    return ", ".join(
+        f"{name} {found.get(name, 'unknown')} (here {value})"
+        for name, value in wanted.items()
+        if found.get(name) != value
+    )
+
+
+def make_on_node(
+    job: Job, wanted: Mapping[str, str], threads: int, where: str
+) -> Iterator[Message]:
+    """Run a job in a temporary folder and yield its files, piece by piece.
+
+    Args:
+        job: the job.
+        wanted: fingerprint of the machine that sent the job.
+        threads: threads that the job may use.
+        where: name of this node, for messages.
+
+    Raises:
+        EvsError: this node differs from the machine that sent the job.
+        Exception: whatever the job raises.
+    """
+    differs = differences(wanted, fingerprint())
+    if differs:
+        raise EvsError(f"node {where} has {differs}; install the same on every node")
+    with (
+        tempfile.TemporaryDirectory(prefix="evs-job-") as folder,
+        warnings.catch_warnings(record=True) as warned,
+    ):
+        with job_context(threads, lambda _: None):
+            made = JobMaker(Path(folder))(job)
+        digest = StreamDigest()
+        for message in pack(made):
+            digest.add(message)
+            yield message
+        yield StreamEnd(
+            digest.hexdigest(), tuple((str(each.message), each.category) for each in warned)
+        )
+
+
+def _sources(package: Path) -> str:
+    """Digest of the package's Python files and tables, which finds edits that no version shows."""
+    whole = hashlib.sha256()
+    # a checkout is a folder of links, and has the native core's sources, which wheels lack
+    for here, folders, names in os.walk(package, followlinks=True):
+        folders[:] = sorted(set(folders) - {"__pycache__", "core"})
+        for name in sorted(names):
+            if name.endswith((".py", ".toml")):
+                path = Path(here, name)
+                whole.update(path.relative_to(package).as_posix().encode() + b"\0")
+                whole.update(path.read_bytes() + b"\0")
+    return whole.hexdigest()[:12]

@@ -1,0 +1,250 @@
+"""TrainingExamples: shards of traced light to batches of X, V(0) and true event counts."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from evs.emulator.base.scene import F32, U8
+from evs.emulator.sensor import resolve_sensor
+from evs.emulator.sensor.pixel.logmap import log_light
+from evs.msgs import EvsError
+from evs.tools.training.initial import THRESHOLD
+from evs.tools.training.recipes import GROUP, Recipe
+from evs.tools.training.settings import Variant
+from evs.tools.training.shards import Shard, Shards, read_shard
+from evs.tools.training.targets import IDEAL
+
+MOST_X = 20.0
+"""|X| is clamped to it, as in every runtime"""
+HELD_OUT = 8
+"""every so many-th scene is for validation"""
+MEMORY_BYTES = 4 * 2**30
+"""of prepared shards; more of them take turns"""
+MOST_EVENTS = 100
+MOST_BESIDE = 20
+"""Pixels with more true events, or with more events in ticks that have another before it, are left
+out: BiLIF gives one a tick and cannot follow them."""
+ROUND_STEPS = 500
+"""steps between turns"""
+
+I32 = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A shard as training reads it: pixels first, since pixels are drawn."""
+
+    x: F32
+    """(V, P, K), variants of the recipe"""
+    start: F32
+    """(P,) V of the true pixel after the recipe's warm_ticks, in thresholds"""
+    counts: U8
+    """(P, 2, K) true ON and OFF events"""
+    live: tuple[I32, ...]
+    """of each variant: the pixels that are drawn: few enough events; unless the network is biased,
+    X not zero for ever"""
+    true_x: F32 | None = None
+    """(P, K) of the truth; None where the recipe takes noise as it is"""
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """What one step sees: G groups of pixels."""
+
+    x: F32
+    """(G, n, K)"""
+    start: F32
+    """(G, n)"""
+    counts: U8
+    """(G, 2, K, n)"""
+    variant: I32
+    """(G,) of the recipe's variants"""
+
+
+def differences(light: F32, linlog_dn: float) -> F32:
+    """Equation 1: X (..., K) float32 of luminance (..., K), as the runtimes make it; X[0] = 0."""
+    sensor = dataclasses.replace(resolve_sensor(IDEAL), linlog_dn=linlog_dn)
+    x = np.zeros(light.shape, np.float32)
+    mapped = log_light(light, sensor)
+    np.subtract(mapped[..., 1:], mapped[..., :-1], out=x[..., 1:])
+    return np.clip(x, -MOST_X, MOST_X, out=x)
+
+
+def prepare(shard: Shard, recipe: Recipe, linlog_dn: float) -> Prepared:
+    """Raises EvsError where the shard lacks a variant of the recipe."""
+    light = [shard.variant(one.spp, one.seeds).T for one in recipe.variants]
+    x = differences(np.ascontiguousarray(np.stack(light)), linlog_dn)
+    counts = shard.noisy_counts if recipe.noisy_truth else shard.counts
+    slow = followable(counts)
+    # without biases still light gives no event, no gradient: there is nothing to learn from it
+    biased = recipe.architecture.biased
+    still = np.zeros(x.shape[:2], np.bool_) if biased else np.logical_not(x.any(axis=2))
+    live = tuple(np.flatnonzero(slow & ~one).astype(np.int32) for one in still)
+    start = true_membranes(shard, recipe.warm_ticks, linlog_dn)
+    counted = np.ascontiguousarray(counts.transpose(2, 0, 1))
+    if recipe.noise == (1.0, 1.0):
+        return Prepared(x, start, counted, live)
+    return Prepared(
+        x, start, counted, live, differences(np.ascontiguousarray(shard.truth.T), linlog_dn)
+    )
+
+
+def louder(x: F32, true_x: F32, noise: tuple[float, float], rng: np.random.Generator) -> F32:
+    """(..., P, K) X whose noise is taken so many times, log-uniform, each pixel's otherwise.
+
+    Args:
+        x: (..., P, K) with noise, true_x (P, K) without.
+        true_x: input without noise.
+        noise: noise of the light.
+        rng: random numbers.
+    """
+    low, high = (math.log(times) for times in noise)
+    factor = np.exp(rng.uniform(low, high, (len(true_x), 1))).astype(np.float32)
+    found: F32 = np.clip(true_x + factor * (x - true_x), -MOST_X, MOST_X)
+    return found
+
+
+def true_membranes(shard: Shard, tick: int, linlog_dn: float) -> F32:
+    """(P,): where the ideal pixels that gave the counts stand before a tick, in thresholds."""
+    if tick == 0:
+        return shard.phase.copy()
+    # X[0] is 0: what the log light has changed by, less what its events account for
+    moved = differences(np.ascontiguousarray(shard.truth[:tick].T), linlog_dn)
+    counted = shard.counts[0, :tick].sum(0, np.float64) - shard.counts[1, :tick].sum(0, np.float64)
+    v = shard.phase + moved.sum(1, dtype=np.float64) / THRESHOLD - counted
+    below = np.nextafter(np.float32(1), np.float32(0))
+    standing: F32 = np.clip(v.astype(np.float32), -below, below)
+    return standing
+
+
+def followable(counts: U8) -> npt.NDArray[np.bool_]:
+    """(P,): which pixels of (2, K, P) true events a network with one event a tick can follow."""
+    ticks = counts.sum(0, dtype=np.int64)
+    beside = np.maximum(ticks - 1, 0).sum(0)
+    found: npt.NDArray[np.bool_] = (ticks.sum(0) <= MOST_EVENTS) & (beside <= MOST_BESIDE)
+    return found
+
+
+class TrainingExamples:
+    """The training scenes of a folder, and batches drawn from them.
+
+    A batch follows from (recipe, seed, step, which scenes there are) alone: a resumed training sees
+    what an uninterrupted one would have seen.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        recipe: Recipe,
+        seed: int,
+        linlog_dn: float,
+        memory_bytes: int = MEMORY_BYTES,
+    ) -> None:
+        """Raises EvsError: no data, too few scenes, other ticks than the network's."""
+        shards = Shards(folder)
+        tick_us = shards.settings.tick_us
+        if tick_us != recipe.architecture.tick_us:
+            raise EvsError(f"the data in '{folder}' have ticks of {tick_us} us, "
+                           f"the network has {recipe.architecture.tick_us} us")  # fmt: skip
+        if shards.settings.ticks <= recipe.warm_ticks + recipe.architecture.latency_ticks:
+            raise EvsError(f"the scenes in '{folder}' have {shards.settings.ticks} ticks, too few")
+        self.recipe, self.seed, self.linlog_dn = recipe, seed, linlog_dn
+        self.settings = shards.settings
+        named = list(zip(shards.numbers, shards.paths, strict=True))
+        self.training = [path for number, path in named if number % HELD_OUT]
+        self.held_out = [path for number, path in named if number % HELD_OUT == 0]
+        if not self.training or not self.held_out:
+            raise EvsError(
+                f"'{folder}' holds {len(named)} scenes; two are needed, one of them with a "
+                f"number that {HELD_OUT} divides"
+            )
+        size = self.settings.pixels * self.settings.ticks
+        self._most = max(
+            1,
+            memory_bytes
+            // (size * (4 * (len(recipe.variants) + (recipe.noise != (1.0, 1.0))) + 2)),
+        )
+        self._loaded: dict[Path, Prepared] = {}
+        shares = np.array(recipe.shares or [1.0] * len(recipe.variants))
+        self._shares = shares / shares.sum()
+
+    def batch(self, step: int) -> Batch:
+        """That of a step, 0 ...; whatever came before.
+
+        Raises:
+            EvsError: a damaged shard.
+        """
+        scenes = self._turn(step // ROUND_STEPS)
+        rng = np.random.default_rng([self.seed, 1, step])
+        variant = rng.choice(len(self._shares), self.recipe.batch // GROUP, p=self._shares)
+        groups = [self._group(scenes, one, rng) for one in variant.tolist()]
+        x, start, counts = (np.stack(part) for part in zip(*groups, strict=True))
+        return Batch(x, start, counts, variant.astype(np.int32))
+
+    def _group(
+        self, scenes: Sequence[Prepared], variant: int, rng: np.random.Generator
+    ) -> tuple[F32, F32, U8]:
+        """Pixels of any scene, each live one as likely as any other."""
+        ends = np.cumsum([len(scene.live[variant]) for scene in scenes])
+        if not ends[-1]:
+            one = self.recipe.variants[variant]
+            raise EvsError(f"nothing moves in the training scenes at {one.spp} spp, {one.seeds}")
+        x, true_x, start, counts = [], [], [], []
+        for place in rng.integers(0, ends[-1], GROUP).tolist():
+            which = int(np.searchsorted(ends, place, "right"))
+            scene = scenes[which]
+            pixel = scene.live[variant][place - ends[which]]
+            x.append(scene.x[variant, pixel])
+            if scene.true_x is not None:
+                true_x.append(scene.true_x[pixel])
+            start.append(scene.start[pixel])
+            counts.append(scene.counts[pixel])
+        seen = np.stack(x)
+        if true_x:
+            seen = louder(seen, np.stack(true_x), self.recipe.noise, rng)
+        return seen, np.array(start, np.float32), np.stack(counts, -1)
+
+    def _turn(self, turn: int) -> list[Prepared]:
+        """The scenes whose turn it is: all, if they fit the memory, else the next so many."""
+        count = len(self.training)
+        chosen: list[Path] = []
+        for place in range(turn * self._most, turn * self._most + min(self._most, count)):
+            order = np.random.default_rng([self.seed, 2, place // count]).permutation(count)
+            chosen.append(self.training[order[place % count]])
+        if self._most >= count:
+            chosen = self.training
+        self._loaded = {path: held for path, held in self._loaded.items() if path in chosen}
+        for path in chosen:
+            if path not in self._loaded:
+                self._loaded[path] = prepare(read_shard(path), self.recipe, self.linlog_dn)
+        return [self._loaded[path] for path in chosen]
+
+
+def sample_held_out(
+    examples: TrainingExamples, variants: tuple[Variant, ...], pixels: int
+) -> Prepared:
+    """Pixels of the held-out scenes, spread over them, seeded; still ones too, fast ones not."""
+    recipe = dataclasses.replace(examples.recipe, variants=variants, shares=())
+    each = -(-pixels // len(examples.held_out))
+    parts = []
+    for place, path in enumerate(examples.held_out):
+        scene = prepare(read_shard(path), recipe, examples.linlog_dn)
+        rng = np.random.default_rng([examples.settings.seed, 3, place])
+        slow = np.flatnonzero(followable(scene.counts.transpose(1, 2, 0)))
+        chosen = np.sort(rng.permutation(slow)[:each])
+        seen = scene.x[:, chosen]
+        if scene.true_x is not None:
+            seen = louder(seen, scene.true_x[chosen], recipe.noise, rng)
+        parts.append((seen, scene.start[chosen], scene.counts[chosen]))
+    x, start, counts = (
+        np.concatenate(part, axis)
+        for part, axis in zip(zip(*parts, strict=True), (1, 0, 0), strict=True)
+    )
+    return Prepared(x, start, counts, ())

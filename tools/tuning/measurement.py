@@ -1,0 +1,129 @@
+"""SceneMeasurer: speed and error of a configuration on a scene, measured as in `evs sweep`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from evs.emulator.sensor import resolve_sensor
+from evs.msgs import unknown
+from evs.tools.evaluation.clip import MOTIONS
+from evs.tools.evaluation.light_cache import LightCache
+from evs.tools.sweep.bus_listener import BusListener
+from evs.tools.sweep.errors import ErrorMeter, ErrorSettings
+from evs.tools.sweep.pareto_front import ErrorMetric
+from evs.tools.sweep.points import SweepPoint, differences, preset_of
+from evs.tools.sweep.record import Accuracy, Setting, Speed
+from evs.tools.sweep.speed import SpeedMeter, SpeedSettings
+from evs.tools.sweep.yardstick import Yardstick
+from evs.tools.tuning.base_pipeline import BasePipeline
+from evs.tools.tuning.space import Candidate
+
+DEFAULT = "default"
+"""the pipeline that points differ from"""
+
+TABLES = ("sensor", "render", "model", "seed")
+"""tables of the user's pipeline that shape events, besides scene and camera"""
+
+START_S = 0.5
+"""of a run: loading, opening, the first frame"""
+SHOTS = 4.0
+"""by how much tracing scattered pixels costs more than tracing whole pictures where little moves"""
+
+
+@dataclass(frozen=True)
+class MeasurementEffort:
+    """How much time measurements take."""
+
+    errors: ErrorSettings
+    speeds: SpeedSettings
+
+
+USUAL = MeasurementEffort(ErrorSettings(reference_spp=512), SpeedSettings())
+QUICK = MeasurementEffort(
+    ErrorSettings(pixels=256, ticks=120, reference_spp=128), SpeedSettings(seconds=0.25, repeats=3)
+)
+
+
+@dataclass
+class SceneMeasurer:
+    """Measures candidates. The error meter and the search keep every result."""
+
+    base: BasePipeline
+    error_meter: ErrorMeter
+    speed_meter: SpeedMeter
+    metric: ErrorMetric
+    reference_error: float = 0.0
+    speeds: dict[Candidate, Speed] = field(default_factory=dict)
+    errors: dict[Candidate, Accuracy] = field(default_factory=dict)
+
+    def rtf(self, one: Candidate) -> float:
+        """Real-time factor, the median of the repeats."""
+        self.speeds[one] = self.speed_meter.speed(self.point(one))
+        return self.speeds[one].real_time_factor.median
+
+    def error(self, one: Candidate) -> float:
+        """Of the figure; NaN where nothing happens."""
+        found = self.error_meter.error(self.point(one))
+        self.errors[one] = found
+        reference_error = self.metric.reference_error(found)
+        self.reference_error = reference_error if math.isfinite(reference_error) else 0.0
+        return self.metric.of(found)
+
+    def seconds(self, one: Candidate, rtf: float) -> float:
+        """About how long both take."""
+        tick_s = 1e-6 * one.tick_us
+        run_s = max(2.0 * self.speed_meter.settings.seconds, 8.0 * tick_s / rtf)
+        sensor = resolve_sensor(self.base.config.sensor)
+        share = self.error_meter.settings.pixels / (sensor.width * sensor.height)
+        light_s = SHOTS * share * 1e-6 * self.error_meter.settings.end_us / rtf
+        return START_S + run_s + light_s
+
+    def point(self, one: Candidate) -> SweepPoint:
+        """The configuration as a point of a sweep: what differs from the defaults."""
+        config = self.base.with_settings(one.settings)
+        changed: dict[str, Any] = {}
+        for key, value in differences(preset_of(DEFAULT), config).items():
+            if key.partition(".")[0] in TABLES and key != "render.flicker":
+                changed[key] = value
+        changed |= {"scene.tick_us": one.tick_us, "threads": one.threads}
+        return SweepPoint(DEFAULT, "tune", str(one), _sorted(changed))
+
+
+def _sorted(changed: Mapping[str, Setting]) -> tuple[tuple[str, Setting], ...]:
+    return tuple(sorted(changed.items()))
+
+
+@contextmanager
+def open_measurer(
+    base: BasePipeline,
+    motion: str,
+    metric: ErrorMetric,
+    cache: LightCache,
+    effort: MeasurementEffort = USUAL,
+    moved: Callable[[], None] = lambda: None,
+) -> Iterator[SceneMeasurer]:
+    """A measurer on the scene of a pipeline, with a subscriber on the bus.
+
+    Raises EvsError.
+
+    Args:
+        base: the pipeline to tune.
+        motion: of the camera: still, pan, slide.
+        metric: the error metric.
+        cache: holds the light.
+        effort: how much time measurements take.
+        moved: called now and then.
+    """
+    if motion not in MOTIONS:
+        raise unknown("camera motion", motion, MOTIONS)
+    setup = base.setup()
+    error_meter = ErrorMeter(
+        setup, motion, effort.errors, cache, moved=lambda _: moved(), lighting=base.config.render
+    )
+    with BusListener() as listener:
+        speed_meter = SpeedMeter(setup, motion, effort.speeds, Yardstick(), listener.address)
+        yield SceneMeasurer(base, error_meter, speed_meter, metric)
