@@ -30,6 +30,11 @@ MOST_WORDS = 1500
 # 12 % and 5.5 but not 0.5 without its zero
 NO_ZERO = re.compile(r"(?:^|[\s(|,/*+-])\.\d")
 
+NAMED = re.compile(
+    r"(?<![\w/.:-])((?:tests|drivers|emulator|tools|examples|launch|msgs|config|docs)/[\w./*-]+)"
+)
+"""a file of this tree, as a page names it"""
+
 
 def name_of(page: Path) -> str:
     """From the top of the checkout."""
@@ -82,6 +87,16 @@ def test_a_decimal_without_a_zero_is_found() -> None:
 def test_links_and_pictures_are_there(page: Path) -> None:
     missing = [
         link for link in links_of(page) if not (page.parent / link.partition("#")[0]).exists()
+    ]
+    assert missing == []
+
+
+@pytest.mark.parametrize("page", [README, *PAGES], ids=name_of)
+def test_files_that_a_page_names_are_there(page: Path) -> None:
+    text = re.sub(r"^```text.*?^```", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"<!-- written.*<!-- to here -->", "", text, flags=re.DOTALL)
+    missing = [
+        name for name in dict.fromkeys(NAMED.findall(text)) if not list(ROOT.glob(name.rstrip(".")))
     ]
     assert missing == []
 
