@@ -133,9 +133,11 @@ def test_every_line_of_yesterdays_pages_parses(line: str, folder: Path) -> None:
     parse(words_of(line), folder)
 
 
-def test_yesterdays_toml_still_loads(folder: Path) -> None:
-    texts = re.findall(r"^\[toml\]\n(.*?)^\[end\]", YESTERDAY.read_text(), re.DOTALL | re.MULTILINE)
-    assert len(texts) == 1
+def test_the_toml_of_the_pages_and_of_yesterdays_loads(folder: Path) -> None:
+    blocks = re.compile(r"^(?:\[toml\]|```toml)\n(.*?)^(?:\[end\]|```)", re.DOTALL | re.MULTILINE)
+    texts = [text for page in [YESTERDAY, *PAGES] for text in blocks.findall(page.read_text())]
+    # both are what lies beside a scene of a data set
+    assert len(texts) == 2
     for text in texts:
         assert tomllib.loads(text)
         (folder / "robot.xml").write_text("<mujoco/>")
