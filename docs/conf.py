@@ -28,6 +28,8 @@ myst_heading_anchors = 4
 
 # docstrings: Google's sections, types from the annotations, fields with the string below them
 napoleon_numpy_docstring = False
+# keys that a docstring lists stand there alone
+napoleon_use_ivar = True
 autodoc_typehints = "signature"
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
