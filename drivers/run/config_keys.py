@@ -1,4 +1,4 @@
-"""What every configuration key means: read from the classes' own source, so it is told once."""
+"""What every configuration key means: read from its declaration, so it stands in one place."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from evs.drivers.settings import to_text
+from evs.emulator.config.declaration import declaration
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class Key:
     default: str
     """as one would type it"""
     doc: str
-    """the string below the field, on one line; empty if it has none"""
+    """what it means, on one line; empty where nothing is declared"""
 
 
 @dataclass(frozen=True)
@@ -59,8 +60,13 @@ def _describe(cls: type, prefix: str) -> list[Table]:
 
 
 def field_docs(cls: type) -> dict[str, str]:
-    """field name -> the string below it in the source, on one line; base classes included."""
-    docs: dict[str, str] = {}
+    """What each field of a dataclass means, on one line; base classes included.
+
+    The declaration of the field (evs.emulator.config.declaration), with unit and range; where it
+    has none, the string below it in the source.
+    """
+    declared = {field.name: declaration(field) for field in dataclasses.fields(cls)}
+    docs = {name: one.text for name, one in declared.items() if one is not None}
     for base in reversed(cls.__mro__):
         if not dataclasses.is_dataclass(base):
             continue

@@ -5,18 +5,15 @@ from evs.emulator.config.closed_loop import DelayConfig, LimitConfig, LoopConfig
 from evs.emulator.config.schema import (
     SEEDS,
     SPP,
-    ApsConfig,
     CameraConfig,
     FlickerConfig,
-    ImuConfig,
     ModelConfig,
     PlanConfig,
-    ReadoutConfig,
     RenderConfig,
     RunConfig,
     SceneConfig,
-    SensorConfig,
 )
+from evs.emulator.config.sensor import ApsConfig, ImuConfig, ReadoutConfig, SensorConfig
 
 __all__ = [
     "SEEDS",

@@ -1,4 +1,4 @@
-"""The configuration of every stage inside the emulator: frozen dataclasses, each default told once.
+"""The configuration of every stage inside the emulator: a frozen dataclass each.
 
 A pipeline file (TOML) has one table per class, and every key can be given on the command line by
 its dotted name: `render.spp=4`, `sensor.cutoff_hz=200`.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from evs.emulator.config.biases import BiasConfig
+from evs.emulator.config.sensor import SensorConfig
 
 
 @dataclass(frozen=True)
@@ -74,165 +74,6 @@ class CameraConfig:
     vignetting_polynomial: tuple[float, ...] = ()
     """a b ...: another factor 1 + a r^2 + b r^4 + ..., r = 1 half a diagonal off the principal
     point"""
-
-
-@dataclass(frozen=True)
-class ApsConfig:
-    """[sensor.aps]: intensity frames beside the events, as a DAVIS gives. None: the preset's."""
-
-    enabled: bool | None = None
-    """whether there are frames at all; off unless asked for"""
-    rate_hz: float | None = None
-    """frames per second; frame n begins at n / rate_hz of simulated time"""
-    exposure_us: int | None = None
-    """how long a row collects light, us: what moves is blurred"""
-    shutter: str | None = None
-    """global: all rows at once | rolling: each row row_us after the one above it"""
-    row_us: float | None = None
-    """time to read out a row, us"""
-    gain: float | None = None
-    """at 1, light of 255 DN (white of the event pixels) fills the range; more is clipped"""
-    bits: int | None = None
-    """of a pixel of the frame: 8 or 16; the converter's bits are the upper ones of them"""
-    adc_bits: int | None = None
-    """resolution of the converter"""
-    full_well_e: float | None = None
-    """electrons that white is: shot noise is their square root; 0: no shot noise"""
-    read_noise_dn: float | None = None
-    """standard deviation of the read noise, steps of the converter; 0: none"""
-
-
-@dataclass(frozen=True)
-class ImuConfig:
-    """[sensor.imu]: accelerometer and gyroscope at the camera. None: the preset's. As Kalibr."""
-
-    enabled: bool | None = None
-    """whether there are samples at all; off unless asked for"""
-    rate_hz: float | None = None
-    """samples per second; sample n is of n / rate_hz of simulated time"""
-    accelerometer_bias: tuple[float, float, float] | None = None
-    """constant error of x (right), y (down), z (forward), m/s^2"""
-    accelerometer_noise_density: float | None = None
-    """white noise, m/s^2/sqrt(Hz): a sample's standard deviation is this times sqrt(rate_hz)"""
-    accelerometer_random_walk: float | None = None
-    """how the bias walks, m/s^3/sqrt(Hz): its standard deviation after T s is this times sqrt(T)"""
-    accelerometer_range_g: float | None = None
-    """largest value of an axis, standard gravities; it clips there; 0: no limit"""
-    gyroscope_bias: tuple[float, float, float] | None = None
-    """constant error of x, y, z, rad/s"""
-    gyroscope_noise_density: float | None = None
-    """white noise, rad/s/sqrt(Hz)"""
-    gyroscope_random_walk: float | None = None
-    """how the bias walks, rad/s^2/sqrt(Hz)"""
-    gyroscope_range_dps: float | None = None
-    """largest value of an axis, degrees/s; it clips there; 0: no limit"""
-    temperature_c: float | None = None
-    """what the thermometer says, always, degrees C"""
-
-
-@dataclass(frozen=True)
-class ReadoutConfig:
-    """[sensor.readout]: from pixel to packet. None: the preset's value."""
-
-    order: str | None = None
-    """ideal: every event at its own time | arbiter: rows in turn, as they ask (DAVIS)
-    scan: all rows at fixed times (DVXplorer)"""
-    row_ns: int | None = None
-    """arbiter: time of a row access, ns; its end is the stamp of all events that the row holds"""
-    column_ns: int | None = None
-    """arbiter: time that each event of the row takes after that, ns"""
-    jitter_ns: float | None = None
-    """arbiter: standard deviation of the row access, ns"""
-    scan_us: int | None = None
-    """scan: time between two scans, us; stamps are multiples of it"""
-    erc_rate_mevs: float | None = None
-    """event rate control: most events that pass, Mev/s; 0: off"""
-    erc_period_us: int | None = None
-    """reference period of event rate control, us"""
-    erc_drop: str | None = None
-    """what it drops. time: evenly among all events | row, column: all events of some lines"""
-    bandwidth_mevs: float | None = None
-    """most events that leave by the link, Mev/s; 0: unlimited"""
-    fifo: int | None = None
-    """events that may wait for the link; what comes then is dropped"""
-    stamp: str | None = None
-    """sent: stamps say when events leave by the link | read: when they were read before that"""
-    roi: tuple[int, ...] | None = None
-    """region of interest: x y width height of a rectangle, px; any number of them; none: all"""
-    mask: tuple[int, ...] | None = None
-    """x y of each pixel that is switched off, one after the other"""
-    mask_file: str | None = None
-    """a text file of such pixels, one x y a line"""
-
-
-@dataclass(frozen=True)
-class SensorConfig:
-    """[sensor]: the event pixel. None: the preset's value. v2e's names and meanings."""
-
-    preset: str = "davis346"
-    """a file of config/sensors"""
-    width: int | None = None
-    """px"""
-    height: int | None = None
-    """px"""
-    pos_thres: float | None = None
-    """mean ON threshold, log units"""
-    neg_thres: float | None = None
-    """mean OFF threshold, log units"""
-    sigma_thres: float | None = None
-    """standard deviation of both over pixels (fixed pattern)"""
-    log: str | None = None
-    """log map: "linlog" (linear below linlog_dn) or "log_eps" (ln(DN / 255 + log_eps))"""
-    linlog_dn: float | None = None
-    """DN at which linlog turns from linear to logarithmic; over 1, smooth at e"""
-    log_eps: float | None = None
-    """what "log_eps" adds to the light, of which 1 is white"""
-    exposure_dn: float | None = None
-    """DN per unit of scene luminance; 255 DN is white, nothing is clipped there"""
-    white_lux: float | None = None
-    """illuminance of the sensor at 255 DN, lux: what bandwidth and noise go by"""
-    dark_lux: float | None = None
-    """dark current, as the light that would give it, lux; the floor of contrast"""
-    cutoff_hz: float | None = None
-    """bandwidth of the photoreceptor at bright_lux, Hz, in proportion to the light; 0: no limit"""
-    dim_lux: float | None = None
-    """illuminance below which bandwidth stops falling and shot noise stops growing, lux"""
-    bright_lux: float | None = None
-    """illuminance that cutoff_hz, parasitic_leak_hz and shot_noise_bright are for, lux"""
-    filter: str | None = None
-    """exact: low passes stepped exactly, any tick length | euler: as v2e"""
-    follower_hz: float | None = None
-    """bandwidth of the source follower, a second pole, Hz; 0: no limit"""
-    highpass_hz: float | None = None
-    """slower changes give no events, Hz; 0: off"""
-    leak_rate_hz: float | None = None
-    """ON events of a pixel in still light, mean over pixels, Hz"""
-    parasitic_leak_hz: float | None = None
-    """how many more there are at bright_lux, in proportion to the light, Hz"""
-    shot_noise_rate_hz: float | None = None
-    """noise events of both polarities of a pixel in the dark, mean over pixels, Hz"""
-    shot_noise_bright: float | None = None
-    """share of them that is left in bright light"""
-    shot_noise_law: str | None = None
-    """linear: falls with the bandwidth, as v2e | inverse: as dim_lux / (dim_lux + light)"""
-    noise_rate_cov_decades: float | None = None
-    """spread of both rates over pixels, standard deviation of log10"""
-    refractory_period_s: float | None = None
-    """how long a pixel is blind after each event, s"""
-    hot_pixel_fraction: float | None = None
-    """share of pixels whose leak has a rate of its own"""
-    hot_pixel_rate_hz: float | None = None
-    """mean rate of that leak, Hz"""
-    dead_pixel_fraction: float | None = None
-    """share of pixels that never fire"""
-    latency_us: float | None = None
-    """mean time from the crossing of a threshold to the pixel's request to be read, us"""
-    latency_sigma_us: float | None = None
-    """its standard deviation from event to event, us"""
-    biases: BiasConfig = field(default_factory=BiasConfig)
-    aps: ApsConfig = field(default_factory=ApsConfig)
-    imu: ImuConfig = field(default_factory=ImuConfig)
-    readout: ReadoutConfig = field(default_factory=ReadoutConfig)
 
 
 @dataclass(frozen=True)

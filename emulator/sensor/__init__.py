@@ -1,10 +1,8 @@
 """Light into events: sensor parameters and presets, log map, event models."""
 
 from evs.emulator.sensor.aps import Aps, ApsState
-from evs.emulator.sensor.aps_parameters import ApsParameters
 from evs.emulator.sensor.imu import Imu, ImuState
-from evs.emulator.sensor.imu_parameters import ImuParameters
-from evs.emulator.sensor.parameters import SensorParameters
+from evs.emulator.sensor.parameters import ApsParameters, ImuParameters, SensorParameters
 from evs.emulator.sensor.pixel.plain import PlainModel
 from evs.emulator.sensor.pixel.state import PlainState
 from evs.emulator.sensor.presets.resolve import (

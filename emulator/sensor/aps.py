@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.scene import F32, F64
-from evs.emulator.sensor.aps_parameters import ApsParameters
-from evs.emulator.sensor.parameters import WHITE_DN
+from evs.emulator.config.sensor import WHITE_DN
+from evs.emulator.sensor.parameters import ApsParameters
 from evs.emulator.sensor.random import Term, indexed_normals
 from evs.emulator.sensor.schedule import first_from, stamp_us
 from evs.emulator.sensor.state_arrays import same_bytes

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.scene import F64, CameraPose
-from evs.emulator.sensor.imu_parameters import ImuParameters
+from evs.emulator.sensor.parameters import ImuParameters
 from evs.emulator.sensor.random import Term, indexed_normals
 from evs.emulator.sensor.rotation import dot, rotation_vector
 from evs.emulator.sensor.schedule import first_from, stamp_us

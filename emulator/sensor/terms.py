@@ -2,34 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from evs.emulator.base.features import UNFORCED, Switches
+from evs.emulator.config.declaration import declaration
 from evs.emulator.sensor.parameters import SensorParameters
 
 IDLE_HIGHPASS = 1e-300
 """2 pi f in 1 / us of a high pass that is there and does nothing"""
 
-_ZEROS: dict[str, dict[str, Any]] = {
-    "threshold_spread": {"sigma_thres": 0.0},
-    "rate_spread": {"noise_rate_cov_decades": 0.0},
-    "defects": {"hot_pixel_fraction": 0.0, "dead_pixel_fraction": 0.0},
-    "low_pass": {"cutoff_hz": 0.0},
-    "follower": {"follower_hz": 0.0},
-    "high_pass": {"highpass_hz": 0.0},
-    "leak": {"leak_rate_hz": 0.0},
-    "parasitic_leak": {"parasitic_leak_hz": 0.0},
-    "shot_noise": {"shot_noise_rate_hz": 0.0},
-    "refractory": {"refractory_period_s": 0.0},
-}
-"""term -> the parameters that are 0 where it is off"""
+
+def _parameters_of_terms() -> dict[str, tuple[str, ...]]:
+    terms: dict[str, tuple[str, ...]] = {}
+    for field in fields(SensorParameters):
+        if (declared := declaration(field)) is not None and declared.term:
+            terms[declared.term] = (*terms.get(declared.term, ()), field.name)
+    return terms
+
+
+TERMS = _parameters_of_terms()
+"""term -> the parameters that are 0 where it is off, as they are declared"""
 
 
 def reduced(sensor: SensorParameters, switches: Switches) -> SensorParameters:
     """The sensor without the terms that are forced off."""
-    zeros = [values for name, values in _ZEROS.items() if name in switches.off]
-    return replace(sensor, **{key: value for values in zeros for key, value in values.items()})
+    keys = [key for name, keys in TERMS.items() if name in switches.off for key in keys]
+    zeros: dict[str, Any] = dict.fromkeys(keys, 0.0)
+    return replace(sensor, **zeros)
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class SensorTerms:
     ) -> SensorTerms:
         """Those that the sensor asks for, or that are forced on."""
         needed: dict[str, object] = {
-            name: any(getattr(sensor, key) for key in zeros) for name, zeros in _ZEROS.items()
+            name: any(getattr(sensor, key) for key in keys) for name, keys in TERMS.items()
         }
         needed |= {"refractory": sensor.refractory_us, "running_mean": average, "causes": causes}
         on = {name: switches.decide(name, need) for name, need in needed.items()}
@@ -81,5 +81,5 @@ class SensorTerms:
     @property
     def features(self) -> dict[str, bool]:
         """Whether each is on, by its name."""
-        names = (*_ZEROS, "running_mean", "causes")
+        names = (*TERMS, "running_mean", "causes")
         return {name: bool(getattr(self, name)) for name in names}

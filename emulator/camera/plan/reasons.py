@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from evs.emulator.camera.plan.contents import Contents
 from evs.emulator.config import ModelConfig, RenderConfig
 from evs.emulator.sensor import SensorParameters
+from evs.emulator.sensor.terms import TERMS
 from evs.emulator.world import Standing
 
 
@@ -107,23 +108,11 @@ def _light(has: Contents, standing: Standing, render: RenderConfig, path: bool) 
 
 def _sensor(sensor: SensorParameters) -> dict[str, Why]:
     """The parameter that asks for each term."""
-    keys = {
-        "threshold_spread": ("sigma_thres",),
-        "rate_spread": ("noise_rate_cov_decades",),
-        "defects": ("hot_pixel_fraction", "dead_pixel_fraction"),
-        "low_pass": ("cutoff_hz",),
-        "follower": ("follower_hz",),
-        "high_pass": ("highpass_hz",),
-        "leak": ("leak_rate_hz",),
-        "parasitic_leak": ("parasitic_leak_hz",),
-        "shot_noise": ("shot_noise_rate_hz",),
-        "refractory": ("refractory_period_s",),
-    }
 
-    def told(names: tuple[str, ...]) -> str:
-        return ", ".join(f"sensor.{name}={getattr(sensor, name):g}" for name in names)
+    def values(keys: tuple[str, ...]) -> str:
+        return ", ".join(f"sensor.{key}={getattr(sensor, key):g}" for key in keys)
 
-    return {name: Why(told(parts), told(parts)) for name, parts in keys.items()}
+    return {name: Why(values(keys), values(keys)) for name, keys in TERMS.items()}
 
 
 def _readout(sensor: SensorParameters) -> str:

@@ -11,6 +11,7 @@ from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from evs.emulator.config.declaration import declaration
 from evs.msgs import EvsError, unknown
 
 P = TypeVar("P")
@@ -42,7 +43,7 @@ def fill(kind: type[P], file: SensorFile, config: Any, **fixed: Any) -> P:
 
     In: config, a dataclass with the keys of `kind`, None where it gives nothing. A table whose
     field is `Table | None` is None where neither file nor configuration has any of its keys.
-    A key with the metadata {"file": True} is a path, in the file relative to it.
+    A key that is declared as a path is relative to the file where that gives it.
     Raises EvsError: unknown or missing key, and whatever `kind` refuses.
     """
     hints = typing.get_type_hints(kind)
@@ -86,7 +87,8 @@ def _from_file(field: Field[Any], file: SensorFile) -> Any:
     value = file.values[field.name]
     if isinstance(value, list):
         return tuple(value)
-    if field.metadata.get("file") and isinstance(value, str) and value:
+    declared = declaration(field)
+    if declared and declared.is_path and isinstance(value, str) and value:
         return str(file.path.parent / Path(value).expanduser())
     return value
 

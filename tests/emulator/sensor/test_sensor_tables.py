@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from evs.emulator.config.declaration import parameter
 from evs.emulator.config.plain_values import plain_config
 from evs.emulator.sensor.presets.tables import SensorFile, fill
 from evs.msgs import EvsError
@@ -24,7 +25,7 @@ class Lens:
 class Bus:
     rate: float = 5.0
     places: tuple[int, ...] = ()
-    list: str = field(default="", metadata={"file": True})
+    list: str = parameter("", "a file of names", is_path=True)
     lens: Lens | None = None
 
 

@@ -9,9 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from evs.emulator.base.features import FEATURES
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
 from evs.emulator.sensor.pixel.fixed_pattern import FixedPattern, draw_pattern
+from evs.emulator.sensor.terms import TERMS as DECLARED
+from evs.emulator.sensor.terms import SensorTerms
 from evs.msgs import Events
 
 pytestmark = pytest.mark.property
@@ -67,6 +70,11 @@ def test_a_term_has_its_own_memory_only(name: str) -> None:
     assert pattern_arrays(draw_pattern(sensor, 0)).keys() == {"on", "off"} | PATTERN.get(
         name, set()
     )
+
+
+def test_declared_terms_are_code_paths_of_the_pixel() -> None:
+    assert {*DECLARED} == {feature.name for feature in FEATURES if feature.stage == "sensor"}
+    assert {*DECLARED} <= {field.name for field in fields(SensorTerms)}
 
 
 def test_every_parameter_is_of_a_term_or_of_none() -> None:
