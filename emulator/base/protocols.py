@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
 from evs.emulator.base.ground_truth import GroundTruth
-from evs.emulator.base.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
+from evs.emulator.base.scene import F32, CameraPose, SceneSnapshot
 from evs.msgs import Events
 
 
@@ -55,13 +55,6 @@ class Renderer(Protocol):
     @property
     def features(self) -> Mapping[str, bool]:
         """Which code paths it runs, by the names of evs.emulator.base.features.FEATURES."""
-
-
-class RendererFactory(Protocol):
-    """Builds a renderer for one camera of one scene."""
-
-    def __call__(self, scene: SceneModel, camera: CameraModel) -> Renderer:
-        """A renderer of `scene` as `camera` sees it."""
 
 
 class EventModel(Protocol):

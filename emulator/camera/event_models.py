@@ -1,19 +1,41 @@
-"""Event models by name."""
+"""The table of event models: what turns light into events, by the name in model.name.
+
+A new event model is a class that follows evs.emulator.base.protocols.EventModel, a function that
+makes it from a ModelRequest, and a row here.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.protocols import EventModel
+from evs.emulator.base.registry import load
 from evs.emulator.config import ModelConfig
+from evs.emulator.sensor.model_request import ModelRequest
 from evs.emulator.sensor.parameters import SensorParameters
-from evs.emulator.sensor.pixel.plain import PlainModel
-from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants
-from evs.msgs import unknown
+from evs.msgs import EvsError, unknown
 
-_AVERAGES = {"plain": None, "adaptive": RunningMeanConstants()}
-"""name -> the running mean in front of the pixel"""
+MAX_CHUNK = 256
+"""Ticks; longer chunks bring no speed any more."""
 
-MODELS = (*_AVERAGES, "evsnet")
+
+@dataclass(frozen=True)
+class ModelRow:
+    """One event model."""
+
+    target: str
+    """"module:function", imported at first use; the function takes a ModelRequest"""
+    chunked: bool = False
+    """can take several ticks at once (model.chunk): base.protocols.ChunkedModel"""
+
+
+MODELS = {
+    "plain": ModelRow("evs.emulator.sensor.pixel.plain:plain_model"),
+    "adaptive": ModelRow("evs.emulator.sensor.pixel.plain:adaptive_model"),
+    "evsnet": ModelRow("evs.emulator.evsnet.model:evsnet_model", chunked=True),
+}
+"""model.name -> its row"""
 
 
 def make_event_model(
@@ -26,33 +48,36 @@ def make_event_model(
 ) -> EventModel:
     """The event model that `model.name` names.
 
-    In: threads, 0 is one a core; spp, samples a pixel of light with noise, 0 without: a family of
-    networks has a member for it; switches, code paths that are forced on or off; isa, auto, avx512,
-    avx2 or portable. Raises EvsError.
+    Args:
+        sensor: The sensor, resolved.
+        model: [model].
+        threads: Worker threads; 0 is one a core.
+        spp: Samples a pixel of light with noise, 0 without: a family of networks has a member for
+            it.
+        switches: Code paths that are forced on or off.
+        isa: auto, avx512, avx2 or portable.
+
+    Raises:
+        EvsError: No such model, or it cannot be of this sensor.
     """
     if model.name not in MODELS:
         raise unknown("model", model.name, MODELS)
-    if model.name == "evsnet":
-        # who wants no network needs none
-        from evs.emulator.evsnet.model import EvsNetModel
-        from evs.emulator.evsnet.network_files import load_network
+    request = ModelRequest(sensor, model, threads, spp, switches, isa)
+    made: EventModel = load(MODELS[model.name].target)(request)
+    return made
 
-        return EvsNetModel(
-            sensor,
-            load_network(model.network, spp),
-            runtime=model.runtime,
-            provider=model.provider,
-            threads=threads,
-            isa=isa,
-            initial=model.initial_state,
-            labels=model.labels,
-            switches=switches,
+
+def check_chunk(model: ModelConfig) -> None:
+    """Check that the model can take so many ticks at once.
+
+    Raises:
+        EvsError: model.chunk is not possible.
+    """
+    if not 1 <= model.chunk <= MAX_CHUNK:
+        raise EvsError(f"model.chunk is {model.chunk}; it must be 1 ... {MAX_CHUNK} ticks")
+    row = MODELS.get(model.name)
+    if model.chunk > 1 and not (row and row.chunked):
+        raise EvsError(
+            f"model.chunk is {model.chunk}, but model '{model.name}' goes tick by tick: leave "
+            "model.chunk out, or take model.name=evsnet"
         )
-    return PlainModel(
-        sensor,
-        threads,
-        isa,
-        average=_AVERAGES[model.name],
-        causes=model.labels,
-        switches=switches,
-    )

@@ -14,15 +14,12 @@ import numpy as np
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.protocols import ChunkedModel
 from evs.emulator.base.scene import F32
-from evs.emulator.camera.event_models import make_event_model
+from evs.emulator.camera.event_models import check_chunk, make_event_model
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor import SensorParameters, make_readout
 from evs.emulator.sensor.readout.state import ReadoutState
 from evs.emulator.state import Saved, joined, number, numbers, part
 from evs.msgs import Events, EvsError
-
-MAX_CHUNK = 256
-"""Ticks; longer chunks bring no speed any more."""
 
 
 class DoneTick(NamedTuple):
@@ -171,14 +168,3 @@ class Pixels:
     def events_waiting(self) -> int:
         """Events that are still on their way through the readout."""
         return self._read.count_waiting if self._read is not None else 0
-
-
-def check_chunk(model: ModelConfig) -> None:
-    """EvsError where model.chunk is not possible."""
-    if not 1 <= model.chunk <= MAX_CHUNK:
-        raise EvsError(f"model.chunk is {model.chunk}; it must be 1 ... {MAX_CHUNK} ticks")
-    if model.chunk > 1 and model.name != "evsnet":
-        raise EvsError(
-            f"model.chunk is {model.chunk}, but model '{model.name}' goes tick by tick: leave "
-            "model.chunk out, or take model.name=evsnet"
-        )

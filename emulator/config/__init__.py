@@ -2,9 +2,8 @@
 
 from evs.emulator.config.biases import BiasConfig
 from evs.emulator.config.closed_loop import DelayConfig, LimitConfig, LoopConfig
+from evs.emulator.config.renderers import RENDERERS, SEEDS, RendererRow
 from evs.emulator.config.schema import (
-    SEEDS,
-    SPP,
     CameraConfig,
     FlickerConfig,
     ModelConfig,
@@ -16,8 +15,8 @@ from evs.emulator.config.schema import (
 from evs.emulator.config.sensor import ApsConfig, ImuConfig, ReadoutConfig, SensorConfig
 
 __all__ = [
+    "RENDERERS",
     "SEEDS",
-    "SPP",
     "ApsConfig",
     "BiasConfig",
     "CameraConfig",
@@ -30,6 +29,7 @@ __all__ = [
     "PlanConfig",
     "ReadoutConfig",
     "RenderConfig",
+    "RendererRow",
     "RunConfig",
     "SceneConfig",
     "SensorConfig",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from evs.emulator.config.renderers import RENDERERS
 from evs.emulator.config.sensor import SensorConfig
 
 
@@ -95,13 +96,6 @@ class FlickerConfig:
     """share of a period of the light that has passed at t = 0"""
 
 
-SPP = {"direct": 4, "path": 16, "raster": 4}
-"""renderer -> samples per pixel where nothing else is said: the fewest whose events serve"""
-
-SEEDS = {"direct": ("fixed",), "path": ("fixed", "fresh"), "raster": ("fixed",)}
-"""renderer -> where its samples come from; without noise there is nothing that could be fresh"""
-
-
 @dataclass(frozen=True)
 class RenderConfig:
     """[render]: how light reaches the pixels."""
@@ -147,12 +141,16 @@ class RenderConfig:
     @property
     def samples(self) -> int:
         """Samples per pixel: `spp`, or what the renderer takes by itself."""
-        return SPP.get(self.renderer, 1) if self.spp is None else self.spp
+        if self.spp is not None:
+            return self.spp
+        row = RENDERERS.get(self.renderer)
+        return row.default_spp if row else 1
 
     @property
     def noisy_samples(self) -> int:
         """The same for light with noise; 0 where the renderer's light has none."""
-        return self.samples if self.renderer == "path" else 0
+        row = RENDERERS.get(self.renderer)
+        return self.samples if row and row.paths else 0
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,10 @@ from evs.emulator.base.scene import F32
 from evs.emulator.evsnet.decay import decay_tables
 from evs.emulator.evsnet.graph_network import Network
 from evs.emulator.evsnet.memory_budget import check_dense
+from evs.emulator.evsnet.network_files import load_network
 from evs.emulator.evsnet.runtime import make_runtime
 from evs.emulator.evsnet.state import MAX_TICKS, NetworkState, identity
+from evs.emulator.sensor.model_request import ModelRequest
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.random import Term, pixel_uniforms
 from evs.emulator.sensor.state_arrays import Arrays
@@ -189,3 +191,19 @@ class EvsNetModel:
         if state.ticks + ticks > MAX_TICKS:
             raise EvsError(f"state is {state.ticks} ticks old, past its end; init it anew")
         self.runtime.check(state)
+
+
+def evsnet_model(request: ModelRequest) -> EvsNetModel:
+    """The event model `evsnet`, with the network that [model] names."""
+    model = request.model
+    return EvsNetModel(
+        request.sensor,
+        load_network(model.network, request.spp),
+        runtime=model.runtime,
+        provider=model.provider,
+        threads=request.threads,
+        isa=request.isa,
+        initial=model.initial_state,
+        labels=model.labels,
+        switches=request.switches,
+    )

@@ -2,20 +2,46 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import Any, Protocol, cast
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
+from evs.emulator.base.registry import load
 from evs.emulator.base.scene import F32
 from evs.emulator.evsnet.graph_network import GraphNetwork, Network
 from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.msgs import Events, EvsError, unknown
 
-RUNTIMES = ("native", "onnxruntime", "reference")
-"""native: the C++ kernel. onnxruntime: on whatever its execution providers run. reference: plain
-NumPy, slow, the oracle of both"""
+
+@dataclass(frozen=True)
+class RuntimeRow:
+    """One runtime."""
+
+    target: str
+    """"module:Class", imported at first use"""
+    options: tuple[str, ...] = ()
+    """what its constructor takes after sensor and weights: of provider, threads, isa and sparse"""
+    any_graph: bool = False
+    """runs networks of other designs than ours too"""
+
+
+RUNTIMES = {
+    # our C++ kernel, which steps only what moves
+    "native": RuntimeRow(
+        "evs.emulator.evsnet.native:NativeRuntime", options=("threads", "isa", "sparse")
+    ),
+    # on whatever its execution providers run
+    "onnxruntime": RuntimeRow(
+        "evs.emulator.evsnet.portable:PortableRuntime",
+        options=("provider", "threads"),
+        any_graph=True,
+    ),
+    # plain NumPy, slow, the oracle of both
+    "reference": RuntimeRow("evs.emulator.evsnet.reference:ReferenceRuntime"),
+}
+"""model.runtime -> its row"""
 
 
 class Runtime(Protocol):
@@ -25,7 +51,7 @@ class Runtime(Protocol):
     """
 
     name: str
-    """as in RUNTIMES"""
+    """a key of RUNTIMES"""
 
     def own_arrays(self) -> dict[str, np.ndarray[Any, Any]]:
         """The arrays that it keeps in a state beside the common ones: as after endless rest.
@@ -57,25 +83,31 @@ def make_runtime(
     isa: str = "auto",
     sparse: bool = True,
 ) -> Runtime:
-    """The runtime of that name. Only then is it imported. Raises EvsError.
+    """The runtime of that name; only then is it imported.
 
-    In: provider, for onnxruntime: its execution provider. threads: 0 is one a core. isa and
-    sparse, for native: instruction set; whether pixels without current are left out.
+    Args:
+        name: A key of RUNTIMES.
+        sensor: The sensor, resolved.
+        weights: The network.
+        provider: The execution provider of onnxruntime.
+        threads: Worker threads; 0 is one a core.
+        isa: Instruction set of native.
+        sparse: Whether native leaves out pixels without current.
+
+    Raises:
+        EvsError: No such runtime, or it cannot run the network.
     """
     if name not in RUNTIMES:
         raise unknown("runtime", name, RUNTIMES)
-    if name != "onnxruntime" and provider != "cpu":
+    row = RUNTIMES[name]
+    if "provider" not in row.options and provider != "cpu":
         raise EvsError(f"provider '{provider}' is for runtime onnxruntime; runtime {name} has none")
-    if name != "onnxruntime" and isinstance(weights, GraphNetwork):
+    if not row.any_graph and isinstance(weights, GraphNetwork):
         raise EvsError(
             f"network '{weights.name}' is of another design than ours; only runtime onnxruntime "
             f"runs it: give model.runtime=onnxruntime, not {name}"
         )
-    if name == "native":
-        native = import_module("evs.emulator.evsnet.native")
-        return cast(Runtime, native.NativeRuntime(sensor, weights, threads, isa, sparse))
-    if name == "onnxruntime":
-        portable = import_module("evs.emulator.evsnet.portable")
-        return cast(Runtime, portable.PortableRuntime(sensor, weights, provider, threads))
-    reference = import_module("evs.emulator.evsnet.reference")
-    return cast(Runtime, reference.ReferenceRuntime(sensor, weights))
+    options = {"provider": provider, "threads": threads, "isa": isa, "sparse": sparse}
+    given = {option: options[option] for option in row.options}
+    made: Runtime = load(row.target)(sensor, weights, **given)
+    return made

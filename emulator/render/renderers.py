@@ -1,18 +1,16 @@
-"""Which renderer a configuration asks for."""
+"""The renderer that a configuration names, checked and made."""
 
 from __future__ import annotations
 
 from evs.emulator import _core
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.protocols import Renderer
+from evs.emulator.base.registry import load
 from evs.emulator.base.scene import CameraModel, SceneModel
-from evs.emulator.config import SEEDS, RenderConfig
+from evs.emulator.config import RENDERERS, RenderConfig
 from evs.emulator.render.direct import DirectRenderer
-from evs.emulator.render.path import PathRenderer
 from evs.msgs import EvsError, unknown
 
-MAX_SPP = {"direct": 64, "path": 4096, "raster": 64}
-RENDERERS = tuple(MAX_SPP)
 SAMPLERS = ("owen", "sobol", "global", "random", "anchored")
 MAX_BOUNCES = 64
 MAX_THREADS = 1024
@@ -28,11 +26,21 @@ def make_renderer(
     switches: Switches = UNFORCED,
     like: Renderer | None = None,
 ) -> Renderer:
-    """The renderer of one camera. Raises EvsError where the configuration makes no sense.
+    """The renderer of one camera.
 
-    In: rgb, colour is wanted beside the luminance; seed, what the noise of `path` follows from;
-    switches, code paths that are forced on or off (not of raster); like, the same camera's until
-    now, whose threads, meshes and images are shared where they are the same (not of raster).
+    Args:
+        scene: What is seen.
+        camera: The optics.
+        config: [render].
+        threads: Worker threads; 0 is one a core.
+        rgb: Whether colour is wanted beside the luminance.
+        seed: What the noise of `path` follows from.
+        switches: Code paths that are forced on or off (not of raster).
+        like: The same camera's renderer until now, whose threads, meshes and images are shared
+            where they are the same (not of raster).
+
+    Raises:
+        EvsError: The configuration makes no sense.
     """
     check_render(config)
     for name in config.linear_textures:
@@ -40,17 +48,21 @@ def make_renderer(
             raise unknown("render.linear_textures", name, list(scene.texture_names))
     if not 0 <= threads <= MAX_THREADS:
         raise EvsError(f"threads is {threads}; give 0 for one a core, or 1 ... {MAX_THREADS}")
-    if config.renderer == "raster":
-        # an extra: what it imports need not be there
-        from evs.emulator.render.raster import RasterRenderer
-
-        if rgb:
-            raise EvsError("raster gives no colour, only luminance: take render.renderer=direct")
-        return RasterRenderer(scene, camera, config)
-    known = like if isinstance(like, DirectRenderer) else None
-    if config.renderer == "path":
-        return PathRenderer(scene, camera, config, threads, rgb, seed, switches, known)
-    return DirectRenderer(scene, camera, config, threads, rgb, switches, known)
+    row = RENDERERS[config.renderer]
+    if rgb and not row.colour:
+        raise EvsError(
+            f"{config.renderer} gives no colour, only luminance: take render.renderer=direct"
+        )
+    options = {
+        "threads": threads,
+        "rgb": rgb,
+        "seed": seed,
+        "switches": switches,
+        "like": like if isinstance(like, DirectRenderer) else None,
+    }
+    given = {name: options[name] for name in row.options}
+    made: Renderer = load(row.target)(scene, camera, config, **given)
+    return made
 
 
 def check_render(config: RenderConfig) -> None:
@@ -69,14 +81,13 @@ def check_render(config: RenderConfig) -> None:
 
 
 def _check_samples(config: RenderConfig) -> None:
-    most, spp = MAX_SPP[config.renderer], config.samples
-    if not 1 <= spp <= most:
+    row, spp = RENDERERS[config.renderer], config.samples
+    if not 1 <= spp <= row.max_spp:
         raise EvsError(
-            f"render.spp is {spp}; with renderer {config.renderer} it must be 1 ... {most}"
+            f"render.spp is {spp}; with renderer {config.renderer} it must be 1 ... {row.max_spp}"
         )
-    seeds = SEEDS[config.renderer]
-    if config.seeds not in seeds:
-        raise unknown("render.seeds", config.seeds, list(seeds))
+    if config.seeds not in row.seeds:
+        raise unknown("render.seeds", config.seeds, list(row.seeds))
     if not 0 <= config.bounces <= MAX_BOUNCES:
         raise EvsError(f"render.bounces is {config.bounces}; it must be 0 ... {MAX_BOUNCES}")
     if config.sampler not in SAMPLERS:

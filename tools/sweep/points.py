@@ -10,7 +10,7 @@ from typing import Any
 
 from evs.drivers import settings
 from evs.drivers.run.config import PipelineConfig, find_pipeline
-from evs.emulator.camera.pixels import check_chunk
+from evs.emulator.camera.event_models import check_chunk
 from evs.emulator.config import SEEDS
 from evs.emulator.render.renderers import check_render
 from evs.msgs import EvsError

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from evs.emulator.camera.plan.contents import Contents
-from evs.emulator.config import ModelConfig, RenderConfig
+from evs.emulator.config import RENDERERS, ModelConfig, RenderConfig
 from evs.emulator.sensor import SensorParameters
 from evs.emulator.world import MjModel, Standing
 
@@ -92,14 +92,14 @@ def estimate(
     packets = math.ceil(width / 4) * math.ceil(height / 4)
     casting = has.casting if features.get("shadows") else 0
     render_ns = packets * render.samples * _packet_ns(has, casting, render)
-    if render.antialiasing == "adaptive" and render.renderer == "direct":
+    renderer = RENDERERS[render.renderer]
+    if render.antialiasing == "adaptive" and renderer.adaptive:
         render_ns *= 0.5
-    traces = render.renderer != "raster"
-    if not traces:
+    if not renderer.traced:
         geoms_ns = 1e6 * RASTER_GEOM_MS * _drawn(has)
         render_ns = geoms_ns + RASTER_NS * pixels * render.samples
     moves = bool(standing.camera_moves) or features.get("full_retrace", True)
-    rest_ns = 0.0 if render.renderer == "path" else REST_NS
+    rest_ns = 0.0 if renderer.paths else REST_NS
     render_ns += 1e3 * RENDER_US
     still_ns = 1e3 * RENDER_US + packets * rest_ns
     if moves or render.seeds == "fresh":
@@ -116,7 +116,7 @@ def estimate(
         quiet_ns = pixel_ns
     step_us = STEP_US + FREEDOM_US * world.nv
     world_us = WORLD_US + step_us * steps + DEFORM_US * has.deforming
-    primary = packets * PACKET * render.samples * traces
+    primary = packets * PACKET * render.samples * renderer.traced
     return Cost(
         primary_rays=primary,
         shadow_rays=primary * casting,
@@ -125,7 +125,7 @@ def estimate(
         render_still_ms=1e-6 * still_ns,
         sensor_ms=1e-3 * SENSOR_US + 1e-6 * pixels * pixel_ns,
         sensor_still_ms=1e-3 * SENSOR_US + 1e-6 * pixels * quiet_ns,
-        within=4.0 if has.triangles or not traces else 2.0,
+        within=4.0 if has.triangles or not renderer.traced else 2.0,
     )
 
 
@@ -140,7 +140,7 @@ def _packet_ns(has: Contents, casting: int, render: RenderConfig) -> float:
     met = GEOM_NS * _drawn(has) + TRIANGLE_NS * levels
     ns = PACKET_NS + LIGHT_NS * sum(has.lights.values()) + SHADOW_NS * casting + met * rays
     ns += TEXTURE_NS * (has.textured > 0) + SKY_NS * has.sky + MIRROR_NS * (has.mirrors > 0)
-    if render.renderer == "path":
+    if RENDERERS[render.renderer].paths:
         point_ns = POINT_NS + SKY_POINT_NS * has.sky + met * rays
         return ns + point_ns * (1 + render.bounces)
     return ns

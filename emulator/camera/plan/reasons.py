@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from evs.emulator.camera.plan.contents import Contents
-from evs.emulator.config import ModelConfig, RenderConfig
+from evs.emulator.config import RENDERERS, ModelConfig, RenderConfig
 from evs.emulator.sensor import SensorParameters
 from evs.emulator.sensor.terms import TERMS
 from evs.emulator.world import Standing
@@ -30,7 +30,7 @@ def reasons(
     model: ModelConfig,
 ) -> dict[str, Why]:
     """name of the code path -> why it is on, or off."""
-    path = render.renderer == "path"
+    path = RENDERERS[render.renderer].paths
     return {
         **_surfaces(has, path),
         **_air(has, render),
@@ -80,7 +80,7 @@ def _air(has: Contents, render: RenderConfig) -> dict[str, Why]:
 def _light(has: Contents, standing: Standing, render: RenderConfig, path: bool) -> dict[str, Why]:
     coloured = ", ".join(has.coloured[:3])
     bent = "camera.distortion_model"
-    retrace = "OpenGL draws it" if render.renderer == "raster" else "render.incremental=false"
+    retrace = "render.incremental=false" if RENDERERS[render.renderer].traced else "OpenGL draws it"
     kept = f"{'samples' if path else 'pixels'} that nothing that moved can touch are kept"
     if standing.camera_moves:
         kept += f", while the camera rests ({standing.camera_moves})"

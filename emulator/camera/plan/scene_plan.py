@@ -11,6 +11,7 @@ from evs.emulator.base.scene import SceneModel
 from evs.emulator.camera.plan.contents import Contents, contents_of
 from evs.emulator.camera.plan.cost import Cost, estimate
 from evs.emulator.camera.plan.reasons import reasons
+from evs.emulator.config import RENDERERS
 from evs.emulator.sensor import SensorParameters
 from evs.emulator.world import BoundCamera, MjModel, Standing, standing_of
 
@@ -102,4 +103,4 @@ def _view(bound: BoundCamera, plan: CameraPlan) -> dict[str, Any]:
         "antialiasing": render.antialiasing,
         "model": plan.model.name,
     }
-    return asked | ({"bounces": render.bounces} if render.renderer == "path" else {})
+    return asked | ({"bounces": render.bounces} if RENDERERS[render.renderer].paths else {})

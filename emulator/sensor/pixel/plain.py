@@ -12,6 +12,7 @@ import numpy as np
 from evs.emulator import _core
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.scene import F32
+from evs.emulator.sensor.model_request import ModelRequest
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.pixel.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants
@@ -185,3 +186,20 @@ class PlainModel:
             threads=self._threads,
             isa=self._isa,
         )
+
+
+def plain_model(request: ModelRequest, average: RunningMeanConstants | None = None) -> PlainModel:
+    """The event model `plain`."""
+    return PlainModel(
+        request.sensor,
+        request.threads,
+        request.isa,
+        average=average,
+        causes=request.model.labels,
+        switches=request.switches,
+    )
+
+
+def adaptive_model(request: ModelRequest) -> PlainModel:
+    """The event model `adaptive`: `plain` with a running mean of the light in front of it."""
+    return plain_model(request, RunningMeanConstants())

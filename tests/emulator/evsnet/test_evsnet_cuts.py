@@ -88,7 +88,7 @@ def test_chunks_of_the_usual_lengths(name: str, chunk: int, runtime: str) -> Non
 @settings(max_examples=60)
 @given(
     name=st.sampled_from(sorted(NETWORKS)),
-    runtime=st.sampled_from(RUNTIMES),
+    runtime=st.sampled_from(list(RUNTIMES)),
     seed=st.integers(0, 2**64 - 1),
     ticks=st.integers(1, 50),
     through_files=st.booleans(),

@@ -1,0 +1,64 @@
+"""The table of renderers: one row says all that the rest of evs knows of one.
+
+A new renderer is a class that follows evs.emulator.base.protocols.Renderer, and a row here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class RendererRow:
+    """One renderer."""
+
+    target: str
+    """"module:Class", imported at first use"""
+    default_spp: int
+    """samples per pixel where the configuration gives none: the fewest whose events serve"""
+    max_spp: int
+    seeds: tuple[str, ...] = ("fixed",)
+    """values of render.seeds; without noise there is nothing that could be fresh"""
+    options: tuple[str, ...] = ()
+    """what its constructor takes after scene, camera and configuration: of threads, rgb, seed,
+    switches and like (make_renderer explains them)"""
+    paths: bool = False
+    """follows light from surface to surface: it has bounces, and noise"""
+    adaptive: bool = False
+    """can take more samples at edges only"""
+    traced: bool = True
+    """traces rays itself, and only those that a motion can touch"""
+
+    @property
+    def colour(self) -> bool:
+        """Whether it can give colour beside the luminance."""
+        return "rgb" in self.options
+
+
+RENDERERS = {
+    "direct": RendererRow(
+        "evs.emulator.render.direct:DirectRenderer",
+        default_spp=4,
+        max_spp=64,
+        options=("threads", "rgb", "switches", "like"),
+        adaptive=True,
+    ),
+    "path": RendererRow(
+        "evs.emulator.render.path:PathRenderer",
+        default_spp=16,
+        max_spp=4096,
+        seeds=("fixed", "fresh"),
+        options=("threads", "rgb", "seed", "switches", "like"),
+        paths=True,
+    ),
+    "raster": RendererRow(
+        "evs.emulator.render.raster:RasterRenderer",
+        default_spp=4,
+        max_spp=64,
+        traced=False,
+    ),
+}
+"""render.renderer -> its row"""
+
+SEEDS = {name: row.seeds for name, row in RENDERERS.items()}
+"""render.renderer -> values of render.seeds"""
