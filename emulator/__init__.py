@@ -9,18 +9,23 @@ from evs.emulator.base.registry import load
 if TYPE_CHECKING:
     from evs.emulator.camera.camera import Camera
     from evs.emulator.camera.view import View
-    from evs.emulator.simulation.closed_loop import Loop, Observation
-    from evs.emulator.simulation.event_camera import Sensor
+    from evs.emulator.simulation.closed_loop import ClosedLoop, Observation
+    from evs.emulator.simulation.event_camera import EventCamera
     from evs.emulator.simulation.virtual_camera import VirtualCamera
     from evs.emulator.simulation.world import World
     from evs.emulator.world import LeftOutWarning, UnstableError
 
+    Loop = ClosedLoop
+    Sensor = EventCamera
+
 _HOMES = {
     "Camera": "evs.emulator.camera.camera:Camera",
+    "ClosedLoop": "evs.emulator.simulation.closed_loop:ClosedLoop",
+    "EventCamera": "evs.emulator.simulation.event_camera:EventCamera",
     "LeftOutWarning": "evs.emulator.world:LeftOutWarning",
-    "Loop": "evs.emulator.simulation.closed_loop:Loop",
+    "Loop": "evs.emulator.simulation.closed_loop:ClosedLoop",
     "Observation": "evs.emulator.simulation.closed_loop:Observation",
-    "Sensor": "evs.emulator.simulation.event_camera:Sensor",
+    "Sensor": "evs.emulator.simulation.event_camera:EventCamera",
     "UnstableError": "evs.emulator.world:UnstableError",
     "View": "evs.emulator.camera.view:View",
     "VirtualCamera": "evs.emulator.simulation.virtual_camera:VirtualCamera",
@@ -29,6 +34,8 @@ _HOMES = {
 
 __all__ = [
     "Camera",
+    "ClosedLoop",
+    "EventCamera",
     "LeftOutWarning",
     "Loop",
     "Observation",

@@ -9,16 +9,16 @@ from evs.drivers.clock import StopWatch
 from evs.drivers.cores import cores
 from evs.drivers.run.config import PipelineConfig
 from evs.drivers.run.run import tick_count
-from evs.emulator.simulation.pipelined import Ahead, ahead
+from evs.emulator.simulation.pipelined import PipelinedWorld, pipelined
 from evs.emulator.simulation.world import World
 
 
 @contextmanager
-def open_world(config: PipelineConfig, watch: StopWatch) -> Iterator[World | Ahead]:
+def open_world(config: PipelineConfig, watch: StopWatch) -> Iterator[World | PipelinedWorld]:
     """What a run loop steps, for `config.duration_s` and no longer. In: watch, what it laps."""
     ticks = tick_count(config.duration_s, config.scene.tick_us)
     world = World.from_config(config.emulation(), meter=watch)
-    with ahead(world, ticks, watch, depth_of(config)) as running:
+    with pipelined(world, ticks, watch, depth_of(config)) as running:
         yield running
 
 

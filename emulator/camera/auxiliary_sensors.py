@@ -14,7 +14,7 @@ from evs.emulator.world import MjModel, gravity_of
 from evs.msgs import Frame, ImuPacket
 
 
-class Beside:
+class AuxiliarySensors:
     """Frames and IMU of one camera. What is off is not there: no state, no step."""
 
     frames: tuple[Frame, ...]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from threading import Lock
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,12 +14,17 @@ from evs.emulator.base.pose import pose_message
 from evs.emulator.base.protocols import Meter, NoMeter, Renderer
 from evs.emulator.base.scene import F32, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.base.stamps import later_events
-from evs.emulator.camera.auxiliary_sensors import Beside
+from evs.emulator.camera.auxiliary_sensors import AuxiliarySensors
+from evs.emulator.camera.camera_plan import (
+    CameraPlan,
+    Viewpoint,
+    free_name,
+    identity_of,
+    plain_plan,
+)
 from evs.emulator.camera.pixels import DoneTick, Pixels
 from evs.emulator.camera.plan.contents import is_unlit
 from evs.emulator.camera.plan.scene_plan import ScenePlan, plan_scene
-from evs.emulator.camera.rendered_frame import Lit, Viewpoint
-from evs.emulator.camera.setup import CameraPlan, free_name, identity_of, plain_plan
 from evs.emulator.config import SceneConfig
 from evs.emulator.optics import camera_info
 from evs.emulator.render import too_fast
@@ -39,6 +44,20 @@ from evs.msgs import (
     empty_imu,
     take_labels,
 )
+
+
+class RenderedFrame(NamedTuple):
+    """One instant, and what a camera sees of it."""
+
+    snapshot: SceneSnapshot
+    pose: CameraPose
+    """where the camera was"""
+    luminance: F32
+    """(h, w) float32, linear"""
+    viewpoint: Viewpoint
+    """which scene and renderer it is from"""
+    traced_fraction: float
+    """share of the pixels that had to be traced for it, 0 ... 1"""
 
 
 class Camera:
@@ -93,7 +112,7 @@ class Camera:
         scene_config = scene_config or SceneConfig(tick_us=tick_us)
         self._start_us = scene_config.start_us
         self._marks_causes = self._pixels.features.get("causes", False)
-        self._beside = Beside(sensor, name, switches, self._start_us)
+        self._auxiliary = AuxiliarySensors(sensor, name, switches, self._start_us)
         self._traces_truth = switches.decide("ground_truth", plan.model.labels)
         if config is None:
             told = replace(scene_config, camera=plan.camera)
@@ -122,7 +141,7 @@ class Camera:
             self._reseed(seed)
         seed = self._plan.seed
         self._pixels.reset(seed)
-        self._beside.reset(seed)
+        self._auxiliary.reset(seed)
         self._luminance: F32 | None = None
         self._traced = 0.0
         self._t_us: int | None = None
@@ -142,7 +161,7 @@ class Camera:
         begun = [] if self._t_us is None else [self._t_us]
         return {
             **joined(pixels=self._pixels.save()),
-            **self._beside.save(),
+            **self._auxiliary.save(),
             **numbers(seq=self._seq, seen=self._seen, events=self.events),
             **numbers(instants=(self._now is not None) + (self._previous is not None)),
             "t_us": np.array(begun, np.int64),
@@ -156,7 +175,7 @@ class Camera:
         In: seed, that of the camera that was saved; now and previous, what it saw last and before.
         """
         pixels = self._pixels.restoring(part(saved, "pixels"), seed)
-        beside = self._beside.restoring(saved)
+        auxiliary = self._auxiliary.restoring(saved)
         counts = [number(saved, name, 0) for name in ("seq", "seen", "events")]
         instants = number(saved, "instants", 0, 2)
         t_us = saved["t_us"].tolist()
@@ -167,7 +186,7 @@ class Camera:
         def put() -> None:
             self.reset(seed)
             pixels()
-            beside()
+            auxiliary()
             self._seq, self._seen, self.events = counts
             self._t_us = t_us[0] if t_us else None
             seen = [(one, one.cameras[self.place]) for one in needed if one is not None]
@@ -250,7 +269,7 @@ class Camera:
         self._check_time(snapshot)
         return self.observe_light(self.light(snapshot))
 
-    def light(self, snapshot: SceneSnapshot, into: F32 | None = None) -> Lit:
+    def light(self, snapshot: SceneSnapshot, into: F32 | None = None) -> RenderedFrame:
         """What falls on the sensor at `snapshot`: the half of `observe` that remembers no event.
 
         May be called in another thread than the rest, ahead of it, snapshot by snapshot. In: into,
@@ -262,11 +281,11 @@ class Camera:
             luminance = viewpoint.renderer.render(snapshot, pose, into)
             traced = float(viewpoint.renderer.traced_fraction)
         self._meter.lap("render")
-        return Lit(snapshot, pose, luminance, viewpoint, traced)
+        return RenderedFrame(snapshot, pose, luminance, viewpoint, traced)
 
-    def observe_light(self, lit: Lit) -> tuple[EventPacket, ...]:
+    def observe_light(self, frame: RenderedFrame) -> tuple[EventPacket, ...]:
         """The other half of `observe`: the events from the last light to this."""
-        return self._packets(self._see(lit, self._check_time(lit.snapshot)))
+        return self._packets(self._see(frame, self._check_time(frame.snapshot)))
 
     def _check_time(self, snapshot: SceneSnapshot) -> int:
         """Where the tick that ends at `snapshot` begins, us. EvsError where it cannot."""
@@ -306,14 +325,14 @@ class Camera:
         self.events += len(tick.events)
         return packet
 
-    def _see(self, lit: Lit, begin_us: int) -> list[DoneTick]:
-        snapshot, pose = lit.snapshot, lit.pose
-        self._previous = self._now if lit.viewpoint.follows(self._seen_from) else None
-        self._now, self._seen_from = (snapshot, pose), lit.viewpoint
+    def _see(self, frame: RenderedFrame, begin_us: int) -> list[DoneTick]:
+        snapshot, pose = frame.snapshot, frame.pose
+        self._previous = self._now if frame.viewpoint.follows(self._seen_from) else None
+        self._now, self._seen_from = (snapshot, pose), frame.viewpoint
         self._seen += 1
-        self._luminance, self._traced = lit.luminance, lit.traced_fraction
-        ticks = self._pixels.see(lit.luminance, begin_us, snapshot.t_us)
-        self._beside.step(lit.luminance, pose, self._world, begin_us, snapshot.t_us)
+        self._luminance, self._traced = frame.luminance, frame.traced_fraction
+        ticks = self._pixels.see(frame.luminance, begin_us, snapshot.t_us)
+        self._auxiliary.step(frame.luminance, pose, self._world, begin_us, snapshot.t_us)
         if self._traces_truth and not self._plan.model.labels:
             # asked for by [plan] alone: nobody takes it
             self.ground_truth()
@@ -324,12 +343,12 @@ class Camera:
     @property
     def frames(self) -> tuple[Frame, ...]:
         """Intensity frames whose read-out ended in the last tick; none but with sensor.aps."""
-        return self._beside.frames
+        return self._auxiliary.frames
 
     @property
     def imu_packet(self) -> ImuPacket | None:
         """What the IMU said in the last tick; None: nothing, as ever unless sensor.imu is on."""
-        return self._beside.imu_packet
+        return self._auxiliary.imu_packet
 
     @property
     def pose(self) -> Pose | None:
@@ -417,7 +436,7 @@ class Camera:
         with self._tracing:
             light = dict(self._renderer.features)
         truth = {"ground_truth": self._traces_truth}
-        return {**light, **truth, **self._pixels.features, **self._beside.features}
+        return {**light, **truth, **self._pixels.features, **self._auxiliary.features}
 
     @property
     def plan(self) -> ScenePlan:

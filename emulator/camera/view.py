@@ -11,7 +11,7 @@ import numpy as np
 from evs.emulator.base.ground_truth import GroundTruth
 from evs.emulator.base.pose import pose_message
 from evs.emulator.base.scene import F32, CameraPose, SceneModel, SceneSnapshot
-from evs.emulator.camera.setup import CameraPlan
+from evs.emulator.camera.camera_plan import CameraPlan
 from evs.emulator.optics import camera_info
 from evs.emulator.sensor import resolve_sensor
 from evs.emulator.world import BoundCamera, MjModel

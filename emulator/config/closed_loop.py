@@ -49,7 +49,11 @@ class LoopConfig:
     delays: DelayConfig = field(default_factory=DelayConfig)
 
     def options(self) -> dict[str, Any]:
-        """What Loop and Loop.around take: limits, max_s, delays. EvsError: no range, one twice."""
+        """The arguments limits, max_s and delays of ClosedLoop and ClosedLoop.around.
+
+        Raises:
+            EvsError: A limit without a range, or a sensor with two.
+        """
         names = [limit.sensor for limit in self.limits]
         for place, name in enumerate(names):
             if name in names[:place]:

@@ -11,7 +11,7 @@ from evs.emulator.base.scene import F32
 from evs.emulator.evsnet.bilif import BiLIF
 from evs.emulator.evsnet.decay import decay_tables
 from evs.emulator.evsnet.graph_network import Network, held_at_rest
-from evs.emulator.evsnet.log_delta import Front
+from evs.emulator.evsnet.log_delta import LogDelta
 from evs.emulator.evsnet.state import NetworkState, check_arrays
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.msgs import Events
@@ -30,7 +30,7 @@ class DenseRuntime(ABC):
         self.held = held_at_rest(weights)
         self._tick_us = weights.tick_us
         self.height, self.width = sensor.height, sensor.width
-        self._front = Front.of(sensor, weights)
+        self._log_delta = LogDelta.of(sensor, weights)
         self._bilif = BiLIF(
             np.float32(sensor.pos_thres / weights.threshold),
             np.float32(sensor.neg_thres / weights.threshold),
@@ -63,7 +63,7 @@ class DenseRuntime(ABC):
         self, luminance: F32, state: NetworkState, begin_us: int, currents: F32 | None = None
     ) -> list[Events]:
         """Runtime.step."""
-        x = self._front.step(luminance, state)
+        x = self._log_delta.step(luminance, state)
         names = [f"fifo{i}" for i in range(len(self.held))]
         current, fifos = self.convolve(
             x.reshape(len(x), -1), [state.arrays[name] for name in names]

@@ -17,14 +17,14 @@ _MOST = np.float32(MAX_STEP)
 
 
 @dataclass(frozen=True)
-class Front:
+class LogDelta:
     """The log map: exposure and dark current are the sensor's, the knee is the network's."""
 
     sensor: SensorParameters
 
     @classmethod
-    def of(cls, sensor: SensorParameters, weights: Network) -> Front:
-        """The front of one network on one sensor."""
+    def of(cls, sensor: SensorParameters, weights: Network) -> LogDelta:
+        """That of one network on one sensor."""
         return cls(replace(sensor, log="linlog", linlog_dn=weights.linlog_dn))
 
     def step(self, luminance: F32, state: NetworkState) -> F32:

@@ -1,4 +1,4 @@
-"""Sensor: an event camera inside a simulation loop that the user already owns."""
+"""EventCamera: an event camera inside a simulation loop that the user already owns."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from evs.emulator.base.ground_truth import GroundTruth
 from evs.emulator.base.scene import F32
 from evs.emulator.camera.camera import Camera
-from evs.emulator.camera.setup import plan_camera
+from evs.emulator.camera.camera_plan import plan_camera
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.simulation.snapshot_history import Moments
+from evs.emulator.simulation.snapshot_history import SnapshotHistory
 from evs.emulator.state import (
     Saved,
     joined,
@@ -45,10 +45,10 @@ def _kind(thing: object) -> str:
     return kind.__name__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__name__}"
 
 
-class Sensor:
+class EventCamera:
     """An event camera for a mujoco.MjModel that somebody else steps.
 
-        sensor = Sensor(model, camera="track")
+        sensor = EventCamera(model, camera="track")
         while True:
             mujoco.mj_step(model, data)
             events = sensor.observe(data)
@@ -75,7 +75,7 @@ class Sensor:
         """In: camera, the name of one of the model's, or a description; "" is its first."""
         if not isinstance(model, MjModel):
             raise EvsError(
-                f"a Sensor takes a mujoco.MjModel, not {_kind(model)}; "
+                f"an EventCamera takes a mujoco.MjModel, not {_kind(model)}; "
                 "gymnasium: env.unwrapped.model (Metaworld too), dm_control: physics.model.ptr, "
                 "robosuite: env.sim.model._model"
             )
@@ -83,7 +83,7 @@ class Sensor:
         plan = plan_camera(camera, sensor, render, model_config, name, seed, threads)
         if plan.model.chunk > 1:
             raise EvsError(
-                f"model.chunk is {plan.model.chunk}, but a Sensor gives its events at once: "
+                f"model.chunk is {plan.model.chunk}, but an EventCamera gives its events at once: "
                 "leave it 1"
             )
         tick_us = max(1, round(model.opt.timestep * 1e6))
@@ -92,7 +92,7 @@ class Sensor:
         self._tick_us = tick_us
         self._t_us: int | None = None
         self._poser = Poser(model, [self._camera.bound])
-        self._moments = Moments(self._poser)
+        self._history = SnapshotHistory(self._poser)
         self._packet: EventPacket | None = None
 
     def _see_edits(self) -> None:
@@ -107,7 +107,9 @@ class Sensor:
     def __repr__(self) -> str:
         info = self.info
         seen = "nothing seen yet" if self._t_us is None else f"t {self._t_us * 1e-6:g} s"
-        return f"<evs.Sensor '{info.camera}': {info.sensor} {info.width} x {info.height}, {seen}>"
+        return (
+            f"<evs.EventCamera '{info.camera}': {info.sensor} {info.width} x {info.height}, {seen}>"
+        )
 
     def observe(self, data: MjData) -> Events:
         """Events since the last call, (n,) EVENT_DTYPE, sorted by t in us of `data.time`.
@@ -133,14 +135,14 @@ class Sensor:
         self._see_edits()
         t_us = round(data.time * 1e6)
         passed_us = self._tick_us if self._t_us is None else max(t_us - self._t_us, 0)
-        snapshot = self._moments.look(data, t_us, passed_us)
+        snapshot = self._history.look(data, t_us, passed_us)
         self._t_us = t_us
         if not self._camera.started:
             self._camera.start(snapshot)
-            self._moments.keep(snapshot)
+            self._history.keep(snapshot)
             return empty_events()
         (self._packet,) = self._camera.observe(snapshot)
-        self._moments.keep(snapshot)
+        self._history.keep(snapshot)
         return self._packet.events
 
     def reset(self) -> None:
@@ -151,7 +153,7 @@ class Sensor:
         """
         self._scene.look_closely()
         self._camera.reset()
-        self._moments.reset()
+        self._history.reset()
         self._packet, self._t_us = None, None
 
     def save(self, compress: bool = False) -> bytes:
@@ -173,16 +175,16 @@ class Sensor:
         t_us = saved["t_us"].tolist()
         if len(t_us) > 1:
             raise EvsError("saved state is damaged: its time cannot be; save it again")
-        moments, seen = self._moments.read(part(saved, "moments"), t_us[0] if t_us else 0)
+        moments, seen = self._history.read(part(saved, "moments"), t_us[0] if t_us else 0)
         now, previous = (*seen, None, None)[:2]
         seed = whole(saved, "seed")
         self._camera.restoring(part(saved, "camera"), seed, now, previous)()
-        self._moments, self._packet = moments, None
+        self._history, self._packet = moments, None
         self._t_us = t_us[0] if t_us else None
 
     def _arrays(self) -> Saved:
         return {
-            **joined(camera=self._camera.save(), moments=self._moments.save()),
+            **joined(camera=self._camera.save(), moments=self._history.save()),
             **words(seed=str(self._camera.info.seed)),
             "t_us": np.array([] if self._t_us is None else [self._t_us], np.int64),
         }
@@ -205,7 +207,7 @@ class Sensor:
         self._scene.look_closely()
         self._see_edits()
         self._camera.forget_instants()
-        self._moments.reset()
+        self._history.reset()
 
     @property
     def packet(self) -> EventPacket | None:

@@ -1,4 +1,4 @@
-"""Ahead: physics and light of the next ticks are made while pixels and sinks work on this one.
+"""PipelinedWorld: physics and light of later ticks are made while pixels work on this one.
 
 Light does not depend on events unless a controller closes the loop, so in an open loop the two
 halves of a tick may overlap. The packets are the same.
@@ -17,8 +17,7 @@ import numpy as np
 
 from evs.emulator.base.alignment import on_lines
 from evs.emulator.base.scene import F32, SceneSnapshot
-from evs.emulator.camera.camera import Camera
-from evs.emulator.camera.rendered_frame import Lit
+from evs.emulator.camera.camera import Camera, RenderedFrame
 from evs.emulator.simulation.world import World
 from evs.msgs import EventPacket, EvsError
 
@@ -44,15 +43,15 @@ class _Tick:
     """The light of one tick, for each camera; or why there is none."""
 
     t_us: int = 0
-    lit: tuple[Lit, ...] = ()
+    frames: tuple[RenderedFrame, ...] = ()
     error: BaseException | None = None
 
 
-Room = list[F32]
-"""for the light of each camera"""
+Buffers = list[F32]
+"""an array for the light of each camera"""
 
 
-class Ahead:
+class PipelinedWorld:
     """A world whose light is made in a thread of its own, up to `depth` ticks before it is needed.
 
     It takes the place of the world in a run loop: step, finish, t_us, cameras. The live mujoco data
@@ -69,15 +68,15 @@ class Ahead:
         self._t_us = world.t_us
         # what waits, what is being made and what was last handed out are never in one array
         depth += max(camera.chunk for camera in world.cameras) - 1
-        tick_bytes = sum(light.nbytes for light in _room(world.cameras))
+        tick_bytes = sum(light.nbytes for light in _buffers(world.cameras))
         depth = max(1, min(depth, MOST_BYTES // tick_bytes))
-        self._used = _room(world.cameras)
+        self._used = _buffers(world.cameras)
         """where the light lies that was last handed out"""
         # the thread waits where none is free: neither queue needs a bound, nor it a look at a clock
-        self._free: SimpleQueue[Room] = SimpleQueue()
-        self._made: SimpleQueue[tuple[_Tick, Room]] = SimpleQueue()
+        self._free: SimpleQueue[Buffers] = SimpleQueue()
+        self._made: SimpleQueue[tuple[_Tick, Buffers]] = SimpleQueue()
         for _ in range(depth + 1):
-            self._free.put(_room(world.cameras))
+            self._free.put(_buffers(world.cameras))
         self._closing = False
         self._thread: Thread | None = None
         self._broken: BaseException | None = None
@@ -108,8 +107,9 @@ class Ahead:
             raise tick.error
         self._t_us = tick.t_us
         self._done += 1
-        pairs = zip(self._world.cameras, tick.lit, strict=True)
-        return tuple([packet for camera, lit in pairs for packet in camera.observe_light(lit)])
+        pairs = zip(self._world.cameras, tick.frames, strict=True)
+        packets = (camera.observe_light(frame) for camera, frame in pairs)
+        return tuple([packet for each in packets for packet in each])
 
     def finish(self) -> tuple[EventPacket, ...]:
         """The packets of ticks that wait for the rest of their chunk (model.chunk), without it."""
@@ -119,7 +119,7 @@ class Ahead:
         """End the thread; what it has made beyond the last step is forgotten."""
         self._closing = True
         if self._thread is not None:
-            # it may wait for room
+            # it may wait for a free buffer
             self._free.put(self._used)
             self._thread.join()
 
@@ -129,7 +129,7 @@ class Ahead:
         Physics goes one tick further before light is handed over: who takes it wants Python's lock,
         and that is free for long only while the next light is made.
         """
-        made: tuple[_Tick, Room] | None = None
+        made: tuple[_Tick, Buffers] | None = None
         failure: BaseException | None = None
         try:
             for _ in range(1, self._ticks):
@@ -138,11 +138,11 @@ class Ahead:
                 if made is not None:
                     self._made.put(made)
                     made = None
-                room = self._free.get()
+                buffers = self._free.get()
                 if self._closing:
                     return
                 self._meter.skip()
-                made = self._light(snapshot, room), room
+                made = self._light(snapshot, buffers), buffers
                 self._meter.end_tick()
         except BaseException as error:  # whatever it is, the run loop has to hear of it
             failure = error
@@ -151,10 +151,10 @@ class Ahead:
         if failure is not None:
             self._made.put((_Tick(error=failure), []))
 
-    def _light(self, snapshot: SceneSnapshot, room: Room) -> _Tick:
-        pairs = zip(self._world.cameras, room, strict=True)
-        lit = tuple([camera.light(snapshot, into) for camera, into in pairs])
-        return _Tick(self._world.start_us + snapshot.t_us, lit)
+    def _light(self, snapshot: SceneSnapshot, buffers: Buffers) -> _Tick:
+        pairs = zip(self._world.cameras, buffers, strict=True)
+        frames = tuple([camera.light(snapshot, into) for camera, into in pairs])
+        return _Tick(self._world.start_us + snapshot.t_us, frames)
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
@@ -183,19 +183,21 @@ class Ahead:
 
 
 @contextmanager
-def ahead(world: World, ticks: int, meter: TickMeter, depth: int) -> Iterator[World | Ahead]:
+def pipelined(
+    world: World, ticks: int, meter: TickMeter, depth: int
+) -> Iterator[World | PipelinedWorld]:
     """The world, or with `depth` over 0 one whose light is made up to so many ticks ahead."""
     if depth < 1:
         yield world
         return
-    running = Ahead(world, ticks, meter, depth)
+    running = PipelinedWorld(world, ticks, meter, depth)
     try:
         yield running
     finally:
         running.close()
 
 
-def _room(cameras: Sequence[Camera]) -> Room:
-    """Room for the light of each."""
+def _buffers(cameras: Sequence[Camera]) -> Buffers:
+    """An array for the light of each."""
     shapes = [(one.info.height, one.info.width) for one in cameras]
     return [on_lines(np.zeros(shape, np.float32)) for shape in shapes]

@@ -1,4 +1,4 @@
-"""Moments: the last two instants in which a world was seen, as few numbers."""
+"""SnapshotHistory: the last two instants in which a world was seen, as few numbers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from evs.emulator.world import MjData, Poser
 from evs.msgs import EvsError
 
 
-class Moment(NamedTuple):
+class PastInstant(NamedTuple):
     """What a snapshot follows from."""
 
     t_us: int
@@ -21,12 +21,12 @@ class Moment(NamedTuple):
     """(n,) as of Poser.places"""
 
 
-class Moments:
+class SnapshotHistory:
     """Takes snapshots, and remembers what the last two of them followed from."""
 
     def __init__(self, poser: Poser) -> None:
         self._poser = poser
-        self._kept: tuple[Moment, ...] = ()
+        self._kept: tuple[PastInstant, ...] = ()
 
     def reset(self) -> None:
         """Forget them."""
@@ -39,7 +39,7 @@ class Moments:
     def keep(self, snapshot: SceneSnapshot, only_first: bool = False) -> None:
         """Remember the snapshot that was just taken. In: only_first, unless there is one before."""
         if not (only_first and self._kept):
-            moment = Moment(snapshot.t_us, snapshot.exposure_us, self._poser.places)
+            moment = PastInstant(snapshot.t_us, snapshot.exposure_us, self._poser.places)
             self._kept = (moment, *self._kept[:1])
 
     def save(self) -> Saved:
@@ -51,7 +51,7 @@ class Moments:
             "places": places.reshape(len(times), self._poser.places.size),
         }
 
-    def read(self, saved: Saved, now_us: int) -> tuple[Moments, list[SceneSnapshot]]:
+    def read(self, saved: Saved, now_us: int) -> tuple[SnapshotHistory, list[SceneSnapshot]]:
         """Those that were saved at now_us, and their snapshots, the last one first.
 
         Raises EvsError.
@@ -65,9 +65,9 @@ class Moments:
         )
         if not sound or (len(times) and times[0, 0] != now_us):
             raise EvsError("saved state is damaged: its times cannot be; save it again")
-        other = Moments(self._poser)
+        other = SnapshotHistory(self._poser)
         other._kept = tuple(
-            Moment(t_us, exposure_us, place)
+            PastInstant(t_us, exposure_us, place)
             for (t_us, exposure_us), place in zip(times.tolist(), places, strict=True)
         )
         return other, [self._poser.again(m.places, m.t_us, m.exposure_us) for m in other._kept]

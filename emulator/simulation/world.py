@@ -16,7 +16,7 @@ from evs.emulator.base.protocols import Meter, NoMeter
 from evs.emulator.base.scene import F64, SceneSnapshot
 from evs.emulator.base.stamps import check_start
 from evs.emulator.camera.camera import Camera
-from evs.emulator.camera.setup import CameraPlan, plan_camera, plan_of
+from evs.emulator.camera.camera_plan import CameraPlan, plan_camera, plan_of
 from evs.emulator.camera.view import View
 from evs.emulator.config import (
     CameraConfig,
@@ -27,7 +27,7 @@ from evs.emulator.config import (
     SensorConfig,
 )
 from evs.emulator.config.plain_values import plain_config, plain_integer
-from evs.emulator.simulation.snapshot_history import Moments
+from evs.emulator.simulation.snapshot_history import SnapshotHistory
 from evs.emulator.state import (
     Saved,
     joined,
@@ -111,7 +111,7 @@ class World:
         self._physics = Physics(model, settings.tick_us, self._control.keyframe)
         self._scene = LiveScene(model)
         self._poser = Poser(model)
-        self._moments = Moments(self._poser)
+        self._history = SnapshotHistory(self._poser)
         self._cameras: list[Camera] = []
         # they hold the world, which would otherwise never be dropped with them
         self._view_refs: list[ref[View]] = []
@@ -208,7 +208,7 @@ class World:
 
     def _snapshot(self) -> SceneSnapshot:
         self._see_edits()
-        return self._moments.look(self.data, self._physics.t_us, self.substeps.tick_us)
+        return self._history.look(self.data, self._physics.t_us, self.substeps.tick_us)
 
     def _see_edits(self) -> None:
         """Show the model as it is now, where somebody has edited it. Raises EvsError."""
@@ -246,7 +246,7 @@ class World:
         cameras = {f"cameras.{place}": one.save() for place, one in enumerate(self._cameras)}
         given = [] if self._given is None else [self._given]
         return {
-            **joined(physics=self._physics.save(), moments=self._moments.save(), **cameras),
+            **joined(physics=self._physics.save(), moments=self._history.save(), **cameras),
             **words(seed=str(self._seed), control_seed=str(self._control.seed)),
             "given": np.array(given, np.float64).reshape(len(given), self.model.nu),
         }
@@ -263,7 +263,7 @@ class World:
         given = saved["given"]
         if len(given) > 1 or given.shape[1] != self.model.nu or not np.isfinite(given).all():
             raise EvsError("saved state is damaged: its control cannot be; save it again")
-        moments, seen = self._moments.read(
+        moments, seen = self._history.read(
             part(saved, "moments"), int(saved["physics.tick"]) * self.substeps.tick_us
         )
         now, previous = (*seen, None, None)[:2]
@@ -276,7 +276,7 @@ class World:
             self._seed = seed
             self._control.reseed(control_seed)
             self._given = given[0] if len(given) else None
-            self._moments = moments
+            self._history = moments
             for restore in (physics, *cameras):
                 restore()
             for view in self._views:
@@ -321,7 +321,7 @@ class World:
             physics.data.ctrl[:] = values
         physics.advance()
         snapshot = self._snapshot()
-        self._moments.keep(snapshot)
+        self._history.keep(snapshot)
         for view in self._views:
             view.move(snapshot)
         self._meter.lap("world")
@@ -345,7 +345,7 @@ class World:
             self._seed = seed
         self._given = None
         self._scene.look_closely()
-        self._moments.reset()
+        self._history.reset()
         self._physics.reset(start)
         for place, camera in enumerate(self._cameras):
             camera.reset(None if seed is None else seed + place)
@@ -374,7 +374,7 @@ class World:
         new = [camera for camera in self._cameras if not camera.started]
         if new:
             snapshot = self._snapshot()
-            self._moments.keep(snapshot, only_first=True)
+            self._history.keep(snapshot, only_first=True)
             for camera in new:
                 camera.start(snapshot)
         for view in self._views:

@@ -3,7 +3,7 @@
 The only folder that imports mujoco.
 """
 
-from evs.emulator.world import importing  # noqa: F401  # isort: skip
+from evs.emulator.world import mujoco_import  # noqa: F401  # isort: skip
 
 from mujoco import MjData, MjModel
 
@@ -23,13 +23,13 @@ from evs.emulator.world.controls import (
     starting_keyframe,
 )
 from evs.emulator.world.digest import ModelDigest, bytes_of, digest_of
-from evs.emulator.world.encoders import Gauges
+from evs.emulator.world.encoders import Encoders
 from evs.emulator.world.extraction import extract_scene, visible_geoms
 from evs.emulator.world.kinematics import gravity_of, moving_bodies
 from evs.emulator.world.left_out import LeftOutWarning, warn_left_out
 from evs.emulator.world.live_scene import LiveScene
 from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model, load_spec, load_text
-from evs.emulator.world.movable import Standing, standing_of
+from evs.emulator.world.mobility import Mobility, mobility_of
 from evs.emulator.world.named_sensors import NamedSensors, add_joint_sensors
 from evs.emulator.world.physics import Physics
 from evs.emulator.world.snapshots import Poser
@@ -43,17 +43,17 @@ __all__ = [
     "BoundCamera",
     "Control",
     "ControlFunction",
-    "Gauges",
+    "Encoders",
     "LeftOutWarning",
     "LiveScene",
     "MjData",
     "MjModel",
+    "Mobility",
     "ModelDigest",
     "NamedSensors",
     "Physics",
     "Poser",
     "Scene",
-    "Standing",
     "Substeps",
     "UnstableError",
     "actuator_names",
@@ -72,9 +72,9 @@ __all__ = [
     "load_spec",
     "load_text",
     "make_control",
+    "mobility_of",
     "moving_bodies",
     "name_of_keyframe",
-    "standing_of",
     "starting_keyframe",
     "visible_geoms",
     "warn_left_out",

@@ -1,4 +1,4 @@
-"""Gauges: what a robot measures of itself at one instant, without touching the live data.
+"""Encoders: what a robot measures of itself at one instant, without touching the live data.
 
 After mj_step the live data's actuator lengths and sensors belong to the step's beginning. So the
 state is copied into a private mjData, and as much as is needed is computed again there.
@@ -16,7 +16,7 @@ import numpy as np
 
 from evs.emulator.base.scene import F64
 from evs.emulator.world.kinematics import update_poses
-from evs.emulator.world.names import find
+from evs.emulator.world.object_names import find
 from evs.emulator.world.physics_state import STATE
 from evs.msgs import EvsError
 
@@ -56,7 +56,7 @@ class Limit:
         return f"{self.name} left {self.low:g} ... {self.high:g}"
 
 
-class Gauges:
+class Encoders:
     """Encoders of the actuators, and sensors with limits, of one model."""
 
     def __init__(self, model: mujoco.MjModel, limits: Mapping[str, Any] | None = None) -> None:

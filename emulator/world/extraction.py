@@ -21,7 +21,7 @@ from evs.emulator.world.meshes import (
     mesh_arrays,
 )
 from evs.emulator.world.model_edits import DEFORMING, Parts, arrays_of
-from evs.emulator.world.names import names_of
+from evs.emulator.world.object_names import names_of
 from evs.emulator.world.tendons import Strands
 from evs.msgs import EvsError
 

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 
 from evs.emulator.base.scene import I32, Air, Light, LightKind
-from evs.emulator.world.bounds import BRIGHTEST, bounded, bounded_colour
+from evs.emulator.world.clamping import BRIGHTEST, clamped, clamped_colour
 from evs.emulator.world.compat import light_number, light_type
 from evs.emulator.world.materials import Surfaces, is_encoded
-from evs.emulator.world.names import name_of
+from evs.emulator.world.object_names import name_of
 
 SIX_FACES = 'type="cube" or type="skybox"'
 """What the texture of an image light has to have."""
@@ -48,9 +48,9 @@ def extract_light(model: mujoco.MjModel, light: int, surfaces: Surfaces) -> Ligh
         head = model.vis.headlight
         return Light(
             LightKind.DIRECTIONAL,
-            bounded_colour(head.ambient, BRIGHTEST, "ambient of the headlight"),
-            bounded_colour(head.diffuse, BRIGHTEST, "diffuse of the headlight"),
-            bounded_colour(head.specular, BRIGHTEST, "specular of the headlight"),
+            clamped_colour(head.ambient, BRIGHTEST, "ambient of the headlight"),
+            clamped_colour(head.diffuse, BRIGHTEST, "diffuse of the headlight"),
+            clamped_colour(head.specular, BRIGHTEST, "specular of the headlight"),
             castshadow=False,
             headlight=True,
             name="headlight",
@@ -59,11 +59,11 @@ def extract_light(model: mujoco.MjModel, light: int, surfaces: Surfaces) -> Ligh
 
     def number(attribute: str, low: float, high: float) -> float:
         value = light_number(model, attribute, light)
-        return bounded(value, low, high, f"{attribute} of light '{name}'")
+        return clamped(value, low, high, f"{attribute} of light '{name}'")
 
     def colour(attribute: str) -> tuple[float, float, float]:
         values = getattr(model, f"light_{attribute}")[light]
-        return bounded_colour(values, BRIGHTEST, f"{attribute} of light '{name}'")
+        return clamped_colour(values, BRIGHTEST, f"{attribute} of light '{name}'")
 
     kind = LightKind(light_type(model, light))
     image = int(model.light_texid[light]) if kind is LightKind.IMAGE else -1
@@ -98,12 +98,12 @@ def extract_air(model: mujoco.MjModel) -> Air:
     has_sky = mujoco.mjtTexture.mjTEXTURE_SKYBOX in model.tex_type
     haze_m = HAZE_DISTANCE * view.zfar * extent_m if has_sky else 0.0
     return Air(
-        fog_start_m=bounded(extent_m * view.fogstart, -1e12, 1e12, "visual/map fogstart"),
-        fog_end_m=bounded(extent_m * view.fogend, -1e12, 1e12, "visual/map fogend"),
-        fog_rgb=bounded_colour(rgba.fog[:3], 1.0, "visual/rgba fog"),
-        haze_ratio=bounded(view.haze, 0.0, 1.0, "visual/map haze"),
-        haze_radius_m=bounded(haze_m, 0.0, 1e12, "visual/map zfar"),
-        haze_rgb=bounded_colour(rgba.haze[:3], 1.0, "visual/rgba haze"),
+        fog_start_m=clamped(extent_m * view.fogstart, -1e12, 1e12, "visual/map fogstart"),
+        fog_end_m=clamped(extent_m * view.fogend, -1e12, 1e12, "visual/map fogend"),
+        fog_rgb=clamped_colour(rgba.fog[:3], 1.0, "visual/rgba fog"),
+        haze_ratio=clamped(view.haze, 0.0, 1.0, "visual/map haze"),
+        haze_radius_m=clamped(haze_m, 0.0, 1e12, "visual/map zfar"),
+        haze_rgb=clamped_colour(rgba.haze[:3], 1.0, "visual/rgba haze"),
     )
 
 

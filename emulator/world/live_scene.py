@@ -47,7 +47,8 @@ class LiveScene:
             if _contents(other, names) != _contents(self._model, names):
                 raise EvsError(
                     "the data belongs to another model, recompiled, or edited since it was copied: "
-                    "make a new Sensor from data.model, or edit the model that this one was made of"
+                    "make a new EventCamera from data.model, or edit the model that this one was "
+                    "made of"
                 )
             self._twin = other, _core.Watch(arrays_of(other, names))
 

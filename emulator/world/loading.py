@@ -11,8 +11,8 @@ from typing import TypeAlias, TypeVar
 
 import mujoco
 
-from evs.emulator.world.names import one_line
-from evs.emulator.world.offsets import keep_offsets
+from evs.emulator.world.object_names import one_line
+from evs.emulator.world.sameframe import keep_offsets
 from evs.msgs import EvsError, nearest_first
 
 Scene: TypeAlias = str | Path | mujoco.MjModel | mujoco.MjSpec

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.scene import Surface, Texture, TextureKind
-from evs.emulator.world.bounds import BRIGHTEST, bounded
+from evs.emulator.world.clamping import BRIGHTEST, clamped
 from evs.emulator.world.compat import gloss_is_given
 from evs.emulator.world.model_edits import Array, Parts
-from evs.emulator.world.names import name_of
+from evs.emulator.world.object_names import name_of
 
 Rgba = tuple[float, float, float, float]
 
@@ -82,7 +82,7 @@ def shown_rgba(
         kind, index = mujoco.mjtObj.mjOBJ_MATERIAL, material
         own = tuple(float(value) for value in model.mat_rgba[material])
     what = f"rgba of {WORDS[kind]} '{name_of(model, kind, index)}'"
-    red, green, blue, alpha = (bounded(value, 0.0, 1.0, what) for value in own)
+    red, green, blue, alpha = (clamped(value, 0.0, 1.0, what) for value in own)
     return red, green, blue, alpha
 
 
@@ -184,7 +184,7 @@ class Surfaces:
 
         def number(attribute: str, low: float, high: float) -> float:
             value = getattr(model, f"mat_{attribute}")[material]
-            return bounded(value, low, high, f"{attribute} of material '{name}'")
+            return clamped(value, low, high, f"{attribute} of material '{name}'")
 
         def gloss(attribute: str) -> float:
             value = number(attribute, -1.0, 1.0)

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 import mujoco
 
 from evs.emulator.base.scene import F64
-from evs.emulator.world.encoders import Gauges
+from evs.emulator.world.encoders import Encoders
 from evs.msgs import unknown
 
 
@@ -40,14 +40,14 @@ class NamedSensors:
             kind = mujoco.mjtObj.mjOBJ_SENSOR
             named = (mujoco.mj_id2name(model, kind, index) for index in range(model.nsensor))
             names = [name for name in named if name]
-        self._gauges = Gauges(model, dict.fromkeys(names, (-math.inf, math.inf)))
+        self._encoders = Encoders(model, dict.fromkeys(names, (-math.inf, math.inf)))
 
     def read(self, data: mujoco.MjData) -> dict[str, F64]:
         """Name -> (its dimension,) float64, of this very instant. `data` is only read."""
-        self._gauges.read(data)
-        return self._gauges.values
+        self._encoders.read(data)
+        return self._encoders.values
 
     @property
     def names(self) -> tuple[str, ...]:
         """In the order asked for; of all, in the model's."""
-        return tuple(limit.name for limit in self._gauges.limits)
+        return tuple(limit.name for limit in self._encoders.limits)

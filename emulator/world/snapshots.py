@@ -16,9 +16,9 @@ from evs.emulator import _core
 from evs.emulator.base.scene import F64, I32, SceneSnapshot
 from evs.emulator.world.cameras import BoundCamera
 from evs.emulator.world.compat import SLEEP
+from evs.emulator.world.daemon_threads import end_daemons_at_exit, end_here
 from evs.emulator.world.deformables import Deforming
 from evs.emulator.world.extraction import visible_geoms, visible_sites
-from evs.emulator.world.interpreter_exit import end_daemons_at_exit, end_here
 from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.lights import active_lights
 from evs.emulator.world.model_edits import arrays_of, pose_names

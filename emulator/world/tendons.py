@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.scene import F32, F64, I32, Shape, Thing
-from evs.emulator.world.curves import HALVINGS, arc, catenary, dot, nearest, turned
 from evs.emulator.world.kinematics import gravity_of
 from evs.emulator.world.materials import Rgba, is_shown, shown_rgba
+from evs.emulator.world.tendon_curves import HALVINGS, arc, catenary, dot, nearest, turned
 
 MOST_PIECES = 99
 """of a catenary"""

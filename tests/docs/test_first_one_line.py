@@ -181,7 +181,7 @@ def test_a_picture_that_found_no_room_leaves_nothing(
 def test_what_python_shows_of_them() -> None:
     own = model()
     sensor, world = Sensor(own, sensor=SMALL, name="eye"), World(own)
-    assert repr(sensor) == "<evs.Sensor 'eye': dvs128 16 x 12, nothing seen yet>"
+    assert repr(sensor) == "<evs.EventCamera 'eye': dvs128 16 x 12, nothing seen yet>"
     assert repr(world) == "<evs.World: no camera yet; t 0 s, ticks of 1000 us>"
     world.add_camera("lens", sensor=SMALL)
     (packet,) = world.step()
@@ -192,5 +192,5 @@ def test_what_python_shows_of_them() -> None:
     assert repr(TriggerPacket(2)) == "<TriggerPacket 2 of 'camera': 0 triggers>"
     frame = Frame(1, 0, 5, 9, 10, np.zeros((12, 16), np.uint8))
     assert repr(frame) == "<Frame 1 of 'camera', 16 x 12 uint8, exposed 5 ... 9 us>"
-    assert repr(Loop(own)).startswith("<evs.Loop around <evs.World: lens; t 0 s")
+    assert repr(Loop(own)).startswith("<evs.ClosedLoop around <evs.World: lens; t 0 s")
     assert repr(EventPacket(3, 5, 9, 2, 2)).endswith(": 0 events, 5 ... 9 us>")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from evs.drivers.clock import StopWatch
 from evs.emulator.camera.camera import Camera
-from evs.emulator.simulation.pipelined import Ahead
+from evs.emulator.simulation.pipelined import PipelinedWorld
 from evs.emulator.simulation.world import World
 from evs.msgs import EventPacket
 
@@ -21,7 +21,7 @@ class Stretches:
     def __init__(self, world: World, ticks: int, watch: StopWatch, depth: int) -> None:
         """In: ticks of a stretch; depth, how many ticks ahead light is made, 0: none."""
         self._world, self._ticks, self._watch, self._depth = world, ticks, watch, depth
-        self._now: World | Ahead = world
+        self._now: World | PipelinedWorld = world
         self._left = 0
 
     def step(self) -> tuple[EventPacket, ...]:
@@ -30,7 +30,7 @@ class Stretches:
             self.close()
             self._left = self._ticks
             if self._depth:
-                self._now = Ahead(self._world, self._ticks, self._watch, self._depth)
+                self._now = PipelinedWorld(self._world, self._ticks, self._watch, self._depth)
         self._left -= 1
         return self._now.step()
 
@@ -40,7 +40,7 @@ class Stretches:
 
     def close(self) -> None:
         """No thread is left."""
-        if isinstance(self._now, Ahead):
+        if isinstance(self._now, PipelinedWorld):
             self._now.close()
 
     @property

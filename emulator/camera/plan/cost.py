@@ -16,7 +16,7 @@ from typing import Any
 from evs.emulator.camera.plan.contents import Contents
 from evs.emulator.config import RENDERERS, ModelConfig, RenderConfig
 from evs.emulator.sensor import SensorParameters
-from evs.emulator.world import MjModel, Standing
+from evs.emulator.world import MjModel, Mobility
 
 PACKET = 16
 """pixels that are traced together"""
@@ -79,7 +79,7 @@ class Cost:
 def estimate(
     world: MjModel,
     has: Contents,
-    standing: Standing,
+    mobility: Mobility,
     sensor: SensorParameters,
     render: RenderConfig,
     model: ModelConfig,
@@ -98,7 +98,7 @@ def estimate(
     if not renderer.traced:
         geoms_ns = 1e6 * RASTER_GEOM_MS * _drawn(has)
         render_ns = geoms_ns + RASTER_NS * pixels * render.samples
-    moves = bool(standing.camera_moves) or features.get("full_retrace", True)
+    moves = bool(mobility.camera_moves) or features.get("full_retrace", True)
     rest_ns = 0.0 if renderer.paths else REST_NS
     render_ns += 1e3 * RENDER_US
     still_ns = 1e3 * RENDER_US + packets * rest_ns

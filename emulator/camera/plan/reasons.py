@@ -11,7 +11,7 @@ from evs.emulator.camera.plan.contents import Contents
 from evs.emulator.config import RENDERERS, ModelConfig, RenderConfig
 from evs.emulator.sensor import SensorParameters
 from evs.emulator.sensor.terms import TERMS
-from evs.emulator.world import Standing
+from evs.emulator.world import Mobility
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Why:
 
 def reasons(
     has: Contents,
-    standing: Standing,
+    mobility: Mobility,
     sensor: SensorParameters,
     render: RenderConfig,
     model: ModelConfig,
@@ -34,7 +34,7 @@ def reasons(
     return {
         **_surfaces(has, path),
         **_air(has, render),
-        **_light(has, standing, render, path),
+        **_light(has, mobility, render, path),
         **_sensor(sensor),
         **_beside(sensor, model),
     }
@@ -77,13 +77,13 @@ def _air(has: Contents, render: RenderConfig) -> dict[str, Why]:
     }
 
 
-def _light(has: Contents, standing: Standing, render: RenderConfig, path: bool) -> dict[str, Why]:
+def _light(has: Contents, mobility: Mobility, render: RenderConfig, path: bool) -> dict[str, Why]:
     coloured = ", ".join(has.coloured[:3])
     bent = "camera.distortion_model"
     retrace = "render.incremental=false" if RENDERERS[render.renderer].traced else "OpenGL draws it"
     kept = f"{'samples' if path else 'pixels'} that nothing that moved can touch are kept"
-    if standing.camera_moves:
-        kept += f", while the camera rests ({standing.camera_moves})"
+    if mobility.camera_moves:
+        kept += f", while the camera rests ({mobility.camera_moves})"
     return {
         "colour": Why(
             "light goes from surface to surface" if path else f"lights not grey: {coloured}",

@@ -13,10 +13,10 @@ from evs.emulator.camera.plan.cost import Cost, estimate
 from evs.emulator.camera.plan.reasons import reasons
 from evs.emulator.config import RENDERERS
 from evs.emulator.sensor import SensorParameters
-from evs.emulator.world import BoundCamera, MjModel, Standing, standing_of
+from evs.emulator.world import BoundCamera, MjModel, Mobility, mobility_of
 
 if TYPE_CHECKING:
-    from evs.emulator.camera.setup import CameraPlan
+    from evs.emulator.camera.camera_plan import CameraPlan
 
 FORCED_ON = "[plan] has it on, whether the scene needs it or not"
 FORCED_OFF = "[plan] leaves it out, whether the scene needs it or not"
@@ -39,7 +39,7 @@ class ScenePlan:
     """What one camera's scene requires."""
 
     contents: Contents
-    standing: Standing
+    mobility: Mobility
     view: dict[str, Any]
     """pixels, projection, renderer, samples: what is asked of them"""
     decisions: tuple[Decision, ...]
@@ -49,7 +49,7 @@ class ScenePlan:
     def compact(self) -> dict[str, Any]:
         """For reports: contents without what there is none of, names that are on, why off."""
         has = {key: value for key, value in asdict(self.contents).items() if value}
-        moves = {key: value for key, value in asdict(self.standing).items() if value}
+        moves = {key: value for key, value in asdict(self.mobility).items() if value}
         return {
             "contents": {**has, **moves},
             "view": self.view,
@@ -72,8 +72,8 @@ def plan_scene(
     """The plan of a camera. In: features, which code paths it runs, as these say themselves."""
     steps = max(1, round(tick_us * 1e-6 / world.opt.timestep))
     render, model, switches = plan.render, plan.model, plan.switches
-    has, standing = contents_of(scene, render), standing_of(world, bound)
-    why = reasons(has, standing, sensor, render, model)
+    has, mobility = contents_of(scene, render), mobility_of(world, bound)
+    why = reasons(has, mobility, sensor, render, model)
     decisions = []
     for feature in FEATURES:
         if feature.name not in features:
@@ -86,8 +86,8 @@ def plan_scene(
         elif feature.name in switches.on:
             told = CANNOT
         decisions.append(Decision(feature, on, told, forced))
-    cost = estimate(world, has, standing, sensor, render, model, features, steps)
-    return ScenePlan(has, standing, _view(bound, plan), tuple(decisions), cost)
+    cost = estimate(world, has, mobility, sensor, render, model, features, steps)
+    return ScenePlan(has, mobility, _view(bound, plan), tuple(decisions), cost)
 
 
 def _view(bound: BoundCamera, plan: CameraPlan) -> dict[str, Any]:

@@ -12,8 +12,7 @@ from evs.emulator.base.scene import F64
 from evs.emulator.config.closed_loop import DelayConfig
 from evs.emulator.config.plain_values import plain_config
 from evs.emulator.sensor.random import Term
-from evs.emulator.simulation.closed_loop.link import NEVER, Link, OnTheWay
-from evs.emulator.simulation.closed_loop.link_noise import Chance
+from evs.emulator.simulation.closed_loop.link import NEVER, Link, LinkNoise, OnTheWay
 from evs.emulator.simulation.closed_loop.saved_links import read_waiting, save_waiting
 from evs.emulator.state import MOST, Saved, joined, number, numbers, part
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket
@@ -39,14 +38,14 @@ class Channels:
                 self.links[stream, camera] = Link(
                     delays.transport_us,
                     delays.transport_jitter_us,
-                    Chance(seed, Term.TRANSPORT, number) if jitters else None,
+                    LinkNoise(seed, Term.TRANSPORT, number) if jitters else None,
                     delays.drop_share,
-                    Chance(seed, Term.DROP, number) if drops else None,
+                    LinkNoise(seed, Term.DROP, number) if drops else None,
                 )
         self.controls: Link[F64] = Link(
             delays.control_us,
             delays.control_jitter_us,
-            Chance(seed, Term.CONTROL, 0) if delays.control_jitter_us > 0.0 else None,
+            LinkNoise(seed, Term.CONTROL, 0) if delays.control_jitter_us > 0.0 else None,
         )
         self.events_dropped = 0
 

@@ -1,4 +1,4 @@
-"""Loop: a world that moves only when a controller has decided."""
+"""ClosedLoop: a world that moves only when a controller has decided."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from evs.emulator.state import (
     words,
 )
 from evs.emulator.world import (
-    Gauges,
+    Encoders,
     MjData,
     Scene,
     UnstableError,
@@ -41,10 +41,11 @@ from evs.emulator.world import (
 from evs.msgs import EventPacket, EvsError, Observation, StreamInfo
 
 
-class Loop:
+class ClosedLoop:
     """Lock-step: each `step` takes a decision, and gives what has arrived for the next one.
 
-        loop = Loop("cart.xml", cameras=("left", "right"), limits={"tilt": (-0.5, 0.5)}, max_s=30.0)
+        limits = {"tilt": (-0.5, 0.5)}
+        loop = ClosedLoop("cart.xml", cameras=("left", "right"), limits=limits, max_s=30.0)
         seen = loop.reset(seed=1)
         while not seen.done:
             seen = loop.step(controller(seen))
@@ -89,7 +90,7 @@ class Loop:
         limits: Mapping[str, tuple[float, float]] | None = None,
         max_s: float | None = None,
         delays: DelayConfig | None = None,
-    ) -> Loop:
+    ) -> ClosedLoop:
         """A loop around a world, with all the cameras it has now; from then on it alone steps it.
 
         Until the first control is given, the world's own control source acts.
@@ -108,7 +109,7 @@ class Loop:
         if max_s is not None and not (max_s := plain_number(max_s, "max_s")) > 0.0:
             raise EvsError(f"max_s is {max_s:g}: give simulated seconds over 0, or None for no end")
         self.world = world
-        self._gauges = Gauges(world.model, limits)
+        self._encoders = Encoders(world.model, limits)
         self._max_s = max_s
         self._end_us = math.inf if max_s is None else max(1, round(max_s * 1e6))
         self._delays = check_delays(delays or DelayConfig())
@@ -119,7 +120,7 @@ class Loop:
         """called after every tick with its packets, before any delay: for recorders beside"""
 
     def __repr__(self) -> str:
-        return f"<evs.Loop around {self.world!r}{f'; {self._done}' if self._done else ''}>"
+        return f"<evs.ClosedLoop around {self.world!r}{f'; {self._done}' if self._done else ''}>"
 
     def _new_channels(self) -> Channels:
         for camera in self.world.cameras:
@@ -181,7 +182,7 @@ class Loop:
             packets = world.step(channels.acting(world.t_us))
         except UnstableError as reason:
             self._done = str(reason)
-            self._gauges.read(world.data)
+            self._encoders.read(world.data)
             return False
         if self.on_tick is not None:
             self.on_tick(packets)
@@ -219,7 +220,7 @@ class Loop:
         channels = like.read(part(saved, "channels"), whole(inner, "seed"))
         put()
         self._channels, self._done, self._wants_state = channels, done, wants_state
-        self._gauges.read(self.world.data)
+        self._encoders.read(self.world.data)
         return self._seen()
 
     @property
@@ -231,7 +232,9 @@ class Loop:
         return saved | numbers(wants_state=self._wants_state) | words(done=self._done or "")
 
     def _identity(self) -> dict[str, Any]:
-        limits = {limit.name: f"{limit.low:g} ... {limit.high:g}" for limit in self._gauges.limits}
+        limits = {
+            limit.name: f"{limit.low:g} ... {limit.high:g}" for limit in self._encoders.limits
+        }
         own = {"max_s": self._max_s, "limits": limits, "delays": asdict(self._delays)}
         return {"kind": "loop", **self.world.identity, "loop": own}
 
@@ -245,16 +248,16 @@ class Loop:
 
     def _look(self) -> None:
         """Read the encoders and see whether the episode is over."""
-        self._gauges.read(self.world.data)
-        self._done = self._gauges.left()
+        self._encoders.read(self.world.data)
+        self._done = self._encoders.left()
         if not self._done and self.t_us - self.world.start_us >= self._end_us:
             self._done = f"{self._max_s:g} s are over"
 
     def _seen(self) -> Observation:
         return Observation(
             t_us=self.t_us,
-            position=self._gauges.position,
-            velocity=self._gauges.velocity,
+            position=self._encoders.position,
+            velocity=self._encoders.velocity,
             done=self._done or "",
             state=self.world.state if self._wants_state else None,
             **self._channels.arrived(self.t_us),

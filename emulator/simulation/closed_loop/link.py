@@ -6,12 +6,39 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-from evs.emulator.simulation.closed_loop.link_noise import Chance
+import numpy as np
+
+from evs.emulator.sensor.random import Term, indexed_normals, indexed_uniforms
 
 T = TypeVar("T")
 
 NEVER = -(2**62)
 """when the last message arrived where there was none, us"""
+
+
+BLOCK = 256
+"""numbers that are drawn together: one by one they cost 0.1 ms each"""
+
+
+class LinkNoise:
+    """Random numbers of one link, by the number of the message. Nothing is remembered but a cache.
+
+    Those of Term.DROP are uniform in [0, 1), all others standard normal.
+    """
+
+    def __init__(self, seed: int, term: Term, link: int) -> None:
+        self._source = (seed, term, link)
+        self._draw = indexed_uniforms if term is Term.DROP else indexed_normals
+        self._block = -1
+        self._numbers = np.zeros(0)
+
+    def __call__(self, number: int) -> float:
+        """The number of message `number` >= 0."""
+        block, place = divmod(number, BLOCK)
+        if block != self._block:
+            counters = np.arange(block * BLOCK, (block + 1) * BLOCK)
+            self._block, self._numbers = block, self._draw(*self._source, counters)
+        return float(self._numbers[place])
 
 
 @dataclass(frozen=True)
@@ -34,10 +61,10 @@ class Link(Generic[T]):
     delay_us: int = 0
     jitter_us: float = 0.0
     """standard deviation"""
-    jitter: Chance | None = None
+    jitter: LinkNoise | None = None
     """standard normal numbers; None: there is no jitter"""
     drop_share: float = 0.0
-    drop: Chance | None = None
+    drop: LinkNoise | None = None
     """uniform numbers; None: nothing is lost"""
     waiting: deque[OnTheWay[T]] = field(default_factory=deque)
     """in the order in which they were sent"""

@@ -16,7 +16,7 @@ from evs.drivers.run.config import PipelineConfig, load
 from evs.drivers.run.open_loop import depth_of, open_world
 from evs.emulator import UnstableError, World
 from evs.emulator.config import ModelConfig, RenderConfig, SceneConfig, SensorConfig
-from evs.emulator.simulation.pipelined import MOST_BYTES, Ahead, ahead
+from evs.emulator.simulation.pipelined import MOST_BYTES, PipelinedWorld, pipelined
 from evs.launch.main import main
 from evs.msgs import EvsError
 
@@ -77,8 +77,8 @@ def run(arm, depth, **options):
     """Every packet of TICKS ticks, and what is told after each."""
     world, watch = watched(arm, **options)
     packets, said = [], []
-    with ahead(world, TICKS, watch, depth) as running:
-        assert isinstance(running, Ahead) == (depth > 0)
+    with pipelined(world, TICKS, watch, depth) as running:
+        assert isinstance(running, PipelinedWorld) == (depth > 0)
         for _ in range(TICKS):
             packets += running.step()
             said.append([told(running, camera) for camera in running.cameras])
@@ -126,7 +126,7 @@ def test_an_explosion_is_told_after_every_packet_before_it(arm):
             while True:
                 packets.extend(packet.events.tobytes() for packet in running.step())
 
-        with ahead(world, TICKS, watch, depth) as running:
+        with pipelined(world, TICKS, watch, depth) as running:
             with pytest.raises(UnstableError) as error:
                 go_on()
             return packets, running.t_us, str(error.value)
@@ -138,7 +138,7 @@ def test_an_explosion_is_told_after_every_packet_before_it(arm):
 def test_a_run_that_ends_early_leaves_no_thread(arm):
     before = threading.active_count()
     world, watch = watched(arm)
-    with ahead(world, 10**6, watch, 2) as running:
+    with pipelined(world, 10**6, watch, 2) as running:
         for _ in range(3):
             running.step()
         # it does not run away: light waits until somebody takes it, physics is one tick further
@@ -154,14 +154,14 @@ def test_after_an_error_and_after_the_end_nobody_waits_for_ever(arm):
         return [0.0]
 
     world, watch = watched(arm, control=kick)
-    with ahead(world, TICKS, watch, 2) as running:
+    with pipelined(world, TICKS, watch, 2) as running:
         for _ in range(2):
             running.step()
         for _ in range(2):
             with pytest.raises(UnstableError):
                 running.step()
     world, watch = watched(arm)
-    with ahead(world, TICKS, watch, 2) as running:
+    with pipelined(world, TICKS, watch, 2) as running:
         running.step()
     with pytest.raises(EvsError, match="it was closed"):
         running.step()
@@ -169,7 +169,7 @@ def test_after_an_error_and_after_the_end_nobody_waits_for_ever(arm):
 
 def test_waiting_for_light_is_no_stages_time(arm):
     world, watch = watched(arm, control=lambda _t, _d: time.sleep(0.02) or [0.0], cameras=("top",))
-    with ahead(world, 5, watch, 1) as running:
+    with pipelined(world, 5, watch, 1) as running:
         for _ in range(5):
             watch.begin_tick()
             running.step()
@@ -183,7 +183,7 @@ def test_light_that_waits_has_bounded_memory(arm, monkeypatch):
     big = SensorConfig(preset="davis346", width=1280, height=720)
     world, watch = watched(arm, cameras=())
     world.add_camera("top", sensor=big, model=ModelConfig(name="evsnet", chunk=256))
-    running = Ahead(world, 300, watch, 2)
+    running = PipelinedWorld(world, 300, watch, 2)
     # one of them is being made
     waiting = running._free.qsize() - 1
     assert 1 < waiting < 256
@@ -215,7 +215,7 @@ def test_a_pipeline_gives_the_same_world_either_way(arm, monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
     config = load(None, [("scene.file", str(arm)), ("duration_s", "0.01")])
     with open_world(config, StopWatch()) as world:
-        assert isinstance(world, Ahead)
+        assert isinstance(world, PipelinedWorld)
     with open_world(dataclasses.replace(config, ahead=0), StopWatch()) as world:
         assert isinstance(world, World)
 

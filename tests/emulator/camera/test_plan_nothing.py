@@ -71,7 +71,7 @@ def test_a_light_that_moves_is_where_it_shines_and_one_that_stands_nowhere(
     # beyond the floor nothing is seen, and nothing is lit
     assert (0.5 if active else 0) * WHOLE * TICKS <= again < (WHOLE * TICKS if active else 1)
     plan = world.cameras[0].plan
-    assert len(plan.standing.lights_moving) == int(active)
+    assert len(plan.mobility.lights_moving) == int(active)
 
 
 ASLEEP = """<mujoco><option timestep=".001"><flag sleep="{sleep}"/></option>
@@ -103,7 +103,7 @@ def test_islands_that_sleep_are_neither_traced_nor_fitted(tmp_path: Path) -> Non
     renderer: Any = world.cameras[0]._renderer
     assert renderer.work["packets_traced"] == WHOLE
     assert renderer.work["trees_refitted"] == 1
-    assert world.cameras[0].plan.standing.sleeping
+    assert world.cameras[0].plan.mobility.sleeping
     # awake they fall, roll and tremble
     awake = asleep(tmp_path, "disable")
     told(awake, 20)
@@ -144,7 +144,7 @@ def test_a_camera_that_rests_on_a_body_keeps_its_picture(tmp_path: Path) -> None
     )
     told(world, 4)
     assert traced(world) == WHOLE
-    assert world.cameras[0].plan.standing.camera_moves == "body '1' carries it"
+    assert world.cameras[0].plan.mobility.camera_moves == "body '1' carries it"
     world.step([0.5])
     told(world, 3)
     assert traced(world) > 3 * WHOLE

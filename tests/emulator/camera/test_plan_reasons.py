@@ -37,7 +37,7 @@ def check(plan: ScenePlan, features: dict[str, bool], path: bool) -> None:
     assert on["transparent"] == (path and has.transparent > 0)
     assert on["refits"] <= (has.deforming > 0)
     assert all(decision.why for decision in plan.decisions)
-    assert plan.standing.bodies_moving + plan.standing.bodies_still > 0
+    assert plan.mobility.bodies_moving + plan.mobility.bodies_still > 0
 
 
 @pytest.mark.parametrize("name", NEEDS)
@@ -97,5 +97,5 @@ def test_a_moving_camera_and_a_tracking_one_are_told(robot_files: dict[str, Path
             )
         )
         world.step()
-        says[camera] = world.cameras[0].plan.standing.camera_moves
+        says[camera] = world.cameras[0].plan.mobility.camera_moves
     assert says["track"] == says[""] == "body 'torso' carries it"

@@ -11,7 +11,7 @@ import pytest
 import evs
 from evs.drivers.clock import StopWatch
 from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.simulation.pipelined import ahead
+from evs.emulator.simulation.pipelined import pipelined
 from reference.edited import LARGE, SMALL, STAGE, put, stage
 
 SIZE = SensorConfig("ideal", width=32, height=24)
@@ -301,7 +301,7 @@ def test_edits_while_light_is_made_ahead():
         labelled = ModelConfig(labels=True)
         world.add_camera("eye", sensor=SIZE, render=RENDER, model=labelled)
         found = []
-        with ahead(world, 14, StopWatch(lambda: 0.0), depth) as running:
+        with pipelined(world, 14, StopWatch(lambda: 0.0), depth) as running:
             for _ in range(14):
                 (packet,) = running.step()
                 truth = running.cameras[0].ground_truth()

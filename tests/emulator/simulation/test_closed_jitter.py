@@ -16,8 +16,7 @@ from evs.emulator import Loop
 from evs.emulator.config import SensorConfig
 from evs.emulator.config.closed_loop import DelayConfig
 from evs.emulator.sensor.random import Term
-from evs.emulator.simulation.closed_loop.link import Link
-from evs.emulator.simulation.closed_loop.link_noise import Chance
+from evs.emulator.simulation.closed_loop.link import Link, LinkNoise
 
 pytestmark = pytest.mark.statistical
 SENT = 20_000
@@ -26,7 +25,7 @@ TERMS = (Term.TRANSPORT, Term.CONTROL)
 
 def delays_of(term, link, delay_us, jitter_us, gap_us):
     """How long each message took, us. In: gap_us, between two of them."""
-    made = Link(delay_us, jitter_us, Chance(12, term, link))
+    made = Link(delay_us, jitter_us, LinkNoise(12, term, link))
     for number in range(SENT):
         assert made.send(number, number * gap_us)
     return np.array([one.arrives_us - one.sent_us for one in made.waiting], np.float64)

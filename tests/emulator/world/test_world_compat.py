@@ -15,7 +15,7 @@ from evs.emulator.world import (
     bind_camera,
     extract_scene,
     load_model,
-    standing_of,
+    mobility_of,
 )
 from evs.emulator.world.compat import actuator_of
 from evs.msgs import EvsError
@@ -67,7 +67,7 @@ def test_cameras_project_as_the_file_says(model: mujoco.MjModel) -> None:
 def test_actuators_have_names_and_controls_have_actuators(model: mujoco.MjModel) -> None:
     assert actuator_names(model) == ("left", "right")
     assert [actuator_of(model, control) for control in (0, 1)] == [0, 1]
-    assert not standing_of(model, bind_camera(model, "flat", 4, 3)).sleeping
+    assert not mobility_of(model, bind_camera(model, "flat", 4, 3)).sleeping
 
 
 def test_what_this_mujoco_does_not_know_names_its_version(tmp_path: Path) -> None:

@@ -1,14 +1,16 @@
-"""What makes a camera besides the world it stands in, and how a user says it."""
+"""CameraPlan: everything that makes a camera besides its world; Viewpoint: it, in its place."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from evs.emulator.base.features import Switches
+from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.scene import SceneModel
-from evs.emulator.camera.rendered_frame import Viewpoint
 from evs.emulator.config import (
     CameraConfig,
     ModelConfig,
@@ -19,8 +21,23 @@ from evs.emulator.config import (
 )
 from evs.emulator.config.plain_values import plain_config, plain_integer
 from evs.emulator.render import make_renderer
-from evs.emulator.world import MjModel, bind_camera
+from evs.emulator.world import BoundCamera, MjModel, bind_camera
 from evs.msgs import EvsError
+
+
+class Viewpoint(NamedTuple):
+    """A camera in its place, and what renders what it sees. Another one where the scene is."""
+
+    bound: BoundCamera
+    scene: SceneModel
+    renderer: Renderer
+
+    def follows(self, other: Viewpoint) -> bool:
+        """Whether a snapshot for `other` has the same geoms, so that their motion can be seen."""
+        ours, theirs = self.scene, other.scene
+        return ours is theirs or (
+            np.array_equal(ours.geom_id, theirs.geom_id) and ours.deforming == theirs.deforming
+        )
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ BRIGHTEST = 1e9
 """No light, and nothing that glows, is brighter: the sun is 1e5 lux."""
 
 
-def bounded(value: float, low: float, high: float, what: str) -> float:
+def clamped(value: float, low: float, high: float, what: str) -> float:
     """`value` inside low ... high, the nearest where it is not; EvsError where it is no number.
 
     MuJoCo takes any number, and its viewer cuts colours to 0 ... 1 in the end. In: what, the name
@@ -25,11 +25,11 @@ def bounded(value: float, low: float, high: float, what: str) -> float:
     return min(max(number, low), high)
 
 
-def bounded_colour(values: npt.ArrayLike, high: float, what: str) -> tuple[float, float, float]:
+def clamped_colour(values: npt.ArrayLike, high: float, what: str) -> tuple[float, float, float]:
     """Three of them, 0 ... high."""
     red, green, blue = np.asarray(values, np.float64)
     return (
-        bounded(red, 0.0, high, what),
-        bounded(green, 0.0, high, what),
-        bounded(blue, 0.0, high, what),
+        clamped(red, 0.0, high, what),
+        clamped(green, 0.0, high, what),
+        clamped(blue, 0.0, high, what),
     )

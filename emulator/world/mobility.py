@@ -17,7 +17,7 @@ FIXED = int(mujoco.mjtCamLight.mjCAMLIGHT_FIXED)
 
 
 @dataclass(frozen=True)
-class Standing:
+class Mobility:
     """What can move, by the model's joints, mocap bodies and tracking modes."""
 
     bodies_moving: int
@@ -32,7 +32,7 @@ class Standing:
     """whether MuJoCo puts bodies that rest to sleep"""
 
 
-def standing_of(model: mujoco.MjModel, bound: BoundCamera) -> Standing:
+def mobility_of(model: mujoco.MjModel, bound: BoundCamera) -> Mobility:
     """What of the model, and whether the camera, can move."""
     moving = moving_bodies(model)
     lights = active_lights(model)
@@ -45,7 +45,7 @@ def standing_of(model: mujoco.MjModel, bound: BoundCamera) -> Standing:
         mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_LIGHT, int(light)) or str(int(light))
         for light in lights[moves]
     ]
-    return Standing(
+    return Mobility(
         bodies_moving=int(moving.sum()),
         bodies_still=int((~moving).sum()),
         lights_moving=tuple(named),

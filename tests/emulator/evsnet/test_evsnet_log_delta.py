@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.base.scene import F32
-from evs.emulator.evsnet.log_delta import Front
+from evs.emulator.evsnet.log_delta import LogDelta
 from evs.emulator.evsnet.state import NetworkState
 from evs.emulator.sensor import SensorParameters
 from evs.emulator.sensor.pixel.logmap import log_light
@@ -28,7 +28,7 @@ def steps_of(
     sensor = sensor or SensorParameters("one", 1, 1, 0.2, 0.2)
     state = dark((1, 1))
     film = np.array(values, np.float32).reshape(-1, 1, 1)
-    return Front.of(sensor, through_network()).step(film, state).reshape(-1), state
+    return LogDelta.of(sensor, through_network()).step(film, state).reshape(-1), state
 
 
 @pytest.mark.parametrize("log", ["linlog", "log_eps"])
@@ -46,7 +46,7 @@ def test_the_log_is_the_pixels_own_with_the_knee_of_the_network(log: str) -> Non
     rng = np.random.default_rng(1)
     film = np.exp(rng.normal(-4, 4, (6, 4, 9))).astype(np.float32)
     state = dark()
-    x = Front.of(sensor, weights).step(film, state)
+    x = LogDelta.of(sensor, weights).step(film, state)
     logs = log_light(film, same)
     assert x.dtype == np.float32
     assert not np.any(x[0])
@@ -103,5 +103,5 @@ def test_the_light_handed_in_is_left_alone() -> None:
     film = np.full((2, 4, 9), np.nan, np.float32)
     film[0] = 1.0
     film.flags.writeable = False
-    x = Front.of(SENSOR, through_network()).step(film, dark())
+    x = LogDelta.of(SENSOR, through_network()).step(film, dark())
     assert not np.any(x)
