@@ -1,6 +1,6 @@
 """What the renderers know of a world: SceneModel once, SceneSnapshot per tick. numpy only.
 
-Lengths in m, angles in radians unless the name says otherwise, colours as MuJoCo codes them.
+Lengths in m, angles in radians unless the name has another unit, colours as MuJoCo codes them.
 Matrices are row-major and turn local into world coordinates: world = mat @ local + pos.
 """
 
@@ -232,7 +232,7 @@ class SceneModel:
         if not sites.any():
             return self
         surface = np.where(sites, 0, self.geom_surface).astype(np.int32)
-        # what only sites were made of is not asked for
+        # what only sites were made of is left out
         kept = set(surface[~sites].tolist())
         surfaces = (s if i in kept else Surface() for i, s in enumerate(self.surfaces))
         return replace(

@@ -70,10 +70,18 @@ class CameraPlan:
         rgb: bool = False,
         before: Viewpoint | None = None,
     ) -> Viewpoint:
-        """The camera in its place in a world, and the renderer of what it sees of the scene.
+        """Put the camera into its place in a world, and make its renderer.
 
-        In: rgb, colour is wanted too; before, the same camera until now: what has not changed is
-        taken over.
+        Args:
+            world: The model.
+            scene: What is extracted from it.
+            width: Of the sensor, px.
+            height: Of the sensor, px.
+            rgb: Whether colour is wanted too.
+            before: The same camera until now; what has not changed is reused.
+
+        Raises:
+            EvsError: The plan makes no sense in this world.
         """
         bound = bind_camera(world, self.camera, width, height, self.optics)
         if before and scene is before.scene and bound.model == before.bound.model:

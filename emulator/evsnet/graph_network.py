@@ -19,7 +19,7 @@ MAX_LATENCY_TICKS = 10_000
 
 @dataclass(frozen=True, eq=False)
 class GraphNetwork:
-    """As much of a NetworkWeights as a graph tells. Raises EvsError where a number has no sense."""
+    """As much of a NetworkWeights as a graph holds. Raises EvsError where a number has no sense."""
 
     name: str
     graph: bytes

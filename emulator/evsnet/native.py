@@ -49,7 +49,7 @@ class NativeRuntime:
         """In: threads, 0 is one a core; isa, auto, avx512, avx2 or portable; all the same bytes.
 
         sparse: tiles where nothing moves are left out. Where that would be wrong, as in a network
-        with a bias, EvsNetModel does not ask for it.
+        with a bias, EvsNetModel turns it off.
         """
         if isa != "auto" and isa not in _core.isa_available():
             raise EvsError(f"this machine cannot run instruction set '{isa}'; use auto")

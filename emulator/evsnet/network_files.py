@@ -1,4 +1,4 @@
-"""Trained networks on disk: NAME.onnx holds the weights, NAME.toml beside it says what they mean.
+"""Trained networks on disk: NAME.onnx holds the weights, NAME.toml beside it holds what they mean.
 
 The graph's initialisers are named encoder.weight (C, 1, 7, 1), blocks.0.first.weight (C, C, 7, 1),
 blocks.0.second.weight, ..., last.weight (1, C, 1, 1), and .bias where there is one. The sidecar:
@@ -94,7 +94,7 @@ def read_network(path: Path) -> Network:
     except ValueError as reason:
         raise EvsError(f"network file {path}: {reason}") from None
     if _OURS.isdisjoint(tensors):
-        # only onnxruntime can tell what it is
+        # only onnxruntime can read what it is
         from evs.emulator.evsnet.rest_state import graph_network
 
         try:

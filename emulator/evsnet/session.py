@@ -99,7 +99,7 @@ def state_shapes(session: Any) -> list[tuple[int, int]]:
 
 
 def one_line(reason: Exception) -> str:
-    """What an exception says, without its line breaks."""
+    """The message of an exception, without line breaks."""
     return " ".join(str(reason).split()) or type(reason).__name__
 
 

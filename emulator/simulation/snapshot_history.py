@@ -32,12 +32,17 @@ class SnapshotHistory:
         """Forget them."""
         self._kept = ()
 
-    def look(self, data: MjData, t_us: int, exposure_us: int) -> SceneSnapshot:
+    def snapshot(self, data: MjData, t_us: int, exposure_us: int) -> SceneSnapshot:
         """A snapshot, of which nothing is remembered yet."""
         return self._poser.snapshot(data, t_us, exposure_us)
 
     def keep(self, snapshot: SceneSnapshot, only_first: bool = False) -> None:
-        """Remember the snapshot that was just taken. In: only_first, unless there is one before."""
+        """Remember the snapshot that was just taken.
+
+        Args:
+            snapshot: It.
+            only_first: Only if none is remembered yet.
+        """
         if not (only_first and self._kept):
             moment = PastInstant(snapshot.t_us, snapshot.exposure_us, self._poser.places)
             self._kept = (moment, *self._kept[:1])

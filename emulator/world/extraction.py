@@ -58,15 +58,19 @@ def visible_sites(model: mujoco.MjModel) -> I32:
 def extract_scene(
     model: mujoco.MjModel, parts: Parts | None = None, before: SceneModel | None = None
 ) -> SceneModel:
-    """Everything of the model that a renderer needs and that never moves.
-
-    In: parts, meshes and textures that are taken as they are, and keep those that are made now;
-    before, the scene of the same model before it was edited, whose warnings are not repeated.
+    """Extract everything of the model that a renderer needs and that never moves.
 
     A signed distance field is shown by its mesh. A height field keeps its type and brings a mesh.
     Skins and flexes follow the geoms, then sites, then rods of tendons, ropes and slider-cranks.
-    What cannot be shown is told in `left_out`, and as a LeftOutWarning each. Raises EvsError where
-    nothing is visible.
+    What cannot be shown is listed in `left_out`, with a LeftOutWarning each.
+
+    Args:
+        model: The model.
+        parts: Meshes and textures that are reused; it keeps those that are made now.
+        before: The scene of the same model before it was edited, whose warnings are not repeated.
+
+    Raises:
+        EvsError: Nothing is visible.
     """
     check_indices(model)
     parts = Parts() if parts is None else parts
@@ -108,9 +112,9 @@ def extract_scene(
         sources = arrays_of(model, DEFORMING)
         shown = tuple(deforming.skins), tuple(deforming.flexes)
         meshes += parts.get("deforming", shown, sources, deforming.at_rest)
-        geom_surface += [surfaces.of(*look) for look in deforming.looks()]
+        geom_surface += [surfaces.of(*appearance) for appearance in deforming.appearances()]
     geom_surface += [surfaces.of_site(int(site)) for site in sites]
-    geom_surface += [surfaces.of(*look) for look in strands.looks]
+    geom_surface += [surfaces.of(*appearance) for appearance in strands.appearances]
     things = _things(model, geoms, deforming, sites, strands)
     unmeshed, many = len(sites) + len(strands), len(strands)
     left_out = (*unlit_images(model), *surfaces.unread_lines())

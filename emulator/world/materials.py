@@ -98,7 +98,7 @@ class Surfaces:
     surface_index: dict[Surface, int] = field(default_factory=dict)
     texture_index: dict[tuple[int, bool, int], int] = field(default_factory=dict)
     unread: dict[int, None] = field(default_factory=dict)
-    """the model's textures that were asked for and are not pixels, in that order"""
+    """the model's textures that were named and are not pixels, in that order"""
     not_mirrors: int = 0
     """geoms whose material has reflectance and whose shape does not mirror"""
 
@@ -253,7 +253,7 @@ def extract_texture(model: mujoco.MjModel, index: int, colour: bool = True) -> T
     """One texture of the model; None where its bytes are not pixels that we can read.
 
     In: colour, then it is coded for displays, else its numbers are linear. `tex_colorspace` does
-    not count: it cannot tell a PNG without an sRGB chunk, as nearly all are, from "linear".
+    not count: it does not separate a PNG without an sRGB chunk, as nearly all are, from "linear".
     """
     width, height = int(model.tex_width[index]), int(model.tex_height[index])
     channels, first = int(model.tex_nchannel[index]), int(model.tex_adr[index])

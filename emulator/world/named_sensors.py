@@ -1,4 +1,4 @@
-"""NamedSensors: what the model's sensors say, for who may look into the simulator.
+"""NamedSensors: readings of the model's sensors, for code that may see into the simulator.
 
 Rewards and tests may. A controller may not: it has events and its actuators' encoders.
 """
@@ -49,5 +49,5 @@ class NamedSensors:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """In the order asked for; of all, in the model's."""
+        """In the order requested; of all, in the model's."""
         return tuple(limit.name for limit in self._encoders.limits)

@@ -1,4 +1,4 @@
-"""Names of the things in a model, as errors and look-ups need them."""
+"""Names of the things in a model, as errors and lookups need them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def names_of(model: mujoco.MjModel, kind: mujoco.mjtObj) -> list[str]:
 
 
 def find(model: mujoco.MjModel, kind: mujoco.mjtObj, label: str, name: str) -> int:
-    """The id of the object with this name, or with this number; EvsError says what there is.
+    """The id of the object with this name, or with this number; EvsError lists what there is.
 
     In: label, what to call the kind in the error.
     """

@@ -1,4 +1,4 @@
-"""Physics: one tick after the other, and an error where MuJoCo says the state is not true."""
+"""Physics: one tick after the other, and an error where MuJoCo gives up on the state."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ MAX_TICKS = 2**52
 """1 us each: 142 years"""
 
 SILENT = 1
-"""MuJoCo prints a warning whose count is 0. Counts begin here, the error says it instead."""
+"""MuJoCo prints a warning whose count is 0. Counts begin here; the error reports it instead."""
 
 _SILENT = [SILENT] * len(FATAL)
 

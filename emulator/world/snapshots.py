@@ -108,7 +108,7 @@ class Poser:
         if mocap_pos.size:
             self._mocap_pos[:] = mocap_pos.reshape(-1)
             self._mocap_quat[:] = data.mocap_quat.reshape(-1)
-        return self._look(t_us, exposure_us)
+        return self._take(t_us, exposure_us)
 
     @property
     def places(self) -> F64:
@@ -124,9 +124,9 @@ class Poser:
         if places.shape != (ends[-1],) or not np.isfinite(places).all():
             raise EvsError("saved positions are of another model; restore them into their own")
         self._qpos[:], self._mocap_pos[:], self._mocap_quat[:] = np.split(places, ends[:-1])
-        return self._look(t_us, exposure_us)
+        return self._take(t_us, exposure_us)
 
-    def _look(self, t_us: int, exposure_us: int) -> SceneSnapshot:
+    def _take(self, t_us: int, exposure_us: int) -> SceneSnapshot:
         end_here()
         model, own = self._awake(), self._data
         if model is not self._model:

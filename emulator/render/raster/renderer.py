@@ -77,9 +77,16 @@ class RasterRenderer:
         self._stretching = [(self._nodes[geom], facets[geom]) for geom in scene.stretching]
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
-        """(h, w) float32 linear luminance.
+        """Render one instant.
 
-        In: into, where it goes; without it the array is this renderer's own and reused.
+        Args:
+            snapshot: The world at that instant.
+            pose: Where the camera is.
+            into: (h, w) float32, where the light goes; without it the array that is returned is
+                this renderer's own and reused.
+
+        Returns:
+            (h, w) float32 linear luminance.
         """
         luminance = self._luminance if into is None else into
         self._draw(snapshot, pose, luminance, False)

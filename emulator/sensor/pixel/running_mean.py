@@ -1,7 +1,7 @@
 """Noise-adaptive running mean: the cheapest denoiser of light that is new in every tick.
 
 Each pixel has a mean that follows its light, fast where the light really changes and slowly where
-it is only noisy. Which of the two it is, two running statistics tell: how far tick and tick before
+it is only noisy. Two running statistics decide which of the two it is: how far tick and tick before
 are apart (that is noise: light changes little in a millisecond) and how far, with its sign, light
 and mean are apart (noise cancels out in it, a change does not). With N the mean square of the
 first and b the mean of the second,
@@ -17,7 +17,7 @@ they are the plain means of what has been seen.
 This is the oracle of the event model `adaptive`: sixteen float32 additions, multiplications and
 divisions a pixel and tick, in this order, none fused. No denormal outlives a tick and no square
 overflows, so the bytes do not depend on whether a thread flushes denormals.
-emulator/sensor/README.md tells how the constants were fitted.
+emulator/sensor/README.md describes how the constants were fitted.
 """
 
 from __future__ import annotations

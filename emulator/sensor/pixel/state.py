@@ -107,7 +107,7 @@ class PlainState:
     ) -> PlainState:
         """The state of pixels that have seen no light yet.
 
-        In: average, the running mean is on; terms, those the pixels have, else what sensor asks.
+        In: average, the running mean is on; terms, those the pixels have, else those it needs.
         """
         terms = terms or SensorTerms.of(sensor, average)
         shape = (sensor.height, sensor.width)

@@ -101,9 +101,9 @@ def _levels(given: Mapping[str, int]) -> dict[str, int]:
     return dict.fromkeys(names, LEVELS[given["bias_sensitivity"]])
 
 
-def _check(law: Law, name: str, value: Any, said: str, owner: str) -> None:
+def _check(law: Law, name: str, value: Any, key: str, owner: str) -> None:
     if name not in law.ranges:
         raise unknown(f"bias of {owner}", name, law.ranges)
     lowest, highest = law.ranges[name]
     if not isinstance(value, int) or isinstance(value, bool) or not lowest <= value <= highest:
-        raise EvsError(f"{said} is {value!r}; give a whole number, {lowest} ... {highest}")
+        raise EvsError(f"{key} is {value!r}; give a whole number, {lowest} ... {highest}")
