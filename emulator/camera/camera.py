@@ -27,7 +27,7 @@ from evs.emulator.camera.plan.contents import is_unlit
 from evs.emulator.camera.plan.scene_plan import ScenePlan, plan_scene
 from evs.emulator.config import SceneConfig
 from evs.emulator.optics import camera_info
-from evs.emulator.render import too_fast
+from evs.emulator.render import flicker_warnings
 from evs.emulator.sensor import SensorParameters, completed, resolve_sensor
 from evs.emulator.state import Saved, joined, number, numbers, part
 from evs.emulator.state.versions import versions
@@ -247,7 +247,7 @@ class Camera:
     def _stand(self, viewpoint: Viewpoint) -> None:
         self._viewpoint = viewpoint
         self._unlit = is_unlit(viewpoint.scene, self._plan.render)
-        lines = too_fast(viewpoint.scene.lights, self._plan.render, self._tick_us)
+        lines = flicker_warnings(viewpoint.scene.lights, self._plan.render, self._tick_us)
         warn_left_out([line for line in lines if line not in self.left_out])
         self.left_out = lines
 

@@ -17,7 +17,7 @@ from evs.emulator.base.scene import F32
 from evs.emulator.evsnet.decay import decay_tables
 from evs.emulator.evsnet.memory_budget import check_growth
 from evs.emulator.evsnet.state import NetworkState, check_arrays
-from evs.emulator.evsnet.weights import TAPS, NetworkWeights
+from evs.emulator.evsnet.weights import KERNEL_SIZE, NetworkWeights
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 
@@ -90,7 +90,7 @@ class NativeRuntime:
             row = np.arange(tiles, dtype=np.int32).reshape(self._tiles)
             rest = np.concatenate(self.weights.rest())
             if np.any(rest):
-                fifo[:] = np.tile(rest, (TAPS - 1) * LANES)
+                fifo[:] = np.tile(rest, (KERNEL_SIZE - 1) * LANES)
         return {
             "fifo": fifo,
             "tile_row": row,

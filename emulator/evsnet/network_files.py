@@ -27,7 +27,7 @@ from evs.emulator.base.scene import F32
 from evs.emulator.base.small_files import read_small_text
 from evs.emulator.evsnet.families import families, members, nearest_member
 from evs.emulator.evsnet.graph_network import Network
-from evs.emulator.evsnet.weights import TAPS, Block, Convolution, NetworkWeights
+from evs.emulator.evsnet.weights import KERNEL_SIZE, Block, Convolution, NetworkWeights
 from evs.emulator.evsnet.weights_wire import initialisers
 from evs.msgs import EvsError, nearest_first, unknown
 
@@ -151,7 +151,7 @@ class _Assembly:
             raise EvsError(shown) from None
 
     def _convolution(self, place: int, name: str, outputs: int, inputs: int) -> Convolution:
-        weight = self._tensor(f"{name}.weight", (outputs, inputs, TAPS, 1))[..., 0].copy()
+        weight = self._tensor(f"{name}.weight", (outputs, inputs, KERNEL_SIZE, 1))[..., 0].copy()
         key = f"{name}.bias"
         bias = self._tensor(key, (outputs,)) if key in self.tensors else None
         return Convolution(weight, bias, self.look_ahead[place])

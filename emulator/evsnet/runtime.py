@@ -34,7 +34,7 @@ RUNTIMES = {
     ),
     # on whatever its execution providers run
     "onnxruntime": RuntimeRow(
-        "evs.emulator.evsnet.portable:PortableRuntime",
+        "evs.emulator.evsnet.onnx_runtime:OnnxRuntime",
         options=("provider", "threads"),
         any_graph=True,
     ),

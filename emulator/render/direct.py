@@ -290,11 +290,11 @@ def scene_data(
     data.skybox = scene.skybox if sky else -1
     if sky and scene.skybox < 0:
         data.skybox = data.add_texture(np.zeros((6, 1, 1, 3), np.uint8), True)
-    air = scene.air
-    if air is not None and config.fog:
-        data.set_fog(air.fog_start_m, air.fog_end_m, air.fog_rgb)
-    if air is not None and config.haze:
-        data.set_haze(air.haze_ratio, air.haze_radius_m, air.haze_rgb)
+    atmosphere = scene.atmosphere
+    if atmosphere is not None and config.fog:
+        data.set_fog(atmosphere.fog_start_m, atmosphere.fog_end_m, atmosphere.fog_rgb)
+    if atmosphere is not None and config.haze:
+        data.set_haze(atmosphere.haze_ratio, atmosphere.haze_radius_m, atmosphere.haze_rgb)
     return data, {
         "meshes": sum(id(mesh) not in meshes for mesh in scene.meshes),
         "textures": sum(id(texture) not in textures for texture in scene.textures),

@@ -23,7 +23,7 @@ from evs.emulator.state import (
     words,
 )
 from evs.emulator.state.versions import versions
-from evs.emulator.world import LiveScene, MjData, MjModel, ModelDigest, Poser
+from evs.emulator.world import LiveScene, MjData, MjModel, ModelDigest, SnapshotTaker
 from evs.msgs import (
     EventPacket,
     Events,
@@ -105,8 +105,8 @@ class EventCamera:
         self._camera = Camera(model, self._scene.scene, plan, tick_us=tick_us)
         self._tick_us = tick_us
         self._t_us: int | None = None
-        self._poser = Poser(model, [self._camera.bound])
-        self._history = SnapshotHistory(self._poser)
+        self._taker = SnapshotTaker(model, [self._camera.bound])
+        self._history = SnapshotHistory(self._taker)
         self._packet: EventPacket | None = None
 
     def _see_edits(self) -> None:
@@ -115,7 +115,7 @@ class EventCamera:
             return
         scene = self._scene.extract()
         self._camera.refreshing(scene)()
-        self._poser.fit([self._camera.bound])
+        self._taker.fit([self._camera.bound])
         self._scene.taken(scene)
 
     def __repr__(self) -> str:

@@ -46,8 +46,8 @@ from evs.emulator.world import (
     MjModel,
     ModelDigest,
     Physics,
-    Poser,
     Scene,
+    SnapshotTaker,
     Substeps,
     check_control,
     load_model,
@@ -117,8 +117,8 @@ class World:
         self._given: F64 | None = None
         self._physics = Physics(model, settings.tick_us, self._control.keyframe)
         self._scene = LiveScene(model)
-        self._poser = Poser(model)
-        self._history = SnapshotHistory(self._poser)
+        self._taker = SnapshotTaker(model)
+        self._history = SnapshotHistory(self._taker)
         self._cameras: list[Camera] = []
         # they hold the world, which would otherwise never be dropped with them
         self._view_refs: list[ref[View]] = []
@@ -233,7 +233,7 @@ class World:
 
     def _pose(self, camera: BoundCamera) -> None:
         """Every snapshot from now on has one more camera's pose."""
-        self._poser.add_camera(camera)
+        self._taker.add_camera(camera)
         self._bounds.append(camera)
 
     def _snapshot(self) -> SceneSnapshot:
@@ -251,7 +251,7 @@ class World:
             put()
         for one in seers:
             self._bounds[one.place] = one.bound
-        self._poser.fit(self._bounds)
+        self._taker.fit(self._bounds)
         self._scene.taken(scene)
 
     def save(self, compress: bool = False) -> bytes:

@@ -14,7 +14,7 @@ from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.materials import Rgba, is_shown, shown_rgba
 
 
-class Deforming:
+class Deformables:
     """The visible skins and flexes with faces of one model: first the skins, then the flexes."""
 
     def __init__(self, model: mujoco.MjModel) -> None:

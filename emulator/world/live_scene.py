@@ -14,7 +14,7 @@ from evs.emulator.world.model_edits import (
     OPTICS,
     SCENE,
     ModelWatch,
-    Parts,
+    PartCache,
     arrays_of,
 )
 from evs.msgs import EvsError
@@ -29,7 +29,7 @@ class LiveScene:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Raises EvsError as of extract_scene."""
-        self._model, self._parts = model, Parts()
+        self._model, self._parts = model, PartCache()
         self._watch = ModelWatch(model)
         self.scene: SceneModel = extract_scene(model, self._parts)
         """as it was last taken"""

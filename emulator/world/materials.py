@@ -11,7 +11,7 @@ import numpy.typing as npt
 from evs.emulator.base.scene import Surface, Texture, TextureKind
 from evs.emulator.world.clamping import BRIGHTEST, clamped
 from evs.emulator.world.compat import gloss_is_given
-from evs.emulator.world.model_edits import Array, Parts
+from evs.emulator.world.model_edits import Array, PartCache
 from evs.emulator.world.object_names import name_of
 
 Rgba = tuple[float, float, float, float]
@@ -91,7 +91,7 @@ class Surfaces:
     """Collects the surfaces and textures in use, each once."""
 
     model: mujoco.MjModel
-    parts: Parts = field(default_factory=Parts)
+    parts: PartCache = field(default_factory=PartCache)
     """which keep the textures"""
     surfaces: list[Surface] = field(default_factory=list)
     textures: list[Texture] = field(default_factory=list)

@@ -113,7 +113,7 @@ class _Part:
     made: Any
 
 
-class Parts:
+class PartCache:
     """What was made of large arrays, mesh by mesh and texture by texture: kept while they stay."""
 
     def __init__(self) -> None:

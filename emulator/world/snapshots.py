@@ -17,7 +17,7 @@ from evs.emulator.base.scene import F64, I32, SceneSnapshot
 from evs.emulator.world.cameras import BoundCamera
 from evs.emulator.world.compat import SLEEP
 from evs.emulator.world.daemon_threads import end_daemons_at_exit, end_here
-from evs.emulator.world.deformables import Deforming
+from evs.emulator.world.deformables import Deformables
 from evs.emulator.world.extraction import visible_geoms, visible_sites
 from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.lights import active_lights
@@ -27,7 +27,7 @@ from evs.emulator.world.unstable import check_positions
 from evs.msgs import EvsError
 
 
-class Poser:
+class SnapshotTaker:
     """Takes snapshots of one model, for the cameras it was given.
 
     The rows of a snapshot are those of `extract_scene(model)`, as the model was when this was made
@@ -49,7 +49,7 @@ class Poser:
         self._qpos, self._mocap_pos = own.qpos, own.mocap_pos.reshape(-1)
         self._mocap_quat = own.mocap_quat.reshape(-1)
         # skins and flexes are given in the world's frame
-        self._deforming = Deforming(model)
+        self._deforming = Deformables(model)
         count = len(self._deforming)
         still = np.zeros((count, 3)), np.tile(np.eye(3).ravel(), (count, 1))
         geoms, sites = visible_geoms(model), visible_sites(model)

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.base.scene import F32, F64, I32, Shape, Thing
+from evs.emulator.base.scene import F32, F64, I32, ObjectKind, Shape
 from evs.emulator.world.kinematics import gravity_of
 from evs.emulator.world.materials import Rgba, is_shown, shown_rgba
 from evs.emulator.world.tendon_curves import HALVINGS, arc, catenary, dot, nearest, turned
@@ -71,11 +71,11 @@ class Strands:
             and is_shown(model.flex_group[i], self._rope_appearance(i)[0])
         ]
         self._appearances: list[Appearance] = []
-        self._things: list[tuple[Thing, int]] = []
+        self._things: list[tuple[ObjectKind, int]] = []
         widths: list[float] = []
 
         def add(
-            thing: Thing, index: int, appearance: Appearance, width: float, count: int = 1
+            thing: ObjectKind, index: int, appearance: Appearance, width: float, count: int = 1
         ) -> int:
             first = len(widths)
             self._things += [(thing, index)] * count
@@ -89,7 +89,7 @@ class Strands:
         for stretch in _stretches(model):
             if stretch.tendon not in self._tendons:
                 continue
-            one = Thing.TENDON, stretch.tendon, self._tendon_appearance(stretch.tendon)
+            one = ObjectKind.TENDON, stretch.tendon, self._tendon_appearance(stretch.tendon)
             width = float(model.tendon_width[stretch.tendon])
             if may_hang(model, stretch.tendon):
                 first = add(*one, width, pieces)
@@ -107,7 +107,7 @@ class Strands:
         for i in self._ropes:
             begin, count = int(model.flex_edgeadr[i]), int(model.flex_edgenum[i])
             edges.append(model.flex_edge[begin : begin + count] + int(model.flex_vertadr[i]))
-            add(Thing.ROPE, i, self._rope_appearance(i), float(model.flex_radius[i]), count)
+            add(ObjectKind.ROPE, i, self._rope_appearance(i), float(model.flex_radius[i]), count)
         self._edges, self._edge_rows = np.concatenate(edges), slice(first, len(widths))
 
         width = float(model.stat.meansize * model.vis.scale.slidercrank)
@@ -116,9 +116,9 @@ class Strands:
         is_crank = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_SLIDERCRANK)
         self._cranks, rows_cranks = np.flatnonzero(is_crank), []
         for i in self._cranks.tolist():
-            rows_cranks.append(add(Thing.CRANK, i, whole, width))
+            rows_cranks.append(add(ObjectKind.CRANK, i, whole, width))
             for appearance in (whole, broken):
-                add(Thing.CRANK, i, appearance, 0.5 * width)
+                add(ObjectKind.CRANK, i, appearance, 0.5 * width)
         self._crank_rows = np.array(rows_cranks, np.intp)
 
         self._radius = np.array(widths, np.float64)
@@ -131,7 +131,7 @@ class Strands:
         return len(self._things)
 
     @property
-    def things(self) -> list[tuple[Thing, int]]:
+    def things(self) -> list[tuple[ObjectKind, int]]:
         """Of each rod: what it is part of, and the id of that tendon, flex or actuator."""
         return self._things
 

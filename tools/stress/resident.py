@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import os
 
-from evs.emulator.base.memory import SIZE_FILE
+from evs.emulator.base.memory_limits import SIZE_FILE
 
 LEAST_BYTES = 16
 """The least that an object kept adds: pymalloc's step; malloc's is 32."""

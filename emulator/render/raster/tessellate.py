@@ -24,7 +24,7 @@ RINGS = (1.0, 10.0, 100.0, 1e3)
 
 
 @dataclass(frozen=True)
-class Facets:
+class TriangleMesh:
     """The triangles of one geom, in its frame."""
 
     positions: F32
@@ -48,9 +48,9 @@ class _Part:
     faces: I32
 
 
-def facets_of(
+def tessellate(
     shape: Shape, size: F32, mesh: Mesh | None, surface: Surface, cube: bool, extent_m: float
-) -> Facets:
+) -> TriangleMesh:
     """The triangles of a geom.
 
     In: size (3,) as SceneModel.geom_size; mesh, of a MESH or HFIELD; cube, True if the surface's
@@ -83,7 +83,7 @@ def facets_of(
         coordinates = np.column_stack([flat, np.zeros(len(flat))])
     starts = np.cumsum([0] + [len(part.positions) for part in parts[:-1]])
     faces = [part.faces + start for part, start in zip(parts, starts, strict=True)]
-    return Facets(
+    return TriangleMesh(
         np.vstack([part.positions for part in parts]).astype(np.float32),
         np.vstack([part.normals for part in parts]).astype(np.float32),
         coordinates.astype(np.float32),
@@ -91,7 +91,7 @@ def facets_of(
     )
 
 
-def stretched(capsule: Facets, size: F32) -> F32:
+def stretched(capsule: TriangleMesh, size: F32) -> F32:
     """(n, 3) corners of a capsule or cylinder of that size. In: capsule, as of UNIT_CAPSULE."""
     half = np.sign(capsule.positions[:, 2])
     corners = capsule.positions * size[0]
@@ -99,13 +99,13 @@ def stretched(capsule: Facets, size: F32) -> F32:
     return np.asarray(corners, np.float32)
 
 
-def room(half_m: float) -> Facets:
+def sky_box(half_m: float) -> TriangleMesh:
     """A cube seen from inside, around the origin: where a sky is painted."""
     parts = _box(np.full(3, half_m))
     positions = np.vstack([part.positions for part in parts]).astype(np.float32)
     faces = np.vstack([part.faces[:, ::-1] + 4 * i for i, part in enumerate(parts)])
     inward = (-np.sign(positions) / 3**0.5).astype(np.float32)
-    return Facets(positions, inward, positions, faces.astype(np.int32))
+    return TriangleMesh(positions, inward, positions, faces.astype(np.int32))
 
 
 def _repeat(surface: Surface) -> F64:

@@ -80,7 +80,7 @@ def test_a_limit_on_address_space() -> None:
     assert memory.memory_gb()[0] == before[0]
     said = subprocess.run(
         ["sh", "-c", f"ulimit -v 4000000; exec {sys.executable} -c "
-         "'from evs.emulator.base.memory import memory_gb; print(memory_gb()[0])'"],
+         "'from evs.emulator.base.memory_limits import memory_gb; print(memory_gb()[0])'"],
         capture_output=True, text=True, check=True,
         env={"PYTHONPATH": ":".join(filter(None, sys.path))},
     ).stdout  # fmt: skip

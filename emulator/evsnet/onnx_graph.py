@@ -23,12 +23,12 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.base.scene import F32
-from evs.emulator.evsnet.weights import TAPS, NetworkWeights
+from evs.emulator.evsnet.weights import KERNEL_SIZE, NetworkWeights
 
 OPSET = 17
 IR_VERSION = 8
 """the one that came with opset 17"""
-HELD = TAPS - 1
+HELD = KERNEL_SIZE - 1
 """ticks that a FIFO holds"""
 
 _TICKS_AXIS = 2

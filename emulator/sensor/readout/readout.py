@@ -11,7 +11,7 @@ import numpy as np
 
 from evs.emulator import _core
 from evs.emulator.base.features import UNFORCED, Switches
-from evs.emulator.sensor.readout.pixels import draw_fates
+from evs.emulator.sensor.readout.pixel_mask import draw_fates
 from evs.emulator.sensor.readout.state import ReadoutState
 from evs.msgs import EVENT_DTYPE, Events, EvsError, join_events
 
