@@ -52,8 +52,8 @@ EVERYTHING = (
 )
 
 OURS = Path(world.__file__).parent
-READERS = ("extraction", "surfaces", "lights", "meshes", "deforming", "cameras", "poses",
-           "strands", "framing")  # fmt: skip
+READERS = ("extraction", "materials", "lights", "meshes", "deformables", "cameras", "snapshots",
+           "tendons", "framing")  # fmt: skip
 """The modules that make scenes, snapshots and cameras of a model."""
 
 WATCHED = {
