@@ -146,9 +146,11 @@ def plain_plan(plan: CameraPlan) -> dict[str, Any]:
 
 
 def identity_of(plan: CameraPlan, config: Mapping[str, Any]) -> dict[str, Any]:
-    """What shapes a camera's events, seed aside, in plain values.
+    """Describe what shapes a camera's events, seed aside, in plain values.
 
-    In: config, as in its StreamInfo.
+    Args:
+        plan: Of the camera.
+        config: As in its StreamInfo.
     """
     tables = {key: dict(config[key]) for key in ("camera", "sensor", "render", "model")}
     for key in ("isa", "incremental"):

@@ -46,10 +46,18 @@ class NativeRuntime:
         isa: str = "auto",
         sparse: bool = True,
     ) -> None:
-        """In: threads, 0 is one a core; isa, auto, avx512, avx2 or portable; all the same bytes.
+        """Set the kernel up.
 
-        sparse: tiles where nothing moves are left out. Where that would be wrong, as in a network
-        with a bias, EvsNetModel turns it off.
+        Args:
+            sensor: The sensor, resolved.
+            weights: The network.
+            threads: Worker threads; 0: one a core.
+            isa: auto, avx512, avx2 or portable, all with the same bytes.
+            sparse: Whether tiles where nothing moves are left out. Where that would be wrong, as
+                in a network with a bias, EvsNetModel turns it off.
+
+        Raises:
+            EvsError: This machine cannot run the instruction set.
         """
         if isa != "auto" and isa not in _core.isa_available():
             raise EvsError(f"this machine cannot run instruction set '{isa}'; use auto")

@@ -46,11 +46,15 @@ def network_names() -> list[str]:
 
 
 def network_path(network: str, spp: int = 0) -> Path:
-    """The .onnx file of a network that comes with evs, or the user's own.
+    """Find the .onnx file of a network that comes with evs, or of the user's own.
 
-    In: a name, that of a family, or a path (it ends in .onnx or has a slash in it); spp, samples a
-    pixel of the light, for which a family has a member; 0: the light has no noise. Raises EvsError:
-    there is none.
+    Args:
+        network: A name, that of a family, or a path (it ends in .onnx or has a slash in it).
+        spp: Samples a pixel of the light, for which a family has a member; 0: the light has no
+            noise.
+
+    Raises:
+        EvsError: There is none.
     """
     if network.endswith(".onnx") or "/" in network:
         path = Path(network)

@@ -52,7 +52,17 @@ class OnnxRuntime(DenseRuntime):
         provider: str = "cpu",
         threads: int = 0,
     ) -> None:
-        """In: provider, a name of PROVIDERS; threads, 0 is one a core. Raises EvsError."""
+        """Open a session.
+
+        Args:
+            sensor: The sensor, resolved.
+            weights: The network.
+            provider: A key of PROVIDERS.
+            threads: Worker threads; 0: one a core.
+
+        Raises:
+            EvsError: No such provider, or no sound graph.
+        """
         super().__init__(sensor, weights)
         graph = weights.graph if isinstance(weights, GraphNetwork) else streaming_graph(weights)
         self._session = open_session(graph, provider, threads)

@@ -37,9 +37,16 @@ class ReferenceRuntime(DenseRuntime):
 
 
 def currents(weights: NetworkWeights, x: F32, fifos: list[F32]) -> F32:
-    """Currents (ticks, pixels) of X (ticks, pixels).
+    """Compute the currents.
 
-    In/out: fifos, of each convolution what it read in the last 6 ticks, (channels, 6, pixels).
+    Args:
+        weights: The network.
+        x: (ticks, pixels).
+        fifos: Of each convolution what it read in the last 6 ticks, (channels, 6, pixels), changed
+            in place.
+
+    Returns:
+        (ticks, pixels).
     """
     ticks = len(x)
     queues = iter(fifos)

@@ -119,7 +119,18 @@ class Aps:
         exposure_dn: float = WHITE_DN,
         camera: str = "camera",
     ) -> None:
-        """In: exposure_dn, DN per unit of luminance, as of the event pixels; 255 DN is white."""
+        """Check that the frames fit their rate.
+
+        Args:
+            parameters: [sensor.aps], resolved.
+            width: Of a frame, px.
+            height: Of a frame, px.
+            exposure_dn: DN per unit of luminance, as of the event pixels; 255 DN is white.
+            camera: Its name in frames.
+
+        Raises:
+            EvsError: Frames come faster than they can be taken.
+        """
         parameters.check_time(height)
         self.parameters, self.camera = parameters, camera
         self._shape = (height, width)

@@ -115,9 +115,13 @@ class Surfaces:
         return self.of(site_rgba(self.model, site), int(self.model.site_matid[site]))
 
     def of(self, rgba: Rgba, material: int, textured: bool = True, *, mirrors: bool = False) -> int:
-        """Index of the surface with this colour and material (-1 none).
+        """Index the surface with this colour and material.
 
-        In: textured, with its image or not; mirrors, what has it can: else its reflectance is 0.
+        Args:
+            rgba: Its colour.
+            material: Id of its material; -1: none.
+            textured: Whether the material's images are on it.
+            mirrors: Whether its geom can mirror; otherwise its reflectance is 0.
         """
         surface = Surface(rgba=rgba)
         if material >= 0:
@@ -141,9 +145,15 @@ class Surfaces:
         return self.surface_index[surface]
 
     def texture(self, index: int, colour: bool = True, component: int = -1) -> int:
-        """Index, among those in use, of the model's texture `index`; -1 where it has no pixels.
+        """Index a texture of the model among those in use.
 
-        In: colour, whether it is one or numbers; component, the only one that is wanted, -1 all.
+        Args:
+            index: Id of the texture; -1: none.
+            colour: Whether it is colour, or numbers.
+            component: The only component that is wanted; -1: all.
+
+        Returns:
+            -1 where it has no pixels.
         """
         if index < 0:
             return -1
@@ -250,10 +260,17 @@ def texture_arrays(model: mujoco.MjModel, index: int) -> tuple[tuple[int, ...], 
 
 
 def extract_texture(model: mujoco.MjModel, index: int, colour: bool = True) -> Texture | None:
-    """One texture of the model; None where its bytes are not pixels that we can read.
+    """Extract one texture of the model.
 
-    In: colour, then it is coded for displays, else its numbers are linear. `tex_colorspace` does
-    not count: it does not separate a PNG without an sRGB chunk, as nearly all are, from "linear".
+    Args:
+        model: The model.
+        index: Id of the texture.
+        colour: Whether it is coded for displays; otherwise its numbers are linear. `tex_colorspace`
+            does not count: it does not separate a PNG without an sRGB chunk, as nearly all are,
+            from "linear".
+
+    Returns:
+        None where its bytes are not pixels that we can read.
     """
     width, height = int(model.tex_width[index]), int(model.tex_height[index])
     channels, first = int(model.tex_nchannel[index]), int(model.tex_adr[index])

@@ -55,7 +55,16 @@ class Physics:
     """A model and its state, advanced in exact ticks. The model is changed: give it a copy."""
 
     def __init__(self, model: mujoco.MjModel, tick_us: int, keyframe: int = -1) -> None:
-        """In: keyframe, the id of the one to start from; -1 starts from qpos0."""
+        """Fit the time step to the tick, and make the data.
+
+        Args:
+            model: Changed in place.
+            tick_us: Length of a tick, us.
+            keyframe: Id of the keyframe to start from; -1: qpos0.
+
+        Raises:
+            EvsError: The tick cannot be filled, or the state does not fit into memory.
+        """
         self.substeps: Substeps = fill_tick(tick_us, model.opt.timestep)
         model.opt.timestep = self.substeps.timestep_s
         # a reset would put time and robot back to their beginning without a word
@@ -71,7 +80,11 @@ class Physics:
         self.reset(keyframe)
 
     def reset(self, keyframe: int = -1) -> None:
-        """As new. In: keyframe, the id of the one to start from; -1 starts from qpos0."""
+        """Go back to the beginning.
+
+        Args:
+            keyframe: Id of the keyframe to start from; -1: qpos0.
+        """
         model = self.model
         mujoco.mj_resetData(model, self.data)
         if keyframe >= 0:

@@ -93,9 +93,15 @@ class SnapshotTaker:
         self._cameras += (camera,)
 
     def snapshot(self, data: mujoco.MjData, t_us: int, exposure_us: int = 0) -> SceneSnapshot:
-        """Where everything is at `data.qpos` and the mocap poses. `data` is only read.
+        """Take a snapshot of where everything is at `data.qpos` and the mocap poses.
 
-        In: exposure_us, over which flickering light is averaged.
+        Args:
+            data: Only read.
+            t_us: The instant, us.
+            exposure_us: Flickering light is averaged over it, us.
+
+        Raises:
+            EvsError: The data is of another model.
         """
         qpos, mocap_pos = data.qpos, data.mocap_pos
         if qpos.size != self._qpos.size or mocap_pos.size != self._mocap_pos.size:

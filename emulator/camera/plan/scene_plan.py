@@ -69,7 +69,17 @@ def plan_scene(
     features: Mapping[str, bool],
     tick_us: int,
 ) -> ScenePlan:
-    """The plan of a camera. In: features, which code paths it runs."""
+    """Make the plan of a camera.
+
+    Args:
+        world: The model.
+        scene: What is extracted from it.
+        bound: The camera.
+        sensor: The sensor, resolved.
+        plan: Everything that makes the camera.
+        features: Which code paths it runs.
+        tick_us: Length of a tick, us.
+    """
     steps = max(1, round(tick_us * 1e-6 / world.opt.timestep))
     render, model, switches = plan.render, plan.model, plan.switches
     has, mobility = contents_of(scene, render), mobility_of(world, bound)

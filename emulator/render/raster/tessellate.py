@@ -51,10 +51,15 @@ class _Part:
 def tessellate(
     shape: Shape, size: F32, mesh: Mesh | None, surface: Surface, cube: bool, extent_m: float
 ) -> TriangleMesh:
-    """The triangles of a geom.
+    """Cut a geom into triangles.
 
-    In: size (3,) as SceneModel.geom_size; mesh, of a MESH or HFIELD; cube, True if the surface's
-    texture is one; extent_m, the scene's, for infinite planes.
+    Args:
+        shape: Of the geom.
+        size: (3,) as SceneModel.geom_size.
+        mesh: Of a MESH or HFIELD.
+        surface: Of the geom.
+        cube: Whether the surface's texture is a cube map.
+        extent_m: The scene's, for infinite planes, m.
     """
     sizes = size.astype(np.float64)
     if mesh is not None:

@@ -100,9 +100,16 @@ def dark(height: int, width: int) -> RunningMeanState:
 def step(
     light: F32, s: RunningMeanState, c: RunningMeanConstants | None = None
 ) -> tuple[F32, RunningMeanState]:
-    """One tick. In: light (h, w) float32, linear. Out: the means (h, w), and the state after it.
+    """Step the running mean by one tick.
 
-    A pixel's first light is its mean; until then its mean is NaN.
+    Args:
+        light: (h, w) float32, linear.
+        s: The state before.
+        c: The constants; None: the defaults.
+
+    Returns:
+        The means (h, w), and the state after the tick. A pixel's first light is its mean; until
+        then its mean is NaN.
     """
     c = RunningMeanConstants() if c is None else c
     usable = (light > -BLACK) & (light <= LARGEST_LIGHT)  # False for NaN

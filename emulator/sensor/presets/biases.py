@@ -51,11 +51,18 @@ def with_biases(
     fixed: Collection[str],
     sensor: str,
 ) -> dict[str, Any]:
-    """The parameters that biases other than the nominal ones make of those of a preset.
+    """Apply biases other than the nominal ones to the parameters of a preset.
 
-    In: given, bias -> value; fixed, parameters that stay as they are; sensor, its name.
-    Raises EvsError: a bias that the sensor does not have, or out of its range, or that no pixel
-    works with.
+    Args:
+        parameters: Those of the preset.
+        nominal: Its biases; None: it has none.
+        given: Bias -> value.
+        fixed: Parameters that stay as they are.
+        sensor: Its name, for messages.
+
+    Raises:
+        EvsError: A bias that the sensor does not have, or out of its range, or that no pixel works
+            with.
     """
     changed = dict(parameters)
     if nominal is None:

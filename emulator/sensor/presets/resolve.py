@@ -57,10 +57,12 @@ def preset_biases(preset: str) -> Nominal | None:
 
 
 def completed(config: dict[str, Any], sensor: SensorParameters) -> dict[str, Any]:
-    """A [sensor] table of plain values with every number that the sensor really has.
+    """Complete a [sensor] table with every number that the sensor really has.
 
-    In: config, where None stands for the preset's value. A key of the table [biases] stays None
-    where the bias is the preset's; the parameters are those that the biases made.
+    Args:
+        config: Plain values, where None stands for the preset's. A key of the table [biases] stays
+            None where the bias is the preset's.
+        sensor: The sensor, resolved; its parameters are those that the biases made.
     """
     return _completed(config, asdict(sensor))
 
