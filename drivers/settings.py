@@ -149,7 +149,7 @@ def _convert(value: Any, annotation: Any, path: str, root: type) -> Any:
             return float(value)
         elif (kind is int and _is_integer(value)) or (kind in (bool, str) and type(value) is kind):
             return value
-    expected = " or ".join(_said(kind) for kind in kinds)
+    expected = " or ".join(_in_words(kind) for kind in kinds)
     raise EvsError(f"at {path}: expected {expected}, got {_shown(value)}")
 
 
@@ -259,7 +259,7 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, float) or _is_integer(value)
 
 
-def _said(kind: Any) -> str:
+def _in_words(kind: Any) -> str:
     words = {int: "an integer", float: "a finite number", bool: "true or false", str: "a string"}
     if kind in words:
         return words[kind]

@@ -71,8 +71,16 @@ def voxel_grid(
 def latest_stamps(events: Events, size: tuple[int, int], before: I64 | None = None) -> I64:
     """When each pixel last fired, by polarity: what a time surface remembers.
 
-    In: events (n,); size (width, height), px; before, what this gave for the events before these,
-    which is left as it is. Out: (2, height, width) int64 us, NEVER where nothing has been.
+    Args:
+        events: (n,) EVENT_DTYPE
+        size: (width, height) of the sensor, px
+        before: what this gave for the events before these; it is left as it is
+
+    Returns:
+        (2, height, width) int64 us, NEVER where there was no event
+
+    Raises:
+        EvsError: an event off the sensor, or another shape of `before`
     """
     width, height = _checked_size(size)
     shape = (2, height, width)
@@ -91,6 +99,17 @@ def decayed(stamps: I64, tau_us: float, t_us: int) -> F32:
     """exp(-(t_us - stamp) / tau_us) for each of `latest_stamps`, float32 of the same shape.
 
     1 for an event at t_us (or after it), towards 0 for old ones, 0 where there never was one.
+
+    Args:
+        stamps: what `latest_stamps` gave, us
+        tau_us: time constant, us
+        t_us: seen from this time, us
+
+    Returns:
+        float32 of 0 ... 1
+
+    Raises:
+        EvsError: tau_us is not over 0
     """
     if not tau_us > 0.0:
         raise EvsError(f"time_surface: tau_us is {tau_us}: it must be over 0, for example 30000")
@@ -128,8 +147,15 @@ def time_surface(
 def event_frame(events: Events, size: tuple[int, int]) -> I32:
     """How often each pixel fired, by polarity.
 
-    In: events (n,); size (width, height), px. Out: (2, height, width) int32, OFF then ON.
-    Raises EvsError for an event off the sensor.
+    Args:
+        events: (n,) EVENT_DTYPE
+        size: (width, height) of the sensor, px
+
+    Returns:
+        (2, height, width) int32, OFF then ON
+
+    Raises:
+        EvsError: an event off the sensor
     """
     width, height = _checked_size(size)
     index = (events["p"] != 0) * (width * height) + _pixel_index(events, width, height)

@@ -14,7 +14,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from evs import __version__
-from evs.emulator.base.memory import address_space_left
+from evs.emulator.base.memory_limits import address_space_left
 from evs.msgs import EvsError, nearest_first, unknown
 
 COMMANDS = {

@@ -1,7 +1,7 @@
 """Every code path that a scene may need or not: its name, its stage, and whether it may run idle.
 
-This table is the one list of them. Who runs one asks Switches.decide with what the scene needs, or
-tells the native core what is forced; `evs plan` and the report read the answers from there.
+This table is the one list of them. Code that runs one calls Switches.decide with what the scene
+needs, or passes the native core what is forced; `evs plan` and the report read the answers there.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class Switches:
 
     @classmethod
     def of(cls, config: PlanConfig) -> Switches:
-        """What [plan] says. EvsError for unknown names, and for what cannot run idle."""
+        """What [plan] forces. EvsError for unknown names, and for what cannot run idle."""
         for key in ("on", "off"):
             for name in getattr(config, key):
                 if name not in NAMES:
@@ -119,8 +119,8 @@ class Switches:
         """Whether a code path runs. In: needed, true where the scene or the user needs it."""
         return name in self.on or (bool(needed) and name not in self.off)
 
-    def told(self, names: Iterable[str] = NATIVE) -> dict[str, bool]:
-        """What is said of these: name -> on or off; the others are for the scene to decide."""
+    def forced(self, names: Iterable[str] = NATIVE) -> dict[str, bool]:
+        """Which of these are forced: name -> on or off; the scene decides on the others."""
         return {name: name in self.on for name in names if name in self.on | self.off}
 
 

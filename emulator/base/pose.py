@@ -1,4 +1,4 @@
-"""Where a camera is, said as ROS says it: in its optical frame, as a quaternion."""
+"""A camera's pose as ROS has it: of its optical frame, as a quaternion."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from evs.msgs import Events
 
 
 class Meter(Protocol):
-    """Learns how long each stage took. The emulator itself reads no clock."""
+    """Measures how long each stage took. The emulator itself reads no clock."""
 
     def lap(self, stage: str) -> None:
         """The time since the previous lap belongs to `stage`."""
@@ -28,9 +28,16 @@ class Renderer(Protocol):
     """Light: a snapshot in, linear luminance out."""
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
-        """(h, w) float32 linear luminance (BT.709 weights), 1 is white paper in unit light.
+        """Render one instant.
 
-        In: into, (h, w) where it goes; without it the array is valid until the next call.
+        Args:
+            snapshot: The world at that instant.
+            pose: Where the camera is.
+            into: (h, w) float32, where the light goes; without it the array that is returned is
+                valid until the next call.
+
+        Returns:
+            (h, w) float32 linear luminance (BT.709 weights); 1 is white paper in unit light.
         """
 
     def reseed(self, seed: int) -> None:
@@ -38,7 +45,7 @@ class Renderer(Protocol):
 
     @property
     def rgb(self) -> F32 | None:
-        """(h, w, 3) float32 linear light of the last `render`; None: colour was not asked for."""
+        """(h, w, 3) float32 linear light of the last `render`; None: colour was not requested."""
 
     def ground_truth(
         self,
@@ -46,7 +53,13 @@ class Renderer(Protocol):
         pose: CameraPose,
         previous: tuple[SceneSnapshot, CameraPose] | None = None,
     ) -> GroundTruth:
-        """What each pixel's centre shows, its flow since `previous`, an earlier instant."""
+        """Find what each pixel's centre shows.
+
+        Args:
+            snapshot: The world at an instant.
+            pose: Where the camera is.
+            previous: An earlier instant, since which the flow is; None: there is no flow.
+        """
 
     @property
     def traced_fraction(self) -> float:
@@ -88,9 +101,19 @@ class EventModel(Protocol):
     def step(
         self, luminance: F32, state: Any, t_begin_us: int, t_end_us: int
     ) -> tuple[Events, Any]:
-        """Events of the tick (t_begin_us, t_end_us], by t; the first tick only sets the reference.
+        """Turn the light of one tick into events; the first tick only sets the reference.
 
-        In: luminance (h, w) float32, linear, as of Renderer.render. The state given is consumed.
+        Args:
+            luminance: (h, w) float32, linear, as of Renderer.render, at the end of the tick.
+            state: As of init, restore or the last step; it is consumed.
+            t_begin_us: Where the tick begins, us.
+            t_end_us: Where it ends, us.
+
+        Returns:
+            The events in (t_begin_us, t_end_us], sorted by t, and the state after them.
+
+        Raises:
+            EvsError: The light has another shape, or the tick does not go forward.
         """
 
 
@@ -101,4 +124,14 @@ class ChunkedModel(EventModel, Protocol):
     def step_chunk(
         self, luminance: F32, state: Any, t_begin_us: int, tick_us: int
     ) -> tuple[list[Events], Any]:
-        """The events of T ticks of the same length, tick by tick. In: luminance (T, h, w)."""
+        """Turn the light of T ticks of the same length into events, with the same bytes.
+
+        Args:
+            luminance: (T, h, w) float32, linear, at the end of each tick.
+            state: As of `step`; it is consumed.
+            t_begin_us: Where the first tick begins, us.
+            tick_us: Length of a tick, us.
+
+        Returns:
+            The events of each tick, and the state after them.
+        """

@@ -1,6 +1,6 @@
 """What the renderers know of a world: SceneModel once, SceneSnapshot per tick. numpy only.
 
-Lengths in m, angles in radians unless the name says otherwise, colours as MuJoCo codes them.
+Lengths in m, angles in radians unless the name has another unit, colours as MuJoCo codes them.
 Matrices are row-major and turn local into world coordinates: world = mat @ local + pos.
 """
 
@@ -35,7 +35,7 @@ class Shape(IntEnum):
     MESH = 7
 
 
-class Thing(IntEnum):
+class ObjectKind(IntEnum):
     """What of a model a geom of the scene stands for."""
 
     GEOM = 0
@@ -162,7 +162,7 @@ class Light:
 
 
 @dataclass(frozen=True)
-class Air:
+class Atmosphere:
     """Fog and haze, as MuJoCo's viewer can show them. Colours are display-coded."""
 
     fog_start_m: float
@@ -215,9 +215,9 @@ class SceneModel:
     geom_body: I32 = field(default_factory=lambda: np.zeros(0, np.int32))
     """(ng,) the body that carries the geom, -1 a skin, flex, tendon or slider-crank, which
     hang on many; or not told"""
-    geom_thing: I32 = field(default_factory=lambda: np.zeros(0, np.int32))
-    """(ng,) Thing; empty: geoms all of them"""
-    air: Air | None = None
+    geom_kind: I32 = field(default_factory=lambda: np.zeros(0, np.int32))
+    """(ng,) ObjectKind; empty: geoms all of them"""
+    atmosphere: Atmosphere | None = None
     """None: nothing to see of it"""
     extent_m: float = 1.0
     """the model's characteristic size (mjModel.stat.extent)"""
@@ -228,11 +228,11 @@ class SceneModel:
 
     def without_sites(self) -> SceneModel:
         """The same, with the same rows, in which no site is hit."""
-        sites = self.geom_thing == Thing.SITE
+        sites = self.geom_kind == ObjectKind.SITE
         if not sites.any():
             return self
         surface = np.where(sites, 0, self.geom_surface).astype(np.int32)
-        # what only sites were made of is not asked for
+        # what only sites were made of is left out
         kept = set(surface[~sites].tolist())
         surfaces = (s if i in kept else Surface() for i, s in enumerate(self.surfaces))
         return replace(

@@ -1,6 +1,6 @@
 """Stamps: streams whose time does not begin at 0 (scene.start_us).
 
-The emulator counts from 0 whatever the stamps say; what leaves a camera is stamped that much later.
+The emulator counts from 0; what leaves a camera is stamped that much later.
 So the same events come out, to the bit, wherever time begins.
 """
 

@@ -1,4 +1,4 @@
-"""What a camera gives beside its events: intensity frames and IMU samples, where it has them."""
+"""The sensors of a camera beside its event pixels: intensity frames (APS) and IMU."""
 
 from __future__ import annotations
 
@@ -15,17 +15,24 @@ from evs.msgs import Frame, ImuPacket
 
 
 class AuxiliarySensors:
-    """Frames and IMU of one camera. What is off is not there: no state, no step."""
+    """Intensity frames and IMU of one camera. One that is off has no state and no step."""
 
     frames: tuple[Frame, ...]
     """intensity frames whose read-out ended in the last tick; none unless sensor.aps is enabled"""
     imu_packet: ImuPacket | None
-    """what the IMU said in the last tick; None: nothing, as ever unless sensor.imu is enabled"""
+    """IMU samples of the last tick; None: there are none, as always unless sensor.imu is enabled"""
 
     def __init__(
         self, sensor: SensorParameters, name: str, switches: Switches, start_us: int
     ) -> None:
-        """In: name, of the camera; start_us, by how much stamps are later than the world's time."""
+        """Make those that are on.
+
+        Args:
+            sensor: The sensor, resolved.
+            name: Of the camera.
+            switches: Which are forced on or off.
+            start_us: By how much stamps are later than the world's time, us.
+        """
         size = int(sensor.width), int(sensor.height)
         self._sensor, self._name, self._start_us = sensor, name, start_us
         self._aps = (
@@ -38,7 +45,11 @@ class AuxiliarySensors:
         """which of them it makes, by the names of evs.emulator.base.features.FEATURES"""
 
     def reset(self, seed: int) -> None:
-        """As new. In: seed, what their noise follows from."""
+        """Forget everything.
+
+        Args:
+            seed: What their noise follows from.
+        """
         self._aps_state = None if self._aps is None else self._aps.init(seed)
         self._imu_state = None if self._imu is None else self._imu.init(seed)
         self._imu_seq = 0
@@ -66,7 +77,7 @@ class AuxiliarySensors:
     def step(
         self, luminance: F32, pose: CameraPose, world: MjModel, begin_us: int, end_us: int
     ) -> None:
-        """A tick. What runs only because [plan] says so is worked out and given to nobody."""
+        """A tick. What runs only because [plan] forces it is computed and dropped."""
         if self._aps is not None and self._aps_state is not None:
             frames, self._aps_state = self._aps.step(luminance, self._aps_state, begin_us, end_us)
             if self._sensor.aps.enabled:

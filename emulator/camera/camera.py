@@ -27,7 +27,7 @@ from evs.emulator.camera.plan.contents import is_unlit
 from evs.emulator.camera.plan.scene_plan import ScenePlan, plan_scene
 from evs.emulator.config import SceneConfig
 from evs.emulator.optics import camera_info
-from evs.emulator.render import too_fast
+from evs.emulator.render import flicker_warnings
 from evs.emulator.sensor import SensorParameters, completed, resolve_sensor
 from evs.emulator.state import Saved, joined, number, numbers, part
 from evs.emulator.state.versions import versions
@@ -77,7 +77,7 @@ class Camera:
     """how often its scene was built again since it was made, as the model was edited, and of that
     how many meshes and textures: scenes, meshes, textures"""
     left_out: tuple[str, ...]
-    """one line for each thing that its ticks do not show, with the fix; said as warnings too"""
+    """one line for each thing that its ticks do not show, with the fix; issued as warnings too"""
 
     def __init__(
         self,
@@ -94,8 +94,19 @@ class Camera:
     ) -> None:
         """Build the stages.
 
-        In: place, which of a snapshot's cameras this is; taken, names that are not free; config,
-        the run's whole configuration, if there is one beyond the plan.
+        Args:
+            world: The model.
+            scene: What is extracted from it.
+            plan: Everything that makes the camera besides its world.
+            place: Which of a snapshot's cameras this is.
+            tick_us: Length of a tick, us.
+            taken: Names that are not free.
+            scene_config: [scene], for the header of the stream.
+            config: The run's whole configuration, if there is one beyond the plan.
+            meter: Measures how long each stage takes.
+
+        Raises:
+            EvsError: The plan makes no sense in this world.
         """
         self._plan, self.place, self._meter = plan, place, meter or NoMeter()
         self._tracing = Lock()
@@ -115,8 +126,8 @@ class Camera:
         self._auxiliary = AuxiliarySensors(sensor, name, switches, self._start_us)
         self._traces_truth = switches.decide("ground_truth", plan.model.labels)
         if config is None:
-            told = replace(scene_config, camera=plan.camera)
-            config = {"scene": asdict(told), **plain_plan(replace(plan, name=name))}
+            scene_table = asdict(replace(scene_config, camera=plan.camera))
+            config = {"scene": scene_table, **plain_plan(replace(plan, name=name))}
         config = {**config, "sensor": completed(config["sensor"], sensor)}
         self._info = StreamInfo(
             width=self._size[0],
@@ -136,7 +147,11 @@ class Camera:
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
-        """Forget everything seen: as new. In: seed, another one from now on, as if made with it."""
+        """Forget everything seen.
+
+        Args:
+            seed: Another one from now on, as if the camera were made with it.
+        """
         if seed is not None:
             self._reseed(seed)
         seed = self._plan.seed
@@ -170,9 +185,16 @@ class Camera:
     def restoring(
         self, saved: Saved, seed: int, now: SceneSnapshot | None, previous: SceneSnapshot | None
     ) -> Callable[[], None]:
-        """Checks what `save` gave; what comes back puts it in place. Raises EvsError.
+        """Check a saved state; the function that is returned puts it in place.
 
-        In: seed, that of the camera that was saved; now and previous, what it saw last and before.
+        Args:
+            saved: What `save` gave.
+            seed: That of the camera that was saved.
+            now: What it saw last.
+            previous: What it saw before that.
+
+        Raises:
+            EvsError: It is damaged.
         """
         pixels = self._pixels.restoring(part(saved, "pixels"), seed)
         auxiliary = self._auxiliary.restoring(saved)
@@ -202,9 +224,12 @@ class Camera:
         return {**identity_of(self._plan, self._info.config), **self._pixels.versions}
 
     def refreshing(self, scene: SceneModel) -> Callable[[], None]:
-        """Builds what sees the edited world; what comes back puts it in place. Raises EvsError.
+        """Build what sees the edited world; the function that is returned puts it in place.
 
         The pixels keep their state, so they see the change as they would see any other.
+
+        Raises:
+            EvsError: The edited world cannot be shown.
         """
         viewpoint = self._plan.stand(self._world, scene, *self._size, before=self._viewpoint)
 
@@ -222,7 +247,7 @@ class Camera:
     def _stand(self, viewpoint: Viewpoint) -> None:
         self._viewpoint = viewpoint
         self._unlit = is_unlit(viewpoint.scene, self._plan.render)
-        lines = too_fast(viewpoint.scene.lights, self._plan.render, self._tick_us)
+        lines = flicker_warnings(viewpoint.scene.lights, self._plan.render, self._tick_us)
         warn_left_out([line for line in lines if line not in self.left_out])
         self.left_out = lines
 
@@ -262,18 +287,29 @@ class Camera:
             self._pixels.see(luminance, t_us - tick_us, t_us)
 
     def observe(self, snapshot: SceneSnapshot) -> tuple[EventPacket, ...]:
-        """The events between the last snapshot and this one. EvsError where time stood still.
+        """See a snapshot.
 
-        One packet; with model.chunk over 1 none, or those of all ticks of the chunk.
+        Args:
+            snapshot: The world at the end of the tick.
+
+        Returns:
+            The packet of the events since the last snapshot; with model.chunk over 1 none, or
+            those of all ticks of the chunk.
+
+        Raises:
+            EvsError: Time did not advance, or `start` was not called.
         """
         self._check_time(snapshot)
         return self.observe_light(self.light(snapshot))
 
     def light(self, snapshot: SceneSnapshot, into: F32 | None = None) -> RenderedFrame:
-        """What falls on the sensor at `snapshot`: the half of `observe` that remembers no event.
+        """Render what falls on the sensor: the half of `observe` without events.
 
-        May be called in another thread than the rest, ahead of it, snapshot by snapshot. In: into,
-        (h, w) where the light goes; without it, it is valid until the next call.
+        May be called in another thread than the rest, ahead of it, snapshot by snapshot.
+
+        Args:
+            snapshot: The world at an instant.
+            into: (h, w) float32, where the light goes; without it, it is valid until the next call.
         """
         pose = snapshot.cameras[self.place]
         with self._tracing:
@@ -334,7 +370,7 @@ class Camera:
         ticks = self._pixels.see(frame.luminance, begin_us, snapshot.t_us)
         self._auxiliary.step(frame.luminance, pose, self._world, begin_us, snapshot.t_us)
         if self._traces_truth and not self._plan.model.labels:
-            # asked for by [plan] alone: nobody takes it
+            # [plan] alone requests it: nobody uses it
             self.ground_truth()
         self._t_us = snapshot.t_us
         self._meter.lap("sensor")
@@ -347,7 +383,7 @@ class Camera:
 
     @property
     def imu_packet(self) -> ImuPacket | None:
-        """What the IMU said in the last tick; None: nothing, as ever unless sensor.imu is on."""
+        """IMU samples of the last tick; None: there are none, as always unless sensor.imu is on."""
         return self._auxiliary.imu_packet
 
     @property
@@ -360,9 +396,12 @@ class Camera:
         return pose_message(pose, self._seen - 1, t_us, self._info.camera)
 
     def ground_truth(self) -> GroundTruth:
-        """Of the last tick's end: depth, normals, ids, ... and the flow during that tick.
+        """Depth, normals, ids, ... at the end of the last tick, and the flow during it.
 
-        Computed at each call. EvsError before the first snapshot.
+        Computed at each call.
+
+        Raises:
+            EvsError: Nothing was seen yet.
         """
         if self._now is None:
             raise EvsError("the camera has seen nothing yet: step the world first")
@@ -372,7 +411,7 @@ class Camera:
 
     @property
     def imu(self) -> ImuSamples:
-        """(n,) what the IMU said in the last tick: t, acceleration, angular_velocity, temperature.
+        """(n,) IMU samples of the last tick: t, acceleration, angular_velocity, temperature.
 
         Axes: x right, y down, z forward. Of the time up to the tick before; empty where it is off.
         """

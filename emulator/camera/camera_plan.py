@@ -70,10 +70,18 @@ class CameraPlan:
         rgb: bool = False,
         before: Viewpoint | None = None,
     ) -> Viewpoint:
-        """The camera in its place in a world, and the renderer of what it sees of the scene.
+        """Put the camera into its place in a world, and make its renderer.
 
-        In: rgb, colour is wanted too; before, the same camera until now: what has not changed is
-        taken over.
+        Args:
+            world: The model.
+            scene: What is extracted from it.
+            width: Of the sensor, px.
+            height: Of the sensor, px.
+            rgb: Whether colour is wanted too.
+            before: The same camera until now; what has not changed is reused.
+
+        Raises:
+            EvsError: The plan makes no sense in this world.
         """
         bound = bind_camera(world, self.camera, width, height, self.optics)
         if before and scene is before.scene and bound.model == before.bound.model:
@@ -138,9 +146,11 @@ def plain_plan(plan: CameraPlan) -> dict[str, Any]:
 
 
 def identity_of(plan: CameraPlan, config: Mapping[str, Any]) -> dict[str, Any]:
-    """What shapes a camera's events, seed aside, in plain values.
+    """Describe what shapes a camera's events, seed aside, in plain values.
 
-    In: config, as in its StreamInfo.
+    Args:
+        plan: Of the camera.
+        config: As in its StreamInfo.
     """
     tables = {key: dict(config[key]) for key in ("camera", "sensor", "render", "model")}
     for key in ("isa", "incremental"):

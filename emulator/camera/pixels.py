@@ -43,9 +43,19 @@ class Pixels:
         switches: Switches = UNFORCED,
         isa: str = "auto",
     ) -> None:
-        """In: seed, their fixed pattern and noise follow from it.
+        """Make event model and readout.
 
-        spp, switches and isa as of make_event_model. Raises EvsError.
+        Args:
+            sensor: The sensor, resolved.
+            model: [model].
+            seed: Fixed pattern and noise follow from it.
+            threads: As of make_event_model.
+            spp: As of make_event_model.
+            switches: As of make_event_model.
+            isa: As of make_event_model.
+
+        Raises:
+            EvsError: The model makes no sense for this sensor.
         """
         self._model = make_event_model(sensor, model, threads, spp, switches, isa)
         self._readout = make_readout(sensor, switches)
@@ -76,9 +86,14 @@ class Pixels:
         }
 
     def restoring(self, saved: Saved, seed: int) -> Callable[[], None]:
-        """Checks what `save` gave; what comes back puts it in place. Raises EvsError.
+        """Check a saved state; the function that is returned puts it in place.
 
-        In: seed, from now on, that of the pixels that were saved.
+        Args:
+            saved: What `save` gave.
+            seed: That of the pixels that were saved, from now on.
+
+        Raises:
+            EvsError: It is damaged.
         """
         state = self._model.restore(part(saved, "state"))
         read = None if self._readout is None else ReadoutState.restore(part(saved, "readout"))
@@ -103,9 +118,19 @@ class Pixels:
         return put
 
     def see(self, luminance: F32, begin_us: int, end_us: int) -> list[DoneTick]:
-        """The light at the end of a tick; ticks whose events are known now, in order.
+        """See the light at the end of a tick. The first light is the reference.
 
-        The first light is the reference: its tick has no events and is done at once.
+        Args:
+            luminance: (h, w) float32, linear.
+            begin_us: Where the tick begins, us.
+            end_us: Where it ends, us.
+
+        Returns:
+            The ticks whose events are known now, in order. The tick of the first light has no
+            events and is done at once.
+
+        Raises:
+            EvsError: The light has another shape.
         """
         if not self._lit or self._chunk == 1:
             events, self._state = self._model.step(luminance, self._state, begin_us, end_us)

@@ -19,7 +19,7 @@ from evs.msgs import Pose
 
 
 class View:
-    """The light and the ground truth of a world's present, each computed when it is asked for."""
+    """The light and the ground truth of a world's present, each computed on request."""
 
     def __init__(
         self,
@@ -33,8 +33,17 @@ class View:
     ) -> None:
         """Build the renderer.
 
-        In: place, which of a snapshot's cameras this is; present, takes a snapshot; rgb, colour is
-        wanted too; start_us, what stamps begin at.
+        Args:
+            world: The model.
+            scene: What is extracted from it.
+            plan: Everything that makes the camera besides its world.
+            place: Which of a snapshot's cameras this is.
+            present: Takes a snapshot.
+            rgb: Whether colour is wanted too.
+            start_us: What stamps begin at, us.
+
+        Raises:
+            EvsError: The plan makes no sense in this world.
         """
         sensor = resolve_sensor(plan.sensor)
         self.width, self.height = int(sensor.width), int(sensor.height)
@@ -64,7 +73,7 @@ class View:
         self._now = self._previous = None
 
     def start(self) -> None:
-        """Look at the present, if nothing was seen yet."""
+        """See the present, if nothing was seen yet."""
         self._instant()
 
     def move(self, snapshot: SceneSnapshot) -> None:
@@ -72,7 +81,12 @@ class View:
         self._previous, self._now = self._now, (snapshot, snapshot.cameras[self.place])
 
     def render(self) -> tuple[F32, F32 | None]:
-        """Copies of luminance (h, w) and rgb (h, w, 3), linear float32; None: no colour wanted."""
+        """Render the present.
+
+        Returns:
+            Copies of luminance (h, w) and rgb (h, w, 3), linear float32; rgb is None where no
+            colour is wanted.
+        """
         instant = self._instant()
         renderer = self._viewpoint.renderer
         luminance, colour = renderer.render(*instant), renderer.rgb

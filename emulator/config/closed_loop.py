@@ -34,7 +34,7 @@ class LimitConfig:
     sensor: str = ""
     """name of a <sensor> of the model"""
     low: float = -1e300
-    """the episode is over when it says less"""
+    """the episode is over when it reads less"""
     high: float = 1e300
     """or more"""
 

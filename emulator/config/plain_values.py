@@ -29,7 +29,7 @@ def plain_config(config: C, table: str) -> C:
         try:
             values[field.name] = _item(value, hints[field.name], f"{table}.{field.name}")
         except (TypeError, ValueError):
-            wanted = _said(hints[field.name])
+            wanted = _in_words(hints[field.name])
             raise EvsError(f"{table}.{field.name} is {value!r}; give {wanted}") from None
     return replace(config, **values)  # type: ignore[type-var]
 
@@ -93,7 +93,7 @@ def _kinds(hint: Any) -> tuple[Any, ...]:
     return typing.get_args(hint) if many else (hint,)
 
 
-def _said(hint: Any) -> str:
+def _in_words(hint: Any) -> str:
     """A type in words."""
     words: dict[Any, str] = {
         bool: "True or False",
@@ -102,18 +102,18 @@ def _said(hint: Any) -> str:
         str: "a name",
     }
     kinds = [
-        _tuple_said(typing.get_args(kind)) if typing.get_origin(kind) is tuple else kind
+        _tuple_in_words(typing.get_args(kind)) if typing.get_origin(kind) is tuple else kind
         for kind in _kinds(hint)
         if kind is not type(None)
     ]
-    said = [
+    named = [
         f"a {kind.__name__}" if isinstance(kind, type) and is_dataclass(kind) else str(kind)
         for kind in (words.get(kind, kind) for kind in kinds)
     ]
-    return " or ".join([*said, *(["None"] if type(None) in _kinds(hint) else [])])
+    return " or ".join([*named, *(["None"] if type(None) in _kinds(hint) else [])])
 
 
-def _tuple_said(items: tuple[Any, ...]) -> str:
+def _tuple_in_words(items: tuple[Any, ...]) -> str:
     if items[1:] == (Ellipsis,):
         plain = {float: "finite numbers", int: "whole numbers"}
         return plain.get(items[0]) or f"a tuple of {items[0].__name__}"

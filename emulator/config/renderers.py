@@ -1,4 +1,4 @@
-"""The table of renderers: one row says all that the rest of evs knows of one.
+"""The table of renderers: one row holds all that the rest of evs knows of one.
 
 A new renderer is a class that follows evs.emulator.base.protocols.Renderer, and a row here.
 """

@@ -19,7 +19,7 @@ class SceneConfig:
     file: str = ""
     """MJCF (.xml) or MJB (.mjb) file"""
     camera: str = ""
-    """name of a camera of the model; empty: [camera] says, or the model's first, or a free one"""
+    """name of a camera of the model; empty: as in [camera], or the model's first, or a free one"""
     tick_us: int = 1000
     """length of a tick, us; the model's time step is subdivided to fit it"""
     start_us: int = 0
@@ -174,7 +174,7 @@ class ModelConfig:
     initial_state: str = "random"
     """evsnet: membrane of each pixel at the start: random, as in the paper | zero"""
     labels: bool = False
-    """every event also says its cause (signal, leak, shot noise, hot pixel) and the geom under it:
+    """every event also has its cause (signal, leak, shot noise, hot pixel) and the geom under it:
     packet.labels, and recordings to .npz"""
 
 

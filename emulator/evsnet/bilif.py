@@ -39,11 +39,18 @@ class BiLIF:
     def step(
         self, current: F32, v: F32, last: I64, tick: int, begin_us: int, tick_us: int
     ) -> tuple[Events, int]:
-        """One tick, number `tick`, of all pixels.
+        """Step all pixels by one tick.
 
-        In: current (h, w). In/out: v (h, w) and last (h, w), the tick that each v is as of.
-        Out: events sorted by t, ties in pixel order; how many |V'| were clamped. A current that is
-        NaN, which no checked network gives, counts as 0 and as clamped.
+        Args:
+            current: (h, w). NaN, which no checked network gives, counts as 0 and as clamped.
+            v: (h, w) membrane potentials, changed in place.
+            last: (h, w) the tick that each v is as of, changed in place.
+            tick: Number of the tick.
+            begin_us: Where it begins, us.
+            tick_us: Its length, us.
+
+        Returns:
+            The events, sorted by t, ties in pixel order; how many |V'| were clamped.
         """
         width = v.shape[1]
         flat_v, flat_last = v.reshape(-1), last.reshape(-1)

@@ -39,10 +39,14 @@ class DenseRuntime(ABC):
 
     @abstractmethod
     def convolve(self, x: F32, fifos: list[F32]) -> tuple[F32, list[F32]]:
-        """The network without its BiLIF.
+        """Compute the network without its BiLIF.
 
-        In: x (ticks, pixels); fifos, of each convolution (channels in, 6, pixels), oldest first.
-        Out: currents (ticks, pixels); the FIFOs after the chunk, which may be those given.
+        Args:
+            x: (ticks, pixels).
+            fifos: Of each convolution (channels in, 6, pixels), oldest first.
+
+        Returns:
+            The currents (ticks, pixels), and the FIFOs after the chunk, which may be those given.
         """
 
     def own_arrays(self) -> dict[str, np.ndarray[Any, Any]]:

@@ -1,7 +1,7 @@
 """GraphNetwork: a network that somebody else designed, known by its ONNX graph and its sidecar.
 
-The graph has the inputs and outputs of emulator/evsnet/graph.py, but its weights bear other names,
-or it computes something else. Only runtime onnxruntime runs it.
+The graph has the inputs and outputs of emulator/evsnet/onnx_graph.py, but its weights bear other
+names, or it computes something else. Only runtime onnxruntime runs it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.emulator.base.scene import F32
-from evs.emulator.evsnet.weights import TAPS, NetworkWeights, check_numbers
+from evs.emulator.evsnet.weights import KERNEL_SIZE, NetworkWeights, check_numbers
 from evs.msgs import EvsError
 
 MAX_LATENCY_TICKS = 10_000
@@ -19,7 +19,7 @@ MAX_LATENCY_TICKS = 10_000
 
 @dataclass(frozen=True, eq=False)
 class GraphNetwork:
-    """As much of a NetworkWeights as a graph tells. Raises EvsError where a number has no sense."""
+    """As much of a NetworkWeights as a graph holds. Raises EvsError where a number has no sense."""
 
     name: str
     graph: bytes
@@ -75,4 +75,4 @@ def held_at_rest(network: Network) -> tuple[F32, ...]:
     """What each of its FIFOs holds while light stands still: (channels, ticks) float32 each."""
     if isinstance(network, GraphNetwork):
         return network.states
-    return tuple(np.repeat(rest[:, np.newaxis], TAPS - 1, axis=1) for rest in network.rest())
+    return tuple(np.repeat(rest[:, np.newaxis], KERNEL_SIZE - 1, axis=1) for rest in network.rest())

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from evs.emulator.base.memory import memory_gb
+from evs.emulator.base.memory_limits import memory_gb
 from evs.emulator.evsnet.graph_network import GraphNetwork, Network
-from evs.emulator.evsnet.weights import TAPS
+from evs.emulator.evsnet.weights import KERNEL_SIZE
 from evs.msgs import EvsError
 
 COMMON_BYTES = 20
@@ -16,7 +16,7 @@ def dense_bytes(weights: Network, width: int, height: int) -> int:
     if isinstance(weights, GraphNetwork):
         floats = sum(int(state.size) for state in weights.states)
     else:
-        floats = TAPS * sum(int(c.weight.shape[1]) for c in weights.convolutions)
+        floats = KERNEL_SIZE * sum(int(c.weight.shape[1]) for c in weights.convolutions)
     return (COMMON_BYTES + 4 * floats) * width * height
 
 

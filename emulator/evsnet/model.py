@@ -48,11 +48,22 @@ class EvsNetModel:
         labels: bool = False,
         switches: Switches = UNFORCED,
     ) -> None:
-        """In: runtime, provider, threads, isa, sparse as make_runtime.
+        """Put a network on a sensor.
 
-        initial: membranes at the start, "random" in (-V_off, V_on) or "zero". labels: refused,
-        a network cannot say why it fired. switches: cold tiles that are forced on or off. Raises
-        EvsError.
+        Args:
+            sensor: The sensor, resolved.
+            weights: The network.
+            runtime: As of make_runtime.
+            provider: As of make_runtime.
+            threads: As of make_runtime.
+            isa: As of make_runtime.
+            initial: Membranes at the start: "random" in (-V_off, V_on), or "zero".
+            sparse: As of make_runtime.
+            labels: Refused: a network has no cause of an event.
+            switches: Cold tiles that are forced on or off.
+
+        Raises:
+            EvsError: The network does not fit the sensor or the runtime, or labels are on.
         """
         if initial not in INITIAL_STATES:
             raise unknown("initial state", initial, INITIAL_STATES)
@@ -91,7 +102,7 @@ class EvsNetModel:
 
     @property
     def latency_us(self) -> int:
-        """By how much events are late, and stamped so: the light that the network looks ahead."""
+        """The look-ahead of the network: events are that late, and their stamps carry it."""
         return self.weights.latency_ticks * self.weights.tick_us
 
     @property
@@ -134,10 +145,19 @@ class EvsNetModel:
     def step_chunk(
         self, luminance: F32, state: NetworkState, t_begin_us: int, tick_us: int
     ) -> tuple[list[Events], NetworkState]:
-        """Events of several ticks at once, one array a tick: the same bytes for any cut.
+        """Turn the light of several ticks into events: the same bytes for any cut.
 
-        In: luminance (ticks, h, w) float32, linear. The state handed in is consumed. Raises
-        EvsError: wrong shape, another tick length, a state of something else.
+        Args:
+            luminance: (ticks, h, w) float32, linear, at the end of each tick.
+            state: It is consumed.
+            t_begin_us: Where the first tick begins, us.
+            tick_us: Length of a tick, us.
+
+        Returns:
+            One array of events a tick, and the state.
+
+        Raises:
+            EvsError: Wrong shape, another tick length, a state of something else.
         """
         light = self._checked(luminance, state, t_begin_us, tick_us)
         events: list[Events] = []

@@ -17,7 +17,7 @@ from evs.emulator.base.scene import F32
 from evs.emulator.evsnet.decay import decay_tables
 from evs.emulator.evsnet.memory_budget import check_growth
 from evs.emulator.evsnet.state import NetworkState, check_arrays
-from evs.emulator.evsnet.weights import TAPS, NetworkWeights
+from evs.emulator.evsnet.weights import KERNEL_SIZE, NetworkWeights
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 
@@ -46,10 +46,18 @@ class NativeRuntime:
         isa: str = "auto",
         sparse: bool = True,
     ) -> None:
-        """In: threads, 0 is one a core; isa, auto, avx512, avx2 or portable; all the same bytes.
+        """Set the kernel up.
 
-        sparse: tiles where nothing moves are left out. Where that would be wrong, as in a network
-        with a bias, EvsNetModel does not ask for it.
+        Args:
+            sensor: The sensor, resolved.
+            weights: The network.
+            threads: Worker threads; 0: one a core.
+            isa: auto, avx512, avx2 or portable, all with the same bytes.
+            sparse: Whether tiles where nothing moves are left out. Where that would be wrong, as
+                in a network with a bias, EvsNetModel turns it off.
+
+        Raises:
+            EvsError: This machine cannot run the instruction set.
         """
         if isa != "auto" and isa not in _core.isa_available():
             raise EvsError(f"this machine cannot run instruction set '{isa}'; use auto")
@@ -90,7 +98,7 @@ class NativeRuntime:
             row = np.arange(tiles, dtype=np.int32).reshape(self._tiles)
             rest = np.concatenate(self.weights.rest())
             if np.any(rest):
-                fifo[:] = np.tile(rest, (TAPS - 1) * LANES)
+                fifo[:] = np.tile(rest, (KERNEL_SIZE - 1) * LANES)
         return {
             "fifo": fifo,
             "tile_row": row,

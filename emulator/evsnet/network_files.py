@@ -1,4 +1,4 @@
-"""Trained networks on disk: NAME.onnx holds the weights, NAME.toml beside it says what they mean.
+"""Trained networks on disk: NAME.onnx holds the weights, NAME.toml beside it holds what they mean.
 
 The graph's initialisers are named encoder.weight (C, 1, 7, 1), blocks.0.first.weight (C, C, 7, 1),
 blocks.0.second.weight, ..., last.weight (1, C, 1, 1), and .bias where there is one. The sidecar:
@@ -27,7 +27,7 @@ from evs.emulator.base.scene import F32
 from evs.emulator.base.small_files import read_small_text
 from evs.emulator.evsnet.families import families, members, nearest_member
 from evs.emulator.evsnet.graph_network import Network
-from evs.emulator.evsnet.weights import TAPS, Block, Convolution, NetworkWeights
+from evs.emulator.evsnet.weights import KERNEL_SIZE, Block, Convolution, NetworkWeights
 from evs.emulator.evsnet.weights_wire import initialisers
 from evs.msgs import EvsError, nearest_first, unknown
 
@@ -46,11 +46,15 @@ def network_names() -> list[str]:
 
 
 def network_path(network: str, spp: int = 0) -> Path:
-    """The .onnx file of a network that comes with evs, or the user's own.
+    """Find the .onnx file of a network that comes with evs, or of the user's own.
 
-    In: a name, that of a family, or a path (it ends in .onnx or has a slash in it); spp, samples a
-    pixel of the light, for which a family has a member; 0: the light has no noise. Raises EvsError:
-    there is none.
+    Args:
+        network: A name, that of a family, or a path (it ends in .onnx or has a slash in it).
+        spp: Samples a pixel of the light, for which a family has a member; 0: the light has no
+            noise.
+
+    Raises:
+        EvsError: There is none.
     """
     if network.endswith(".onnx") or "/" in network:
         path = Path(network)
@@ -94,7 +98,7 @@ def read_network(path: Path) -> Network:
     except ValueError as reason:
         raise EvsError(f"network file {path}: {reason}") from None
     if _OURS.isdisjoint(tensors):
-        # only onnxruntime can tell what it is
+        # only onnxruntime can read what it is
         from evs.emulator.evsnet.rest_state import graph_network
 
         try:
@@ -151,7 +155,7 @@ class _Assembly:
             raise EvsError(shown) from None
 
     def _convolution(self, place: int, name: str, outputs: int, inputs: int) -> Convolution:
-        weight = self._tensor(f"{name}.weight", (outputs, inputs, TAPS, 1))[..., 0].copy()
+        weight = self._tensor(f"{name}.weight", (outputs, inputs, KERNEL_SIZE, 1))[..., 0].copy()
         key = f"{name}.bias"
         bias = self._tensor(key, (outputs,)) if key in self.tensors else None
         return Convolution(weight, bias, self.look_ahead[place])

@@ -10,7 +10,7 @@ import numpy as np
 
 from evs.emulator.base.scene import F32
 from evs.emulator.evsnet.dense import DenseRuntime
-from evs.emulator.evsnet.weights import TAPS, Convolution, NetworkWeights
+from evs.emulator.evsnet.weights import KERNEL_SIZE, Convolution, NetworkWeights
 from evs.emulator.sensor.parameters import SensorParameters
 
 BLOCK = 4096
@@ -37,9 +37,16 @@ class ReferenceRuntime(DenseRuntime):
 
 
 def currents(weights: NetworkWeights, x: F32, fifos: list[F32]) -> F32:
-    """Currents (ticks, pixels) of X (ticks, pixels).
+    """Compute the currents.
 
-    In/out: fifos, of each convolution what it read in the last 6 ticks, (channels, 6, pixels).
+    Args:
+        weights: The network.
+        x: (ticks, pixels).
+        fifos: Of each convolution what it read in the last 6 ticks, (channels, 6, pixels), changed
+            in place.
+
+    Returns:
+        (ticks, pixels).
     """
     ticks = len(x)
     queues = iter(fifos)
@@ -57,7 +64,7 @@ def currents(weights: NetworkWeights, x: F32, fifos: list[F32]) -> F32:
         middle = relu(convolution(block.first, line))
         change = convolution(block.second, read(middle))
         # the sum is late by what the block looks ahead, and so is the h in it
-        start = TAPS - 1 - block.look_ahead
+        start = KERNEL_SIZE - 1 - block.look_ahead
         h = relu(line[:, start : start + ticks] + change)
     out = np.zeros_like(x)
     for weight, channel in zip(weights.last, h, strict=True):
@@ -68,9 +75,9 @@ def currents(weights: NetworkWeights, x: F32, fifos: list[F32]) -> F32:
 def convolution(c: Convolution, line: F32) -> F32:
     """Valid: (channels in, 6 + ticks, pixels) to (channels out, ticks, pixels)."""
     outputs, inputs, _ = c.weight.shape
-    ticks = line.shape[1] - (TAPS - 1)
+    ticks = line.shape[1] - (KERNEL_SIZE - 1)
     total = np.zeros((outputs, ticks, line.shape[2]), np.float32)
-    for j in range(TAPS):
+    for j in range(KERNEL_SIZE):
         for i in range(inputs):
             total += c.weight[:, i, j, np.newaxis, np.newaxis] * line[i, j : j + ticks]
     if c.bias is not None:

@@ -17,10 +17,15 @@ _CHUNK, _PIXELS = 32, 256
 
 
 def graph_network(graph: bytes, sidecar: Mapping[str, Any]) -> GraphNetwork:
-    """The network of a graph whose weights have other names than ours.
+    """Read the network of a graph whose weights have other names than ours.
 
-    In: sidecar, checked values of NAME.toml. Raises EvsError: inputs or outputs of another shape,
-    a graph that does not run or does not come to rest, numbers without sense.
+    Args:
+        graph: The ONNX file.
+        sidecar: Checked values of NAME.toml.
+
+    Raises:
+        EvsError: Inputs or outputs of another shape, a graph that does not run or does not come to
+            rest, numbers without sense.
     """
     session = open_session(graph)
     shapes = state_shapes(session)

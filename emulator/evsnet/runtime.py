@@ -34,7 +34,7 @@ RUNTIMES = {
     ),
     # on whatever its execution providers run
     "onnxruntime": RuntimeRow(
-        "evs.emulator.evsnet.portable:PortableRuntime",
+        "evs.emulator.evsnet.onnx_runtime:OnnxRuntime",
         options=("provider", "threads"),
         any_graph=True,
     ),
@@ -65,11 +65,16 @@ class Runtime(Protocol):
     def step(
         self, luminance: F32, state: NetworkState, begin_us: int, currents: F32 | None = None
     ) -> list[Events]:
-        """One array of events for each tick of a chunk; tick i is (begin, begin + tick_us] + i.
+        """Step a chunk of ticks; tick i is (begin_us + i tick_us, begin_us + (i + 1) tick_us].
 
-        In: luminance (ticks, h, w) float32, contiguous, 1 or more ticks of weights.tick_us.
-        In/out: state, which has been checked. Its arrays, counters and `ticks` move on.
-        Out: currents (ticks, h, w) float32, filled where it is given: for tests.
+        Args:
+            luminance: (ticks, h, w) float32, contiguous, 1 or more ticks of weights.tick_us.
+            state: It has been checked. Its arrays, counters and `ticks` move on in place.
+            begin_us: Where the first tick begins, us.
+            currents: (ticks, h, w) float32, filled where it is given: for tests.
+
+        Returns:
+            One array of events a tick.
         """
 
 

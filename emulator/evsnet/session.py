@@ -33,9 +33,15 @@ def providers() -> list[str]:
 
 
 def open_session(graph: bytes, provider: str = "cpu", threads: int = 0) -> Any:
-    """An onnxruntime.InferenceSession. Raises EvsError: no such provider, no sound graph.
+    """Open an onnxruntime.InferenceSession.
 
-    In: threads, 0 is one a core; any number gives the same bytes.
+    Args:
+        graph: The ONNX file.
+        provider: A key of PROVIDERS.
+        threads: Worker threads; 0: one a core. Any number gives the same bytes.
+
+    Raises:
+        EvsError: No such provider, or no sound graph.
     """
     ort = import_module("onnxruntime")
     available = providers()
@@ -99,7 +105,7 @@ def state_shapes(session: Any) -> list[tuple[int, int]]:
 
 
 def one_line(reason: Exception) -> str:
-    """What an exception says, without its line breaks."""
+    """The message of an exception, without line breaks."""
     return " ".join(str(reason).split()) or type(reason).__name__
 
 

@@ -111,7 +111,7 @@ class NetworkState:
     def restore(cls, saved: Arrays) -> NetworkState:
         """The state that was saved. Raises EvsError where something of it is missing or unfit.
 
-        Whether it fits a model, the model says when it steps.
+        The model checks in each step whether it fits.
         """
         kinds = {"seed": "u", **dict.fromkeys(_NUMBERS, "i"), **dict.fromkeys(_WORDS, "U")}
         for name in (*_FRAMES, *kinds):

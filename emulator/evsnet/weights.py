@@ -22,7 +22,7 @@ import numpy as np
 from evs.emulator.base.scene import F32, F64
 from evs.msgs import EvsError
 
-TAPS = 7
+KERNEL_SIZE = 7
 """k, ticks that one convolution reads"""
 MAX_CHANNELS = 64
 MAX_BLOCKS = 8
@@ -90,14 +90,14 @@ class NetworkWeights:
                 f"network '{self.name}' has {channels} channels and {len(self.blocks)} blocks; "
                 f"1 ... {MAX_CHANNELS} and 0 ... {MAX_BLOCKS} are possible"
             )
-        self._check("encoder", self.encoder, (channels, 1, TAPS))
+        self._check("encoder", self.encoder, (channels, 1, KERNEL_SIZE))
         for i, block in enumerate(self.blocks):
-            self._check(f"blocks.{i}.first", block.first, (channels, channels, TAPS))
-            self._check(f"blocks.{i}.second", block.second, (channels, channels, TAPS))
-            if block.look_ahead >= TAPS:
+            self._check(f"blocks.{i}.first", block.first, (channels, channels, KERNEL_SIZE))
+            self._check(f"blocks.{i}.second", block.second, (channels, channels, KERNEL_SIZE))
+            if block.look_ahead >= KERNEL_SIZE:
                 raise EvsError(
                     f"network '{self.name}': block {i} looks {block.look_ahead} ticks ahead; "
-                    f"{TAPS - 1} is the most"
+                    f"{KERNEL_SIZE - 1} is the most"
                 )
         self._check_array("last", self.last, (channels,))
         if not abs(self.last_bias) < float("inf"):
@@ -113,10 +113,10 @@ class NetworkWeights:
         self._check_array(f"{where}.weight", convolution.weight, shape)
         if convolution.bias is not None:
             self._check_array(f"{where}.bias", convolution.bias, shape[:1])
-        if not 0 <= convolution.look_ahead < TAPS:
+        if not 0 <= convolution.look_ahead < KERNEL_SIZE:
             raise EvsError(
                 f"network '{self.name}': {where} looks {convolution.look_ahead} ticks ahead; "
-                f"0 ... {TAPS - 1} is possible"
+                f"0 ... {KERNEL_SIZE - 1} is possible"
             )
 
     def _check_array(self, where: str, array: F32, shape: tuple[int, ...]) -> None:
@@ -161,7 +161,7 @@ class NetworkWeights:
     @property
     def receptive_field(self) -> int:
         """W, ticks of X that one current depends on: 43 for M = 3."""
-        return 1 + (TAPS - 1) * len(self.convolutions)
+        return 1 + (KERNEL_SIZE - 1) * len(self.convolutions)
 
     @property
     def latency_ticks(self) -> int:
@@ -213,7 +213,7 @@ def _constant(convolution: Convolution, value: F32) -> F32:
     """What a convolution makes of an input that does not change, summed as the reference does."""
     outputs, inputs, _ = convolution.weight.shape
     out = np.zeros(outputs, np.float32)
-    for j in range(TAPS):
+    for j in range(KERNEL_SIZE):
         for i in range(inputs):
             out += convolution.weight[:, i, j] * value[i]
     return out if convolution.bias is None else out + convolution.bias

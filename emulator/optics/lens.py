@@ -22,7 +22,7 @@ from evs.emulator.optics.vignetting import check_vignetting, light_share
 from evs.msgs import EvsError
 
 MOST_OFF_PX = 0.5
-"""Error of an interpolated centre that tells of a broken map."""
+"""Error of an interpolated centre that only a broken map has."""
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """Light: renderers behind one protocol."""
 
 from evs.emulator.render.direct import DirectRenderer
-from evs.emulator.render.flicker import too_fast
+from evs.emulator.render.flicker import flicker_warnings
 from evs.emulator.render.path import PathRenderer
 from evs.emulator.render.renderers import make_renderer
 
-__all__ = ["DirectRenderer", "PathRenderer", "make_renderer", "too_fast"]
+__all__ = ["DirectRenderer", "PathRenderer", "flicker_warnings", "make_renderer"]

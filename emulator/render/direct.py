@@ -50,8 +50,14 @@ class DirectRenderer:
     ) -> None:
         """Build the caster.
 
-        In: rgb, colour is wanted too, and luminance keeps its bytes; switches, code paths that are
-        forced on or off; like, the same camera's renderer until now, of which is taken what stays.
+        Args:
+            scene: What is seen.
+            camera: The optics.
+            config: [render].
+            threads: Worker threads; 0: one a core.
+            rgb: Whether colour is wanted too; luminance keeps its bytes.
+            switches: Code paths that are forced on or off.
+            like: The same camera's renderer until now, whose unchanged parts are shared.
         """
         scene = scene if config.sites else scene.without_sites()
         self._scene, self._camera = scene, camera
@@ -109,9 +115,16 @@ class DirectRenderer:
         )
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
-        """(h, w) float32 linear luminance.
+        """Render one instant.
 
-        In: into, where it goes; without it the array is this renderer's own and reused.
+        Args:
+            snapshot: The world at that instant.
+            pose: Where the camera is.
+            into: (h, w) float32, where the light goes; without it the array that is returned is
+                this renderer's own and reused.
+
+        Returns:
+            (h, w) float32 linear luminance.
         """
         placed = self._place(snapshot, pose)
         self._caster.render(*placed, self._luminance, self._rgb, self._noise, into)
@@ -121,9 +134,15 @@ class DirectRenderer:
         """Nothing here follows from a seed."""
 
     def trace(self, snapshot: SceneSnapshot, pose: CameraPose, pixels: I32) -> F32:
-        """Luminance of single pixels, the same as `render` gives them.
+        """Trace single pixels; their luminance is the same as `render` gives them.
 
-        In: pixels (n, 2) columns and rows inside the image. Out: (n,) float32.
+        Args:
+            snapshot: The world at an instant.
+            pose: Where the camera is.
+            pixels: (n, 2) columns and rows inside the image.
+
+        Returns:
+            (n,) float32 linear luminance.
         """
         x, y = (np.ascontiguousarray(part, np.int32) for part in np.asarray(pixels).T)
         luminance = np.zeros(len(x), np.float32)
@@ -166,7 +185,7 @@ class DirectRenderer:
 
     @property
     def work(self) -> dict[str, int]:
-        """What it has done: ticks, packets of 4 x 4 pixels asked, traced and lit again, trees."""
+        """What it has done: ticks, packets of 4 x 4 pixels needed, traced and lit again, trees."""
         return self._caster.work
 
     def _place(
@@ -193,12 +212,12 @@ class DirectRenderer:
 
 
 def _forced(scene: SceneModel, switches: Switches) -> dict[str, bool]:
-    """What the tracer is told of its code paths."""
-    told = switches.told()
-    # fog that nobody asked for would hide the sky
-    if scene.skybox >= 0 and told.get("fog"):
-        del told["fog"]
-    return told
+    """The code paths of the tracer that are forced: name -> on or off."""
+    forced = switches.forced()
+    # forced fog would hide the sky
+    if scene.skybox >= 0 and forced.get("fog"):
+        del forced["fog"]
+    return forced
 
 
 def scene_data(
@@ -271,11 +290,11 @@ def scene_data(
     data.skybox = scene.skybox if sky else -1
     if sky and scene.skybox < 0:
         data.skybox = data.add_texture(np.zeros((6, 1, 1, 3), np.uint8), True)
-    air = scene.air
-    if air is not None and config.fog:
-        data.set_fog(air.fog_start_m, air.fog_end_m, air.fog_rgb)
-    if air is not None and config.haze:
-        data.set_haze(air.haze_ratio, air.haze_radius_m, air.haze_rgb)
+    atmosphere = scene.atmosphere
+    if atmosphere is not None and config.fog:
+        data.set_fog(atmosphere.fog_start_m, atmosphere.fog_end_m, atmosphere.fog_rgb)
+    if atmosphere is not None and config.haze:
+        data.set_haze(atmosphere.haze_ratio, atmosphere.haze_radius_m, atmosphere.haze_rgb)
     return data, {
         "meshes": sum(id(mesh) not in meshes for mesh in scene.meshes),
         "textures": sum(id(texture) not in textures for texture in scene.textures),

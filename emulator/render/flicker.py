@@ -50,7 +50,9 @@ class Flicker:
         )
 
 
-def too_fast(lights: Sequence[Light], config: RenderConfig, tick_us: int) -> tuple[str, ...]:
+def flicker_warnings(
+    lights: Sequence[Light], config: RenderConfig, tick_us: int
+) -> tuple[str, ...]:
     """One line for each table whose light pulses faster than half the ticks: what is lost, the fix.
 
     By the sampling theorem; what the mean over a tick leaves of such a pulse beats with the ticks.

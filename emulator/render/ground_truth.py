@@ -46,9 +46,13 @@ def trace_hits(
     shape: tuple[int, int],
     lens: Lens,
 ) -> Hits:
-    """The first hits of a (h, w) image. In: placed, poses as Caster.render takes them.
+    """Trace the first hit of each pixel's centre.
 
-    Pixels outside the lens's image circle hit nothing, and have no direction either: NaN.
+    Args:
+        caster: The native tracer.
+        placed: Poses as Caster.render takes them.
+        shape: (h, w).
+        lens: Pixels outside its image circle hit nothing, and have no direction either: NaN.
     """
     found = Hits(
         np.empty(shape, np.int32),
@@ -76,9 +80,20 @@ def trace_truth(
     pose: CameraPose,
     previous: Instant | None,
 ) -> GroundTruth:
-    """Ground truth of one instant. In: placed, `snapshot` and `pose` as the caster takes them.
+    """Compute the ground truth of one instant.
 
-    EvsError where `previous` is not earlier than `snapshot`.
+    Args:
+        caster: The native tracer.
+        placed: `snapshot` and `pose` as Caster.render takes them.
+        scene: What is seen.
+        camera: The optics.
+        lens: Their map.
+        snapshot: The world at the instant.
+        pose: Where the camera is.
+        previous: An earlier instant, since which the flow is; None: there is no flow.
+
+    Raises:
+        EvsError: `previous` is not earlier than `snapshot`.
     """
     found = trace_hits(caster, placed, (camera.height, camera.width), lens)
     hit, turn = found.geom >= 0, pose.mat.reshape(3, 3)

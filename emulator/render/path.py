@@ -30,7 +30,18 @@ class PathRenderer(DirectRenderer):
         switches: Switches = UNFORCED,
         like: DirectRenderer | None = None,
     ) -> None:
-        """In: seed, what the noise follows from."""
+        """Build the caster.
+
+        Args:
+            scene: As of DirectRenderer.
+            camera: As of DirectRenderer.
+            config: As of DirectRenderer.
+            threads: As of DirectRenderer.
+            rgb: As of DirectRenderer.
+            seed: What the noise follows from.
+            switches: As of DirectRenderer.
+            like: As of DirectRenderer.
+        """
         super().__init__(scene, camera, config, threads, rgb, switches, like)
         self._seed, self._fresh = seed, config.seeds == "fresh"
 
@@ -44,9 +55,15 @@ class PathRenderer(DirectRenderer):
         self._seed = seed
 
     def trace(self, snapshot: SceneSnapshot, pose: CameraPose, pixels: I32) -> F32:
-        """Luminance of single pixels, the same as `render` gives them.
+        """Trace single pixels; their luminance is the same as `render` gives them.
 
-        In: pixels (n, 2) columns and rows inside the image. Out: (n,) float32.
+        Args:
+            snapshot: The world at an instant.
+            pose: Where the camera is.
+            pixels: (n, 2) columns and rows inside the image.
+
+        Returns:
+            (n,) float32 linear luminance.
         """
         self._noise = self._noise_of(snapshot)
         return super().trace(snapshot, pose, pixels)

@@ -119,7 +119,18 @@ class Aps:
         exposure_dn: float = WHITE_DN,
         camera: str = "camera",
     ) -> None:
-        """In: exposure_dn, DN per unit of luminance, as of the event pixels; 255 DN is white."""
+        """Check that the frames fit their rate.
+
+        Args:
+            parameters: [sensor.aps], resolved.
+            width: Of a frame, px.
+            height: Of a frame, px.
+            exposure_dn: DN per unit of luminance, as of the event pixels; 255 DN is white.
+            camera: Its name in frames.
+
+        Raises:
+            EvsError: Frames come faster than they can be taken.
+        """
         parameters.check_time(height)
         self.parameters, self.camera = parameters, camera
         self._shape = (height, width)
@@ -141,12 +152,20 @@ class Aps:
     def step(
         self, luminance: F32, state: ApsState, t_begin_us: int, t_end_us: int
     ) -> tuple[tuple[Frame, ...], ApsState]:
-        """The frames that were read out in the tick (t_begin_us, t_end_us], oldest first.
+        """Expose for one tick. The first tick only sets the light; the first frame begins after it.
 
-        In: luminance (h, w) float32, linear, as at t_end_us. The first tick only says what the
-        light is; the first frame begins at or after its end. Light that is negative, NaN or Inf
-        leaves the pixel at its last value. Raises EvsError: wrong shape, a tick that does not go
-        forward or has too many frames.
+        Args:
+            luminance: (h, w) float32, linear, as at t_end_us. Light that is negative, NaN or Inf
+                leaves the pixel at its last value.
+            state: The exposures so far.
+            t_begin_us: Where the tick begins, us.
+            t_end_us: Where it ends, us.
+
+        Returns:
+            The frames that were read out in (t_begin_us, t_end_us], oldest first; the state.
+
+        Raises:
+            EvsError: Wrong shape, a tick that does not go forward or has too many frames.
         """
         if np.shape(luminance) != self._shape:
             raise EvsError(

@@ -3,7 +3,7 @@
     samples, state = stage.step(pose, gravity, state, t_us)
 
 The camera's pose at each tick's end is all that is used: acceleration is the second difference of
-its position, angular velocity the turn between the ticks around. So images and samples tell of one
+its position, angular velocity the turn between the ticks around. So images and samples show one
 motion, whatever moved the camera (forces, a mocap body, poses set by hand), and the simulation is
 only looked at. At tick k the values of tick k - 1 are known: samples come one tick late, with true
 stamps. Between ticks they are interpolated, linearly. MuJoCo's integrators move a body by this very
@@ -119,10 +119,19 @@ class Imu:
     def step(
         self, pose: CameraPose, gravity: F64, state: ImuState, t_us: int
     ) -> tuple[ImuSamples, ImuState]:
-        """The samples due after the motion known before, up to the instant before this one.
+        """Sample the motion up to the instant before this one; the first two instants give none.
 
-        In: pose at t_us; gravity (3,) m/s^2, in the world. The first two instants give none.
-        Raises EvsError where time does not go forward, or by too much at once.
+        Args:
+            pose: Of the camera at t_us.
+            gravity: (3,) m/s^2, in the world.
+            state: The last poses and the noise.
+            t_us: The instant, us.
+
+        Returns:
+            The samples that are due, and the state.
+
+        Raises:
+            EvsError: Time does not go forward, or by too much at once.
         """
         instant = np.array([float(t_us), *pose.pos, *pose.mat])
         if len(state.poses) and t_us <= state.poses[-1, 0]:
@@ -164,7 +173,7 @@ class Imu:
                 value, walk[which] = value + walked, walked[-1]
             if _NOISES[which] in noise:
                 value = value + noise[_NOISES[which]]
-            samples[key] = self._said(value, which)
+            samples[key] = self._measured(value, which)
         samples["temperature"] = np.float32(self.parameters.temperature_c)
         return samples, replace(state, walk=walk)
 
@@ -180,12 +189,12 @@ class Imu:
             for term, numbers in zip(terms, normals, strict=True)
         }
 
-    def _said(self, value: F64, which: int) -> F64:
-        """What a sensor says of a value: within its range, and float32 in its own unit."""
-        said = value / _UNITS[which]
+    def _measured(self, value: F64, which: int) -> F64:
+        """What a sensor measures of a value: within its range, and float32 in its own unit."""
+        measured = value / _UNITS[which]
         if self._ranges[which] > 0.0:
-            said = np.clip(said, -self._ranges[which], self._ranges[which])
-        return said.astype(np.float32).astype(np.float64) * _UNITS[which]
+            measured = np.clip(measured, -self._ranges[which], self._ranges[which])
+        return measured.astype(np.float32).astype(np.float64) * _UNITS[which]
 
 
 def _motion(

@@ -9,9 +9,14 @@ Vector3 = tuple[float, float, float]
 
 
 def rotation_vector(before: Sequence[float], after: Sequence[float]) -> Vector3:
-    """Axis times angle (rad) of the turn from one orientation to another, in the turning frame.
+    """Find the turn from one orientation to another: the shorter way, at most half a turn.
 
-    In: (9,) row-major matrices, frame to world. The shorter way round, at most half a turn.
+    Args:
+        before: (9,) row-major matrix, frame to world.
+        after: As `before`.
+
+    Returns:
+        Axis times angle, rad, in the turning frame.
     """
     # element (i, j) of before^T after
     relative = [[dot(before[i::3], after[j::3]) for j in range(3)] for i in range(3)]

@@ -1,4 +1,4 @@
-"""Which terms the pixels have. What is not here has no memory, no loop and no number."""
+"""Which terms the pixels have. A term that is off has no state, no loop and no random number."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class SensorTerms:
         causes: bool = False,
         switches: Switches = UNFORCED,
     ) -> SensorTerms:
-        """Those that the sensor asks for, or that are forced on."""
+        """Those that the sensor needs, or that are forced on."""
         needed: dict[str, object] = {
             name: any(getattr(sensor, key) for key in keys) for name, keys in TERMS.items()
         }

@@ -23,7 +23,7 @@ from evs.emulator.state import (
     words,
 )
 from evs.emulator.state.versions import versions
-from evs.emulator.world import LiveScene, MjData, MjModel, ModelDigest, Poser
+from evs.emulator.world import LiveScene, MjData, MjModel, ModelDigest, SnapshotTaker
 from evs.msgs import (
     EventPacket,
     Events,
@@ -72,7 +72,21 @@ class EventCamera:
         threads: int = 0,
         name: str | None = None,
     ) -> None:
-        """In: camera, the name of one of the model's, or a description; "" is its first."""
+        """Put a camera into a model.
+
+        Args:
+            model: Stepped by somebody else; it is not changed.
+            camera: The name of one of the model's cameras, or a description; "" is its first.
+            sensor: The name of a preset, or a configuration.
+            render: How light reaches the pixels; None: the defaults.
+            model_config: What turns light into events; None: the defaults.
+            seed: Every random number of the sensor follows from it.
+            threads: Worker threads; 0: one a core.
+            name: Its name in packets; None: after the model's camera.
+
+        Raises:
+            EvsError: No MjModel, no such camera or preset, or a configuration without sense.
+        """
         if not isinstance(model, MjModel):
             raise EvsError(
                 f"an EventCamera takes a mujoco.MjModel, not {_kind(model)}; "
@@ -91,8 +105,8 @@ class EventCamera:
         self._camera = Camera(model, self._scene.scene, plan, tick_us=tick_us)
         self._tick_us = tick_us
         self._t_us: int | None = None
-        self._poser = Poser(model, [self._camera.bound])
-        self._history = SnapshotHistory(self._poser)
+        self._taker = SnapshotTaker(model, [self._camera.bound])
+        self._history = SnapshotHistory(self._taker)
         self._packet: EventPacket | None = None
 
     def _see_edits(self) -> None:
@@ -101,7 +115,7 @@ class EventCamera:
             return
         scene = self._scene.extract()
         self._camera.refreshing(scene)()
-        self._poser.fit([self._camera.bound])
+        self._taker.fit([self._camera.bound])
         self._scene.taken(scene)
 
     def __repr__(self) -> str:
@@ -112,11 +126,17 @@ class EventCamera:
         )
 
     def observe(self, data: MjData) -> Events:
-        """Events since the last call, (n,) EVENT_DTYPE, sorted by t in us of `data.time`.
+        """See the world as it is now. The first call sets the reference and gives no events.
 
-        The first call sets the reference and gives none. Raises EvsError where time did not
-        advance, the data is not of this model, or the model was edited into something that cannot
-        be shown.
+        Args:
+            data: Of the model, or of a copy that is as the model is; it is only read.
+
+        Returns:
+            (n,) EVENT_DTYPE, the events since the last call, sorted by t, us of `data.time`.
+
+        Raises:
+            EvsError: Time did not advance, the data is not of this model, or the model was edited
+                into something that cannot be shown.
         """
         if not isinstance(data, MjData):
             raise EvsError(
@@ -135,7 +155,7 @@ class EventCamera:
         self._see_edits()
         t_us = round(data.time * 1e6)
         passed_us = self._tick_us if self._t_us is None else max(t_us - self._t_us, 0)
-        snapshot = self._history.look(data, t_us, passed_us)
+        snapshot = self._history.snapshot(data, t_us, passed_us)
         self._t_us = t_us
         if not self._camera.started:
             self._camera.start(snapshot)
@@ -151,25 +171,34 @@ class EventCamera:
         That observe also compares what every one would take too long for: vertices of meshes,
         heights, texels, skins and flexes.
         """
-        self._scene.look_closely()
+        self._scene.compare_large_arrays()
         self._camera.reset()
         self._history.reset()
         self._packet, self._t_us = None, None
 
     def save(self, compress: bool = False) -> bytes:
-        """Everything that the next observe follows from, but for the data that it is given.
+        """Save everything that the next observe follows from, except the data that it is given.
 
-        In: compress, half the size for some 6 times the time.
+        Args:
+            compress: Half the size, in about 6 times the time.
+
+        Returns:
+            What `restore` takes.
         """
         return pack(self._identity(), self._arrays(), compress)
 
     def restore(self, blob: bytes) -> None:
         """Go on from where `save` was called, in this process or another, with the same bytes.
 
-        Put the data back as well. Raises EvsError where the blob is damaged, or of another model or
-        configuration, and then nothing has changed.
+        Put the data back as well.
+
+        Args:
+            blob: What `save` gave.
+
+        Raises:
+            EvsError: It is damaged, or of another model or configuration; nothing has changed.
         """
-        self._scene.look_closely()
+        self._scene.compare_large_arrays()
         self._see_edits()
         saved = unpack_here(blob, self._identity(), self._arrays())
         t_us = saved["t_us"].tolist()
@@ -200,11 +229,14 @@ class EventCamera:
     def refresh(self) -> None:
         """Compare all of the model now, and show what was changed: large arrays as well.
 
-        Those are vertices of meshes, heights, texels, skins and flexes; whatever else is edited the
-        next observe shows of itself. The pixels keep their state, so they see the change as they
-        would see any other. Raises EvsError where it cannot be shown.
+        Those are vertices of meshes, heights, texels, skins and flexes; whatever else is edited,
+        the next observe shows by itself. The pixels keep their state, so they see the change as
+        they would see any other.
+
+        Raises:
+            EvsError: The model cannot be shown.
         """
-        self._scene.look_closely()
+        self._scene.compare_large_arrays()
         self._see_edits()
         self._camera.forget_instants()
         self._history.reset()
@@ -221,7 +253,7 @@ class EventCamera:
 
     @property
     def imu(self) -> ImuSamples:
-        """(n,) what the IMU said in the last observe; needs sensor.imu.enabled. See Camera.imu."""
+        """(n,) IMU samples of the last observe; needs sensor.imu.enabled. See Camera.imu."""
         return self._camera.imu
 
     @property
@@ -238,7 +270,7 @@ class EventCamera:
     def rebuilt(self) -> dict[str, int]:
         """How often the scene was built again since this was made, as the model was edited.
 
-        Out: scenes, and of these how many meshes and textures; nothing else was built again.
+        `scenes`, and of these how many `meshes` and `textures`; nothing else was built again.
         """
         return dict(self._camera.rebuilt)
 

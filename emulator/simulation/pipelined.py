@@ -26,7 +26,7 @@ MOST_BYTES = 256 * 2**20
 
 
 class TickMeter(Protocol):
-    """A Meter that is told where ticks begin and end, in each thread for itself."""
+    """A Meter that counts ticks, in each thread by itself."""
 
     def begin_tick(self) -> None:
         """The thread's next tick starts now."""
@@ -59,9 +59,15 @@ class PipelinedWorld:
     """
 
     def __init__(self, world: World, ticks: int, meter: TickMeter, depth: int) -> None:
-        """In: ticks, no more than these are made; meter, the one that the world laps.
+        """Set up the buffers; the thread starts with the first step.
 
         Chunks (model.chunk) wait as a whole: depth is that many more, as far as MOST_BYTES goes.
+
+        Args:
+            world: The world; nobody else may step it meanwhile.
+            ticks: No more than these are made.
+            meter: The one that the world laps.
+            depth: How many ticks ahead light is made.
         """
         self._world, self._meter = world, meter
         self._ticks, self._done = ticks, 0
@@ -72,7 +78,7 @@ class PipelinedWorld:
         depth = max(1, min(depth, MOST_BYTES // tick_bytes))
         self._used = _buffers(world.cameras)
         """where the light lies that was last handed out"""
-        # the thread waits where none is free: neither queue needs a bound, nor it a look at a clock
+        # the thread waits where none is free: neither queue needs a bound, nor the thread a clock
         self._free: SimpleQueue[Buffers] = SimpleQueue()
         self._made: SimpleQueue[tuple[_Tick, Buffers]] = SimpleQueue()
         for _ in range(depth + 1):
@@ -144,7 +150,7 @@ class PipelinedWorld:
                 self._meter.skip()
                 made = self._light(snapshot, buffers), buffers
                 self._meter.end_tick()
-        except BaseException as error:  # whatever it is, the run loop has to hear of it
+        except BaseException as error:  # whatever it is, the run loop has to raise it
             failure = error
         if made is not None:
             self._made.put(made)

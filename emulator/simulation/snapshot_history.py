@@ -8,7 +8,7 @@ import numpy as np
 
 from evs.emulator.base.scene import F64, SceneSnapshot
 from evs.emulator.state import Saved
-from evs.emulator.world import MjData, Poser
+from evs.emulator.world import MjData, SnapshotTaker
 from evs.msgs import EvsError
 
 
@@ -18,28 +18,33 @@ class PastInstant(NamedTuple):
     t_us: int
     exposure_us: int
     places: F64
-    """(n,) as of Poser.places"""
+    """(n,) as of SnapshotTaker.places"""
 
 
 class SnapshotHistory:
     """Takes snapshots, and remembers what the last two of them followed from."""
 
-    def __init__(self, poser: Poser) -> None:
-        self._poser = poser
+    def __init__(self, taker: SnapshotTaker) -> None:
+        self._taker = taker
         self._kept: tuple[PastInstant, ...] = ()
 
     def reset(self) -> None:
         """Forget them."""
         self._kept = ()
 
-    def look(self, data: MjData, t_us: int, exposure_us: int) -> SceneSnapshot:
+    def snapshot(self, data: MjData, t_us: int, exposure_us: int) -> SceneSnapshot:
         """A snapshot, of which nothing is remembered yet."""
-        return self._poser.snapshot(data, t_us, exposure_us)
+        return self._taker.snapshot(data, t_us, exposure_us)
 
     def keep(self, snapshot: SceneSnapshot, only_first: bool = False) -> None:
-        """Remember the snapshot that was just taken. In: only_first, unless there is one before."""
+        """Remember the snapshot that was just taken.
+
+        Args:
+            snapshot: It.
+            only_first: Only if none is remembered yet.
+        """
         if not (only_first and self._kept):
-            moment = PastInstant(snapshot.t_us, snapshot.exposure_us, self._poser.places)
+            moment = PastInstant(snapshot.t_us, snapshot.exposure_us, self._taker.places)
             self._kept = (moment, *self._kept[:1])
 
     def save(self) -> Saved:
@@ -48,7 +53,7 @@ class SnapshotHistory:
         places = np.array([moment.places for moment in self._kept], np.float64)
         return {
             "times": np.array(times, np.int64).reshape(len(times), 2),
-            "places": places.reshape(len(times), self._poser.places.size),
+            "places": places.reshape(len(times), self._taker.places.size),
         }
 
     def read(self, saved: Saved, now_us: int) -> tuple[SnapshotHistory, list[SceneSnapshot]]:
@@ -65,9 +70,9 @@ class SnapshotHistory:
         )
         if not sound or (len(times) and times[0, 0] != now_us):
             raise EvsError("saved state is damaged: its times cannot be; save it again")
-        other = SnapshotHistory(self._poser)
+        other = SnapshotHistory(self._taker)
         other._kept = tuple(
             PastInstant(t_us, exposure_us, place)
             for (t_us, exposure_us), place in zip(times.tolist(), places, strict=True)
         )
-        return other, [self._poser.again(m.places, m.t_us, m.exposure_us) for m in other._kept]
+        return other, [self._taker.again(m.places, m.t_us, m.exposure_us) for m in other._kept]

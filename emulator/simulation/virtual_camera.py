@@ -34,7 +34,23 @@ class VirtualCamera:
         threads: int = 0,
         name: str | None = None,
     ) -> None:
-        """The options are those of World and World.add_camera."""
+        """Make a world with one camera.
+
+        Args:
+            scene: As of World.
+            camera: As of World.add_camera.
+            tick_us: As of World.
+            control: As of World.
+            sensor: As of World.add_camera.
+            render: As of World.add_camera.
+            model: As of World.add_camera.
+            seed: As of World.
+            threads: As of World.
+            name: As of World.add_camera.
+
+        Raises:
+            EvsError: As of World and World.add_camera.
+        """
         self.world = World(scene, tick_us=tick_us, control=control, seed=seed, threads=threads)
         if isinstance(scene, SceneConfig) and camera == "":
             camera = scene.camera
@@ -46,9 +62,17 @@ class VirtualCamera:
         return f"<evs.VirtualCamera '{self.camera.name}' in {self.world!r}>"
 
     def step(self, ctrl: npt.ArrayLike | None = None) -> EventPacket:
-        """Advance one tick; its packet. `ctrl` (nu,) holds until another is given.
+        """Advance by one tick.
 
-        Raises EvsError with model.chunk over 1: then iterate, or take `run`.
+        Args:
+            ctrl: (nu,) controls, which hold until others are given.
+
+        Returns:
+            The packet of the tick.
+
+        Raises:
+            EvsError: model.chunk is over 1; then iterate, or use `run`.
+            UnstableError: The physics broke down.
         """
         if self.camera.chunk > 1:
             raise EvsError(
@@ -94,7 +118,7 @@ class VirtualCamera:
 
     @property
     def imu(self) -> ImuSamples:
-        """(n,) what the IMU said in the last tick; see Camera.imu."""
+        """(n,) IMU samples of the last tick; see Camera.imu."""
         return self.camera.imu
 
     @property

@@ -46,8 +46,8 @@ from evs.emulator.world import (
     MjModel,
     ModelDigest,
     Physics,
-    Poser,
     Scene,
+    SnapshotTaker,
     Substeps,
     check_control,
     load_model,
@@ -82,11 +82,18 @@ class World:
     ) -> None:
         """Load the scene.
 
-        In: scene, a path to MJCF or MJB, a MjModel or MjSpec (copied), or a SceneConfig, whose
-        tick, control and keyframe then hold; control, "auto" (those of `home` if it starts there,
-        else zero), "zero", "keyframe", "random" or `f(t_s, data) -> ctrl`; seed, every random
-        number of controls and sensors follows from it. Raises EvsError with one line for whatever
-        cannot be.
+        Args:
+            scene: A path to MJCF or MJB, a MjModel or MjSpec (copied), or a SceneConfig, whose
+                tick, control and keyframe then hold.
+            tick_us: Length of a tick, us.
+            control: "auto" (the controls of `home` if it starts there, else zero), "zero",
+                "keyframe", "random", or a function `f(t_s, data) -> ctrl`.
+            seed: Every random number of controls and sensors follows from it.
+            threads: Worker threads of renderers and pixels; 0: one a core.
+            meter: Measures how long each stage takes.
+
+        Raises:
+            EvsError: The scene does not load, or an argument makes no sense; one line.
         """
         if isinstance(scene, SceneConfig):
             settings = plain_config(scene, "scene")
@@ -110,8 +117,8 @@ class World:
         self._given: F64 | None = None
         self._physics = Physics(model, settings.tick_us, self._control.keyframe)
         self._scene = LiveScene(model)
-        self._poser = Poser(model)
-        self._history = SnapshotHistory(self._poser)
+        self._taker = SnapshotTaker(model)
+        self._history = SnapshotHistory(self._taker)
         self._cameras: list[Camera] = []
         # they hold the world, which would otherwise never be dropped with them
         self._view_refs: list[ref[View]] = []
@@ -126,7 +133,7 @@ class World:
 
     @classmethod
     def from_config(cls, config: RunConfig, meter: Meter | None = None) -> World:
-        """The world of a pipeline, with its one camera."""
+        """The world of a pipeline, with its one camera. Raises EvsError."""
         world = cls(config.scene, seed=config.seed, threads=config.threads, meter=meter)
         world._add(plan_of(config), asdict(config))
         return world
@@ -146,10 +153,23 @@ class World:
         model: ModelConfig | None = None,
         name: str | None = None,
     ) -> Camera:
-        """One more camera on this world's clock; its packets come last in each step.
+        """Add a camera on this world's clock; its packets come last in each step.
 
-        In: camera, the name of one of the model's, or a description; "" is the model's first, else
-        a free one. The n-th camera's pixels follow from seed + n, so that no two are alike.
+        The n-th camera's pixels follow from seed + n, so that no two are alike.
+
+        Args:
+            camera: The name of one of the model's cameras, or a description; "" is the model's
+                first, else a free camera.
+            sensor: The name of a preset, or a configuration.
+            render: How light reaches the pixels; None: the defaults.
+            model: What turns light into events; None: the defaults.
+            name: Its name on the bus and in recordings; None: after the model's camera.
+
+        Returns:
+            The camera.
+
+        Raises:
+            EvsError: No such camera or preset, or a configuration that makes no sense.
         """
         seed = self._seed + len(self._cameras)
         return self._add(
@@ -181,9 +201,19 @@ class World:
         render: RenderConfig | None = None,
         rgb: bool = False,
     ) -> View:
-        """A look at the world without pixels and events: light and ground truth, when asked for.
+        """Add a view of the world without pixels and events: light and ground truth on request.
 
-        In: as of add_camera; of the sensor its size alone counts. rgb, colour is wanted too.
+        Args:
+            camera: As of add_camera.
+            sensor: Its size alone counts.
+            render: How light reaches the pixels; None: the defaults.
+            rgb: Whether colour is wanted too.
+
+        Returns:
+            The view.
+
+        Raises:
+            EvsError: As of add_camera.
         """
         plan = plan_camera(camera, sensor, render, None, None, self._seed, self._threads)
         return self._add_view(plan, rgb)
@@ -203,12 +233,12 @@ class World:
 
     def _pose(self, camera: BoundCamera) -> None:
         """Every snapshot from now on has one more camera's pose."""
-        self._poser.add_camera(camera)
+        self._taker.add_camera(camera)
         self._bounds.append(camera)
 
     def _snapshot(self) -> SceneSnapshot:
         self._see_edits()
-        return self._history.look(self.data, self._physics.t_us, self.substeps.tick_us)
+        return self._history.snapshot(self.data, self._physics.t_us, self.substeps.tick_us)
 
     def _see_edits(self) -> None:
         """Show the model as it is now, where somebody has edited it. Raises EvsError."""
@@ -221,22 +251,33 @@ class World:
             put()
         for one in seers:
             self._bounds[one.place] = one.bound
-        self._poser.fit(self._bounds)
+        self._taker.fit(self._bounds)
         self._scene.taken(scene)
 
     def save(self, compress: bool = False) -> bytes:
-        """Everything that the next tick follows from, of physics and cameras, as bytes.
+        """Save everything that the next tick follows from, of physics and cameras.
 
-        In: compress, half the size for some 6 times the time. A control function of the
-        caller's own is not in it, and has no memory if it follows from its arguments alone.
+        A control function of the caller's own is not saved; it needs no saving if it follows from
+        its arguments alone.
+
+        Args:
+            compress: Half the size, in about 6 times the time.
+
+        Returns:
+            What `restore` takes.
         """
         return pack({"kind": "world", **self.identity}, self.arrays(), compress)
 
     def restore(self, blob: bytes) -> None:
         """Go on from where `save` was called, in this process or another, with the same bytes.
 
-        Raises EvsError where the blob is damaged, or of another model or configuration, and then
-        nothing has changed. Seed, threads and instruction set may be others: seeds are restored.
+        Seed, threads and instruction set may be others: seeds are restored.
+
+        Args:
+            blob: What `save` gave.
+
+        Raises:
+            EvsError: It is damaged, or of another model or configuration; nothing has changed.
         """
         identity = {"kind": "world", **self.identity}
         self.restoring(unpack_here(blob, identity, self.arrays()))()
@@ -252,11 +293,15 @@ class World:
         }
 
     def restoring(self, saved: Saved) -> Callable[[], None]:
-        """Checks what `arrays` gave; what comes back puts it in place. Raises EvsError.
+        """Check a saved state; the function that is returned puts it in place.
 
-        In: saved, with names, kinds and dimensions that were checked.
+        Args:
+            saved: What `arrays` gave; names, kinds and dimensions are checked already.
+
+        Raises:
+            EvsError: It is damaged.
         """
-        self._scene.look_closely()
+        self._scene.compare_large_arrays()
         self._see_edits()
         physics = self._physics.restoring(part(saved, "physics"))
         seed, control_seed = whole(saved, "seed"), whole(saved, "control_seed")
@@ -300,11 +345,19 @@ class World:
         }
 
     def step(self, ctrl: npt.ArrayLike | None = None) -> tuple[EventPacket, ...]:
-        """Advance one tick; one packet a camera.
+        """Advance by one tick.
 
-        With model.chunk over 1 a camera has none while its chunk fills, then one of each tick.
-        In: ctrl (nu,) holds for this tick and the following ones, instead of the control source.
-        Raises UnstableError where the physics breaks down; the packets until then stay true.
+        Args:
+            ctrl: (nu,) controls for this tick and the following ones, instead of the control
+                source.
+
+        Returns:
+            One packet a camera. With model.chunk over 1 a camera has none while its chunk fills,
+            then one of each tick.
+
+        Raises:
+            UnstableError: The physics broke down; the packets until then stay true.
+            EvsError: The controls have another shape, or are not finite.
         """
         if ctrl is not None:
             self._given = check_control(ctrl, self.model.nu, "step(ctrl)")
@@ -328,12 +381,18 @@ class World:
         return snapshot
 
     def reset(self, seed: int | None = None, keyframe: str = "") -> None:
-        """Back to the beginning, whatever happened before: time, physics, pixels and counters.
+        """Go back to the beginning: time, physics, pixels and counters.
 
-        In: seed, all random numbers follow from another one from now on, as in a new world of that
-        seed; keyframe, name or number of the one to start from, "" is as the world was made, "none"
-        the model's own qpos0. Until the next step `world.data` may be put into any state again.
-        Raises EvsError, and then nothing has changed.
+        Until the next step `world.data` may be put into any state again.
+
+        Args:
+            seed: All random numbers follow from it from now on, as in a new world of that seed;
+                None keeps the last one.
+            keyframe: Name or number of the keyframe to start from; "" is as the world was made,
+                "none" the model's own qpos0.
+
+        Raises:
+            EvsError: No such keyframe; nothing has changed.
         """
         start = self._control.keyframe
         if keyframe != "":
@@ -344,7 +403,7 @@ class World:
             self._control.reseed(self._control.seed + seed - self._seed)
             self._seed = seed
         self._given = None
-        self._scene.look_closely()
+        self._scene.compare_large_arrays()
         self._history.reset()
         self._physics.reset(start)
         for place, camera in enumerate(self._cameras):
@@ -357,7 +416,17 @@ class World:
         return tuple(packet for camera in self._cameras for packet in camera.finish())
 
     def run(self, duration_s: float) -> Iterator[tuple[EventPacket, ...]]:
-        """Step through the whole ticks nearest to `duration_s`, at least one; then `finish`."""
+        """Step through the whole ticks nearest to a duration, at least one; then `finish`.
+
+        Args:
+            duration_s: Simulated time, s.
+
+        Yields:
+            The packets of each step.
+
+        Raises:
+            EvsError: The duration is not over 0 s.
+        """
         if not (duration_s > 0.0 and math.isfinite(duration_s)):
             raise EvsError(f"duration_s is {duration_s}: it must be over 0 s, for example 1.0")
         ticks = max(1, round(duration_s * 1e6 / self.substeps.tick_us))
@@ -417,7 +486,7 @@ class World:
 
     @property
     def substeps(self) -> Substeps:
-        """How the model's time step was fitted to the tick; str() says it."""
+        """How the model's time step was fitted to the tick; str() describes it."""
         return self._physics.substeps
 
     @property
@@ -441,7 +510,7 @@ class World:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """One line for each thing that is not shown, with the fix; said as warnings before."""
+        """One line for each thing that is not shown, with the fix; issued as warnings before."""
         lines = (line for camera in self._cameras for line in camera.left_out)
         return (*self._scene.scene.left_out, *dict.fromkeys(lines))
 

@@ -38,7 +38,7 @@ _DAMAGED = "saved state is damaged: {}; save it again"
 
 
 class Row(NamedTuple):
-    """What the head says of an array."""
+    """The head's entry of an array."""
 
     dtype: np.dtype[Any]
     shape: tuple[int, ...]
@@ -62,10 +62,13 @@ Check = Callable[[dict[str, Any], dict[str, Row]], None]
 
 
 def pack(about: Mapping[str, Any], arrays: Mapping[str, Array], compress: bool = False) -> bytes:
-    """The bytes. In: about, plain values (JSON); arrays of numbers or text.
+    """Pack a saved state.
 
-    compress deflates every array, about 6 times as slow, for half the size; else only what is
-    quickly made much smaller is.
+    Args:
+        about: Plain values (JSON).
+        arrays: Arrays of numbers or text, by name.
+        compress: Deflate every array: about 6 times as slow, for half the size. Otherwise only what
+            quickly becomes much smaller is deflated.
     """
     rows: list[list[Any]] = []
     parts: list[bytes | memoryview] = []
@@ -85,9 +88,17 @@ def pack(about: Mapping[str, Any], arrays: Mapping[str, Array], compress: bool =
 
 
 def unpack(blob: bytes, check: Check | None = None) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Description and arrays of `pack`, these writable. Raises EvsError for anything else.
+    """Unpack a saved state.
 
-    In: check, called before memory is taken for any array.
+    Args:
+        blob: What `pack` gave.
+        check: Called with description and rows before memory is allocated for any array.
+
+    Returns:
+        The description, and the arrays, writable.
+
+    Raises:
+        EvsError: It is something else, or damaged.
     """
     if not isinstance(blob, bytes | bytearray | memoryview):
         raise EvsError(f"a saved state is bytes, not {type(blob).__name__}: give what save() gave")
@@ -101,11 +112,11 @@ def unpack(blob: bytes, check: Check | None = None) -> tuple[dict[str, Any], dic
         )
     if zlib.crc32(raw[_START.size - 4 :]) != crc:
         raise EvsError(_DAMAGED.format(f"its checksum does not fit its {len(raw)} bytes"))
-    about, told = _head(raw[_START.size : _START.size + size])
+    about, listed = _head(raw[_START.size : _START.size + size])
     place, total = _START.size + size, 0
     rows: dict[str, Row] = {}
-    for one in told:
-        name, row = _checked(one)
+    for entry in listed:
+        name, row = _checked(entry)
         total += row.nbytes
         place += row.stored
         if total > MAX_BYTES or name in rows or place > len(raw):
@@ -179,22 +190,23 @@ def _head(packed: memoryview) -> tuple[dict[str, Any], list[Any]]:
     return about, rows
 
 
-def _checked(told: Any) -> tuple[str, Row]:
-    """The five things said of an array, each of its kind."""
-    five: list[Any] = told if isinstance(told, list) and len(told) == 5 else [None] * 5
-    name, kind, shape, way, stored = five
-    sound = (
-        isinstance(name, str)
-        and isinstance(kind, str)
-        and _KINDS.fullmatch(kind) is not None
-        and isinstance(shape, list)
-        and len(shape) <= _MAX_DIMENSIONS
-        and all(_is_count(side) for side in shape)
-        # without its empty sides, too: numpy multiplies the others
-        and math.prod(side or 1 for side in shape) <= MAX_BYTES
-        and way in ("raw", "one", "deflate")
-        and _is_count(stored)
-    )
+def _checked(entry: Any) -> tuple[str, Row]:
+    """An entry of the head: five values, each of its type."""
+    sound = isinstance(entry, list) and len(entry) == 5
+    if sound:
+        name, kind, shape, way, stored = entry
+        sound = (
+            isinstance(name, str)
+            and isinstance(kind, str)
+            and _KINDS.fullmatch(kind) is not None
+            and isinstance(shape, list)
+            and len(shape) <= _MAX_DIMENSIONS
+            and all(_is_count(side) for side in shape)
+            # without its empty sides, too: numpy multiplies the others
+            and math.prod(side or 1 for side in shape) <= MAX_BYTES
+            and way in ("raw", "one", "deflate")
+            and _is_count(stored)
+        )
     if not sound:
         raise EvsError(_DAMAGED.format("its head says what cannot be"))
     return name, Row(np.dtype(kind), tuple(shape), way, stored)

@@ -41,9 +41,15 @@ def part(saved: Mapping[str, np.ndarray[Any, Any]], name: str) -> Saved:
 
 
 def unpack_here(blob: bytes, identity: Mapping[str, Any], here: Saved) -> Saved:
-    """The arrays of a blob that was saved where this is. Raises EvsError, before they take memory.
+    """Unpack the arrays of a state that was saved in an object like this one.
 
-    In: identity, description that it has to have; here, as its arrays would be now.
+    Args:
+        blob: What `pack` gave.
+        identity: The description that it has to have.
+        here: The arrays as they would be saved now; names, kinds and dimensions have to agree.
+
+    Raises:
+        EvsError: They do not; before memory is allocated for them.
     """
 
     def check(about: Mapping[str, Any], rows: Mapping[str, Row]) -> None:

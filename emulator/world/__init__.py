@@ -32,7 +32,7 @@ from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model, load_s
 from evs.emulator.world.mobility import Mobility, mobility_of
 from evs.emulator.world.named_sensors import NamedSensors, add_joint_sensors
 from evs.emulator.world.physics import Physics
-from evs.emulator.world.snapshots import Poser
+from evs.emulator.world.snapshots import SnapshotTaker
 from evs.emulator.world.ticks import Substeps, fill_tick
 from evs.emulator.world.unstable import UnstableError
 
@@ -52,8 +52,8 @@ __all__ = [
     "ModelDigest",
     "NamedSensors",
     "Physics",
-    "Poser",
     "Scene",
+    "SnapshotTaker",
     "Substeps",
     "UnstableError",
     "actuator_names",

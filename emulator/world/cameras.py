@@ -77,12 +77,19 @@ class BoundCamera:
 def bind_camera(
     model: mujoco.MjModel, name: str, width: int, height: int, config: CameraConfig | None = None
 ) -> BoundCamera:
-    """The camera called `name` (or with that number), or the one that `config` describes.
+    """Bind a camera of the model, or one that the configuration describes.
 
-    With neither, the model's first camera, else a free camera that shows what moves. In: width,
-    height of the sensor in px. `config` may also give a model's camera other optics. EvsError for
-    unknown names, resolutions and angles that make no picture, and descriptions that contradict
-    each other.
+    Args:
+        model: The model.
+        name: Name or number of one of its cameras; "" with no description is its first camera, else
+            a free camera that shows what moves.
+        width: Of the sensor, px.
+        height: Of the sensor, px.
+        config: A description, or other optics for a camera of the model.
+
+    Raises:
+        EvsError: An unknown name, a resolution or angle that makes no picture, or a description
+            that contradicts itself.
     """
     config = config or CameraConfig()
     if width < 1 or height < 1 or width * height > MAX_PIXELS:

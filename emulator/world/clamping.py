@@ -14,10 +14,16 @@ BRIGHTEST = 1e9
 
 
 def clamped(value: float, low: float, high: float, what: str) -> float:
-    """`value` inside low ... high, the nearest where it is not; EvsError where it is no number.
+    """Clamp a number of the model, as MuJoCo's viewer clamps colours in the end.
 
-    MuJoCo takes any number, and its viewer cuts colours to 0 ... 1 in the end. In: what, the name
-    of the value and of what has it.
+    Args:
+        value: Any number, as MuJoCo takes it.
+        low: The lowest result.
+        high: The highest result.
+        what: The name of the value and of what has it, for messages.
+
+    Raises:
+        EvsError: It is not finite.
     """
     number = float(value)
     if not math.isfinite(number):

@@ -1,6 +1,6 @@
 """What MuJoCo 3.3 to 4 store or count differently: the one place that branches on its version.
 
-Each question asks for the feature, not for a version number, so that a later MuJoCo that keeps the
+Each function tests for the feature, not for a version number, so that a later MuJoCo that keeps the
 newest form needs no line here.
 """
 

@@ -51,10 +51,20 @@ def make_control(
     seed: int = 0,
     scale: float = 1.0,
 ) -> Control:
-    """The control source called `source`: auto, zero, keyframe, random, file, or a function.
+    """Make a control source.
 
-    "auto" gives no control, so that those of the starting keyframe hold.
-    In: `rate_hz`, how often `random` and `file` change. EvsError for what does not exist or fit.
+    Args:
+        model: The model.
+        source: auto, zero, keyframe, random, file, or a function `f(t_s, data) -> ctrl`. "auto"
+            gives no control, so that those of the starting keyframe hold.
+        keyframe: Name or number, for "keyframe".
+        file: Path of the controls, for "file".
+        rate_hz: How often "random" and "file" change.
+        seed: What "random" follows from.
+        scale: Share of the control range that "random" uses.
+
+    Raises:
+        EvsError: A source, keyframe or file that does not exist, or does not fit the model.
     """
     if callable(source):
         return _from_function(source, model.nu)
@@ -79,9 +89,17 @@ def make_control(
 
 
 def starting_keyframe(model: mujoco.MjModel, name: str) -> int:
-    """The id of the keyframe that a run starts from; -1: from qpos0.
+    """Find the keyframe that a run starts from.
 
-    In: name, a keyframe's name or number; empty: `home` where the model has it; none: qpos0.
+    Args:
+        model: The model.
+        name: Name or number; "": `home` where the model has it; "none": qpos0.
+
+    Returns:
+        Its id; -1: qpos0.
+
+    Raises:
+        EvsError: No such keyframe.
     """
     if name == NO_KEYFRAME:
         return -1

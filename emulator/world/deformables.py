@@ -14,18 +14,20 @@ from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.materials import Rgba, is_shown, shown_rgba
 
 
-class Deforming:
+class Deformables:
     """The visible skins and flexes with faces of one model: first the skins, then the flexes."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
         self._skins = [
-            i for i in range(model.nskin) if is_shown(model.skin_group[i], self._skin_look(i)[0])
+            i
+            for i in range(model.nskin)
+            if is_shown(model.skin_group[i], self._skin_appearance(i)[0])
         ]
         self._flexes = [
             i
             for i in range(model.nflex)
-            if model.flex_dim[i] > 1 and is_shown(model.flex_group[i], self._flex_look(i)[0])
+            if model.flex_dim[i] > 1 and is_shown(model.flex_group[i], self._flex_appearance(i)[0])
         ]
         if len(self):
             # the visualiser's own arrays; room for one geom that is never added
@@ -45,10 +47,10 @@ class Deforming:
         """Ids of the flexes."""
         return self._flexes
 
-    def looks(self) -> list[tuple[Rgba, int, bool]]:
+    def appearances(self) -> list[tuple[Rgba, int, bool]]:
         """Of each: colour, material (-1 none), and whether the material's image is on it."""
-        return [self._skin_look(i) for i in self._skins] + [
-            self._flex_look(i) for i in self._flexes
+        return [self._skin_appearance(i) for i in self._skins] + [
+            self._flex_appearance(i) for i in self._flexes
         ]
 
     def at_rest(self) -> list[Mesh]:
@@ -105,12 +107,12 @@ class Deforming:
         count = 3 * int(self._scene.flexfacenum[flex])
         return np.array(values.reshape(-1, width)[first : first + count], np.float32)
 
-    def _skin_look(self, skin: int) -> tuple[Rgba, int, bool]:
+    def _skin_appearance(self, skin: int) -> tuple[Rgba, int, bool]:
         material = int(self._model.skin_matid[skin])
         rgba, kind = self._model.skin_rgba[skin], mujoco.mjtObj.mjOBJ_SKIN
         return shown_rgba(self._model, kind, skin, rgba, material), material, True
 
-    def _flex_look(self, flex: int) -> tuple[Rgba, int, bool]:
+    def _flex_appearance(self, flex: int) -> tuple[Rgba, int, bool]:
         material = int(self._model.flex_matid[flex])
         textured = bool(self._model.flex_texcoordadr[flex] >= 0)
         rgba, kind = self._model.flex_rgba[flex], mujoco.mjtObj.mjOBJ_FLEX

@@ -60,7 +60,15 @@ class Encoders:
     """Encoders of the actuators, and sensors with limits, of one model."""
 
     def __init__(self, model: mujoco.MjModel, limits: Mapping[str, Any] | None = None) -> None:
-        """In: limits, name of a sensor -> (low, high). Raises EvsError for what does not exist."""
+        """Make a private mjData.
+
+        Args:
+            model: The model.
+            limits: Name of a sensor -> (low, high).
+
+        Raises:
+            EvsError: No such sensor, or no range.
+        """
         self._model = model
         self._data = mujoco.MjData(model)
         self._state = np.zeros(mujoco.mj_stateSize(model, STATE))
@@ -68,7 +76,7 @@ class Encoders:
         self._stage = max((limit.stage for limit in self.limits), default=0)
 
     def read(self, data: mujoco.MjData) -> None:
-        """Look at `data`, which is only read."""
+        """Measure `data`, which is only read."""
         model, own = self._model, self._data
         mujoco.mj_getState(model, data, self._state, STATE)
         mujoco.mj_setState(model, own, self._state, STATE)
@@ -96,7 +104,7 @@ class Encoders:
 
     @property
     def values(self) -> dict[str, F64]:
-        """What each sensor with limits says, (its dimension,) float64, copies."""
+        """Readings of each sensor with limits, (its dimension,) float64, copies."""
         return {
             limit.name: np.array(self._data.sensordata[limit.begin : limit.end], np.float64)
             for limit in self.limits

@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.base.scene import I32, Mesh, SceneModel, Shape, Thing
-from evs.emulator.world.deformables import Deforming
+from evs.emulator.base.scene import I32, Mesh, ObjectKind, SceneModel, Shape
+from evs.emulator.world.deformables import Deformables
 from evs.emulator.world.indices import check_indices
 from evs.emulator.world.left_out import warn_left_out
-from evs.emulator.world.lights import active_lights, extract_air, extract_light, unlit_images
+from evs.emulator.world.lights import active_lights, extract_atmosphere, extract_light, unlit_images
 from evs.emulator.world.materials import Surfaces, geom_rgba, is_shown, site_rgba
 from evs.emulator.world.meshes import (
     extract_height_field,
@@ -20,7 +20,7 @@ from evs.emulator.world.meshes import (
     height_field_arrays,
     mesh_arrays,
 )
-from evs.emulator.world.model_edits import DEFORMING, Parts, arrays_of
+from evs.emulator.world.model_edits import DEFORMING, PartCache, arrays_of
 from evs.emulator.world.object_names import names_of
 from evs.emulator.world.tendons import Strands
 from evs.msgs import EvsError
@@ -56,22 +56,26 @@ def visible_sites(model: mujoco.MjModel) -> I32:
 
 
 def extract_scene(
-    model: mujoco.MjModel, parts: Parts | None = None, before: SceneModel | None = None
+    model: mujoco.MjModel, parts: PartCache | None = None, before: SceneModel | None = None
 ) -> SceneModel:
-    """Everything of the model that a renderer needs and that never moves.
-
-    In: parts, meshes and textures that are taken as they are, and keep those that are made now;
-    before, the scene of the same model before it was edited, whose warnings are not repeated.
+    """Extract everything of the model that a renderer needs and that never moves.
 
     A signed distance field is shown by its mesh. A height field keeps its type and brings a mesh.
     Skins and flexes follow the geoms, then sites, then rods of tendons, ropes and slider-cranks.
-    What cannot be shown is told in `left_out`, and as a LeftOutWarning each. Raises EvsError where
-    nothing is visible.
+    What cannot be shown is listed in `left_out`, with a LeftOutWarning each.
+
+    Args:
+        model: The model.
+        parts: Meshes and textures that are reused; it keeps those that are made now.
+        before: The scene of the same model before it was edited, whose warnings are not repeated.
+
+    Raises:
+        EvsError: Nothing is visible.
     """
     check_indices(model)
-    parts = Parts() if parts is None else parts
+    parts = PartCache() if parts is None else parts
     geoms = visible_geoms(model)
-    deforming, sites, strands = Deforming(model), visible_sites(model), Strands(model)
+    deforming, sites, strands = Deformables(model), visible_sites(model), Strands(model)
     if not len(geoms) + len(deforming) + len(sites) + len(strands):
         raise EvsError(
             f"nothing to see: none of the model's {model.ngeom} geoms is in groups 0 to 2 with "
@@ -108,9 +112,9 @@ def extract_scene(
         sources = arrays_of(model, DEFORMING)
         shown = tuple(deforming.skins), tuple(deforming.flexes)
         meshes += parts.get("deforming", shown, sources, deforming.at_rest)
-        geom_surface += [surfaces.of(*look) for look in deforming.looks()]
+        geom_surface += [surfaces.of(*appearance) for appearance in deforming.appearances()]
     geom_surface += [surfaces.of_site(int(site)) for site in sites]
-    geom_surface += [surfaces.of(*look) for look in strands.looks]
+    geom_surface += [surfaces.of(*appearance) for appearance in strands.appearances]
     things = _things(model, geoms, deforming, sites, strands)
     unmeshed, many = len(sites) + len(strands), len(strands)
     left_out = (*unlit_images(model), *surfaces.unread_lines())
@@ -136,7 +140,7 @@ def extract_scene(
         geom_mesh=np.array([*geom_mesh, *indices, *(-1 for _ in range(unmeshed))], np.int32),
         geom_surface=np.array(geom_surface, np.int32),
         geom_id=np.array([number for _, number in things], np.int32),
-        geom_thing=np.array([thing for thing, _ in things], np.int32),
+        geom_kind=np.array([thing for thing, _ in things], np.int32),
         geom_body=np.array(
             [
                 *model.geom_bodyid[geoms],
@@ -163,7 +167,7 @@ def extract_scene(
         skybox=skybox,
         deforming=indices,
         stretching=np.arange(len(things) - many, len(things), dtype=np.int32),
-        air=extract_air(model),
+        atmosphere=extract_atmosphere(model),
         extent_m=float(model.stat.extent),
         not_mirrors=surfaces.not_mirrors,
         left_out=left_out,
@@ -171,18 +175,22 @@ def extract_scene(
 
 
 def _things(
-    model: mujoco.MjModel, geoms: I32, deforming: Deforming, sites: I32, strands: Strands
-) -> list[tuple[Thing, int]]:
+    model: mujoco.MjModel, geoms: I32, deforming: Deformables, sites: I32, strands: Strands
+) -> list[tuple[ObjectKind, int]]:
     """Of each row of the scene: what it is, and its number in SceneModel.geom_id."""
     flexes = -2 - model.nskin
     first_site = flexes - model.nflex
     tendons = first_site - model.nsite
-    first = {Thing.TENDON: tendons, Thing.ROPE: flexes, Thing.CRANK: tendons - model.ntendon}
+    first = {
+        ObjectKind.TENDON: tendons,
+        ObjectKind.ROPE: flexes,
+        ObjectKind.CRANK: tendons - model.ntendon,
+    }
     return [
-        *((Thing.GEOM, int(i)) for i in geoms),
-        *((Thing.SKIN, -2 - i) for i in deforming.skins),
-        *((Thing.FLEX, flexes - i) for i in deforming.flexes),
-        *((Thing.SITE, first_site - int(i)) for i in sites),
+        *((ObjectKind.GEOM, int(i)) for i in geoms),
+        *((ObjectKind.SKIN, -2 - i) for i in deforming.skins),
+        *((ObjectKind.FLEX, flexes - i) for i in deforming.flexes),
+        *((ObjectKind.SITE, first_site - int(i)) for i in sites),
         *((thing, first[thing] - i) for thing, i in strands.things),
     ]
 

@@ -1,4 +1,4 @@
-"""What a model has that is not shown, told in one line each, with what to do about it."""
+"""Warnings about what a model has and evs does not show, with what to do about it."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from collections.abc import Sequence
 
 
 class LeftOutWarning(UserWarning):
-    """The model has something that is not shown; the message says what, and the fix."""
+    """The model has something that is not shown; the message has what, and the fix."""
 
 
 def warn_left_out(lines: Sequence[str]) -> None:
-    """One LeftOutWarning a line, at the place outside the emulator that asked for the scene."""
+    """One LeftOutWarning a line, at the place outside the emulator that made the scene."""
     if not lines:
         return
     level, frame = 2, sys._getframe(1)

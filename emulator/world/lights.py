@@ -7,7 +7,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from evs.emulator.base.scene import I32, Air, Light, LightKind
+from evs.emulator.base.scene import I32, Atmosphere, Light, LightKind
 from evs.emulator.world.clamping import BRIGHTEST, clamped, clamped_colour
 from evs.emulator.world.compat import light_number, light_type
 from evs.emulator.world.materials import Surfaces, is_encoded
@@ -92,12 +92,12 @@ def extract_light(model: mujoco.MjModel, light: int, surfaces: Surfaces) -> Ligh
     )
 
 
-def extract_air(model: mujoco.MjModel) -> Air:
+def extract_atmosphere(model: mujoco.MjModel) -> Atmosphere:
     """Fog, and the haze that MuJoCo's viewer shows where a sky meets a plane without bounds."""
     extent_m, view, rgba = float(model.stat.extent), model.vis.map, model.vis.rgba
     has_sky = mujoco.mjtTexture.mjTEXTURE_SKYBOX in model.tex_type
     haze_m = HAZE_DISTANCE * view.zfar * extent_m if has_sky else 0.0
-    return Air(
+    return Atmosphere(
         fog_start_m=clamped(extent_m * view.fogstart, -1e12, 1e12, "visual/map fogstart"),
         fog_end_m=clamped(extent_m * view.fogend, -1e12, 1e12, "visual/map fogend"),
         fog_rgb=clamped_colour(rgba.fog[:3], 1.0, "visual/rgba fog"),

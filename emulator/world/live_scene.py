@@ -14,7 +14,7 @@ from evs.emulator.world.model_edits import (
     OPTICS,
     SCENE,
     ModelWatch,
-    Parts,
+    PartCache,
     arrays_of,
 )
 from evs.msgs import EvsError
@@ -23,17 +23,17 @@ from evs.msgs import EvsError
 class LiveScene:
     """The scene of a model, and whether it still is.
 
-    Where `outdated`, take what `extract` gives, and say so with `taken`. An edit that cannot be
-    shown raises EvsError in every look until it is undone.
+    Where it is `outdated`, use what `extract` gives, and confirm it with `taken`. An edit that
+    cannot be shown raises EvsError in every comparison until it is undone.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Raises EvsError as of extract_scene."""
-        self._model, self._parts = model, Parts()
+        self._model, self._parts = model, PartCache()
         self._watch = ModelWatch(model)
         self.scene: SceneModel = extract_scene(model, self._parts)
         """as it was last taken"""
-        self._pending = self._whole = self._closely = False
+        self._pending = self._whole = self._compare_large = False
         self._twin: tuple[mujoco.MjModel, _core.Watch] | None = None
 
     def check_data(self, data: mujoco.MjData) -> None:
@@ -52,14 +52,14 @@ class LiveScene:
                 )
             self._twin = other, _core.Watch(arrays_of(other, names))
 
-    def look_closely(self) -> None:
-        """The next look is one at meshes, height fields, textures, skins and flexes as well."""
-        self._closely = True
+    def compare_large_arrays(self) -> None:
+        """Let the next comparison cover meshes, height fields, textures, skins and flexes too."""
+        self._compare_large = True
 
     def outdated(self) -> bool:
         """Whether the model was edited since its scene was last taken."""
-        if self._closely:
-            self._closely = False
+        if self._compare_large:
+            self._compare_large = False
             if self._parts.forget_changed():
                 self._pending = self._whole = True
         return self._pending or self._watch.changed()
@@ -69,7 +69,7 @@ class LiveScene:
 
         Its meshes and textures are those of before where nothing of them changed. Raises EvsError.
         """
-        # known from here on: what is edited meanwhile shows at the next look
+        # known from here on: what is edited meanwhile shows at the next comparison
         self._pending = True
         self._whole |= self._watch.keep()
         return extract_scene(self._model, self._parts, self.scene) if self._whole else self.scene

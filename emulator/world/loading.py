@@ -27,10 +27,13 @@ Loaded = TypeVar("Loaded", mujoco.MjModel, mujoco.MjSpec)
 
 
 def load_model(scene: Scene) -> mujoco.MjModel:
-    """The model of a scene: a path to MJCF, URDF or MJB, a MjModel (copied) or a MjSpec (compiled).
+    """Load the model of a scene. Offsets that MuJoCo takes for none stay (sameframe.py).
 
-    Offsets that MuJoCo takes for none stay (world/offsets.py). EvsError where there is no such
-    file, MuJoCo refuses it, or `scene` is something else.
+    Args:
+        scene: A path to MJCF, URDF or MJB, a MjModel (copied) or a MjSpec (compiled).
+
+    Raises:
+        EvsError: There is no such file, MuJoCo refuses it, or `scene` is something else.
     """
     model = _load_any(scene)
     keep_offsets(model)
@@ -76,9 +79,14 @@ def load_spec(path: str | Path) -> mujoco.MjSpec:
 
 
 def load_text(text: str, files: Mapping[str, bytes]) -> mujoco.MjModel:
-    """The model of an MJCF text. In: files, the content of what it names. EvsError.
+    """Load the model of an MJCF text, without a file: the same model to the last byte every time.
 
-    No file is written: it is the same model to the last byte whenever it is made.
+    Args:
+        text: The MJCF.
+        files: Name -> content of every file that it names.
+
+    Raises:
+        EvsError: MuJoCo refuses it.
     """
     return load_model(_load("MJCF", lambda: mujoco.MjSpec.from_string(text, assets=dict(files))))
 

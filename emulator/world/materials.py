@@ -11,7 +11,7 @@ import numpy.typing as npt
 from evs.emulator.base.scene import Surface, Texture, TextureKind
 from evs.emulator.world.clamping import BRIGHTEST, clamped
 from evs.emulator.world.compat import gloss_is_given
-from evs.emulator.world.model_edits import Array, Parts
+from evs.emulator.world.model_edits import Array, PartCache
 from evs.emulator.world.object_names import name_of
 
 Rgba = tuple[float, float, float, float]
@@ -91,14 +91,14 @@ class Surfaces:
     """Collects the surfaces and textures in use, each once."""
 
     model: mujoco.MjModel
-    parts: Parts = field(default_factory=Parts)
+    parts: PartCache = field(default_factory=PartCache)
     """which keep the textures"""
     surfaces: list[Surface] = field(default_factory=list)
     textures: list[Texture] = field(default_factory=list)
     surface_index: dict[Surface, int] = field(default_factory=dict)
     texture_index: dict[tuple[int, bool, int], int] = field(default_factory=dict)
     unread: dict[int, None] = field(default_factory=dict)
-    """the model's textures that were asked for and are not pixels, in that order"""
+    """the model's textures that were named and are not pixels, in that order"""
     not_mirrors: int = 0
     """geoms whose material has reflectance and whose shape does not mirror"""
 
@@ -115,9 +115,13 @@ class Surfaces:
         return self.of(site_rgba(self.model, site), int(self.model.site_matid[site]))
 
     def of(self, rgba: Rgba, material: int, textured: bool = True, *, mirrors: bool = False) -> int:
-        """Index of the surface with this colour and material (-1 none).
+        """Index the surface with this colour and material.
 
-        In: textured, with its image or not; mirrors, what has it can: else its reflectance is 0.
+        Args:
+            rgba: Its colour.
+            material: Id of its material; -1: none.
+            textured: Whether the material's images are on it.
+            mirrors: Whether its geom can mirror; otherwise its reflectance is 0.
         """
         surface = Surface(rgba=rgba)
         if material >= 0:
@@ -141,9 +145,15 @@ class Surfaces:
         return self.surface_index[surface]
 
     def texture(self, index: int, colour: bool = True, component: int = -1) -> int:
-        """Index, among those in use, of the model's texture `index`; -1 where it has no pixels.
+        """Index a texture of the model among those in use.
 
-        In: colour, whether it is one or numbers; component, the only one that is wanted, -1 all.
+        Args:
+            index: Id of the texture; -1: none.
+            colour: Whether it is colour, or numbers.
+            component: The only component that is wanted; -1: all.
+
+        Returns:
+            -1 where it has no pixels.
         """
         if index < 0:
             return -1
@@ -250,10 +260,17 @@ def texture_arrays(model: mujoco.MjModel, index: int) -> tuple[tuple[int, ...], 
 
 
 def extract_texture(model: mujoco.MjModel, index: int, colour: bool = True) -> Texture | None:
-    """One texture of the model; None where its bytes are not pixels that we can read.
+    """Extract one texture of the model.
 
-    In: colour, then it is coded for displays, else its numbers are linear. `tex_colorspace` does
-    not count: it cannot tell a PNG without an sRGB chunk, as nearly all are, from "linear".
+    Args:
+        model: The model.
+        index: Id of the texture.
+        colour: Whether it is coded for displays; otherwise its numbers are linear. `tex_colorspace`
+            does not count: it does not separate a PNG without an sRGB chunk, as nearly all are,
+            from "linear".
+
+    Returns:
+        None where its bytes are not pixels that we can read.
     """
     width, height = int(model.tex_width[index]), int(model.tex_height[index])
     channels, first = int(model.tex_nchannel[index]), int(model.tex_adr[index])

@@ -79,7 +79,7 @@ KINEMATICS = (
     *("jnt_pos", "jnt_axis", "qpos0", "geom_pos", "geom_quat", "site_pos", "site_quat"),
     *("cam_mode", "cam_pos", "cam_quat", "light_mode", "light_pos", "light_dir"),
 )
-"""Arrays that, beside those of SCENE, say where everything is at given joint positions."""
+"""Arrays that, beside those of SCENE, determine where everything is at given joint positions."""
 
 POSES = ("body_", "jnt_", "geom_", "site_", "cam_", "light_", "tendon_", "skin_", "flex_", "qpos0")
 """How the names of all arrays begin that poses follow from."""
@@ -113,7 +113,7 @@ class _Part:
     made: Any
 
 
-class Parts:
+class PartCache:
     """What was made of large arrays, mesh by mesh and texture by texture: kept while they stay."""
 
     def __init__(self) -> None:

@@ -1,7 +1,8 @@
 """The first import of MuJoCo, which brings more with it than evs needs.
 
-glfw asks its library's version in a process of its own, `python -c`, which would import a ctypes.py
-that lies in the working directory. With MUJOCO_GL set, MuJoCo loads OpenGL and may fail in it.
+glfw reads its library's version in a process of its own, `python -c`, which would import a
+ctypes.py that lies in the working directory. With MUJOCO_GL set, MuJoCo loads OpenGL and may fail
+in it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""NamedSensors: what the model's sensors say, for who may look into the simulator.
+"""NamedSensors: readings of the model's sensors, for code that may see into the simulator.
 
 Rewards and tests may. A controller may not: it has events and its actuators' encoders.
 """
@@ -16,9 +16,16 @@ from evs.msgs import unknown
 
 
 def add_joint_sensors(spec: mujoco.MjSpec, joints: Mapping[str, str]) -> None:
-    """Give a robot that has no sensors some. In: name of a new <jointpos> -> its joint. EvsError.
+    """Give a robot joint sensors, which change nothing of how it moves.
 
-    Limits, rewards and claims go by names of sensors; they change nothing of how a robot moves.
+    Limits, rewards and claims go by names of sensors.
+
+    Args:
+        spec: The robot, changed in place.
+        joints: Name of a new <jointpos> -> its joint.
+
+    Raises:
+        EvsError: No such joint.
     """
     for name, joint in joints.items():
         if spec.joint(joint) is None:
@@ -35,7 +42,15 @@ class NamedSensors:
     """Some <sensor>s of a model by their names."""
 
     def __init__(self, model: mujoco.MjModel, names: Iterable[str] | None = None) -> None:
-        """In: names of sensors; None: every one that has a name. EvsError for one there is not."""
+        """Find the sensors.
+
+        Args:
+            model: The model.
+            names: Of sensors; None: every one that has a name.
+
+        Raises:
+            EvsError: No such sensor.
+        """
         if names is None:
             kind = mujoco.mjtObj.mjOBJ_SENSOR
             named = (mujoco.mj_id2name(model, kind, index) for index in range(model.nsensor))
@@ -49,5 +64,5 @@ class NamedSensors:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """In the order asked for; of all, in the model's."""
+        """In the order requested; of all, in the model's."""
         return tuple(limit.name for limit in self._encoders.limits)

@@ -1,4 +1,4 @@
-"""Names of the things in a model, as errors and look-ups need them."""
+"""Names of the things in a model, as errors and lookups need them."""
 
 from __future__ import annotations
 
@@ -31,9 +31,19 @@ def names_of(model: mujoco.MjModel, kind: mujoco.mjtObj) -> list[str]:
 
 
 def find(model: mujoco.MjModel, kind: mujoco.mjtObj, label: str, name: str) -> int:
-    """The id of the object with this name, or with this number; EvsError says what there is.
+    """Find an object by name or number.
 
-    In: label, what to call the kind in the error.
+    Args:
+        model: The model.
+        kind: Of the object.
+        label: What to call the kind in the error.
+        name: Its name, or its number.
+
+    Returns:
+        Its id.
+
+    Raises:
+        EvsError: There is none; the message lists what there is.
     """
     index = int(mujoco.mj_name2id(model, kind, name))
     if index >= 0:

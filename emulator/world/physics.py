@@ -1,4 +1,4 @@
-"""Physics: one tick after the other, and an error where MuJoCo says the state is not true."""
+"""Physics: one tick after the other, and an error where MuJoCo gives up on the state."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ MAX_TICKS = 2**52
 """1 us each: 142 years"""
 
 SILENT = 1
-"""MuJoCo prints a warning whose count is 0. Counts begin here, the error says it instead."""
+"""MuJoCo prints a warning whose count is 0. Counts begin here; the error reports it instead."""
 
 _SILENT = [SILENT] * len(FATAL)
 
@@ -55,7 +55,16 @@ class Physics:
     """A model and its state, advanced in exact ticks. The model is changed: give it a copy."""
 
     def __init__(self, model: mujoco.MjModel, tick_us: int, keyframe: int = -1) -> None:
-        """In: keyframe, the id of the one to start from; -1 starts from qpos0."""
+        """Fit the time step to the tick, and make the data.
+
+        Args:
+            model: Changed in place.
+            tick_us: Length of a tick, us.
+            keyframe: Id of the keyframe to start from; -1: qpos0.
+
+        Raises:
+            EvsError: The tick cannot be filled, or the state does not fit into memory.
+        """
         self.substeps: Substeps = fill_tick(tick_us, model.opt.timestep)
         model.opt.timestep = self.substeps.timestep_s
         # a reset would put time and robot back to their beginning without a word
@@ -71,7 +80,11 @@ class Physics:
         self.reset(keyframe)
 
     def reset(self, keyframe: int = -1) -> None:
-        """As new. In: keyframe, the id of the one to start from; -1 starts from qpos0."""
+        """Go back to the beginning.
+
+        Args:
+            keyframe: Id of the keyframe to start from; -1: qpos0.
+        """
         model = self.model
         mujoco.mj_resetData(model, self.data)
         if keyframe >= 0:

@@ -17,7 +17,7 @@ from evs.emulator.base.scene import F64, I32, SceneSnapshot
 from evs.emulator.world.cameras import BoundCamera
 from evs.emulator.world.compat import SLEEP
 from evs.emulator.world.daemon_threads import end_daemons_at_exit, end_here
-from evs.emulator.world.deformables import Deforming
+from evs.emulator.world.deformables import Deformables
 from evs.emulator.world.extraction import visible_geoms, visible_sites
 from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.lights import active_lights
@@ -27,7 +27,7 @@ from evs.emulator.world.unstable import check_positions
 from evs.msgs import EvsError
 
 
-class Poser:
+class SnapshotTaker:
     """Takes snapshots of one model, for the cameras it was given.
 
     The rows of a snapshot are those of `extract_scene(model)`, as the model was when this was made
@@ -49,7 +49,7 @@ class Poser:
         self._qpos, self._mocap_pos = own.qpos, own.mocap_pos.reshape(-1)
         self._mocap_quat = own.mocap_quat.reshape(-1)
         # skins and flexes are given in the world's frame
-        self._deforming = Deforming(model)
+        self._deforming = Deformables(model)
         count = len(self._deforming)
         still = np.zeros((count, 3)), np.tile(np.eye(3).ravel(), (count, 1))
         geoms, sites = visible_geoms(model), visible_sites(model)
@@ -93,9 +93,15 @@ class Poser:
         self._cameras += (camera,)
 
     def snapshot(self, data: mujoco.MjData, t_us: int, exposure_us: int = 0) -> SceneSnapshot:
-        """Where everything is at `data.qpos` and the mocap poses. `data` is only read.
+        """Take a snapshot of where everything is at `data.qpos` and the mocap poses.
 
-        In: exposure_us, over which flickering light is averaged.
+        Args:
+            data: Only read.
+            t_us: The instant, us.
+            exposure_us: Flickering light is averaged over it, us.
+
+        Raises:
+            EvsError: The data is of another model.
         """
         qpos, mocap_pos = data.qpos, data.mocap_pos
         if qpos.size != self._qpos.size or mocap_pos.size != self._mocap_pos.size:
@@ -108,7 +114,7 @@ class Poser:
         if mocap_pos.size:
             self._mocap_pos[:] = mocap_pos.reshape(-1)
             self._mocap_quat[:] = data.mocap_quat.reshape(-1)
-        return self._look(t_us, exposure_us)
+        return self._take(t_us, exposure_us)
 
     @property
     def places(self) -> F64:
@@ -124,9 +130,9 @@ class Poser:
         if places.shape != (ends[-1],) or not np.isfinite(places).all():
             raise EvsError("saved positions are of another model; restore them into their own")
         self._qpos[:], self._mocap_pos[:], self._mocap_quat[:] = np.split(places, ends[:-1])
-        return self._look(t_us, exposure_us)
+        return self._take(t_us, exposure_us)
 
-    def _look(self, t_us: int, exposure_us: int) -> SceneSnapshot:
+    def _take(self, t_us: int, exposure_us: int) -> SceneSnapshot:
         end_here()
         model, own = self._awake(), self._data
         if model is not self._model:

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from evs.emulator.base.scene import F32, F64, I32, Shape, Thing
+from evs.emulator.base.scene import F32, F64, I32, ObjectKind, Shape
 from evs.emulator.world.kinematics import gravity_of
 from evs.emulator.world.materials import Rgba, is_shown, shown_rgba
 from evs.emulator.world.tendon_curves import HALVINGS, arc, catenary, dot, nearest, turned
@@ -24,7 +24,7 @@ MOST_PIECES = 99
 """of a catenary"""
 
 
-Look = tuple[Rgba, int, bool]
+Appearance = tuple[Rgba, int, bool]
 
 
 class _Stretch(NamedTuple):
@@ -61,23 +61,25 @@ class Strands:
             i
             for i in range(model.ntendon)
             if model.wrap_type[model.tendon_adr[i]] != mujoco.mjtWrap.mjWRAP_JOINT
-            and is_shown(model.tendon_group[i], self._tendon_look(i)[0])
+            and is_shown(model.tendon_group[i], self._tendon_appearance(i)[0])
         ]
         self._ropes = [
             i
             for i in range(model.nflex)
             if model.flex_dim[i] == 1
             and model.flex_radius[i] > 0
-            and is_shown(model.flex_group[i], self._rope_look(i)[0])
+            and is_shown(model.flex_group[i], self._rope_appearance(i)[0])
         ]
-        self._looks: list[Look] = []
-        self._things: list[tuple[Thing, int]] = []
+        self._appearances: list[Appearance] = []
+        self._things: list[tuple[ObjectKind, int]] = []
         widths: list[float] = []
 
-        def add(thing: Thing, index: int, look: Look, width: float, count: int = 1) -> int:
+        def add(
+            thing: ObjectKind, index: int, appearance: Appearance, width: float, count: int = 1
+        ) -> int:
             first = len(widths)
             self._things += [(thing, index)] * count
-            self._looks += [look] * count
+            self._appearances += [appearance] * count
             widths.extend([width] * count)
             return first
 
@@ -87,7 +89,7 @@ class Strands:
         for stretch in _stretches(model):
             if stretch.tendon not in self._tendons:
                 continue
-            one = Thing.TENDON, stretch.tendon, self._tendon_look(stretch.tendon)
+            one = ObjectKind.TENDON, stretch.tendon, self._tendon_appearance(stretch.tendon)
             width = float(model.tendon_width[stretch.tendon])
             if may_hang(model, stretch.tendon):
                 first = add(*one, width, pieces)
@@ -105,7 +107,7 @@ class Strands:
         for i in self._ropes:
             begin, count = int(model.flex_edgeadr[i]), int(model.flex_edgenum[i])
             edges.append(model.flex_edge[begin : begin + count] + int(model.flex_vertadr[i]))
-            add(Thing.ROPE, i, self._rope_look(i), float(model.flex_radius[i]), count)
+            add(ObjectKind.ROPE, i, self._rope_appearance(i), float(model.flex_radius[i]), count)
         self._edges, self._edge_rows = np.concatenate(edges), slice(first, len(widths))
 
         width = float(model.stat.meansize * model.vis.scale.slidercrank)
@@ -114,9 +116,9 @@ class Strands:
         is_crank = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_SLIDERCRANK)
         self._cranks, rows_cranks = np.flatnonzero(is_crank), []
         for i in self._cranks.tolist():
-            rows_cranks.append(add(Thing.CRANK, i, whole, width))
-            for look in (whole, broken):
-                add(Thing.CRANK, i, look, 0.5 * width)
+            rows_cranks.append(add(ObjectKind.CRANK, i, whole, width))
+            for appearance in (whole, broken):
+                add(ObjectKind.CRANK, i, appearance, 0.5 * width)
         self._crank_rows = np.array(rows_cranks, np.intp)
 
         self._radius = np.array(widths, np.float64)
@@ -129,14 +131,14 @@ class Strands:
         return len(self._things)
 
     @property
-    def things(self) -> list[tuple[Thing, int]]:
+    def things(self) -> list[tuple[ObjectKind, int]]:
         """Of each rod: what it is part of, and the id of that tendon, flex or actuator."""
         return self._things
 
     @property
-    def looks(self) -> list[Look]:
+    def appearances(self) -> list[Appearance]:
         """Of each: colour, material (-1 none), and whether the material's image is on it."""
-        return self._looks
+        return self._appearances
 
     @property
     def shapes(self) -> list[Shape]:
@@ -224,18 +226,18 @@ class Strands:
             start[rows + part], end[rows + part] = joint, far
             radius[rows + part] *= there
 
-    def _tendon_look(self, tendon: int) -> Look:
+    def _tendon_appearance(self, tendon: int) -> Appearance:
         material = int(self._model.tendon_matid[tendon])
         rgba, kind = self._model.tendon_rgba[tendon], mujoco.mjtObj.mjOBJ_TENDON
         return shown_rgba(self._model, kind, tendon, rgba, material), material, True
 
-    def _rope_look(self, flex: int) -> Look:
+    def _rope_appearance(self, flex: int) -> Appearance:
         material = int(self._model.flex_matid[flex])
         rgba, kind = self._model.flex_rgba[flex], mujoco.mjtObj.mjOBJ_FLEX
         return shown_rgba(self._model, kind, flex, rgba, material), material, False
 
 
-def _plain(rgba: npt.NDArray[np.float32]) -> Look:
+def _plain(rgba: npt.NDArray[np.float32]) -> Appearance:
     red, green, blue, alpha = map(float, rgba)
     return (red, green, blue, alpha), -1, False
 

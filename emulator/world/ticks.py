@@ -22,7 +22,7 @@ class Substeps:
     timestep_s: float
     """length of each of them, s"""
     model_timestep_s: float
-    """what the model asked for, s"""
+    """the model's own, s"""
 
     def __str__(self) -> str:
         """The choice as a sentence."""

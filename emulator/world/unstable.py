@@ -12,7 +12,7 @@ from evs.msgs import EvsError
 
 
 class UnstableError(EvsError):
-    """MuJoCo gave up on the state: says when, which warning, and at which joint or body."""
+    """MuJoCo gave up on the state: when, with which warning, and at which joint or body."""
 
 
 def joint_place(model: mujoco.MjModel, joint: int) -> str:

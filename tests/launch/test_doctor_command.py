@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from evs.drivers.run.report import Report
-from evs.emulator.base import memory
+from evs.emulator.base import memory_limits
 from evs.launch.commands import doctor
 from evs.launch.main import main
 from evs.msgs import EvsError, make_events
@@ -193,11 +193,11 @@ def test_an_old_python_and_another_system(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_machine_facts_without_proc(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    known = memory.memory_gb()
+    known = memory_limits.memory_gb()
     assert 0 < known[1] <= known[0]
-    monkeypatch.setattr(memory, "MEMORY_FILE", tmp_path / "none")
+    monkeypatch.setattr(memory_limits, "MEMORY_FILE", tmp_path / "none")
     monkeypatch.setattr(machine, "CPU_FILE", tmp_path / "none")
-    total_gb, free_gb = memory.memory_gb()
+    total_gb, free_gb = memory_limits.memory_gb()
     assert total_gb == free_gb == pytest.approx(known[0], rel=0.05)
     assert machine.cpu_name()
 
@@ -205,8 +205,8 @@ def test_machine_facts_without_proc(monkeypatch: pytest.MonkeyPatch, tmp_path: P
 def test_little_memory_is_a_note(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     small = tmp_path / "meminfo"
     small.write_text("MemTotal:  4000000 kB\nHugePages_Total:  0\nMemAvailable:  1000000 kB\n")
-    monkeypatch.setattr(memory, "MEMORY_FILE", small)
-    assert memory.memory_gb() == pytest.approx((4.096, 1.024))
+    monkeypatch.setattr(memory_limits, "MEMORY_FILE", small)
+    assert memory_limits.memory_gb() == pytest.approx((4.096, 1.024))
     assert machine.check_memory().verdict == checkup.NOTE
 
 

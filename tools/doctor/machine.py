@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from evs.drivers.cores import cores
-from evs.emulator.base.memory import memory_gb
+from evs.emulator.base.memory_limits import memory_gb
 from evs.tools.doctor.check import BAD, NOTE, OK, Check
 
 MIN_PYTHON = (3, 11)

@@ -13,7 +13,7 @@ from evs.emulator.config import FlickerConfig, RenderConfig
 from evs.emulator.render.direct import DirectRenderer
 from evs.emulator.world import (
     Physics,
-    Poser,
+    SnapshotTaker,
     bind_camera,
     extract_scene,
     load_model,
@@ -129,7 +129,7 @@ def make_clip(
     physics = Physics(model, tick_us, start)
     control = make_control(model, "random", seed=seed, scale=CONTROL_SCALE)
     bound = bind_camera(model, setup.camera, width, height, setup.view)
-    poser = Poser(model, [bound])
+    poser = SnapshotTaker(model, [bound])
     moved = camera_motion(motion, bound.model)
     warm = -(-setup.warm_ticks * TICK_US // tick_us)
     instants: list[Instant] = []

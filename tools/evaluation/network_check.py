@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from evs.emulator.base.memory import memory_gb
+from evs.emulator.base.memory_limits import memory_gb
 from evs.emulator.base.scene import F32
-from evs.emulator.evsnet.graph import streaming_graph
 from evs.emulator.evsnet.graph_network import GraphNetwork, Network
 from evs.emulator.evsnet.memory_budget import dense_bytes
 from evs.emulator.evsnet.model import EvsNetModel
 from evs.emulator.evsnet.network_files import network_path, read_network
-from evs.emulator.evsnet.portable import PortableRuntime
+from evs.emulator.evsnet.onnx_graph import streaming_graph
+from evs.emulator.evsnet.onnx_runtime import OnnxRuntime
 from evs.emulator.evsnet.rest_state import graph_network
 from evs.emulator.evsnet.weights import MAX_STEP, NetworkWeights
 from evs.emulator.sensor.parameters import SensorParameters
@@ -108,7 +108,7 @@ class _Stream:
     """Runs one block of pixels through a network, without the BiLIF."""
 
     def __init__(self, network: Network, provider: str) -> None:
-        self.runtime = PortableRuntime(_sensor(network), network, provider)
+        self.runtime = OnnxRuntime(_sensor(network), network, provider)
         self.rest = float(self.currents(np.zeros((64, _PIXELS), np.float32))[-1, 0])
 
     def currents(self, x: F32, cut: int = 32) -> F32:

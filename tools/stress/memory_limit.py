@@ -6,7 +6,7 @@ import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from evs.emulator.base.memory import SIZE_FILE
+from evs.emulator.base.memory_limits import SIZE_FILE
 
 
 @contextmanager

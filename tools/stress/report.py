@@ -1,4 +1,4 @@
-"""The table of stress cases as Markdown, and its place in tools/stress/README.md."""
+"""The table of stress cases as Markdown, and its place in docs/reference/extremes.md."""
 
 from __future__ import annotations
 

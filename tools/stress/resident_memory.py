@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import os
 
-from evs.emulator.base.memory import SIZE_FILE
+from evs.emulator.base.memory_limits import SIZE_FILE
 
 LEAST_BYTES = 16
 """least growth by one leaked object: the step of pymalloc; that of malloc is 32"""

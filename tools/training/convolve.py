@@ -15,7 +15,7 @@ import numpy as np
 from jax import Array, lax
 
 from evs.emulator.base.scene import F32
-from evs.emulator.evsnet.weights import TAPS
+from evs.emulator.evsnet.weights import KERNEL_SIZE
 
 TICKS = 8
 """in a row; 8 is the fastest of 4, 8 and 16 at C = 8"""
@@ -24,7 +24,7 @@ TICKS = 8
 @lru_cache(maxsize=1)
 def _places() -> F32:
     """(14, 8, 7): 1 where tap j leads from tick s of a row to its tick t, s = t + j."""
-    s, t, j = np.ogrid[: TICKS + TAPS - 1, :TICKS, :TAPS]
+    s, t, j = np.ogrid[: TICKS + KERNEL_SIZE - 1, :TICKS, :KERNEL_SIZE]
     places: F32 = (s == t + j).astype(np.float32)
     return places
 
@@ -51,7 +51,7 @@ def _forward(ticks: Array, weight: Array) -> tuple[Array, tuple[Array, Array]]:
 
 def _backward(kept: tuple[Array, Array], gradient: Array) -> tuple[Array, Array]:
     ticks, weight = kept
-    edge = TAPS - 1
+    edge = KERNEL_SIZE - 1
     padded = jnp.pad(gradient, ((0, 0), (edge, edge), (0, 0)))
     to_ticks = convolve(padded, jnp.transpose(weight, (1, 0, 2))[:, :, ::-1])
     # all of the banded matrix's gradient in one product, then along its bands
@@ -70,16 +70,16 @@ convolve.defvjp(_forward, _backward)
 def _rows(ticks: Array) -> tuple[Array, int]:
     """(P, rows, 14 in), and K: each row is 8 ticks and the 6 that follow, zeros past the end."""
     pixels, held, channels = ticks.shape
-    count = held - (TAPS - 1)
+    count = held - (KERNEL_SIZE - 1)
     rows = -(-count // TICKS)
     padded = jnp.pad(ticks, ((0, 0), (0, (rows + 1) * TICKS - held), (0, 0)))
     own = padded[:, : rows * TICKS].reshape(pixels, rows, TICKS * channels)
     next_row = padded[:, TICKS:].reshape(pixels, rows, TICKS * channels)
-    return jnp.concatenate([own, next_row[:, :, : (TAPS - 1) * channels]], -1), count
+    return jnp.concatenate([own, next_row[:, :, : (KERNEL_SIZE - 1) * channels]], -1), count
 
 
 def _banded(weight: Array) -> Array:
     """(14 in, 8 out) of (out, in, 7)."""
     out, inputs, _ = weight.shape
     banded = jnp.einsum("stj,oij->sito", jnp.asarray(_places()), weight)
-    return banded.reshape((TICKS + TAPS - 1) * inputs, TICKS * out)
+    return banded.reshape((TICKS + KERNEL_SIZE - 1) * inputs, TICKS * out)

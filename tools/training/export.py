@@ -16,7 +16,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
-from evs.emulator.evsnet.graph import streaming_graph
+from evs.emulator.evsnet.onnx_graph import streaming_graph
 from evs.emulator.evsnet.weights import NetworkWeights
 from evs.msgs import EvsError
 

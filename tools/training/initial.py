@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from evs.emulator.base.scene import F32
-from evs.emulator.evsnet.weights import TAPS
+from evs.emulator.evsnet.weights import KERNEL_SIZE
 from evs.tools.training.network import Architecture, Parameters
 
 THRESHOLD = 0.2
@@ -31,12 +31,12 @@ def identity(architecture: Architecture, seed: int, tau_s: float) -> Parameters:
     signs = np.array([1.0, -1.0], np.float32)[:carriers]
 
     def he(inputs: int, share: float) -> F32:
-        scale = share * math.sqrt(2.0 / (TAPS * inputs))
-        return rng.normal(0.0, scale, (learnt, inputs, TAPS)).astype(np.float32)
+        scale = share * math.sqrt(2.0 / (KERNEL_SIZE * inputs))
+        return rng.normal(0.0, scale, (learnt, inputs, KERNEL_SIZE)).astype(np.float32)
 
     encoder = he(1, 1.0)
     encoder[:carriers] = 0.0
-    encoder[:carriers, 0, TAPS - 1 - architecture.look_ahead[0]] = signs
+    encoder[:carriers, 0, KERNEL_SIZE - 1 - architecture.look_ahead[0]] = signs
     blocks = [(he(channels, 1.0), he(channels, SMALL)) for _ in range(architecture.blocks)]
     last = rng.normal(0.0, SMALL / THRESHOLD, learnt).astype(np.float32)
     last[:carriers] = signs / THRESHOLD
@@ -52,17 +52,17 @@ def uniform(architecture: Architecture, seed: int, tau_s: float) -> Parameters:
         reach = 1.0 / math.sqrt(inputs)
         return rng.uniform(-reach, reach, shape).astype(np.float32)
 
-    encoder = draw(TAPS, channels, 1, TAPS)
+    encoder = draw(KERNEL_SIZE, channels, 1, KERNEL_SIZE)
     blocks = [
-        tuple(draw(TAPS * channels, channels, channels, TAPS) for _ in range(2))
+        tuple(draw(KERNEL_SIZE * channels, channels, channels, KERNEL_SIZE) for _ in range(2))
         for _ in range(architecture.blocks)
     ]
     found = _parameters(architecture, encoder, blocks, draw(channels, channels), tau_s)
     if architecture.biased:
-        found["encoder"]["bias"] = jnp.asarray(draw(TAPS, channels))
+        found["encoder"]["bias"] = jnp.asarray(draw(KERNEL_SIZE, channels))
         for block in found["blocks"]:
             for layer in block.values():
-                layer["bias"] = jnp.asarray(draw(TAPS * channels, channels))
+                layer["bias"] = jnp.asarray(draw(KERNEL_SIZE * channels, channels))
         found["last_bias"] = jnp.asarray(draw(channels, 1)[0])
     return found
 

@@ -18,7 +18,7 @@ from jax import Array, lax
 
 from evs.emulator.base.scene import F32
 from evs.emulator.evsnet import Block, Convolution, NetworkWeights
-from evs.emulator.evsnet.weights import TAPS
+from evs.emulator.evsnet.weights import KERNEL_SIZE
 from evs.msgs import EvsError
 from evs.tools.training.convolve import convolve
 
@@ -61,7 +61,7 @@ class Architecture:
     @property
     def receptive_field(self) -> int:
         """W, ticks."""
-        return 1 + (TAPS - 1) * len(self.look_ahead)
+        return 1 + (KERNEL_SIZE - 1) * len(self.look_ahead)
 
     @property
     def latency_ticks(self) -> int:
@@ -141,7 +141,7 @@ def currents(parameters: Parameters, x: Array, architecture: Architecture, first
         middle = jax.nn.relu(_layer(block["first"], held))
         late = sum(architecture.look_ahead[1 + 2 * i : 3 + 2 * i])
         added = _layer(block["second"], middle)
-        begin = 2 * (TAPS - 1) - late
+        begin = 2 * (KERNEL_SIZE - 1) - late
         held = jax.nn.relu(held[:, begin : begin + added.shape[1]] + added)
     current: Array = held @ parameters["last"]
     return current + parameters["last_bias"] if architecture.biased else current

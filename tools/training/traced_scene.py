@@ -13,7 +13,7 @@ from evs.emulator.render import PathRenderer
 from evs.emulator.world import (
     MjModel,
     Physics,
-    Poser,
+    SnapshotTaker,
     bind_camera,
     extract_scene,
     find_keyframe,
@@ -91,7 +91,7 @@ def simulate_scene(scene: TrainingScene, ticks: int, tick_us: int, threads: int)
     model = load_scene(scene)
     physics = Physics(model, tick_us, find_keyframe(model, START))
     bound = bind_camera(model, CAMERA, WIDTH, HEIGHT)
-    poser = Poser(model, [bound])
+    poser = SnapshotTaker(model, [bound])
     snapshots = [poser.snapshot(physics.data, 0, tick_us)]
     for _ in range(ticks - 1):
         physics.advance()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evs.emulator.base.scene import Light, LightKind, SceneModel, Shape, Thing
+from evs.emulator.base.scene import Light, LightKind, ObjectKind, SceneModel, Shape
 from evs.emulator.config import RenderConfig
 
 
@@ -69,15 +69,18 @@ class Contents:
 
 
 def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
-    """Of a scene with the lights, the air and the sites that [render] leaves it."""
+    """Of a scene with the lights, the atmosphere and the sites that [render] leaves it."""
     scene = scene if render.sites else scene.without_sites()
-    things = scene.geom_thing
+    things = scene.geom_kind
     if not len(things):
-        things = np.full(len(scene.geom_type), Thing.GEOM)
-    solid, seen_sites = things < Thing.SITE, (things == Thing.SITE) & (scene.geom_size[:, 0] > 0)
+        things = np.full(len(scene.geom_type), ObjectKind.GEOM)
+    solid, seen_sites = (
+        things < ObjectKind.SITE,
+        (things == ObjectKind.SITE) & (scene.geom_size[:, 0] > 0),
+    )
     shapes = Counter(Shape(int(shape)).name.lower() for shape in scene.geom_type[solid])
     lights = [x for x in scene.lights if render.headlight == "model" or not x.headlight]
-    there = solid | seen_sites | (things > Thing.SITE)
+    there = solid | seen_sites | (things > ObjectKind.SITE)
     used = [scene.surfaces[index] for index in sorted(set(scene.geom_surface[there].tolist()))]
     planes = scene.geom_type == Shape.PLANE
     endless = planes & (scene.geom_size[:, 0] <= 0) & (scene.geom_size[:, 1] <= 0)
@@ -85,7 +88,7 @@ def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
     triangles = [len(mesh.faces) for mesh in scene.meshes]
     seen = scene.geom_mesh[scene.geom_mesh >= 0]
     maps = ("metallic", "roughness", "occlusion", "opacity", "normal", "emissive")
-    air = scene.air
+    atmosphere = scene.atmosphere
     return Contents(
         geoms=dict(sorted(shapes.items())),
         meshes=len(scene.meshes) - len(scene.deforming) - shapes["hfield"],
@@ -93,9 +96,9 @@ def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
         height_fields=shapes["hfield"],
         deforming=len(scene.deforming),
         sites=int(seen_sites.sum()),
-        tendons=len(set(scene.geom_id[things == Thing.TENDON].tolist())),
-        ropes=len(set(scene.geom_id[things == Thing.ROPE].tolist())),
-        slider_cranks=len(set(scene.geom_id[things == Thing.CRANK].tolist())),
+        tendons=len(set(scene.geom_id[things == ObjectKind.TENDON].tolist())),
+        ropes=len(set(scene.geom_id[things == ObjectKind.ROPE].tolist())),
+        slider_cranks=len(set(scene.geom_id[things == ObjectKind.CRANK].tolist())),
         rods=len(scene.stretching),
         geoms_moving=int((solid & ~scene.geom_static).sum()),
         geoms_still=int((solid & scene.geom_static).sum()),
@@ -123,11 +126,11 @@ def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
         planes=int(planes.sum()),
         endless_planes=int(endless.sum()),
         sky=scene.skybox >= 0,
-        fog=air is not None and render.fog,
-        haze=air is not None
+        fog=atmosphere is not None and render.fog,
+        haze=atmosphere is not None
         and render.haze
-        and air.haze_radius_m > 0
-        and air.haze_ratio > 0
+        and atmosphere.haze_radius_m > 0
+        and atmosphere.haze_ratio > 0
         and bool(endless.any()),
         flickering=len(render.flicker),
         unlit=is_unlit(scene, render),

@@ -86,7 +86,18 @@ def estimate(
     features: Mapping[str, bool],
     steps: int = 1,
 ) -> Cost:
-    """The model's cost of a tick. In: steps of physics in it."""
+    """Estimate the cost of a tick.
+
+    Args:
+        world: The model.
+        has: What the scene contains.
+        mobility: What can move.
+        sensor: The sensor, resolved.
+        render: [render].
+        model: [model].
+        features: Which code paths run.
+        steps: Steps of physics in a tick.
+    """
     width, height = int(sensor.width), int(sensor.height)
     pixels = width * height
     packets = math.ceil(width / 4) * math.ceil(height / 4)

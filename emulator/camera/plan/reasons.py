@@ -16,7 +16,7 @@ from evs.emulator.world import Mobility
 
 @dataclass(frozen=True)
 class Why:
-    """Both reasons of a code path; the one that does not hold is never told."""
+    """Both reasons of a code path; the one that does not hold is never shown."""
 
     on: str
     off: str
@@ -107,7 +107,7 @@ def _light(has: Contents, mobility: Mobility, render: RenderConfig, path: bool) 
 
 
 def _sensor(sensor: SensorParameters) -> dict[str, Why]:
-    """The parameter that asks for each term."""
+    """The parameters that need each term."""
 
     def values(keys: tuple[str, ...]) -> str:
         return ", ".join(f"sensor.{key}={getattr(sensor, key):g}" for key in keys)

@@ -41,7 +41,7 @@ class ScenePlan:
     contents: Contents
     mobility: Mobility
     view: dict[str, Any]
-    """pixels, projection, renderer, samples: what is asked of them"""
+    """pixels, projection, renderer, samples: what is requested of them"""
     decisions: tuple[Decision, ...]
     """of the code paths that the renderer and the event model know, in the order of the stages"""
     cost: Cost
@@ -69,7 +69,17 @@ def plan_scene(
     features: Mapping[str, bool],
     tick_us: int,
 ) -> ScenePlan:
-    """The plan of a camera. In: features, which code paths it runs, as these say themselves."""
+    """Make the plan of a camera.
+
+    Args:
+        world: The model.
+        scene: What is extracted from it.
+        bound: The camera.
+        sensor: The sensor, resolved.
+        plan: Everything that makes the camera.
+        features: Which code paths it runs.
+        tick_us: Length of a tick, us.
+    """
     steps = max(1, round(tick_us * 1e-6 / world.opt.timestep))
     render, model, switches = plan.render, plan.model, plan.switches
     has, mobility = contents_of(scene, render), mobility_of(world, bound)
@@ -80,20 +90,20 @@ def plan_scene(
             continue
         on = features[feature.name]
         forced = feature.name in (switches.on if on else switches.off)
-        told = why[feature.name].on if on else why[feature.name].off
+        reason = why[feature.name].on if on else why[feature.name].off
         if forced:
-            told = FORCED_ON if on else FORCED_OFF
+            reason = FORCED_ON if on else FORCED_OFF
         elif feature.name in switches.on:
-            told = CANNOT
-        decisions.append(Decision(feature, on, told, forced))
+            reason = CANNOT
+        decisions.append(Decision(feature, on, reason, forced))
     cost = estimate(world, has, mobility, sensor, render, model, features, steps)
     return ScenePlan(has, mobility, _view(bound, plan), tuple(decisions), cost)
 
 
 def _view(bound: BoundCamera, plan: CameraPlan) -> dict[str, Any]:
-    """How it is looked at."""
+    """Optics, renderer and model of a view."""
     camera, render = bound.model, plan.render
-    asked = {
+    view = {
         "width": camera.width,
         "height": camera.height,
         "projection": "orthographic" if camera.orthographic else "perspective",
@@ -103,4 +113,4 @@ def _view(bound: BoundCamera, plan: CameraPlan) -> dict[str, Any]:
         "antialiasing": render.antialiasing,
         "model": plan.model.name,
     }
-    return asked | ({"bounces": render.bounces} if RENDERERS[render.renderer].paths else {})
+    return view | ({"bounces": render.bounces} if RENDERERS[render.renderer].paths else {})

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.base.scene import F32, Texture, TextureKind
-from evs.emulator.render.raster.context import NO_GL, Context, Library, one_line
+from evs.emulator.render.raster.context import NO_GL, Context, GlLibrary, one_line
 from evs.emulator.render.raster.drawing import CUBE, FLAT, Uniforms, linear_texels, smaller_versions
 from evs.msgs import EvsError
 
@@ -17,14 +17,14 @@ class Canvas:
     """pyrender's renderer with another shader, any number of lights and a float framebuffer."""
 
     def __init__(
-        self, library: Library, width: int, height: int, samples: int, lights: int
+        self, library: GlLibrary, width: int, height: int, samples: int, lights: int
     ) -> None:
         """A context of its own. samples: per pixel, 1 is the pixel's centre."""
         self.gl, self._size = library.gl, (width, height)
         self._program: Any = None
         self._textures: list[int] = []
         self._places: dict[str, int] = {}
-        self._looks: dict[Any, tuple[Uniforms, int]] = {}
+        self._materials: dict[Any, tuple[Uniforms, int]] = {}
         self.renderer = renderer = library.pyrender.Renderer(width, height)
         # FAULT: 8 bits a channel, clamped and gamma-coded: 32-bit floats instead, linear
         renderer._configure_main_framebuffer = self._make_framebuffers
@@ -45,7 +45,7 @@ class Canvas:
                 raise EvsError(NO_GL.format(f"this one cannot ({one_line(reason)})")) from None
             raise
 
-    def _build(self, library: Library, lights: int) -> Any:
+    def _build(self, library: GlLibrary, lights: int) -> Any:
         """Compile and link shade.vert and shade.frag."""
         gl = self.gl
         program = library.shader_program.ShaderProgram("shade.vert", "shade.frag")
@@ -127,17 +127,17 @@ class Canvas:
             else:
                 gl.glUniform1f(place, float(array))
 
-    def paint(self, node: Any, look: Uniforms, texture: int) -> None:
+    def paint(self, node: Any, material: Uniforms, texture: int) -> None:
         """What a node of the scene looks like; texture: its OpenGL name, 0 none."""
-        self._looks[node] = look, texture
+        self._materials[node] = material, texture
 
     def _bind(self, node: Any) -> None:
-        gl, (look, texture) = self.gl, self._looks[node]
+        gl, (material, texture) = self.gl, self._materials[node]
         if texture:
-            unit = look["texture_kind"]
+            unit = material["texture_kind"]
             gl.glActiveTexture(gl.GL_TEXTURE0 + unit)
             gl.glBindTexture(gl.GL_TEXTURE_CUBE_MAP if unit == CUBE else gl.GL_TEXTURE_2D, texture)
-        self.set_uniforms(look)
+        self.set_uniforms(material)
 
     def deform(self, node: Any, positions: F32, normals: F32) -> None:
         """Move a node's corners: (n, 3) each."""

@@ -24,7 +24,7 @@ NO_GL = (
 
 
 @dataclass(frozen=True)
-class Library:
+class GlLibrary:
     """What the imports brought."""
 
     pyrender: Any
@@ -36,7 +36,7 @@ class Library:
 
 
 @cache
-def load_library() -> Library:
+def load_library() -> GlLibrary:
     """Import everything, once. Raises EvsError where a package or libEGL is missing."""
     before = os.environ.get("PYOPENGL_PLATFORM")
     os.environ["PYOPENGL_PLATFORM"] = "egl"
@@ -58,7 +58,7 @@ def load_library() -> Library:
             del os.environ["PYOPENGL_PLATFORM"]
         else:
             os.environ["PYOPENGL_PLATFORM"] = before
-    return Library(pyrender, egl, GL, shader_program)
+    return GlLibrary(pyrender, egl, GL, shader_program)
 
 
 def one_line(reason: BaseException | str) -> str:
@@ -71,7 +71,7 @@ def one_line(reason: BaseException | str) -> str:
 class Context:
     """An OpenGL context without any window: `with context:` makes it the thread's own meanwhile."""
 
-    def __init__(self, library: Library) -> None:
+    def __init__(self, library: GlLibrary) -> None:
         from OpenGL import EGL
 
         self._egl = EGL
@@ -114,7 +114,7 @@ class Context:
         self._egl.eglDestroyContext(self._display, self._context)
 
 
-def devices_of(library: Library) -> list[Any]:
+def devices_of(library: GlLibrary) -> list[Any]:
     """The devices that EGL knows: GPUs, and Mesa's software."""
     try:
         return list(library.egl.query_devices())

@@ -24,7 +24,7 @@ from evs.emulator.base.scene import (
 )
 from evs.emulator.config import RenderConfig
 from evs.emulator.render.flicker import Flicker
-from evs.emulator.render.raster.tessellate import UNIT_CAPSULE, Facets, facets_of, room
+from evs.emulator.render.raster.tessellate import UNIT_CAPSULE, TriangleMesh, sky_box, tessellate
 
 FLAT, CUBE = 0, 1
 """texture_kind in shade.frag, and the texture units."""
@@ -38,11 +38,11 @@ A 32-bit depth of 1 - NEAR / FAR is still well below 1."""
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """One thing to draw."""
+class DrawCall:
+    """One object to draw."""
 
-    facets: Facets
-    look: Uniforms
+    triangles: TriangleMesh
+    material: Uniforms
     texture: int
     """index into SceneModel.textures, -1 none"""
 
@@ -104,7 +104,7 @@ def surface_uniforms(scene: SceneModel, geom: int, surface: Surface) -> Uniforms
     }
 
 
-def drawn(scene: SceneModel, orthographic: bool) -> Iterator[Drawn]:
+def draw_calls(scene: SceneModel, orthographic: bool) -> Iterator[DrawCall]:
     """Every geom in its order, then the sky if there is one."""
     extent_m, stretching = extent_of(scene), set(scene.stretching.tolist())
     for geom, kind in enumerate(scene.geom_type):
@@ -114,13 +114,13 @@ def drawn(scene: SceneModel, orthographic: bool) -> Iterator[Drawn]:
         size, cube = scene.geom_size[geom], is_cube(scene, surface)
         if geom in stretching:
             size = UNIT_CAPSULE
-        facets = facets_of(Shape(int(kind)), size, mesh, surface, cube, extent_m)
-        yield Drawn(facets, surface_uniforms(scene, geom, surface), surface.texture)
+        triangles = tessellate(Shape(int(kind)), size, mesh, surface, cube, extent_m)
+        yield DrawCall(triangles, surface_uniforms(scene, geom, surface), surface.texture)
     if scene.skybox >= 0:
-        look: Uniforms = {"geom": 0.0, "sky": True, "alpha": 1.0}
-        look |= {"albedo": np.ones(3), "texture_kind": CUBE}
+        material: Uniforms = {"geom": 0.0, "sky": True, "alpha": 1.0}
+        material |= {"albedo": np.ones(3), "texture_kind": CUBE}
         span = 0.25 * FAR_FLAT if orthographic else 0.5 * FAR
-        yield Drawn(room(span * extent_m), look, scene.skybox)
+        yield DrawCall(sky_box(span * extent_m), material, scene.skybox)
 
 
 def extent_of(scene: SceneModel) -> float:
@@ -143,7 +143,7 @@ def orthographic_matrix(camera: CameraModel, extent_m: float) -> F64:
     return out
 
 
-class Lamps:
+class LightUniforms:
     """The lights that a renderer uses, as shade.frag wants them."""
 
     def __init__(self, scene: SceneModel, config: RenderConfig) -> None:
@@ -163,7 +163,7 @@ class Lamps:
         return len(self._used)
 
     def at(self, snapshot: SceneSnapshot, pose: CameraPose) -> Uniforms:
-        """Where they are, with the camera as the origin, and where they look."""
+        """Where they are, with the camera as the origin, and where they point."""
         if not self._used:
             return {}
         ahead = -pose.mat.reshape(3, 3)[:, 2]

@@ -20,14 +20,14 @@ from evs.emulator.render.raster.drawing import (
     FAR,
     FLAT,
     NEAR,
-    Lamps,
+    LightUniforms,
     Uniforms,
-    drawn,
+    draw_calls,
     extent_of,
     orthographic_matrix,
     pose_matrix,
 )
-from evs.emulator.render.raster.tessellate import Facets, stretched
+from evs.emulator.render.raster.tessellate import TriangleMesh, stretched
 from evs.msgs import EvsError
 
 
@@ -56,17 +56,17 @@ class RasterRenderer:
         scene = scene if config.sites else scene.without_sites()
         self._content, self._config = scene, config
         self._tracer: DirectRenderer | None = None
-        self._lamps = Lamps(scene, config)
+        self._lights = LightUniforms(scene, config)
         self._luminance = np.zeros((camera.height, camera.width), np.float32)
         self._canvas = Canvas(
-            self._library, camera.width, camera.height, config.samples, len(self._lamps)
+            self._library, camera.width, camera.height, config.samples, len(self._lights)
         )
         self._close = weakref.finalize(self, self._canvas.close)
         constant: Uniforms = {"flat_texture": FLAT, "cube_texture": CUBE}
         constant["orthographic"] = camera.orthographic
         with self._canvas.context:
-            self._canvas.set_uniforms(constant | self._lamps.constant)
-            self._scene, self._nodes, self._eye, facets = self._stage(scene)
+            self._canvas.set_uniforms(constant | self._lights.constant)
+            self._scene, self._nodes, self._eye, triangles = self._stage(scene)
         # skins and flexes: which of snapshot.deformed, its node, its faces
         self._deforming = [
             (scene.deforming.index(mesh), self._nodes[geom], scene.meshes[mesh].faces)
@@ -74,12 +74,19 @@ class RasterRenderer:
             if mesh in scene.deforming
         ]
         # tendons and ropes: their nodes, and capsules as long as thick
-        self._stretching = [(self._nodes[geom], facets[geom]) for geom in scene.stretching]
+        self._stretching = [(self._nodes[geom], triangles[geom]) for geom in scene.stretching]
 
     def render(self, snapshot: SceneSnapshot, pose: CameraPose, into: F32 | None = None) -> F32:
-        """(h, w) float32 linear luminance.
+        """Render one instant.
 
-        In: into, where it goes; without it the array is this renderer's own and reused.
+        Args:
+            snapshot: The world at that instant.
+            pose: Where the camera is.
+            into: (h, w) float32, where the light goes; without it the array that is returned is
+                this renderer's own and reused.
+
+        Returns:
+            (h, w) float32 linear luminance.
         """
         luminance = self._luminance if into is None else into
         self._draw(snapshot, pose, luminance, False)
@@ -136,8 +143,8 @@ class RasterRenderer:
         ):
             self._scene.set_pose(node, pose_matrix(mat, position))
         self._scene.set_pose(self._eye, pose_matrix(pose.mat, np.zeros(3)))
-        look = -pose.mat.reshape(3, 3)[:, 2]
-        moving: Uniforms = {"look": look, "find_hits": single} | self._lamps.at(snapshot, pose)
+        forward = -pose.mat.reshape(3, 3)[:, 2]
+        moving: Uniforms = {"look": forward, "find_hits": single} | self._lights.at(snapshot, pose)
         with self._canvas.context:
             for shape, node, faces in self._deforming:
                 now = snapshot.deformed[shape]
@@ -149,36 +156,36 @@ class RasterRenderer:
             flags = self._library.pyrender.RenderFlags.OFFSCREEN
             self._canvas.draw(self._scene, flags, out, single)
 
-    def _stage(self, scene: SceneModel) -> tuple[Any, list[Any], Any, dict[int, Facets]]:
+    def _stage(self, scene: SceneModel) -> tuple[Any, list[Any], Any, dict[int, TriangleMesh]]:
         """pyrender's scene, its node of each geom, that of the camera, and what can stretch."""
         pyrender, camera, canvas = self._library.pyrender, self._camera, self._canvas
         stage = pyrender.Scene(bg_color=[0.0, 0.0, 0.0, 0.0])
         names: dict[int, int] = {-1: 0}
         nodes: list[Any] = []
-        facets, stretching = {}, set(scene.stretching.tolist())
-        for thing in drawn(scene, camera.orthographic):
-            if thing.texture not in names:
-                image = scene.textures[thing.texture]
+        triangles, stretching = {}, set(scene.stretching.tolist())
+        for call in draw_calls(scene, camera.orthographic):
+            if call.texture not in names:
+                image = scene.textures[call.texture]
                 srgb = image.srgb and image.name not in self._config.linear_textures
-                names[thing.texture] = canvas.add_texture(replace(image, srgb=srgb))
+                names[call.texture] = canvas.add_texture(replace(image, srgb=srgb))
             part = pyrender.Primitive(
-                positions=thing.facets.positions,
-                normals=thing.facets.normals,
+                positions=call.triangles.positions,
+                normals=call.triangles.normals,
                 # FAULT: texture coordinates are cut to two numbers; a cube's are three
-                color_0=thing.facets.coordinates,
-                indices=thing.facets.faces,
+                color_0=call.triangles.coordinates,
+                indices=call.triangles.faces,
             )
             # FAULT: indices are kept as 32-bit floats, which are exact only up to 2^24
             if len(nodes) in stretching:
-                facets[len(nodes)] = thing.facets
-            part._indices = np.ascontiguousarray(thing.facets.faces, np.uint32)
-            if thing.look["alpha"] < 1:
-                colour = [1.0, 1.0, 1.0, thing.look["alpha"]]
+                triangles[len(nodes)] = call.triangles
+            part._indices = np.ascontiguousarray(call.triangles.faces, np.uint32)
+            if call.material["alpha"] < 1:
+                colour = [1.0, 1.0, 1.0, call.material["alpha"]]
                 part.material = pyrender.MetallicRoughnessMaterial(
                     alphaMode="BLEND", baseColorFactor=colour
                 )
             nodes.append(stage.add(pyrender.Mesh([part])))
-            canvas.paint(nodes[-1], thing.look, names[thing.texture])
+            canvas.paint(nodes[-1], call.material, names[call.texture])
         extent_m = extent_of(scene)
         if camera.orthographic:
             # FAULT: its width is overruled and there is no principal point
@@ -189,4 +196,4 @@ class RasterRenderer:
             lens = pyrender.IntrinsicsCamera(
                 camera.fx, camera.fy, camera.cx, camera.cy, NEAR * extent_m, FAR * extent_m
             )
-        return stage, nodes[: len(scene.geom_type)], stage.add(lens), facets
+        return stage, nodes[: len(scene.geom_type)], stage.add(lens), triangles

@@ -25,7 +25,7 @@ RINGS = (1.0, 10.0, 100.0, 1e3)
 
 
 @dataclass(frozen=True)
-class Facets:
+class TriangleMesh:
     """The triangles of one geom, in its frame."""
 
     positions: F32
@@ -49,13 +49,18 @@ class _Part:
     faces: I32
 
 
-def facets_of(
+def tessellate(
     shape: Shape, size: F32, mesh: Mesh | None, surface: Surface, cube: bool, extent_m: float
-) -> Facets:
-    """The triangles of a geom.
+) -> TriangleMesh:
+    """Cut a geom into triangles.
 
-    In: size (3,) as SceneModel.geom_size; mesh, of a MESH or HFIELD; cube, True if the surface's
-    texture is one; extent_m, the scene's, for infinite planes.
+    Args:
+        shape: Of the geom.
+        size: (3,) as SceneModel.geom_size.
+        mesh: Of a MESH or HFIELD.
+        surface: Of the geom.
+        cube: Whether the surface's texture is a cube map.
+        extent_m: The scene's, for infinite planes, m.
     """
     sizes = size.astype(np.float64)
     if mesh is not None:
@@ -84,7 +89,7 @@ def facets_of(
         coordinates = np.column_stack([flat, np.zeros(len(flat))])
     starts = np.cumsum([0] + [len(part.positions) for part in parts[:-1]])
     faces = [part.faces + start for part, start in zip(parts, starts, strict=True)]
-    return Facets(
+    return TriangleMesh(
         np.vstack([part.positions for part in parts]).astype(np.float32),
         np.vstack([part.normals for part in parts]).astype(np.float32),
         coordinates.astype(np.float32),
@@ -92,7 +97,7 @@ def facets_of(
     )
 
 
-def stretched(capsule: Facets, size: F32) -> F32:
+def stretched(capsule: TriangleMesh, size: F32) -> F32:
     """(n, 3) corners of a capsule or cylinder of that size. In: capsule, as of UNIT_CAPSULE."""
     half = np.sign(capsule.positions[:, 2])
     corners = capsule.positions * size[0]
@@ -100,13 +105,13 @@ def stretched(capsule: Facets, size: F32) -> F32:
     return np.asarray(corners, np.float32)
 
 
-def room(half_m: float) -> Facets:
+def sky_box(half_m: float) -> TriangleMesh:
     """A cube seen from inside, around the origin: where a sky is painted."""
     parts = _box(np.full(3, half_m))
     positions = np.vstack([part.positions for part in parts]).astype(np.float32)
     faces = np.vstack([part.faces[:, ::-1] + 4 * i for i, part in enumerate(parts)])
     inward = (-np.sign(positions) / 3**0.5).astype(np.float32)
-    return Facets(positions, inward, positions, faces.astype(np.int32))
+    return TriangleMesh(positions, inward, positions, faces.astype(np.int32))
 
 
 def _repeat(surface: Surface) -> F64:

@@ -58,10 +58,14 @@ def floor(mean: float) -> float:
 def draw_pattern(
     sensor: SensorParameters, seed: int, terms: SensorTerms | None = None
 ) -> FixedPattern:
-    """theta = max(floor(mean), mean + sigma N); rates times 10^(cov N), so that their mean is 1.
+    """Draw the fixed pattern: one standard normal number N per pixel and term.
 
-    N is standard normal, one number per pixel and term. In: terms, those the pixels have, else what
-    the sensor asks for.
+    theta = max(floor(mean), mean + sigma N); rates times 10^(cov N), so that their mean is 1.
+
+    Args:
+        sensor: The sensor, resolved.
+        seed: What it follows from.
+        terms: Those the pixels have; None: those the sensor needs.
     """
     size = (sensor.width, sensor.height)
     terms = terms or SensorTerms.of(sensor)

@@ -10,9 +10,14 @@ from evs.emulator.sensor.parameters import SensorParameters
 
 
 def log_light(luminance: F32, sensor: SensorParameters) -> F32:
-    """L_log of a luminance of any shape, float32, the same bits as inside the event models.
+    """Map luminance to log units, with the same bits as inside the event models.
 
-    In: linear luminance as Renderer.render gives it. NaN where it is negative, NaN or Inf.
+    Args:
+        luminance: Of any shape, linear, as of Renderer.render.
+        sensor: The sensor, resolved.
+
+    Returns:
+        L_log, float32; NaN where the luminance is negative, NaN or Inf.
     """
     flat = np.ascontiguousarray(luminance, np.float32).reshape(-1)
     mapped: F32 = _core.log_map(

@@ -38,10 +38,18 @@ class PlainModel:
         causes: bool = False,
         switches: Switches = UNFORCED,
     ) -> None:
-        """Threads: 0 is one a core. isa: auto, avx512, avx2, portable, all with the same bytes.
+        """Set the pixels up; nothing is drawn yet.
 
-        causes: byte 13 of each event, zero elsewhere, is the msgs.Cause why it came about.
-        switches: terms that are forced on, with the same bytes, or off.
+        Args:
+            sensor: The sensor, resolved.
+            threads: Worker threads; 0: one a core.
+            isa: auto, avx512, avx2 or portable, all with the same bytes.
+            average: The running mean in front of the pixels; None: there is none.
+            causes: Whether byte 13 of each event is its msgs.Cause; it is zero otherwise.
+            switches: Terms that are forced on, with the same bytes, or off.
+
+        Raises:
+            EvsError: This machine cannot run the instruction set.
         """
         self.sensor = reduced(sensor, switches)
         average = average if switches.decide("running_mean", average) else None
@@ -99,12 +107,20 @@ class PlainModel:
     def step(
         self, luminance: F32, state: PlainState, t_begin_us: int, t_end_us: int
     ) -> tuple[Events, PlainState]:
-        """Events of the tick (t_begin_us, t_end_us], sorted by t, ties in pixel order.
+        """Turn the light of one tick into events; a pixel's first light only sets its reference.
 
-        In: luminance (h, w) float32, linear. A pixel's first light only sets its reference.
-        Light that is negative, NaN or Inf leaves the pixel at its last value and is counted in
-        `clamped`. The state handed in is consumed: its arrays become those of the one handed out.
-        Raises EvsError: wrong shape, tick that does not go forward, more events than memory.
+        Args:
+            luminance: (h, w) float32, linear. Light that is negative, NaN or Inf leaves the pixel
+                at its last value and is counted in `clamped`.
+            state: It is consumed: its arrays become those of the state that is returned.
+            t_begin_us: Where the tick begins, us.
+            t_end_us: Where it ends, us.
+
+        Returns:
+            The events in (t_begin_us, t_end_us], sorted by t, ties in pixel order; the state.
+
+        Raises:
+            EvsError: Wrong shape, a tick that does not go forward, more events than memory.
         """
         check_tick(self.sensor, luminance, state, t_begin_us, t_end_us)
         tick_us = t_end_us - t_begin_us
@@ -155,7 +171,7 @@ class PlainModel:
             lowpass_low=turn * sensor.cutoff_hz * sensor.dim_lux / span_lux,
             lowpass_slope=turn * sensor.cutoff_hz * sensor.lux_per_dn / span_lux,
             follower=turn * sensor.follower_hz,
-            # a rate of 0 that is asked for stands still all the same
+            # a rate of 0 that is forced on changes nothing
             highpass=turn * sensor.highpass_hz if sensor.highpass_hz else self.terms.idle_highpass,
             parasitic_slope=sensor.lux_per_dn / sensor.bright_lux,
             refractory_us=sensor.refractory_us,

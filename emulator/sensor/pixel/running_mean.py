@@ -1,7 +1,7 @@
 """Noise-adaptive running mean: the cheapest denoiser of light that is new in every tick.
 
 Each pixel has a mean that follows its light, fast where the light really changes and slowly where
-it is only noisy. Which of the two it is, two running statistics tell: how far tick and tick before
+it is only noisy. Two running statistics decide which of the two it is: how far tick and tick before
 are apart (that is noise: light changes little in a millisecond) and how far, with its sign, light
 and mean are apart (noise cancels out in it, a change does not). With N the mean square of the
 first and b the mean of the second,
@@ -100,9 +100,16 @@ def dark(height: int, width: int) -> RunningMeanState:
 def step(
     light: F32, s: RunningMeanState, c: RunningMeanConstants | None = None
 ) -> tuple[F32, RunningMeanState]:
-    """One tick. In: light (h, w) float32, linear. Out: the means (h, w), and the state after it.
+    """Step the running mean by one tick.
 
-    A pixel's first light is its mean; until then its mean is NaN.
+    Args:
+        light: (h, w) float32, linear.
+        s: The state before.
+        c: The constants; None: the defaults.
+
+    Returns:
+        The means (h, w), and the state after the tick. A pixel's first light is its mean; until
+        then its mean is NaN.
     """
     c = RunningMeanConstants() if c is None else c
     usable = (light > -BLACK) & (light <= LARGEST_LIGHT)  # False for NaN

@@ -105,9 +105,13 @@ class PlainState:
         average: bool = False,
         terms: SensorTerms | None = None,
     ) -> PlainState:
-        """The state of pixels that have seen no light yet.
+        """Make the state of pixels that have seen no light yet.
 
-        In: average, the running mean is on; terms, those the pixels have, else what sensor asks.
+        Args:
+            seed: What fixed pattern and noise follow from.
+            sensor: The sensor, resolved.
+            average: Whether the running mean is on.
+            terms: Those the pixels have; None: those the sensor needs.
         """
         terms = terms or SensorTerms.of(sensor, average)
         shape = (sensor.height, sensor.width)

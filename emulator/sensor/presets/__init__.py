@@ -1,1 +1,1 @@
-"""Sensor files: what a real chip is told by, and its biases."""
+"""Sensor files: the parameters of a real chip, and its biases."""

@@ -51,11 +51,18 @@ def with_biases(
     fixed: Collection[str],
     sensor: str,
 ) -> dict[str, Any]:
-    """The parameters that biases other than the nominal ones make of those of a preset.
+    """Apply biases other than the nominal ones to the parameters of a preset.
 
-    In: given, bias -> value; fixed, parameters that stay as they are; sensor, its name.
-    Raises EvsError: a bias that the sensor does not have, or out of its range, or that no pixel
-    works with.
+    Args:
+        parameters: Those of the preset.
+        nominal: Its biases; None: it has none.
+        given: Bias -> value.
+        fixed: Parameters that stay as they are.
+        sensor: Its name, for messages.
+
+    Raises:
+        EvsError: A bias that the sensor does not have, or out of its range, or that no pixel works
+            with.
     """
     changed = dict(parameters)
     if nominal is None:
@@ -101,9 +108,9 @@ def _levels(given: Mapping[str, int]) -> dict[str, int]:
     return dict.fromkeys(names, LEVELS[given["bias_sensitivity"]])
 
 
-def _check(law: Law, name: str, value: Any, said: str, owner: str) -> None:
+def _check(law: Law, name: str, value: Any, key: str, owner: str) -> None:
     if name not in law.ranges:
         raise unknown(f"bias of {owner}", name, law.ranges)
     lowest, highest = law.ranges[name]
     if not isinstance(value, int) or isinstance(value, bool) or not lowest <= value <= highest:
-        raise EvsError(f"{said} is {value!r}; give a whole number, {lowest} ... {highest}")
+        raise EvsError(f"{key} is {value!r}; give a whole number, {lowest} ... {highest}")

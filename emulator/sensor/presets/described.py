@@ -12,7 +12,7 @@ from evs.emulator.sensor.presets.biases import effective
 from evs.emulator.sensor.presets.resolve import preset_biases, preset_path, resolve_sensor
 from evs.emulator.sensor.presets.sources import Sources, read_sources
 
-DEFAULT = "default of evs: the file does not tell it"
+DEFAULT = "default of evs: the file does not give it"
 
 
 @dataclass(frozen=True)
@@ -55,20 +55,20 @@ def describe_sensor(config: SensorConfig) -> Description:
     """The sensor of a configuration, resolved. Raises EvsError as resolve_sensor does."""
     now = dict(flat(resolve_sensor(config)))
     preset = dict(flat(resolve_sensor(SensorConfig(config.preset))))
-    told = read_sources(preset_path(config.preset))
+    comments = read_sources(preset_path(config.preset))
     name = now.pop("name")
-    tables = {key.rpartition(".")[0] for key in told.of}
+    tables = {key.rpartition(".")[0] for key in comments.of}
     parameters = tuple(
-        Parameter(key, value, preset.get(key), told.of.get(key, "") or DEFAULT)
+        Parameter(key, value, preset.get(key), comments.of.get(key, "") or DEFAULT)
         for key, value in now.items()
-        # a table that neither file nor configuration tells is something the sensor does not have
+        # the sensor lacks what a table stands for that neither file nor configuration has
         if not key.rpartition(".")[0] or key.rpartition(".")[0] in tables or value != preset[key]
     )
-    biases = tuple(_biases(config, told))
-    return Description(str(name), told.about, parameters, biases)
+    biases = tuple(_biases(config, comments))
+    return Description(str(name), comments.about, parameters, biases)
 
 
-def _biases(config: SensorConfig, told: Sources) -> Iterator[Bias]:
+def _biases(config: SensorConfig, comments: Sources) -> Iterator[Bias]:
     nominal = preset_biases(config.preset)
     if nominal is None:
         return
@@ -76,7 +76,7 @@ def _biases(config: SensorConfig, told: Sources) -> Iterator[Bias]:
     now = effective(nominal, given)
     for key, value in nominal.values.items():
         ends = nominal.law.ranges[key]
-        yield Bias(key, now[key], value, *ends, told.of.get(f"biases.{key}", ""))
+        yield Bias(key, now[key], value, *ends, comments.of.get(f"biases.{key}", ""))
 
 
 def flat(parameters: SensorParameters) -> Iterator[tuple[str, Any]]:

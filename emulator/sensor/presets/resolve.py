@@ -24,12 +24,17 @@ def preset_names() -> list[str]:
 
 
 def resolve_sensor(config: SensorConfig) -> SensorParameters:
-    """The sensor of a configuration: its preset, with every key that the configuration gives.
+    """Resolve a sensor: its preset, with every key that the configuration gives.
 
-    `config.preset` is the name of a preset or the path of a .toml file (it ends in .toml or has a
-    slash in it). Nested tables are merged in the same way, key by key. Biases other than the
-    preset's change its parameters, except those that the configuration gives. Raises EvsError: no
-    such preset or file, unknown or missing key, senseless value.
+    Nested tables are merged in the same way, key by key. Biases other than the preset's change its
+    parameters, except those that the configuration gives.
+
+    Args:
+        config: [sensor]; `preset` is the name of a preset or the path of a .toml file (it ends in
+            .toml or has a slash in it).
+
+    Raises:
+        EvsError: No such preset or file, an unknown or missing key, a senseless value.
     """
     path = preset_path(config.preset)
     values = _read(path)
@@ -52,22 +57,24 @@ def preset_biases(preset: str) -> Nominal | None:
 
 
 def completed(config: dict[str, Any], sensor: SensorParameters) -> dict[str, Any]:
-    """A [sensor] table of plain values with every number that the sensor really has.
+    """Complete a [sensor] table with every number that the sensor really has.
 
-    In: config, where None stands for the preset's value. A key of the table [biases] stays None
-    where the bias is the preset's; what the biases made of the parameters is told.
+    Args:
+        config: Plain values, where None stands for the preset's. A key of the table [biases] stays
+            None where the bias is the preset's.
+        sensor: The sensor, resolved; its parameters are those that the biases made.
     """
     return _completed(config, asdict(sensor))
 
 
 def _completed(config: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
-    told = dict(config)
+    complete = dict(config)
     for key, value in values.items():
-        if isinstance(value, dict) and isinstance(told.get(key), dict):
-            told[key] = _completed(told[key], value)
-        elif key in told and told[key] is None:
-            told[key] = value
-    return told
+        if isinstance(value, dict) and isinstance(complete.get(key), dict):
+            complete[key] = _completed(complete[key], value)
+        elif key in complete and complete[key] is None:
+            complete[key] = value
+    return complete
 
 
 def _nominal(values: dict[str, Any], path: Path) -> Nominal | None:

@@ -1,4 +1,4 @@
-"""Where each value of a sensor file comes from: the comment behind it, as the file tells it."""
+"""Where each value of a sensor file comes from: the comment behind it in the file."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 # a comment begins at the first # outside quotes
-_LINE = re.compile(r"""^(?P<said>(?:[^"'#]|"[^"]*"|'[^']*')*)(?:\#(?P<comment>.*))?$""")
+_LINE = re.compile(r"""^(?P<code>(?:[^"'#]|"[^"]*"|'[^']*')*)(?:\#(?P<comment>.*))?$""")
 _TABLE = re.compile(r"^\s*\[([\w.]+)\]")
 _KEY = re.compile(r"^\s*(\w+)\s*=")
 
@@ -20,7 +20,7 @@ class Sources:
     """the comment at its head"""
     of: dict[str, str]
     """key, dotted for one inside a table (`readout.order`) -> where its value comes from; "" where
-    the file does not tell"""
+    there is no comment"""
 
 
 def read_sources(path: Path) -> Sources:
@@ -34,11 +34,11 @@ def read_sources(path: Path) -> Sources:
     table, key = "", ""
     for line in path.read_text(encoding="utf-8").splitlines():
         found = _LINE.match(line)
-        said, comment = (found["said"], found["comment"] or "") if found else (line, "")
+        code, comment = (found["code"], found["comment"] or "") if found else (line, "")
         comment = comment.strip()
-        if header := _TABLE.match(said):
+        if header := _TABLE.match(code):
             table, key = f"{header[1]}.", ""
-        elif named := _KEY.match(said):
+        elif named := _KEY.match(code):
             key = table + named[1]
             of[key] = comment
         elif comment and not of and not table:

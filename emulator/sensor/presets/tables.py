@@ -39,12 +39,17 @@ class SensorFile:
 
 
 def fill(kind: type[P], file: SensorFile, config: Any, **fixed: Any) -> P:
-    """An instance of `kind`: the file's values, but what `config` gives, and `fixed`, go first.
+    """Make an instance of `kind`: what `config` and `fixed` give, else the file's values.
 
-    In: config, a dataclass with the keys of `kind`, None where it gives nothing. A table whose
-    field is `Table | None` is None where neither file nor configuration has any of its keys.
-    A key that is declared as a path is relative to the file where that gives it.
-    Raises EvsError: unknown or missing key, and whatever `kind` refuses.
+    Args:
+        kind: A dataclass of parameters. A table whose field is `Table | None` is None where neither
+            file nor configuration has any of its keys.
+        file: The table of the sensor file. A key that is declared as a path is relative to it.
+        config: A dataclass with the keys of `kind`, None where it gives nothing.
+        **fixed: Values that neither gives.
+
+    Raises:
+        EvsError: An unknown or missing key, and whatever `kind` refuses.
     """
     hints = typing.get_type_hints(kind)
     known = [field.name for field in fields(kind) if field.name not in fixed]  # type: ignore[arg-type]

@@ -36,7 +36,7 @@ class ReadoutState:
     """(16 n,) the bytes of events that were not handed out yet: those still late in their pixels,
     those that wait for their row, those that wait for the link"""
     due_ns: I64
-    """(n,) when each asks to be read, or leaves by the link"""
+    """(n,) when each requests to be read, or leaves by the link"""
     t_us: I64
     """(1,) end of the last tick; (0,) before the first"""
 

@@ -13,7 +13,7 @@ from evs.msgs import Cause
 
 
 @dataclass(frozen=True)
-class Happening:
+class PixelEvent:
     """An event of the pixel."""
 
     offset_us: int
@@ -51,7 +51,7 @@ class PixelTick:
     """rate of both"""
 
 
-def compare(p: PixelTick) -> tuple[list[Happening], float, int]:
+def compare(p: PixelTick) -> tuple[list[PixelEvent], float, int]:
     """The events in order; the reference at the end of the tick; until when the pixel is blind.
 
     References are told as they would have been at the start of the tick: then the levels stand
@@ -61,7 +61,7 @@ def compare(p: PixelTick) -> tuple[list[Happening], float, int]:
     speed = span + p.drift
     end = p.signal_end + p.drift
     moving = Cause.SIGNAL if abs(p.drift) <= abs(span) else Cause.HOT if p.hot else Cause.LEAK
-    events: list[Happening] = []
+    events: list[PixelEvent] = []
     shots = list(p.shots)
     now, reference = 0, p.reference
     wake = p.blind_until_us - p.begin_us if math.isnan(reference) else None
@@ -96,7 +96,7 @@ def compare(p: PixelTick) -> tuple[list[Happening], float, int]:
             polarity = int(shot.lot_hz < p.shot_on_hz)
         else:
             return events, reference - p.drift, p.blind_until_us
-        events.append(Happening(now, polarity, cause))
+        events.append(PixelEvent(now, polarity, cause))
         if p.refractory_us:
             wake = now + p.refractory_us
 

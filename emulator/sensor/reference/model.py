@@ -13,7 +13,7 @@ from evs.emulator.sensor.pixel import running_mean
 from evs.emulator.sensor.pixel.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants, RunningMeanState
 from evs.emulator.sensor.pixel.state import BLOCK, PlainState, check_tick
-from evs.emulator.sensor.reference.comparators import Happening, PixelTick, compare
+from evs.emulator.sensor.reference.comparators import PixelEvent, PixelTick, compare
 from evs.emulator.sensor.reference.filters import bandwidth, follow, share_of_tick, shares
 from evs.emulator.sensor.reference.light import is_light, log_light, to_dn
 from evs.emulator.sensor.reference.noise import (
@@ -63,7 +63,7 @@ class ReferenceModel:
         drift = self._drift(start, end, dn, state, pattern, tick_us)
         shots = self._shots(state, pattern, tick_us)
 
-        events: list[tuple[Happening, int]] = []
+        events: list[tuple[PixelEvent, int]] = []
         reference = state.reference.reshape(-1)
         for i in range(reference.size):
             if begins.flat[i]:
@@ -185,7 +185,7 @@ class ReferenceModel:
                 found.setdefault(first + shot.pixel, []).append(shot)
         return found
 
-    def _packet(self, events: list[tuple[Happening, int]], t_begin_us: int) -> Events:
+    def _packet(self, events: list[tuple[PixelEvent, int]], t_begin_us: int) -> Events:
         """By time; ties by pixel, then in the order in which the pixel had them."""
         events.sort(key=lambda event: event[0].offset_us)
         y, x = np.divmod(np.array([pixel for _, pixel in events], np.int64), self.sensor.width)

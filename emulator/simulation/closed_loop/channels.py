@@ -28,7 +28,14 @@ class Channels:
     """The links of some cameras, one for each of their streams, and that of the controls."""
 
     def __init__(self, delays: DelayConfig, cameras: Sequence[str], nu: int, seed: int) -> None:
-        """In: cameras, their names; nu, how many controls; seed, jitter and losses follow."""
+        """Make the links.
+
+        Args:
+            delays: Of all of them.
+            cameras: Names of the cameras.
+            nu: How many controls there are.
+            seed: Jitter and losses follow from it.
+        """
         self.delays, self.cameras, self.nu = delays, tuple(cameras), nu
         jitters, drops = delays.transport_jitter_us > 0.0, delays.drop_share > 0.0
         self.links: dict[tuple[str, int], Link[Any]] = {}

@@ -69,12 +69,26 @@ class ClosedLoop:
         delays: DelayConfig | None = None,
         meter: Meter | None = None,
     ) -> None:
-        """A world with these cameras, all of the same kind, and a loop around it.
+        """Make a world with these cameras, all of the same kind, and a loop around it.
 
-        In: cameras, names of the model's, or descriptions; "" is its first, else a free one;
-        limits, name of a sensor of the model -> the range whose leaving ends the episode; max_s,
-        simulated seconds after which it ends; delays, None: there are none; the others as of
-        World and World.add_camera. Raises EvsError with one line for whatever cannot be.
+        Args:
+            scene: As of World.
+            cameras: Names of the model's cameras, or descriptions; "" is its first, else a free
+                camera.
+            tick_us: Length of a tick, us.
+            sensor: As of World.add_camera, for every camera.
+            render: As of World.add_camera.
+            model: As of World.add_camera.
+            seed: Every random number follows from it.
+            threads: Worker threads; 0: one a core.
+            limits: Name of a sensor of the model -> (low, high); a reading outside ends the
+                episode.
+            max_s: Simulated seconds after which the episode ends; None: it has no end.
+            delays: Between cameras, controller and actuators; None: there are none.
+            meter: Measures how long each stage takes.
+
+        Raises:
+            EvsError: An argument makes no sense; one line.
         """
         world = World(scene, tick_us=tick_us, seed=seed, threads=threads, meter=meter)
         several = (cameras,) if isinstance(cameras, str | CameraConfig) else tuple(cameras)
@@ -91,9 +105,18 @@ class ClosedLoop:
         max_s: float | None = None,
         delays: DelayConfig | None = None,
     ) -> ClosedLoop:
-        """A loop around a world, with all the cameras it has now; from then on it alone steps it.
+        """Put a loop around a world with all its cameras; from then on only the loop steps it.
 
         Until the first control is given, the world's own control source acts.
+
+        Args:
+            world: The world.
+            limits: As of the class.
+            max_s: As of the class.
+            delays: As of the class.
+
+        Raises:
+            EvsError: An argument makes no sense.
         """
         loop = cls.__new__(cls)
         loop._surround(world, limits, max_s, delays)
@@ -139,12 +162,19 @@ class ClosedLoop:
         state: bool = False,
         start: Callable[[MjData], None] | None = None,
     ) -> Observation:
-        """Begin an episode; what is known before its first tick: no event, the encoders.
+        """Begin an episode.
 
-        In: seed, all noise follows from it, None keeps the last one; keyframe, name or number of
-        the one to start from, "" is as the world was made; state, observations of this episode
-        carry the physics' state; start, puts the MjData somewhere else before the first look.
-        Raises EvsError.
+        Args:
+            seed: All noise follows from it; None keeps the last one.
+            keyframe: Name or number of the keyframe to start from; "" is as the world was made.
+            state: Whether observations of this episode carry the state of the physics.
+            start: Puts the MjData into another state before the first observation.
+
+        Returns:
+            What is known before the first tick: the encoders, and no event.
+
+        Raises:
+            EvsError: No such keyframe.
         """
         self.world.reset(seed, keyframe)
         # not begun, should `start` raise
@@ -153,15 +183,22 @@ class ClosedLoop:
             start(self.world.data)
         self._channels = self._new_channels()
         self._wants_state = bool(state)
-        self._look()
+        self._read_encoders()
         return self._seen()
 
     def step(self, ctrl: npt.ArrayLike | None = None, ticks: int = 1) -> Observation:
         """Decide, then go on for so many ticks, fewer where the episode ends.
 
-        In: ctrl (nu,) holds until another acts; None keeps the last. Raises EvsError, and the
-        world has not moved: another shape, a number that is not finite, no tick, no reset before,
-        an episode that is over.
+        Args:
+            ctrl: (nu,) controls, which hold until others act; None keeps the last.
+            ticks: 1 or more.
+
+        Returns:
+            What has arrived by the end of them.
+
+        Raises:
+            EvsError: The controls have another shape or are not finite, there is no tick, no reset
+                before, or the episode is over; the world has not moved.
         """
         self._check_going()
         ticks = plain_integer(ticks, "ticks")
@@ -192,13 +229,20 @@ class ClosedLoop:
                 channels.send(place, frame, world.t_us)
             if camera.imu_packet is not None:
                 channels.send(place, camera.imu_packet, world.t_us)
-        self._look()
+        self._read_encoders()
         return not self._done
 
     def save(self, compress: bool = False) -> bytes:
-        """Everything that the next step follows from: world, delays, what is on its way, counts.
+        """Save everything that the next step follows from: world, delays, messages on their way.
 
-        In: compress, as of World.save. Raises EvsError before the first reset.
+        Args:
+            compress: As of World.save.
+
+        Returns:
+            What `restore` takes.
+
+        Raises:
+            EvsError: There was no reset before.
         """
         if self._done is None:
             raise EvsError("the loop has not begun: call reset before save")
@@ -207,9 +251,16 @@ class ClosedLoop:
     def restore(self, blob: bytes) -> Observation:
         """Go on from where `save` was called, in this process or another, with the same bytes.
 
-        Out: the encoders there, and no packets: those that had arrived were handed out. Raises
-        EvsError where the blob is damaged, or of another model or configuration, and then nothing
-        has changed. A loop need not have been reset before.
+        The loop need not have been reset before.
+
+        Args:
+            blob: What `save` gave.
+
+        Returns:
+            The encoders there, and no packets: those that had arrived were handed out.
+
+        Raises:
+            EvsError: It is damaged, or of another model or configuration; nothing has changed.
         """
         # the world may have got another camera since
         like = self._channels if self._knows_cameras else self._new_channels()
@@ -246,7 +297,7 @@ class ClosedLoop:
         if self._done:
             raise EvsError(f"the episode is over ({self._done}): call reset")
 
-    def _look(self) -> None:
+    def _read_encoders(self) -> None:
         """Read the encoders and see whether the episode is over."""
         self._encoders.read(self.world.data)
         self._done = self._encoders.left()

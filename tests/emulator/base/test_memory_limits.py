@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from evs.emulator.base import memory
+from evs.emulator.base import memory_limits
 from evs.emulator.evsnet.memory_budget import check_growth
 from evs.launch import main
 from evs.msgs import EvsError
@@ -20,9 +20,9 @@ def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A machine of 100 GB of which 80 are free, in no group yet."""
     (tmp_path / "meminfo").write_text("MemTotal: 97656250 kB\nMemAvailable: 78125000 kB\n")
     (tmp_path / "groups").write_text("")
-    monkeypatch.setattr(memory, "MEMORY_FILE", tmp_path / "meminfo")
-    monkeypatch.setattr(memory, "GROUP_FILE", tmp_path / "groups")
-    monkeypatch.setattr(memory, "GROUPS", tmp_path / "cgroup")
+    monkeypatch.setattr(memory_limits, "MEMORY_FILE", tmp_path / "meminfo")
+    monkeypatch.setattr(memory_limits, "GROUP_FILE", tmp_path / "groups")
+    monkeypatch.setattr(memory_limits, "GROUPS", tmp_path / "cgroup")
     return tmp_path
 
 
@@ -39,48 +39,48 @@ V1 = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
 
 
 def test_without_limits_it_is_the_machines(machine: Path) -> None:
-    assert memory.memory_gb() == pytest.approx((100, 80))
+    assert memory_limits.memory_gb() == pytest.approx((100, 80))
 
 
 def test_a_container_counts_with_what_its_kernel_gives_back(machine: Path) -> None:
     (machine / "groups").write_text("0::/docker/one\n")
     group(machine / "cgroup" / "docker" / "one", V2, "8000000000", 5 * 10**9, 2 * 10**9)
-    assert memory.memory_gb() == pytest.approx((8, 5))
+    assert memory_limits.memory_gb() == pytest.approx((8, 5))
 
 
 def test_a_group_above_counts_too(machine: Path) -> None:
     (machine / "groups").write_text("0::/user/one\n")
     group(machine / "cgroup" / "user" / "one", V2, "max", 10**9, 0)
     group(machine / "cgroup" / "user", V2, "16000000000", 15 * 10**9, 0)
-    assert memory.memory_gb() == pytest.approx((16, 1))
+    assert memory_limits.memory_gb() == pytest.approx((16, 1))
 
 
 def test_a_container_that_sees_its_own_group_as_the_root(machine: Path) -> None:
     (machine / "groups").write_text("0::/\n")
     group(machine / "cgroup", V2, "4000000000", 10**9, 0)
-    assert memory.memory_gb() == pytest.approx((4, 3))
+    assert memory_limits.memory_gb() == pytest.approx((4, 3))
 
 
 def test_groups_of_version_1(machine: Path) -> None:
     (machine / "groups").write_text("5:cpu:/\n4:memory:/docker/one\n0::/\n")
     group(machine / "cgroup" / "memory" / "docker" / "one", V1, "6000000000", 7 * 10**9, 0)
     group(machine / "cgroup" / "cpu", V1, "1", 0, 0)
-    assert memory.memory_gb() == pytest.approx((6, 0))
+    assert memory_limits.memory_gb() == pytest.approx((6, 0))
 
 
 def test_a_limit_on_address_space() -> None:
-    before = memory.memory_gb()
+    before = memory_limits.memory_gb()
     with address_space(10**9):
-        total_gb, free_gb = memory.memory_gb()
+        total_gb, free_gb = memory_limits.memory_gb()
         # what Python itself took for looking
         assert 0.9 < free_gb <= 1.0
         assert total_gb > free_gb
         with pytest.raises(MemoryError):
             bytearray(2 * 10**9)
-    assert memory.memory_gb()[0] == before[0]
+    assert memory_limits.memory_gb()[0] == before[0]
     said = subprocess.run(
         ["sh", "-c", f"ulimit -v 4000000; exec {sys.executable} -c "
-         "'from evs.emulator.base.memory import memory_gb; print(memory_gb()[0])'"],
+         "'from evs.emulator.base.memory_limits import memory_gb; print(memory_gb()[0])'"],
         capture_output=True, text=True, check=True,
         env={"PYTHONPATH": ":".join(filter(None, sys.path))},
     ).stdout  # fmt: skip

@@ -24,7 +24,7 @@ from evs.emulator.sensor.aps import Aps
 from evs.emulator.sensor.imu import Imu
 from evs.emulator.sensor.pixel import fixed_pattern
 from evs.emulator.sensor.pixel.plain import PlainModel
-from evs.emulator.sensor.readout.stage import Readout
+from evs.emulator.sensor.readout.readout import Readout
 from evs.emulator.simulation.world import World
 from reference.networks import random_network
 from reference.planned import NEEDS, PLAIN, Film, told

@@ -15,7 +15,7 @@ import onnxruntime
 import pytest
 
 from evs.emulator.evsnet import NetworkWeights
-from evs.emulator.evsnet.graph import streaming_graph
+from evs.emulator.evsnet.onnx_graph import streaming_graph
 from evs.msgs import EvsError
 from evs.tools.training.export import export, sidecar
 from reference.networks import random_network

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evs.emulator.base import memory
+from evs.emulator.base import memory_limits
 from evs.emulator.base.scene import F32
 from evs.emulator.config import SensorConfig
 from evs.emulator.evsnet import Block, NetworkWeights
@@ -251,7 +251,7 @@ def test_what_could_move_at_most_is_no_reason_to_refuse(monkeypatch: pytest.Monk
 
 
 def test_memory_is_what_the_machine_says() -> None:
-    total_gb, free_gb = memory.memory_gb()
+    total_gb, free_gb = memory_limits.memory_gb()
     assert 0 < free_gb <= total_gb
 
 

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evs.emulator.evsnet.graph import streaming_graph
 from evs.emulator.evsnet.network_files import read_network
+from evs.emulator.evsnet.onnx_graph import streaming_graph
 from evs.emulator.evsnet.weights_wire import initialisers
 from evs.msgs import EvsError
 from evs.tools.training.export import sidecar

@@ -14,7 +14,7 @@ from evs.emulator.base.scene import SceneSnapshot
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.optics import project
 from evs.emulator.render import DirectRenderer, make_renderer
-from evs.emulator.world import BoundCamera, Poser, bind_camera, extract_scene
+from evs.emulator.world import BoundCamera, SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
 
 WIDTH, HEIGHT = 173, 131  # no multiple of a packet
@@ -68,7 +68,7 @@ class Film:
     def snapshots(self, ticks: int = 1) -> list[SceneSnapshot]:
         """One a ms."""
         data = mujoco.MjData(self.model)
-        poser = Poser(self.model, [self.bound])
+        poser = SnapshotTaker(self.model, [self.bound])
         taken = []
         for k in range(ticks):
             taken.append(poser.snapshot(data, 1000 * k))
@@ -266,7 +266,7 @@ def test_a_lens_that_bends_next_to_nothing_shows_the_pinholes_picture() -> None:
 
 def test_the_flow_is_that_of_the_distorted_image() -> None:
     film = Film('<body pos="3 0 0"><freejoint/><geom type="box" size=".5 3 2"/></body>', RATIONAL)
-    data, poser = mujoco.MjData(film.model), Poser(film.model, [film.bound])
+    data, poser = mujoco.MjData(film.model), SnapshotTaker(film.model, [film.bound])
     before = poser.snapshot(data, 0)
     data.qpos[1:3] = (0.004, -0.006)
     now = poser.snapshot(data, 1000)

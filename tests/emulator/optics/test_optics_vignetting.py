@@ -12,7 +12,7 @@ from evs.emulator.base.scene import CameraModel
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.optics import make_lens
 from evs.emulator.render import DirectRenderer, make_renderer
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
 
 WIDTH, HEIGHT = 61, 45
@@ -44,7 +44,7 @@ def room_light(rgb: bool = False, **optics: object):
         body="eye", focal_px=(40.0, 42.0), principal_px=(29.0, 24.0), xyaxes=(0, -1, 0, 0, 0, 1)
     )
     bound = bind_camera(model, "", WIDTH, HEIGHT, replace(view, **optics))
-    snapshot = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
+    snapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(spp=2), 2, rgb)
     return renderer, snapshot, renderer.render(snapshot, snapshot.cameras[0])
 
@@ -132,7 +132,7 @@ def test_the_raster_renderer_is_shaded_too() -> None:
     for law in ("none", "cos4"):
         view = CameraConfig(body="eye", fovy=60, xyaxes=(0, -1, 0, 0, 0, 1), vignetting=law)
         bound = bind_camera(model, "", WIDTH, HEIGHT, view)
-        snapshot = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
+        snapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
         config = RenderConfig(renderer="raster", spp=1)
         renderer = make_renderer(extract_scene(model), bound.model, config, 1)
         lights.append(renderer.render(snapshot, snapshot.cameras[0]).copy())

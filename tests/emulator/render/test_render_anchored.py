@@ -9,7 +9,7 @@ import pytest
 from evs.emulator.base.scene import F32
 from evs.emulator.config import RenderConfig
 from evs.emulator.render import make_renderer
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 SIDE = 128
 PIXEL = 2 / SIDE
@@ -38,7 +38,7 @@ def see(
     bound = bind_camera(model, "eye", SIDE, SIDE, None)
     config = RenderConfig(renderer="path", sampler=sampler, spp=spp)
     renderer = make_renderer(extract_scene(model), bound.model, config, 1)
-    shot = Poser(model, [bound]).snapshot(data, 0)
+    shot = SnapshotTaker(model, [bound]).snapshot(data, 0)
     return renderer.render(shot, shot.cameras[0]).copy()
 
 

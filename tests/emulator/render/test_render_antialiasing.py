@@ -12,7 +12,7 @@ from evs.emulator.camera.event_models import make_event_model
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.render import DirectRenderer, make_renderer
 from evs.emulator.sensor import resolve_sensor
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError, join_events
 from evs.tools.metrics import compare
 
@@ -61,7 +61,7 @@ def room(ticks: int, tint: str = ".5 .5 .5"):
     model = mujoco.MjModel.from_xml_string(ROOM.format(tint=tint))
     view = CameraConfig(lookat=(0, 0, 0.3), distance=2.6, azimuth=70, elevation=-25)
     bound = bind_camera(model, "", WIDTH, HEIGHT, view)
-    data, poser, taken = mujoco.MjData(model), Poser(model, [bound]), []
+    data, poser, taken = mujoco.MjData(model), SnapshotTaker(model, [bound]), []
     data.qvel[3:] = (3, 5, 2)
     for k in range(ticks):
         taken.append(poser.snapshot(data, 1000 * k))
@@ -80,7 +80,7 @@ def pan(poses: int, step_px: float, angle: float, **render: object) -> F32:
     model = mujoco.MjModel.from_xml_string(EDGES.format(angle=angle))
     view = CameraConfig(lookat=(0, 0, 0), distance=2.5, azimuth=90, elevation=-90)
     bound = bind_camera(model, "", WIDTH, HEIGHT, view)
-    frame: SceneSnapshot = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
+    frame: SceneSnapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     rest = frame.cameras[0]
     renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(**render), 1)  # type: ignore[arg-type]
     right = rest.mat.reshape(3, 3)[:, 0] * 2.5 / bound.model.fx
@@ -181,7 +181,7 @@ def test_light_that_bends_more_and_more_is_blended_in() -> None:
     for shade in shades:
         model = mujoco.MjModel.from_xml_string(xml.format(c=shade))
         bound = bind_camera(model, "", WIDTH, HEIGHT, view)
-        frame = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
+        frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
         for mode, taken in frames.items():
             config = RenderConfig(spp=16, antialiasing=mode)
             renderer = DirectRenderer(extract_scene(model), bound.model, config, 1)
@@ -246,7 +246,10 @@ def test_textures_of_planes_and_the_sky_are_read_at_several_points_of_a_pixel() 
     model = mujoco.MjModel.from_xml_string(xml)
     view = CameraConfig(lookat=(0, 0, 0.5), distance=4, azimuth=65, elevation=-15)
     bound = bind_camera(model, "", WIDTH, HEIGHT, view)
-    frame, scene = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0), extract_scene(model)
+    frame, scene = (
+        SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0),
+        extract_scene(model),
+    )
 
     def light(**render: object) -> F32:
         renderer = DirectRenderer(scene, bound.model, RenderConfig(**render), 1)  # type: ignore[arg-type]

@@ -15,7 +15,7 @@ from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.scene import F32, F64
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import make_renderer
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 WIDTH, HEIGHT, TICKS = 75, 50, 40  # no multiple of a packet
 SCENE = """
@@ -79,7 +79,7 @@ class Film:
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         self.bound = bind_camera(model, "", WIDTH, HEIGHT, VIEW)
-        self.shot = Poser(model, [self.bound]).snapshot(data, 0)
+        self.shot = SnapshotTaker(model, [self.bound]).snapshot(data, 0)
         self.scene, self.count = extract_scene(model), movers.count("<geom")
 
     def renderer(self, spp: int, threads: int = 1, **render: object) -> Renderer:

@@ -14,7 +14,7 @@ from evs.emulator.config.plain_values import plain_config
 from evs.emulator.render import DirectRenderer
 from evs.emulator.render.flicker import Flicker, mean
 from evs.emulator.simulation.world import World
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
 
 LAMPS = """<mujoco><visual><headlight ambient=".1 .1 .1" diffuse="0 0 0" specular="0 0 0"/></visual>
@@ -91,7 +91,7 @@ def test_an_instant_has_its_own_value() -> None:
 def light_at(config: RenderConfig, t_us: int, exposure_us: int = 1000) -> np.ndarray:
     model = mujoco.MjModel.from_xml_string(LAMPS)
     bound = bind_camera(model, "", 16, 16)
-    shot = Poser(model, [bound]).snapshot(mujoco.MjData(model), t_us, exposure_us)
+    shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), t_us, exposure_us)
     return DirectRenderer(extract_scene(model), bound.model, config, 1).render(
         shot, shot.cameras[0]
     )
@@ -125,7 +125,7 @@ def test_each_light_follows_its_own_table_and_a_name_beats_the_star() -> None:
 def test_kept_pixels_are_lit_anew_when_the_light_changes() -> None:
     model = mujoco.MjModel.from_xml_string(LAMPS)
     bound = bind_camera(model, "", 40, 30)
-    poser, data, scene = Poser(model, [bound]), mujoco.MjData(model), extract_scene(model)
+    poser, data, scene = SnapshotTaker(model, [bound]), mujoco.MjData(model), extract_scene(model)
     slow = FlickerConfig(light="left", waveform="pwm", hz=125.0, depth=1.0, duty=0.5)
     kept, full = (
         DirectRenderer(

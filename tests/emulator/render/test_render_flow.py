@@ -14,7 +14,7 @@ from evs.emulator.base.ground_truth import GroundTruth
 from evs.emulator.base.scene import CameraModel, CameraPose, SceneSnapshot
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer
-from evs.emulator.world import Poser, bind_camera, extract_scene, load_model
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene, load_model
 from evs.msgs import EvsError
 
 Rays = Callable[[CameraModel], np.ndarray]
@@ -51,7 +51,7 @@ class Stage:
         self.model = model
         self.bound = bind_camera(model, name, WIDTH, HEIGHT, view)
         self.camera = self.bound.model
-        self.poser = Poser(model, [self.bound])
+        self.poser = SnapshotTaker(model, [self.bound])
         self.scene = extract_scene(model)
         self.data = mujoco.MjData(model)
         self.renderer = DirectRenderer(self.scene, self.camera, RenderConfig(spp=1), 1)

@@ -12,7 +12,7 @@ import pytest
 from evs.emulator.base.scene import CameraModel
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer
-from evs.emulator.world import Poser, bind_camera, extract_scene, load_model
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene, load_model
 
 Rays = Callable[[CameraModel], np.ndarray]
 
@@ -64,7 +64,7 @@ def agreement(
     mujoco.mj_forward(model, data)
     scene = extract_scene(model)
     bound = bind_camera(model, "", WIDTH, HEIGHT, view)
-    snapshot = Poser(model, [bound]).snapshot(data, 0)
+    snapshot = SnapshotTaker(model, [bound]).snapshot(data, 0)
     pose = snapshot.cameras[0]
     # MuJoCo's rays pass through sites
     renderer = DirectRenderer(scene, bound.model, RenderConfig(spp=4, sites=False), 1)
@@ -107,7 +107,7 @@ def test_orthographic_depth_is_exact() -> None:
         <geom type="box" size=".5 .25 .5"/>
       </worldbody></mujoco>""")
     bound = bind_camera(model, "above", 40, 40)
-    snapshot = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
+    snapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
     index, distance = renderer.hits(snapshot, snapshot.cameras[0])
     # 20 px a m: the lid is 20 x 10 px in the middle, 2.5 m below the camera
@@ -125,7 +125,7 @@ def test_a_camera_inside_a_shape_sees_through_it() -> None:
         <geom type="box" size="5 .1 5" pos="0 2 0"/>
       </worldbody></mujoco>""")
     bound = bind_camera(model, "eye", 16, 16)
-    snapshot = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
+    snapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
     index, _ = renderer.hits(snapshot, snapshot.cameras[0])
     assert (index == 1).all()

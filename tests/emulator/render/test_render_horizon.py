@@ -11,7 +11,7 @@ from evs.emulator.base.scene import F32, CameraPose
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import make_renderer
 from evs.emulator.sensor import PlainModel, SensorParameters
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import Events, join_events
 
 WIDTH, HEIGHT = 24, 144
@@ -39,7 +39,7 @@ def film(
 ) -> tuple[F32, Renderer]:
     """(ticks, height, width) light of a camera that pitches up and down by so many rad."""
     bound = bind_camera(model, camera, WIDTH, HEIGHT, CameraConfig())
-    shot = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
+    shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     config = RenderConfig(**render)  # type: ignore[arg-type]
     renderer = make_renderer(extract_scene(model), bound.model, config, 1)
     rest, frames = shot.cameras[0], []

@@ -12,7 +12,7 @@ from evs.emulator import _core
 from evs.emulator.base.scene import LightKind, SceneModel
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
 
 DARK = '<visual><headlight active="0"/></visual>'
@@ -25,7 +25,7 @@ def seen(
 ) -> np.ndarray:
     """(size, size, 3) linear colour, as the model's first camera sees it."""
     bound = bind_camera(model, "", size, size)
-    frame = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
+    frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     # images of light are given as numbers here
     config = RenderConfig(**{"spp": 1, "linear_textures": ("sky",), **render})  # type: ignore[arg-type]
     renderer = DirectRenderer(scene or extract_scene(model), bound.model, config, 1, rgb=True)
@@ -274,7 +274,7 @@ def test_air_and_image_are_the_same_bytes_everywhere(isa: str) -> None:
     lamp = replace(image.lights[0], texture=len(scene.textures))
     scene = replace(scene, lights=(lamp,), textures=(*scene.textures, *image.textures))
     bound = bind_camera(model, "", 45, 31, CameraConfig(lookat=(0, 5, 1), distance=6))
-    shot = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
+    shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     shot = replace(shot, light_pos=np.zeros((1, 3)), light_dir=np.array([[0, 0, -1.0]]))
     taken = {
         DirectRenderer(scene, bound.model, RenderConfig(spp=2, fog=True, isa=i), threads)

@@ -15,7 +15,7 @@ from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.scene import LightKind, SceneModel
 from evs.emulator.config import CameraConfig, FlickerConfig, RenderConfig
 from evs.emulator.render import make_renderer
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 WIDTH, HEIGHT = 75, 50  # no multiple of a packet
 TICKS = 14
@@ -77,7 +77,7 @@ class Film:
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         self.bound = bind_camera(model, "", WIDTH, HEIGHT, VIEW)
-        self.shot = Poser(model, [self.bound]).snapshot(data, 0)
+        self.shot = SnapshotTaker(model, [self.bound]).snapshot(data, 0)
         self.scene = extract_scene(model)
         if change:
             self.scene = change(self.scene)

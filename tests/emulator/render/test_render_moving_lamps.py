@@ -13,7 +13,7 @@ import pytest
 from evs.emulator.base.scene import SceneSnapshot
 from evs.emulator.config import CameraConfig, FlickerConfig, RenderConfig
 from evs.emulator.render import DirectRenderer
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 WIDTH, HEIGHT = 118, 90  # no multiple of a packet, nor of a block of them
 PACKETS = 30 * 23
@@ -67,7 +67,7 @@ class Set:
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         self.bound = bind_camera(model, "", WIDTH, HEIGHT, VIEW)
-        self.shot = Poser(model, [self.bound]).snapshot(data, 1000)
+        self.shot = SnapshotTaker(model, [self.bound]).snapshot(data, 1000)
         self.scene = extract_scene(model)
         # the lamps keep their indices without a headlight
         self.first = 0 if head else -1

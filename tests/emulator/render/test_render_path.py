@@ -11,7 +11,7 @@ import pytest
 from evs.emulator.base.scene import F32
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import PathRenderer, make_renderer
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
 
 ROOM = """<mujoco><visual><headlight ambient=".1 .1 .1" diffuse="0 0 0"/></visual><asset>
@@ -35,7 +35,7 @@ class Room:
         self.data = mujoco.MjData(self.model)
         self.bound = bind_camera(self.model, "eye", 37, 29, view)
         self.scene = extract_scene(self.model)
-        self.poser = Poser(self.model, [self.bound])
+        self.poser = SnapshotTaker(self.model, [self.bound])
 
     def renderer(self, threads: int = 2, seed: int = 0, **render: object) -> PathRenderer:
         config = RenderConfig(**{"renderer": "path", **render})  # type: ignore[arg-type]
@@ -137,7 +137,7 @@ def test_hard_light_without_bounces_is_that_of_direct() -> None:
         <camera pos="0 0 3"/><light type="directional" dir="0 .6 -.8" diffuse=".7 .7 .7"/>
         <geom type="plane" size="9 9 .1" material="m"/></worldbody></mujoco>""")
     bound = bind_camera(model, "", 16, 16, None)
-    shot = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
+    shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     scene = extract_scene(model)
     config = RenderConfig(renderer="path", spp=1)
     path = make_renderer(scene, bound.model, config, 1).render(shot, shot.cameras[0])

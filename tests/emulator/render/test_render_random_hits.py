@@ -11,7 +11,7 @@ import pytest
 from evs.emulator.base.scene import CameraModel
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 pytestmark = pytest.mark.property
 
@@ -51,7 +51,7 @@ def test_random_worlds_are_hit_where_mujoco_hits_them(
         lookat=(0, 0, 0), distance=5.0, azimuth=rng.uniform(0, 360), elevation=rng.uniform(-80, 10)
     )
     bound = bind_camera(model, "", WIDTH, HEIGHT, view)
-    shot = Poser(model, [bound]).snapshot(data, 0)
+    shot = SnapshotTaker(model, [bound]).snapshot(data, 0)
     pose, camera, scene = shot.cameras[0], bound.model, extract_scene(model)
     index, distance = DirectRenderer(scene, camera, RenderConfig(spp=1), 1).hits(shot, pose)
 

@@ -18,11 +18,11 @@ import pytest
 
 from evs.emulator import VirtualCamera
 from evs.emulator.base.features import Switches
-from evs.emulator.base.scene import CameraModel, SceneModel, SceneSnapshot, Thing
+from evs.emulator.base.scene import CameraModel, ObjectKind, SceneModel, SceneSnapshot
 from evs.emulator.config import CameraConfig, PlanConfig, RenderConfig
 from evs.emulator.render import DirectRenderer, make_renderer
 from evs.emulator.render.raster import RasterRenderer, context
-from evs.emulator.world import Poser, bind_camera, extract_scene, load_model
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene, load_model
 from evs.msgs import EvsError
 
 DARK = '<visual><headlight active="0"/></visual>'
@@ -116,7 +116,7 @@ def staged(
     for _ in range(ticks):
         mujoco.mj_step(model, data)
     bound = bind_camera(model, "", *size, view)
-    return extract_scene(model), bound.model, Poser(model, [bound]).snapshot(data, 0)
+    return extract_scene(model), bound.model, SnapshotTaker(model, [bound]).snapshot(data, 0)
 
 
 def light_of(xml: str, size: int = 32, **render: object) -> np.ndarray:
@@ -400,5 +400,7 @@ def test_tendons_ropes_and_sites_are_those_of_the_tracer() -> None:
         drawn = make_renderer(scene, camera, RenderConfig(renderer="raster", spp=1, sites=sites), 1)
         ours, theirs = drawn.hits(snapshot, pose)[0], traced.hits(snapshot, pose)[0]
         assert np.mean(ours == theirs) > 0.995
-        things = set(scene.geom_thing[theirs[theirs >= 0]].tolist())
-        assert things == {Thing.GEOM, Thing.TENDON, Thing.ROPE} | ({Thing.SITE} if sites else set())
+        things = set(scene.geom_kind[theirs[theirs >= 0]].tolist())
+        assert things == {ObjectKind.GEOM, ObjectKind.TENDON, ObjectKind.ROPE} | (
+            {ObjectKind.SITE} if sites else set()
+        )

@@ -8,7 +8,7 @@ import pytest
 
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import make_renderer
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
 
 SCENE = """
@@ -31,7 +31,7 @@ def test_colour_is_refused_in_one_line() -> None:
 def test_ground_truth_is_the_tracers_own() -> None:
     model = mujoco.MjModel.from_xml_string(SCENE)
     data, bound = mujoco.MjData(model), bind_camera(model, "", 40, 30, VIEW)
-    poser, scene = Poser(model, [bound]), extract_scene(model)
+    poser, scene = SnapshotTaker(model, [bound]), extract_scene(model)
     before = poser.snapshot(data, 0)
     data.qpos[0] = 0.01
     now = poser.snapshot(data, 1000)

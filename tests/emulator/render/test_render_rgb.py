@@ -9,7 +9,7 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
 
@@ -40,7 +40,7 @@ def test_luminance_is_byte_equal_and_is_the_weighted_colour(
 ) -> None:
     model = mujoco.MjModel.from_xml_string(SCENE.format(tint=tint))
     data, bound = mujoco.MjData(model), bind_camera(model, "", 57, 43, VIEW)
-    poser, scene = Poser(model, [bound]), extract_scene(model)
+    poser, scene = SnapshotTaker(model, [bound]), extract_scene(model)
     config = RenderConfig(spp=3, isa=isa)
     plain = DirectRenderer(scene, bound.model, config, 1)
     colour = DirectRenderer(scene, bound.model, config, 2, rgb=True)
@@ -80,7 +80,7 @@ def test_a_red_box_in_white_light_is_red(look: str) -> None:
         <geom type="box" size="5 5 .1" {look}/>
       </worldbody></mujoco>""")
     bound = bind_camera(model, "c", 4, 4)
-    shot = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
+    shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(), 1, rgb=True)
     renderer.render(shot, shot.cameras[0])
     # MuJoCo's own image has 8 bits

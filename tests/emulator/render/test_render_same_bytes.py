@@ -13,7 +13,7 @@ from evs.emulator import _core
 from evs.emulator.base.scene import CameraPose, SceneSnapshot
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 WIDTH, HEIGHT = 117, 83  # no multiple of a packet
 
@@ -64,7 +64,7 @@ class Film:
         """One a ms: a body that falls, tumbling."""
         data = mujoco.MjData(self.model)
         data.qvel[3:] = (3, 5, 2)
-        poser = Poser(self.model, [self.bound])
+        poser = SnapshotTaker(self.model, [self.bound])
         taken = []
         for k in range(ticks):
             taken.append(poser.snapshot(data, 1000 * k))
@@ -154,7 +154,7 @@ def test_incremental_equals_full_tracing_on_robots(name: str, robot_files: dict[
     model = mujoco.MjModel.from_xml_path(str(robot_files[name]))
     model.opt.timestep = 1e-3
     bound = bind_camera(model, "", WIDTH, HEIGHT, CameraConfig(azimuth=70, elevation=-20))
-    poser, scene, data = Poser(model, [bound]), extract_scene(model), mujoco.MjData(model)
+    poser, scene, data = SnapshotTaker(model, [bound]), extract_scene(model), mujoco.MjData(model)
     kept, full = (
         DirectRenderer(scene, bound.model, RenderConfig(spp=1, incremental=incremental), 2)
         for incremental in (True, False)

@@ -8,7 +8,7 @@ import pytest
 
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer, make_renderer
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import EvsError
 
 DARK = '<visual><headlight active="0"/></visual>'
@@ -26,7 +26,7 @@ def light_of(
     """(size, size) luminance of an MJCF, seen by its first camera."""
     model = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
     bound = bind_camera(model, "", size, size, view)
-    frame = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
+    frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
     config = RenderConfig(**{"spp": 1, **render})  # type: ignore[arg-type]
     renderer = DirectRenderer(extract_scene(model), bound.model, config, 1)
     return renderer.render(frame, frame.cameras[0]).astype(np.float64)
@@ -202,7 +202,7 @@ def test_cube_texture_puts_its_faces_where_opengl_does() -> None:
             body="world", pos=tuple(3 * out), xyaxes=(*x, *np.cross(out, x)), fovy=5.0
         )
         bound = bind_camera(model, "", 8, 8, spec_view)
-        frame = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
+        frame = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
         renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
         seen = renderer.render(frame, frame.cameras[0])
         np.testing.assert_allclose(seen, linear(round(255 * faces[name]) / 255), rtol=1e-4)
@@ -292,7 +292,10 @@ GREY = """<asset><texture name="grey" type="2d" builtin="flat" rgb1="{0} {0} {0}
 def test_a_texture_is_linear_where_it_is_named(renderer: str) -> None:
     model = mujoco.MjModel.from_xml_string(f"<mujoco>{GREY.format(64 / 255)}</mujoco>")
     bound = bind_camera(model, "", 8, 8)
-    frame, scene = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0), extract_scene(model)
+    frame, scene = (
+        SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0),
+        extract_scene(model),
+    )
 
     def light_with(names: tuple[str, ...]) -> np.ndarray:
         config = RenderConfig(renderer=renderer, spp=4, linear_textures=names)
@@ -312,7 +315,10 @@ def test_a_point_lamp_fades_with_distance(renderer: str) -> None:
           attenuation="1 .5 .25"/>
         <geom type="plane" size="9 9 .1" material="matt"/></worldbody></mujoco>""")
     bound = bind_camera(model, "", 32, 32)
-    frame, scene = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0), extract_scene(model)
+    frame, scene = (
+        SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0),
+        extract_scene(model),
+    )
     config = RenderConfig(renderer=renderer, spp=1, bounces=0)
     light = make_renderer(scene, bound.model, config, 1).render(frame, frame.cameras[0])
     x, y = pixel_centres()
@@ -329,7 +335,10 @@ def light_by(renderer: str, xml: str, **render: object) -> np.ndarray:
     """(32, 32) luminance of an MJCF, seen by its camera, by a renderer with many samples."""
     model = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
     bound = bind_camera(model, "", 32, 32)
-    frame, scene = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0), extract_scene(model)
+    frame, scene = (
+        SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0),
+        extract_scene(model),
+    )
     config = RenderConfig(**{"renderer": renderer, "spp": 64, **render})  # type: ignore[arg-type]
     made = make_renderer(scene, bound.model, config, 1)
     return made.render(frame, frame.cameras[0]).astype(np.float64)

@@ -11,7 +11,7 @@ import pytest
 from evs.emulator.base.scene import CameraModel
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 pytestmark = pytest.mark.property
 
@@ -47,7 +47,7 @@ def test_shadows_lie_where_mujocos_rays_are_stopped(
     width, height = 80, 60
     view = CameraConfig(lookat=(0, 0, 0.4), distance=4.0, elevation=-40, azimuth=120 * seed)
     bound = bind_camera(model, "", width, height, view)
-    shot = Poser(model, [bound]).snapshot(data, 0)
+    shot = SnapshotTaker(model, [bound]).snapshot(data, 0)
     pose, scene = shot.cameras[0], extract_scene(model)
     lit, unshadowed = (
         DirectRenderer(scene, bound.model, RenderConfig(spp=1, shadows=shadows), 1)

@@ -7,7 +7,7 @@ import pytest
 
 from evs.emulator.base.scene import Shape, Surface
 from evs.emulator.render.raster.drawing import linear_texels, smaller_versions
-from evs.emulator.render.raster.tessellate import Facets, facets_of, room
+from evs.emulator.render.raster.tessellate import TriangleMesh, sky_box, tessellate
 
 
 def linear(coded: float) -> float:
@@ -15,9 +15,9 @@ def linear(coded: float) -> float:
     return coded / 12.92 if coded <= 0.04045 else ((coded + 0.055) / 1.055) ** 2.4
 
 
-def volume(facets: Facets) -> float:
+def volume(triangles: TriangleMesh) -> float:
     """Of the closed surface, by the divergence theorem; negative if it is inside out."""
-    a, b, c = (facets.positions[facets.faces[:, k]].astype(np.float64) for k in range(3))
+    a, b, c = (triangles.positions[triangles.faces[:, k]].astype(np.float64) for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
@@ -30,31 +30,31 @@ SOLIDS = {
 }
 
 
-def solid(shape: Shape, cube: bool = False) -> Facets:
-    return facets_of(shape, np.array(SOLIDS[shape][0], np.float32), None, Surface(), cube, 1.0)
+def solid(shape: Shape, cube: bool = False) -> TriangleMesh:
+    return tessellate(shape, np.array(SOLIDS[shape][0], np.float32), None, Surface(), cube, 1.0)
 
 
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_a_shape_is_closed_and_faces_outwards(shape: Shape) -> None:
-    facets = solid(shape)
+    triangles = solid(shape)
     # 48 segments a circle lose 0.3 % of its area, and a ball as much again along its meridian
-    assert SOLIDS[shape][1] * 0.99 < volume(facets) < SOLIDS[shape][1] * (1 + 1e-6)
-    np.testing.assert_allclose(np.linalg.norm(facets.normals, axis=1), 1, rtol=1e-5)
-    corner = facets.positions[facets.faces].astype(np.float64)
+    assert SOLIDS[shape][1] * 0.99 < volume(triangles) < SOLIDS[shape][1] * (1 + 1e-6)
+    np.testing.assert_allclose(np.linalg.norm(triangles.normals, axis=1), 1, rtol=1e-5)
+    corner = triangles.positions[triangles.faces].astype(np.float64)
     across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     real = np.linalg.norm(across, axis=1) > 1e-9
-    smooth = facets.normals[facets.faces].mean(axis=1)
+    smooth = triangles.normals[triangles.faces].mean(axis=1)
     assert (np.einsum("ij,ij->i", across, smooth)[real] > 0).all()
 
 
 def test_a_room_is_seen_from_inside() -> None:
-    assert volume(room(2.0)) == pytest.approx(-64)
+    assert volume(sky_box(2.0)) == pytest.approx(-64)
 
 
 def test_a_plane_is_as_large_as_it_says_and_an_endless_one_reaches_far() -> None:
-    finite = facets_of(Shape.PLANE, np.float32([2, 3, 0.1]), None, Surface(), False, 1.0)
+    finite = tessellate(Shape.PLANE, np.float32([2, 3, 0.1]), None, Surface(), False, 1.0)
     np.testing.assert_allclose(np.abs(finite.positions).max(axis=0), [2, 3, 0])
-    endless = facets_of(Shape.PLANE, np.float32([0, 3, 0.1]), None, Surface(), False, 2.0)
+    endless = tessellate(Shape.PLANE, np.float32([0, 3, 0.1]), None, Surface(), False, 2.0)
     np.testing.assert_allclose(np.abs(endless.positions).max(axis=0), [2000, 3, 0])
     # an infinite side: one image every 2 m / texrepeat
     x, u = endless.positions[:, 0], endless.coordinates[:, 0]
@@ -65,15 +65,15 @@ def test_a_plane_is_as_large_as_it_says_and_an_endless_one_reaches_far() -> None
 def test_the_direction_into_a_cube_is_the_point_on_the_unit_shape(shape: Shape) -> None:
     size = np.array(SOLIDS[shape][0], np.float32)
     half = {Shape.SPHERE: size[[0, 0, 0]], Shape.CYLINDER: size[[0, 0, 1]]}.get(shape, size)
-    facets = solid(shape, cube=True)
+    triangles = solid(shape, cube=True)
     if shape is Shape.CAPSULE:
         # the caps go on from 1 to 2
-        assert facets.coordinates[:, 2].max() == pytest.approx(2)
-        assert facets.coordinates[:, 2].min() == pytest.approx(-2)
-        across = facets.positions[:, :2] / size[0]
-        np.testing.assert_allclose(facets.coordinates[:, :2], across, atol=1e-6)
+        assert triangles.coordinates[:, 2].max() == pytest.approx(2)
+        assert triangles.coordinates[:, 2].min() == pytest.approx(-2)
+        across = triangles.positions[:, :2] / size[0]
+        np.testing.assert_allclose(triangles.coordinates[:, :2], across, atol=1e-6)
     else:
-        np.testing.assert_allclose(facets.coordinates, facets.positions / half, atol=1e-6)
+        np.testing.assert_allclose(triangles.coordinates, triangles.positions / half, atol=1e-6)
 
 
 def test_smaller_versions_keep_the_mean_of_odd_sizes() -> None:

@@ -11,7 +11,7 @@ import pytest
 from evs.emulator import _core
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 WIDTH, HEIGHT = 97, 61
 
@@ -25,7 +25,7 @@ def stage(path: Path, isa: str = "auto", spp: int = 3):
         mujoco.mj_step(model, data)
     view = CameraConfig(azimuth=80, elevation=-20)
     bound = bind_camera(model, "", WIDTH, HEIGHT, view)
-    snapshot = Poser(model, [bound]).snapshot(data, 0)
+    snapshot = SnapshotTaker(model, [bound]).snapshot(data, 0)
     config = RenderConfig(spp=spp, isa=isa)
     renderer = DirectRenderer(extract_scene(model), bound.model, config, 2)
     return renderer, snapshot, snapshot.cameras[0]
@@ -62,7 +62,7 @@ def test_a_moved_scene_is_traced_where_it_is(robot_files: dict[str, Path]) -> No
     model.opt.timestep = 1e-3
     data = mujoco.MjData(model)
     bound = bind_camera(model, "", WIDTH, HEIGHT, CameraConfig(azimuth=80, elevation=-20))
-    poser = Poser(model, [bound])
+    poser = SnapshotTaker(model, [bound])
     renderer = DirectRenderer(extract_scene(model), bound.model, RenderConfig(spp=1), 1)
     everywhere = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), -1).reshape(-1, 2)
     for _ in range(4):

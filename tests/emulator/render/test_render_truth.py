@@ -14,7 +14,7 @@ from evs.emulator.base.ground_truth import GroundTruth
 from evs.emulator.base.scene import CameraModel, CameraPose
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer
-from evs.emulator.world import BoundCamera, Poser, bind_camera, extract_scene
+from evs.emulator.world import BoundCamera, SnapshotTaker, bind_camera, extract_scene
 
 Rays = Callable[[CameraModel], np.ndarray]
 
@@ -33,7 +33,7 @@ def truth_of(
 ) -> tuple[GroundTruth, BoundCamera, CameraPose]:
     """What is true of a model at rest."""
     bound = bind_camera(model, "", WIDTH, HEIGHT, view)
-    shot = Poser(model, [bound]).snapshot(mujoco.MjData(model), 7000)
+    shot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 7000)
     config = RenderConfig(**{"spp": 4, **render})  # type: ignore[arg-type]
     renderer = DirectRenderer(extract_scene(model), bound.model, config, 2)
     return renderer.ground_truth(shot, shot.cameras[0]), bound, shot.cameras[0]
@@ -186,7 +186,7 @@ def test_the_light_after_it_is_as_without_it() -> None:
     )
     data = mujoco.MjData(model)
     bound = bind_camera(model, "", WIDTH, HEIGHT, VIEW)
-    poser = Poser(model, [bound])
+    poser = SnapshotTaker(model, [bound])
     scene = extract_scene(model)
     asked, plain = (DirectRenderer(scene, bound.model, RenderConfig(), 1) for _ in range(2))
     for k in range(20):

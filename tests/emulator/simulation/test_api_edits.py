@@ -236,7 +236,7 @@ def test_data_of_a_recompiled_model_is_refused():
     with pytest.raises(evs.EvsError) as caught:
         sensor.observe(data)
     assert "the data belongs to another model" in str(caught.value)
-    assert "make a new Sensor from data.model" in str(caught.value)
+    assert "make a new EventCamera from data.model" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

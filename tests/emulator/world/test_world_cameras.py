@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from evs.emulator.config import CameraConfig
-from evs.emulator.world import ORTHOGRAPHIC, Poser, bind_camera, load_model
+from evs.emulator.world import ORTHOGRAPHIC, SnapshotTaker, bind_camera, load_model
 from evs.msgs import EvsError
 
 MODEL = f"""
@@ -48,7 +48,7 @@ def data(model):
 
 
 def pose_of(model, data, bound):
-    (pose,) = Poser(model, [bound]).snapshot(data, 0).cameras
+    (pose,) = SnapshotTaker(model, [bound]).snapshot(data, 0).cameras
     return pose
 
 

@@ -10,7 +10,7 @@ from evs.emulator import _core
 from evs.emulator.base.scene import Shape
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer
-from evs.emulator.world import Poser, bind_camera, extract_scene, load_model
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene, load_model
 
 CLOTH = """
 <mujoco>
@@ -45,7 +45,7 @@ def test_a_skin_hangs_on_its_bones(robot_files) -> None:
     model = load_model(robot_files["dm_control/dog"])
     data = mujoco.MjData(model)
     data.qpos[7:] = np.random.default_rng(0).uniform(-0.1, 0.1, model.nq - 7)
-    (shape,) = Poser(model).snapshot(data, 0).deformed
+    (shape,) = SnapshotTaker(model).snapshot(data, 0).deformed
     mujoco.mj_kinematics(model, data)
     expected = np.zeros((model.nskinvert, 3))
     for bone in range(model.nskinbone):
@@ -70,7 +70,7 @@ def test_cloth_and_block_are_seen_and_a_rope_as_capsules(cloth) -> None:
     assert list(scene.geom_type[2:]) == [Shape.MESH, Shape.MESH, *[Shape.CAPSULE] * 4]
     assert not scene.geom_static[2:].any()
     bound = bind_camera(cloth, "", 80, 60, VIEW)
-    snapshot = Poser(cloth, [bound]).snapshot(mujoco.MjData(cloth), 0)
+    snapshot = SnapshotTaker(cloth, [bound]).snapshot(mujoco.MjData(cloth), 0)
     renderer = DirectRenderer(scene, bound.model, RenderConfig(spp=1), 1)
     index, distance = renderer.hits(snapshot, snapshot.cameras[0])
     assert set(np.unique(index)) >= {0, 2, 3, 4, 5, 6, 7}
@@ -85,7 +85,7 @@ def test_cloth_and_block_are_seen_and_a_rope_as_capsules(cloth) -> None:
 def test_what_deforms_is_traced_again_and_all_machines_agree(cloth) -> None:
     data = mujoco.MjData(cloth)
     bound = bind_camera(cloth, "", 80, 60, VIEW)
-    poser, scene = Poser(cloth, [bound]), extract_scene(cloth)
+    poser, scene = SnapshotTaker(cloth, [bound]), extract_scene(cloth)
     full = DirectRenderer(scene, bound.model, RenderConfig(spp=1, incremental=False), 1)
     others = [
         DirectRenderer(scene, bound.model, RenderConfig(spp=1, isa=isa), 2)

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator.base.scene import LightKind, SceneModel, Shape, TextureKind, Thing
-from evs.emulator.world import Poser, extract_scene, load_model
+from evs.emulator.base.scene import LightKind, ObjectKind, SceneModel, Shape, TextureKind
+from evs.emulator.world import SnapshotTaker, extract_scene, load_model
 from evs.msgs import EvsError
 
 
@@ -54,9 +54,9 @@ def compare(model) -> SceneModel:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     scene = extract_scene(model)
-    snapshot = Poser(model).snapshot(data, 0)
+    snapshot = SnapshotTaker(model).snapshot(data, 0)
     geoms, lights, _ = shown_by_mujoco(model, data)
-    solid = scene.geom_thing < Thing.SITE
+    solid = scene.geom_kind < ObjectKind.SITE
     assert [number_of(model, g) for g in geoms] == list(scene.geom_id[solid])
     assert scene.deforming == tuple(scene.geom_mesh[solid & (scene.geom_id < 0)])
     assert len(snapshot.deformed) == len(scene.deforming)

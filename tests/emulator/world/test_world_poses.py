@@ -6,7 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator.world import Physics, Poser, UnstableError, bind_camera, extract_scene, load_model
+from evs.emulator.world import (
+    Physics,
+    SnapshotTaker,
+    UnstableError,
+    bind_camera,
+    extract_scene,
+    load_model,
+)
 from evs.msgs import EvsError
 
 ROBOTS = (
@@ -26,7 +33,7 @@ def every_camera(model):
 def test_poses_after_a_tick_belong_to_the_state_after_it(robot_files, name):
     physics = Physics(load_model(robot_files[name]), 1000)
     model, data = physics.model, physics.data
-    poser = Poser(model, every_camera(model))
+    poser = SnapshotTaker(model, every_camera(model))
     geoms = extract_scene(model).geom_id
     geoms = geoms[geoms >= 0]  # skins have no pose of their own
     rng = np.random.default_rng(1)
@@ -61,7 +68,7 @@ def test_mocap_bodies_and_what_hangs_on_them_move():
     data = mujoco.MjData(model)
     data.mocap_pos[0] = (1, 2, 3)
     data.mocap_quat[0] = (0, 0, 0, 2)
-    snapshot = Poser(model, every_camera(model)).snapshot(data, 0)
+    snapshot = SnapshotTaker(model, every_camera(model)).snapshot(data, 0)
     np.testing.assert_allclose(snapshot.geom_pos, [(1, 2, 3), (0, 2, 3)], atol=1e-12)
     np.testing.assert_allclose(snapshot.cameras[0].pos, (1, 2, 3))
     np.testing.assert_allclose(snapshot.light_pos[-1], (1, 2, 3))
@@ -70,7 +77,7 @@ def test_mocap_bodies_and_what_hangs_on_them_move():
 def test_a_snapshot_is_not_changed_by_the_next(robot_files):
     model = load_model(robot_files["gymnasium/humanoid"])
     data = mujoco.MjData(model)
-    poser = Poser(model, every_camera(model))
+    poser = SnapshotTaker(model, every_camera(model))
     first = poser.snapshot(data, 0)
     parts = [first.geom_pos, first.geom_mat, first.light_pos, first.light_dir]
     parts += [array for pose in first.cameras for array in (pose.pos, pose.mat)]
@@ -91,8 +98,8 @@ def test_sleeping_bodies_have_poses_too():
     asleep, awake = (mujoco.MjModel.from_xml_string(xml.format(f)) for f in ("enable", "disable"))
     data = mujoco.MjData(asleep)
     data.qpos[0] = 0.5
-    one = Poser(asleep, every_camera(asleep)).snapshot(data, 0)
-    two = Poser(awake, every_camera(awake)).snapshot(data, 0)
+    one = SnapshotTaker(asleep, every_camera(asleep)).snapshot(data, 0)
+    two = SnapshotTaker(awake, every_camera(awake)).snapshot(data, 0)
     np.testing.assert_array_equal(one.geom_pos, two.geom_pos)
     np.testing.assert_array_equal(one.cameras[0].pos, two.cameras[0].pos)
     assert one.geom_pos[2].tolist() == [0.5, 0.0, 0.1]
@@ -102,7 +109,7 @@ def test_sleeping_bodies_have_poses_too():
 def test_the_headlights_row_has_a_unit_direction(robot_files):
     model = load_model(robot_files["gymnasium/humanoid"])
     scene = extract_scene(model)
-    snapshot = Poser(model).snapshot(mujoco.MjData(model), 0)
+    snapshot = SnapshotTaker(model).snapshot(mujoco.MjData(model), 0)
     assert scene.lights[0].headlight
     assert snapshot.light_pos.shape == snapshot.light_dir.shape == (len(scene.lights), 3)
     np.testing.assert_allclose(np.linalg.norm(snapshot.light_dir, axis=1), 1.0)
@@ -111,7 +118,7 @@ def test_the_headlights_row_has_a_unit_direction(robot_files):
 def test_data_of_another_model_is_refused(robot_files):
     models = [load_model(robot_files[f"gymnasium/{name}"]) for name in ("humanoid", "ant")]
     with pytest.raises(EvsError, match="the data belongs to another model: it has 15 positions"):
-        Poser(models[0]).snapshot(mujoco.MjData(models[1]), 0)
+        SnapshotTaker(models[0]).snapshot(mujoco.MjData(models[1]), 0)
 
 
 def test_positions_that_are_no_numbers_are_refused(robot_files):
@@ -119,5 +126,5 @@ def test_positions_that_are_no_numbers_are_refused(robot_files):
     data = mujoco.MjData(model)
     data.qpos[9] = np.nan
     with pytest.raises(UnstableError, match=r"bad position .* at joint 'abdomen_x' of body") as e:
-        Poser(model).snapshot(data, 2500)
+        SnapshotTaker(model).snapshot(data, 2500)
     assert "t = 0.002500 s" in str(e.value)

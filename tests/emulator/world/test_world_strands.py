@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.base.scene import SceneModel, SceneSnapshot, Thing
+from evs.emulator.base.scene import ObjectKind, SceneModel, SceneSnapshot
 from evs.emulator.camera.plan.contents import contents_of
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer, PathRenderer
-from evs.emulator.world import Poser, bind_camera, extract_scene, load_model
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene, load_model
 from evs.emulator.world.tendon_curves import catenary
 
 # a wrapped cylinder with its side site, a sphere, a pulley, a hidden group, a fixed tendon, strings
@@ -132,11 +132,11 @@ def check_marks(model, data, scene: SceneModel, snapshot: SceneSnapshot) -> None
     first = -2 - model.nskin - model.nflex
     sizes = scene.geom_size.copy()
     sizes[scene.stretching] = snapshot.stretched
-    rows = np.flatnonzero(scene.geom_thing == Thing.SITE)
+    rows = np.flatnonzero(scene.geom_kind == ObjectKind.SITE)
     assert [first - g.objid for g in sites] == scene.geom_id[rows].tolist()
     pairs = list(zip(rows, sites, strict=True))
     # what has no radius is not there
-    rows = np.flatnonzero((scene.geom_thing == Thing.TENDON) & (sizes[:, 0] > 0))
+    rows = np.flatnonzero((scene.geom_kind == ObjectKind.TENDON) & (sizes[:, 0] > 0))
     ids = first - model.nsite - scene.geom_id[rows]
     assert set(ids.tolist()) == {g.objid for g in tendons}
     for tendon in set(ids.tolist()):
@@ -145,7 +145,7 @@ def check_marks(model, data, scene: SceneModel, snapshot: SceneSnapshot) -> None
             pairs += zip(ours, theirs, strict=True)
         else:
             check_chain(model, tendon, theirs, snapshot, ours, sizes)
-    rows = np.flatnonzero((scene.geom_thing == Thing.CRANK) & (sizes[:, 0] > 0))
+    rows = np.flatnonzero((scene.geom_kind == ObjectKind.CRANK) & (sizes[:, 0] > 0))
     last = first - model.nsite - model.ntendon
     assert [last - g.objid for g in cranks] == scene.geom_id[rows].tolist()
     pairs += zip(rows, cranks, strict=True)
@@ -171,7 +171,7 @@ def check_marks(model, data, scene: SceneModel, snapshot: SceneSnapshot) -> None
 
 def test_sites_and_tendons_are_mujocos_at_every_instant(marks) -> None:
     data, scene = mujoco.MjData(marks), extract_scene(marks)
-    poser, wrapped = Poser(marks), set()
+    poser, wrapped = SnapshotTaker(marks), set()
     for _ in range(60):
         for _ in range(10):
             mujoco.mj_step(marks, data)
@@ -189,9 +189,9 @@ def test_of_every_shipped_robot_too(robot_files) -> None:
         model = load_model(path)
         data, scene = mujoco.MjData(model), extract_scene(model)
         mujoco.mj_forward(model, data)
-        check_marks(model, data, scene, Poser(model).snapshot(data, 0))
-        things = scene.geom_thing
-        counts += [(things == Thing.SITE).sum(), (things == Thing.TENDON).sum()]
+        check_marks(model, data, scene, SnapshotTaker(model).snapshot(data, 0))
+        things = scene.geom_kind
+        counts += [(things == ObjectKind.SITE).sum(), (things == ObjectKind.TENDON).sum()]
     assert (counts >= (5, 20)).all()
 
 
@@ -199,11 +199,11 @@ def test_a_rope_is_its_edges(marks) -> None:
     data, scene = mujoco.MjData(marks), extract_scene(marks)
     for _ in range(200):
         mujoco.mj_step(marks, data)
-    snapshot = Poser(marks).snapshot(data, 0)
+    snapshot = SnapshotTaker(marks).snapshot(data, 0)
     mujoco.mj_fwdPosition(marks, data)
-    rows = np.flatnonzero(scene.geom_thing == Thing.ROPE)
+    rows = np.flatnonzero(scene.geom_kind == ObjectKind.ROPE)
     assert scene.geom_id[rows].tolist() == [-2] * 4
-    assert (scene.geom_id[scene.geom_thing == Thing.FLEX] == -3).all()
+    assert (scene.geom_id[scene.geom_kind == ObjectKind.FLEX] == -3).all()
     assert (scene.geom_body[rows] == -1).all()
     assert scene.surfaces[scene.geom_surface[rows[0]]].rgba == pytest.approx((0.9, 0.3, 0.2, 1))
     corners = data.flexvert_xpos[marks.flex_edge[:4]]
@@ -230,7 +230,7 @@ def test_a_string_has_its_length_and_hangs_as_a_chain_does(end, length) -> None:
 @pytest.mark.parametrize("renderer", [DirectRenderer, PathRenderer])
 def test_what_stretches_is_traced_again_and_all_machines_agree(marks, renderer) -> None:
     data, bound = mujoco.MjData(marks), bind_camera(marks, "", 64, 48, VIEW)
-    poser, scene = Poser(marks, [bound]), extract_scene(marks)
+    poser, scene = SnapshotTaker(marks, [bound]), extract_scene(marks)
     full = renderer(scene, bound.model, RenderConfig(spp=1, incremental=False), 1)
     others = [
         renderer(scene, bound.model, RenderConfig(spp=1, isa=isa), 2)
@@ -272,7 +272,7 @@ def test_one_key_hides_the_sites_and_the_plan_counts_them(marks) -> None:
     lights = {}
     for name, model, sites in (("shown", bare, True), ("off", bare, False), ("none", none, True)):
         scene, config = extract_scene(model), RenderConfig(spp=1, sites=sites)
-        snapshot = Poser(model, [bound]).snapshot(mujoco.MjData(model), 0)
+        snapshot = SnapshotTaker(model, [bound]).snapshot(mujoco.MjData(model), 0)
         renderer = DirectRenderer(scene, bound.model, config, 1)
         lights[name] = renderer.render(snapshot, snapshot.cameras[0]).copy()
         truth = renderer.ground_truth(snapshot, snapshot.cameras[0])
@@ -302,7 +302,7 @@ def test_what_stretches_moves_with_its_ends() -> None:
     </tendon></mujoco>""")
     view = CameraConfig(lookat=(-0.3, 0, 1), distance=0.9, azimuth=90, elevation=0)
     bound, data = bind_camera(model, "", 80, 60, view), mujoco.MjData(model)
-    scene, poser = extract_scene(model), Poser(model, [bound])
+    scene, poser = extract_scene(model), SnapshotTaker(model, [bound])
     before = poser.snapshot(data, 0)
     data.qpos[:] = 1e-3, 2e-3
     now = poser.snapshot(data, 1000)

@@ -20,10 +20,10 @@ from evs.emulator.world.model_edits import (
     OPTICS,
     SCENE,
     ModelWatch,
-    Parts,
+    PartCache,
     arrays_of,
 )
-from evs.emulator.world.snapshots import Poser
+from evs.emulator.world.snapshots import SnapshotTaker
 from reference.edited import STAGE
 
 EVERYTHING = (
@@ -52,8 +52,8 @@ EVERYTHING = (
 )
 
 OURS = Path(world.__file__).parent
-READERS = ("extraction", "surfaces", "lights", "meshes", "deforming", "cameras", "poses",
-           "strands", "framing")  # fmt: skip
+READERS = ("extraction", "materials", "lights", "meshes", "deformables", "cameras", "snapshots",
+           "tendons", "framing")  # fmt: skip
 """The modules that make scenes, snapshots and cameras of a model."""
 
 WATCHED = {
@@ -107,7 +107,7 @@ def read_of(model: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch) -> set[str]:
     extract_scene(recorder)
     free = CameraConfig(distance=2.0)
     bounds = [bind_camera(recorder, "eye", 8, 6), bind_camera(recorder, "", 8, 6, free)]
-    Poser(recorder, bounds).snapshot(mujoco.MjData(model), 0)
+    SnapshotTaker(recorder, bounds).snapshot(mujoco.MjData(model), 0)
     monkeypatch.undo()
     return found
 
@@ -187,7 +187,7 @@ def test_the_digest_of_a_changed_byte_is_another(size: int) -> None:
 
 
 def test_parts_are_made_once_and_again_where_they_changed() -> None:
-    parts, data, made = Parts(), np.arange(8), []
+    parts, data, made = PartCache(), np.arange(8), []
 
     def make() -> object:
         made.append(object())

@@ -14,7 +14,7 @@ from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.scene import F32, CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import CameraConfig
 from evs.emulator.sensor import PlainModel, SensorParameters
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from evs.msgs import Events, join_events
 from evs.tools.metrics import compare
 from evs.tools.metrics.compare import Comparison
@@ -85,7 +85,7 @@ class Film:
             view = CameraConfig(lookat=tuple(model.stat.center), distance=1.5 * model.stat.extent,
                                 azimuth=90, elevation=-20)  # fmt: skip
         bound = bind_camera(model, "", width, height, view)
-        poser = Poser(model, [bound])
+        poser = SnapshotTaker(model, [bound])
         data.ctrl[:] = np.random.default_rng(1).uniform(-0.4, 0.4, model.nu)
         for _ in range(50):
             mujoco.mj_step(model, data)

@@ -10,7 +10,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from evs.emulator.evsnet import NetworkWeights
-from evs.emulator.evsnet.graph import streaming_graph
+from evs.emulator.evsnet.onnx_graph import streaming_graph
 from evs.tools.training.export import sidecar
 
 Shape = Sequence[int | str]

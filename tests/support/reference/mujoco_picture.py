@@ -18,7 +18,7 @@ import numpy.typing as npt
 from evs.emulator.base.scene import F32, I32, U8, CameraModel, CameraPose
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer, PathRenderer, make_renderer
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 from speed.elsewhere import Elsewhere, elsewhere
 from speed.mujoco_gl import make_context
 
@@ -108,7 +108,7 @@ class MujocoPictures:
         view = camera if isinstance(camera, CameraConfig) else CameraConfig()
         name = camera if isinstance(camera, str) else ""
         bound = bind_camera(model, name, width, height, view)
-        snapshot, scene = Poser(model, [bound]).snapshot(data, 0), extract_scene(model)
+        snapshot, scene = SnapshotTaker(model, [bound]).snapshot(data, 0), extract_scene(model)
         pose = snapshot.cameras[0]
         render = render or RenderConfig(spp=16)
         renderer = make_renderer(scene, bound.model, render, 1, rgb=True)

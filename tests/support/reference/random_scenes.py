@@ -10,7 +10,7 @@ import numpy as np
 from evs.emulator import _core
 from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.scene import (
-    Air,
+    Atmosphere,
     CameraPose,
     Light,
     LightKind,
@@ -186,7 +186,7 @@ class RandomStage:
             )
             if more.random() < 0.6:
                 lights = (*lights, Light(LightKind.IMAGE, diffuse=(0.5,) * 3, texture=5))
-            air = Air(
+            air = Atmosphere(
                 1.0, 6.0, (0.3, 0.4, 0.5), float(more.choice([0.1, 0.5])), 4.0, (0.9, 0.8, 0.7)
             )
         self.render: dict[str, object] = {"fog": seed % 2 == 0, "flicker": (PULSE,)} if rich else {}
@@ -200,7 +200,7 @@ class RandomStage:
             textures=textures,
             lights=lights,
             skybox=int(rng.choice([-1, 5])),
-            air=air,
+            atmosphere=air,
         )
         self.orthographic = bool(rng.random() < 0.25)
         width, height = size

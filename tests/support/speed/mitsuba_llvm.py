@@ -47,7 +47,7 @@ def common_view(view: View) -> View:
         lights=tuple(_hard(content.lights[row]) for row in shown),
         textures=(),
         skybox=-1,
-        air=None,
+        atmosphere=None,
     )
     shot = replace(
         view.shot, light_pos=view.shot.light_pos[shown], light_dir=view.shot.light_dir[shown]

@@ -12,7 +12,7 @@ import numpy as np
 from evs.emulator.base.scene import CameraModel, CameraPose, SceneModel, SceneSnapshot
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer, make_renderer
-from evs.emulator.world import Poser, bind_camera, extract_scene
+from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene
 
 WIDTH, HEIGHT = 346, 260
 FRAME = f"{WIDTH}x{HEIGHT}, full frame with shadows"
@@ -70,7 +70,7 @@ def view_of(model: mujoco.MjModel, data: mujoco.MjData, camera: str = "") -> Vie
     """As it is; without a camera's name by a free one."""
     mujoco.mj_forward(model, data)
     bound = bind_camera(model, camera, WIDTH, HEIGHT, CameraConfig() if camera else FREE)
-    shot = Poser(model, [bound]).snapshot(data, 0)
+    shot = SnapshotTaker(model, [bound]).snapshot(data, 0)
     return View(model, data, extract_scene(model), shot, bound.model, shot.cameras[0])
 
 

@@ -11,7 +11,7 @@ import pytest
 from onnx import helper, numpy_helper
 
 from evs.emulator.evsnet import NetworkWeights
-from evs.emulator.evsnet.graph import streaming_graph
+from evs.emulator.evsnet.onnx_graph import streaming_graph
 from evs.msgs import EvsError
 from evs.tools.doctor.check import BAD, NOTE, OK
 from evs.tools.evaluation import network_check as check_module

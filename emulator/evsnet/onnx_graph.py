@@ -23,12 +23,12 @@ from typing import Any
 import numpy as np
 
 from evs.emulator.base.scene import F32
-from evs.emulator.evsnet.weights import TAPS, NetworkWeights
+from evs.emulator.evsnet.weights import KERNEL_SIZE, NetworkWeights
 
 OPSET = 17
 IR_VERSION = 8
 """the one that came with opset 17"""
-HELD = TAPS - 1
+HELD = KERNEL_SIZE - 1
 """ticks that a FIFO holds"""
 
 _TICKS_AXIS = 2
@@ -72,16 +72,16 @@ class _Graph:
 
     def node(self, kind: str, out: str, inputs: list[str], **attributes: Any) -> str:
         """NodeProto with one output, whose name it bears itself."""
-        told = [_field(1, name) for name in inputs]
-        told += [_field(2, out), _field(3, out), _field(4, kind)]
+        fields = [_field(1, name) for name in inputs]
+        fields += [_field(2, out), _field(3, out), _field(4, kind)]
         for key, value in attributes.items():
             if isinstance(value, int):
                 body = _field(1, key) + _number(3, value) + _number(20, _ONE_INT)
             else:
                 ints = b"".join(_number(8, entry) for entry in value)
                 body = _field(1, key) + ints + _number(20, _INTS)
-            told.append(_field(5, body))
-        self._nodes.append(b"".join(told))
+            fields.append(_field(5, body))
+        self._nodes.append(b"".join(fields))
         return out
 
     def constant(self, name: str, array: np.ndarray[Any, Any]) -> str:
@@ -118,8 +118,8 @@ class _Graph:
         body += [_field(11, value) for value in self._inputs]
         body += [_field(12, value) for value in self._outputs]
         opset = _field(1, "") + _number(2, OPSET)
-        told = [_number(1, IR_VERSION), _field(2, "evs"), _field(7, b"".join(body))]
-        return b"".join([*told, _field(8, opset)])
+        fields = [_number(1, IR_VERSION), _field(2, "evs"), _field(7, b"".join(body))]
+        return b"".join([*fields, _field(8, opset)])
 
     def _rows(self, out: str, source: str, first: int, end: int) -> str:
         """Ticks [first, end) of what `source` holds."""

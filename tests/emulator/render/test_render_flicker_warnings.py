@@ -10,7 +10,7 @@ import pytest
 from evs.emulator import LeftOutWarning, World
 from evs.emulator.base.scene import Light, LightKind
 from evs.emulator.config import FlickerConfig, RenderConfig
-from evs.emulator.render import too_fast
+from evs.emulator.render import flicker_warnings
 
 LAMPS = """<mujoco><visual><headlight active="0"/></visual><worldbody><camera pos="0 0 3"/>
 <light name="left" dir=".3 0 -1"/><light name="right" dir="-.3 0 -1"/>
@@ -61,11 +61,11 @@ def test_over_half_the_ticks_is_told_of(
 )
 def test_light_that_does_not_pulse_is_not(tables: tuple[FlickerConfig, ...]) -> None:
     lamp = Light(LightKind.POINT, name="lamp")
-    assert too_fast([lamp], RenderConfig(flicker=tables), 1000) == ()
+    assert flicker_warnings([lamp], RenderConfig(flicker=tables), 1000) == ()
 
 
 def test_a_headlight_that_is_off_is_not() -> None:
     head = Light(LightKind.DIRECTIONAL, name="headlight", headlight=True)
     tables = (FlickerConfig(light="headlight", hz=1e4),)
-    assert too_fast([head], RenderConfig(flicker=tables, headlight="off"), 1000) == ()
-    assert len(too_fast([head], RenderConfig(flicker=tables), 1000)) == 1
+    assert flicker_warnings([head], RenderConfig(flicker=tables, headlight="off"), 1000) == ()
+    assert len(flicker_warnings([head], RenderConfig(flicker=tables), 1000)) == 1

@@ -11,7 +11,7 @@ import numpy as np
 
 from evs.emulator import _core
 from evs.emulator.base.features import UNFORCED, Switches
-from evs.emulator.sensor.readout.pixels import draw_fates
+from evs.emulator.sensor.readout.pixel_mask import draw_fates
 from evs.emulator.sensor.readout.state import ReadoutState
 from evs.msgs import EVENT_DTYPE, Events, EvsError, join_events
 
@@ -61,12 +61,21 @@ class Readout:
     def step(
         self, events: Events, state: ReadoutState, t_begin_us: int, t_end_us: int
     ) -> tuple[Events, ReadoutState]:
-        """Events whose stamp lies in the tick (t_begin_us, t_end_us], sorted by t.
+        """Read out the events of one tick.
 
-        In: the pixels' events of that tick, (n,) EVENT_DTYPE sorted by t; their 16 bytes are not
-        touched but for t. The state handed in is consumed. Raises EvsError: events that are not
-        sorted, in the tick and on the sensor, ticks that do not follow each other, a time over
-        MAX_TIME_US, more events than memory.
+        Args:
+            events: (n,) EVENT_DTYPE, the pixels' events of that tick, sorted by t; of their 16
+                bytes only t changes.
+            state: What waits; it is consumed.
+            t_begin_us: Where the tick begins, us.
+            t_end_us: Where it ends, us.
+
+        Returns:
+            The events whose stamp lies in (t_begin_us, t_end_us], sorted by t; the state.
+
+        Raises:
+            EvsError: Events that are not sorted, in the tick and on the sensor, ticks that do not
+                follow each other, a time over MAX_TIME_US, more events than memory.
         """
         if t_end_us <= t_begin_us:
             raise EvsError(f"tick ({t_begin_us}, {t_end_us}] us does not go forward")

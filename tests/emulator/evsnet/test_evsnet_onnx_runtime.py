@@ -9,9 +9,9 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from evs.emulator.evsnet.graph import streaming_graph
 from evs.emulator.evsnet.model import EvsNetModel
-from evs.emulator.evsnet.portable import BLOCK, PortableRuntime
+from evs.emulator.evsnet.onnx_graph import streaming_graph
+from evs.emulator.evsnet.onnx_runtime import BLOCK, OnnxRuntime
 from evs.emulator.evsnet.session import PROVIDERS, open_session
 from evs.emulator.sensor import SensorParameters
 from evs.msgs import EvsError
@@ -76,7 +76,7 @@ def test_a_damaged_graph_is_one_clear_line(graph: bytes | None) -> None:
 
 def test_onnxruntime_is_imported_with_the_first_session_only() -> None:
     program = (
-        "import sys, evs, evs.emulator.evsnet.model, evs.emulator.evsnet.portable\n"
+        "import sys, evs, evs.emulator.evsnet.model, evs.emulator.evsnet.onnx_runtime\n"
         "from evs.emulator.evsnet import session\n"
         "assert 'onnxruntime' not in sys.modules\n"
         "session.providers()\n"
@@ -94,7 +94,7 @@ def test_float_arithmetic_outside_keeps_its_denormals() -> None:
 
 def test_a_change_too_small_to_matter_is_none() -> None:
     network = random_network(1, 4)
-    runtime = PortableRuntime(SMALL, network)
+    runtime = OnnxRuntime(SMALL, network)
     x = np.zeros((9, 300), np.float32)
     x[4, ::3] = 2.0**-61
     x[4, 1::3] = -(2.0**-61)

@@ -17,8 +17,8 @@ import numpy as np
 
 from evs.emulator.base.scene import F32
 from evs.emulator.evsnet.dense import DenseRuntime
-from evs.emulator.evsnet.graph import streaming_graph
 from evs.emulator.evsnet.graph_network import GraphNetwork, Network
+from evs.emulator.evsnet.onnx_graph import streaming_graph
 from evs.emulator.evsnet.session import one_line, open_session, state_shapes
 from evs.emulator.evsnet.state import NetworkState, check_arrays
 from evs.emulator.sensor.parameters import SensorParameters
@@ -40,7 +40,7 @@ class _Bound:
     binding: Any
 
 
-class PortableRuntime(DenseRuntime):
+class OnnxRuntime(DenseRuntime):
     """Runtime `onnxruntime`. Keeps its FIFOs in blocks: fifo0, ... (blocks, channels, 6, BLOCK)."""
 
     name = "onnxruntime"
@@ -52,7 +52,17 @@ class PortableRuntime(DenseRuntime):
         provider: str = "cpu",
         threads: int = 0,
     ) -> None:
-        """In: provider, a name of PROVIDERS; threads, 0 is one a core. Raises EvsError."""
+        """Open a session.
+
+        Args:
+            sensor: The sensor, resolved.
+            weights: The network.
+            provider: A key of PROVIDERS.
+            threads: Worker threads; 0: one a core.
+
+        Raises:
+            EvsError: No such provider, or no sound graph.
+        """
         super().__init__(sensor, weights)
         graph = weights.graph if isinstance(weights, GraphNetwork) else streaming_graph(weights)
         self._session = open_session(graph, provider, threads)
