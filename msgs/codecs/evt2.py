@@ -106,17 +106,11 @@ def decode_evt2(
     state = state or Evt2State()
     words = np.frombuffer(data, "<u4", memoryview(data).nbytes // 4)
     kinds = (words >> _BITS).astype(np.uint8)
-    is_high, is_event = kinds == _HIGH, kinds <= _ON
-    highs = np.concatenate(
-        [[state.high], unwrapped(words[is_high] & _MASK, state.high, _BITS)]
-    ).astype(np.int64)
-    numbers = np.cumsum(is_high, dtype=np.int32)
-    if triggers is not None and (is_trigger := kinds == _TRIGGER).any():
-        marks, high = words[is_trigger], highs[numbers[is_trigger]]
-        marks, high = marks[high >= 0], high[high >= 0]
-        t = (high << _LOW_BITS | (marks >> 22 & 0x3F)) - time_origin_us
-        triggers.append(external_triggers(t, marks & 1))
-    taken, high = words[is_event], highs[numbers[is_event]]
+    is_event = kinds <= _ON
+    highs, places = times_high(words, kinds, state.high)
+    if triggers is not None:
+        append_triggers(triggers, words, kinds, highs, places, time_origin_us)
+    taken, high = words[is_event], highs[places[is_event]]
     events = empty_events(len(taken))
     events["t"] = (high << _LOW_BITS | (taken >> 22 & 0x3F)) - time_origin_us
     events["x"] = taken >> 11 & 0x7FF
@@ -124,3 +118,48 @@ def decode_evt2(
     events["p"] = taken >> _BITS
     untold = int(np.count_nonzero(high < 0))
     return events[untold:], Evt2State(int(highs[-1]), state.skipped + untold)
+
+
+def times_high(
+    words: Words, kinds: npt.NDArray[np.uint8], known: int
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]]:
+    """The upper bits of the time at each word, with their wraps counted.
+
+    Args:
+        words: (n,) words of EVT2, or the upper halves of those of EVT2.1.
+        kinds: (n,) their types.
+        known: The upper bits before the first word; -1 for none.
+
+    Returns:
+        (m + 1,) `known`, then the upper bits of each TIME_HIGH; (n,) the place of each word's
+        among them.
+    """
+    is_high = kinds == _HIGH
+    highs = np.concatenate([[known], unwrapped(words[is_high] & _MASK, known, _BITS)])
+    return highs.astype(np.int64), np.cumsum(is_high, dtype=np.int32)
+
+
+def append_triggers(
+    triggers: list[Triggers],
+    words: Words,
+    kinds: npt.NDArray[np.uint8],
+    highs: npt.NDArray[np.int64],
+    places: npt.NDArray[np.int32],
+    time_origin_us: int,
+) -> None:
+    """Append the external triggers, if there are any, that follow a TIME_HIGH.
+
+    Args:
+        triggers: Takes an array of triggers, as unsorted as they were.
+        words: (n,) words of EVT2, or the upper halves of those of EVT2.1.
+        kinds: (n,) their types.
+        highs: (m + 1,) as `times_high` returns them.
+        places: (n,) as `times_high` returns them.
+        time_origin_us: Time stamp of the stream's time zero, us.
+    """
+    is_trigger = kinds == _TRIGGER
+    if is_trigger.any():
+        edges, high = words[is_trigger], highs[places[is_trigger]]
+        edges, high = edges[high >= 0], high[high >= 0]
+        t = (high << _LOW_BITS | (edges >> 22 & 0x3F)) - time_origin_us
+        triggers.append(external_triggers(t, edges & 1))

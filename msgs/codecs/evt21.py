@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.msgs.codecs.evt2 import Evt2State
+from evs.msgs.codecs.evt2 import Evt2State, append_triggers, times_high
 from evs.msgs.codecs.limits import (
     LONGEST_US,
     MAX_SIDE_EVT_PX,
@@ -25,13 +25,13 @@ from evs.msgs.codecs.limits import (
     check_fits,
     known_before_us,
 )
-from evs.msgs.codecs.wraps import told_between, unwrapped
+from evs.msgs.codecs.wraps import told_between
 from evs.msgs.event import Events, empty_events
-from evs.msgs.trigger import Triggers, external_triggers
+from evs.msgs.trigger import Triggers
 
 EVT21 = EncodingLimits("EVT2.1", MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, LONGEST_US)
 
-_ON, _HIGH, _TRIGGER = 1, 8, 10
+_ON, _HIGH = 1, 8
 _LOW_BITS, _BITS = 6, 28
 _MASK = (1 << _BITS) - 1
 _TYPE, _LOW, _X, _Y = 60, 54, 43, 32
@@ -106,17 +106,11 @@ def decode_evt21(
     halves = np.frombuffer(data, "<u4", memoryview(data).nbytes // 8 * 2).reshape(-1, 2)
     upper, valid = halves[:, 1 - upper_first], halves[:, int(upper_first)]
     kinds = (upper >> _BITS).astype(np.uint8)
-    is_high, is_vector = kinds == _HIGH, kinds <= _ON
-    highs = np.concatenate(
-        [[state.high], unwrapped(upper[is_high] & _MASK, state.high, _BITS)]
-    ).astype(np.int64)
-    numbers = np.cumsum(is_high, dtype=np.int32)
-    if triggers is not None and (is_trigger := kinds == _TRIGGER).any():
-        marks, high = upper[is_trigger], highs[numbers[is_trigger]]
-        marks, high = marks[high >= 0], high[high >= 0]
-        t = (high << _LOW_BITS | (marks >> 22 & 0x3F)) - time_origin_us
-        triggers.append(external_triggers(t, marks & 1))
-    taken, high = upper[is_vector], highs[numbers[is_vector]]
+    is_vector = kinds <= _ON
+    highs, places = times_high(upper, kinds, state.high)
+    if triggers is not None:
+        append_triggers(triggers, upper, kinds, highs, places, time_origin_us)
+    taken, high = upper[is_vector], highs[places[is_vector]]
     # one bit a pixel, word after word
     bits = np.unpackbits(valid[is_vector].astype("<u4").view(np.uint8), bitorder="little")
     pixels = np.flatnonzero(bits.view(np.bool_))
