@@ -1,4 +1,4 @@
-"""AppendingRecorder: what recorders share whose files are a header and then packet after packet."""
+"""AppendingRecorder: the base of recorders whose files are a header followed by packets."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from typing import Any
 
 from evs.drivers.files.capabilities import check_stamps, one_stream
 from evs.drivers.files.formats import AnyPath, Format, by_name
-from evs.drivers.files.paths import target_error
+from evs.drivers.files.paths import stopped_text, target_error
 from evs.drivers.sink import Sink, SinkStoppedError
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo
 
 
 class AppendingRecorder(Sink):
-    """A Sink that appends each packet's bytes, unbuffered: with the system when write returns.
+    """A Sink that appends each packet unbuffered: the operating system has it when write returns.
 
-    A process that is killed leaves all packets until then, the last perhaps torn; a disk that is
-    full ends the recording with everything before it whole. A format gives `_header` and `_encoded`
-    and, where it has more to say, `_ending`. Its limits are those of its entry in the table.
+    A process that is killed leaves all packets up to then, the last perhaps torn. A full disk ends
+    the recording and leaves everything before it whole. A subclass implements `_header`, `_encode`
+    and, where the format has one, `_trailer`; its limits stand in the table of formats.
     """
 
     NAME: str
@@ -41,34 +41,46 @@ class AppendingRecorder(Sink):
 
     @abstractmethod
     def _header(self, stream: StreamInfo) -> bytes:
-        """What the file begins with."""
+        """The bytes at the start of the file."""
 
     @abstractmethod
-    def _encoded(self, events: Events) -> bytes:
-        """The bytes of one packet's events, (n,) with n > 0, within the format's limits."""
+    def _encode(self, events: Events) -> bytes:
+        """The bytes of one packet's events, (n,) with n > 0, which fit into the format."""
 
-    def _ending(self) -> bytes:
-        """What the file ends with."""
+    def _trailer(self) -> bytes:
+        """The bytes at the end of the file."""
         return b""
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
-        """Create the file and write its header. EvsError: a stream that does not fit, no place."""
+        """Create the file and write its header.
+
+        Args:
+            streams: The only stream.
+
+        Raises:
+            EvsError: The stream does not fit into the format, or the file cannot be written.
+        """
         self.stream = one_stream(self._path, streams, self._format.capabilities, self._format_name)
-        self._start(self._path)
+        self._start_file(self._path)
 
     def write(self, packet: EventPacket) -> None:
-        """Append one packet. SinkStoppedError where the disk does not take it; the rest stays."""
+        """Append one packet.
+
+        Raises:
+            EvsError: The events do not fit into the format.
+            SinkStoppedError: The disk is full; what was written before stays readable.
+        """
         if self._failure:
             raise SinkStoppedError(self._failure)
         if len(packet.events):
             limits = self._format.capabilities
             check_stamps(self._path, packet.events, limits, self._format_name, self.stream)
-            self._put(packet.events)
+            self._write_events(packet.events)
 
     def close(self) -> dict[str, Any]:
-        """End the file and let go of it. Never raises for a disk that is full."""
+        """Write the trailer and close the file, even on a full disk; values for the run report."""
         if self._file is not None:
-            self._finish()
+            self._finish_file()
         return {
             "type": self.NAME,
             "path": str(self._path),
@@ -78,7 +90,7 @@ class AppendingRecorder(Sink):
             "error": self._failure,
         }
 
-    def _start(self, path: Path) -> None:
+    def _start_file(self, path: Path) -> None:
         """Create a file and write its header."""
         try:
             self._file = FileIO(path, "w")
@@ -92,25 +104,25 @@ class AppendingRecorder(Sink):
             self._file = None
             raise
 
-    def _put(self, events: Events) -> None:
-        """Append a packet's events, which fit."""
-        data = self._encoded(events)
+    def _write_events(self, events: Events) -> None:
+        """Append a packet's events, which fit into the format."""
+        data = self._encode(events)
         self.meter.lap("pack")
         self._append(data)
         self._packets += 1
         self._events += len(events)
 
-    def _finish(self) -> None:
-        """Write the ending, unless the disk had no room before; close the file."""
+    def _finish_file(self) -> None:
+        """Write the trailer, unless the disk was full before; close the file."""
         assert self._file is not None
         if not self._failure:
             with suppress(EvsError):
-                self._append(self._ending())
+                self._append(self._trailer())
         self._file.close()
         self._file = None
 
     def _append(self, data: bytes) -> None:
-        """Hand all bytes to the system, or leave the file as it was and raise EvsError."""
+        """Hand all bytes to the system, or leave the file unchanged and raise SinkStoppedError."""
         if self._file is None:
             raise EvsError(f"{self._path} is not open for recording: call open first")
         rest = memoryview(data)
@@ -121,9 +133,8 @@ class AppendingRecorder(Sink):
             with suppress(OSError):  # a device has no tail to cut
                 os.ftruncate(self._file.fileno(), self._position)
                 os.lseek(self._file.fileno(), self._position, os.SEEK_SET)
-            self._failure = (
-                f"recording to {self._path} stopped after {self._events} events: "
-                f"{reason.strerror}; what was recorded is readable, free some space and run again"
+            self._failure = stopped_text(
+                self._path, self._events, reason, "what was recorded is readable"
             )
             raise SinkStoppedError(self._failure) from None
         self._position += len(data)

@@ -20,7 +20,14 @@ MATRICES = (
 
 
 def calibration_yaml(stream: StreamInfo) -> str:
-    """The text of a calibration file. EvsError where the stream does not tell its camera_info."""
+    """The text of a calibration file.
+
+    Args:
+        stream: A stream whose camera_info is set.
+
+    Raises:
+        EvsError: The camera_info is incomplete, or the camera is orthographic.
+    """
     info = stream.camera_info
     if info.get("projection") == "orthographic":
         raise EvsError(
@@ -61,18 +68,18 @@ def _are_numbers(values: Any) -> bool:
 
 
 def _number(value: float) -> str:
-    """As YAML 1.1 knows a float: 1e-05 without a point would be a string there."""
+    """A float in YAML 1.1, where 1e-05 without a point would be a string."""
     text = repr(float(value))
     return text if "." in text or "e" not in text else text.replace("e", ".0e")
 
 
 def _word(text: str) -> str:
-    """Plain where that is safe, else in double quotes: JSON's are YAML's."""
+    """Without quotes where that is safe, else as a JSON string, which is valid YAML."""
     return text if re.fullmatch(r"[A-Za-z_]\w*", text, re.ASCII) else json.dumps(text)
 
 
 def _lacking(field: str) -> EvsError:
     return EvsError(
-        f"the recording tells no camera_info.{field}, so there is no calibration to write: record "
+        f"the recording has no camera_info.{field}, so there is no calibration to write: record "
         "it again with this version of evs"
     )

@@ -1,4 +1,4 @@
-"""convert: a recording of one format into a file of another, in little memory."""
+"""convert: copy a recording into a file of another format, in little memory."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ AUXILIARY = {
     "triggers": "triggers",
     "labels": "labels",
 }
-"""What a format may not hold: field of Holds -> in words."""
+"""what a format may be unable to hold: field of Capabilities -> in words"""
 
 _FLAGS = ("frames", "imu", "triggers")
-"""of StreamInfo"""
+"""fields of StreamInfo"""
 
 
 @dataclass
 class Converted:
-    """What convert did."""
+    """The result of `convert`."""
 
     target: Path
     source_format: Format
@@ -56,9 +56,9 @@ class Converted:
     imu_samples: int = 0
     triggers: int = 0
     start_us: int | None = None
-    """what the target's clock begins at, since it cannot hold the stamps; None: they are kept"""
+    """start of the target's clock where it cannot hold the time stamps; None: they are kept"""
     left_out: dict[str, int] = field(default_factory=dict)
-    """what was not written, since the target cannot hold it or we do not read it -> how many"""
+    """what was not written, as the target cannot hold it or evs does not read it -> how many"""
     files: list[Path] = field(default_factory=list)
     """every file that was written"""
 
@@ -79,19 +79,28 @@ def convert(
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> Converted:
-    """Write all of `source` anew as `target`, whose ending (or `kind`) says the format.
-
-    In: events_only, leave out what lies beside the events where the target cannot hold it;
-    single, only this file, where the recording goes on in further ones; keep_start, refuse where
-    the target's clock would have to begin at the first stamp; progress, called with the share of
-    the source that is read; options of the target's recorder.
-
-    Where the target cannot hold the stamps, of Unix time above all, its clock begins at the first
-    one; its header says so, and our reader adds it.
+    """Copy a recording into a file of another format.
 
     What the target cannot hold is refused before anything is written. The target appears once it is
-    complete: an earlier file of that name stays until then, and for good where an error ends it.
-    Warns of damage as read does.
+    complete: an earlier file of that name stays until then, and for good if an error occurs. Where
+    the target cannot hold the time stamps (mostly Unix times), its clock begins at the first one;
+    its header states that, and our reader adds it. Warns of damage as `read` does.
+
+    Args:
+        source: The recording, or the first file of one in several files.
+        target: The file to write; its ending decides the format.
+        kind: The format's name, where the ending does not decide.
+        events_only: Leave out the auxiliary streams that the target cannot hold.
+        single: Copy only this file of the source.
+        keep_start: Refuse to let the target's clock begin at the first time stamp.
+        progress: Called with the share of the source that has been read, 0 ... 1.
+        **options: Options of the target's recorder.
+
+    Returns:
+        What was written, and what was left out.
+
+    Raises:
+        EvsError: The source cannot be read, the target cannot hold it, or it cannot be written.
     """
     found, wanted = to_read(source), to_write(target, kind)
     file = found.open(Path(source)) if single else open_recording(source, found)
@@ -99,77 +108,77 @@ def convert(
     for path in file.paths if isinstance(file, MultiFileRecording) else [file.path]:
         _check_place(path, target)
     limits = wanted.capabilities_for(options.get("encoding"))
-    stream, lacking = _fitting(file, limits)
-    if lacking and not events_only:
-        words = " and ".join(AUXILIARY[name] for name in lacking)
+    stream, missing = _target_stream(file, limits)
+    if missing and not events_only:
+        words = " and ".join(AUXILIARY[name] for name in missing)
         raise EvsError(
             f"{target} cannot hold the {words} of {file.path}: leave them out with --events-only, "
             "or convert to .aedat4"
         )
     format_name = wanted.display_name
     stream = one_stream(target, [stream], limits, format_name)
-    done = Converted(target, found, wanted)
+    result = Converted(target, found, wanted)
     first = next(file.events(), None)
     if first is not None:
-        shifted = _begun(first, limits, stream)
+        shifted = _with_start(first, limits, stream)
         if shifted is not stream and keep_start:
             raise EvsError(
                 f"{target} cannot hold the stamps of {file.path}, from {first['t'][0]} us on: "
                 "leave --start keep out, so that its clock begins there, or convert to .aedat4"
             )
-        done.start_us = None if shifted is stream else shifted.start_us
+        result.start_us = None if shifted is stream else shifted.start_us
         stream = shifted
         check_stamps(target, first, limits, format_name, stream)
-    with _Place(target) as place:
-        sink = recorder_for(place.path, kind=wanted.name, **options)
+    with _TemporaryFolder(target) as folder:
+        sink = recorder_for(folder.path, kind=wanted.name, **options)
         try:
             sink.open([stream])
             labels = file.labels if limits.labels else None
-            for message in _labelled(messages_of(file), labels):
-                _put(sink, message, done)
+            for message in _with_labels(messages_of(file), labels):
+                _write(sink, message, result)
                 if progress is not None:
                     progress(file.position / max(1, file.size))
             error = sink.close().get("error")
             if error:
                 raise EvsError(str(error))
         except EvsError as error:
-            raise EvsError(place.named(str(error))) from None
+            raise EvsError(folder.named(str(error))) from None
         finally:
             sink.close()
-        done.files = place.settle(wanted)
-    if file.labels is not None and "labels" in lacking:
-        done.left_out["labels"] = len(file.labels)
-    return done
+        result.files = folder.move_into_place(wanted)
+    if file.labels is not None and "labels" in missing:
+        result.left_out["labels"] = len(file.labels)
+    return result
 
 
 def _check_place(source: Path, target: Path) -> None:
-    """EvsError where the target is the source, or can be no file."""
+    """EvsError where the target is the source, or cannot be a file."""
     if target.exists() and target.samefile(source):
-        raise EvsError(f"{target} is what would be converted: give another name")
+        raise EvsError(f"{target} is the recording to be converted: give another name")
     if target.is_dir():
         raise target_error(target, IsADirectoryError())
     if not target.parent.is_dir():
         raise target_error(target, FileNotFoundError())
 
 
-def _fitting(file: RecordingFile, limits: Capabilities) -> tuple[StreamInfo, list[str]]:
-    """The stream as the target can hold it, and what it cannot: fields of Holds."""
+def _target_stream(file: RecordingFile, limits: Capabilities) -> tuple[StreamInfo, list[str]]:
+    """The stream as the target can hold it, and what it cannot hold: fields of Capabilities."""
     has = {
         "frames": file.stream.frames,
         "imu": file.stream.imu,
         "triggers": file.stream.triggers,
         "labels": file.labels is not None,
     }
-    lacking = [name for name, said in has.items() if said and not getattr(limits, name)]
-    if any(name != "labels" for name in lacking):
-        there = _or_none(file, {name for name in lacking if name != "labels"})
-        lacking = [name for name in lacking if name == "labels" or name in there]
+    missing = [name for name, on in has.items() if on and not getattr(limits, name)]
+    if any(name != "labels" for name in missing):
+        present = _present_streams(file, {name for name in missing if name != "labels"})
+        missing = [name for name in missing if name == "labels" or name in present]
     flags: dict[str, Any] = {name: getattr(limits, name) and has[name] for name in _FLAGS}
-    return replace(file.stream, **flags), lacking
+    return replace(file.stream, **flags), missing
 
 
-def _or_none(file: RecordingFile, wanted: set[str]) -> set[str]:
-    """Which of some fields of Holds a recording has, since it may declare more than that."""
+def _present_streams(file: RecordingFile, wanted: set[str]) -> set[str]:
+    """Which of these streams a recording really has, since it may declare more."""
     found: set[str] = set()
     for message in file.auxiliary():
         if isinstance(message, Frame):
@@ -181,11 +190,11 @@ def _or_none(file: RecordingFile, wanted: set[str]) -> set[str]:
     return found
 
 
-def _begun(first: Events, limits: Capabilities, stream: StreamInfo) -> StreamInfo:
-    """The stream, with its begin just before the first events where else they do not fit."""
+def _with_start(first: Events, limits: Capabilities, stream: StreamInfo) -> StreamInfo:
+    """The stream; it starts just before the first events if they do not fit otherwise."""
     if can_begin_with(first, limits, stream) or not limits.from_start:
         return stream
-    # where its ticks begin stays
+    # keep the phase of its ticks
     each_us, before_us = part_us(stream.tick_us), int(first["t"][0]) - 1
     start_us = before_us - (before_us - stream.start_us) % each_us
     scene = stream.config.get("scene")
@@ -194,10 +203,10 @@ def _begun(first: Events, limits: Capabilities, stream: StreamInfo) -> StreamInf
     return later if can_begin_with(first, limits, later) else stream
 
 
-def _labelled(stored: Iterable[Message], labels: Labels | None) -> Iterator[Message]:
-    """The messages; packets with their part of the labels, (n,) as all events."""
+def _with_labels(messages: Iterable[Message], labels: Labels | None) -> Iterator[Message]:
+    """Give each event packet its part of the labels, (n,) one for each event of the recording."""
     at = 0
-    for message in stored:
+    for message in messages:
         if labels is None or not isinstance(message, EventPacket):
             yield message
         else:
@@ -205,42 +214,42 @@ def _labelled(stored: Iterable[Message], labels: Labels | None) -> Iterator[Mess
             at += len(message)
 
 
-def _put(sink: Sink, message: Message, done: Converted) -> None:
-    """One message into the sink, if it takes it."""
-    limits = done.target_format.capabilities
+def _write(sink: Sink, message: Message, result: Converted) -> None:
+    """Write one message to the sink, or count it as left out."""
+    limits = result.target_format.capabilities
     if isinstance(message, EventPacket):
         sink.write(message)
-        done.events += len(message)
+        result.events += len(message)
     elif isinstance(message, Frame):
         if Stream.FRAMES in sink.streams and limits.frames:
             sink.write_frame(message)
-            done.frames += 1
+            result.frames += 1
         else:
-            _count(done, AUXILIARY["frames"], 1)
+            _count(result, AUXILIARY["frames"], 1)
     elif isinstance(message, ImuPacket):
         if Stream.IMU in sink.streams and limits.imu:
             sink.write_imu(message)
-            done.imu_samples += len(message)
+            result.imu_samples += len(message)
         else:
-            _count(done, AUXILIARY["imu"], len(message))
+            _count(result, AUXILIARY["imu"], len(message))
     elif Stream.TRIGGERS in sink.streams and limits.triggers:
         sink.write_triggers(message)
-        done.triggers += len(message)
+        result.triggers += len(message)
     else:
-        _count(done, AUXILIARY["triggers"], len(message))
+        _count(result, AUXILIARY["triggers"], len(message))
 
 
-def _count(done: Converted, what: str, count: int) -> None:
-    done.left_out[what] = done.left_out.get(what, 0) + count
+def _count(result: Converted, what: str, count: int) -> None:
+    result.left_out[what] = result.left_out.get(what, 0) + count
 
 
-class _Place:
-    """A folder beside the target in which it comes about, since a recorder may write many files."""
+class _TemporaryFolder:
+    """A temporary folder next to the target: a recorder may write several files."""
 
     def __init__(self, target: Path) -> None:
         self._target = target
 
-    def __enter__(self) -> _Place:
+    def __enter__(self) -> _TemporaryFolder:
         try:
             self._folder = Path(tempfile.mkdtemp(prefix=".evs-convert-", dir=self._target.parent))
         except OSError as reason:
@@ -252,18 +261,22 @@ class _Place:
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def named(self, text: str) -> str:
-        """A recorder's words, with the names that the user knows."""
+        """A recorder's message with the paths that the user knows."""
         return text.replace(f"{self._folder}{os.sep}", f"{self._target.parent}{os.sep}")
 
-    def settle(self, kind: Format) -> list[Path]:
-        """Move what was written to where it belongs; the target itself last.
+    def move_into_place(self, kind: Format) -> list[Path]:
+        """Move the files that were written to their places, the target itself last.
 
-        In: its format. EvsError where other recordings would be replaced, or taken for a part.
+        Args:
+            kind: The target's format.
+
+        Raises:
+            EvsError: Other recordings would be replaced, or read as a part of this one.
         """
         made = sorted(self._folder.iterdir(), key=lambda path: (path == self.path, path.name))
         for path in made[:-1]:
-            if (there := self._target.parent / path.name).exists():
-                raise EvsError(f"{there} is there already: move it, or choose another name")
+            if (existing := self._target.parent / path.name).exists():
+                raise EvsError(f"{existing} already exists: move it, or choose another name")
         after = part_path(self._target, len(made))
         if after.is_file() and getattr(kind.open(self.path), "part", None) == 0:
             check_not_continued(self._target, kind.open, len(made))

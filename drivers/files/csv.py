@@ -46,7 +46,7 @@ _MAX_COLUMNS = 100
 
 _NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _PLAIN = b"0123456789+-.eE,\n"
-_TRUTH = {b"true": b"1", b"false": b"0"}
+_BOOLEANS = {b"true": b"1", b"false": b"0"}
 
 Numbers = npt.NDArray[np.float64] | npt.NDArray[np.int64]
 Offsets = npt.NDArray[np.int64]
@@ -60,7 +60,7 @@ class CsvRecorder(AppendingRecorder):
     def _header(self, stream: StreamInfo) -> bytes:
         return f"{EVS_LINE}{stream_json(stream)}\nt,x,y,p\n".encode()
 
-    def _encoded(self, events: Events) -> bytes:
+    def _encode(self, events: Events) -> bytes:
         columns = np.stack([events[name].astype(np.int64) for name in "txyp"], axis=1)
         # one format for all lines: several times as fast as a line at a time
         return (("%d,%d,%d,%d\n" * len(events)) % tuple(columns.ravel().tolist())).encode()
@@ -77,7 +77,7 @@ class CsvFile(EventOnlyFile):
 
     lines_at: int = 0
     """where the events begin, bytes"""
-    places: tuple[int, ...] = (0, 1, 2, 3)
+    column_index: tuple[int, ...] = (0, 1, 2, 3)
     """of t, x, y, p among the columns"""
     columns: int = 4
     delimiter: bytes = b","
@@ -97,41 +97,41 @@ class CsvFile(EventOnlyFile):
         opened = cls(
             path=found, stream=StreamInfo(0, 0, sensor="unknown"), size=found.stat().st_size
         )
-        opened._look(data)
+        opened._probe(data)
         if not (opened.stream.width and opened.stream.height):
-            width, height = opened._found_size()
+            width, height = opened._sensor_size()
             opened.stream = replace(opened.stream, width=width, height=height)
         return opened
 
     def events(self) -> Iterator[Events]:
         """Events of each tick; lines that are none are damage."""
         integrity = IntegrityReport(noun="lines")
-        order, stream = EventSorter(integrity, self.stream), self.stream
+        sorter, stream = EventSorter(integrity, self.stream), self.stream
         for values, offsets in self._chunks(integrity):
-            t, x, y, p = (values[:, place] for place in self.places)
+            t, x, y, p = (values[:, place] for place in self.column_index)
             stamps = np.rint(t * 1e6) if self.in_seconds else t
             sound = (x >= 0) & (x < stream.width) & (y >= 0) & (y < stream.height)
             sound &= (stamps >= -MAX_STAMP_US) & (stamps <= MAX_STAMP_US)
             if not sound.all():
                 first = int((~sound).argmax())
-                said = f"an event at ({x[first]:g}, {y[first]:g}), {t[first]:g}, is outside the "
+                stated = f"an event at ({x[first]:g}, {y[first]:g}), {t[first]:g}, is outside the "
                 count = int(np.count_nonzero(~sound))
-                integrity.corrupt(int(offsets[first]), f"{said}sensor or its time", count)
+                integrity.corrupt(int(offsets[first]), f"{stated}sensor or its time", count)
             stamps, x, y, on = stamps[sound], x[sound], y[sound], p[sound] > 0
             events = make_events(stamps.astype(np.int64), x, y, on)
             offsets = offsets[sound]
-            yield from order.feed(events, offsets)
-        yield from order.flush()
+            yield from sorter.feed(events, offsets)
+        yield from sorter.flush()
         self.integrity = integrity
 
-    def _look(self, data: bytes) -> None:
+    def _probe(self, data: bytes) -> None:
         """Comments, names and the form of the first event."""
-        said: dict[str, Any] = {}
+        stated: dict[str, Any] = {}
         at = 0
         for line in islice(BytesIO(data), _HEAD_LINES):
             text = line.strip()
             if text.startswith(EVS_LINE.encode()):
-                said = json_object(text[len(EVS_LINE) :].decode(errors="replace"))
+                stated = json_object(text[len(EVS_LINE) :].decode(errors="replace"))
             elif text and not text.startswith(b"#"):
                 if len(text) > _MAX_LINE_BYTES:
                     raise EvsError(
@@ -141,52 +141,52 @@ class CsvFile(EventOnlyFile):
                 self.delimiter = next((one for one in (b",", b";") if one in text), b"")
                 words = text.split(self.delimiter or None)
                 self.columns = len(words)
-                if said and self.columns < 4 and not line.endswith(b"\n"):
+                if stated and self.columns < 4 and not line.endswith(b"\n"):
                     # ours, killed in its first event
                     self.columns = 4
                     break
                 if _NUMBER.fullmatch(words[0].strip()):
-                    self._take_form([word.strip() for word in words])
+                    self._detect_units([word.strip() for word in words])
                     break
-                self._take_names([word.decode(errors="replace") for word in words])
+                self._detect_columns([word.decode(errors="replace") for word in words])
             at += len(line)
         self.lines_at = min(at, self.size)
-        self.stream = stream_from_header(said, "") if said else self.stream
+        self.stream = stream_from_header(stated, "") if stated else self.stream
 
-    def _take_form(self, words: list[bytes]) -> None:
+    def _detect_units(self, words: list[bytes]) -> None:
         """What the first event says of all."""
         if not 4 <= len(words) <= _MAX_COLUMNS:
             raise EvsError(
                 f"{self.path} is not a recording: a line has {len(words)} columns; "
                 "it needs four, t, x, y, p"
             )
-        t, x = (words[place].lower() for place in self.places[:2])
+        t, x = (words[place].lower() for place in self.column_index[:2])
         marked = b"." in t or b"e" in t
         # numpy.savetxt writes every number with a point: then a whole one is of us
         plain = (b"." in x or b"e" in x) and float(t).is_integer()
         if self.in_seconds is None:
             self.in_seconds = marked and not plain
 
-    def _take_names(self, words: list[str]) -> None:
+    def _detect_columns(self, words: list[str]) -> None:
         """The places of the columns, by a line that names them."""
         # faery tells the sensor's size too: x@346
         parts = [word.strip(" \"'").lower().partition("@") for word in words]
         lower = [name for name, _, _ in parts]
-        places = [
+        column_index = [
             next((k for k, word in enumerate(lower) if word in known), -1)
             for known in NAMES.values()
         ]
-        if min(places) < 0:
+        if min(column_index) < 0:
             raise EvsError(
                 f"{self.path} is not a recording: its first line is {' '.join(words)[:60]!r}; "
                 "it needs columns t, x, y, p"
             )
-        self.places = tuple(places)
-        self.in_seconds = {"t_us": False, "t_s": True}.get(lower[places[0]])
-        width, height = (parts[places[axis]][2] for axis in (1, 2))
+        self.column_index = tuple(column_index)
+        self.in_seconds = {"t_us": False, "t_s": True}.get(lower[column_index[0]])
+        width, height = (parts[column_index[axis]][2] for axis in (1, 2))
         if width.isdecimal() and height.isdecimal() and len(width + height) < 12:
-            said = {"width": int(width), "height": int(height)}
-            self.stream = stream_from_json(said, StreamInfo(0, 0, sensor="unknown"))
+            stated = {"width": int(width), "height": int(height)}
+            self.stream = stream_from_json(stated, StreamInfo(0, 0, sensor="unknown"))
 
     def _chunks(self, integrity: IntegrityReport) -> Iterator[tuple[Numbers, Offsets]]:
         """(numbers (n, columns), byte offsets of their lines) of each part of the file."""
@@ -199,7 +199,7 @@ class CsvFile(EventOnlyFile):
                 end = data.rfind(b"\n") + 1
                 if not chunk and data and not end:
                     # the last line has no end: whole, or torn
-                    if data[:1] != b"#" and self._row(data) is None:
+                    if data[:1] != b"#" and self._parse_line(data) is None:
                         integrity.torn_tail(at, at + len(data))
                         return
                     end = len(data)
@@ -207,12 +207,14 @@ class CsvFile(EventOnlyFile):
                     end = len(data)
                 if end:
                     self.position = at
-                    yield self._numbers(data[:end], at, integrity)
+                    yield self._parse_block(data[:end], at, integrity)
                 at, rest = at + end, data[end:]
                 if not chunk and not rest:
                     return
 
-    def _numbers(self, text: bytes, at: int, integrity: IntegrityReport) -> tuple[Numbers, Offsets]:
+    def _parse_block(
+        self, text: bytes, at: int, integrity: IntegrityReport
+    ) -> tuple[Numbers, Offsets]:
         """The numbers of whole lines, and where they begin; other lines are damage."""
         parting = self.delimiter or b" \t"
         table = bytes.maketrans(parting, b"," * len(parting))
@@ -222,20 +224,20 @@ class CsvFile(EventOnlyFile):
         ends = np.flatnonzero(codes == 10)
         commas = np.diff(np.cumsum(codes == 44, dtype=np.int32)[ends], prepend=0)
         if (commas == self.columns - 1).all() and not plain.translate(None, _PLAIN):
-            values = _parsed(plain, len(ends) * self.columns, bool(self.in_seconds))
+            values = _parse_numbers(plain, len(ends) * self.columns, bool(self.in_seconds))
             if values is not None:
                 breaks = np.flatnonzero(np.frombuffer(text, np.uint8) == 10)[: len(ends) - 1]
                 offsets = at + np.concatenate([np.zeros(1, np.int64), breaks + 1])
                 return values.reshape(-1, self.columns), offsets
-        return self._one_by_one(text, at, integrity)
+        return self._parse_lines(text, at, integrity)
 
-    def _one_by_one(
+    def _parse_lines(
         self, text: bytes, at: int, integrity: IntegrityReport
     ) -> tuple[Numbers, Offsets]:
         """The slow way, for a part in which something is odd: line by line."""
         rows, offsets = [], []
         for line in text.split(b"\n"):
-            row = self._row(line)
+            row = self._parse_line(line)
             if row is not None:
                 rows.append(row)
                 offsets.append(at)
@@ -244,32 +246,32 @@ class CsvFile(EventOnlyFile):
             at += len(line) + 1
         return np.array(rows).reshape(-1, self.columns), np.array(offsets, np.int64)
 
-    def _row(self, line: bytes) -> list[int | float] | None:
+    def _parse_line(self, line: bytes) -> list[int | float] | None:
         """The numbers of one line; None if it is no event."""
         if self.delimiter and line.count(self.delimiter) != self.columns - 1:
             return None
         words = line.split(self.delimiter or None, self.columns)
         row: list[int | float] = []
         for word in words:
-            plain = _TRUTH.get(word.strip().lower(), word.strip())
+            plain = _BOOLEANS.get(word.strip().lower(), word.strip())
             if not _NUMBER.fullmatch(plain) or len(plain) > 32:
                 return None
             number = int(plain) if plain.lstrip(b"+-").isdigit() else float(plain)
             row.append(number if abs(number) <= MAX_STAMP_US else 2 * MAX_STAMP_US - 1)
         return row if len(row) == self.columns else None
 
-    def _found_size(self) -> tuple[int, int]:
+    def _sensor_size(self) -> tuple[int, int]:
         """Width and height that the events need."""
         most = [0, 0]
         for values, _ in self._chunks(IntegrityReport()):
             for axis in (0, 1):
-                column = values[:, self.places[1 + axis]]
+                column = values[:, self.column_index[1 + axis]]
                 fits = column[(column >= 0) & (column < MAX_SIDE_PX)]
                 most[axis] = max(most[axis], int(fits.max(initial=0)))
         return most[0] + 1, most[1] + 1
 
 
-def _parsed(plain: bytes, count: int, as_float: bool) -> Numbers | None:
+def _parse_numbers(plain: bytes, count: int, as_float: bool) -> Numbers | None:
     """The numbers between commas and line ends; None where it is not so many."""
     is_float = as_float or any(mark in plain for mark in (b".", b"e", b"E"))
     flat = plain.replace(b"\n", b",").decode("ascii")

@@ -1,4 +1,4 @@
-"""The names of a recording that goes on in several files: run.aedat4, run-001.aedat4, ..."""
+"""The names of a recording in several files: run.aedat4, run-001.aedat4, ..."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from evs.msgs import EvsError
 
 
 def part_path(path: Path, number: int) -> Path:
-    """Where part `number` of a recording lies; part 0 has the recording's own name."""
+    """The file of part `number` of a recording; part 0 has the recording's own name."""
     return path.with_name(f"{path.stem}-{number:03d}{path.suffix}") if number else path
 
 
 def later_parts(path: Path) -> list[Path]:
-    """The further parts of a recording that are there, in their order."""
+    """The existing further parts of a recording, in their order."""
     form = re.compile(re.escape(path.stem) + r"-(\d{3,9})" + re.escape(path.suffix))
     found: list[tuple[int, Path]] = []
     try:
         siblings = list(path.parent.iterdir())
     except OSError:
-        # whoever opens the file says what is wrong with its folder
+        # opening the file reports what is wrong with its folder
         return []
     for file in siblings:
         match = form.fullmatch(file.name)
@@ -31,23 +31,32 @@ def later_parts(path: Path) -> list[Path]:
 
 
 def check_no_parts(path: Path) -> None:
-    """EvsError where an earlier recording of that name went on in further files.
+    """Check that no parts of an earlier recording would mix with those of a new one.
 
-    The new one would replace some of them, and leave others that look like its own.
+    The new recording would replace some of them, and leave others that look like its own.
+
+    Raises:
+        EvsError: There are such parts.
     """
-    there = later_parts(path)
-    if there:
-        others = f" and {len(there) - 1} more" if len(there) > 1 else ""
+    existing = later_parts(path)
+    if existing:
+        others = f" and {len(existing) - 1} more" if len(existing) > 1 else ""
         raise EvsError(
-            f"{there[0]}{others} of an earlier recording would mix with this one's: "
+            f"{existing[0]}{others} of an earlier recording would mix with this one's: "
             "move them, or choose another name"
         )
 
 
 def check_not_continued(path: Path, opened: Callable[[Path], object], parts: int = 1) -> None:
-    """EvsError where the file behind a recording of so many parts says that it is the next one.
+    """Check that no file of an earlier recording would be read as the next part of a new one.
 
-    A reader would take it for the new recording's. In: opened, what reads a file's header.
+    Args:
+        path: The new recording.
+        opened: Opens a file and reads its header; its result may have an attribute `part`.
+        parts: How many files the new recording has.
+
+    Raises:
+        EvsError: The next file exists, and its header states that it is the next part.
     """
     after = part_path(path, parts)
     if not after.is_file():

@@ -1,4 +1,4 @@
-"""Header lines: the stream's facts as one line of JSON, and what chips' names say of their size."""
+"""Header lines of text: the StreamInfo as one line of JSON, and sensor sizes by chip name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from evs.drivers.files.paths import existing
 from evs.msgs import EvsError, StreamInfo
 
 MAX_HEADER_BYTES = 1 << 22
-"""A longer header is damage; ours holds the configuration of the run."""
+"""A longer header is corrupt; ours contains the configuration of the run."""
 
 CHIPS = {
     "DAVIS346": (346, 260),
@@ -25,7 +25,7 @@ CHIPS = {
     "DVS128": (128, 128),
     "DVXPLORER": (640, 480),
 }
-"""Names of chips, upper case, as they stand in headers -> width, height, px."""
+"""chip name in headers, upper case -> width, height, px"""
 
 
 def stream_from_json(stated: Any, default: StreamInfo) -> StreamInfo:
@@ -52,12 +52,12 @@ def stream_from_json(stated: Any, default: StreamInfo) -> StreamInfo:
 
 
 def stream_json(stream: StreamInfo, **more: Any) -> str:
-    """One line of ASCII that `stream_from_header` reads. In: more, keys of the format's own."""
+    """The stream as one line of JSON in ASCII, with `more` keys of the format's own."""
     return json.dumps(dataclasses.asdict(stream) | more, default=str)
 
 
 def read_file_head(path: AnyPath) -> tuple[Path, bytes]:
-    """A file that is there, and its first bytes, as many as a header may have. EvsError: none."""
+    """An existing file, and its first MAX_HEADER_BYTES bytes. EvsError: it cannot be read."""
     found = existing(path)
     try:
         with found.open("rb") as file:
@@ -67,21 +67,52 @@ def read_file_head(path: AnyPath) -> tuple[Path, bytes]:
 
 
 def json_object(line: str) -> dict[str, Any]:
-    """What a line of JSON says; nothing where it is none."""
+    """The object in a line of JSON; an empty one where the line holds none."""
     try:
-        said = json.loads(line)
+        value = json.loads(line)
     except (ValueError, RecursionError):
         return {}
-    return said if isinstance(said, dict) else {}
+    return value if isinstance(value, dict) else {}
+
+
+def percent_lines(head: bytes, last: str = "") -> tuple[dict[str, str], int]:
+    """Parse header lines of the form `% key value`, as Prophesee's files begin with.
+
+    Args:
+        head: The first bytes of a file.
+        last: The key of the last line; empty: the header ends before a line without `%`.
+
+    Returns:
+        Key in lower case -> value, of several lines with one key the first; the header's size in
+        bytes.
+    """
+    lines: dict[str, str] = {}
+    at = 0
+    while head.startswith(b"%", at):
+        end = head.find(b"\n", at)
+        if end < 0:
+            break
+        key, _, value = head[at + 1 : end].decode(errors="replace").strip().partition(" ")
+        at = end + 1
+        if last and key == last:
+            break
+        # older files have names like "% Date" and "% Height:"
+        lines.setdefault(key.lower().rstrip(":"), value.strip())
+    return lines, at
 
 
 def own_line_and_chip(
     lines: Sequence[str], prefix: str, chip: str
 ) -> tuple[dict[str, Any] | None, str]:
-    """What our line of a header says, None without one; the chip's name, empty without one.
+    """Find our line and the chip's name in a header. Of several such lines the first counts.
 
-    In: prefix, what our line begins with, before its JSON; chip, what the line begins with that
-    names the chip. Of several lines the first counts.
+    Args:
+        lines: The lines of the header.
+        prefix: Start of our line, before its JSON.
+        chip: Start of the line that names the chip.
+
+    Returns:
+        The object in our line, None without such a line; the chip's name, empty without one.
     """
     ours = next((line.removeprefix(prefix) for line in lines if line.startswith(prefix)), None)
     name = next((line.removeprefix(chip) for line in lines if line.startswith(chip)), "")
@@ -89,16 +120,22 @@ def own_line_and_chip(
 
 
 def stream_from_header(
-    said: dict[str, Any] | None, chip: str, frames: bool = False, imu: bool = False
+    stated: dict[str, Any] | None, chip: str, frames: bool = False, imu: bool = False
 ) -> StreamInfo:
-    """The stream of a header: of our JSON, else of a chip's name. 0 x 0 px: it says no size.
+    """The stream that a header describes, by our JSON or else by the name of the chip.
 
-    In: said, our line; chip, what the format's own line calls it, empty without one (other lines
-    may name other cameras); frames, imu, whether the format holds them, so that our line is right
-    about them.
+    Args:
+        stated: The object in our line; None without one.
+        chip: The chip's name in the format's own line, empty without one (other lines may name
+            other cameras).
+        frames: Whether the format can hold frames; if not, the JSON's flag does not apply.
+        imu: The same for IMU samples.
+
+    Returns:
+        The stream; 0 x 0 px where the header does not state a size.
     """
     plain = StreamInfo(0, 0, sensor="unknown")
-    stream = stream_from_json(said, plain)
+    stream = stream_from_json(stated, plain)
     if stream is not plain and stream.width:
         frames, imu = frames and stream.frames, imu and stream.imu
         return dataclasses.replace(stream, frames=frames, imu=imu, triggers=False)

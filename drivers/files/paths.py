@@ -10,7 +10,7 @@ from evs.msgs import EvsError, nearest_first
 
 
 def target_error(path: Path, reason: OSError) -> EvsError:
-    """One line for a file that cannot be written, with the fix."""
+    """The error for a file that cannot be written: one line with the fix."""
     folder = path.parent
     if isinstance(reason, FileNotFoundError | NotADirectoryError) and not folder.is_dir():
         return EvsError(f"cannot write {path}: there is no folder {folder}; mkdir -p {folder}")
@@ -19,8 +19,28 @@ def target_error(path: Path, reason: OSError) -> EvsError:
     return EvsError(f"cannot write {path}: {reason.strerror}; choose a place that you can write to")
 
 
+def stopped_text(path: Path, events: int, reason: OSError, kept: str) -> str:
+    """The message of a recorder that a full disk stops.
+
+    Args:
+        path: The recording.
+        events: How many events it holds.
+        reason: The error of the operating system.
+        kept: What becomes of them, in words.
+    """
+    return (
+        f"recording to {path} stopped after {events} events: {reason.strerror}; {kept}, free some "
+        "space and run again"
+    )
+
+
 def existing(path: str | os.PathLike[str]) -> Path:
-    """The path of a file that is there; EvsError names its neighbours, nearest first."""
+    """The path of an existing file.
+
+    Raises:
+        EvsError: It does not exist (the message lists recordings in its folder, the most similar
+            names first), is no regular file, or cannot be reached.
+    """
     found = Path(path)
     try:
         found.stat()
@@ -38,5 +58,5 @@ def existing(path: str | os.PathLike[str]) -> Path:
         raise EvsError(f"no file {found}: there is no folder {found.parent}")
     known = {file.name for file in found.parent.iterdir() if file.suffix in SUFFIXES}
     shown = ", ".join(nearest_first(found.name, known)[:5])
-    there = f"the folder has: {shown}" if shown else "the folder has no recordings"
-    raise EvsError(f"no file {found}; {there}")
+    siblings = f"the folder has: {shown}" if shown else "the folder has no recordings"
+    raise EvsError(f"no file {found}; {siblings}")

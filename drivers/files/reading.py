@@ -1,4 +1,4 @@
-"""Recordings of any format: read, stream, repair, record."""
+"""Recordings of any format: read them at once or message by message, repair them, record."""
 
 from __future__ import annotations
 
@@ -32,16 +32,24 @@ from evs.msgs import (
 
 
 class LeftOutWarning(UserWarning):
-    """A recording holds sound data that we do not read, such as frames in colour."""
+    """A recording holds valid data that evs does not read, such as frames in colour."""
 
 
 def read(path: AnyPath, *, single: bool = False) -> Recording:
-    """All events of a recording, with `.stream`, `.frames`, `.imu`, `.triggers` for the rest.
-
-    In: single, only this file, where the recording goes on in further ones (series.py).
+    """Read all events of a recording.
 
     A torn tail or damaged packets are left out, with a TornTailWarning or DamagedPacketWarning.
-    EvsError: no such file, unknown ending, not a recording.
+
+    Args:
+        path: The recording, or the first file of one in several files (multi_file.py).
+        single: Read only this file.
+
+    Returns:
+        (n,) EVENT_DTYPE, with the rest of the recording in `.stream`, `.frames`, `.imu` and
+        `.triggers`.
+
+    Raises:
+        EvsError: The file does not exist, its ending is unknown, or it is not a recording.
     """
     file = opened(path, single=single)
     events = _joined(file.events())
@@ -52,11 +60,11 @@ def read(path: AnyPath, *, single: bool = False) -> Recording:
 
 
 _GROWTH = 8
-"""What all events are collected in grows by a part in so many, in place where it is large."""
+"""The array that collects all events grows by one part in so many, in place where it is large."""
 
 
 def _joined(parts: Iterator[Events]) -> Events:
-    """The parts one after the other; nothing but the last part is there twice."""
+    """Concatenate parts; only one part at a time is in memory twice."""
     joined, end = empty_events(0), 0
     for part in parts:
         until = end + len(part)
@@ -69,9 +77,20 @@ def _joined(parts: Iterator[Events]) -> Events:
 
 
 def packets(path: AnyPath, *, single: bool = False) -> Iterator[EventPacket]:
-    """The recording's packets one by one, numbered from 0; their events are read-only.
+    """Read the event packets of a recording one by one, in little memory.
 
-    Ticks without events were not recorded and do not come back. In and warnings: as read.
+    Warns as `read` does, at the end.
+
+    Args:
+        path: As for `read`.
+        single: As for `read`.
+
+    Yields:
+        The packets, numbered from 0; their events are read-only. Ticks without events were not
+        recorded and are missing.
+
+    Raises:
+        EvsError: As for `read`.
     """
     file = opened(path, single=single)
     for seq, events in enumerate(file.events()):
@@ -82,12 +101,25 @@ def packets(path: AnyPath, *, single: bool = False) -> Iterator[EventPacket]:
 def messages(
     path: AnyPath, *, single: bool = False
 ) -> Iterator[EventPacket | Frame | ImuPacket | TriggerPacket]:
-    """Everything recorded, message by message, in the order recorded. In, warnings: as read."""
+    """Read everything in a recording message by message, in the order recorded.
+
+    Warns as `read` does, at the end.
+
+    Args:
+        path: As for `read`.
+        single: As for `read`.
+
+    Yields:
+        Event packets, frames, IMU packets and trigger packets, each kind numbered from 0.
+
+    Raises:
+        EvsError: As for `read`.
+    """
     yield from messages_of(opened(path, single=single))
 
 
 def messages_of(file: RecordingFile) -> Iterator[EventPacket | Frame | ImuPacket | TriggerPacket]:
-    """The messages of an opened recording, in the order recorded. Warns like read, at the end."""
+    """As `messages`, of an opened recording."""
     events = imu = triggers = 0
     for message in file.messages():
         if isinstance(message, Frame):
@@ -105,7 +137,7 @@ def messages_of(file: RecordingFile) -> Iterator[EventPacket | Frame | ImuPacket
 
 
 def _auxiliary(path: AnyPath, single: bool) -> Iterator[Frame | ImuSamples | Triggers]:
-    """What lies beside the events; where damage was met, reading those warned of it."""
+    """The auxiliary messages; the pass over the events has warned of damage already."""
     file = opened(path, single=single)
     if file.stream.frames or file.stream.imu or file.stream.triggers:
         yield from file.auxiliary()
@@ -124,7 +156,11 @@ def _warn_left_out(file: RecordingFile) -> None:
 
 
 def stream_of(path: AnyPath) -> StreamInfo:
-    """What a recording says of its stream: resolution, camera, seed, configuration, ..."""
+    """The description of a recording's stream: resolution, camera, seed, configuration, ...
+
+    Raises:
+        EvsError: As for `read`.
+    """
     return opened(path, single=True).stream
 
 
@@ -165,10 +201,19 @@ def _truncate_tail(file: RecordingFile) -> Repair:
 def recorder_for(
     path: AnyPath, compression: str | None = None, *, kind: str | None = None, **options: Any
 ) -> Sink:
-    """The recorder for a file name, not yet open; `kind` names one where the ending does not.
+    """Make a recorder for a file, which is created when the recorder is opened.
 
-    In: compression, lz4, none or zstd for the formats that have it; options, others of the format.
-    EvsError: an option that it has not.
+    Args:
+        path: The file to write; its ending decides the format.
+        compression: lz4, none or zstd, for the formats that have it; others ignore it.
+        kind: The format's name, where the ending does not decide.
+        **options: Other options of the format's recorder.
+
+    Returns:
+        The recorder, not open yet.
+
+    Raises:
+        EvsError: The format is unknown, or has no such option.
     """
     chosen = to_write(path, kind)
     if compression is not None and "compression" in chosen.options:
@@ -181,11 +226,11 @@ def recorder_for(
 
 
 def opened(path: AnyPath, *, single: bool = False) -> RecordingFile:
-    """The recording at a path, its header read. In: single, as read."""
+    """Open a recording and read its header. Arguments and errors as of `read`."""
     return to_read(path).open(Path(path)) if single else open_recording(path)
 
 
 def parts(path: AnyPath) -> list[Path]:
-    """The files of the recording that begins at a path."""
+    """The files of the recording that begins at a path, in their order."""
     file = opened(path)
     return file.paths if isinstance(file, MultiFileRecording) else [file.path]

@@ -25,29 +25,34 @@ from evs.msgs import (
 
 
 class AuxiliaryData:
-    """What was recorded beside the events, read when it is first asked for."""
+    """The frames, IMU samples and triggers of a recording, read when first used."""
 
     def __init__(
         self,
         load: Callable[[], Iterable[Frame | ImuSamples | Triggers]],
         labels: Labels | None = None,
     ) -> None:
-        """In: load, reads frames, IMU samples, triggers; labels of all events, if there are any."""
+        """Keep how to read them.
+
+        Args:
+            load: Reads all frames, IMU samples and triggers.
+            labels: (n,) labels of all events; None: the recording has none.
+        """
         self._load, self.labels = load, labels
 
     @cached_property
     def frames(self) -> tuple[Frame, ...]:
-        """In the order recorded."""
+        """All frames, in the order recorded."""
         return tuple(one for one in self._all if isinstance(one, Frame))
 
     @cached_property
     def imu(self) -> ImuSamples:
-        """(n,) IMU_DTYPE."""
+        """(n,) IMU_DTYPE, all samples."""
         return np.concatenate([empty_imu(), *self._of(IMU_DTYPE)])
 
     @cached_property
     def triggers(self) -> Triggers:
-        """(n,) TRIGGER_DTYPE."""
+        """(n,) TRIGGER_DTYPE, all triggers."""
         return np.concatenate([empty_triggers(), *self._of(TRIGGER_DTYPE)])
 
     def _of(self, dtype: np.dtype[Any]) -> list[ImuSamples | Triggers]:
@@ -59,10 +64,10 @@ class AuxiliaryData:
 
 
 class Recording(np.ndarray[Any, np.dtype[np.void]]):
-    """(n,) EVENT_DTYPE, in the order recorded, with the stream they belong to.
+    """The events of a recording, (n,) EVENT_DTYPE in the order recorded, with their stream.
 
-    It is an ordinary structured array (`recording["t"]`, slices, masks); `.stream`, `.frames`,
-    `.imu` and `.triggers` go along with slices, masks and copies.
+    It is an ordinary structured array (`recording["t"]`, slices, masks). Slices, masks and copies
+    keep `.stream`, `.frames`, `.imu` and `.triggers`.
     """
 
     stream: StreamInfo
@@ -72,46 +77,53 @@ class Recording(np.ndarray[Any, np.dtype[np.void]]):
     def of(
         cls, events: Events, stream: StreamInfo, auxiliary: AuxiliaryData | None = None
     ) -> Recording:
-        """The events as a Recording, not copied."""
+        """A Recording that shares the memory of the events, (n,) EVENT_DTYPE."""
         recording = np.asarray(events, EVENT_DTYPE).view(cls)
         recording.stream = stream
         recording._auxiliary = auxiliary or AuxiliaryData(tuple)
         return recording
 
     def __array_finalize__(self, parent: Any) -> None:
-        for name in ("stream", "_beside"):
+        for name in ("stream", "_auxiliary"):
             value = getattr(parent, name, None)
             if value is not None:
                 setattr(self, name, value)
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """All intensity frames of the recording, whatever events were selected; most have none."""
+        """All intensity frames of the recording, whichever events are selected."""
         return self._auxiliary.frames
 
     @property
     def imu(self) -> ImuSamples:
-        """(n,) all IMU samples of the recording: t, acceleration, angular_velocity, temperature."""
+        """(n,) IMU_DTYPE, all samples: t, acceleration, angular_velocity, temperature."""
         return self._auxiliary.imu
 
     @property
     def triggers(self) -> Triggers:
-        """(n,) all triggers of the recording: t, kind (a Trigger)."""
+        """(n,) TRIGGER_DTYPE, all triggers: t, kind (a Trigger)."""
         return self._auxiliary.triggers
 
     @property
     def labels(self) -> Labels | None:
-        """(n,) cause and geom_id of all its events, whatever was selected; None: it has none."""
+        """(n,) LABEL_DTYPE, cause and geom_id of all its events; None: it has none."""
         return self._auxiliary.labels
 
 
 def as_packet(seq: int, events: Events, stream: StreamInfo) -> EventPacket:
-    """The packet of events, (n,) with n > 0, that were recorded together.
+    """Make a packet of events that were recorded together.
 
-    Its interval is the ticks that they lie in: tick k is (t_{k-1}, t_k].
+    Args:
+        seq: Number of the packet.
+        events: (n,) EVENT_DTYPE with n > 0, sorted by t.
+        stream: Their stream.
+
+    Returns:
+        The packet. Its interval is made of the ticks that the events lie in: tick k is
+        (t_{k-1}, t_k].
     """
     first, last, tick_us = int(events["t"][0]), int(events["t"][-1]), stream.tick_us
-    # its ticks are counted from where it begins
+    # ticks are counted from the start of the stream
     start_us = stream.start_us
     return EventPacket(
         seq=seq,

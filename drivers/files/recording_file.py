@@ -1,4 +1,4 @@
-"""RecordingFile: what every reader of a recording gives; EventOnlyFile: what most of them share."""
+"""RecordingFile, the interface of every reader of a recording, and base classes for readers."""
 
 from __future__ import annotations
 
@@ -24,22 +24,23 @@ from evs.msgs import (
 
 
 class RecordingFile(Protocol):
-    """A recording whose header was read; each walk over it reads the file anew, in little memory.
+    """A recording whose header has been read.
 
-    A walk goes on behind what is damaged, and its end sets `integrity`.
+    Each pass over its events or messages reads the file again, in little memory. A pass continues
+    after corrupt data, and its end sets `integrity`.
     """
 
     @property
     def path(self) -> Path:
-        """Where it lies."""
+        """The file."""
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Size of the file, bytes."""
 
     @property
     def stream(self) -> StreamInfo:
-        """What it says of its stream; where it says nothing, what its events need."""
+        """The stream as the header describes it; what is missing there is found from the events."""
 
     @property
     def compression(self) -> str:
@@ -47,41 +48,41 @@ class RecordingFile(Protocol):
 
     @property
     def integrity(self) -> IntegrityReport:
-        """What the last complete walk met besides sound events."""
+        """What the last complete pass found in addition to valid events."""
 
     @property
     def position(self) -> int:
-        """How far the present walk is, bytes of the file: for progress."""
+        """How far the current pass has come, bytes of the file: for progress."""
 
     @property
     def labels(self) -> Labels | None:
-        """(n,) as its events; None: it has none."""
+        """(n,) LABEL_DTYPE, one for each event; None: it has none."""
 
     @property
     def left_out(self) -> Mapping[str, int]:
-        """What the last complete walk met that is sound but not read: what it is -> how many."""
+        """Valid data that the last complete pass did not read: what it is -> how many."""
 
     @property
     def table_packets(self) -> int | None:
-        """Packets in an AEDAT4 file's data table; None: there is no whole one."""
+        """Packets in an AEDAT4 file's data table; None: it has no whole one."""
 
     @property
     def broken_pointer(self) -> bool:
-        """An AEDAT4 header points to a data table that is not there."""
+        """Whether an AEDAT4 header points to a data table that does not exist."""
 
     def events(self) -> Iterator[Events]:
-        """Its events in parts, each sorted and not empty: one a tick, or as they were packed."""
+        """Its events in parts, sorted and not empty: one for each tick, or as they were packed."""
 
     def messages(self) -> Iterator[Events | Frame | ImuSamples | Triggers]:
         """Events, frames, IMU samples and triggers in the order recorded."""
 
     def auxiliary(self) -> Iterator[Frame | ImuSamples | Triggers]:
-        """Frames, IMU samples and triggers alone."""
+        """Frames, IMU samples and triggers without the events."""
 
 
 @dataclass
 class EventOnlyFile(ABC):
-    """A RecordingFile that holds events alone; a reader of one format gives `events`."""
+    """Base class of readers of formats that hold only events; a subclass implements `events`."""
 
     path: Path
     stream: StreamInfo
@@ -94,30 +95,30 @@ class EventOnlyFile(ABC):
     table_packets: int | None = None
     broken_pointer: bool = False
     unfinished: bool = False
-    """its recorder was killed: we read it, others want what `repair` gives it"""
+    """its recorder was killed: evs reads it, other programs need `repair` first"""
 
     @abstractmethod
     def events(self) -> Iterator[Events]:
         """Its events in sorted parts that are not empty; the end sets `integrity`, `left_out`."""
 
     def messages(self) -> Iterator[Events | Frame | ImuSamples | Triggers]:
-        """The events, since there is nothing else."""
+        """The events: there is nothing else."""
         yield from self.events()
 
     def auxiliary(self) -> Iterator[Frame | ImuSamples | Triggers]:
-        """Nothing."""
+        """No messages."""
         yield from ()
 
 
 @dataclass
 class MultiStreamFile(EventOnlyFile):
-    """A RecordingFile that may hold more than events; a reader gives `_iterate`."""
+    """Base class of readers of formats with auxiliary streams; a subclass implements `_iterate`."""
 
     @abstractmethod
     def _iterate(
         self, events: bool, auxiliary: bool
     ) -> Iterator[Events | Frame | ImuSamples | Triggers]:
-        """What is asked for, in the order recorded; the end sets `integrity` and `left_out`."""
+        """The requested messages in the order recorded; the end sets `integrity`, `left_out`."""
 
     def events(self) -> Iterator[Events]:
         """Its events in parts, each sorted and not empty."""
@@ -132,16 +133,21 @@ class MultiStreamFile(EventOnlyFile):
         yield from self._iterate(events=True, auxiliary=auxiliary)
 
     def auxiliary(self) -> Iterator[Frame | ImuSamples | Triggers]:
-        """Frames, IMU samples and triggers alone."""
+        """Frames, IMU samples and triggers without the events."""
         for message in self._iterate(events=False, auxiliary=True):
             assert isinstance(message, Frame) or message.dtype != EVENT_DTYPE
             yield message
 
 
 def by_tick(events: Events, stream: StreamInfo) -> Iterator[Events]:
-    """Sorted events, (n,), cut where a tick of the stream ends; each part is a view.
+    """Split events at the ends of the stream's ticks.
 
-    A tick of 1 us is that of a stream without ticks: it is cut into parts of 1 ms.
+    Args:
+        events: (n,) with a field t, sorted by it.
+        stream: A stream with ticks of 1 us has no ticks: parts of 1 ms are made.
+
+    Yields:
+        Parts that are not empty, views of the array.
     """
     if len(events):
         ticks = -((stream.start_us - events["t"]) // part_us(stream.tick_us))
@@ -149,10 +155,10 @@ def by_tick(events: Events, stream: StreamInfo) -> Iterator[Events]:
 
 
 def part_us(tick_us: int) -> int:
-    """How long the parts are that a stream is read in, us."""
+    """Duration of the parts in which a stream is read, us."""
     return tick_us if tick_us > 1 else 1000
 
 
 def size_of(path: str | os.PathLike[str]) -> int:
-    """Bytes of a file."""
+    """Size of a file, bytes."""
     return Path(path).stat().st_size

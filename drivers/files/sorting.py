@@ -1,4 +1,4 @@
-"""Streams of real cameras put in order: stamps that run backwards, and clocks that wrap."""
+"""Time order of real cameras' streams: sorting of late events, and unwrapping of 32-bit clocks."""
 
 from __future__ import annotations
 
@@ -12,31 +12,36 @@ from evs.drivers.files.recording_file import by_tick, part_us
 from evs.msgs import EVENT_DTYPE, Events, StreamInfo, join_events
 
 CLOCK_RESET_US = 1_000_000
-"""A stamp that is so much lower than the one before is a clock that was set anew."""
+"""A time stamp this much lower than the one before means that the clock was reset."""
 
 REORDER_EVENTS = 8192
-"""So many events wait for others that come late but belong before them."""
+"""How many events are held back for others that come late but belong before them."""
 
 MAX_REORDER_EVENTS = 1 << 20
-"""Of a tick that has more events than this, some are given out before it ends."""
+"""A tick with more events than this is given out in several parts."""
 
 WRAP_SLACK_US = 1 << 26
-"""A clock wraps where it was no further from its end, and is no further from its begin: 67 s."""
+"""A clock wraps only from within 67 s of its end to within 67 s of its start."""
 
 _WHOLE = np.dtype((np.void, EVENT_DTYPE.itemsize))
 
 
 class EventSorter:
-    """Sorts a stream by t as it comes, in bounded memory; what it had to mend goes to `integrity`.
+    """Sorts a stream by t as it arrives, in bounded memory, and reports what was out of order.
 
-    Events among the last HELD ones are sorted into their place. An event that comes later than
-    that is given out in a part of its own. Where the stamps step back by more than RESET_US, the
-    camera's clock was set anew: what follows is a stream of its own and stays behind.
+    Events among the last REORDER_EVENTS are sorted into their place. An event that comes later
+    than that is given out in a part of its own. Where the time stamps step back by more than
+    CLOCK_RESET_US, the camera's clock was reset: what follows is sorted on its own.
     """
 
     def __init__(self, integrity: IntegrityReport, stream: StreamInfo) -> None:
-        """In: stream, parts are given out by its ticks."""
-        self._damage = integrity
+        """Start with no events.
+
+        Args:
+            integrity: Receives the steps back in time.
+            stream: Its ticks are the parts that are given out.
+        """
+        self._integrity = integrity
         self._stream, self._tick_us = stream, part_us(stream.tick_us)
         self._parts: list[Events] = []
         self._count = 0
@@ -45,7 +50,15 @@ class EventSorter:
         self._before_us: int | None = None
 
     def feed(self, events: Events, offsets: npt.NDArray[np.int64]) -> Iterator[Events]:
-        """Sorted parts, (n,) with n > 0. In: events as recorded, (n,), their byte offsets."""
+        """Add events and give out those that no later event can precede.
+
+        Args:
+            events: (n,) EVENT_DTYPE, as recorded.
+            offsets: (n,) byte offset of each, for the report.
+
+        Yields:
+            Sorted parts, (m,) with m > 0, one for each tick.
+        """
         if not len(events):
             return
         stamps = events["t"]
@@ -55,7 +68,7 @@ class EventSorter:
         back = np.flatnonzero(steps < 0)
         resets = back[steps[back] < -CLOCK_RESET_US]
         if len(back):
-            self._damage.backwards(len(back) - len(resets), len(resets), int(offsets[back[0]]))
+            self._integrity.backwards(len(back) - len(resets), len(resets), int(offsets[back[0]]))
         begin = 0
         for reset in resets.tolist():
             self._take(events[begin:reset])
@@ -66,7 +79,7 @@ class EventSorter:
             yield from self._ready()
 
     def flush(self) -> Iterator[Events]:
-        """What is still held; then a new stream may begin."""
+        """Give out all events that are held back; afterwards a new stream may begin."""
         if self._count:
             yield from self._give(self._joined())
         self._parts, self._count, self._enough, self._given_us = [], 0, 2 * REORDER_EVENTS, None
@@ -82,7 +95,7 @@ class EventSorter:
         return sort_events(joined) if (stamps[1:] < stamps[:-1]).any() else joined
 
     def _ready(self) -> Iterator[Events]:
-        """All but the last HELD events, up to the end of a tick."""
+        """All but the last REORDER_EVENTS events, up to the end of a tick."""
         joined = self._joined()
         ready = len(joined) - REORDER_EVENTS
         begun_us = (int(joined["t"][ready]) - 1 - self._stream.start_us) % self._tick_us
@@ -109,7 +122,7 @@ class EventSorter:
 
 
 def sort_events(events: Events) -> Events:
-    """The events sorted by t, those of one stamp as they were; padding goes along."""
+    """The events, (n,), sorted by t; the order within one time stamp and the padding are kept."""
     order = np.argsort(events["t"], kind="stable")
     whole = np.ascontiguousarray(events).view(_WHOLE)[order]
     sorted_events: Events = whole.view(EVENT_DTYPE)
@@ -117,14 +130,14 @@ def sort_events(events: Events) -> Events:
 
 
 class TimestampUnwrapper:
-    """The clock behind stamps of 32 bits, which wrap: from 2^31 - 1 us to -2^31 or to 0."""
+    """Extends time stamps of 32 bits, which wrap from 2^31 - 1 us to -2^31 or to 0, to 64 bits."""
 
     def __init__(self, begin_us: int = 0) -> None:
         self._offset_us = begin_us
         self._before: int | None = None
 
     def __call__(self, stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """(n,) us, those of the stream's begin unchanged. In: int32 values, (n,)."""
+        """(n,) int64 us, unchanged before the first wrap, of the next int32 values, (n,)."""
         if not len(stamps):
             return stamps
         before = stamps[0] if self._before is None else np.int64(self._before)

@@ -1,4 +1,4 @@
-"""What `evs info` says of a recording."""
+"""Summary: the contents of a recording, as `evs info` prints them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from evs.msgs import IMU_DTYPE, TRIGGER_DTYPE, Frame, StreamInfo
 
 @dataclass(frozen=True)
 class Summary:
-    """What `evs info` says of a recording."""
+    """The contents of a recording."""
 
     path: str
     format: str
@@ -34,7 +34,7 @@ class Summary:
     table: bool
     """a whole data table lets dv-processing seek without a first pass"""
     broken_pointer: bool
-    """the header points to a data table that is not there: dv-processing refuses the file"""
+    """the header points to a data table that does not exist: dv-processing refuses the file"""
     torn_at: int | None
     """byte offset of a torn tail"""
     torn_bytes: int
@@ -44,7 +44,7 @@ class Summary:
     backwards: str
     """one line on time stamps that run backwards; empty if none do"""
     left_out: dict[str, int]
-    """sound data that we do not read: what it is -> how many"""
+    """valid data that evs does not read: what it is -> how many"""
     frames: int
     """intensity frames"""
     frame_rate_hz: float | None
@@ -54,9 +54,9 @@ class Summary:
     """mean of them per second; None for fewer than two"""
     triggers: int
     unfinished: bool
-    """its recorder was killed: other programs want what `evs info --repair` gives it"""
+    """its recorder was killed: other programs need `evs info --repair` first"""
     files: list[str]
-    """where it lies, if it goes on in several files"""
+    """its files, if there are several"""
 
     @property
     def duration_s(self) -> float:
@@ -70,9 +70,14 @@ class Summary:
 
 
 def summary(path: AnyPath, *, single: bool = False) -> Summary:
-    """Walk over a whole recording and count. Damage is told, not warned of.
+    """Read a whole recording and count what it contains. Damage is reported, without warnings.
 
-    In: single, only this file, where the recording goes on in further ones (series.py).
+    Args:
+        path: The recording, or the first file of one in several files.
+        single: Read only this file.
+
+    Raises:
+        EvsError: The file does not exist, its ending is unknown, or it is not a recording.
     """
     kind = to_read(path)
     file = kind.open(Path(path)) if single else open_recording(path, kind)
@@ -126,7 +131,7 @@ def summary(path: AnyPath, *, single: bool = False) -> Summary:
 
 
 def _rate_hz(stamps_us: list[int]) -> float | None:
-    """Mean rate of what has these stamps."""
+    """Mean rate of samples with these time stamps, Hz; None for fewer than two."""
     if len(stamps_us) < 2 or stamps_us[-1] <= stamps_us[0]:
         return None
     return (len(stamps_us) - 1) * 1e6 / (stamps_us[-1] - stamps_us[0])

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.drivers.files.npz.frame_writer import Channel, NpzFrameWriter
+from evs.drivers.files.npz.frame_writer import FrameArray, NpzFrameWriter
 from evs.drivers.run.report import COMPLETE, versions
 from evs.drivers.run.run import MAX_SECONDS
 from evs.drivers.run.stopping import stop_signals
@@ -124,8 +124,8 @@ def render(
     world, view = World.with_view(config, rgb="rgb" in channels)
     size = view.height, view.width
     shapes = {name: (LIGHT | TRUTH)[name] for name in channels}
-    stacks = {"t_us": Channel("<i8")} | {
-        name: Channel(dtype, (*size, *pixel)) for name, (dtype, pixel) in shapes.items()
+    stacks = {"t_us": FrameArray("<i8")} | {
+        name: FrameArray(dtype, (*size, *pixel)) for name, (dtype, pixel) in shapes.items()
     }
     info = json.dumps(_info(config, view, said or asdict(config)), default=str)
     writer = NpzFrameWriter(out, len(ticks), stacks, {"info": info})

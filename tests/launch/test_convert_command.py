@@ -165,7 +165,7 @@ def test_the_source_cannot_be_the_target(tmp_path: Path) -> None:
     given = record(tmp_path / "a.csv", "csv")
     (tmp_path / "link.csv").symlink_to(given)
     for target in (given, tmp_path / "link.csv"):
-        with pytest.raises(EvsError, match="is what would be converted"):
+        with pytest.raises(EvsError, match="is the recording to be converted"):
             convert(given, target)
     with pytest.raises(EvsError, match="there is no folder"):
         convert(given, tmp_path / "no" / "a.npz")
@@ -183,7 +183,7 @@ def test_an_error_in_the_middle_leaves_no_half_a_file(
     from evs.drivers.files.appending_recorder import AppendingRecorder
 
     monkeypatch.setattr(
-        AppendingRecorder, "_put", lambda *_: (_ for _ in ()).throw(EvsError("full"))
+        AppendingRecorder, "_write_events", lambda *_: (_ for _ in ()).throw(EvsError("full"))
     )
     with pytest.raises(EvsError, match="full"):
         convert(given, tmp_path / "b.aedat")

@@ -64,7 +64,7 @@ BAD = [
     (["--scene", "broken.xml"], ["broken.xml", "goem"]),
     (["--scene", "torn.xml"], ["torn.xml"]),
     ([], ["--scene"]),
-    ([*GOOD, "--record", "there.npz"], ["'there.npz' is there already: --force", "overwrite"]),
+    ([*GOOD, "--record", "there.npz"], ["'there.npz' already exists: use --force", "overwrite"]),
     (["ball.xml", "other.xml"], ["two scenes, 'ball.xml' and 'other.xml'"]),
     (["ball.xml", "--scene", "other.xml"], ["are one key"]),
     (["nothing.toml"], ["no pipeline file 'nothing.toml'", "default"]),

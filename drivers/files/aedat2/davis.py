@@ -98,10 +98,10 @@ class FrameAssembler:
             if self._words + end - begin < self._reads.size:
                 self._drop(end > begin)
             else:
-                self._take(pixel[part], adc[part], kind[part], t_us[part])
+                self._collect(pixel[part], adc[part], kind[part], t_us[part])
                 yield from self._end()
             begin = end
-        self._take(pixel[begin:], adc[begin:], kind[begin:], t_us[begin:])
+        self._collect(pixel[begin:], adc[begin:], kind[begin:], t_us[begin:])
         if self._is_whole:
             yield from self._end()
 
@@ -125,9 +125,9 @@ class FrameAssembler:
             begin = begins[-1] + 1
         return begins
 
-    def _take(self, pixel: Bits, adc: Bits, kind: Bits, t_us: Bits) -> None:
-        said = self._stamps
-        if "begin" not in said:
+    def _collect(self, pixel: Bits, adc: Bits, kind: Bits, t_us: Bits) -> None:
+        stamps_seen = self._stamps
+        if "begin" not in stamps_seen:
             # signals of a frame that began before the file did
             first = int(np.argmax(kind == _RESET)) if (kind == _RESET).any() else len(kind)
             self.lost += first
@@ -142,14 +142,14 @@ class FrameAssembler:
         self._words += len(pixel)
         resets, signals = np.flatnonzero(kind == _RESET), np.flatnonzero(kind == _SIGNAL)
         if len(resets):
-            said.setdefault("begin", int(t_us[resets[0]]))
-            said["last_reset"] = int(t_us[resets[-1]])
+            stamps_seen.setdefault("begin", int(t_us[resets[0]]))
+            stamps_seen["last_reset"] = int(t_us[resets[-1]])
             between = len(signals) and signals[0] < resets[-1]
-            if "exposed" in said or between:
-                said["rolling"] = 1
+            if "exposed" in stamps_seen or between:
+                stamps_seen["rolling"] = 1
         if len(signals):
-            said.setdefault("exposed", int(t_us[signals[0]]))
-            said["end"] = int(t_us[signals[-1]])
+            stamps_seen.setdefault("exposed", int(t_us[signals[0]]))
+            stamps_seen["end"] = int(t_us[signals[-1]])
 
     @property
     def _is_whole(self) -> bool:
@@ -162,9 +162,9 @@ class FrameAssembler:
             return
         light = np.clip(self._reads[_RESET] - self._reads[_SIGNAL], 0, _MAX_ADC)
         pixels = ((light * _WHITE + _MAX_ADC // 2) // _MAX_ADC).astype(np.uint16)
-        said = self._stamps
-        exposed = said["begin"] if "rolling" in said else said["last_reset"]
-        stamps = said["begin"], exposed, said["exposed"], said["end"]
+        stamps_seen = self._stamps
+        exposed = stamps_seen["begin"] if "rolling" in stamps_seen else stamps_seen["last_reset"]
+        stamps = stamps_seen["begin"], exposed, stamps_seen["exposed"], stamps_seen["end"]
         self._drop(torn=list(stamps) != sorted(stamps))
         if list(stamps) == sorted(stamps):
             shaped = pixels.reshape(self.height, self.width)

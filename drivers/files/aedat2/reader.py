@@ -62,28 +62,28 @@ class Aedat2File(MultiStreamFile):
         lines, words_at = header_lines(data)
         if not lines:
             raise EvsError(f"{found} is not a readable AEDAT2 file: its first line is damaged")
-        said, chip = own_line_and_chip(lines, EVS_LINE, CHIP)
-        base, part = (said or {}).get("time_base_us", 0), (said or {}).get("part")
+        stated, chip = own_line_and_chip(lines, EVS_LINE, CHIP)
+        base, part = (stated or {}).get("time_base_us", 0), (stated or {}).get("part")
         opened = cls(
             path=found,
-            stream=stream_from_header(said, chip),
+            stream=stream_from_header(stated, chip),
             size=found.stat().st_size,
             words_at=words_at,
             base_us=base if isinstance(base, int) and 0 <= base < 1 << 61 else 0,
             part=part - 1 if isinstance(part, int) and part > 0 else None,
-            is_davis=said is not None or "DVS128" not in chip.upper(),
+            is_davis=stated is not None or "DVS128" not in chip.upper(),
         )
         stream = opened.stream
         fits = 0 < stream.width <= MAX_WIDTH and 0 < stream.height <= MAX_HEIGHT
-        if not fits or (opened.is_davis and said is None):
-            opened._look(sized=fits)
+        if not fits or (opened.is_davis and stated is None):
+            opened._probe(sized=fits)
         return opened
 
     def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Events | Frame | ImuSamples]:
         """What is asked for; external inputs, and what is not whole, are in `left_out`."""
         integrity, left_out = IntegrityReport(noun="words"), dict[str, int]()
-        bad, together = _BadWords(self.words_at), Interleaver()
-        order, unwrap = EventSorter(integrity, self.stream), TimestampUnwrapper(self.base_us)
+        bad, interleaver = _BadWordTracker(self.words_at), Interleaver()
+        sorter, unwrap = EventSorter(integrity, self.stream), TimestampUnwrapper(self.base_us)
         aps = FrameAssembler(self.stream.width, self.stream.height, self.stream.camera)
         imu = ImuAssembler()
         with self.path.open("rb") as file:
@@ -93,31 +93,31 @@ class Aedat2File(MultiStreamFile):
                 is_event = ~np.logical_or.reduce(list(kinds.values()))
                 x, y, p = self._fields(address)
                 off = is_event & ((x < 0) | (y < 0))
-                bad.meet(off, address, at, integrity)
+                bad.check(off, address, at, integrity)
                 # the clock of damaged words is not to be trusted, that of APS and IMU is
                 t = np.zeros(len(words), np.int64)
                 t[~off] = unwrap(words["stamp"][~off].astype(np.int64))
                 if auxiliary:
                     which = kinds["IMU words"]
                     for part in by_tick(imu.feed(address[which], t[which]), self.stream):
-                        yield from together.put(int(part["t"][-1]), part)
+                        yield from interleaver.add(int(part["t"][-1]), part)
                     which = kinds["APS words"]
                     for frame in aps.feed(address[which], t[which]):
-                        yield from together.put(frame.end_us, frame)
+                        yield from interleaver.add(frame.end_us, frame)
                 for name, which in kinds.items():
                     if not (auxiliary and name in ("APS words", "IMU words")):
                         _count(left_out, name, int(np.count_nonzero(which)))
                 if events:
                     kept = np.flatnonzero(is_event & ~off)
                     found = make_events(t[kept], x[kept], y[kept], p[kept])
-                    for part in order.feed(found, at + 8 * kept):
-                        yield from together.between(part)
-        for part in order.flush():
-            yield from together.between(part)
+                    for part in sorter.feed(found, at + 8 * kept):
+                        yield from interleaver.merge(part)
+        for part in sorter.flush():
+            yield from interleaver.merge(part)
         imu.flush()
         for frame in aps.flush():
-            yield from together.put(frame.end_us, frame)
-        yield from together.flush()
+            yield from interleaver.add(frame.end_us, frame)
+        yield from interleaver.flush()
         _count(left_out, "frames that are not whole", aps.torn)
         _count(left_out, "APS words of no frame", aps.lost)
         _count(left_out, "IMU words of no whole sample", imu.lost)
@@ -159,7 +159,7 @@ class Aedat2File(MultiStreamFile):
             x, y, p = address >> 1 & 0x7F, address >> 8 & 0x7F, 1 - (address & 1)
         return self.stream.width - 1 - x, self.stream.height - 1 - y, p
 
-    def _look(self, sized: bool) -> None:
+    def _probe(self, sized: bool) -> None:
         """Find out what is beside the events; the smallest DAVIS that has all addresses, too.
 
         In: sized, the size is known.
@@ -188,7 +188,7 @@ class Aedat2File(MultiStreamFile):
         self.stream = replace(self.stream, frames=has["frames"], imu=has["imu"])
 
 
-class _BadWords:
+class _BadWordTracker:
     """Words that no pixel has; behind the last sound word they are part of a torn tail."""
 
     def __init__(self, begin: int) -> None:
@@ -196,7 +196,7 @@ class _BadWords:
         """where the last sound word ends, bytes"""
         self._waiting: list[tuple[int, str, int]] = []
 
-    def meet(self, off: Mask, address: Bits, at: int, integrity: IntegrityReport) -> None:
+    def check(self, off: Mask, address: Bits, at: int, integrity: IntegrityReport) -> None:
         """Look at the next words, (n,). In: which are bad, their addresses, their byte offset."""
         sound = np.flatnonzero(~off)
         whole = int(sound[-1]) + 1 if len(sound) else 0

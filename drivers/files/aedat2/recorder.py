@@ -65,14 +65,14 @@ class Aedat2Recorder(AppendingRecorder):
                 f"{base_us} us or a little later, and AEDAT2 cannot say so; write .aedat4"
             )
         path = self._path if not self._events else part_path(self._path, self._parts)
-        self._finish()
+        self._finish_file()
         if self._events:
             if self._parts == 1:
                 check_no_parts(self._path)
             self._parts += 1
             self._written += self._position
         self._base_us = base_us
-        self._start(path)
+        self._start_file(path)
 
     def _header(self, stream: StreamInfo) -> bytes:
         chip = _AER_CHIPS.get((stream.width, stream.height))
@@ -87,7 +87,7 @@ class Aedat2Recorder(AppendingRecorder):
         ]
         return "".join(f"{line}\r\n" for line in lines).encode()
 
-    def _encoded(self, events: Events) -> bytes:
+    def _encode(self, events: Events) -> bytes:
         words = np.empty(len(events), WORD)
         x = self.stream.width - 1 - events["x"].astype(np.uint32)
         y = self.stream.height - 1 - events["y"].astype(np.uint32)

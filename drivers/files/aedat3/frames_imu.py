@@ -51,11 +51,11 @@ def frames_in(
     end = at + head.length
     for _ in range(head.number):
         file.seek(at)
-        told = file.read(FRAME_HEAD.size) if at + FRAME_HEAD.size <= end else b""
-        if len(told) < FRAME_HEAD.size:
+        head_bytes = file.read(FRAME_HEAD.size) if at + FRAME_HEAD.size <= end else b""
+        if len(head_bytes) < FRAME_HEAD.size:
             yield BadEventError("its frames do not fit into it")
             return
-        info, *numbers = FRAME_HEAD.unpack(told)
+        info, *numbers = FRAME_HEAD.unpack(head_bytes)
         width, height = numbers[4:6]
         channels, size = info >> 1 & 7, 2 * width * height
         possible = 0 < min(width, height) <= max(width, height) <= MAX_SIDE_PX

@@ -72,22 +72,22 @@ class Aedat3File(MultiStreamFile):
                 f"{found} is compressed in a way that we do not know ({shown}; known: "
                 f"{', '.join(FORMATS)}): write it again as RAW"
             )
-        said, source = own_line_and_chip(lines, EVS_LINE, SOURCE)
+        stated, source = own_line_and_chip(lines, EVS_LINE, SOURCE)
         opened = cls(
             path=found,
-            stream=stream_from_header(said, source, frames=True, imu=True),
+            stream=stream_from_header(stated, source, frames=True, imu=True),
             size=found.stat().st_size,
             compression="none" if compression == "RAW" else compression,
             packets_at=at,
         )
-        if not (said and opened.stream.width):
-            opened._look()
+        if not (stated and opened.stream.width):
+            opened._probe()
         return opened
 
     def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Events | Frame | ImuSamples]:
         """What is asked for; special events and colour frames are counted in `left_out`."""
         integrity, left_out = IntegrityReport(), dict[str, int]()
-        order, together = EventSorter(integrity, self.stream), Interleaver()
+        sorter, interleaver = EventSorter(integrity, self.stream), Interleaver()
         self._frames = 0
         with self.path.open("rb") as file:
             for at, head in self._packets(file, integrity, left_out):
@@ -95,14 +95,14 @@ class Aedat3File(MultiStreamFile):
                     if events:
                         for place, raw in self._parts(file, at, head, integrity):
                             found, where = self._events(place, head, raw, integrity, left_out)
-                            for part in order.feed(found, where):
-                                yield from together.between(part)
+                            for part in sorter.feed(found, where):
+                                yield from interleaver.merge(part)
                 elif auxiliary:
                     for t_us, message in self._auxiliary(file, at, head, integrity, left_out):
-                        yield from together.put(t_us, message)
-        for part in order.flush():
-            yield from together.between(part)
-        yield from together.flush()
+                        yield from interleaver.add(t_us, message)
+        for part in sorter.flush():
+            yield from interleaver.merge(part)
+        yield from interleaver.flush()
         self.integrity, self.left_out = integrity, left_out
 
     def _packets(
@@ -126,14 +126,14 @@ class Aedat3File(MultiStreamFile):
                 count(left_out, OTHERS.get(head.kind, OTHER_KINDS), head.number)
             at += NUMBERS.size + head.length
         if broken >= 0:
-            torn = self._torn(file, broken)
+            torn = self._torn_packet_head(file, broken)
             integrity.torn_tail(
                 broken if torn is None else broken + NUMBERS.size + torn.length, self.size
             )
             if torn is not None:
                 yield broken, torn
 
-    def _torn(self, file: BinaryIO, at: int) -> Head | None:
+    def _torn_packet_head(self, file: BinaryIO, at: int) -> Head | None:
         """The header of a torn packet, of its whole events; None where there are none."""
         head = read_head(file, at)
         room = self.size - at - NUMBERS.size
@@ -231,7 +231,7 @@ class Aedat3File(MultiStreamFile):
             at += max(1, len(chunk) - NUMBERS.size + 1)
         return self.size
 
-    def _look(self) -> None:
+    def _probe(self) -> None:
         """Find out what a file that is not ours holds; its size, where the header says none."""
         width = height = 1
         kinds = set()

@@ -87,18 +87,18 @@ class Aedat3Recorder(AppendingRecorder):
 
     def _header(self, stream: StreamInfo) -> bytes:
         # triggers go elsewhere
-        said = stream_json(dataclasses.replace(stream, triggers=False))
+        stream_line = stream_json(dataclasses.replace(stream, triggers=False))
         lines = [
             MAGIC.decode(),
             "#Format: RAW",
             f"#Source {_SOURCE}: {stream.sensor.upper()}",
             "#Start-Time: 1970-01-01 00:00:00 (TZ+0000)",
-            EVS_LINE + said,
+            EVS_LINE + stream_line,
             END.decode(),
         ]
         return "".join(f"{line}\r\n" for line in lines).encode()
 
-    def _encoded(self, events: Events) -> bytes:
+    def _encode(self, events: Events) -> bytes:
         return b"".join(events_packet(part) for part in _between_wraps(events))
 
 

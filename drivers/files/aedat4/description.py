@@ -32,7 +32,7 @@ class Declared:
 
 
 @dataclass(frozen=True)
-class Kind:
+class StreamKind:
     """One kind of stream, as dv knows it."""
 
     name: str
@@ -42,10 +42,10 @@ class Kind:
 
 
 KINDS = {
-    EVENT_STREAM: Kind("events", "EVTS", "Array of events (polarity ON/OFF)."),
-    FRAME_STREAM: Kind("frames", "FRME", "Intensity frames of active pixels."),
-    IMU_STREAM: Kind("imu", "IMUS", "Inertial measurement unit samples."),
-    TRIGGER_STREAM: Kind("triggers", "TRIG", "External triggers and special events."),
+    EVENT_STREAM: StreamKind("events", "EVTS", "Array of events (polarity ON/OFF)."),
+    FRAME_STREAM: StreamKind("frames", "FRME", "Intensity frames of active pixels."),
+    IMU_STREAM: StreamKind("imu", "IMUS", "Inertial measurement unit samples."),
+    TRIGGER_STREAM: StreamKind("triggers", "TRIG", "External triggers and special events."),
 }
 """stream id -> what it carries"""
 

@@ -114,8 +114,8 @@ class Aedat4File:
     @property
     def part(self) -> int | None:
         """Which file of a recording in several ones this is, from 0; None: it says nothing."""
-        said = self.streams[self.event_id].info if self.event_id in self.streams else {}
-        text = said.get("part", "")
+        info = self.streams[self.event_id].info if self.event_id in self.streams else {}
+        text = info.get("part", "")
         return int(text) if text.isascii() and text.isdigit() and len(text) < 10 else None
 
     @property
@@ -170,7 +170,7 @@ class Aedat4File:
 
     def _find_stream(self, file: BinaryIO) -> None:
         """Take the stream's facts from the description, or else from the packets."""
-        frames, imu, triggers = (self._first(one) for one in ("FRME", "IMUS", "TRIG"))
+        frames, imu, triggers = (self._first_stream(one) for one in ("FRME", "IMUS", "TRIG"))
         others = [one for one in (frames, imu, triggers) if one is not None]
         facts = self.event_id if self.event_id in self.streams or not others else others[0]
         info = self.streams[facts].info if facts in self.streams else {}
@@ -203,14 +203,14 @@ class Aedat4File:
             triggers=triggers is not None,
         )
 
-    def _first(self, kind: str) -> int | None:
+    def _first_stream(self, kind: str) -> int | None:
         """The id of the first stream of a kind that the file declares."""
-        ids = [number for number, said in self.streams.items() if said.identifier == kind]
+        ids = [number for number, info in self.streams.items() if info.identifier == kind]
         return min(ids, default=None)
 
     def _parsers(self) -> dict[int, _Parser]:
         """How the packets of the streams that we read are taken, by stream id."""
-        frames, imu, triggers = (self._first(kind) for kind in ("FRME", "IMUS", "TRIG"))
+        frames, imu, triggers = (self._first_stream(kind) for kind in ("FRME", "IMUS", "TRIG"))
         parsers: dict[int, _Parser] = {self.event_id: self._parse_events}
         if frames is not None:
             seen = iter(range(self.size))

@@ -87,7 +87,7 @@ class Aedat4Recorder(Sink):
         for start in range(0, len(events), MAX_PACKET_EVENTS):
             part = events[start : start + MAX_PACKET_EVENTS]
             span = int(part["t"][0]), int(part["t"][-1])
-            self._put(description.EVENT_STREAM, layout.events_body(part), len(part), span)
+            self._append(description.EVENT_STREAM, layout.events_body(part), len(part), span)
             self._counts["events"] += len(part)
         if self._rotate_us:
             self._end_tick(packet)
@@ -96,7 +96,7 @@ class Aedat4Recorder(Sink):
         """Append one intensity frame. Errors as write; EvsError where the stream has no frames."""
         self._check_declared("frames", "intensity frames")
         span = frame.exposure_begin_us, frame.exposure_begin_us
-        self._put(description.FRAME_STREAM, frame_body(frame), 1, span)
+        self._append(description.FRAME_STREAM, frame_body(frame), 1, span)
         self._counts["frames"] += 1
 
     def write_imu(self, packet: ImuPacket) -> None:
@@ -105,7 +105,7 @@ class Aedat4Recorder(Sink):
         if len(packet):
             stamps = packet.samples["t"]
             span = int(stamps[0]), int(stamps[-1])
-            self._put(description.IMU_STREAM, imu_body(packet.samples), len(packet), span)
+            self._append(description.IMU_STREAM, imu_body(packet.samples), len(packet), span)
             self._counts["imu_samples"] += len(packet)
 
     def write_triggers(self, packet: TriggerPacket) -> None:
@@ -115,14 +115,14 @@ class Aedat4Recorder(Sink):
             stamps = packet.triggers["t"]
             span = int(stamps[0]), int(stamps[-1])
             body = triggers_body(packet.triggers)
-            self._put(description.TRIGGER_STREAM, body, len(packet), span)
+            self._append(description.TRIGGER_STREAM, body, len(packet), span)
             self._counts["triggers"] += len(packet)
 
     def close(self) -> dict[str, Any]:
         """Append the data table and let go of the file. Never raises for a disk that is full."""
         self._end_part()
         self._is_open = False
-        said = {
+        report = {
             "type": "aedat4",
             "path": str(self._path),
             "compression": self._compression,
@@ -130,7 +130,7 @@ class Aedat4Recorder(Sink):
             "table": self._has_table,
             "error": self._failure,
         }
-        return said | ({"files": self._parts} if self._rotates else {})
+        return report | ({"files": self._parts} if self._rotates else {})
 
     @property
     def _rotates(self) -> bool:
@@ -148,7 +148,7 @@ class Aedat4Recorder(Sink):
                 f"{self._path} was opened for a camera without {what}: set {key} of its StreamInfo"
             )
 
-    def _put(self, stream: int, plain: bytes, elements: int, span_us: tuple[int, int]) -> None:
+    def _append(self, stream: int, plain: bytes, elements: int, span_us: tuple[int, int]) -> None:
         """Append one packet of a stream, to the next file if it is time for that."""
         self._check_open()
         body = self._compress(plain)
@@ -203,7 +203,7 @@ class Aedat4Recorder(Sink):
     def _stop(self, reason: OSError) -> None:
         what = reason.strerror
         if isinstance(reason, FileExistsError):
-            what = f"{part_path(self._path, self._parts)} is there already"
+            what = f"{part_path(self._path, self._parts)} already exists"
         self._failure = (
             f"recording to {self._path} stopped after {self._counts['events']} events: "
             f"{what}; what was recorded is readable, free some space and run again"

@@ -44,7 +44,7 @@ class AuxiliaryParser:
         self._frames = 0
         self._samples: list[ImuSamples] = []
 
-    def take(self, found: BagMessage, left_out: dict[str, int]) -> Iterator[Frame | ImuSamples]:
+    def parse(self, found: BagMessage, left_out: dict[str, int]) -> Iterator[Frame | ImuSamples]:
         """What a message of the camera's gives. BadMessageError: it is not what it says."""
         if self._topics.get(found.topic) != found.kind:
             return

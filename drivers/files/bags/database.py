@@ -32,7 +32,7 @@ def journal_of(path: Path) -> Path | None:
     return journal if journal.is_file() and journal.stat().st_size else None
 
 
-def opened(path: Path) -> sqlite3.Connection:
+def open_database(path: Path) -> sqlite3.Connection:
     """The database, as it was before a transaction that a kill cut off.
 
     SQLite takes such a transaction back when it opens the file, which needs the right to write it.
@@ -68,7 +68,7 @@ def scan_database(path: Path, scan: BagScan) -> Iterator[BagMessage]:
     """
     number = 0
     try:
-        with closing(opened(path)) as bag:
+        with closing(open_database(path)) as bag:
             _check_tables(bag)
             topics: dict[object, tuple[str, str]] = {}
             for place, name, kind in bag.execute(_NAMES):
@@ -79,10 +79,10 @@ def scan_database(path: Path, scan: BagScan) -> Iterator[BagMessage]:
                 if isinstance(data, bytes) and place in topics:
                     yield BagMessage(*topics[place], data, 0)
     except (sqlite3.Error, UnicodeDecodeError, OverflowError, MemoryError) as reason:
-        said = (str(reason) or type(reason).__name__).splitlines()[0][:300]
+        text = (str(reason) or type(reason).__name__).splitlines()[0][:300]
         if not number:
-            raise CorruptDataError(said) from None
-        scan.integrity.corrupt_part(f"after message {number}", said)
+            raise CorruptDataError(text) from None
+        scan.integrity.corrupt_part(f"after message {number}", text)
 
 
 def _check_tables(bag: sqlite3.Connection) -> None:

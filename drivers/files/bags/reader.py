@@ -81,8 +81,8 @@ class BagFile(MultiStreamFile):
         ros = 1 if found.suffix.lower() == ".bag" else 2
         opened = cls(found, StreamInfo(0, 0), found.stat().st_size, ros=ros)
         try:
-            opened.unfinished = opened._lacks_its_end()
-            opened._look()
+            opened.unfinished = opened._is_unfinished()
+            opened._probe()
         except OSError as reason:
             raise EvsError(f"cannot read {found}: {reason.strerror or reason}") from None
         except CorruptDataError as reason:
@@ -98,7 +98,7 @@ class BagFile(MultiStreamFile):
         )
         with self.path.open("rb") as file:
             scan = BagScan(file, self.size)
-            for found in self._found(scan):
+            for found in self._bag_messages(scan):
                 self.position = found.at
                 try:
                     if found.kind in KINDS and (events or self.stream.triggers):
@@ -106,13 +106,13 @@ class BagFile(MultiStreamFile):
                         yield from auxiliary_parser.flush()
                         for part in self._events_of(found, scan, readers, left_out, marks):
                             if auxiliary and marks:
-                                told = np.concatenate(marks)
-                                yield told[np.argsort(told["t"], kind="stable")]
+                                merged = np.concatenate(marks)
+                                yield merged[np.argsort(merged["t"], kind="stable")]
                             marks.clear()
                             if events and len(part):
                                 yield part
                     elif auxiliary:
-                        yield from auxiliary_parser.take(found, left_out)
+                        yield from auxiliary_parser.parse(found, left_out)
                 except BadMessageError as reason:
                     scan.integrity.corrupt(found.at, str(reason))
             yield from auxiliary_parser.flush()
@@ -133,7 +133,7 @@ class BagFile(MultiStreamFile):
         if found.topic != self.topic:
             count(left_out, "messages with events of other topics")
             return
-        for part in self._decoded(self._parsed(found), readers, left_out, triggers):
+        for part in self._decoded(self._parse(found), readers, left_out, triggers):
             events, outside = on_sensor(part, self.stream.width, self.stream.height)
             if outside:
                 scan.integrity.corrupt(found.at, "events lie outside of the sensor", outside)
@@ -143,7 +143,7 @@ class BagFile(MultiStreamFile):
                 events = sort_events(events)
             yield events
 
-    def _lacks_its_end(self) -> bool:
+    def _is_unfinished(self) -> bool:
         """Whether there is no end of an MCAP file, no index, or a transaction that was cut off."""
         if self.path.suffix.lower() == ".db3":
             return journal_of(self.path) is not None
@@ -155,18 +155,18 @@ class BagFile(MultiStreamFile):
             first = next(ros1_file_records(file, self.size), None)
         return first is None or not any(first.fields.get(b"index_pos", b""))
 
-    def _look(self) -> None:
+    def _probe(self) -> None:
         """Find the first events, and what their stream is."""
-        said: dict[str, dict[str, Any]] = {}
+        stated: dict[str, dict[str, Any]] = {}
         first: Any = None
         with self.path.open("rb") as file:
             scan = BagScan(file, self.size)
-            for found in self._found(scan):
+            for found in self._bag_messages(scan):
                 if found.kind == TEXT and found.topic.endswith(f"/{STREAM_TOPIC}"):
-                    said[found.topic] = self._said(found)
+                    stated[found.topic] = self._stream_description(found)
                 elif found.kind in KINDS:
                     with suppress(BadMessageError):
-                        first = self._parsed(found)
+                        first = self._parse(found)
                         self.topic = found.topic
                         break
         if first is None:
@@ -183,7 +183,7 @@ class BagFile(MultiStreamFile):
         name = getattr(first, "frame_id", "") or ""
         if name.isprintable() and 0 < len(name.encode()) < 256:
             plain = dataclasses.replace(plain, camera=name)
-        ours = said.get(self.topic.rpartition("/")[0] + "/" + STREAM_TOPIC, {})
+        ours = stated.get(self.topic.rpartition("/")[0] + "/" + STREAM_TOPIC, {})
         there = declared_auxiliary(scan.kinds, self.topic.rpartition("/")[0])
         stream = stream_from_json(ours.get("stream"), plain)
         self.stream = dataclasses.replace(stream, **there, triggers=False)
@@ -199,29 +199,29 @@ class BagFile(MultiStreamFile):
         marks: list[Triggers] = []
         with self.path.open("rb") as file:
             scan = BagScan(file, self.size)
-            for found in self._found(scan):
+            for found in self._bag_messages(scan):
                 if found.kind in PACKETS and found.topic == self.topic:
                     with suppress(BadMessageError):
-                        for _ in self._decoded(self._parsed(found), readers, {}, marks):
+                        for _ in self._decoded(self._parse(found), readers, {}, marks):
                             if marks:
                                 return True
         return False
 
-    def _found(self, scan: BagScan) -> Iterator[BagMessage]:
+    def _bag_messages(self, scan: BagScan) -> Iterator[BagMessage]:
         """Every message of the bag."""
         if self.path.suffix.lower() == ".db3":
             yield from scan_database(self.path, scan)
         else:
             yield from (scan_ros1 if self.ros == 1 else scan_mcap)(scan)
 
-    def _said(self, found: BagMessage) -> dict[str, Any]:
+    def _stream_description(self, found: BagMessage) -> dict[str, Any]:
         """What our recorder says of its stream."""
         with suppress(Exception):
-            said = json.loads(deserialised(found.data, TEXT, self.ros).data)
-            return said if isinstance(said, dict) else {}
+            stated = json.loads(deserialised(found.data, TEXT, self.ros).data)
+            return stated if isinstance(stated, dict) else {}
         return {}
 
-    def _parsed(self, found: BagMessage) -> Any:
+    def _parse(self, found: BagMessage) -> Any:
         """An ArrayMessage or an EventPacket; BadMessageError where the bytes are none."""
         if found.kind in ARRAYS:
             return parse_array(found.data, self.ros)

@@ -23,7 +23,7 @@ from evs.drivers.files.bags.sensor_messages import (
     info_message,
     sample_message,
 )
-from evs.drivers.files.bags.storage import Chunks, Database, Ros1Chunks, Storage
+from evs.drivers.files.bags.storage import McapFile, Ros1BagFile, SqliteFile, Storage
 from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.library_recorder import LibraryRecorder
 from evs.drivers.sink import Stream
@@ -59,16 +59,16 @@ class _BagRecorder(LibraryRecorder):
         self._frames = 0
         self._imu_samples = 0
 
-    def _opened(self, path: Path) -> Storage:
+    def _open_storage(self, path: Path) -> Storage:
         """A file of the library's, open."""
         raise NotImplementedError
 
-    def _usual(self) -> str:
+    def _default_encoding(self) -> str:
         """The encoding if none is asked for."""
         raise NotImplementedError
 
-    def _begin(self, path: Path) -> None:
-        encoding = self._encoding or self._usual()
+    def _create(self, path: Path) -> None:
+        encoding = self._encoding or self._default_encoding()
         if encoding not in (*PAYLOADS, DVS):
             raise unknown("encoding", encoding, (*PAYLOADS, DVS))
         if encoding != DVS:
@@ -82,15 +82,15 @@ class _BagRecorder(LibraryRecorder):
             origin_us = TIME_ORIGIN_US - self.stream.start_us
             self._payloads = PayloadWriter(encoding, time_origin_us=origin_us)
         self._store = typestore(self.ROS)
-        self._storage = self._opened(path)
+        self._storage = self._open_storage(path)
         self._writer = self._storage.writer
         kind = ARRAY if encoding == DVS else PACKET
         self._topic = self._connect("events", kind)
-        said = {
+        description = {
             "stream": dataclasses.asdict(self.stream),
             "time_origin_us": TIME_ORIGIN_US - self.stream.start_us if encoding == "evt3" else 0,
         }
-        text = self._store.types[TEXT](data=json.dumps(said, default=str))
+        text = self._store.types[TEXT](data=json.dumps(description, default=str))
         self._send(self._connect(STREAM_TOPIC, TEXT), 0, self._serialised(text, TEXT))
         wanted = {IMAGE: self.stream.frames, EXPOSURE: self.stream.frames, SAMPLE: self.stream.imu}
         info = info_message(self._store, self._header(0), self.stream, self.ROS)
@@ -104,7 +104,7 @@ class _BagRecorder(LibraryRecorder):
         topic = f"{self.NAMESPACE}/{name}"
         return self._writer.add_connection(topic, kind, typestore=self._store)
 
-    def _take(self, packet: EventPacket) -> None:
+    def _write_packet(self, packet: EventPacket) -> None:
         events, stream = packet.events, self.stream
         first_us, last_us = int(events["t"][0]), int(events["t"][-1])
         if self._payloads is None:
@@ -130,32 +130,32 @@ class _BagRecorder(LibraryRecorder):
 
     def write_frame(self, frame: Frame) -> None:
         """Take one image; its exposure goes along. EvsError as write; also undeclared frames."""
-        self._check_beside(IMAGE, "frames", frame.exposure_begin_us)
-        self._make_room(frame.pixels.nbytes)
-        with self._faults():
+        self._check_declared(IMAGE, "frames", frame.exposure_begin_us)
+        self._reserve(frame.pixels.nbytes)
+        with self._library_errors():
             exposure = frame.exposure_end_us - frame.exposure_begin_us
-            told = self._store.types[EXPOSURE](data=min(exposure, 2**31 - 1))
+            exposure_message = self._store.types[EXPOSURE](data=min(exposure, 2**31 - 1))
             header = self._header(frame.exposure_begin_us)
             image = image_message(self._store, header, frame)
-            for message, kind in ((told, EXPOSURE), (image, IMAGE)):
+            for message, kind in ((exposure_message, EXPOSURE), (image, IMAGE)):
                 data = self._serialised(message, kind)
                 self._send(self._others[kind], frame.end_us, data)
             self._frames += 1
-        self._keep_by(frame.end_us)
+        self._sync_if_due(frame.end_us)
 
     def write_imu(self, packet: ImuPacket) -> None:
         """Take the samples of one packet. EvsError as write; also undeclared samples."""
         for sample in packet.samples:
             t_us = int(sample["t"])
-            self._check_beside(SAMPLE, "imu", t_us)
-            self._make_room(0)
-            with self._faults():
+            self._check_declared(SAMPLE, "imu", t_us)
+            self._reserve(0)
+            with self._library_errors():
                 message = sample_message(self._store, self._header(t_us), sample)
                 self._send(self._others[SAMPLE], t_us, self._serialised(message, SAMPLE))
                 self._imu_samples += 1
-            self._keep_by(t_us)
+            self._sync_if_due(t_us)
 
-    def _check_beside(self, kind: str, key: str, t_us: int) -> None:
+    def _check_declared(self, kind: str, key: str, t_us: int) -> None:
         self._check_open()
         if kind not in self._others:
             raise EvsError(f"{self._path} was opened without {key}: set {key} of its StreamInfo")
@@ -164,8 +164,8 @@ class _BagRecorder(LibraryRecorder):
 
     def close(self) -> dict[str, Any]:
         """As LibraryRecorder's, with the frames and samples beside."""
-        told = {"frames": self._frames, "imu_samples": self._imu_samples}
-        return super().close() | told
+        counts = {"frames": self._frames, "imu_samples": self._imu_samples}
+        return super().close() | counts
 
     def _send(self, topic: Any, t_us: int, data: bytes | memoryview) -> None:
         self._writer.write(topic, t_us * 1000, data)
@@ -182,13 +182,13 @@ class _BagRecorder(LibraryRecorder):
         data: memoryview = serialise(message, kind)
         return data
 
-    def _keep(self) -> None:
-        self._storage.keep()
+    def _sync(self) -> None:
+        self._storage.sync()
 
-    def _settle(self, path: Path) -> None:  # noqa: ARG002 - it knows where it is
-        self._storage.settle(self._path)
+    def _move_into_place(self, path: Path) -> None:  # noqa: ARG002 - it knows where it is
+        self._storage.move_to(self._path)
 
-    def _end(self) -> None:
+    def _finish(self) -> None:
         self._storage.close()
 
     def _discard(self) -> None:
@@ -202,11 +202,11 @@ class Ros1Recorder(_BagRecorder):
 
     NAME, ROS, NAMESPACE = "rosbag1", 1, "/dvs"
 
-    def _usual(self) -> str:
+    def _default_encoding(self) -> str:
         return DVS
 
-    def _opened(self, path: Path) -> Storage:
-        return Ros1Chunks(path)
+    def _open_storage(self, path: Path) -> Storage:
+        return Ros1BagFile(path)
 
 
 class Ros2Recorder(_BagRecorder):
@@ -217,12 +217,12 @@ class Ros2Recorder(_BagRecorder):
 
     NAME, ROS, NAMESPACE = "rosbag2", 2, "/event_camera"
 
-    def _usual(self) -> str:
+    def _default_encoding(self) -> str:
         limits = PAYLOADS["evt3"]
         fits = self.stream.width <= limits.width and self.stream.height <= limits.height
         return "evt3" if fits else "libcaer"
 
-    def _opened(self, path: Path) -> Storage:
+    def _open_storage(self, path: Path) -> Storage:
         if self._path.suffix.lower() == ".db3":
-            return Database(path, self._path.stem)
-        return Chunks(path, self._path.stem)
+            return SqliteFile(path, self._path.stem)
+        return McapFile(path, self._path.stem)

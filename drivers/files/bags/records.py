@@ -59,7 +59,7 @@ def scan_mcap(scan: BagScan) -> Iterator[BagMessage]:
             return
         # what we do not look into is passed over
         if head[0] in _MCAP_READ:
-            yield from declared.take(head[0], scan.file.read(length), at)
+            yield from declared.messages_in(head[0], scan.file.read(length), at)
         at += 9 + length
 
 
@@ -74,7 +74,7 @@ class _McapNames:
         self.schemas: dict[int, str] = {}
         self.channels: dict[int, tuple[str, str]] = {}
 
-    def take(self, op: int, body: bytes, at: int) -> Iterator[BagMessage]:
+    def messages_in(self, op: int, body: bytes, at: int) -> Iterator[BagMessage]:
         """The messages in one record; damage is told."""
         try:
             if op == _SCHEMA:
@@ -89,7 +89,7 @@ class _McapNames:
                 for inner, part in _mcap_records(_mcap_chunk(body)):
                     # no chunk is in another
                     if inner != _CHUNK:
-                        yield from self.take(inner, part, at)
+                        yield from self.messages_in(inner, part, at)
         except (struct.error, CorruptDataError) as reason:
             self.scan.integrity.corrupt(at, str(reason))
 
@@ -125,12 +125,12 @@ def scan_ros1(scan: BagScan) -> Iterator[BagMessage]:
         raise CorruptDataError("it does not begin as a ROS 1 bag does")
     connections: dict[int, tuple[str, str]] = {}
 
-    def take(fields: dict[bytes, bytes], data: bytes, at: int) -> Iterator[BagMessage]:
+    def messages_in(fields: dict[bytes, bytes], data: bytes, at: int) -> Iterator[BagMessage]:
         op = fields.get(b"op", b"")
         try:
             if op == b"\x07":
-                topic, said = fields[b"topic"].decode(), ros1_fields(data)
-                package, _, name = said[b"type"].decode().partition("/")
+                topic, connection = fields[b"topic"].decode(), ros1_fields(data)
+                package, _, name = connection[b"type"].decode().partition("/")
                 connections[_u32(fields[b"conn"], 0)] = topic, f"{package}/msg/{name}"
                 scan.kinds[topic] = f"{package}/msg/{name}"
             elif op == b"\x02" and _u32(fields[b"conn"], 0) in connections:
@@ -138,13 +138,13 @@ def scan_ros1(scan: BagScan) -> Iterator[BagMessage]:
             elif op == b"\x05":
                 for _, inner, _, part in ros1_chunk_records(ros1_chunk(fields, data)):
                     if inner.get(b"op") != b"\x05":
-                        yield from take(inner, part[4:], at)
+                        yield from messages_in(inner, part[4:], at)
         except (struct.error, KeyError, UnicodeDecodeError, CorruptDataError) as reason:
             scan.integrity.corrupt(at, f"a record lacks {reason}")
 
     end = len(ROS1_MAGIC)
     for record in ros1_file_records(scan.file, scan.size):
-        yield from take(record.fields, record.data[4:], record.at)
+        yield from messages_in(record.fields, record.data[4:], record.at)
         end = record.end
     scan.integrity.torn_tail(end, scan.size)
 
@@ -178,11 +178,11 @@ def ros1_file_records(file: BinaryIO, size: int) -> Iterator[Ros1Record]:
         file.seek(at)
         parts = []
         for _ in range(2):
-            told = file.read(4)
-            length = int.from_bytes(told, "little")
-            if len(told) < 4 or length > size - file.tell():
+            length_bytes = file.read(4)
+            length = int.from_bytes(length_bytes, "little")
+            if len(length_bytes) < 4 or length > size - file.tell():
                 return
-            parts.append(told + file.read(length))
+            parts.append(length_bytes + file.read(length))
         record = Ros1Record(at, *parts)
         yield record
         at = record.end

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from evs.drivers.files.aedat4.layout import CorruptDataError
-from evs.drivers.files.bags.database import journal_of, opened
+from evs.drivers.files.bags.database import journal_of, open_database
 from evs.drivers.files.bags.reader import BagFile
 from evs.drivers.files.bags.records import (
     MCAP_MAGIC,
@@ -51,7 +51,7 @@ def repair(path: Path) -> Repair:
 
 def _repair_database(path: Path) -> Repair:
     there = journal_of(path) is not None
-    with closing(opened(path)) as bag:
+    with closing(open_database(path)) as bag:
         bag.execute("SELECT count(*) FROM main.topics").fetchone()
     if journal_of(path) is not None:
         raise EvsError(f"cannot take back the journal beside {path}: make both writable")
@@ -101,7 +101,7 @@ def _repair_ros1(path: Path, target: BinaryIO, size: int) -> Repair:
             chunks.append(_Chunk(record.at, record.end))
             # what cannot be read is not in the index
             with suppress(CorruptDataError, struct.error, KeyError):
-                _look_into(chunks[-1], record, connections)
+                _index_chunk(chunks[-1], record, connections)
         elif fields.get(b"op") == b"\x07":
             connections[record.head + record.data] = None
         elif fields.get(b"op") == b"\x02":
@@ -123,22 +123,24 @@ def _repair_ros1(path: Path, target: BinaryIO, size: int) -> Repair:
     return Repair(path, size - end, after, False, "made the index anew")
 
 
-def _look_into(chunk: _Chunk, record: Ros1Record, connections: dict[bytes, None]) -> None:
+def _index_chunk(chunk: _Chunk, record: Ros1Record, connections: dict[bytes, None]) -> None:
     """What is in a chunk, for the index."""
     records = ros1_chunk(record.fields, record.data[4:])
-    for at, said, head, body in ros1_chunk_records(records):
-        if said.get(b"op") == b"\x07":
+    for at, fields, head, body in ros1_chunk_records(records):
+        if fields.get(b"op") == b"\x07":
             connections[head + body] = None
-        elif said.get(b"op") == b"\x02":
-            chunk.messages.setdefault(_u32(said[b"conn"]), []).append((said[b"time"], at))
+        elif fields.get(b"op") == b"\x02":
+            chunk.messages.setdefault(_u32(fields[b"conn"]), []).append((fields[b"time"], at))
 
 
 def _index_data(chunk: _Chunk) -> bytes:
     out = b""
     for number, messages in chunk.messages.items():
-        fields = _fields(op=b"\x04", ver=_four(1), conn=_four(number), count=_four(len(messages)))
-        body = b"".join(time + _four(at) for time, at in messages)
-        out += fields + _four(len(body)) + body
+        fields = _fields(
+            op=b"\x04", ver=_u32_bytes(1), conn=_u32_bytes(number), count=_u32_bytes(len(messages))
+        )
+        body = b"".join(time + _u32_bytes(at) for time, at in messages)
+        out += fields + _u32_bytes(len(body)) + body
     return out
 
 
@@ -148,14 +150,16 @@ def _chunk_info(chunk: _Chunk) -> bytes:
     first, last = (times[0], times[-1]) if times else (bytes(8), bytes(8))
     fields = _fields(
         op=b"\x06",
-        ver=_four(1),
+        ver=_u32_bytes(1),
         chunk_pos=chunk.at.to_bytes(8, "little"),
         start_time=first,
         end_time=last,
-        count=_four(len(chunk.messages)),
+        count=_u32_bytes(len(chunk.messages)),
     )
-    body = b"".join(_four(number) + _four(len(told)) for number, told in chunk.messages.items())
-    return fields + _four(len(body)) + body
+    body = b"".join(
+        _u32_bytes(number) + _u32_bytes(len(encoded)) for number, encoded in chunk.messages.items()
+    )
+    return fields + _u32_bytes(len(body)) + body
 
 
 def _bag_header(end: int, index_at: int, connections: int, chunks: int) -> bytes:
@@ -163,23 +167,23 @@ def _bag_header(end: int, index_at: int, connections: int, chunks: int) -> bytes
     fields = _fields(
         op=b"\x03",
         index_pos=index_at.to_bytes(8, "little"),
-        conn_count=_four(connections),
-        chunk_count=_four(chunks),
+        conn_count=_u32_bytes(connections),
+        chunk_count=_u32_bytes(chunks),
     )
     padding = max(0, end - len(ROS1_MAGIC) - 4 - len(fields))
-    return fields + _four(padding) + b" " * padding
+    return fields + _u32_bytes(padding) + b" " * padding
 
 
 def _fields(**fields: bytes) -> bytes:
     """A record's header, with its length."""
-    told = b"".join(
-        _four(len(name) + 1 + len(value)) + name.encode() + b"=" + value
+    encoded = b"".join(
+        _u32_bytes(len(name) + 1 + len(value)) + name.encode() + b"=" + value
         for name, value in fields.items()
     )
-    return _four(len(told)) + told
+    return _u32_bytes(len(encoded)) + encoded
 
 
-def _four(number: int) -> bytes:
+def _u32_bytes(number: int) -> bytes:
     return number.to_bytes(4, "little")
 
 

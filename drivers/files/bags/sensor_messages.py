@@ -79,11 +79,11 @@ def sample_of(message: Any) -> ImuSamples:
     """(1,) the sample of a message; it says no temperature, which is 0 then."""
     sample = empty_imu(1)
     sample["t"] = stamp_us(message)
-    for name, said in (
+    for name, vector in (
         ("angular_velocity", message.angular_velocity),
         ("acceleration", message.linear_acceleration),
     ):
-        sample[name] = (said.x, said.y, said.z)
+        sample[name] = (vector.x, vector.y, vector.z)
     if not all(np.isfinite(sample[name]).all() for name in ("angular_velocity", "acceleration")):
         raise BadMessageError("an IMU sample is not finite")
     return sample
@@ -91,17 +91,17 @@ def sample_of(message: Any) -> ImuSamples:
 
 def info_message(store: Any, header: Any, stream: StreamInfo, ros: int) -> Any | None:
     """The camera's calibration; None where the stream has none."""
-    said = stream.camera_info
-    if not {"k", "r", "p", "d"} <= set(said):
+    info = stream.camera_info
+    if not {"k", "r", "p", "d"} <= set(info):
         return None
-    numbers = {name: np.array(said[name], np.float64) for name in "dkrp"}
+    numbers = {name: np.array(info[name], np.float64) for name in "dkrp"}
     if ros == 1:
         numbers = {name.upper(): value for name, value in numbers.items()}
     return store.types[INFO](
         header=header,
         height=stream.height,
         width=stream.width,
-        distortion_model=str(said.get("distortion_model", "plumb_bob")),
+        distortion_model=str(info.get("distortion_model", "plumb_bob")),
         binning_x=0,
         binning_y=0,
         roi=store.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False),

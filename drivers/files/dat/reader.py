@@ -11,7 +11,12 @@ import numpy as np
 
 from evs.drivers.files.capabilities import MAX_SIDE_PX
 from evs.drivers.files.dat.recorder import CHANGE_EVENTS, EVENT_BYTES, START, STREAM
-from evs.drivers.files.header_text import json_object, read_file_head, stream_from_header
+from evs.drivers.files.header_text import (
+    json_object,
+    percent_lines,
+    read_file_head,
+    stream_from_header,
+)
 from evs.drivers.files.integrity import IntegrityReport, on_sensor
 from evs.drivers.files.recording_file import EventOnlyFile
 from evs.drivers.files.sorting import EventSorter
@@ -30,7 +35,7 @@ class DatFile(EventOnlyFile):
     begin: int = 0
     """where its events begin, bytes"""
     version: int = 2
-    ordered: bool = False
+    every_fall_wraps: bool = False
     """it is ours: each fall of the time is a wrap"""
     start_us: int = 0
     """what its clock begins at"""
@@ -39,7 +44,7 @@ class DatFile(EventOnlyFile):
     def at(cls, path: str | os.PathLike[str]) -> DatFile:
         """Read the header. EvsError: no such file, no DAT file of change events."""
         found, head = read_file_head(path)
-        lines, begin = _lines(head)
+        lines, begin = percent_lines(head)
         kinds = head[begin : begin + 2]
         if not lines or len(kinds) < 2:
             raise EvsError(f"{found} is not a readable DAT file: it has no header of lines with %")
@@ -49,15 +54,15 @@ class DatFile(EventOnlyFile):
         if kinds[1] != EVENT_BYTES or _KINDS.get(kinds[0]) != "change events":
             what = _KINDS.get(kinds[0], f"events of kind {kinds[0]}")
             raise EvsError(f"{found} holds no change events but {what} of {kinds[1]} bytes")
-        said = json_object(lines[STREAM]) if STREAM in lines else None
-        stream = stream_from_header(said, "")
+        stated = json_object(lines[STREAM]) if STREAM in lines else None
+        stream = stream_from_header(stated, "")
         opened = cls(
             found,
             stream,
             found.stat().st_size,
             begin=begin + 2,
             version=int(version),
-            ordered=said is not None,
+            every_fall_wraps=stated is not None,
             start_us=_number(lines.get(START, "")),
         )
         if not stream.width:
@@ -70,14 +75,14 @@ class DatFile(EventOnlyFile):
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any (of 1 ms, where the file says none)."""
         integrity = IntegrityReport(noun="events")
-        order = EventSorter(integrity, self.stream)
+        sorter = EventSorter(integrity, self.stream)
         for at, piece in self._pieces():
             sound, outside = on_sensor(piece, self.stream.width, self.stream.height)
             if outside:
                 sides = f"{self.stream.width} x {self.stream.height}"
                 integrity.corrupt(at, f"outside of {sides} px", outside)
-            yield from order.feed(sound, np.broadcast_to(np.int64(at), len(sound)))
-        yield from order.flush()
+            yield from sorter.feed(sound, np.broadcast_to(np.int64(at), len(sound)))
+        yield from sorter.flush()
         integrity.torn_tail(self.size - (self.size - self.begin) % EVENT_BYTES, self.size)
         self.integrity = integrity
 
@@ -87,7 +92,9 @@ class DatFile(EventOnlyFile):
         with self.path.open("rb") as file:
             file.seek(at)
             while len(data := file.read(_PIECE_BYTES)) >= EVENT_BYTES:
-                piece, state = decode_dat(data, state, version=self.version, ordered=self.ordered)
+                piece, state = decode_dat(
+                    data, state, version=self.version, ordered=self.every_fall_wraps
+                )
                 piece["t"] += self.start_us
                 yield at, piece
                 at += len(data)
@@ -100,20 +107,6 @@ class DatFile(EventOnlyFile):
             width = max(width, 1 + int(piece["x"].max(initial=0)))
             height = max(height, 1 + int(piece["y"].max(initial=0)))
         self.stream = dataclasses.replace(self.stream, width=width, height=height)
-
-
-def _lines(head: bytes) -> tuple[dict[str, str], int]:
-    """Key to value, and where the lines end."""
-    lines: dict[str, str] = {}
-    at = 0
-    while head.startswith(b"%", at):
-        end = head.find(b"\n", at)
-        if end < 0:
-            break
-        key, _, value = head[at + 1 : end].decode(errors="replace").strip().partition(" ")
-        lines.setdefault(key.lower().rstrip(":"), value.strip())
-        at = end + 1
-    return lines, at
 
 
 def _side(text: str) -> int:

@@ -35,7 +35,7 @@ class DatRecorder(AppendingRecorder):
         text = "".join(f"% {key} {value}\n" for key, value in lines.items())
         return text.encode() + bytes([CHANGE_EVENTS, EVENT_BYTES])
 
-    def _encoded(self, events: Events) -> bytes:
+    def _encode(self, events: Events) -> bytes:
         if self._origin_us:
             events = events.copy()
             events["t"] -= self._origin_us

@@ -55,8 +55,8 @@ class Hdf5File(EventOnlyFile):
         except OutsideError as reason:
             raise EvsError(f"{found} is not a recording: {reason}") from None
         except Exception as reason:  # damaged bytes make h5py raise a dozen kinds
-            said = (str(reason) or type(reason).__name__).splitlines()[0]
-            raise EvsError(f"cannot read {found}: {said}") from None
+            text = (str(reason) or type(reason).__name__).splitlines()[0]
+            raise EvsError(f"cannot read {found}: {text}") from None
         recording = cls(
             found,
             stream,
@@ -76,10 +76,10 @@ class Hdf5File(EventOnlyFile):
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any (of 1 ms, where the file says none)."""
         integrity = IntegrityReport(noun="events", place_unit="event")
-        order = EventSorter(integrity, self.stream)
+        sorter = EventSorter(integrity, self.stream)
         for at, piece in self._pieces(integrity):
-            yield from order.feed(piece, at + np.arange(len(piece)))
-        yield from order.flush()
+            yield from sorter.feed(piece, at + np.arange(len(piece)))
+        yield from sorter.flush()
         if self.lacking:
             where = f"from event {self.events_there} on"
             integrity.corrupt_part(where, "not every column has them", self.lacking)
@@ -105,8 +105,8 @@ class Hdf5File(EventOnlyFile):
                 try:
                     piece, bad = _piece(group, self.columns, rows, self.offset_us)
                 except Exception as reason:  # as above
-                    said = str(reason).splitlines()[0] if str(reason) else type(reason).__name__
-                    integrity.corrupt_part(f"from event {begin} on", said, rows.stop - begin)
+                    stated = str(reason).splitlines()[0] if str(reason) else type(reason).__name__
+                    integrity.corrupt_part(f"from event {begin} on", stated, rows.stop - begin)
                     continue
                 if limited:
                     piece, outside = on_sensor(piece, width, height)
@@ -145,15 +145,15 @@ def _columns(file: Any) -> tuple[tuple[str, ...], int, int, str]:
 
 def _stream(file: Any) -> tuple[StreamInfo, bool]:
     """The stream, and whether the file says how large the sensor is."""
-    said, sides = None, None
+    stated, sides = None, None
     with suppress(Exception):
-        said = json.loads(value(file, STREAM))
+        stated = json.loads(value(file, STREAM))
     with suppress(Exception):
         height, width = (int(side) for side in file.attrs["sensor_resolution"])
         sides = (width, height) if 0 < min(width, height) <= max(width, height) < 1 << 15 else None
     plain = StreamInfo(*(sides or (0, 0)), sensor="unknown")
     stream = dataclasses.replace(
-        stream_from_json(said, plain), frames=False, imu=False, triggers=False
+        stream_from_json(stated, plain), frames=False, imu=False, triggers=False
     )
     return stream, stream.width > 0
 

@@ -54,7 +54,7 @@ class Hdf5Recorder(LibraryRecorder):
         self._length = 0
         self._offset_us: int | None = None
 
-    def _begin(self, path: Path) -> None:
+    def _create(self, path: Path) -> None:
         self._file = self._h5py.File(path, "w", libver=("v110", "v110"))
         kinds: dict[str, Any] = {"maxshape": (None,), "compression": 1, "shuffle": True}
         for name, dtype in COLUMNS.items():
@@ -62,8 +62,8 @@ class Hdf5Recorder(LibraryRecorder):
                 f"events/{name}", (0,), dtype, chunks=(_CHUNK,), **kinds
             )
         self._index = self._file.create_dataset("ms_to_idx", (0,), "<u8", chunks=(4096,), **kinds)
-        said = json.dumps(dataclasses.asdict(self.stream), default=str)
-        self._file.create_dataset(STREAM, data=said)
+        stream_text = json.dumps(dataclasses.asdict(self.stream), default=str)
+        self._file.create_dataset(STREAM, data=stream_text)
         self._file.attrs["sensor_resolution"] = (self.stream.height, self.stream.width)
         for name in ("t_offset", WHOLE):
             self._numbers[name] = self._file.create_dataset(name, data=np.int64(0))
@@ -79,7 +79,7 @@ class Hdf5Recorder(LibraryRecorder):
                 f"{LONGEST_US} us; record to .aedat4"
             )
 
-    def _take(self, packet: EventPacket) -> None:
+    def _write_packet(self, packet: EventPacket) -> None:
         if self._offset_us is None:
             self._offset_us = int(packet.events["t"][0]) // 1000 * 1000
             self._numbers["t_offset"][()] = self._offset_us
@@ -87,13 +87,13 @@ class Hdf5Recorder(LibraryRecorder):
         self._waiting += len(packet.events)
         if self._waiting >= _CHUNK:
             self._put(self._waiting // _CHUNK * _CHUNK)
-            self._flush()
+            self._commit()
 
-    def _keep(self) -> None:
+    def _sync(self) -> None:
         self._put(self._waiting)
-        self._flush()
+        self._commit()
 
-    def _flush(self) -> None:
+    def _commit(self) -> None:
         """All that was put goes to the system; then how much that is."""
         self._file.flush()
         self._numbers[WHOLE][()] = self._length
@@ -122,8 +122,8 @@ class Hdf5Recorder(LibraryRecorder):
             self._index[first : first + len(ms)] = found.astype(np.uint64)
         self._length = end
 
-    def _end(self) -> None:
+    def _finish(self) -> None:
         try:
-            self._keep()
+            self._sync()
         finally:
             self._file.close()

@@ -67,11 +67,11 @@ def arrays_of(
         for name, (field, _, _) in IMU_ARRAYS.items():
             arrays[name] = np.ascontiguousarray(samples[field])
     if triggers:
-        marks = np.concatenate(triggers)
+        found = np.concatenate(triggers)
         # those of one frame may end after the next one's begin
-        marks = marks[np.argsort(marks["t"], kind="stable")]
+        found = found[np.argsort(found["t"], kind="stable")]
         for name, (field, _) in TRIGGER_ARRAYS.items():
-            arrays[name] = np.ascontiguousarray(marks[field])
+            arrays[name] = np.ascontiguousarray(found[field])
     return arrays
 
 
@@ -137,16 +137,16 @@ def triggers_of(names: Collection[str], get: Get) -> Triggers:
     if not set(TRIGGER_ARRAYS) <= set(names):
         return empty_triggers()
     arrays = {field: get(name, kinds, 1) for name, (field, kinds) in TRIGGER_ARRAYS.items()}
-    marks = np.zeros(len(arrays["t"]), TRIGGER_DTYPE)
+    found = np.zeros(len(arrays["t"]), TRIGGER_DTYPE)
     for field, array in arrays.items():
-        if array.shape != marks.shape:
+        if array.shape != found.shape:
             raise ValueError("triggers and their kinds are not of one length")
-        marks[field] = array
-        if not np.array_equal(marks[field], array):
+        found[field] = array
+        if not np.array_equal(found[field], array):
             raise ValueError(f"the triggers' {field} has values that do not fit")
-    if (marks["t"][1:] < marks["t"][:-1]).any():
+    if (found["t"][1:] < found["t"][:-1]).any():
         raise ValueError("the triggers' time stamps run backwards")
-    return marks
+    return found
 
 
 def merge_by_time(

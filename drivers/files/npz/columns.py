@@ -30,14 +30,14 @@ class Archive(zipfile.ZipFile):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self._columns: list[Column] = []
+        self._columns: list[ArrayReader] = []
 
-    def column(self, name: str, kinds: str, axes: int) -> Column:
-        """An array, from its first row on; errors as Column's."""
+    def column(self, name: str, kinds: str, axes: int) -> ArrayReader:
+        """An array, from its first row on; errors as ArrayReader."""
         info = self._info(name)
         member = self.open(info)
         try:
-            made = Column(member, info, name, kinds, axes)
+            made = ArrayReader(member, info, name, kinds, axes)
         except BaseException:
             member.close()
             raise
@@ -64,7 +64,7 @@ class Archive(zipfile.ZipFile):
         return info
 
 
-class Column:
+class ArrayReader:
     """An array of an archive, from its first row to its last; nothing is allocated before.
 
     NotARecordingError where it is missing or of another kind. The archive's checksum is compared
@@ -110,7 +110,7 @@ class Column:
         return whole.reshape(self.shape) if not self.shape else whole
 
 
-class Spool:
+class ArraySpool:
     """An array that grows row by row: in memory while it is small, then in a nameless file."""
 
     def __init__(self, folder: Path, dtype: Any, shape: tuple[int, ...] = ()) -> None:
@@ -126,12 +126,12 @@ class Spool:
     def write_to(self, archive: zipfile.ZipFile, name: str, rows: int) -> None:
         """The first rows as an array of an archive."""
         with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-            described = {
+            header = {
                 "descr": np.lib.format.dtype_to_descr(self.dtype),
                 "fortran_order": False,
                 "shape": (rows, *self.shape),
             }
-            np.lib.format.write_array_header_1_0(member, described)
+            np.lib.format.write_array_header_1_0(member, header)
             left = rows * self.dtype.itemsize * math.prod(self.shape)
             self._file.seek(0)
             while left:

@@ -22,7 +22,7 @@ _CHUNK_BYTES = 1 << 22
 
 
 @dataclass(frozen=True)
-class Channel:
+class FrameArray:
     """One stack: what each frame of it is."""
 
     dtype: str
@@ -32,11 +32,11 @@ class Channel:
 
 
 @dataclass
-class _Stack:
+class _ArrayMember:
     """Where a channel lies in the file, and the checksum of what is there."""
 
     name: str
-    channel: Channel
+    channel: FrameArray
     offset: int
     shift: zip_archive.Operator = field(default_factory=lambda: zip_archive.zeros(0))
     """of all frames so far"""
@@ -57,11 +57,11 @@ class _Stack:
     def member(self, frames: int, npy: bytes | None = None) -> zip_archive.Member:
         """Its entry in the archive's directory."""
         npy = npy or _npy_header(self.channel.dtype, (frames, *self.channel.shape))
-        crc = zip_archive.joined(zlib.crc32(npy), self.shift, self.crc)
+        crc = zip_archive.crc32_combine(zlib.crc32(npy), self.shift, self.crc)
         size = len(npy) + frames * self.frame_bytes
         return zip_archive.Member(f"{self.name}.npy", self.offset, size, crc)
 
-    def place(self, frame: int) -> int:
+    def frame_offset(self, frame: int) -> int:
         """Where a frame begins."""
         return self.offset + self.head_bytes + frame * self.frame_bytes
 
@@ -80,7 +80,7 @@ class NpzFrameWriter:
         self,
         path: str | os.PathLike[str],
         frames: int,
-        channels: Mapping[str, Channel],
+        channels: Mapping[str, FrameArray],
         texts: Mapping[str, str],
     ) -> None:
         """Open. In: texts, name to what becomes a zero-dimensional string array.
@@ -90,18 +90,18 @@ class NpzFrameWriter:
         """
         self.path, self.frames, self.written = Path(path), frames, 0
         self._texts, texts_bytes = _texts(texts)
-        self._stacks: list[_Stack] = []
+        self._arrays: list[_ArrayMember] = []
         at = len(texts_bytes)
         for name, channel in channels.items():
-            stack = _Stack(name, channel, at)
-            at = stack.place(frames)
-            self._stacks.append(stack)
+            one = _ArrayMember(name, channel, at)
+            at = one.frame_offset(frames)
+            self._arrays.append(one)
         self._end = at
         self._size = at + len(self._directory())
         try:
             self._file = self._open()
-            self._put(0, texts_bytes)
-            self._tell()
+            self._write_at(0, texts_bytes)
+            self._write_headers()
         except OSError as reason:
             raise target_error(self.path, reason) from None
 
@@ -111,19 +111,19 @@ class NpzFrameWriter:
             raise ValueError(f"{self.path} was opened for {self.frames} frames")
         try:
             crcs = []
-            for stack in self._stacks:
-                value = np.asarray(frame[stack.name], stack.channel.dtype)
-                if value.shape != stack.channel.shape:
-                    raise ValueError(f"{stack.name} is {value.shape}, not {stack.channel.shape}")
+            for one in self._arrays:
+                value = np.asarray(frame[one.name], one.channel.dtype)
+                if value.shape != one.channel.shape:
+                    raise ValueError(f"{one.name} is {value.shape}, not {one.channel.shape}")
                 data = value.tobytes()
-                self._put(stack.place(self.written), data)
+                self._write_at(one.frame_offset(self.written), data)
                 crcs.append(zlib.crc32(data))
             # the frame counts once all of it is there
-            for stack, crc in zip(self._stacks, crcs, strict=True):
-                stack.crc = zip_archive.joined(stack.crc, stack.step, crc)
-                stack.shift = zip_archive.after(stack.step, stack.shift)
+            for one, crc in zip(self._arrays, crcs, strict=True):
+                one.crc = zip_archive.crc32_combine(one.crc, one.step, crc)
+                one.shift = zip_archive.compose(one.step, one.shift)
             self.written += 1
-            self._tell()
+            self._write_headers()
         except OSError as reason:
             raise EvsError(
                 f"writing {self.path} stopped at frame {self.written} of {self.frames}: "
@@ -136,7 +136,7 @@ class NpzFrameWriter:
             return self._size
         try:
             if self.written < self.frames:
-                self._shrink()
+                self._compact()
             os.ftruncate(self._file, self._size)
         except OSError as reason:
             raise target_error(self.path, reason) from None
@@ -165,44 +165,44 @@ class NpzFrameWriter:
             raise
         return file
 
-    def _put(self, offset: int, data: bytes) -> None:
+    def _write_at(self, offset: int, data: bytes) -> None:
         view = memoryview(data)
         while view:
             done = os.pwrite(self._file, view, offset)
             offset, view = offset + done, view[done:]
 
-    def _tell(self) -> None:
+    def _write_headers(self) -> None:
         """Write what makes an archive of the frames so far."""
-        heads = [(stack.offset, stack.head(self.written)) for stack in self._stacks]
+        heads = [(one.offset, one.head(self.written)) for one in self._arrays]
         # nothing but writing in between: the moment when they do not agree is short
         for offset, data in [*heads, (self._end, self._directory())]:
-            self._put(offset, data)
+            self._write_at(offset, data)
 
     def _directory(self) -> bytes:
-        members = [stack.member(self.written) for stack in self._stacks]
+        members = [one.member(self.written) for one in self._arrays]
         return zip_archive.directory([*self._texts, *members], self._end)
 
-    def _shrink(self) -> None:
+    def _compact(self) -> None:
         """Close the gaps that missing frames left."""
-        at = self._stacks[0].offset if self._stacks else self._end
-        for stack in self._stacks:
-            begin, length = stack.place(0), self.written * stack.frame_bytes
-            stack.offset = at
-            target = stack.place(0)
+        at = self._arrays[0].offset if self._arrays else self._end
+        for one in self._arrays:
+            begin, length = one.frame_offset(0), self.written * one.frame_bytes
+            one.offset = at
+            target = one.frame_offset(0)
             for done in range(0, length, _CHUNK_BYTES):
                 count = min(_CHUNK_BYTES, length - done)
-                self._put(target + done, os.pread(self._file, count, begin + done))
-            at = stack.place(self.written)
+                self._write_at(target + done, os.pread(self._file, count, begin + done))
+            at = one.frame_offset(self.written)
         self._end = at
         self._size = at + len(self._directory())
-        self._tell()
+        self._write_headers()
 
 
 def _npy_header(dtype: str, shape: tuple[int, ...]) -> bytes:
     # numpy pads it, so that the first number may grow to 21 digits
     out = io.BytesIO()
-    described = {"descr": dtype, "fortran_order": False, "shape": shape}
-    np.lib.format.write_array_header_1_0(out, described)
+    header = {"descr": dtype, "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(out, header)
     return out.getvalue()
 
 

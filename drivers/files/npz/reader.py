@@ -74,7 +74,7 @@ class NpzFile:
         opened = cls(found, StreamInfo(0, 0), "none", found.stat().st_size)
         try:
             with Archive(found) as archive:
-                opened._look(archive)
+                opened._probe(archive)
         except NotARecordingError as reason:
             raise EvsError(f"{found} is not a recording: {reason}") from None
         except Exception as reason:  # damaged bytes make zipfile and numpy raise a dozen kinds
@@ -84,14 +84,14 @@ class NpzFile:
     def events(self) -> Iterator[Events]:
         """The events of each tick that has any."""
         integrity = IntegrityReport(place_unit="event")
-        order = EventSorter(integrity, self.stream)
+        sorter = EventSorter(integrity, self.stream)
         at = 0
         with Archive(self.path) as archive:
             for events, _ in _pieces(archive):
                 self.position = at * self.size // max(1, self.events_there)
-                yield from order.feed(events, np.arange(at, at + len(events)))
+                yield from sorter.feed(events, np.arange(at, at + len(events)))
                 at += len(events)
-        yield from order.flush()
+        yield from sorter.flush()
         self.integrity = integrity
 
     def messages(self) -> Iterator[Events | Frame | ImuSamples | Triggers]:
@@ -111,7 +111,7 @@ class NpzFile:
             with Archive(self.path) as archive:
                 yield from frames_in(archive, self.stream.camera)
 
-    def _look(self, archive: Archive) -> None:
+    def _probe(self, archive: Archive) -> None:
         """Go over the whole archive once: checksums, values, what is in it."""
 
         def get(name: str, kinds: str, axes: int) -> np.ndarray[Any, Any]:
@@ -119,13 +119,13 @@ class NpzFile:
 
         names = [name.removesuffix(".npy") for name in archive.namelist()]
         compressed = archive.column("t", "iub", 1).is_compressed
-        said: Any = {}
+        stated_json: Any = {}
         if STREAM in names:
             try:
-                said = json.loads(str(get(STREAM, "U", 0)))
+                stated_json = json.loads(str(get(STREAM, "U", 0)))
             except (ValueError, RecursionError):
-                said = {}
-        stated = stream_from_json(said, StreamInfo(0, 0, sensor="unknown"))
+                stated_json = {}
+        stated = stream_from_json(stated_json, StreamInfo(0, 0, sensor="unknown"))
         width = height = 0
         backwards, last_us = False, -(1 << 63)
         for events, fits in _pieces(archive):
@@ -145,7 +145,7 @@ class NpzFile:
             raise NotARecordingError("its time stamps run backwards, and labels go with them")
         self.compression = "deflate" if compressed else "none"
         plain = StreamInfo(max(1, width), max(1, height), sensor="unknown")
-        stream = stated if 0 < stated.width <= MAX_SIDE_PX else stream_from_json(said, plain)
+        stream = stated if 0 < stated.width <= MAX_SIDE_PX else stream_from_json(stated_json, plain)
         # an archive of somebody else's says nothing of them
         self.stream = dataclasses.replace(
             stream,

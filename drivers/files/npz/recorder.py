@@ -15,8 +15,8 @@ import numpy as np
 
 from evs.drivers.files.capabilities import one_stream
 from evs.drivers.files.npz.auxiliary import LABEL_ARRAYS, PIXELS, STAMPS, arrays_of
-from evs.drivers.files.npz.columns import Spool, write_array
-from evs.drivers.files.paths import target_error
+from evs.drivers.files.npz.columns import ArraySpool, write_array
+from evs.drivers.files.paths import stopped_text, target_error
 from evs.drivers.sink import Sink, SinkStoppedError, Stream
 from evs.msgs import (
     EVENT_DTYPE,
@@ -56,7 +56,7 @@ class NpzRecorder(Sink):
         self._temporary = self._path.parent / f".{self._path.name[:40]}.{os.getpid()}.{id(self)}"
         self._stream: StreamInfo | None = None
         self._file: IO[bytes] | None = None
-        self._spools: dict[str, Spool] = {}
+        self._spools: dict[str, ArraySpool] = {}
         self._frames: list[Frame] = []
         self._imu: list[ImuSamples] = []
         self._triggers: list[Triggers] = []
@@ -88,7 +88,7 @@ class NpzRecorder(Sink):
             rows = {name: packet.events[name] for name in COLUMNS}
             if labels is not None:
                 rows |= {name: labels[name] for name in LABEL_ARRAYS}
-            self._keep(rows, count, 0 if labels is None else labels.nbytes)
+            self._append(rows, count, 0 if labels is None else labels.nbytes)
             self._labels += 0 if labels is None else count
             self._events += count
             self._packets += 1
@@ -102,18 +102,18 @@ class NpzRecorder(Sink):
                 f"{self._path} holds frames of one size: {first.shape} {first.dtype}, not "
                 f"{pixels.shape} {pixels.dtype}; record to .aedat4"
             )
-        self._keep({PIXELS: pixels[np.newaxis]}, 0, pixels.nbytes + 8 * len(STAMPS))
+        self._append({PIXELS: pixels[np.newaxis]}, 0, pixels.nbytes + 8 * len(STAMPS))
         # the pixels are in the spool
         self._frames.append(dataclasses.replace(frame, pixels=pixels[:0].copy()))
 
     def write_imu(self, packet: ImuPacket) -> None:
         """Keep a copy of one packet's samples. SinkStoppedError as write."""
-        self._keep({}, 0, packet.samples.nbytes)
+        self._append({}, 0, packet.samples.nbytes)
         self._imu.append(packet.samples.copy())
 
     def write_triggers(self, packet: TriggerPacket) -> None:
         """Keep a copy of one packet's triggers. SinkStoppedError as write."""
-        self._keep({}, 0, packet.triggers.nbytes)
+        self._append({}, 0, packet.triggers.nbytes)
         self._triggers.append(packet.triggers.copy())
 
     def _check_open(self) -> None:
@@ -122,7 +122,7 @@ class NpzRecorder(Sink):
         if self._file is None:
             raise EvsError(f"{self._path} is not open for recording: call open first")
 
-    def _keep(
+    def _append(
         self, rows: dict[str, np.ndarray[Any, Any]], events: int, auxiliary_bytes: int
     ) -> None:
         """Take room for more and spool it, or EvsError; what came before can still be written."""
@@ -131,14 +131,11 @@ class NpzRecorder(Sink):
             self._reserve(self._events + events, self._auxiliary_bytes + auxiliary_bytes)
             for name, values in rows.items():
                 if name not in self._spools:
-                    made = Spool(self._path.parent, values.dtype, values.shape[1:])
+                    made = ArraySpool(self._path.parent, values.dtype, values.shape[1:])
                     self._spools[name] = made
                 self._spools[name].append(values)
         except OSError as reason:
-            self._failure = (
-                f"recording to {self._path} stopped after {self._events} events: "
-                f"{reason.strerror}; they are kept, free some space and run again"
-            )
+            self._failure = stopped_text(self._path, self._events, reason, "they are kept")
             raise SinkStoppedError(self._failure) from None
         self._auxiliary_bytes += auxiliary_bytes
 
@@ -173,8 +170,8 @@ class NpzRecorder(Sink):
     def _write_arrays(self, archive: zipfile.ZipFile, stream: StreamInfo) -> None:
         for name in COLUMNS:
             self._spool(name, EVENT_DTYPE[name]).write_to(archive, name, self._events)
-        said = json.dumps(dataclasses.asdict(stream), default=str)
-        write_array(archive, STREAM, np.array(said))
+        stream_json = json.dumps(dataclasses.asdict(stream), default=str)
+        write_array(archive, STREAM, np.array(stream_json))
         if self._frames:
             self._spools[PIXELS].write_to(archive, PIXELS, len(self._frames))
         for name, values in arrays_of(self._frames, self._imu, self._triggers).items():
@@ -183,10 +180,10 @@ class NpzRecorder(Sink):
             for name in LABEL_ARRAYS:
                 self._spool(name, LABEL_DTYPE[name]).write_to(archive, name, self._labels)
 
-    def _spool(self, name: str, dtype: np.dtype[Any]) -> Spool:
+    def _spool(self, name: str, dtype: np.dtype[Any]) -> ArraySpool:
         """The spool of this name, an empty one where nothing came."""
         if name not in self._spools:
-            self._spools[name] = Spool(self._path.parent, dtype)
+            self._spools[name] = ArraySpool(self._path.parent, dtype)
         return self._spools[name]
 
     def _reserve(self, events: int, auxiliary_bytes: int = 0) -> None:

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 _VERSION = 45
 """ZIP64"""
 
-_FIRST_DAY = 0, (0 << 9) | (1 << 5) | 1
+_DOS_EPOCH = 0, (0 << 9) | (1 << 5) | 1
 """DOS time and date: 1980-01-01"""
 
-_MANY, _MORE = 0xFFFFFFFF, 0xFFFF
-"""32 and 16 bits that say: see the ZIP64 field"""
+_ZIP64, _ZIP64_H = 0xFFFFFFFF, 0xFFFF
+"""32 and 16 bits that mean: see the ZIP64 field"""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ def header(member: Member) -> bytes:
     name = member.name.encode()
     fixed = struct.pack(
         "<4s5H3I2H",
-        b"PK\3\4", _VERSION, 0, 0, *_FIRST_DAY, member.crc, _MANY, _MANY, len(name), 20,
+        b"PK\3\4", _VERSION, 0, 0, *_DOS_EPOCH, member.crc, _ZIP64, _ZIP64, len(name), 20,
     )  # fmt: skip
     return fixed + name + struct.pack("<2H2Q", 1, 16, member.size, member.size)
 
@@ -49,8 +49,8 @@ def directory(members: Iterable[Member], offset: int) -> bytes:
         name = member.name.encode()
         fixed = struct.pack(
             "<4s6H3I5H2I",
-            b"PK\1\2", _VERSION | 3 << 8, _VERSION, 0, 0, *_FIRST_DAY, member.crc, _MANY, _MANY,
-            len(name), 28, 0, 0, 0, 0o100644 << 16, _MANY,
+            b"PK\1\2", _VERSION | 3 << 8, _VERSION, 0, 0, *_DOS_EPOCH, member.crc, _ZIP64, _ZIP64,
+            len(name), 28, 0, 0, 0, 0o100644 << 16, _ZIP64,
         )  # fmt: skip
         size = member.size
         entries.append(fixed + name + struct.pack("<2H3Q", 1, 24, size, size, member.offset))
@@ -61,7 +61,9 @@ def directory(members: Iterable[Member], offset: int) -> bytes:
         b"PK\6\6", 44, _VERSION | 3 << 8, _VERSION, 0, 0, count, count, len(body), offset,
     )  # fmt: skip
     locator = struct.pack("<4sIQI", b"PK\6\7", 0, end, 1)
-    last = struct.pack("<4s4H2IH", b"PK\5\6", _MORE, _MORE, _MORE, _MORE, _MANY, _MANY, 0)
+    last = struct.pack(
+        "<4s4H2IH", b"PK\5\6", _ZIP64_H, _ZIP64_H, _ZIP64_H, _ZIP64_H, _ZIP64, _ZIP64, 0
+    )
     return body + end64 + locator + last
 
 
@@ -78,18 +80,18 @@ def zeros(count: int) -> Operator:
     bits = 8 * count
     while bits:
         if bits & 1:
-            result = after(power, result)
-        power = after(power, power)
+            result = compose(power, result)
+        power = compose(power, power)
         bits >>= 1
     return result
 
 
-def after(second: Operator, first: Operator) -> Operator:
+def compose(second: Operator, first: Operator) -> Operator:
     """`first`, then `second`."""
-    return tuple(applied(second, image) for image in first)
+    return tuple(apply(second, image) for image in first)
 
 
-def applied(operator: Operator, crc: int) -> int:
+def apply(operator: Operator, crc: int) -> int:
     """The checksum that comes out."""
     out = 0
     for image in operator:
@@ -101,6 +103,6 @@ def applied(operator: Operator, crc: int) -> int:
     return out
 
 
-def joined(crc: int, shift: Operator, crc_behind: int) -> int:
+def crc32_combine(crc: int, shift: Operator, crc_behind: int) -> int:
     """CRC-32 of two pieces in a row. In: shift, zeros(length of the piece behind)."""
-    return applied(shift, crc) ^ crc_behind
+    return apply(shift, crc) ^ crc_behind

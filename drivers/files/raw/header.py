@@ -8,7 +8,7 @@ import re
 from dataclasses import dataclass
 
 from evs.drivers.files.capabilities import MAX_SIDE_PX
-from evs.drivers.files.header_text import stream_from_json
+from evs.drivers.files.header_text import percent_lines, stream_from_json
 from evs.msgs import StreamInfo
 
 MAX_HEADER_BYTES = 1 << 24
@@ -58,22 +58,22 @@ def header_bytes(stream: StreamInfo, version: str, time_origin_us: int) -> bytes
 
 def parse_header(head: bytes) -> RawHeader:
     """What the first bytes of a file say; never raises."""
-    lines, size = _lines(head)
+    lines, size = percent_lines(head, last="end")
     version = lines.get("evt", "")
     parts = dict(part.partition("=")[::2] for part in lines.get("format", "").split(";"))
     for name, number in (("EVT21", "2.1"), ("EVT2", "2.0"), ("EVT3", "3.0")):
         version = number if name in parts else version
     sides = _size(lines, parts)
-    plain = StreamInfo(*sides, sensor="unknown")
+    default = StreamInfo(*sides, sensor="unknown")
     try:
-        said = json.loads(lines.get(STREAM, "null"))
+        stated = json.loads(lines.get(STREAM, "null"))
     except (ValueError, RecursionError):
-        said = None
+        stated = None
     origin = lines.get(ORIGIN, "0")
     # of a stream that begins at a Unix time it is negative
     digits = origin.removeprefix("-")
     known = digits.isascii() and digits.isdigit() and len(digits) < 17
-    stream = stream_from_json(said, plain)
+    stream = stream_from_json(stated, default)
     # frames and IMU samples went elsewhere
     stream = dataclasses.replace(stream, frames=False, imu=False, triggers=False)
     order = parts.get("endianness")
@@ -81,23 +81,6 @@ def parse_header(head: bytes) -> RawHeader:
     return RawHeader(
         version, stream, int(origin) if known else 0, size, upper_first, STREAM in lines
     )
-
-
-def _lines(head: bytes) -> tuple[dict[str, str], int]:
-    """Key to value, and where the events begin."""
-    lines: dict[str, str] = {}
-    at = 0
-    while head.startswith(b"%", at):
-        end = head.find(b"\n", at)
-        if end < 0:
-            break
-        key, _, value = head[at + 1 : end].decode(errors="replace").strip().partition(" ")
-        at = end + 1
-        if key == "end":
-            break
-        # older files have names like "% Date" and "% Height:"
-        lines.setdefault(key.lower().rstrip(":"), value.strip())
-    return lines, at
 
 
 def _size(lines: dict[str, str], parts: dict[str, str]) -> tuple[int, int]:

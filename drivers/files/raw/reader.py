@@ -21,7 +21,7 @@ from evs.msgs import Events, EvsError, Triggers
 from evs.msgs.codecs import decode_evt2, decode_evt3, decode_evt21
 
 _PIECE_BYTES = 1 << 18
-_UNTOLD = "events before the first time stamp, or too far right for the format,"
+_NO_TIME_YET = "events before the first time stamp, or too far right for the format,"
 _TRIGGER = 10
 """type of the words that tell an external trigger, in each version"""
 _MAX_WAITING = 1 << 14
@@ -57,8 +57,10 @@ class RawFile(MultiStreamFile):
         except OSError as reason:
             raise EvsError(f"cannot read {found}: {reason.strerror}") from None
         if header.version not in _DECODERS:
-            said = f"is EVT {header.version[:20]!r}" if header.version else "does not say its EVT"
-            raise EvsError(f"{found} {said} in its header; EVT 2.0, 2.1 and 3.0 are read")
+            version = (
+                f"is EVT {header.version[:20]!r}" if header.version else "does not say its EVT"
+            )
+            raise EvsError(f"{found} {version} in its header; EVT 2.0, 2.1 and 3.0 are read")
         opened = cls(
             found,
             header.stream,
@@ -68,8 +70,8 @@ class RawFile(MultiStreamFile):
             begin=header.size,
         )
         if header.version == "2.1":
-            told = header.upper_first
-            opened.upper_first = opened._is_swapped() if told is None else told
+            order = header.upper_first
+            opened.upper_first = opened._is_swapped() if order is None else order
         if not opened.stream.width:
             opened._find_size()
         if not header.ours:
@@ -79,20 +81,20 @@ class RawFile(MultiStreamFile):
     def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Message]:
         """The events of each tick that has any (of 1 ms, where the file says none), triggers."""
         integrity = IntegrityReport(noun="events")
-        order, together = EventSorter(integrity, self.stream), Interleaver(_MAX_WAITING)
-        marks: list[Triggers] = []
-        for at, piece in self._pieces(integrity, marks if auxiliary else None):
-            while marks:
-                told = marks.pop(0)
-                told = told[np.argsort(told["t"], kind="stable")]
-                for part in by_tick(told, self.stream):
-                    yield from together.put(int(part["t"][-1]), part)
+        sorter, interleaver = EventSorter(integrity, self.stream), Interleaver(_MAX_WAITING)
+        triggers: list[Triggers] = []
+        for at, piece in self._pieces(integrity, triggers if auxiliary else None):
+            while triggers:
+                found = triggers.pop(0)
+                found = found[np.argsort(found["t"], kind="stable")]
+                for part in by_tick(found, self.stream):
+                    yield from interleaver.add(int(part["t"][-1]), part)
             if events:
-                for part in order.feed(piece, np.broadcast_to(np.int64(at), len(piece))):
-                    yield from together.between(part)
-        for part in order.flush():
-            yield from together.between(part)
-        yield from together.flush()
+                for part in sorter.feed(piece, np.broadcast_to(np.int64(at), len(piece))):
+                    yield from interleaver.merge(part)
+        for part in sorter.flush():
+            yield from interleaver.merge(part)
+        yield from interleaver.flush()
         self.integrity = integrity
 
     def _has_triggers(self) -> bool:
@@ -155,7 +157,7 @@ class RawFile(MultiStreamFile):
                 at += len(data)
                 self.position = at
         integrity.torn_tail(at - (at - self.begin) % word, at)
-        self.left_out = {_UNTOLD: state.skipped} if state is not None and state.skipped else {}
+        self.left_out = {_NO_TIME_YET: state.skipped} if state is not None and state.skipped else {}
 
 
 def _head(file: BinaryIO) -> bytes:

@@ -23,7 +23,7 @@ class _RawRecorder(AppendingRecorder):
         self._after_us = -self._origin_us
         return header_bytes(stream, self._VERSION, self._origin_us)
 
-    def _encoded(self, events: Events) -> bytes:
+    def _encode(self, events: Events) -> bytes:
         if int(events["t"][0]) < self._after_us:
             raise EvsError(
                 f"{self._path}: events at {events['t'][0]} us come after {self._after_us} us, and "

@@ -129,7 +129,7 @@ def test_a_file_that_comes_up_meanwhile_is_not_replaced(tmp_path: Path) -> None:
     sink.open([STREAM])
     sink.write(packet(0, 100))
     part_path(path, 1).write_bytes(b"somebody's")
-    with pytest.raises(SinkStoppedError, match=r"run-001\.aedat4 is there already"):
+    with pytest.raises(SinkStoppedError, match=r"run-001\.aedat4 already exists"):
         sink.write(packet(1, 200))
     assert part_path(path, 1).read_bytes() == b"somebody's"
     assert summary(path).events == sink.close()["events"] > 0

@@ -16,7 +16,7 @@ from evs.msgs import EvsError, StreamInfo
 
 SCENE = str(PIPELINES.parent / "scenes" / "pendulum.xml")
 SMALL = [SCENE, "sensor.width=16", "sensor.height=12", "--duration", "0.01", "render.spp=1"]
-HERE = "is there already: --force"
+HERE = "already exists: use --force"
 INFOS = [StreamInfo(16, 12, camera="left"), StreamInfo(16, 12, camera="right")]
 
 

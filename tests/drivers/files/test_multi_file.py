@@ -82,7 +82,7 @@ def test_the_commands_take_all_of_it(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert evs.read(tmp_path / "a.npz").tobytes() == whole.tobytes()
     assert main(["convert", str(path), str(tmp_path / "b.npz"), "--quiet", "--single"]) == 0
     assert len(evs.read(tmp_path / "b.npz")) == 300
-    with pytest.raises(EvsError, match="is what would be converted"):
+    with pytest.raises(EvsError, match="is the recording to be converted"):
         files.convert(path, tmp_path / "run-002.aedat4")
     capsys.readouterr()
     assert main(["info", str(path)]) == 0
@@ -187,7 +187,7 @@ def test_a_shorter_recording_does_not_go_on_with_an_older_one(tmp_path: Path) ->
     with pytest.raises(EvsError, match=says):
         files.convert(source, path)
     # and what a conversion would replace is not only its target
-    with pytest.raises(EvsError, match=r"run-001\.aedat is there already"):
+    with pytest.raises(EvsError, match=r"run-001\.aedat already exists"):
         files.convert(tmp_path / "two.aedat4", path)
     assert {one: one.read_bytes() for one in tmp_path.iterdir()} == before
     # another recording that only has such a name is nobody's part

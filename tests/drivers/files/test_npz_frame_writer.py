@@ -17,14 +17,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evs.drivers.files.npz import zip_archive
-from evs.drivers.files.npz.frame_writer import Channel, NpzFrameWriter
+from evs.drivers.files.npz.frame_writer import FrameArray, NpzFrameWriter
 from evs.msgs import EvsError
 
 CHANNELS = {
-    "t_us": Channel("<i8"),
-    "light": Channel("<f4", (5, 7)),
-    "flow": Channel("<f4", (5, 7, 2)),
-    "empty": Channel("<i4", (0, 3)),
+    "t_us": FrameArray("<i8"),
+    "light": FrameArray("<f4", (5, 7)),
+    "flow": FrameArray("<f4", (5, 7, 2)),
+    "empty": FrameArray("<i4", (0, 3)),
 }
 TEXTS = {"info": '{"camera": "eye", "sign": "\N{GREEK SMALL LETTER MU}"}', "blank": ""}
 
@@ -91,7 +91,7 @@ def test_an_early_end_leaves_no_gaps(tmp_path: Path, done: int) -> None:
 
 def test_an_early_end_moves_more_than_a_chunk(tmp_path: Path) -> None:
     path, shape = tmp_path / "a.npz", (700, 900)
-    channels = {"a": Channel("<f4", shape), "b": Channel("<f4", shape)}
+    channels = {"a": FrameArray("<f4", shape), "b": FrameArray("<f4", shape)}
     writer = NpzFrameWriter(path, 8, channels, {})
     for k in range(4):
         writer.write({"a": np.full(shape, k), "b": np.full(shape, -k)})
@@ -114,8 +114,8 @@ def test_a_file_that_is_there_is_written_over(tmp_path: Path) -> None:
 KILLED = """
 import os, signal
 import numpy as np
-from evs.drivers.files.npz.frame_writer import Channel, NpzFrameWriter
-channels = {{"x": Channel("<i8", (3,)), "y": Channel("<f4", (2, 2))}}
+from evs.drivers.files.npz.frame_writer import FrameArray, NpzFrameWriter
+channels = {{"x": FrameArray("<i8", (3,)), "y": FrameArray("<f4", (2, 2))}}
 writer = NpzFrameWriter({path!r}, 50, channels, {{}})
 for k in range(7):
     writer.write({{"x": np.full(3, k), "y": np.full((2, 2), k)}})
@@ -206,7 +206,7 @@ def test_a_disk_that_fails_on_the_way_keeps_what_is_there(
 
 
 def test_a_frame_of_another_shape_is_refused(tmp_path: Path) -> None:
-    writer = NpzFrameWriter(tmp_path / "a.npz", 1, {"x": Channel("<f4", (2, 2))}, {})
+    writer = NpzFrameWriter(tmp_path / "a.npz", 1, {"x": FrameArray("<f4", (2, 2))}, {})
     with pytest.raises(ValueError, match=r"x is \(3,\), not \(2, 2\)"):
         writer.write({"x": np.zeros(3)})
     writer.close()
@@ -215,7 +215,7 @@ def test_a_frame_of_another_shape_is_refused(tmp_path: Path) -> None:
 @given(st.binary(max_size=300), st.binary(max_size=300))
 def test_checksums_of_pieces_join(front: bytes, back: bytes) -> None:
     shift = zip_archive.zeros(len(back))
-    assert zip_archive.joined(zlib.crc32(front), shift, zlib.crc32(back)) == zlib.crc32(
+    assert zip_archive.crc32_combine(zlib.crc32(front), shift, zlib.crc32(back)) == zlib.crc32(
         front + back
     )
 
