@@ -15,9 +15,10 @@ from evs.msgs.event import (
     join_events,
     make_events,
 )
-from evs.msgs.fields import MessageError
+from evs.msgs.event_labels import LABEL_DTYPE, Cause, Labels, clear_causes, take_labels
 from evs.msgs.frame import Frame, decode_frame, encode_frame
 from evs.msgs.ground_truth import TRUTH_CHANNELS, Truth, decode_truth, encode_truth
+from evs.msgs.header_fields import MessageError
 from evs.msgs.imu import (
     DEGREE,
     IMU_DTYPE,
@@ -28,7 +29,6 @@ from evs.msgs.imu import (
     empty_imu,
     encode_imu,
 )
-from evs.msgs.labels import LABEL_DTYPE, Cause, Labels, clear_causes, take_labels
 from evs.msgs.observation import Observation
 from evs.msgs.packet import ENCODING, EventPacket, decode, encode
 from evs.msgs.pose import Clock, Pose, decode_clock, decode_pose, encode_clock, encode_pose

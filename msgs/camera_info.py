@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from evs.msgs.fields import MAX_PIXELS, MessageError, integer, name, numbers
+from evs.msgs.header_fields import MAX_PIXELS, MessageError, integer, name, numbers
 from evs.msgs.packet import packb, unpackb
 from evs.msgs.stream import StreamInfo
 

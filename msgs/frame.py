@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.msgs.fields import MAX_INT64, MAX_PIXELS, MessageError, integer, name, shown
+from evs.msgs.header_fields import MAX_INT64, MAX_PIXELS, MessageError, integer, name, shown
 from evs.msgs.packet import packb, plain_integers, unpackb
 
 Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]

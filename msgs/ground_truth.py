@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from evs.msgs.fields import MAX_INT64, MAX_PIXELS, MessageError, integer, name
+from evs.msgs.header_fields import MAX_INT64, MAX_PIXELS, MessageError, integer, name
 from evs.msgs.packet import packb, plain_integers, unpackb
 
 Channel = np.ndarray[Any, np.dtype[Any]]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from evs.msgs.fields import MAX_INT64, MessageError, integer, name, shown
+from evs.msgs.header_fields import MAX_INT64, MessageError, integer, name, shown
 from evs.msgs.packet import packb, plain_integers, unpackb
 
 IMU_DTYPE = np.dtype(

@@ -14,8 +14,8 @@ import msgpack
 import numpy as np
 
 from evs.msgs.event import EVENT_DTYPE, Events, clean_events, empty_events
-from evs.msgs.fields import MAX_INT64, MAX_PIXELS, MessageError, integer, name, shown
-from evs.msgs.labels import Labels
+from evs.msgs.event_labels import Labels
+from evs.msgs.header_fields import MAX_INT64, MAX_PIXELS, MessageError, integer, name, shown
 
 ENCODING = "evs16"
 """Name of the raw frame's encoding: an array of EVENT_DTYPE, little-endian."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from evs.msgs.fields import MAX_INT64, MessageError, integer, name, numbers
+from evs.msgs.header_fields import MAX_INT64, MessageError, integer, name, numbers
 from evs.msgs.packet import packb, plain_integers, unpackb
 
 

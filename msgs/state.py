@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from evs.msgs.fields import MAX_INT64, MessageError, boolean, integer, name, numbers, shown
+from evs.msgs.header_fields import MAX_INT64, MessageError, boolean, integer, name, numbers, shown
 from evs.msgs.packet import packb, unpackb
 from evs.msgs.status import MAX_CAMERAS
 from evs.msgs.topics import STATE_PREFIX

@@ -10,7 +10,15 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from evs.msgs.fields import MAX_INT64, MAX_PIXELS, MessageError, boolean, integer, name, shown
+from evs.msgs.header_fields import (
+    MAX_INT64,
+    MAX_PIXELS,
+    MessageError,
+    boolean,
+    integer,
+    name,
+    shown,
+)
 from evs.msgs.packet import packb, unpackb
 
 STATUS_PERIOD_US = 100_000
@@ -112,15 +120,15 @@ def _from_fields(fields: dict[str, Any]) -> Status:
 
 def _pace(fields: dict[str, Any]) -> Pace | None:
     """How the pace is kept, where that is told."""
-    told = fields.get("pace")
-    if told is None:
+    pace = fields.get("pace")
+    if pace is None:
         return None
-    if not isinstance(told, dict):
-        raise MessageError(f"header field 'pace' is {shown(told)}, not a map")
-    speed = told.get("speed")
+    if not isinstance(pace, dict):
+        raise MessageError(f"header field 'pace' is {shown(pace)}, not a map")
+    speed = pace.get("speed")
     if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0 < speed < math.inf:
         raise MessageError(f"header field 'pace' has the speed {shown(speed)}, not a number over 0")
-    counts = {key: integer(told, key, 0, MAX_INT64) for key in _PACE_COUNTS}
+    counts = {key: integer(pace, key, 0, MAX_INT64) for key in _PACE_COUNTS}
     return Pace(speed=float(speed), **counts)
 
 

@@ -25,7 +25,7 @@ from evs.msgs import (
     encode_state,
     encode_status,
 )
-from evs.msgs.fields import check_name
+from evs.msgs.header_fields import check_name
 from evs.msgs.state import State
 from evs.msgs.status import MAX_CAMERAS
 

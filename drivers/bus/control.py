@@ -13,7 +13,7 @@ import zmq
 
 from evs.drivers.bus.sockets import Socket, readable, receive_parts
 from evs.msgs import EvsError, MessageError, unknown
-from evs.msgs.fields import shown
+from evs.msgs.header_fields import shown
 from evs.msgs.packet import packb, unpackb
 
 PROTOCOL = 1

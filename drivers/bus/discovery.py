@@ -13,7 +13,7 @@ from evs.drivers.bus.control import MAX_ANSWER_BYTES, PROTOCOL
 from evs.drivers.bus.keys import new_keys, present, read_public, read_secret
 from evs.drivers.bus.sockets import Context, Socket
 from evs.msgs import EvsError, MessageError
-from evs.msgs.fields import boolean, integer, shown
+from evs.msgs.header_fields import boolean, integer, shown
 from evs.msgs.packet import packb, unpackb
 
 _WILDCARDS = ("0.0.0.0", "[::]", "*")

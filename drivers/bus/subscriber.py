@@ -36,7 +36,7 @@ from evs.msgs import (
     decode,
     decode_status,
 )
-from evs.msgs.fields import check_name
+from evs.msgs.header_fields import check_name
 from evs.msgs.packet import MAX_FRAME_BYTES
 from evs.msgs.status import MAX_CAMERAS
 

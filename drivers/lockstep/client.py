@@ -16,7 +16,7 @@ from evs.drivers.clock import monotonic_s
 from evs.drivers.lockstep.address import connectable
 from evs.drivers.lockstep.description import camera_of
 from evs.msgs import EvsError, MessageError, Observation, StreamInfo
-from evs.msgs.fields import MAX_INT64, check_name, integer
+from evs.msgs.header_fields import MAX_INT64, check_name, integer
 from evs.msgs.lockstep import (
     LOCKSTEP_ADDRESS,
     MAX_BLOB_BYTES,
@@ -28,12 +28,12 @@ from evs.msgs.lockstep import (
     Restore,
     Save,
     Step,
-    decode_answer,
-    decode_seen,
+    decode_header,
+    decode_observation,
+    decode_reply,
     encode_request,
-    number_of,
 )
-from evs.msgs.lockstep.common import F64, floats, names_of
+from evs.msgs.lockstep.common import F64, floats, names_field
 
 _AGAIN_S = 1.0
 """A request without an answer is sent again after this, then after twice as long, and so on: the
@@ -112,7 +112,7 @@ class RemoteLoop:
                 raise MessageError(f"an answer of {1 + len(raw)} frames to a join, not 2")
             self.tick_us = integer(told, "tick_us", 1, 2**62)
             """length of a tick, us"""
-            self.actuators = names_of(told, "actuators") or ()
+            self.actuators = names_field(told, "actuators") or ()
             """names of the actuators that are this controller's, in the order of its controls"""
             self.cameras: tuple[StreamInfo, ...] = _streams(told)
             """what is constant of each camera that it sees"""
@@ -189,7 +189,7 @@ class RemoteLoop:
 
     def _seen(self, request: Request) -> Observation:
         fields, raw = self._ask(request)
-        seen = decode_seen(fields, raw, self.nu, self._shapes)
+        seen = decode_observation(fields, raw, self.nu, self._shapes)
         self.t_us, self.done = seen.t_us, seen.done
         return seen
 
@@ -211,10 +211,10 @@ class RemoteLoop:
         while True:
             came = self._end.receive()
             if came:
-                told, fields = number_of(came[0])
+                told, fields = decode_header(came[0])
                 # the answer to a request that was given up, or to one sent twice
                 if told == number or told == 0:
-                    return decode_answer(fields), came[1:]
+                    return decode_reply(fields), came[1:]
                 continue
             now_s = monotonic_s()
             if self._end.refused:

@@ -19,7 +19,7 @@ from evs.msgs import EvsError, MessageError, Observation
 from evs.msgs.lockstep import (
     LOCKSTEP_ADDRESS,
     MAX_BLOB_BYTES,
-    MOST_NAMES,
+    MAX_NAMES,
     Bye,
     Hello,
     Join,
@@ -29,11 +29,11 @@ from evs.msgs.lockstep import (
     Restore,
     Save,
     Step,
+    decode_header,
     decode_request,
     encode_error,
-    encode_seen,
-    encode_told,
-    number_of,
+    encode_observation,
+    encode_reply,
 )
 
 TIMEOUT_S = 10.0
@@ -66,12 +66,12 @@ class LockstepServer:
 
         Raises EvsError for what cannot be.
         """
-        if not 1 <= controllers <= MOST_NAMES:
-            raise EvsError(f"controllers is {controllers}: give 1 ... {MOST_NAMES}")
+        if not 1 <= controllers <= MAX_NAMES:
+            raise EvsError(f"controllers is {controllers}: give 1 ... {MAX_NAMES}")
         if not 0 < timeout_s <= 1e6:
             raise EvsError(f"timeout_s is {timeout_s}: give seconds, over 0")
-        if max(len(loop.actuators), len(loop.streams)) > MOST_NAMES:
-            raise EvsError(f"more than {MOST_NAMES} actuators or cameras are not served")
+        if max(len(loop.actuators), len(loop.streams)) > MAX_NAMES:
+            raise EvsError(f"more than {MAX_NAMES} actuators or cameras are not served")
         self._wanted_address = bindable(address, bool(key) or insecure)
         self._keys = ServerKeys.read(key, allow)
         self._loop, self._timeout_s, self._warn = loop, timeout_s, warn
@@ -139,7 +139,7 @@ class LockstepServer:
             return
         number, seat = 0, self._seats.taken.get(peer[0])
         try:
-            number, fields = number_of(parts[0])
+            number, fields = decode_header(parts[0])
             if seat is not None and number <= seat.number:
                 self._repeat(seat, number, peer)
                 return
@@ -161,7 +161,7 @@ class LockstepServer:
 
     def _do(self, peer: Peer, seat: Seat | None, number: int, request: Request) -> None:
         if isinstance(request, Hello):
-            told = encode_told(number, description(self._loop, self._seats))
+            told = encode_reply(number, description(self._loop, self._seats))
             if seat is None:
                 self._send(peer, told)
             else:
@@ -186,14 +186,14 @@ class LockstepServer:
         told["cameras"] = [one for one in told["cameras"] if one["camera"] in seat.cameras]
         told["cameras"].sort(key=lambda one: seat.cameras[one["camera"]])
         limits = np.asarray(self._loop.ctrl_range, "<f8").reshape(-1, 2)[seat.actuators]
-        self._answer(seat, encode_told(number, told, limits.tobytes()))
+        self._answer(seat, encode_reply(number, told, limits.tobytes()))
 
     def _save(self, seat: Seat, save: Save) -> Parts:
         blob = self._loop.save(save.compress)
         if len(blob) > MAX_BLOB_BYTES:
             raise EvsError(f"the saved loop has {len(blob)} bytes: over 1 GiB does not travel")
         self.counts["saves"] += 1
-        return encode_told(seat.number, {}, blob)
+        return encode_reply(seat.number, {}, blob)
 
     def _bye(self, seat: Seat, _: Bye) -> Parts:
         identity = seat.peer[0]
@@ -202,7 +202,7 @@ class LockstepServer:
             self._break(f"controller '{seat.name}' has left")
         if self._end is not None:
             self._end.forget(identity)
-        return encode_told(seat.number, {})
+        return encode_reply(seat.number, {})
 
     def _decide(self, identity: bytes, decision: Decision) -> None:
         if self._fault and isinstance(decision, Step):
@@ -321,4 +321,4 @@ def answer_of(seat: Seat, seen: Observation) -> Parts:
     if not seat.has_all:
         encoders = encoders[:, seat.actuators]
     state = seen.state if seat.wants_state else None
-    return encode_seen(seat.number, seen, encoders, seat.cameras, state)
+    return encode_observation(seat.number, seen, encoders, seat.cameras, state)

@@ -4,14 +4,14 @@ from evs.msgs.codecs.dat import MAX_SIDE_DAT_PX, DatState, decode_dat, encode_da
 from evs.msgs.codecs.evt2 import Evt2State, decode_evt2, encode_evt2
 from evs.msgs.codecs.evt3 import Evt3State, decode_evt3, encode_evt3
 from evs.msgs.codecs.evt21 import Evt21State, decode_evt21, encode_evt21
-from evs.msgs.codecs.fixed import (
+from evs.msgs.codecs.libcaer_cmp import decode_libcaer_cmp
+from evs.msgs.codecs.libcaer_mono import (
     Payload,
     decode_libcaer,
     decode_mono,
     encode_libcaer,
     encode_mono,
 )
-from evs.msgs.codecs.libcaer_cmp import decode_libcaer_cmp
 from evs.msgs.codecs.limits import (
     LAST_ROS_US,
     LONGEST_US,
@@ -20,7 +20,7 @@ from evs.msgs.codecs.limits import (
     EncodingLimits,
     check_fits,
 )
-from evs.msgs.codecs.table import PAYLOADS, READABLE, PayloadReader, PayloadWriter
+from evs.msgs.codecs.payloads import PAYLOADS, READABLE, PayloadReader, PayloadWriter
 
 __all__ = [
     "LAST_ROS_US",

@@ -14,7 +14,7 @@ import numpy as np
 
 from evs.msgs.codecs.limits import EncodingLimits, check_fits
 from evs.msgs.event import Events, empty_events
-from evs.msgs.fields import MessageError
+from evs.msgs.header_fields import MessageError
 
 WRAP_US = 1 << 32
 MAX_SIDE_DAT_PX = (1 << 14) - 1

@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from evs.msgs.codecs.counter_wraps import counter_words_between, unwrap_counter
 from evs.msgs.codecs.limits import (
     LONGEST_US,
     MAX_SIDE_EVT_PX,
     TIME_ORIGIN_US,
     EncodingLimits,
     check_fits,
-    known_before_us,
+    decoder_time_us,
 )
-from evs.msgs.codecs.wraps import told_between, unwrapped
 from evs.msgs.event import Events, empty_events
 from evs.msgs.trigger import Triggers, external_triggers
 
@@ -48,7 +48,7 @@ def encode_evt2(
     if not len(events):
         return b""
     stamps = events["t"] + time_origin_us
-    known = known_before_us(events, time_origin_us, after_us)
+    known = decoder_time_us(events, time_origin_us, after_us)
     parts = [] if after_us is None else [_high_words(np.array([known >> _LOW_BITS]))]
     for start in range(0, len(events), _BLOCK):
         end = start + _BLOCK
@@ -65,16 +65,16 @@ def _block(events: Events, stamps: npt.NDArray[np.int64], known_us: int) -> Word
     low = (stamps & ((1 << _LOW_BITS) - 1)).astype(np.uint32)
     place = events["x"].astype(np.uint32) << 11 | events["y"].astype(np.uint32)
     words[:, 1] = (events["p"] != 0).astype(np.uint32) << _BITS | low << 22 | place
-    said = np.ones((len(events), 2), bool)
-    np.not_equal(high[1:], high[:-1], out=said[1:, 0])
-    chosen = words[said]
+    is_sent = np.ones((len(events), 2), bool)
+    np.not_equal(high[1:], high[:-1], out=is_sent[1:, 0])
+    chosen = words[is_sent]
     before = np.concatenate([[known_us >> _LOW_BITS], high[:-1]])
     if before[0] >> _BITS - 1 == high[-1] >> _BITS - 1:
         return chosen
     # where the counter passes half of its range or wraps, say so at length
-    counts, told = told_between(before, high, _BITS)
-    starts = np.cumsum(np.count_nonzero(said, 1)) - np.count_nonzero(said, 1)
-    return np.insert(chosen, np.repeat(starts, counts), _high_words(told))
+    counts, extra = counter_words_between(before, high, _BITS)
+    starts = np.cumsum(np.count_nonzero(is_sent, 1)) - np.count_nonzero(is_sent, 1)
+    return np.insert(chosen, np.repeat(starts, counts), _high_words(extra))
 
 
 def _high_words(high: npt.NDArray[Any]) -> Words:
@@ -116,8 +116,8 @@ def decode_evt2(
     events["x"] = taken >> 11 & 0x7FF
     events["y"] = taken & 0x7FF
     events["p"] = taken >> _BITS
-    untold = int(np.count_nonzero(high < 0))
-    return events[untold:], Evt2State(int(highs[-1]), state.skipped + untold)
+    without_time = int(np.count_nonzero(high < 0))
+    return events[without_time:], Evt2State(int(highs[-1]), state.skipped + without_time)
 
 
 def times_high(
@@ -135,7 +135,7 @@ def times_high(
         among them.
     """
     is_high = kinds == _HIGH
-    highs = np.concatenate([[known], unwrapped(words[is_high] & _MASK, known, _BITS)])
+    highs = np.concatenate([[known], unwrap_counter(words[is_high] & _MASK, known, _BITS)])
     return highs.astype(np.int64), np.cumsum(is_high, dtype=np.int32)
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from evs.msgs.codecs.counter_wraps import counter_words_between
 from evs.msgs.codecs.evt2 import Evt2State, append_triggers, times_high
 from evs.msgs.codecs.limits import (
     LONGEST_US,
@@ -23,9 +24,8 @@ from evs.msgs.codecs.limits import (
     TIME_ORIGIN_US,
     EncodingLimits,
     check_fits,
-    known_before_us,
+    decoder_time_us,
 )
-from evs.msgs.codecs.wraps import told_between
 from evs.msgs.event import Events, empty_events
 from evs.msgs.trigger import Triggers
 
@@ -53,7 +53,7 @@ def encode_evt21(
     if not len(events):
         return b""
     stamps = events["t"] + time_origin_us
-    known = known_before_us(events, time_origin_us, after_us)
+    known = decoder_time_us(events, time_origin_us, after_us)
     x, y = events["x"].astype(np.int64), events["y"].astype(np.int64)
     on = (events["p"] != 0).astype(np.int64)
     high = stamps >> _LOW_BITS
@@ -67,12 +67,12 @@ def encode_evt21(
     # the upper bits where they change, each wrap of them at length
     high = high[begins]
     before = np.concatenate([[known >> _LOW_BITS], high[:-1]])
-    counts, told = told_between(before, high, _BITS)
+    counts, extra = counter_words_between(before, high, _BITS)
     changes = np.flatnonzero(np.concatenate([[True], high[1:] != high[:-1]]))
     places = np.concatenate([np.repeat(np.arange(len(high)), counts), changes])
     order = np.argsort(places, kind="stable")
-    said = _high_words(np.concatenate([told, high[changes]]))[order]
-    words = np.insert(vectors, places[order], said)
+    time_words = _high_words(np.concatenate([extra, high[changes]]))[order]
+    words = np.insert(vectors, places[order], time_words)
     if after_us is not None:
         words = np.concatenate([_high_words(np.array([known >> _LOW_BITS])), words])
     return words.astype("<u8").tobytes()
@@ -117,12 +117,12 @@ def decode_evt21(
     word = pixels >> 5
     taken, high = taken[word], high[word]
     x = (taken >> 11 & 0x7FF) + (pixels & _VECTOR - 1).astype(np.uint32)
-    told = (high >= 0) & (x < MAX_SIDE_EVT_PX)
-    taken, high = taken[told], high[told]
+    is_valid = (high >= 0) & (x < MAX_SIDE_EVT_PX)
+    taken, high = taken[is_valid], high[is_valid]
     events = empty_events(len(taken))
     events["t"] = (high << _LOW_BITS | (taken >> 22 & 0x3F)) - time_origin_us
-    events["x"] = x[told]
+    events["x"] = x[is_valid]
     events["y"] = taken & 0x7FF
     events["p"] = taken >> _BITS
-    skipped = state.skipped + len(told) - len(taken)
+    skipped = state.skipped + len(is_valid) - len(taken)
     return events, Evt21State(int(highs[-1]), skipped)

@@ -19,15 +19,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from evs.msgs.codecs.counter_wraps import counter_words_between, unwrap_counter
 from evs.msgs.codecs.limits import (
     LONGEST_US,
     MAX_SIDE_EVT_PX,
     TIME_ORIGIN_US,
     EncodingLimits,
     check_fits,
-    known_before_us,
+    decoder_time_us,
 )
-from evs.msgs.codecs.wraps import told_between, unwrapped
 from evs.msgs.event import Events, empty_events, join_events
 from evs.msgs.trigger import Triggers, external_triggers
 
@@ -57,7 +57,7 @@ def encode_evt3(
     check_fits(events, EVT3, time_origin_us)
     if not len(events):
         return b""
-    known = known_before_us(events, time_origin_us, after_us)
+    known = decoder_time_us(events, time_origin_us, after_us)
     parts = [] if after_us is None else [_high_words(np.array([known >> _BITS]))]
     for start in range(0, len(events), _BLOCK):
         part = events[start : start + _BLOCK]
@@ -77,18 +77,18 @@ def _block(events: Events, stamps: npt.NDArray[np.int64], known_us: int) -> list
     words[:, 2] = y
     words[:, 3] = x | _X << 12
     words[:, 3] |= (events["p"] != 0).astype(np.uint16) << 11
-    said = np.ones((len(events), 4), bool)
-    np.not_equal(high[1:], high[:-1], out=said[1:, 0])
-    np.not_equal(stamps[1:], stamps[:-1], out=said[1:, 1])
-    np.not_equal(y[1:], y[:-1], out=said[1:, 2])
-    chosen = words[said]
+    is_sent = np.ones((len(events), 4), bool)
+    np.not_equal(high[1:], high[:-1], out=is_sent[1:, 0])
+    np.not_equal(stamps[1:], stamps[:-1], out=is_sent[1:, 1])
+    np.not_equal(y[1:], y[:-1], out=is_sent[1:, 2])
+    chosen = words[is_sent]
     before = np.concatenate([[known_us >> _BITS], high[:-1]])
     if before[0] >> _BITS - 1 == high[-1] >> _BITS - 1:
         return [chosen]
     # where the counter passes half of its range or wraps, say so at length
-    counts, told = told_between(before, high, _BITS)
-    starts = np.cumsum(np.count_nonzero(said, 1)) - np.count_nonzero(said, 1)
-    return [np.insert(chosen, np.repeat(starts, counts), _high_words(told))]
+    counts, extra = counter_words_between(before, high, _BITS)
+    starts = np.cumsum(np.count_nonzero(is_sent, 1)) - np.count_nonzero(is_sent, 1)
+    return [np.insert(chosen, np.repeat(starts, counts), _high_words(extra))]
 
 
 def _high_words(high: npt.NDArray[Any]) -> Words:
@@ -178,7 +178,7 @@ def _times(
     """
     is_time = (kinds == _LOW) | (kinds == _HIGH)
     time_words, is_high = words[is_time] & 0xFFF, kinds[is_time] == _HIGH
-    highs = np.concatenate([[state.high], unwrapped(time_words[is_high], state.high, _BITS)])
+    highs = np.concatenate([[state.high], unwrap_counter(time_words[is_high], state.high, _BITS)])
     high_number = np.concatenate([[0], np.cumsum(is_high)])
     high = highs[high_number]
     # a new upper part starts at 0 until a lower one is told; one that is only repeated does not
@@ -202,9 +202,9 @@ def _with_vectors(
     # where each word's base was told, and how far vectors have moved it on since
     moved = np.cumsum(np.where(is_vector, np.where(kinds == _VECT_12, 12, 8), 0), dtype=np.int64)
     is_base = kinds == _BASE
-    told = words[is_base].astype(np.int64)
-    bases = np.concatenate([[state.base], (told & 0x7FF) - moved[is_base]])
-    signs = np.concatenate([[state.on], told >> 11 & 1]).astype(np.int8)
+    base_words = words[is_base].astype(np.int64)
+    bases = np.concatenate([[state.base], (base_words & 0x7FF) - moved[is_base]])
+    signs = np.concatenate([[state.on], base_words >> 11 & 1]).astype(np.int8)
     number = np.cumsum(is_base, dtype=np.int32)
     # one row of pixels a word: a single event fills one of twelve
     places = np.flatnonzero(is_vector | (kinds == _X))

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.msgs.codecs.wraps import unwrapped
+from evs.msgs.codecs.counter_wraps import unwrap_counter
 from evs.msgs.event import Events, empty_events
 
 _HIGH, _LOW, _X, _Y, _BASE, _VECTOR = range(6)
@@ -35,15 +35,15 @@ def decode_libcaer_cmp(data: Any, time_base_ns: int) -> Events:
     """
     words = np.frombuffer(data, "<u2", memoryview(data).nbytes // 2)
     kinds, values = words >> _BITS, (words & 0xFFF).astype(np.int64)
-    high = _last(kinds == _HIGH, unwrapped(values[kinds == _HIGH], 0, _BITS), 0)
+    high = _last(kinds == _HIGH, unwrap_counter(values[kinds == _HIGH], 0, _BITS), 0)
     low = _last(kinds == _LOW, values[kinds == _LOW], 0)
     x = _last(kinds == _X, values[kinds == _X] & 0x7FF, NO_X)
     # where a vector begins, and what it says: moved on by those since the base was told
     is_vector = kinds == _VECTOR
     moved = 8 * np.cumsum(is_vector)
-    told = values[kinds == _BASE]
-    base = _last(kinds == _BASE, (told & 0x7FF) - moved[kinds == _BASE], NO_X)
-    on = _last(kinds == _BASE, told >> 11, 0)
+    base_values = values[kinds == _BASE]
+    base = _last(kinds == _BASE, (base_values & 0x7FF) - moved[kinds == _BASE], NO_X)
+    on = _last(kinds == _BASE, base_values >> 11, 0)
     # one row of pixels a word: a single event fills one of eight
     places = np.flatnonzero(is_vector | (kinds == _Y))
     single, value = kinds[places] == _Y, values[places]
@@ -60,8 +60,8 @@ def decode_libcaer_cmp(data: Any, time_base_ns: int) -> Events:
 
 
 def _last(
-    said: npt.NDArray[np.bool_], values: npt.NDArray[np.int64], begin: int
+    is_update: npt.NDArray[np.bool_], values: npt.NDArray[np.int64], begin: int
 ) -> npt.NDArray[np.int64]:
     """What holds at each word, (n,): the last value that was said, `begin` before the first."""
-    held: npt.NDArray[np.int64] = np.concatenate([[begin], values])[np.cumsum(said)]
+    held: npt.NDArray[np.int64] = np.concatenate([[begin], values])[np.cumsum(is_update)]
     return held

@@ -13,7 +13,7 @@ import numpy as np
 
 from evs.msgs.codecs.limits import EncodingLimits, check_fits
 from evs.msgs.event import Events, empty_events
-from evs.msgs.fields import MessageError
+from evs.msgs.header_fields import MessageError
 
 MAX_STAMP_NS = 1 << 63
 """Stamps in ns end here: 292 years."""

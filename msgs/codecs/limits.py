@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.msgs.event import Events
-from evs.msgs.fields import MessageError
+from evs.msgs.header_fields import MessageError
 
 TIME_ORIGIN_US = 1_000_000
 """Stamp in an EVT2 or EVT3 stream of ours at simulated time zero: there are decoders that take the
@@ -58,7 +58,7 @@ def check_fits(events: Events, limits: EncodingLimits, shift_us: int = 0) -> Non
             )
 
 
-def known_before_us(events: Events, time_origin_us: int, after_us: int | None) -> int:
+def decoder_time_us(events: Events, time_origin_us: int, after_us: int | None) -> int:
     """What a decoder knows of the time before some events, (n > 0,), us after the origin.
 
     In: after_us, the last stamp that it was told; None: nothing. MessageError: later than these.

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from evs.msgs.codecs.evt3 import EVT3, Evt3State, decode_evt3, encode_evt3
-from evs.msgs.codecs.fixed import (
+from evs.msgs.codecs.libcaer_cmp import decode_libcaer_cmp
+from evs.msgs.codecs.libcaer_mono import (
     LIBCAER,
     MONO,
     Payload,
@@ -14,7 +15,6 @@ from evs.msgs.codecs.fixed import (
     encode_libcaer,
     encode_mono,
 )
-from evs.msgs.codecs.libcaer_cmp import decode_libcaer_cmp
 from evs.msgs.codecs.limits import TIME_ORIGIN_US, EncodingLimits
 from evs.msgs.errors import unknown
 from evs.msgs.event import Events

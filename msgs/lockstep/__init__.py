@@ -1,25 +1,25 @@
-"""Lock-step: what controllers and the server of a closed loop say to each other.
+"""Lock-step: the messages between controllers and the server of a closed loop.
 
-Byte by byte in docs/reference/lockstep.md. The hot pair, step and what is seen, has a header of a
-few bytes and raw frames.
+drivers/lockstep/README.md describes them byte by byte. The pair of every tick, step and
+observation, has a header of a few bytes and raw frames.
 """
 
-from evs.msgs.lockstep.answers import (
-    PACKET_COLUMNS,
-    decode_answer,
-    decode_seen,
-    encode_error,
-    encode_seen,
-    encode_told,
-)
 from evs.msgs.lockstep.common import (
     LOCKSTEP_ADDRESS,
     LOCKSTEP_PROTOCOL,
     MAX_BLOB_BYTES,
+    MAX_NAMES,
     MAX_TICKS,
-    MOST_NAMES,
     Parts,
-    number_of,
+    decode_header,
+)
+from evs.msgs.lockstep.replies import (
+    PACKET_COLUMNS,
+    decode_observation,
+    decode_reply,
+    encode_error,
+    encode_observation,
+    encode_reply,
 )
 from evs.msgs.lockstep.requests import (
     Bye,
@@ -38,8 +38,8 @@ __all__ = [
     "LOCKSTEP_ADDRESS",
     "LOCKSTEP_PROTOCOL",
     "MAX_BLOB_BYTES",
+    "MAX_NAMES",
     "MAX_TICKS",
-    "MOST_NAMES",
     "PACKET_COLUMNS",
     "Bye",
     "Hello",
@@ -50,12 +50,12 @@ __all__ = [
     "Restore",
     "Save",
     "Step",
-    "decode_answer",
+    "decode_header",
+    "decode_observation",
+    "decode_reply",
     "decode_request",
-    "decode_seen",
     "encode_error",
+    "encode_observation",
+    "encode_reply",
     "encode_request",
-    "encode_seen",
-    "encode_told",
-    "number_of",
 ]

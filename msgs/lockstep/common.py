@@ -1,4 +1,4 @@
-"""What both directions of lock-step share: limits, and fields of a header."""
+"""Limits and header fields of both directions of lock-step."""
 
 from __future__ import annotations
 
@@ -7,46 +7,46 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.msgs.fields import MAX_INT64, MessageError, check_name, integer, shown
+from evs.msgs.header_fields import MAX_INT64, MessageError, check_name, integer, shown
 from evs.msgs.packet import MAX_HEADER_BYTES, unpackb
 
 F64 = npt.NDArray[np.float64]
 
 LOCKSTEP_ADDRESS = "tcp://127.0.0.1:5570"
-"""Where a closed loop is served if nothing else is said."""
+"""Default address of the server of a closed loop."""
 
 LOCKSTEP_PROTOCOL = 1
-"""Version of what is said here; a client of another one should not guess."""
+"""Version of the protocol; a client of another version is refused."""
 
 MAX_BLOB_BYTES = 1 << 30
-"""Largest saved state that travels."""
+"""Largest saved state in a message."""
 
 MAX_TICKS = 1_000_000
 """Most ticks of one step."""
 
-MOST_NAMES = 1000
+MAX_NAMES = 1000
 """Most actuators or cameras: lists in a header have no more items."""
 
 Parts = list[Any]
-"""Frames of a message: bytes, or a buffer of contiguous memory."""
+"""Frames of a message: bytes or contiguous buffers."""
 
 
-def number_of(header: bytes) -> tuple[int, dict[str, Any]]:
-    """The number of a message and all of its header's fields. MessageError: it is none of ours."""
+def decode_header(header: bytes) -> tuple[int, dict[str, Any]]:
+    """The number of a message and all fields of its header. MessageError: it is not ours."""
     fields = unpackb(header, MAX_HEADER_BYTES)
     return integer(fields, "number", 0, MAX_INT64), fields
 
 
-def line_of(fields: dict[str, Any], key: str) -> str:
-    """A field that is a short text, perhaps empty."""
+def text_field(fields: dict[str, Any], key: str) -> str:
+    """A field that holds a short text, which may be empty."""
     value = fields.get(key)
     if not isinstance(value, str):
         raise MessageError(f"header field {key!r} is {shown(value)}, not a text")
     return value
 
 
-def names_of(fields: dict[str, Any], key: str) -> tuple[str, ...] | None:
-    """A field that is a list of names; None where there is none."""
+def names_field(fields: dict[str, Any], key: str) -> tuple[str, ...] | None:
+    """A field that holds a list of names; None where it is missing."""
     found = fields.get(key)
     if found is None:
         return None

@@ -1,4 +1,4 @@
-"""What the server of a closed loop says: `header | ...`."""
+"""Replies of the server of a closed loop: `header | ...`."""
 
 from __future__ import annotations
 
@@ -9,91 +9,116 @@ import numpy as np
 
 from evs.msgs.errors import EvsError
 from evs.msgs.event import EVENT_DTYPE, Events, clean_events, empty_events
-from evs.msgs.fields import MAX_INT64, MessageError, boolean, integer
 from evs.msgs.frame import decode_frame, encode_frame
+from evs.msgs.header_fields import MAX_INT64, MessageError, boolean, integer
 from evs.msgs.imu import decode_imu, encode_imu
-from evs.msgs.lockstep.common import F64, Parts, floats, line_of
+from evs.msgs.lockstep.common import F64, Parts, floats, text_field
 from evs.msgs.observation import Observation
 from evs.msgs.packet import EventPacket, check_events, packb
 
 PACKET_COLUMNS = ("camera", "seq", "time_base", "time_end", "events")
-"""A row of the table of packets, int64: place of the camera, seq, us, us, how many events."""
+"""Columns of the table of packets, int64: index of the camera, seq, us, us, number of events."""
 
-_BESIDE = ("frames", "imu")
+_AUXILIARY = ("frames", "imu")
 _ROW = len(PACKET_COLUMNS)
 _ITEM = EVENT_DTYPE.itemsize
 
 
 def encode_error(number: int, line: str) -> Parts:
-    """Frames of the answer to what cannot be done."""
+    """The frames of the reply to a request that failed, with a one-line message."""
     return [packb({"ok": False, "number": number, "error": " ".join(line.split())[:4000]})]
 
 
-def encode_told(number: int, told: Mapping[str, Any], *raw: Any) -> Parts:
-    """Frames of an answer of plain values (and what else there is to it)."""
-    return [packb({"ok": True, "number": number, **told}), *raw]
+def encode_reply(number: int, fields: Mapping[str, Any], *raw: Any) -> Parts:
+    """The frames of a reply with plain values in its header, and raw frames."""
+    return [packb({"ok": True, "number": number, **fields}), *raw]
 
 
-def decode_answer(fields: dict[str, Any]) -> dict[str, Any]:
-    """The fields of an answer; its error is raised as an EvsError of that line."""
+def decode_reply(fields: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a reply's header.
+
+    Raises:
+        EvsError: The request failed; the message is the server's.
+    """
     if boolean(fields, "ok"):
         return fields
-    raise EvsError(line_of(fields, "error"))
+    raise EvsError(text_field(fields, "error"))
 
 
-def encode_seen(
-    number: int, seen: Observation, encoders: F64, places: Mapping[str, int], state: F64 | None
+def encode_observation(
+    number: int,
+    observation: Observation,
+    encoders: F64,
+    places: Mapping[str, int],
+    state: F64 | None,
 ) -> Parts:
-    """Frames of what is seen: header, encoders, table of packets, events, and what else there is.
+    """Encode an observation for one controller.
 
-    In: encoders (2, n) position and velocity; places,
-    camera -> its place among those that the controller sees.
+    Args:
+        number: Number of the request.
+        observation: What all cameras gave.
+        encoders: (2, n) float64, position and velocity of each actuator.
+        places: Camera -> its index among those that the controller sees.
+        state: (m,) float64 state of the simulation; None: not requested.
+
+    Returns:
+        The frames: header, encoders, table of packets, events, then the state, intensity frames
+        and IMU samples where there are any.
     """
-    mine = [packet for packet in seen.packets if packet.camera in places]
+    mine = [packet for packet in observation.packets if packet.camera in places]
     rows = [
         (places[one.camera], one.seq, one.time_base_us, one.time_end_us, len(one.events))
         for one in mine
     ]
     table = np.array(rows, "<i8").tobytes() if rows else b""
     full = [clean_events(one.events).view(np.uint8).data for one in mine if len(one.events)]
-    header = {"ok": True, "number": number, "t": int(seen.t_us), "done": seen.done}
+    header = {"ok": True, "number": number, "t": int(observation.t_us), "done": observation.done}
     more: Parts = []
     if state is not None:
         header["state"] = True
         more.append(np.ascontiguousarray(state, "<f8").tobytes())
-    if seen.frames or seen.imu:
-        frames = [encode_frame(one) for one in seen.frames if one.camera in places]
-        imu = [encode_imu(one) for one in seen.imu if one.camera in places]
+    if observation.frames or observation.imu:
+        frames = [encode_frame(one) for one in observation.frames if one.camera in places]
+        imu = [encode_imu(one) for one in observation.imu if one.camera in places]
         header |= {"frames": len(frames), "imu": len(imu)}
         more += [part for one in (*frames, *imu) for part in one]
-    # a lone packet is sent from where it lies
+    # a single packet is sent without a copy
     events = full[0] if len(full) == 1 else b"".join(full)
     return [packb(header), np.ascontiguousarray(encoders, "<f8").tobytes(), table, events, *more]
 
 
-def decode_seen(
+def decode_observation(
     fields: dict[str, Any],
     raw: Sequence[Any],
     actuators: int,
     cameras: Sequence[tuple[str, int, int]],
 ) -> Observation:
-    """What is seen, from the frames after the header. Raises MessageError.
+    """Decode an observation.
 
-    In: cameras, (name, width, height) of each. Arrays share the frames' memory and cannot be
-    written.
+    Args:
+        fields: The fields of the header.
+        raw: The frames after the header.
+        actuators: Number of actuators.
+        cameras: (name, width, height) of each camera.
+
+    Returns:
+        The observation. Its arrays share the frames' memory and are read-only.
+
+    Raises:
+        MessageError: The frames do not fit the format.
     """
     with_state = "state" in fields
-    frames, imu = (integer(fields, key, 0, len(raw)) if key in fields else 0 for key in _BESIDE)
+    frames, imu = (integer(fields, key, 0, len(raw)) if key in fields else 0 for key in _AUXILIARY)
     wanted = 3 + with_state + 2 * (frames + imu)
     if len(raw) != wanted:
-        raise MessageError(f"what is seen has {wanted} frames after its header, not {len(raw)}")
+        raise MessageError(f"an observation has {wanted} frames after its header, not {len(raw)}")
     encoders = floats(raw[0], "encoders")
     if len(encoders) != 2 * actuators:
         raise MessageError(f"{len(encoders)} numbers of encoders for {actuators} actuators")
     rest = [raw[i : i + 2] for i in range(3 + with_state, len(raw), 2)]
     return Observation(
         t_us=integer(fields, "t", -MAX_INT64, MAX_INT64),
-        done=line_of(fields, "done"),
+        done=text_field(fields, "done"),
         position=encoders[:actuators],
         velocity=encoders[actuators:],
         packets=_packets(raw[1], raw[2], cameras),

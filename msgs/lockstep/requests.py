@@ -1,4 +1,4 @@
-"""What a controller says: `header | body`."""
+"""Requests of a controller: `header | body`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 
 from evs.msgs.errors import unknown
-from evs.msgs.fields import MAX_INT64, MessageError, boolean, check_name, integer, name, shown
+from evs.msgs.header_fields import (
+    MAX_INT64,
+    MessageError,
+    boolean,
+    check_name,
+    integer,
+    name,
+    shown,
+)
 from evs.msgs.lockstep.common import (
     F64,
     LOCKSTEP_PROTOCOL,
@@ -17,73 +25,73 @@ from evs.msgs.lockstep.common import (
     MAX_TICKS,
     Parts,
     floats,
-    line_of,
-    names_of,
+    names_field,
+    text_field,
 )
 from evs.msgs.packet import packb
 
 
 @dataclass(frozen=True)
 class Hello:
-    """What is here? Answered before one joins, too."""
+    """Ask for a description of the loop; also answered before joining."""
 
 
 @dataclass(frozen=True)
 class Join:
-    """Take a seat."""
+    """Join the loop as a controller."""
 
     name: str
     actuators: tuple[str, ...] | None = None
-    """that it owns, in the order of its controls; None: all"""
+    """actuators that it owns, in the order of its controls; None: all"""
     cameras: tuple[str, ...] | None = None
-    """that it wants to see; None: all"""
+    """cameras that it wants to see; None: all"""
 
 
 @dataclass(frozen=True)
 class Reset:
-    """Begin an episode."""
+    """Start an episode."""
 
     seed: int | None = None
     """None: the last one"""
     keyframe: str = ""
     state: bool = False
-    """this controller wants the state in every answer of the episode"""
+    """whether this controller wants the state in every reply of the episode"""
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A decision."""
+    """Set the controls and simulate some ticks."""
 
     ticks: int
     ctrl: F64 | None
-    """(n,) finite, of the actuators it owns; None: keep"""
+    """(n,) finite, for the actuators it owns; None: keep the controls"""
 
 
 @dataclass(frozen=True)
 class Save:
-    """The whole loop as bytes."""
+    """Save the state of the whole loop."""
 
     compress: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Restore:
-    """Back to where it was saved."""
+    """Restore a saved state."""
 
     blob: bytes
 
 
 @dataclass(frozen=True)
 class Bye:
-    """Leave the seat."""
+    """Leave the loop."""
 
 
 Request = Hello | Join | Reset | Step | Save | Restore | Bye
-"""What a controller may say."""
+"""Any request."""
 
 
 def encode_request(number: int, request: Request) -> Parts:
-    """Frames of a request: header, and the body where it has one."""
+    """The frames of a request: header, and a body where it has one."""
     kind = _NAMES[type(request)]
     fields: dict[str, Any] = {"request": kind, "number": number}
     if isinstance(request, Step):
@@ -106,12 +114,16 @@ def encode_request(number: int, request: Request) -> Parts:
 
 
 def decode_request(fields: dict[str, Any], body: Any = b"") -> Request:
-    """The request of a header's fields and its body. Raises MessageError, one line."""
+    """Decode a request from its header's fields and its body.
+
+    Raises:
+        MessageError: The request is unknown, or its fields do not fit the format.
+    """
     kind = fields.get("request")
     decoder = _DECODERS.get(kind) if isinstance(kind, str) else None
     if decoder is None:
-        told = kind[:60] if isinstance(kind, str) else shown(kind)
-        raise MessageError(str(unknown("request", told, _DECODERS)))
+        shown_kind = kind[:60] if isinstance(kind, str) else shown(kind)
+        raise MessageError(str(unknown("request", shown_kind, _DECODERS)))
     if body is not None and len(body) and kind not in ("step", "restore"):
         raise MessageError(f"a {kind} request has no second frame, this has {len(body)} bytes")
     return decoder(fields, body)
@@ -135,16 +147,16 @@ def _join(fields: dict[str, Any], _: Any) -> Join:
     protocol = integer(fields, "protocol", 0, MAX_INT64)
     if protocol != LOCKSTEP_PROTOCOL:
         raise MessageError(
-            f"protocol {protocol} is not spoken here, but {LOCKSTEP_PROTOCOL}: "
+            f"protocol {protocol} is not supported, only {LOCKSTEP_PROTOCOL}: "
             "use the same evs at both ends"
         )
     called = name(fields, "name")
-    return Join(called, names_of(fields, "actuators"), names_of(fields, "cameras"))
+    return Join(called, names_field(fields, "actuators"), names_field(fields, "cameras"))
 
 
 def _reset(fields: dict[str, Any], _: Any) -> Reset:
     seed = None if fields.get("seed") is None else integer(fields, "seed", -MAX_INT64, MAX_INT64)
-    keyframe = line_of(fields, "keyframe")
+    keyframe = text_field(fields, "keyframe")
     if keyframe:
         check_name(keyframe, "header field 'keyframe'")
     return Reset(seed, keyframe, boolean(fields, "state"))

@@ -28,8 +28,8 @@ from evs.msgs import (
     TriggerPacket,
 )
 from evs.msgs.event import clean_events
+from evs.msgs.event_labels import LABEL_DTYPE
 from evs.msgs.ground_truth import TRUTH_CHANNELS
-from evs.msgs.labels import LABEL_DTYPE
 
 HEAD = struct.Struct("<BBHIqqqqqIIII")
 """kind, whether labels come, camera's place, elements, five integers, height, width, item size."""

@@ -17,7 +17,7 @@ from evs.drivers.bus.loopback import free_address
 from evs.drivers.clock import monotonic_s, sleep_s
 from evs.drivers.lockstep import LockstepServer, connect
 from evs.msgs import EvsError
-from evs.msgs.lockstep import number_of
+from evs.msgs.lockstep import decode_header
 from evs.msgs.packet import packb
 
 Answerer = Callable[[int, list[bytes]], list[list[bytes]]]
@@ -172,7 +172,7 @@ def test_a_join_that_is_answered_with_rubbish(answer: list[bytes], says: str) ->
 def test_what_comes_back_from_a_step_is_checked() -> None:
     def answers(_: int, parts: list[bytes]) -> list[list[bytes]]:
         # where the machine is slow, a request comes twice
-        number, _fields = number_of(parts[0])
+        number, _fields = decode_header(parts[0])
         header = packb({"ok": True, "number": number, "t": 1000, "done": ""})
         bad = bytes(8) * 4 + (5).to_bytes(8, "little")
         every = [joined(), [header, bytes(16), b"", b""], [header], [header, bytes(8), b"", b""]]

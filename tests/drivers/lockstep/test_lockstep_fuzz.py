@@ -23,12 +23,12 @@ from evs.msgs.lockstep import (
     Restore,
     Save,
     Step,
-    decode_answer,
+    decode_header,
+    decode_observation,
+    decode_reply,
     decode_request,
-    decode_seen,
+    encode_observation,
     encode_request,
-    encode_seen,
-    number_of,
 )
 from evs.msgs.packet import packb
 
@@ -97,7 +97,7 @@ def one_line(error: dict[str, Any] | EvsError) -> bool:
 def joined(raw: Any) -> bool:
     """Whether there is a seat for this one: the one before may still be missed."""
     raw.send_multipart(encode_request(1, Join("fuzz", ("tilt",), ("left",))))
-    return bool(number_of(raw.recv_multipart()[0])[1]["ok"])
+    return bool(decode_header(raw.recv_multipart()[0])[1]["ok"])
 
 
 @pytest.mark.parametrize("kind", [LockstepServer, RealtimeServer])
@@ -123,7 +123,7 @@ def test_ten_thousand_bad_requests_upset_nobody(kind: type[LockstepServer]) -> N
                     told: dict[str, Any] = {}
                     while "lacks 'number'" not in told.get("error", ""):
                         # an empty frame in front comes back, as REQ clients want it
-                        _, told = number_of(next(filter(None, raw.recv_multipart())))
+                        _, told = decode_header(next(filter(None, raw.recv_multipart())))
                         refused += not told["ok"]
                         done += told["ok"]
                         assert told["ok"] or one_line(told)
@@ -155,7 +155,7 @@ def test_any_fields_are_a_request_or_a_line(fields: dict[str, Any], kind: str, b
     lines: list[EvsError] = []
     for made in (fields, {**fields, "request": kind}):
         try:
-            _, decoded = number_of(packb(made))
+            _, decoded = decode_header(packb(made))
             request = decode_request(decoded, body)
         except MessageError as reason:
             lines.append(reason)
@@ -174,16 +174,16 @@ def test_any_answer_is_what_was_seen_or_a_line(seed: int) -> None:
     seen = loop.step([1.0, 2.0], 3)
     places = {"left": 0, "right": 1}
     encoders = np.array([seen.position, seen.velocity])
-    parts = [bytes(one) for one in encode_seen(5, seen, encoders, places, seen.state)]
+    parts = [bytes(one) for one in encode_observation(5, seen, encoders, places, seen.state)]
     cameras = [("left", 64, 48), ("right", 64, 48)]
-    number, fields = number_of(parts[0])
+    number, fields = decode_header(parts[0])
     assert number == 5
-    assert decode_seen(decode_answer(fields), parts[1:], 2, cameras) == seen
+    assert decode_observation(decode_reply(fields), parts[1:], 2, cameras) == seen
     made = mutated(random, parts)
     lines: list[EvsError] = []
     try:
-        _, fields = number_of(made[0])
-        decode_seen(decode_answer(fields), made[1:], 2, cameras)
+        _, fields = decode_header(made[0])
+        decode_observation(decode_reply(fields), made[1:], 2, cameras)
     except EvsError as reason:
         lines.append(reason)
     assert all(map(one_line, lines))
@@ -201,7 +201,7 @@ def test_every_request_travels(kind: str) -> None:
         Bye(),
     ][KINDS.index(kind)]
     parts = encode_request(9, made)
-    number, fields = number_of(parts[0])
+    number, fields = decode_header(parts[0])
     assert number == 9
     assert fields["request"] == kind
     back = decode_request(fields, parts[1] if len(parts) > 1 else None)

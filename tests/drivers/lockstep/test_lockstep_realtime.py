@@ -23,10 +23,10 @@ from evs.msgs.lockstep import (
     Reset,
     Save,
     Step,
-    decode_answer,
-    decode_seen,
+    decode_header,
+    decode_observation,
+    decode_reply,
     encode_request,
-    number_of,
 )
 
 CAMERAS = [("left", 64, 48)]
@@ -104,12 +104,12 @@ class Hand:
     def heard(self, client: Any, actuators: int = 2) -> Observation:
         """The answer to what it asked last."""
         client.set(zmq.RCVTIMEO, int(1000 * PATIENCE_S))
-        number, fields = number_of((parts := client.recv_multipart())[0])
+        number, fields = decode_header((parts := client.recv_multipart())[0])
         assert number == self._numbers[client]
-        decode_answer(fields)
+        decode_reply(fields)
         if len(parts) < 4:
             return Observation(0, (), np.zeros(0), np.zeros(0))
-        return decode_seen(fields, parts[1:], actuators, CAMERAS)
+        return decode_observation(fields, parts[1:], actuators, CAMERAS)
 
     def begin(self, client: Any, join: Join) -> None:
         self.ask(client, join)

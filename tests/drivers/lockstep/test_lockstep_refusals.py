@@ -141,7 +141,7 @@ def test_a_controller_of_request_sockets_works() -> None:
         ([packb({"request": "join", "number": 1, "name": "a"})], "header lacks 'protocol'"),
         (
             [packb({"request": "join", "number": 1, "name": "a", "protocol": 2})],
-            "protocol 2 is not spoken here, but 1",
+            "protocol 2 is not supported, only 1",
         ),
         ([*encode_request(1, Step(1, None)), b"x"], "this has more"),
         ([packb({"number": 1, "request": "save", "compress": False}), b"x"], "has no second frame"),

@@ -12,7 +12,7 @@ from evs.drivers import files
 from evs.drivers.files.integrity import BackwardsWarning
 from evs.msgs import EventPacket, EvsError, StreamInfo, make_events
 from evs.msgs.codecs import DatState, decode_dat, encode_dat
-from evs.msgs.fields import MessageError
+from evs.msgs.header_fields import MessageError
 
 WRAP = 1 << 32
 

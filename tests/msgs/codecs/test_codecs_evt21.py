@@ -11,7 +11,7 @@ import pytest
 from evs.drivers import files
 from evs.msgs import Events, make_events
 from evs.msgs.codecs import decode_evt21, encode_evt21
-from evs.msgs.fields import MessageError
+from evs.msgs.header_fields import MessageError
 
 
 def words(*numbers: int) -> bytes:
