@@ -1,4 +1,4 @@
-"""What is said: events, packets, topics. Needs numpy and msgpack only."""
+"""Messages: events, packets, topics and their encodings. Needs only numpy and msgpack."""
 
 from evs.msgs.camera_info import (
     CameraInfo,

@@ -1,4 +1,4 @@
-"""The one error that users see: a single line with the fix in it."""
+"""The one error that users see: a single line that includes the fix."""
 
 from __future__ import annotations
 
@@ -7,14 +7,20 @@ from collections.abc import Iterable
 
 
 class EvsError(Exception):
-    """Something the user can mend. The message is one line: what is wrong and what to do.
+    """An error that the user can fix. The message is one line: what is wrong and what to do.
 
-    Every program of ours prints it to stderr and ends with exit code 2, without a traceback.
+    Every command prints it to stderr and ends with exit code 2, without a traceback.
     """
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> EvsError:
-    """An error for a name that does not exist: says what exists, nearest first."""
+    """The error for a name that does not exist.
+
+    Args:
+        kind: What the name should be, such as "topic".
+        name: The name.
+        known: The names that exist; the message lists them, the most similar first.
+    """
     ordered = nearest_first(name, known)
     if not ordered:
         return EvsError(f"no {kind} '{name}': there are none")

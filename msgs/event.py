@@ -1,4 +1,4 @@
-"""The event: 16 bytes, everywhere. It is AEDAT4's event struct and the bus frame at once."""
+"""The event: 16 bytes everywhere, laid out as AEDAT4's event struct and as the bus frame."""
 
 from __future__ import annotations
 
@@ -47,10 +47,16 @@ def join_events(parts: Sequence[Events]) -> Events:
 
 
 def clean_events(events: Events) -> Events:
-    """The events, contiguous and with zero padding; not copied where they are so already.
+    """Make events contiguous, with zero padding. Call it before handing out raw bytes.
 
-    numpy copies only the fields: padding is garbage of freed memory after `events.copy()`,
-    `events[mask]`, sorting. Whatever hands out raw bytes asks this first.
+    numpy copies only the fields, so the padding is garbage of freed memory after `events.copy()`,
+    `events[mask]` or sorting.
+
+    Args:
+        events: (n,) with EVENT_DTYPE's fields.
+
+    Returns:
+        (n,) EVENT_DTYPE; the same array where it is contiguous and clean already.
     """
     packed = np.ascontiguousarray(events, EVENT_DTYPE)
     # bits 40-63 of an event's second half are the padding

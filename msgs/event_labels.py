@@ -1,4 +1,4 @@
-"""Labels: what an event camera cannot say of its events, and an emulator can."""
+"""Labels of events: their cause and the geom they show, which only an emulator knows."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ Labels = np.ndarray[Any, np.dtype[np.void]]
 """(n,) LABEL_DTYPE, in the order of the events they belong to."""
 
 CAUSE_BYTE = 13
-"""byte of an event that carries its cause between the pixel and the packet, where labels are asked
-for; zero in every packet"""
+"""byte of an event that holds its cause between the pixel and the packet, if labels are requested;
+zero in every packet"""
 
 
 class Cause(IntEnum):
@@ -37,9 +37,14 @@ class Cause(IntEnum):
 
 
 def take_labels(events: np.ndarray[Any, Any], geom_id: np.ndarray[Any, Any]) -> Labels:
-    """Labels of events whose padding carries causes; the padding is zero afterwards.
+    """Move the causes from the padding of events into labels.
 
-    In: events (n,) EVENT_DTYPE, contiguous, changed in place; geom_id (h, w).
+    Args:
+        events: (n,) EVENT_DTYPE, contiguous; their padding is zero afterwards.
+        geom_id: (h, w) geom at the centre of each pixel.
+
+    Returns:
+        (n,) LABEL_DTYPE.
     """
     labels = np.zeros(len(events), LABEL_DTYPE)
     causes = events.view(np.uint8).reshape(-1, events.dtype.itemsize)[:, CAUSE_BYTE]
@@ -50,8 +55,9 @@ def take_labels(events: np.ndarray[Any, Any], geom_id: np.ndarray[Any, Any]) -> 
 
 
 def clear_causes(events: np.ndarray[Any, Any]) -> None:
-    """Nobody wants to know the causes in the padding of events: it is zero afterwards.
+    """Set the causes in the padding of events to zero.
 
-    In: events (n,) EVENT_DTYPE, contiguous, changed in place.
+    Args:
+        events: (n,) EVENT_DTYPE, contiguous, changed in place.
     """
     events.view(np.uint8).reshape(-1, events.dtype.itemsize)[:, CAUSE_BYTE] = 0

@@ -1,4 +1,4 @@
-"""Frame: one intensity image of a camera that has active pixels beside its event pixels (APS).
+"""Frame: one intensity image of a camera with active pixels (APS) in addition to event pixels.
 
 On the wire: `topic | msgpack header | raw frame`, see docs/reference/wire.md.
 """
@@ -74,9 +74,13 @@ class Frame:
 
 
 def encode_frame(frame: Frame) -> tuple[bytes, memoryview]:
-    """Out: (msgpack header, raw frame: the rows of pixels, top first, little-endian).
+    """Encode a frame.
 
-    Raises MessageError for a frame that `decode_frame` would refuse.
+    Returns:
+        The msgpack header, and the raw frame: the rows of pixels, top first, little-endian.
+
+    Raises:
+        MessageError: `decode_frame` would refuse the frame.
     """
     pixels = np.asarray(frame.pixels)
     names = [key for key, kind in FRAME_ENCODINGS.items() if kind == pixels.dtype]
@@ -97,9 +101,14 @@ def encode_frame(frame: Frame) -> tuple[bytes, memoryview]:
 
 
 def decode_frame(header: bytes, raw: Any) -> Frame:
-    """The frame of a header and any contiguous buffer with its pixels, whose memory it shares.
+    """Decode a frame.
 
-    Raises MessageError where the bytes do not fit the format.
+    Args:
+        header: The msgpack header.
+        raw: Any contiguous buffer with the pixels, whose memory the frame shares.
+
+    Raises:
+        MessageError: The bytes do not fit the format.
     """
     fields = _checked(unpackb(header))
     shape, dtype = (fields["height"], fields["width"]), FRAME_ENCODINGS[fields["encoding"]]

@@ -1,4 +1,4 @@
-"""Truth: what each pixel's centre really shows, which no camera could tell.
+"""Truth: depth, normal, geom, motion and more at each pixel's centre.
 
 On the wire: `topic | msgpack header | raw frame`, see docs/reference/wire.md.
 """
@@ -57,7 +57,14 @@ class Truth:
 
 
 def encode_truth(truth: Truth) -> tuple[bytes, memoryview]:
-    """Out: (msgpack header, raw frame of 48 h w bytes). MessageError as `decode_truth`'s."""
+    """Encode ground truth.
+
+    Returns:
+        The msgpack header, and the raw frame of 48 h w bytes.
+
+    Raises:
+        MessageError: `decode_truth` would refuse the message.
+    """
     if set(truth.channels) != set(TRUTH_CHANNELS):
         raise MessageError(f"ground truth has to hold all of: {', '.join(TRUTH_CHANNELS)}")
     height, width = truth.height, truth.width
@@ -83,9 +90,14 @@ def encode_truth(truth: Truth) -> tuple[bytes, memoryview]:
 
 
 def decode_truth(header: bytes, raw: Any) -> Truth:
-    """The ground truth of a header and any contiguous buffer, whose memory it shares.
+    """Decode ground truth. Infinity and NaN are valid values.
 
-    Raises MessageError where the bytes do not fit the format. Infinite and NaN mean something here.
+    Args:
+        header: The msgpack header.
+        raw: Any contiguous buffer with the channels, whose memory the result shares.
+
+    Raises:
+        MessageError: The bytes do not fit the format.
     """
     fields = _checked(unpackb(header))
     height, width = fields["height"], fields["width"]

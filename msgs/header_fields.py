@@ -1,4 +1,4 @@
-"""Fields of a message header: each is what it says it is, or the message is refused."""
+"""Validation of the fields of a message header."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ MAX_NAME_BYTES = 255
 
 
 class MessageError(EvsError):
-    """Bytes from outside that are not a message of ours, or values that do not fit into one."""
+    """Bytes from outside that are not a valid message, or values that do not fit into one."""
 
 
 def integer(fields: dict[str, Any], key: str, lowest: int, highest: int) -> int:
-    """An integer field within lowest ... highest, both allowed. True and 1.0 are not integers."""
+    """An integer field within lowest ... highest, both included. True and 1.0 are not integers."""
     value = fields.get(key)
     if type(value) is int and lowest <= value <= highest:
         return value
@@ -73,7 +73,7 @@ def check_name(value: object, what: str) -> None:
 
 
 def shown(value: object) -> str:
-    """A value from outside as one short line."""
+    """A value from outside as one short line, for messages."""
     return reprlib.repr(value) if not isinstance(value, str) else repr(value[:60])
 
 

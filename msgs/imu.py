@@ -1,4 +1,4 @@
-"""ImuPacket: what a camera's accelerometer and gyroscope said.
+"""ImuPacket: the samples of a camera's accelerometer and gyroscope.
 
 The axes are the camera's optical ones, as ROS (REP 103) has them: x right, y down, z forward. At
 rest, upright, the acceleration is (0, -9.81, 0): the force that holds the camera points up.
@@ -53,7 +53,7 @@ class ImuPacket:
     samples: ImuSamples = field(default_factory=empty_imu)
     """(n,) IMU_DTYPE, sorted by t."""
     camera: str = "camera"
-    """Name of the camera that felt them."""
+    """Name of the camera that measured them."""
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -72,7 +72,14 @@ class ImuPacket:
 
 
 def encode_imu(packet: ImuPacket) -> tuple[bytes, memoryview]:
-    """Out: (msgpack header, raw frame of 64 n bytes). MessageError where `decode_imu` refuses."""
+    """Encode a packet.
+
+    Returns:
+        The msgpack header, and the raw frame of 64 n bytes.
+
+    Raises:
+        MessageError: `decode_imu` would refuse the packet.
+    """
     if packet.samples.dtype != IMU_DTYPE or packet.samples.ndim != 1:
         raise MessageError("IMU samples are not an (n,) array of IMU_DTYPE: use empty_imu(n)")
     header = plain_integers(
@@ -90,9 +97,14 @@ def encode_imu(packet: ImuPacket) -> tuple[bytes, memoryview]:
 
 
 def decode_imu(header: bytes, raw: Any) -> ImuPacket:
-    """The packet of a header and any contiguous buffer with its samples, whose memory it shares.
+    """Decode a packet.
 
-    Raises MessageError where the bytes do not fit the format, time runs back or a value is NaN.
+    Args:
+        header: The msgpack header.
+        raw: Any contiguous buffer with the samples, whose memory the packet shares.
+
+    Raises:
+        MessageError: The bytes do not fit the format, time steps back, or a value is not finite.
     """
     fields = _checked(unpackb(header))
     size = memoryview(raw).nbytes

@@ -1,4 +1,4 @@
-"""Observation: all that a controller learns at a decision, and nothing else."""
+"""Observation: everything that a controller receives at a decision."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ F64 = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What has arrived up to a moment of decision. Its arrays are its own: nobody else writes them.
+    """What has arrived up to a decision. Nothing else writes its arrays.
 
-    No way leads from it to the simulator.
+    It holds no reference to the simulator.
     """
 
     t_us: int
@@ -31,9 +31,9 @@ class Observation:
     velocity: F64
     """(n,) its change, 1/s of that"""
     done: str = ""
-    """why the episode is over; "": it goes on"""
+    """why the episode is over; empty: it continues"""
     state: F64 | None = None
-    """(n,) mjSTATE_INTEGRATION; None unless asked for at reset"""
+    """(n,) mjSTATE_INTEGRATION; None unless requested at reset"""
     frames: tuple[Frame, ...] = ()
     """intensity frames that arrived since, by their end; none unless sensor.aps is enabled"""
     imu: tuple[ImuPacket, ...] = ()

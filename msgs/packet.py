@@ -28,14 +28,14 @@ MAX_FRAME_BYTES = 64 * 1024 * 1024
 
 
 QuickCheck = Callable[[bytes | memoryview, int, int, int, int], bool]
-"""(raw frame, time_base, time_end, width, height) -> whether `check_events` has nothing to say."""
+"""(raw frame, time_base, time_end, width, height) -> whether `check_events` would pass."""
 
 
 @dataclass(frozen=True)
 class EventPacket:
     """Events of the interval (time_base_us, time_end_us] of one camera.
 
-    A packet may be empty: it still says that time has passed.
+    A packet may be empty: it still shows that time has passed.
     """
 
     seq: int
@@ -53,8 +53,7 @@ class EventPacket:
     camera: str = "camera"
     """Name of the camera that saw them."""
     labels: Labels | None = None
-    """(n,) why each event came about and what it shows; None: not asked for. It does not travel on
-    the bus."""
+    """(n,) cause and geom of each event; None: not requested. Labels are not sent on the bus."""
 
     def __len__(self) -> int:
         return len(self.events)
@@ -66,10 +65,18 @@ class EventPacket:
 
 
 def encode(packet: EventPacket, quick: QuickCheck | None = None) -> tuple[bytes, memoryview]:
-    """Out: (msgpack header, raw frame of 16 n bytes, not copied where `clean_events` does not).
+    """Encode a packet.
 
-    In: quick, asked first; without it, or where it says no, `check_events` looks. Raises
-    MessageError for a packet that `decode` would refuse: better here than at every receiver.
+    Args:
+        packet: The packet.
+        quick: A fast check of the events; without it, or where it fails, `check_events` decides.
+
+    Returns:
+        The msgpack header, and the raw frame of 16 n bytes, which is only copied where
+        `clean_events` copies.
+
+    Raises:
+        MessageError: `decode` would refuse the packet.
     """
     if not _is_event_array(packet.events):
         raise MessageError("packet events are not an (n,) array of EVENT_DTYPE: use make_events")
@@ -102,11 +109,18 @@ def encode(packet: EventPacket, quick: QuickCheck | None = None) -> tuple[bytes,
 
 
 def decode(header: bytes, frame: Any, quick: QuickCheck | None = None) -> EventPacket:
-    """The packet of a header and any contiguous buffer with its raw frame.
+    """Decode a packet.
 
-    The events share the buffer's memory. Raises MessageError where the bytes do not fit the format,
-    so that what comes out keeps every promise of EventPacket: an array indexed by its x and y is
-    never missed, and time never runs backwards. In: quick, as of `encode`.
+    Args:
+        header: The msgpack header.
+        frame: Any contiguous buffer with the raw frame, whose memory the events share.
+        quick: As for `encode`.
+
+    Returns:
+        The packet. Its events are sorted by t, and their x and y lie on the sensor.
+
+    Raises:
+        MessageError: The bytes do not fit the format.
     """
     fields = _checked(unpackb(header))
     size = memoryview(frame).nbytes
@@ -127,7 +141,7 @@ def decode(header: bytes, frame: Any, quick: QuickCheck | None = None) -> EventP
 
 
 def _fits(quick: QuickCheck, raw: Any, header: dict[str, Any]) -> bool:
-    """What the quick check says of the events of a header that is checked."""
+    """Whether the quick check passes the events of a valid header."""
     return quick(raw, header["time_base"], header["time_end"], header["width"], header["height"])
 
 

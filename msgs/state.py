@@ -1,7 +1,7 @@
-"""State: the newest of everything in one message, for who wants only that.
+"""State: the latest of everything in one message, for subscribers that need only that.
 
-On the wire it is one part, `state/` and a msgpack map, because ZeroMQ keeps only the newest message
-of a connection (CONFLATE) where a message has one part. See docs/reference/wire.md.
+On the wire it is one part, `state/` and a msgpack map, because ZeroMQ keeps only the latest message
+of a connection (CONFLATE) if messages have one part. See docs/reference/wire.md.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ MAX_STATE_BYTES = 256 * 1024
 
 @dataclass(frozen=True)
 class CameraState:
-    """The newest of one camera."""
+    """The latest values of one camera."""
 
     camera: str
-    """Its name."""
+    """Name of the camera."""
     seq: int
-    """Of its last packet; -1 before the first."""
+    """Number of its last packet; -1 before the first."""
     packets: int
-    """So far, sent or not."""
+    """Packets so far, sent or not."""
     events: int
-    """In them."""
+    """Events in them."""
     end: bool
-    """Nothing follows."""
+    """True: the stream is over."""
     position: tuple[float, ...] = ()
     """(3,) m, of the last pose; empty: none is known."""
     orientation: tuple[float, ...] = ()
@@ -44,7 +44,7 @@ class CameraState:
 
 @dataclass(frozen=True)
 class State:
-    """The newest of a bus."""
+    """The latest values of a bus."""
 
     t_us: int
     """Simulated time, us."""

@@ -1,4 +1,4 @@
-"""Status: how much a camera has sent so far, so that a subscriber knows what it has missed.
+"""Status: how much a camera has sent so far, so that subscribers can count what they missed.
 
 A gap in seq shows a lost packet only once a later one arrives. The status repeats the last seq, so
 that the loss of the last packets is seen too. On the wire: `topic | msgpack header`.
@@ -30,12 +30,12 @@ MAX_CAMERAS = 200
 _PACE_COUNTS = ("late_us", "worst_late_us", "slipped_us", "slips")
 
 MAX_TOPICS = 32
-"""Most topics that a status tells the last seq of; ours are fewer."""
+"""Most topics whose last seq a status holds; ours are fewer."""
 
 
 @dataclass(frozen=True)
 class Pace:
-    """How a run that is held to the wall clock keeps up with it."""
+    """How well a run that follows the wall clock keeps up with it."""
 
     speed: float
     """Simulated seconds per second of the wall clock."""
@@ -58,7 +58,7 @@ class Status:
     seq: int
     """The last packet's seq; -1 before the first packet."""
     packets: int
-    """Packets so far, sent or not (nobody may have listened)."""
+    """Packets so far, sent or not (there may have been no subscriber)."""
     events: int
     """Events in them."""
     time_end_us: int
@@ -80,7 +80,7 @@ class Status:
     last: dict[str, int] = field(default_factory=dict)
     """Topic -> seq of this camera's last message there: frames, imu, pose, ground_truth."""
     pace: Pace | None = None
-    """How the run keeps its pace; None: it is held to none."""
+    """How the run keeps its pace; None: it does not follow the wall clock."""
 
 
 def encode_status(status: Status) -> bytes:
@@ -119,7 +119,7 @@ def _from_fields(fields: dict[str, Any]) -> Status:
 
 
 def _pace(fields: dict[str, Any]) -> Pace | None:
-    """How the pace is kept, where that is told."""
+    """The pace; None where the status has none."""
     pace = fields.get("pace")
     if pace is None:
         return None

@@ -1,4 +1,4 @@
-"""StreamInfo: what a recording or a subscriber has to know about a stream besides its events."""
+"""StreamInfo: the constant facts of a stream, for recordings and subscribers."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ class StreamInfo:
     camera_info: dict[str, Any] = field(default_factory=dict)
     """As in ROS's CameraInfo: width, height, distortion_model, d, k (9), r (9), p (12)."""
     frames: bool = False
-    """Whether intensity frames come beside the events."""
+    """Whether the stream has intensity frames."""
     imu: bool = False
-    """Whether IMU samples come beside the events."""
+    """Whether the stream has IMU samples."""
     triggers: bool = False
-    """Whether triggers come beside the events."""
+    """Whether the stream has triggers."""
     latency_us: int = 0
-    """By how much events come later than their light, us; their stamps carry it."""
+    """Delay of the events behind the light that caused them, us; their time stamps include it."""
 
     @property
     def start_us(self) -> int:
-        """What its stamps begin at, us: scene.start_us of its configuration; 0: not told."""
+        """Start of its time stamps, us: scene.start_us of its configuration; 0 if missing."""
         scene = self.config.get("scene")
         start = scene.get("start_us", 0) if isinstance(scene, dict) else 0
         return start if type(start) is int and 0 <= start < 1 << 53 else 0

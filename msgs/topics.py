@@ -1,4 +1,4 @@
-"""One table says everything about a topic."""
+"""The table of topics of the bus: message type, rate, queue and drop policy of each."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, eq=False)
 class Topic:
-    """What travels under a name, how often, and what happens when a subscriber is slow.
+    """What is sent under a name, how often, and what happens when a subscriber is slow.
 
-    Each is the only one of its name, so it is looked up by what it is and not by what it says.
+    Each name has one Topic, so topics are compared by identity.
     """
 
     name: str
     message: str
-    """The type of what follows the topic frame."""
+    """Type of the message that follows the topic frame."""
     rate: str
     queue: int
     """Messages queued per subscriber before the drop policy applies."""
@@ -32,7 +32,7 @@ class Topic:
 
 
 DEFAULT_ADDRESS = "tcp://127.0.0.1:5560"
-"""Where a camera publishes and a subscriber looks, if nothing else is said."""
+"""Default address of publishers and subscribers."""
 
 _COUNTED = "newest, counted by seq and status"
 

@@ -1,4 +1,4 @@
-"""TriggerPacket: instants that a camera marks: edges at its connector, phases of its frames."""
+"""TriggerPacket: instants that a camera marks, such as edges at its connector and frame phases."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Triggers = np.ndarray[Any, np.dtype[np.void]]
 
 
 class Trigger(IntEnum):
-    """What happened. Names and numbers are those of AEDAT4 (dv-processing's TriggerType)."""
+    """The kind of a trigger. Names and numbers are AEDAT4's (dv-processing's TriggerType)."""
 
     TIMESTAMP_RESET = 0
     EXTERNAL_SIGNAL_RISING_EDGE = 1
@@ -66,14 +66,19 @@ def empty_triggers(count: int = 0) -> Triggers:
 
 
 def make_triggers(marks: Iterable[tuple[int, int]]) -> Triggers:
-    """Triggers from (t us, kind), sorted by t; those of one instant stay in their order."""
+    """Triggers from pairs (t in us, kind), sorted by t; the order within one instant is kept."""
     return np.array(sorted(marks, key=lambda mark: mark[0]), TRIGGER_DTYPE)
 
 
 def external_triggers(t_us: Any, rising: Any) -> Triggers:
-    """(n,) edges at a camera's connector, as unsorted as they were. In: stamps, whether they rise.
+    """Make triggers of edges at a camera's connector, whichever of its inputs they came from.
 
-    Cameras with several inputs number them; all are edges here, whichever input they came from.
+    Args:
+        t_us: (n,) time stamps, us.
+        rising: (n,) whether each edge rises.
+
+    Returns:
+        (n,) TRIGGER_DTYPE, in the given order.
     """
     triggers = empty_triggers(len(t_us))
     triggers["t"] = t_us
@@ -84,7 +89,7 @@ def external_triggers(t_us: Any, rising: Any) -> Triggers:
 
 
 def frame_triggers(frame: Frame) -> Triggers:
-    """(4,) the instants of one frame, as a DAVIS marks them: its begin and end, its exposure's."""
+    """(4,) start and end of a frame and of its exposure, as a DAVIS marks them."""
     return make_triggers(
         (
             (frame.begin_us, Trigger.APS_FRAME_START),

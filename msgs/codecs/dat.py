@@ -2,7 +2,8 @@
 
     version 2  bits 0-13 x, 14-27 y, 28-31 polarity
     version 1  bits 0-8 x, 9-16 y, 17 polarity
-Time wraps every 4,295 s; a decoder sees it by a stamp that falls. Source: Prophesee's description.
+Time wraps every 4,295 s; a decoder detects it by a falling time stamp. Source:
+Prophesee's description.
 """
 
 from __future__ import annotations
@@ -28,10 +29,15 @@ _BITS = {1: (9, 8), 2: (14, 14)}
 
 
 def encode_dat(events: Events, *, after_us: int = 0) -> bytes:
-    """The bytes of one packet. In: after_us, stamp of the event before, 0 for none.
+    """Encode a packet.
 
-    MessageError: events that are not sorted, do not fit, or follow so late that nothing shows the
-    wrap between.
+    Args:
+        events: (n,) EVENT_DTYPE, sorted by t.
+        after_us: Time stamp of the event before, us; 0 for none.
+
+    Raises:
+        MessageError: The events are not sorted, do not fit, or follow so late that a decoder cannot
+            see the wrap of the time.
     """
     check_fits(events, DAT)
     if not len(events):
@@ -58,11 +64,18 @@ class DatState:
 def decode_dat(
     data: Any, state: DatState | None = None, *, version: int = 2, ordered: bool = False
 ) -> tuple[Events, DatState]:
-    """The events in a piece of a stream, and the state to decode the next piece with.
+    """Decode a piece of a stream.
 
-    In: data, any contiguous buffer of whole events (up to 7 last bytes are not looked at); ordered,
-    every fall of the time is a wrap. Else one by more than half of the range is, and a rise by more
-    than that leads back over a wrap: a real camera's stamps step back at times.
+    Args:
+        data: Any contiguous buffer of whole events; up to 7 last bytes are ignored.
+        state: The state after the piece before; None: the stream starts here.
+        version: Version of the format, 1 or 2.
+        ordered: Whether every fall of the time is a wrap. If not, a fall by more than half of the
+            range is one, and a rise by more than that goes back over a wrap: a real camera's time
+            stamps step back at times.
+
+    Returns:
+        (n,) events, and the next state.
     """
     last_us = 0 if state is None else state.last_us
     rows = np.frombuffer(data, _ROW, memoryview(data).nbytes // _ROW.itemsize)

@@ -3,7 +3,7 @@
     0 CD_OFF, 1 CD_ON  bits 27-22 lower bits of the time, us; 21-11 x; 10-0 y: one event
     8 TIME_HIGH        bits 27-0: bits 33-6 of the time; wraps every 4.8 h
     10 EXT_TRIGGER     bits 27-22 lower bits of the time; 12-8 input; bit 0: the edge rises
-Others (counters) say nothing of events and are passed over.
+Others (counters) are not about events and are skipped.
 """
 
 from __future__ import annotations
@@ -40,9 +40,20 @@ Words = npt.NDArray[np.uint32]
 def encode_evt2(
     events: Events, *, time_origin_us: int = TIME_ORIGIN_US, after_us: int | None = None
 ) -> bytes:
-    """The words of one packet; it begins with the upper bits of the time.
+    """Encode a packet as EVT2 words; it begins with the upper bits of the time.
 
-    In, out and errors as encode_evt3.
+    Args:
+        events: (n,) EVENT_DTYPE, sorted by t.
+        time_origin_us: Time stamp of the stream's time zero, us.
+        after_us: Time of the stream's last packet, us, so that wraps of the counter since then are
+            encoded; -time_origin_us for the first packet of a file, which then encodes the time
+            from zero; None: the decoder counts from here.
+
+    Returns:
+        The bytes; empty for no events.
+
+    Raises:
+        MessageError: x or y is over 2047, a time stamp is negative, or time steps back.
     """
     check_fits(events, EVT2, time_origin_us)
     if not len(events):
@@ -71,7 +82,7 @@ def _block(events: Events, stamps: npt.NDArray[np.int64], known_us: int) -> Word
     before = np.concatenate([[known_us >> _LOW_BITS], high[:-1]])
     if before[0] >> _BITS - 1 == high[-1] >> _BITS - 1:
         return chosen
-    # where the counter passes half of its range or wraps, say so at length
+    # send extra words where the counter passes half of its range or wraps
     counts, extra = counter_words_between(before, high, _BITS)
     starts = np.cumsum(np.count_nonzero(is_sent, 1)) - np.count_nonzero(is_sent, 1)
     return np.insert(chosen, np.repeat(starts, counts), _high_words(extra))
@@ -86,9 +97,9 @@ class Evt2State:
     """What a decoder knows between two pieces of a stream."""
 
     high: int = -1
-    """upper bits of the time, wraps counted; -1: not yet told"""
+    """upper bits of the time, wraps counted; -1: not known yet"""
     skipped: int = 0
-    """events so far that no time was told for"""
+    """events so far that came before the first time stamp"""
 
 
 def decode_evt2(
@@ -98,10 +109,17 @@ def decode_evt2(
     time_origin_us: int = TIME_ORIGIN_US,
     triggers: list[Triggers] | None = None,
 ) -> tuple[Events, Evt2State]:
-    """The events in a piece of a stream, and the state to decode the next piece with.
+    """Decode a piece of an EVT2 stream.
 
-    In: data, any contiguous buffer of whole words (up to 3 last bytes are not looked at). In and
-    out as decode_evt3.
+    Args:
+        data: Any contiguous buffer of whole words; up to 3 last bytes are ignored.
+        state: The state after the piece before; None: the stream starts here.
+        time_origin_us: Time stamp of the stream's time zero, us.
+        triggers: A list that takes the array of external triggers in the piece, (m,); those before
+            the first time stamp are left out.
+
+    Returns:
+        (n,) events in the order of the words, which may be unsorted, and the next state.
     """
     state = state or Evt2State()
     words = np.frombuffer(data, "<u4", memoryview(data).nbytes // 4)

@@ -4,7 +4,7 @@
                           31-0 which of the 32 pixels from x on have an event
     8 TIME_HIGH           bits 59-32: bits 33-6 of the time; wraps every 4.8 h
     10 EXT_TRIGGER        bits 59-54 lower bits of the time; 44-40 input; bit 32: the edge rises
-Others (counters) say nothing of events and are passed over. Cameras with an IMX636 send
+Others (counters) are not about events and are skipped. Cameras with an IMX636 send
 the upper half of each word first ("legacy"). Source: Prophesee's description of the format.
 """
 
@@ -44,10 +44,23 @@ Words = npt.NDArray[np.uint64]
 def encode_evt21(
     events: Events, *, time_origin_us: int = TIME_ORIGIN_US, after_us: int | None = None
 ) -> bytes:
-    """The words of one packet; it begins with the upper bits of the time.
+    """Encode a packet as EVT2.1 words; it begins with the upper bits of the time.
 
     Events of one stamp, row, polarity and block of 32 pixels that follow one another with rising x
-    become one word, so that they come back in their order. In, out and errors as encode_evt3.
+    become one word, so that decoding keeps their order.
+
+    Args:
+        events: (n,) EVENT_DTYPE, sorted by t.
+        time_origin_us: Time stamp of the stream's time zero, us.
+        after_us: Time of the stream's last packet, us, so that wraps of the counter since then are
+            encoded; -time_origin_us for the first packet of a file, which then encodes the time
+            from zero; None: the decoder counts from here.
+
+    Returns:
+        The bytes; empty for no events.
+
+    Raises:
+        MessageError: x or y is over 2047, a time stamp is negative, or time steps back.
     """
     check_fits(events, EVT21, time_origin_us)
     if not len(events):
@@ -96,11 +109,18 @@ def decode_evt21(
     upper_first: bool = False,
     triggers: list[Triggers] | None = None,
 ) -> tuple[Events, Evt21State]:
-    """The events in a piece of a stream, and the state to decode the next piece with.
+    """Decode a piece of an EVT2.1 stream. Events of a vector beyond x = 2047 are left out.
 
-    In: data, any contiguous buffer of whole words (up to 7 last bytes are not looked at);
-    upper_first, of an IMX636: each word's upper half comes first. Of a word whose vector reaches
-    over x = 2047 those events are left out. In and out as decode_evt3.
+    Args:
+        data: Any contiguous buffer of whole words; up to 7 last bytes are ignored.
+        state: The state after the piece before; None: the stream starts here.
+        time_origin_us: Time stamp of the stream's time zero, us.
+        upper_first: Whether each word's upper half comes first, as an IMX636 sends it.
+        triggers: A list that takes the array of external triggers in the piece, (m,); those before
+            the first time stamp are left out.
+
+    Returns:
+        (n,) events in the order of the words, which may be unsorted, and the next state.
     """
     state = state or Evt21State()
     halves = np.frombuffer(data, "<u4", memoryview(data).nbytes // 8 * 2).reshape(-1, 2)

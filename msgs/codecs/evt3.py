@@ -8,7 +8,7 @@
     6 TIME_LOW     bits 11-0 of the time, us
     8 TIME_HIGH    bits 23-12 of the time; wraps every 16.8 s
     10 EXT_TRIGGER bits 11-8 input, bit 0: the edge rises
-Others (counters, padding) say nothing of events and are passed over.
+Others (counters, padding) are not about events and are skipped.
 """
 
 from __future__ import annotations
@@ -46,13 +46,20 @@ Words = npt.NDArray[np.uint16]
 def encode_evt3(
     events: Events, *, time_origin_us: int = TIME_ORIGIN_US, after_us: int | None = None
 ) -> bytes:
-    """The words of one packet; it begins with the whole time and the row, whatever came before.
+    """Encode a packet as EVT3 words; it begins with the whole time and the row.
 
-    In: events (n,), sorted, with their t in us; stamps in the stream are `time_origin_us` later.
-    after_us: simulated time of the stream's last packet, so that wraps of the counter since then
-    are told; -time_origin_us for the first packet of a file, which then tells the time from zero;
-    None: the decoder is to count from here. Out: bytes, none for no events.
-    MessageError: x or y over 2047, negative stamps, stamps that step back.
+    Args:
+        events: (n,) EVENT_DTYPE, sorted by t.
+        time_origin_us: Time stamp of the stream's time zero, us.
+        after_us: Time of the stream's last packet, us, so that wraps of the counter since then are
+            encoded; -time_origin_us for the first packet of a file, which then encodes the time
+            from zero; None: the decoder counts from here.
+
+    Returns:
+        The bytes; empty for no events.
+
+    Raises:
+        MessageError: x or y is over 2047, a time stamp is negative, or time steps back.
     """
     check_fits(events, EVT3, time_origin_us)
     if not len(events):
@@ -70,7 +77,7 @@ def _block(events: Events, stamps: npt.NDArray[np.int64], known_us: int) -> list
     """The words of some events, after those that bring a decoder from `known_us` here."""
     high = stamps >> _BITS
     x, y = events["x"].view(np.uint16), events["y"].view(np.uint16)
-    # up to four words for each event, of which those are said that say something new
+    # up to four words for each event, of which only those with new content are sent
     words = np.empty((len(events), 4), "<u2")
     words[:, 0] = (high & 0xFFF) | _HIGH << 12
     words[:, 1] = (stamps & 0xFFF) | _LOW << 12
@@ -85,7 +92,7 @@ def _block(events: Events, stamps: npt.NDArray[np.int64], known_us: int) -> list
     before = np.concatenate([[known_us >> _BITS], high[:-1]])
     if before[0] >> _BITS - 1 == high[-1] >> _BITS - 1:
         return [chosen]
-    # where the counter passes half of its range or wraps, say so at length
+    # send extra words where the counter passes half of its range or wraps
     counts, extra = counter_words_between(before, high, _BITS)
     starts = np.cumsum(np.count_nonzero(is_sent, 1)) - np.count_nonzero(is_sent, 1)
     return [np.insert(chosen, np.repeat(starts, counts), _high_words(extra))]
@@ -100,17 +107,17 @@ class Evt3State:
     """What a decoder knows between two pieces of a stream."""
 
     high: int = -1
-    """upper bits of the time, wraps counted; -1: not yet told"""
+    """upper bits of the time, wraps counted; -1: not known yet"""
     low: int = 0
     """lower 12 bits of the time"""
     y: int = -1
-    """row of the next event; -1: not yet told"""
+    """row of the next event; -1: not known yet"""
     base: int = 0
     """x of the next vector's first pixel"""
     on: int = 0
     """polarity of the next vector"""
     skipped: int = 0
-    """events so far that no time or row was told for, or that lie beyond x = 2047"""
+    """events so far without a time stamp or a row, or beyond x = 2047"""
 
 
 def decode_evt3(
@@ -120,12 +127,17 @@ def decode_evt3(
     time_origin_us: int = TIME_ORIGIN_US,
     triggers: list[Triggers] | None = None,
 ) -> tuple[Events, Evt3State]:
-    """The events in a piece of a stream, and the state to decode the next piece with.
+    """Decode a piece of an EVT3 stream. No words make it raise.
 
-    In: data, any contiguous buffer of whole words (an odd last byte is not looked at); state as
-    the piece before left it, None at the start; triggers, a list that takes the external triggers
-    of the piece, (m,), those of no time left out. Out: events (n,) in the order of the words, as
-    unsorted as they were, with t = stamp - time_origin_us. Never raises for what the words say.
+    Args:
+        data: Any contiguous buffer of whole words; an odd last byte is ignored.
+        state: The state after the piece before; None: the stream starts here.
+        time_origin_us: Time stamp of the stream's time zero, us.
+        triggers: A list that takes the array of external triggers in the piece, (m,); those before
+            the first time stamp are left out.
+
+    Returns:
+        (n,) events in the order of the words, which may be unsorted, and the next state.
     """
     state = state or Evt3State()
     words = np.frombuffer(data, "<u2", memoryview(data).nbytes // 2)
@@ -172,7 +184,7 @@ def _piece(
 def _times(
     words: Words, kinds: npt.NDArray[np.uint8], state: Evt3State
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], int, int]:
-    """Stamps that occur, in order, -1 where untold; for each word, which of them holds.
+    """The time stamps that occur, in order, -1 where unknown; for each word, which of them applies.
 
     Then the upper and the lower bits at the end.
     """
@@ -181,13 +193,13 @@ def _times(
     highs = np.concatenate([[state.high], unwrap_counter(time_words[is_high], state.high, _BITS)])
     high_number = np.concatenate([[0], np.cumsum(is_high)])
     high = highs[high_number]
-    # a new upper part starts at 0 until a lower one is told; one that is only repeated does not
+    # a new upper part starts at 0 until a lower one follows; a repeated one does not
     low = np.concatenate([[state.low], time_words]).astype(np.int64)
     repeated = np.concatenate([[False], is_high & (high[1:] == high[:-1])])
     low[1:][is_high] = 0
     if repeated.any():
-        last_said = np.maximum.accumulate(np.where(repeated, 0, np.arange(len(low))))
-        low = low[last_said]
+        last_sent = np.maximum.accumulate(np.where(repeated, 0, np.arange(len(low))))
+        low = low[last_sent]
     stamps = np.where(high < 0, -1, high << _BITS | low)
     return stamps, np.cumsum(is_time, dtype=np.int32), int(high[-1]), int(low[-1])
 
@@ -199,7 +211,7 @@ def _with_vectors(
 
     Then the base and the polarity for the next vector.
     """
-    # where each word's base was told, and how far vectors have moved it on since
+    # the base of each word, and how far vectors have moved it since
     moved = np.cumsum(np.where(is_vector, np.where(kinds == _VECT_12, 12, 8), 0), dtype=np.int64)
     is_base = kinds == _BASE
     base_words = words[is_base].astype(np.int64)

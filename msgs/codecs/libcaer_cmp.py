@@ -1,6 +1,6 @@
 """libcaer_cmp, how libcaer_driver packs a DAVIS's events: words of 16 bits, little-endian.
 
-Bits 15-12 say what a word is, the others are its value:
+Bits 15-12 are the type of a word, the others its value:
 
     0 TIME_HIGH    bits 23-12 of the time since the packet's time base, us; 0 when a packet begins
     1 TIME_LOW     bits 11-0 of it; stays when the upper bits change
@@ -25,20 +25,25 @@ _HIGH, _LOW, _X, _Y, _BASE, _VECTOR = range(6)
 _BITS = 12
 
 NO_X = 0x7FFF
-"""x of events before any was told, and y of those too far down: on no sensor."""
+"""x of events before the first ADDR_X, and y of those too far down: on no sensor."""
 
 
 def decode_libcaer_cmp(data: Any, time_base_ns: int) -> Events:
-    """The events of one packet, (n,), in the order of the words. Never raises.
+    """Decode one packet. Never raises.
 
-    In: data, any contiguous buffer of whole words (an odd last byte is not looked at).
+    Args:
+        data: Any contiguous buffer of whole words; an odd last byte is ignored.
+        time_base_ns: Time base of the packet, ns.
+
+    Returns:
+        (n,) events in the order of the words.
     """
     words = np.frombuffer(data, "<u2", memoryview(data).nbytes // 2)
     kinds, values = words >> _BITS, (words & 0xFFF).astype(np.int64)
     high = _last(kinds == _HIGH, unwrap_counter(values[kinds == _HIGH], 0, _BITS), 0)
     low = _last(kinds == _LOW, values[kinds == _LOW], 0)
     x = _last(kinds == _X, values[kinds == _X] & 0x7FF, NO_X)
-    # where a vector begins, and what it says: moved on by those since the base was told
+    # where a vector begins: moved on by the vectors since its base
     is_vector = kinds == _VECTOR
     moved = 8 * np.cumsum(is_vector)
     base_values = values[kinds == _BASE]
@@ -62,6 +67,6 @@ def decode_libcaer_cmp(data: Any, time_base_ns: int) -> Events:
 def _last(
     is_update: npt.NDArray[np.bool_], values: npt.NDArray[np.int64], begin: int
 ) -> npt.NDArray[np.int64]:
-    """What holds at each word, (n,): the last value that was said, `begin` before the first."""
+    """The value that applies at each word, (n,): that of the last update, `begin` before it."""
     held: npt.NDArray[np.int64] = np.concatenate([[begin], values])[np.cumsum(is_update)]
     return held

@@ -38,10 +38,14 @@ class Payload(NamedTuple):
 
 
 def encode_mono(events: Events, time_base_us: int | None = None) -> Payload:
-    """The payload of one packet.
+    """Encode a packet.
 
-    In: events (n,), sorted; time_base_us at or before the first, its own time if None.
-    MessageError: what does not fit, above all a packet of more than 4.29 s.
+    Args:
+        events: (n,) EVENT_DTYPE, sorted by t.
+        time_base_us: Time base, us, not after the first event; None: the first event's time.
+
+    Raises:
+        MessageError: The events do not fit, mostly because they span more than 4.29 s.
     """
     check_fits(events, MONO)
     first = int(events["t"][0]) if len(events) else 0
@@ -59,9 +63,9 @@ def encode_mono(events: Events, time_base_us: int | None = None) -> Payload:
 
 
 def decode_mono(data: Any, time_base_ns: int) -> Events:
-    """The events of one packet, (n,), as unsorted as they were; whole ns are rounded down to us.
+    """Decode a packet: (n,) events in the order sent; time stamps are rounded down to us.
 
-    An incomplete last word is not looked at. x beyond 32,767, which no event has, is cut to it.
+    An incomplete last word is ignored. x beyond 32,767 is clipped to it.
     """
     words = np.frombuffer(data, "<u8", memoryview(data).nbytes // 8)
     events = empty_events(len(words))
@@ -75,7 +79,7 @@ def decode_mono(data: Any, time_base_ns: int) -> Events:
 
 
 def encode_libcaer(events: Events) -> Payload:
-    """The payload of one packet. In: events (n,), sorted. MessageError: what does not fit."""
+    """Encode a packet of events, (n,) sorted by t. MessageError: they do not fit."""
     check_fits(events, LIBCAER)
     first = int(events["t"][0]) if len(events) else 0
     words = np.empty(len(events), _LIBCAER)
@@ -88,10 +92,10 @@ def encode_libcaer(events: Events) -> Payload:
 
 
 def decode_libcaer(data: Any, time_base_ns: int) -> Events:
-    """The events of one packet, (n,), without those that are marked invalid.
+    """Decode a packet: (n,) events, without those that are marked invalid.
 
     A stamp that falls by more than half of its range begins the next 2147 s. An incomplete last
-    word is not looked at.
+    word is ignored.
     """
     words = np.frombuffer(data, _LIBCAER, memoryview(data).nbytes // 8)
     low = (words["t"] & ((1 << _LIBCAER_BITS) - 1)).astype(np.int64)

@@ -10,12 +10,12 @@ from evs.msgs.event import Events
 from evs.msgs.header_fields import MessageError
 
 TIME_ORIGIN_US = 1_000_000
-"""Stamp in an EVT2 or EVT3 stream of ours at simulated time zero: there are decoders that take the
-stamp 0 for "no time yet" and lose the events that have it."""
+"""Time stamp of simulated time zero in our EVT2 and EVT3 streams: some decoders treat the stamp 0
+as "no time yet" and lose its events."""
 
 LONGEST_US = 1 << 44
-"""Stamps of EVT2 and EVT3 streams lie below it (203 days): every wrap of their counters has to be
-told to the decoder, and more of them than that are a mistake."""
+"""Time stamps of EVT2 and EVT3 streams lie below it (203 days): every wrap of their counters has to
+be encoded, and more of them are a mistake."""
 
 LAST_ROS_US = 2**31 * 1_000_000 - 1
 """ROS's time has int32 seconds: it ends in January 2038 of Unix time."""
@@ -59,9 +59,18 @@ def check_fits(events: Events, limits: EncodingLimits, shift_us: int = 0) -> Non
 
 
 def decoder_time_us(events: Events, time_origin_us: int, after_us: int | None) -> int:
-    """What a decoder knows of the time before some events, (n > 0,), us after the origin.
+    """The time that a decoder has reached before some events.
 
-    In: after_us, the last stamp that it was told; None: nothing. MessageError: later than these.
+    Args:
+        events: (n,) EVENT_DTYPE with n > 0.
+        time_origin_us: Time stamp of the stream's time zero, us.
+        after_us: The last time that was encoded, us; None: nothing was.
+
+    Returns:
+        The time stamp, us.
+
+    Raises:
+        MessageError: It is later than the first event.
     """
     first = int(events["t"][0])
     known = (first if after_us is None else after_us) + time_origin_us

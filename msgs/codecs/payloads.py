@@ -1,4 +1,4 @@
-"""The encodings of event_camera_msgs/EventPacket by name, and what runs from packet to packet."""
+"""Payloads of event_camera_msgs/EventPacket: writer and reader for each encoding."""
 
 from __future__ import annotations
 
@@ -24,26 +24,40 @@ PAYLOADS: dict[str, EncodingLimits] = {"evt3": EVT3, "libcaer": LIBCAER, "mono":
 """name of an encoding -> what it can hold"""
 
 READABLE = (*PAYLOADS, "libcaer_cmp")
-"""Encodings that are read; the last one only that."""
+"""encodings that can be read; the last one cannot be written"""
 
 
 class PayloadWriter:
-    """Makes the payloads of one camera's packets, one after the other."""
+    """Encodes the payloads of one camera's packets, one after the other."""
 
     def __init__(self, encoding: str, *, time_origin_us: int = TIME_ORIGIN_US) -> None:
-        """In: evt3, libcaer or mono; time_origin_us is evt3's. EvsError for another encoding."""
+        """Start a stream.
+
+        Args:
+            encoding: evt3, libcaer or mono.
+            time_origin_us: Time stamp of time zero, us, for evt3.
+
+        Raises:
+            EvsError: The encoding is unknown.
+        """
         if encoding not in PAYLOADS:
             raise unknown("encoding", encoding, PAYLOADS)
         self.encoding, self.time_origin_us = encoding, time_origin_us
         self._after_us = -time_origin_us
 
     def payload(self, events: Events, time_base_us: int | None = None) -> Payload:
-        """The payload of the next packet. In: events (n,), sorted, none before the last packet's.
+        """Encode the next packet.
 
-        Payloads that follow one another may be joined under the first one's time base, those of
-        mono if time_base_us (the first event's time if None) is the same for all, those of libcaer
-        up to 2147 s. That of evt3 is 0, as real drivers have it: the words tell the time.
-        MessageError: what the encoding does not hold.
+        Consecutive payloads may be joined under the first one's time base: those of mono if
+        time_base_us is the same for all, those of libcaer up to 2147 s.
+
+        Args:
+            events: (n,) EVENT_DTYPE, sorted by t, none before the last packet's.
+            time_base_us: Time base of mono, us; None: the first event's time. The time base of evt3
+                is 0, as with real drivers: its words hold the time.
+
+        Raises:
+            MessageError: The events do not fit into the encoding.
         """
         if self.encoding == "mono":
             return encode_mono(events, time_base_us)
@@ -56,10 +70,18 @@ class PayloadWriter:
 
 
 class PayloadReader:
-    """Takes the payloads of one camera's packets, one after the other."""
+    """Decodes the payloads of one camera's packets, one after the other."""
 
     def __init__(self, encoding: str, *, time_origin_us: int = TIME_ORIGIN_US) -> None:
-        """In: one of READABLE; time_origin_us is evt3's. EvsError for another encoding."""
+        """Start a stream.
+
+        Args:
+            encoding: One of READABLE.
+            time_origin_us: Time stamp of time zero, us, for evt3.
+
+        Raises:
+            EvsError: The encoding is unknown.
+        """
         if encoding not in READABLE:
             raise unknown("encoding", encoding, READABLE)
         self.encoding, self.time_origin_us = encoding, time_origin_us
@@ -67,15 +89,21 @@ class PayloadReader:
 
     @property
     def skipped(self) -> int:
-        """Events so far that came before their time was told."""
+        """Events so far that came before the first time stamp."""
         return self._state.skipped
 
     def events(
         self, data: Any, time_base_ns: int, triggers: list[Triggers] | None = None
     ) -> Events:
-        """The events of the next packet, (n,), as unsorted as they were. Never raises.
+        """Decode the next packet. Never raises.
 
-        In: triggers, a list that takes the packet's external triggers; only evt3 has them.
+        Args:
+            data: Any contiguous buffer with the payload.
+            time_base_ns: Time base of the packet, ns.
+            triggers: A list that takes the packet's external triggers; only evt3 has them.
+
+        Returns:
+            (n,) events in the order sent, which may be unsorted.
         """
         if self.encoding == "mono":
             return decode_mono(data, time_base_ns)
