@@ -1,4 +1,4 @@
-"""CSV: a line of JSON with the stream's facts, a line of names, then `t,x,y,p` for each event."""
+"""CSV: a line of JSON with the StreamInfo, a line of names, then `t,x,y,p` for each event."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ NAMES = {
     "y": ("y", "row", "y_px"),
     "p": ("p", "pol", "polarity", "on"),
 }
-"""What the columns are called, by us and by others."""
+"""field -> names of its column, ours first"""
 
 _CHUNK_BYTES = 1 << 20
 _HEAD_BYTES = 1 << 22
@@ -68,7 +68,7 @@ class CsvRecorder(AppendingRecorder):
 
 @dataclass
 class CsvFile(EventOnlyFile):
-    """One text file of events, ours or anybody's with four columns.
+    """A text file of events, of evs or of others, with four columns.
 
     Columns go by their names, where a line names them, else they are t, x, y, p. They are parted by
     commas, semicolons, tabs or blanks. Times with a decimal point are seconds, others us; polarity
@@ -78,16 +78,16 @@ class CsvFile(EventOnlyFile):
     lines_at: int = 0
     """where the events begin, bytes"""
     column_index: tuple[int, ...] = (0, 1, 2, 3)
-    """of t, x, y, p among the columns"""
+    """indices of the columns of t, x, y, p"""
     columns: int = 4
     delimiter: bytes = b","
-    """empty: blanks and tabs"""
+    """separator; empty: blanks and tabs"""
     in_seconds: bool | None = None
-    """of the times; else they are us"""
+    """whether times are seconds; if not, us"""
 
     @classmethod
     def at(cls, path: AnyPath) -> CsvFile:
-        """Read the first lines. EvsError: no such file, no text of numbers."""
+        """Open a file and read its first lines. EvsError: no such file, not a text of numbers."""
         found = existing(path)
         try:
             with found.open("rb") as file:
@@ -104,7 +104,7 @@ class CsvFile(EventOnlyFile):
         return opened
 
     def events(self) -> Iterator[Events]:
-        """Events of each tick; lines that are none are damage."""
+        """The events of each tick; lines that are not events are reported as damaged."""
         integrity = IntegrityReport(noun="lines")
         sorter, stream = EventSorter(integrity, self.stream), self.stream
         for values, offsets in self._chunks(integrity):
@@ -125,7 +125,7 @@ class CsvFile(EventOnlyFile):
         self.integrity = integrity
 
     def _probe(self, data: bytes) -> None:
-        """Comments, names and the form of the first event."""
+        """Read comments, column names and the form of the first event."""
         stated: dict[str, Any] = {}
         at = 0
         for line in islice(BytesIO(data), _HEAD_LINES):
@@ -154,7 +154,7 @@ class CsvFile(EventOnlyFile):
         self.stream = stream_from_header(stated, "") if stated else self.stream
 
     def _detect_units(self, words: list[bytes]) -> None:
-        """What the first event says of all."""
+        """Find the unit of time from the first event."""
         if not 4 <= len(words) <= _MAX_COLUMNS:
             raise EvsError(
                 f"{self.path} is not a recording: a line has {len(words)} columns; "
@@ -168,7 +168,7 @@ class CsvFile(EventOnlyFile):
             self.in_seconds = marked and not plain
 
     def _detect_columns(self, words: list[str]) -> None:
-        """The places of the columns, by a line that names them."""
+        """Find the columns in the line that names them."""
         # faery tells the sensor's size too: x@346
         parts = [word.strip(" \"'").lower().partition("@") for word in words]
         lower = [name for name, _, _ in parts]
@@ -189,7 +189,7 @@ class CsvFile(EventOnlyFile):
             self.stream = stream_from_json(stated, StreamInfo(0, 0, sensor="unknown"))
 
     def _chunks(self, integrity: IntegrityReport) -> Iterator[tuple[Numbers, Offsets]]:
-        """(numbers (n, columns), byte offsets of their lines) of each part of the file."""
+        """For each part of the file: (n, columns) numbers, (n,) byte offsets of their lines."""
         with self.path.open("rb") as file:
             at, rest = self.lines_at, b""
             file.seek(at)
@@ -215,7 +215,7 @@ class CsvFile(EventOnlyFile):
     def _parse_block(
         self, text: bytes, at: int, integrity: IntegrityReport
     ) -> tuple[Numbers, Offsets]:
-        """The numbers of whole lines, and where they begin; other lines are damage."""
+        """The numbers of whole lines, their byte offsets; other lines are reported as damaged."""
         parting = self.delimiter or b" \t"
         table = bytes.maketrans(parting, b"," * len(parting))
         plain = text.translate(table, b"\r " if self.delimiter else b"\r")
@@ -234,7 +234,7 @@ class CsvFile(EventOnlyFile):
     def _parse_lines(
         self, text: bytes, at: int, integrity: IntegrityReport
     ) -> tuple[Numbers, Offsets]:
-        """The slow way, for a part in which something is odd: line by line."""
+        """The slow way, line by line, for a part that is not plain numbers."""
         rows, offsets = [], []
         for line in text.split(b"\n"):
             row = self._parse_line(line)
@@ -247,7 +247,7 @@ class CsvFile(EventOnlyFile):
         return np.array(rows).reshape(-1, self.columns), np.array(offsets, np.int64)
 
     def _parse_line(self, line: bytes) -> list[int | float] | None:
-        """The numbers of one line; None if it is no event."""
+        """The numbers of one line; None if it is not an event."""
         if self.delimiter and line.count(self.delimiter) != self.columns - 1:
             return None
         words = line.split(self.delimiter or None, self.columns)
@@ -261,7 +261,7 @@ class CsvFile(EventOnlyFile):
         return row if len(row) == self.columns else None
 
     def _sensor_size(self) -> tuple[int, int]:
-        """Width and height that the events need."""
+        """The width and height, px, that the events need."""
         most = [0, 0]
         for values, _ in self._chunks(IntegrityReport()):
             for axis in (0, 1):
@@ -272,7 +272,7 @@ class CsvFile(EventOnlyFile):
 
 
 def _parse_numbers(plain: bytes, count: int, as_float: bool) -> Numbers | None:
-    """The numbers between commas and line ends; None where it is not so many."""
+    """The numbers between commas and line ends; None if there are not `count` of them."""
     is_float = as_float or any(mark in plain for mark in (b".", b"e", b"E"))
     flat = plain.replace(b"\n", b",").decode("ascii")
     try:

@@ -31,13 +31,13 @@ _RESET, _SIGNAL = 0, 1
 
 @dataclass
 class ImuAssembler:
-    """Puts IMU words together; those of no whole sample are counted in `lost`."""
+    """Assembles IMU samples from words; words of incomplete samples are counted in `lost`."""
 
     lost: int = 0
     _kept: tuple[Bits, Bits] = (np.zeros(0, np.int64), np.zeros(0, np.int64))
 
     def feed(self, address: Bits, t_us: Bits) -> ImuSamples:
-        """The samples, (m,) sorted, that the next words, (n,), complete."""
+        """The sorted samples, (m,), that the next words, (n,), complete."""
         address = np.concatenate([self._kept[0], address])
         t_us = np.concatenate([self._kept[1], t_us])
         codes, count = address >> 28 & 7, len(address)
@@ -59,13 +59,13 @@ class ImuAssembler:
         return samples[np.argsort(samples["t"], kind="stable")]
 
     def flush(self) -> None:
-        """Nothing follows: what waits is lost."""
+        """The end of the file: incomplete samples are lost."""
         self.lost += len(self._kept[0])
 
 
 @dataclass
 class FrameAssembler:
-    """Puts a DAVIS's frames together; those that lack a pixel are counted in `torn`."""
+    """Assembles a DAVIS's frames from words; incomplete ones are counted in `torn`."""
 
     width: int
     height: int
@@ -73,11 +73,11 @@ class FrameAssembler:
     frames: int = 0
     torn: int = 0
     lost: int = 0
-    """words that are of no pixel, of a read that is neither, or of a frame before the first"""
+    """words outside the sensor, of an unknown read, or of a frame before the first"""
     _reads: Bits = field(init=False)
-    """(2, h * w) the reset and signal reads of the frame at hand, -1: nothing yet"""
+    """(2, h * w) reset and signal reads of the current frame, -1: not read yet"""
     _words: int = 0
-    """of the frame at hand"""
+    """words of the current frame"""
     _stamps: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -106,11 +106,11 @@ class FrameAssembler:
             yield from self._end()
 
     def flush(self) -> Iterator[Frame]:
-        """Nothing follows: the frame at hand."""
+        """The end of the file: the current frame, if it is complete."""
         yield from self._end()
 
     def _begins(self, pixel: Bits, kind: Bits) -> list[int]:
-        """Where frames begin, but the one at hand: at resets of pixels that it has reset."""
+        """Where further frames begin: at a reset of a pixel that the current frame has reset."""
         resets = np.flatnonzero(kind == _RESET)
         places = pixel[resets]
         order = np.argsort(places, kind="stable")
@@ -156,7 +156,7 @@ class FrameAssembler:
         return self._words >= self._reads.size and bool((self._reads >= 0).all())
 
     def _end(self) -> Iterator[Frame]:
-        """The frame at hand, if it is whole; then it is none."""
+        """Give out the current frame if it is complete, and start a new one."""
         if not self._is_whole:
             self._drop()
             return
@@ -172,7 +172,7 @@ class FrameAssembler:
             self.frames += 1
 
     def _drop(self, torn: bool = False) -> None:
-        """Begin with nothing; what was there, or `torn`, counts as torn unless it was whole."""
+        """Start a new frame; count the current one as torn if it is incomplete, or `torn`."""
         if self._words:
             self.torn += torn or not self._is_whole
             self._reads[:] = -1

@@ -19,7 +19,7 @@ MAGIC = b"#!AER-DAT2"
 END = "#End Of ASCII Header"
 EVS_LINE = "# evs "
 CHIP = "# AEChip: "
-"""Of the line that names the camera; jAER's header lists preferences of other cameras too."""
+"""start of the line that names the camera; jAER's header lists other cameras' preferences too"""
 MAX_WIDTH, MAX_HEIGHT = 1 << 10, 1 << 9
 SPAN_US = 1 << 31
 
@@ -28,16 +28,16 @@ WORD = np.dtype([("address", ">u4"), ("stamp", ">i4")])
 APS, IMU, EXTERNAL = 0x80000000, 0xC00, 0x400
 
 Bits = npt.NDArray[np.int64]
-"""(n,) addresses, or what is in them"""
+"""(n,) addresses, or parts of them"""
 
 
 def place(address: Bits) -> tuple[Bits, Bits]:
-    """x and y of a DAVIS's addresses, as they count."""
+    """x and y in a DAVIS's addresses, in their own coordinates."""
     return address >> 12 & 0x3FF, address >> 22 & 0x1FF
 
 
 def header_lines(data: bytes) -> tuple[list[str], int]:
-    """The header's lines, and where the words begin."""
+    """The lines of the header, and the byte offset of the words."""
     lines, at = [], 0
     while data[at : at + 1] == b"#":
         end = data.find(b"\n", at)

@@ -39,20 +39,20 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass
 class Aedat2File(MultiStreamFile):
-    """One AEDAT2 file, ours or jAER's."""
+    """An AEDAT2 file, of evs or jAER."""
 
     words_at: int = 0
     """where the words begin, bytes"""
     base_us: int = 0
-    """what its stamps count from"""
+    """time of its time stamp 0, us"""
     is_davis: bool = True
-    """else it is a DVS128"""
+    """whether it is a DAVIS; if not, a DVS128"""
     part: int | None = None
-    """which file of a recording in several ones this is, from 0; None: it says nothing"""
+    """number of this file in a recording of several, from 0; None: not stated"""
 
     @classmethod
     def at(cls, path: AnyPath) -> Aedat2File:
-        """Read the header. EvsError: no such file, not AEDAT2."""
+        """Open a file and read its header. EvsError: no such file, not AEDAT2."""
         found, data = read_file_head(path)
         if not data.startswith(MAGIC):
             raise EvsError(
@@ -80,7 +80,7 @@ class Aedat2File(MultiStreamFile):
         return opened
 
     def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Events | Frame | ImuSamples]:
-        """What is asked for; external inputs, and what is not whole, are in `left_out`."""
+        """The requested messages; external inputs and torn frames are counted in `left_out`."""
         integrity, left_out = IntegrityReport(noun="words"), dict[str, int]()
         bad, interleaver = _BadWordTracker(self.words_at), Interleaver()
         sorter, unwrap = EventSorter(integrity, self.stream), TimestampUnwrapper(self.base_us)
@@ -125,7 +125,7 @@ class Aedat2File(MultiStreamFile):
         self.integrity, self.left_out = integrity, left_out
 
     def _words(self, file: BinaryIO) -> Iterator[tuple[int, npt.NDArray[np.void]]]:
-        """(byte offset, words) of each chunk; a torn last word is not in it."""
+        """(byte offset, words) of each chunk, without a torn last word."""
         at = self.words_at
         file.seek(at)
         while len(chunk := file.read(8 * _CHUNK_WORDS)) >= 8:
@@ -135,7 +135,7 @@ class Aedat2File(MultiStreamFile):
             at += len(chunk)
 
     def _kinds(self, address: Bits) -> dict[str, Mask]:
-        """What is no pixel's event -> which words, (n,) each, are it."""
+        """Kind of words other than events -> (n,) which words are of it."""
         if not self.is_davis:
             none = np.zeros(len(address), np.bool_)
             return {
@@ -189,15 +189,15 @@ class Aedat2File(MultiStreamFile):
 
 
 class _BadWordTracker:
-    """Words that no pixel has; behind the last sound word they are part of a torn tail."""
+    """Tracks words outside the sensor; after the last valid word they are part of a torn tail."""
 
     def __init__(self, begin: int) -> None:
         self.sound_end = begin
-        """where the last sound word ends, bytes"""
+        """byte offset of the end of the last valid word"""
         self._waiting: list[tuple[int, str, int]] = []
 
     def check(self, off: Mask, address: Bits, at: int, integrity: IntegrityReport) -> None:
-        """Look at the next words, (n,). In: which are bad, their addresses, their byte offset."""
+        """Check the next words, (n,): which are bad, their addresses, their byte offset."""
         sound = np.flatnonzero(~off)
         whole = int(sound[-1]) + 1 if len(sound) else 0
         if whole:

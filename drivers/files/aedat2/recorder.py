@@ -35,12 +35,12 @@ class Aedat2Recorder(AppendingRecorder):
         self._written = 0
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
-        """As AppendingRecorder's. EvsError also where an earlier recording would go on behind."""
+        """As AppendingRecorder's. EvsError also if an earlier recording would continue it."""
         check_not_continued(self._path, Aedat2File.at)
         super().open(streams)
 
     def write(self, packet: EventPacket) -> None:
-        """Append one packet, over as many files as it needs. EvsError as AppendingRecorder's."""
+        """Append one packet, to as many files as it needs. Errors as AppendingRecorder's."""
         begin, stamps = 0, packet.events["t"]
         while begin < len(stamps):
             base_us = int(stamps[begin]) // SPAN_US * SPAN_US
@@ -51,12 +51,12 @@ class Aedat2Recorder(AppendingRecorder):
             begin = end
 
     def close(self) -> dict[str, Any]:
-        """As AppendingRecorder's; `files` counts those that were written."""
+        """As AppendingRecorder's, with the number of files."""
         report = super().close()
         return report | {"bytes": self._written + self._position, "files": self._parts}
 
     def _next(self, base_us: int) -> None:
-        """Go on in another file, or begin this one anew where nothing is in it yet."""
+        """Continue in another file, or restart this one if it is empty."""
         if self._file is None:
             return
         if base_us < self._base_us:

@@ -15,20 +15,20 @@ import numpy.typing as npt
 from evs.drivers.files.aedat3.layout import EVENT
 
 FORMATS = ("RAW", "Serial-TS", "Compressed", "PNG", "Serial-TS,PNG")
-"""What a header may say; of any other we do not know what it means."""
+"""the known values of a header's format line"""
 
 PNG_BIT = 1 << 31
 _RUN = 1 << 31
 _TIME = _RUN - 1
 MAX_PICTURE_BYTES = 1 << 26
-"""Of a frame, unpacked: 32 megapixels."""
+"""most bytes of a decompressed frame, 32 megapixels"""
 
 MAX_DEFLATE = 1100
-"""Deflate expands 1032 times at most: a picture that states more is damaged."""
+"""deflate expands at most 1032 times; a picture that states more is corrupt"""
 
 
 def expanded(body: bytes, count: int) -> npt.NDArray[np.void] | None:
-    """(count,) EVENT of a packed polarity packet; None where the bytes do not give that many."""
+    """(count,) EVENT of a compressed polarity packet; None where the bytes do not hold as many."""
     if len(body) % 4:
         return None
     words = np.frombuffer(body, "<u4")
@@ -60,7 +60,7 @@ def expanded(body: bytes, count: int) -> npt.NDArray[np.void] | None:
 def _runs(
     words: npt.NDArray[np.uint32],
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]] | None:
-    """Where runs begin and how many events each has behind its second; None: they do not fit."""
+    """Start of each run and its number of events after the second; None: they do not fit."""
     marked = np.flatnonzero(words >= _RUN)
     # stamps lie at odd distances from where the events before them began
     by_parity = [marked[marked % 2 == parity] for parity in (0, 1)]

@@ -15,15 +15,15 @@ from evs.msgs import DEGREE, STANDARD_GRAVITY, Frame, ImuSamples, empty_imu
 
 
 class BadEventError(Exception):
-    """Bytes that no frame can be. Never reaches users."""
+    """The bytes are not a frame. Never reaches users."""
 
 
 class ColouredError(Exception):
-    """A sound frame, but in colour. Never reaches users."""
+    """The frame is in colour. Never reaches users."""
 
 
 def samples_in(body: bytes, head: Head) -> tuple[ImuSamples, int, int]:
-    """The sound samples of a packet, sorted; how many are marked invalid, how many are damaged."""
+    """The valid samples of a packet, sorted; how many are marked invalid, how many are corrupt."""
     rows = np.frombuffer(body, IMU[head.kind], len(body) // head.size)
     valid = (rows["info"] & 1) != 0
     samples = empty_imu(len(rows))
@@ -85,7 +85,7 @@ def frames_in(
 def _frame(
     data: bytes, head: Head, stamps: list[int], sides: tuple[int, int], packed: bool
 ) -> Frame | BadEventError:
-    """One frame. In: its begin's and end's stamps, then its exposure's."""
+    """Decode a frame; `stamps` are start and end of the frame, then of its exposure."""
     # what is lower than its begin came after a wrap of the clock
     begin, end, exposure_begin, exposure_end = (
         (head.overflow << 31) + stamp + (SPAN_US if stamp < stamps[0] else 0) for stamp in stamps

@@ -26,7 +26,7 @@ MAGIC = b"#!AER-DAT3.1"
 END = b"#!END-HEADER"
 EVS_LINE = "#evs "
 SOURCE = "#Source "
-"""Of the line that names the camera, behind its number."""
+"""start of the line that names the camera, after its number"""
 SPAN_US = 1 << 31
 
 SPECIAL, POLARITY, FRAME, IMU6, IMU9 = range(5)
@@ -47,13 +47,13 @@ IMU = {IMU6: np.dtype(_IMU_FIELDS), IMU9: np.dtype([*_IMU_FIELDS, ("compass", "<
 
 FRAME_HEAD = struct.Struct("<I8i")
 FRAME_STAMP_AT = 12
-"""Where libcaer says that a frame's stamp is: its exposure's begin."""
+"""offset of a frame's time stamp in libcaer's headers: the start of the exposure"""
 
 SIZES = {POLARITY: (8, 4), IMU6: (36, 4), IMU9: (48, 4)}
 """Kind -> size of an event, offset of its stamp."""
 
 MARK = re.compile(rb"[\x08\x24\x30]\0\0\0\x04\0\0\0")
-"""Those two in a packet's head: what a search goes by."""
+"""these two in a packet's header, for the search after corrupt data"""
 
 MARK_AT = 4
 MAX_EVENT_BYTES = 1 << 28
@@ -75,22 +75,22 @@ class Head(NamedTuple):
 
     @property
     def kind(self) -> int:
-        """What the events are."""
+        """Type of the events."""
         return self.code & ~COMPRESSED
 
     @property
     def compressed(self) -> bool:
-        """Whether they are packed."""
+        """Whether they are compressed."""
         return bool(self.code & COMPRESSED)
 
     @property
     def length(self) -> int:
-        """What follows the header."""
+        """Bytes after the header."""
         return self.capacity if self.compressed else self.number * self.size
 
     @property
     def sound(self) -> bool:
-        """Whether its numbers can be those of a packet."""
+        """Whether its numbers are possible for a packet."""
         counts = 0 <= self.valid <= self.number and self.overflow >= 0
         if self.compressed:
             # what is packed takes at least half of its room: no more is allowed for
@@ -104,7 +104,7 @@ class Head(NamedTuple):
         return counts and least <= self.size <= MAX_EVENT_BYTES and self.kind < 128
 
     def fits(self, at: int, end: int) -> bool:
-        """Whether it is sound, and its packet, at a byte offset, whole."""
+        """Whether it is valid, and its packet at a byte offset whole."""
         return self.sound and at + NUMBERS.size + self.length <= end
 
     def packed(self) -> bytes:

@@ -1,4 +1,4 @@
-"""Aedat3File: any AEDAT3.1 file as events, frames and IMU samples, in whatever state it is."""
+"""Aedat3File: reads AEDAT3.1 files as events, frames and IMU samples, whole or damaged."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ Raw = npt.NDArray[np.void]
 
 @dataclass
 class Aedat3File(MultiStreamFile):
-    """One AEDAT3.1 file, ours, cAER's or jAER's."""
+    """An AEDAT3.1 file, of evs, cAER or jAER."""
 
     packets_at: int = 0
     """where the packets begin, bytes"""
@@ -54,7 +54,7 @@ class Aedat3File(MultiStreamFile):
 
     @classmethod
     def at(cls, path: AnyPath) -> Aedat3File:
-        """Read the header. EvsError: no such file, not AEDAT3.1, of an unknown compression."""
+        """Read the header. EvsError: no such file, not AEDAT3.1, an unknown compression."""
         found, data = read_file_head(path)
         at = data.find(END)
         if not data.startswith(MAGIC) or at < 0:
@@ -85,7 +85,7 @@ class Aedat3File(MultiStreamFile):
         return opened
 
     def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Events | Frame | ImuSamples]:
-        """What is asked for; special events and colour frames are counted in `left_out`."""
+        """The requested messages; special events and colour frames are counted in `left_out`."""
         integrity, left_out = IntegrityReport(), dict[str, int]()
         sorter, interleaver = EventSorter(integrity, self.stream), Interleaver()
         self._frames = 0
@@ -108,7 +108,7 @@ class Aedat3File(MultiStreamFile):
     def _packets(
         self, file: BinaryIO, integrity: IntegrityReport, left_out: dict[str, int]
     ) -> Iterator[tuple[int, Head]]:
-        """(byte offset, header) of each packet that we read; then of one that the file ends in."""
+        """(byte offset, header) of each packet that evs reads, then of a torn last one."""
         at, broken = self.packets_at, -1
         while at < self.size:
             self.position = at
@@ -134,7 +134,7 @@ class Aedat3File(MultiStreamFile):
                 yield broken, torn
 
     def _torn_packet_head(self, file: BinaryIO, at: int) -> Head | None:
-        """The header of a torn packet, of its whole events; None where there are none."""
+        """The header of a torn packet, reduced to its whole events; None without any."""
         head = read_head(file, at)
         room = self.size - at - NUMBERS.size
         if head is None or not head.sound or head.compressed or head.kind not in (POLARITY, *IMU):
@@ -145,7 +145,7 @@ class Aedat3File(MultiStreamFile):
     def _parts(
         self, file: BinaryIO, at: int, head: Head, integrity: IntegrityReport
     ) -> Iterator[tuple[int, Raw]]:
-        """(byte offset, events) of a polarity packet, so many at a time."""
+        """(byte offset, events) of the parts of a polarity packet."""
         place = at + NUMBERS.size
         if head.compressed:
             file.seek(place)
@@ -165,7 +165,7 @@ class Aedat3File(MultiStreamFile):
     def _events(
         self, at: int, head: Head, raw: Raw, integrity: IntegrityReport, left_out: dict[str, int]
     ) -> tuple[Events, npt.NDArray[np.int64]]:
-        """The sound events of a part, (n,), and their byte offsets."""
+        """The valid events of a part, (n,), and their byte offsets."""
         data, stream = raw["data"].astype(np.int64), self.stream
         x, y = data >> 17, data >> 2 & 0x7FFF
         valid = (data & 1).astype(np.bool_)
@@ -190,7 +190,7 @@ class Aedat3File(MultiStreamFile):
         integrity: IntegrityReport,
         left_out: dict[str, int],
     ) -> Iterator[tuple[int, Frame | ImuSamples]]:
-        """(time, message) of what a packet of frames or IMU samples holds."""
+        """(time in us, message) of each frame in a packet, or of its IMU samples."""
         if head.kind != FRAME:
             file.seek(at + NUMBERS.size)
             samples, invalid, bad = samples_in(file.read(head.length), head)
@@ -232,7 +232,7 @@ class Aedat3File(MultiStreamFile):
         return self.size
 
     def _probe(self) -> None:
-        """Find out what a file that is not ours holds; its size, where the header says none."""
+        """Find the streams of another writer's file, and the sensor's size if it is not stated."""
         width = height = 1
         kinds = set()
         with self.path.open("rb") as file:
@@ -251,6 +251,6 @@ class Aedat3File(MultiStreamFile):
 
 
 def count(left_out: dict[str, int], what: str, number: int) -> None:
-    """So many more of what is sound but not read."""
+    """Count more of what is valid but not read."""
     if number:
         left_out[what] = left_out.get(what, 0) + number

@@ -39,7 +39,7 @@ from evs.msgs import (
 
 _SOURCE = 1
 _TO_16_BITS = 257
-"""All of 8 bits to all of 16: 255 -> 65535."""
+"""scales 8 bits to 16: 255 -> 65535"""
 
 
 class Aedat3Recorder(AppendingRecorder):
@@ -57,7 +57,7 @@ class Aedat3Recorder(AppendingRecorder):
         self._counts = {"frames": 0, "imu_samples": 0}
 
     def write_frame(self, frame: Frame) -> None:
-        """Append one frame. Errors as write; EvsError where the stream has no frames."""
+        """Append one frame. Errors as `write`; EvsError if the stream has no frames."""
         self._check("frames", frame.begin_us)
         data = frame_packet(frame)
         self.meter.lap("pack")
@@ -65,7 +65,7 @@ class Aedat3Recorder(AppendingRecorder):
         self._counts["frames"] += 1
 
     def write_imu(self, packet: ImuPacket) -> None:
-        """Append the samples of one packet. Errors as write; EvsError where there is no IMU."""
+        """Append one packet's samples. Errors as `write`; EvsError if the stream has no IMU."""
         if len(packet):
             self._check("imu", int(packet.samples["t"][0]))
             data = b"".join(imu_packet(part) for part in _between_wraps(packet.samples))
@@ -74,7 +74,7 @@ class Aedat3Recorder(AppendingRecorder):
             self._counts["imu_samples"] += len(packet)
 
     def close(self) -> dict[str, Any]:
-        """As AppendingRecorder's, with the frames and samples beside."""
+        """As AppendingRecorder's, with the numbers of frames and samples."""
         return super().close() | self._counts
 
     def _check(self, key: str, t_us: int) -> None:
@@ -123,7 +123,7 @@ def imu_packet(samples: ImuSamples) -> bytes:
 
 
 def frame_packet(frame: Frame) -> bytes:
-    """One packet of one frame. Stamps behind a wrap of the clock are smaller than its begin."""
+    """One packet of one frame. Time stamps after a wrap of the clock are lower than its start."""
     stamps = frame.begin_us, frame.end_us, frame.exposure_begin_us, frame.exposure_end_us
     wrapped = (t_us & (SPAN_US - 1) for t_us in stamps)
     head = FRAME_HEAD.pack(1 | 1 << 1, *wrapped, frame.width, frame.height, 0, 0)
@@ -140,5 +140,5 @@ def _head(kind: int, t_us: int, count: int, sizes: tuple[int, int] | None = None
 
 
 def _between_wraps(rows: Any) -> list[Any]:
-    """Rows with a stamp `t`, (n,) sorted, cut where the clock wraps."""
+    """Split rows, (n,) sorted by a field t, where the clock wraps."""
     return np.split(rows, np.flatnonzero(np.diff(rows["t"] // SPAN_US)) + 1)

@@ -1,4 +1,4 @@
-"""AEDAT4's compressions by name and number. The only door to lz4 and zstandard.
+"""AEDAT4's compressions by name and number. The only module that imports lz4 and zstandard.
 
 Each is imported by what uses it: who writes LZ4 loads no ZSTD.
 """
@@ -76,13 +76,13 @@ def expanded(body: bytes, name: str, size: int) -> bytes:
 
 
 def identifier(body: bytes, name: str) -> bytes:
-    """The four letters that say what a body is, without decompressing all of it."""
+    """The four letters of a body's type, without decompressing all of it."""
     read = _reader(body, name)
     return (read(12) + bytes(12))[8:12]
 
 
 def frame_bytes(body: bytes, name: str) -> int:
-    """How many bytes the frame (or plain buffer) takes that `body` begins with.
+    """The size, bytes, of the frame (or plain buffer) at the start of `body`.
 
     By the lengths that stand in it, nothing is decompressed; CorruptDataError where it ends early.
     """
@@ -134,7 +134,7 @@ def _same(body: bytes) -> bytes:
 
 
 def _bounded(read: Callable[[int], bytes]) -> bytes:
-    """Everything that read(n) gives, which must be as long as its first four bytes state."""
+    """Read everything, which must be as long as its first four bytes state."""
     out = bytearray(read(12))
     if len(out) < 12:
         raise CorruptDataError("the compressed data end early")

@@ -1,4 +1,4 @@
-"""AEDAT4's infoNode: the XML that says which streams a file holds, from and to StreamInfo."""
+"""AEDAT4's infoNode: the XML that describes the streams of a file, to and from StreamInfo."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ KINDS = {
 
 
 def held_by(stream: StreamInfo) -> tuple[int, ...]:
-    """The ids of the streams that a camera gives: events, and what comes beside them."""
+    """The ids of a camera's streams: events, and the auxiliary streams that it has."""
     auxiliary = (
         (FRAME_STREAM, stream.frames),
         (IMU_STREAM, stream.imu),
@@ -107,7 +107,7 @@ def _stream_node(
 
 
 def from_xml(text: str) -> dict[int, Declared]:
-    """Every stream that a description declares, by stream id; CorruptDataError if it is not one."""
+    """The streams that a description declares, by stream id; CorruptDataError if it is not one."""
     if "<!" in text:
         raise CorruptDataError(
             "the stream description holds declarations, which no writer puts there"
@@ -167,7 +167,7 @@ def _attributes(node: ET.Element) -> dict[str, str]:
 
 
 def _json(info: dict[str, str], key: str, default: Any) -> Any:
-    """A JSON attribute of the default's type; the default where it is missing or another type."""
+    """A JSON attribute of the default's type; the default if it is missing or of another type."""
     try:
         value = json.loads(info[key])
     except (KeyError, ValueError, RecursionError):

@@ -23,7 +23,7 @@ _SENSOR = 1
 
 
 class OtherFormatError(Exception):
-    """A sound frame, but not one grey channel of 8 or 16 bits. Never reaches users."""
+    """A valid frame, but not one grey channel of 8 or 16 bits. Never reaches users."""
 
 
 def frame_body(frame: Frame) -> bytes:

@@ -15,7 +15,7 @@ _FIELDS = 11
 
 
 def imu_body(samples: ImuSamples) -> bytes:
-    """An uncompressed packet body. What a sensor of ours says is held without a change."""
+    """An uncompressed packet body. It holds the values of our sensors without loss."""
     force = (samples["acceleration"] / STANDARD_GRAVITY).astype(np.float32)
     turn = (samples["angular_velocity"] / DEGREE).astype(np.float32)
     values = np.hstack([samples["temperature"][:, np.newaxis].astype(np.float32), force, turn])

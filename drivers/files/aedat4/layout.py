@@ -55,7 +55,7 @@ _TABLE_VTABLE = struct.Struct("<7H")
 
 
 class CorruptDataError(Exception):
-    """These bytes are not what the format asks for; the message says why. Never reaches users."""
+    """The bytes do not fit the format; the message is the reason. Never reaches users."""
 
 
 def io_header(compression: int, xml: str, table_position: int = NO_TABLE) -> bytes:
@@ -73,7 +73,7 @@ def io_header(compression: int, xml: str, table_position: int = NO_TABLE) -> byt
 
 @dataclass(frozen=True)
 class IOHeader:
-    """What an IOHeader says."""
+    """The content of an IOHeader."""
 
     compression: int
     """dv-processing's CompressionType"""

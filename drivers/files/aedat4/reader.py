@@ -1,4 +1,4 @@
-"""Aedat4File: any AEDAT4 file as a stream of event packets, whatever state its bytes are in."""
+"""Aedat4File: reads AEDAT4 files, whole or damaged."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from evs.msgs import EVENT_DTYPE, Events, EvsError, Frame, ImuSamples, StreamInf
 
 MAX_HEADER_BYTES = 1 << 26
 MAX_TRIES = 1000
-"""After damage, so many places that look like a packet are tried before the rest is given up."""
+"""After corrupt data, the number of places that look like a packet that are tried."""
 
 COLOURED = "frames that are not grey"
 
@@ -36,7 +36,7 @@ _PLAIN_KINDS = re.compile(b"EVTS|FRME|IMUS|TRIG")
 Message = Events | Frame | ImuSamples | Triggers
 
 _Parser = Callable[[bytes], Message | str | None]
-"""What is in the body of a packet: a message, nothing, or words on why it is damaged."""
+"""Parses the body of a packet: a message, None, or the reason why it is damaged."""
 
 
 @dataclass
@@ -113,18 +113,18 @@ class Aedat4File:
 
     @property
     def part(self) -> int | None:
-        """Which file of a recording in several ones this is, from 0; None: it says nothing."""
+        """Number of this file in a recording of several, from 0; None: not stated."""
         info = self.streams[self.event_id].info if self.event_id in self.streams else {}
         text = info.get("part", "")
         return int(text) if text.isascii() and text.isdigit() and len(text) < 10 else None
 
     @property
     def broken_pointer(self) -> bool:
-        """The header points to a data table that is not there: dv-processing refuses the file."""
+        """Whether the header points to a missing data table: dv-processing refuses such a file."""
         return self.header.table_position > 0 and self.table_packets is None
 
     def first_packet_fits(self) -> bool:
-        """There is a first packet and, by its stated length, it is not torn."""
+        """Whether there is a first packet that, by its stated length, is not torn."""
         with self.path.open("rb") as file:
             try:
                 self._packet(file, self.packets_at)
@@ -169,7 +169,7 @@ class Aedat4File:
         return opened
 
     def _find_stream(self, file: BinaryIO) -> None:
-        """Take the stream's facts from the description, or else from the packets."""
+        """Find the stream in the description, or else in the packets."""
         frames, imu, triggers = (self._first_stream(one) for one in ("FRME", "IMUS", "TRIG"))
         others = [one for one in (frames, imu, triggers) if one is not None]
         facts = self.event_id if self.event_id in self.streams or not others else others[0]
@@ -209,7 +209,7 @@ class Aedat4File:
         return min(ids, default=None)
 
     def _parsers(self) -> dict[int, _Parser]:
-        """How the packets of the streams that we read are taken, by stream id."""
+        """The parsers of the streams that evs reads, by stream id."""
         frames, imu, triggers = (self._first_stream(kind) for kind in ("FRME", "IMUS", "TRIG"))
         parsers: dict[int, _Parser] = {self.event_id: self._parse_events}
         if frames is not None:
@@ -343,7 +343,7 @@ class Aedat4File:
 
 
 def _or_none(found: ImuSamples | Triggers) -> ImuSamples | Triggers | None:
-    """What a packet holds; None: nothing."""
+    """The samples or triggers; None if there are none."""
     return found if len(found) else None
 
 

@@ -69,7 +69,7 @@ class Aedat4Recorder(Sink):
         self._has_table = False
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
-        """Create the file and write its header. EvsError: several cameras, or no place to write."""
+        """Create the file and its header. EvsError: several cameras, or it cannot be written."""
         self._stream = one_stream(self._path, streams)
         if self._rotates:
             check_no_parts(self._path)
@@ -80,7 +80,7 @@ class Aedat4Recorder(Sink):
         self._is_open = True
 
     def write(self, packet: EventPacket) -> None:
-        """Append one packet. SinkStoppedError where the disk does not take it."""
+        """Append one packet. SinkStoppedError: the disk is full."""
         self._check_open()
         events = packet.events
         self._counts["empty_ticks"] += not len(events)
@@ -100,7 +100,7 @@ class Aedat4Recorder(Sink):
         self._counts["frames"] += 1
 
     def write_imu(self, packet: ImuPacket) -> None:
-        """Append the samples of one packet. Errors as write; EvsError where there is no IMU."""
+        """Append one packet's samples. Errors as `write`; EvsError if the stream has no IMU."""
         self._check_declared("imu", "IMU samples")
         if len(packet):
             stamps = packet.samples["t"]
@@ -119,7 +119,7 @@ class Aedat4Recorder(Sink):
             self._counts["triggers"] += len(packet)
 
     def close(self) -> dict[str, Any]:
-        """Append the data table and let go of the file. Never raises for a disk that is full."""
+        """Write the data table and close the file. A full disk is not an error here."""
         self._end_part()
         self._is_open = False
         report = {
@@ -149,7 +149,7 @@ class Aedat4Recorder(Sink):
             )
 
     def _append(self, stream: int, plain: bytes, elements: int, span_us: tuple[int, int]) -> None:
-        """Append one packet of a stream, to the next file if it is time for that."""
+        """Append one packet of a stream, to the next file if this one is full."""
         self._check_open()
         body = self._compress(plain)
         self.meter.lap("pack")

@@ -1,4 +1,4 @@
-"""Cut the torn tail of an AEDAT4 file, in place."""
+"""Repair of AEDAT4 files: cuts the torn tail in place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Aedat4Writer: the bytes of one AEDAT4 file, whole for every reader at any moment."""
+"""Aedat4Writer: writes one AEDAT4 file that is valid for every reader at any moment."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class Aedat4Writer:
         return True
 
     def _append(self, *parts: bytes) -> None:
-        """Hand all bytes to the system, or leave the file as it was and raise OSError."""
+        """Hand all bytes to the system, or leave the file unchanged and raise OSError."""
         size = sum(map(len, parts))
         try:
             # one call, and no copy of the parts side by side

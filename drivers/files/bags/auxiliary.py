@@ -1,4 +1,4 @@
-"""Images and IMU samples of a bag, as they are met on the way through it."""
+"""Images and IMU samples in the messages of a bag."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from evs.drivers.files.bags.sensor_messages import (
 from evs.msgs import Frame, ImuSamples
 
 MAX_SAMPLES_TOGETHER = 1000
-"""IMU samples that are given out together at most."""
+"""most IMU samples in one message"""
 
 
 def declared_auxiliary(kinds: dict[str, str], namespace: str) -> dict[str, Any]:
-    """Fields of StreamInfo -> whether such topics are declared in the camera's namespace."""
+    """Field of StreamInfo -> whether the camera's namespace has such a topic."""
     wanted = {"frames": IMAGE, "imu": SAMPLE}
     return {key: kinds.get(f"{namespace}/{TOPICS[kind]}") == kind for key, kind in wanted.items()}
 
 
 def count(left_out: dict[str, int], what: str) -> None:
-    """One more of what is not read."""
+    """Count one more message that is not read."""
     left_out[what] = left_out.get(what, 0) + 1
 
 
 class AuxiliaryParser:
-    """Takes messages as they come; gives frames, and the samples that follow one another."""
+    """Parses a camera's messages into frames and groups of consecutive IMU samples."""
 
     def __init__(self, namespace: str, camera: str, ros: int) -> None:
         self._topics = {f"{namespace}/{name}": kind for kind, name in TOPICS.items()}
@@ -45,7 +45,7 @@ class AuxiliaryParser:
         self._samples: list[ImuSamples] = []
 
     def parse(self, found: BagMessage, left_out: dict[str, int]) -> Iterator[Frame | ImuSamples]:
-        """What a message of the camera's gives. BadMessageError: it is not what it says."""
+        """Parse a message of the camera. BadMessageError: it is not of its type."""
         if self._topics.get(found.topic) != found.kind:
             return
         if found.kind == EXPOSURE:
@@ -65,7 +65,7 @@ class AuxiliaryParser:
             self._frames += 1
 
     def flush(self) -> Iterator[ImuSamples]:
-        """The samples since the last message that was none."""
+        """The samples since the last other message."""
         if self._samples:
             yield np.concatenate(self._samples)
             self._samples = []

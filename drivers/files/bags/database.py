@@ -17,17 +17,17 @@ _NAMES = "SELECT id, name, type FROM main.topics"
 _MESSAGES = "SELECT topic_id, data FROM main.messages ORDER BY timestamp, id"
 _TABLES = "SELECT name, type, sql FROM main.sqlite_master"
 _PLAIN = re.compile(r"\s*create\s+table\b(?!.*\b(as|generated)\b)", re.I | re.S)
-"""Of a table that holds what was put into it, and works nothing out."""
+"""the SQL of a plain table, which computes nothing"""
 
 _JOURNAL_ENDS = b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7"
-"""Behind the name of another journal, which SQLite would read and delete."""
+"""follows the name of another journal, which SQLite would read and delete"""
 
 _STEPS, _STEPS_A_BYTE = 1 << 20, 64
-"""SQLite's own steps between two looks at how many there were; and how many a file may take."""
+"""SQLite's steps between two checks of their number; most steps for each byte of a file"""
 
 
 def journal_of(path: Path) -> Path | None:
-    """What a killed writer left of the transaction it was in; None: nothing."""
+    """The journal that a killed writer left of its transaction; None: there is none."""
     journal = path.with_name(f"{path.name}-journal")
     return journal if journal.is_file() and journal.stat().st_size else None
 

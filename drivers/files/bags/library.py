@@ -37,7 +37,7 @@ dvs_msgs/Event[] events
 
 
 def load() -> Any:
-    """The library; EvsError says how to install it."""
+    """Import the library; EvsError names the extra where it is missing."""
     try:
         import rosbags.rosbag1
         import rosbags.rosbag2
@@ -49,7 +49,7 @@ def load() -> Any:
 
 @cache
 def typestore(ros: int) -> Any:
-    """Every message type that we use, of ROS 1 or 2; it takes 50 ms to make."""
+    """All message types that evs uses, of ROS 1 or 2; making it takes 50 ms."""
     types = load().typesys
     store = types.get_typestore(types.Stores.ROS1_NOETIC if ros == 1 else types.Stores.ROS2_HUMBLE)
     time = "time" if ros == 1 else "builtin_interfaces/Time"

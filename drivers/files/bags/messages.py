@@ -26,7 +26,7 @@ _ROS2 = np.dtype(
         "itemsize": 16,
     }
 )
-"""From an event's y to the next one's x; the first event has x and y where later ones have y."""
+"""from an event's y to the next one's x; the first event has x and y where later ones have y"""
 
 _CDR = b"\x00\x01\x00\x00"
 _SECOND_US = 1_000_000
@@ -34,12 +34,12 @@ MAX_FRAME_ID = 1 << 16
 
 
 class BadMessageError(Exception):
-    """Bytes that are no such message."""
+    """The bytes are not a message of this type."""
 
 
 @dataclass(frozen=True)
 class ArrayMessage:
-    """What an EventArray says."""
+    """The content of an EventArray."""
 
     frame_id: str
     height: int
@@ -50,7 +50,7 @@ class ArrayMessage:
 def array_bytes(
     events: Events, ros: int, seq: int, frame_id: str, height: int, width: int
 ) -> bytes:
-    """The message of events, (n,); its stamp is the first one's time."""
+    """Encode events, (n,), as a message; its time stamp is the first event's."""
     first = int(events["t"][0]) if len(events) else 0
     stamp = divmod(first, _SECOND_US)
     name = frame_id.encode()
@@ -75,7 +75,7 @@ def array_bytes(
 
 
 def parse_array(data: bytes, ros: int) -> ArrayMessage:
-    """What a message says; BadMessageError where the bytes are none, or of a big-endian machine."""
+    """Decode a message; BadMessageError where the bytes are not one, or are big-endian."""
     try:
         if ros == 1:
             length = struct.unpack_from("<12xI", data)[0]
@@ -112,7 +112,7 @@ def parse_array(data: bytes, ros: int) -> ArrayMessage:
 
 
 def deserialised(data: bytes, kind: str, ros: int) -> Any:
-    """A message of a type that the library knows; BadMessageError where the bytes are none."""
+    """Decode a message of a type that the library knows; BadMessageError where it cannot be."""
     store = typestore(ros)
     take = store.deserialize_ros1 if ros == 1 else store.deserialize_cdr
     try:

@@ -50,24 +50,24 @@ from evs.msgs.codecs import READABLE, PayloadReader
 
 ARRAYS = (ARRAY, "prophesee_event_msgs/msg/EventArray")
 PACKETS = (PACKET, "event_array_msgs/msg/EventArray")
-"""Message types of one layout: what they are called now, and what other or older drivers said."""
+"""message types of one layout: the current name, and those of other or older drivers"""
 
 KINDS = (*ARRAYS, *PACKETS)
 
 _PIECE_BYTES = 1 << 20
 _MOST_BYTES = {"libcaer_cmp": 1 << 24}
-"""Of a packet whose bytes are many events each; those of evt3 are decoded a piece at a time."""
+"""most bytes of a packet whose bytes are many events each; evt3 is decoded in pieces"""
 
 Message = Events | Frame | ImuSamples | Triggers
 
 
 @dataclass
 class BagFile(MultiStreamFile):
-    """One bag, opened with `BagFile.at(path)`; packets come back as they were packed."""
+    """A ROS bag, opened with `BagFile.at(path)`; it yields packets as they were recorded."""
 
     ros: int = 2
     topic: str = ""
-    """whose events these are: the first one's in the file"""
+    """topic of the events: the first one in the file"""
     time_origin_us: int = 0
 
     @classmethod
@@ -90,7 +90,7 @@ class BagFile(MultiStreamFile):
         return opened
 
     def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Message]:
-        """What is asked for, events and triggers of one message sorted."""
+        """The requested messages; events and triggers of one message are sorted."""
         left_out: dict[str, int] = {}
         readers: dict[str, PayloadReader] = {}
         auxiliary_parser = AuxiliaryParser(
@@ -129,7 +129,7 @@ class BagFile(MultiStreamFile):
         left_out: dict[str, int],
         triggers: list[Triggers],
     ) -> Iterator[Events]:
-        """The events of one message, sorted; none for another topic's. `triggers` takes its."""
+        """The sorted events of one message of our topic; its triggers go to `triggers`."""
         if found.topic != self.topic:
             count(left_out, "messages with events of other topics")
             return
@@ -144,7 +144,7 @@ class BagFile(MultiStreamFile):
             yield events
 
     def _is_unfinished(self) -> bool:
-        """Whether there is no end of an MCAP file, no index, or a transaction that was cut off."""
+        """Whether the end of an MCAP file or the index is missing, or a transaction was cut off."""
         if self.path.suffix.lower() == ".db3":
             return journal_of(self.path) is not None
         with self.path.open("rb") as file:
@@ -156,7 +156,7 @@ class BagFile(MultiStreamFile):
         return first is None or not any(first.fields.get(b"index_pos", b""))
 
     def _probe(self) -> None:
-        """Find the first events, and what their stream is."""
+        """Find the first events and their stream."""
         stated: dict[str, dict[str, Any]] = {}
         first: Any = None
         with self.path.open("rb") as file:
@@ -194,7 +194,7 @@ class BagFile(MultiStreamFile):
             self.stream = dataclasses.replace(self.stream, triggers=self._has_triggers())
 
     def _has_triggers(self) -> bool:
-        """Whether any packet tells of an external trigger; up to the first."""
+        """Whether any packet holds an external trigger; reads up to the first one."""
         readers: dict[str, PayloadReader] = {}
         marks: list[Triggers] = []
         with self.path.open("rb") as file:
@@ -215,14 +215,14 @@ class BagFile(MultiStreamFile):
             yield from (scan_ros1 if self.ros == 1 else scan_mcap)(scan)
 
     def _stream_description(self, found: BagMessage) -> dict[str, Any]:
-        """What our recorder says of its stream."""
+        """The description that our recorder wrote, empty if it cannot be read."""
         with suppress(Exception):
             stated = json.loads(deserialised(found.data, TEXT, self.ros).data)
             return stated if isinstance(stated, dict) else {}
         return {}
 
     def _parse(self, found: BagMessage) -> Any:
-        """An ArrayMessage or an EventPacket; BadMessageError where the bytes are none."""
+        """Decode an ArrayMessage or an EventPacket; BadMessageError where the bytes are neither."""
         if found.kind in ARRAYS:
             return parse_array(found.data, self.ros)
         message = deserialised(found.data, PACKET, self.ros)
@@ -236,7 +236,7 @@ class BagFile(MultiStreamFile):
         left_out: dict[str, int],
         triggers: list[Triggers],
     ) -> Iterator[Events]:
-        """The events of one message, as unsorted as they were; those of long ones in parts."""
+        """The events of one message in the order recorded; those of long ones in parts."""
         if isinstance(message, ArrayMessage):
             yield message.events
             return

@@ -34,11 +34,11 @@ DVS = "dvs"
 """encoding: dvs_msgs/EventArray instead of an encoding of event_camera_msgs/EventPacket"""
 
 STREAM_TOPIC = "evs_stream"
-"""A std_msgs/String with the StreamInfo as JSON, behind the namespace of the events."""
+"""topic in the namespace of the events: a std_msgs/String with the StreamInfo as JSON"""
 
 
 class _BagRecorder(LibraryRecorder):
-    """Topics as the real drivers have them: NAMESPACE/events; stamps are simulated time."""
+    """Writes the topics of the real drivers, NAMESPACE/events; time stamps are simulated time."""
 
     ROS: int
     NAMESPACE: str
@@ -60,11 +60,11 @@ class _BagRecorder(LibraryRecorder):
         self._imu_samples = 0
 
     def _open_storage(self, path: Path) -> Storage:
-        """A file of the library's, open."""
+        """Open a file of the library."""
         raise NotImplementedError
 
     def _default_encoding(self) -> str:
-        """The encoding if none is asked for."""
+        """The default encoding."""
         raise NotImplementedError
 
     def _create(self, path: Path) -> None:
@@ -129,7 +129,7 @@ class _BagRecorder(LibraryRecorder):
         self._send(self._topic, last_us, data)
 
     def write_frame(self, frame: Frame) -> None:
-        """Take one image; its exposure goes along. EvsError as write; also undeclared frames."""
+        """Write one image and its exposure. Errors as `write`; EvsError for undeclared frames."""
         self._check_declared(IMAGE, "frames", frame.exposure_begin_us)
         self._reserve(frame.pixels.nbytes)
         with self._library_errors():
@@ -144,7 +144,7 @@ class _BagRecorder(LibraryRecorder):
         self._sync_if_due(frame.end_us)
 
     def write_imu(self, packet: ImuPacket) -> None:
-        """Take the samples of one packet. EvsError as write; also undeclared samples."""
+        """Write the samples of one packet. Errors as `write`; EvsError for undeclared samples."""
         for sample in packet.samples:
             t_us = int(sample["t"])
             self._check_declared(SAMPLE, "imu", t_us)
@@ -163,7 +163,7 @@ class _BagRecorder(LibraryRecorder):
             raise EvsError(f"cannot record {key} at {t_us} us to {self._path}: .aedat4 holds them")
 
     def close(self) -> dict[str, Any]:
-        """As LibraryRecorder's, with the frames and samples beside."""
+        """As LibraryRecorder's, with the numbers of frames and samples."""
         counts = {"frames": self._frames, "imu_samples": self._imu_samples}
         return super().close() | counts
 
@@ -198,7 +198,7 @@ class _BagRecorder(LibraryRecorder):
 
 
 class Ros1Recorder(_BagRecorder):
-    """A ROS 1 bag: /dvs/events of dvs_msgs/EventArray, unless another encoding is asked for."""
+    """A ROS 1 bag: /dvs/events of dvs_msgs/EventArray, unless another encoding is requested."""
 
     NAME, ROS, NAMESPACE = "rosbag1", 1, "/dvs"
 

@@ -1,4 +1,4 @@
-"""Bags record by record: what a bag's own index says is not needed, so torn ones are read too."""
+"""The records of bags, read without the bag's own index, so that torn bags are read too."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ROS1_MAGIC = b"#ROSBAG V2.0\n"
 
 @dataclass(frozen=True)
 class BagMessage:
-    """One message of a bag, still as bytes."""
+    """One message of a bag, as bytes."""
 
     topic: str
     kind: str
@@ -31,18 +31,18 @@ class BagMessage:
 
 @dataclass
 class BagScan:
-    """One walk over a bag; `kinds` grows on the way, `integrity` is complete at its end."""
+    """One pass over a bag; `kinds` grows on the way, `integrity` is complete at the end."""
 
     file: BinaryIO
     size: int
     """bytes of the file"""
     integrity: IntegrityReport = field(default_factory=IntegrityReport)
     kinds: dict[str, str] = field(default_factory=dict)
-    """topic -> type, of all that were declared so far"""
+    """topic -> type, for the topics declared so far"""
 
 
 def scan_mcap(scan: BagScan) -> Iterator[BagMessage]:
-    """Every message of an MCAP file, in the file's order. CorruptDataError: it is none."""
+    """Every message of an MCAP file, in the file's order. CorruptDataError: it is not MCAP."""
     if scan.file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
         raise CorruptDataError("it does not begin as MCAP does")
     declared = _McapNames(scan)
@@ -67,7 +67,7 @@ _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = _MCAP_READ = (3, 4, 5, 6)
 
 
 class _McapNames:
-    """What the schemas and channels of an MCAP file are called."""
+    """The schemas and channels of an MCAP file by number."""
 
     def __init__(self, scan: BagScan) -> None:
         self.scan = scan
@@ -75,7 +75,7 @@ class _McapNames:
         self.channels: dict[int, tuple[str, str]] = {}
 
     def messages_in(self, op: int, body: bytes, at: int) -> Iterator[BagMessage]:
-        """The messages in one record; damage is told."""
+        """The messages in one record; corrupt ones are reported."""
         try:
             if op == _SCHEMA:
                 self.schemas[_u16(body, 0)] = _text(body, 2)[0]
@@ -120,7 +120,7 @@ def _mcap_records(records: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def scan_ros1(scan: BagScan) -> Iterator[BagMessage]:
-    """Every message of a ROS 1 bag, in the file's order. CorruptDataError: it is none."""
+    """Every message of a ROS 1 bag, in the file's order. CorruptDataError: it is not a bag."""
     if scan.file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
         raise CorruptDataError("it does not begin as a ROS 1 bag does")
     connections: dict[int, tuple[str, str]] = {}
@@ -151,7 +151,7 @@ def scan_ros1(scan: BagScan) -> Iterator[BagMessage]:
 
 @dataclass(frozen=True)
 class Ros1Record:
-    """One record of a ROS 1 bag, not of a chunk."""
+    """One record of a ROS 1 bag, outside of chunks."""
 
     at: int
     """byte offset"""
@@ -172,7 +172,7 @@ class Ros1Record:
 
 
 def ros1_file_records(file: BinaryIO, size: int) -> Iterator[Ros1Record]:
-    """Each whole record of a bag of so many bytes, up to the first that is torn."""
+    """The whole records of a bag of `size` bytes, up to the first torn one."""
     at = len(ROS1_MAGIC)
     while at < size:
         file.seek(at)
@@ -189,7 +189,7 @@ def ros1_file_records(file: BinaryIO, size: int) -> Iterator[Ros1Record]:
 
 
 def ros1_fields(head: bytes) -> dict[bytes, bytes]:
-    """name=value of a record's header."""
+    """The fields `name=value` of a record's header."""
     fields, at = {}, 0
     while at + 4 <= len(head):
         end = at + 4 + _u32(head, at)
@@ -238,6 +238,6 @@ def _u32(data: bytes, at: int) -> int:
 
 
 def _text(data: bytes, at: int) -> tuple[str, int]:
-    """A string behind its length, and where it ends."""
+    """A string with its length in front, and where it ends."""
     end = at + 4 + _u32(data, at)
     return data[at + 4 : end].decode(errors="replace"), end

@@ -34,11 +34,11 @@ MCAP_END = _DATA_END + _FOOTER + MCAP_MAGIC
 """The end of a file without a summary."""
 
 _BAG_HEADER_BYTES = 4096
-"""Of the first record, where it is torn; in bags of ROS's own it has 8 more."""
+"""size of the first record where it is torn; ROS's own bags have 8 more"""
 
 
 def repair(path: Path) -> Repair:
-    """Cut a torn tail and give the file its end. EvsError: no bag, or not writable."""
+    """Cut a torn tail and write the end of the file. EvsError: not a bag, or not writable."""
     file = BagFile.at(path)
     try:
         if path.suffix.lower() == ".db3":
@@ -79,7 +79,7 @@ def _repair_mcap(path: Path, target: BinaryIO, size: int) -> Repair:
 
 @dataclass
 class _Chunk:
-    """A chunk of a ROS 1 bag: connection -> (time as it stands there, offset) of its messages."""
+    """A chunk of a ROS 1 bag: connection -> (time as bytes, offset) of each message."""
 
     at: int
     end: int
@@ -124,7 +124,7 @@ def _repair_ros1(path: Path, target: BinaryIO, size: int) -> Repair:
 
 
 def _index_chunk(chunk: _Chunk, record: Ros1Record, connections: dict[bytes, None]) -> None:
-    """What is in a chunk, for the index."""
+    """Add the content of a chunk to the index."""
     records = ros1_chunk(record.fields, record.data[4:])
     for at, fields, head, body in ros1_chunk_records(records):
         if fields.get(b"op") == b"\x07":
@@ -163,7 +163,7 @@ def _chunk_info(chunk: _Chunk) -> bytes:
 
 
 def _bag_header(end: int, index_at: int, connections: int, chunks: int) -> bytes:
-    """The first record, so long that what follows begins at `end`."""
+    """The first record, padded so that the next one begins at `end`."""
     fields = _fields(
         op=b"\x03",
         index_pos=index_at.to_bytes(8, "little"),

@@ -16,13 +16,13 @@ SAMPLE = "sensor_msgs/msg/Imu"
 INFO = "sensor_msgs/msg/CameraInfo"
 
 TOPICS = {IMAGE: "image_raw", EXPOSURE: "exposure", SAMPLE: "imu", INFO: "camera_info"}
-"""type -> name behind the camera's namespace; exposure, in us, comes before its image"""
+"""message type -> topic in the camera's namespace; exposure, in us, comes before its image"""
 
 _GREY = FRAME_ENCODINGS | {"8UC1": FRAME_ENCODINGS["mono8"], "16UC1": FRAME_ENCODINGS["mono16"]}
 
 
 def image_message(store: Any, header: Any, frame: Frame) -> Any:
-    """The image of a frame; the header's stamp is the exposure's begin."""
+    """The Image message of a frame, stamped with the start of the exposure."""
     pixels = np.ascontiguousarray(frame.pixels)
     (encoding,) = (name for name, dtype in FRAME_ENCODINGS.items() if dtype == pixels.dtype)
     return store.types[IMAGE](
@@ -37,7 +37,7 @@ def image_message(store: Any, header: Any, frame: Frame) -> Any:
 
 
 def frame_of(message: Any, seq: int, camera: str, exposure_us: int) -> Frame | None:
-    """The frame of an image; None for one in colour. BadMessageError: it is not as it says."""
+    """The frame of an Image message; None for colour. BadMessageError: its sizes do not agree."""
     dtype = _GREY.get(message.encoding)
     if dtype is None:
         return None
@@ -56,7 +56,7 @@ def frame_of(message: Any, seq: int, camera: str, exposure_us: int) -> Frame | N
 
 
 def sample_message(store: Any, header: Any, sample: Any) -> Any:
-    """One IMU sample; its orientation is marked as not known."""
+    """The Imu message of a sample; its orientation is marked as unknown."""
     types = store.types
     turn, force = (
         types["geometry_msgs/msg/Vector3"](*(float(axis) for axis in sample[name]))
@@ -76,7 +76,7 @@ def sample_message(store: Any, header: Any, sample: Any) -> Any:
 
 
 def sample_of(message: Any) -> ImuSamples:
-    """(1,) the sample of a message; it says no temperature, which is 0 then."""
+    """(1,) the sample of an Imu message; the temperature, which it does not have, is 0."""
     sample = empty_imu(1)
     sample["t"] = stamp_us(message)
     for name, vector in (
@@ -90,7 +90,7 @@ def sample_of(message: Any) -> ImuSamples:
 
 
 def info_message(store: Any, header: Any, stream: StreamInfo, ros: int) -> Any | None:
-    """The camera's calibration; None where the stream has none."""
+    """The CameraInfo message of a stream; None where the stream has no calibration."""
     info = stream.camera_info
     if not {"k", "r", "p", "d"} <= set(info):
         return None
@@ -110,5 +110,5 @@ def info_message(store: Any, header: Any, stream: StreamInfo, ros: int) -> Any |
 
 
 def stamp_us(message: Any) -> int:
-    """The time of a message's header."""
+    """The time stamp of a message's header, us."""
     return int(message.header.stamp.sec) * 1_000_000 + int(message.header.stamp.nanosec) // 1000

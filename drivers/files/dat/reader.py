@@ -30,19 +30,19 @@ _VERSIONS = ("1", "2")
 
 @dataclass
 class DatFile(EventOnlyFile):
-    """One DAT file, opened with `DatFile.at(path)`."""
+    """A DAT file, opened with `DatFile.at(path)`."""
 
     begin: int = 0
     """where its events begin, bytes"""
     version: int = 2
     every_fall_wraps: bool = False
-    """it is ours: each fall of the time is a wrap"""
+    """whether evs recorded it, which means that each fall of the time is a wrap"""
     start_us: int = 0
-    """what its clock begins at"""
+    """start of its clock, us"""
 
     @classmethod
     def at(cls, path: str | os.PathLike[str]) -> DatFile:
-        """Read the header. EvsError: no such file, no DAT file of change events."""
+        """Open a file and read its header. EvsError: no such file, not a DAT file of CD events."""
         found, head = read_file_head(path)
         lines, begin = percent_lines(head)
         kinds = head[begin : begin + 2]
@@ -73,7 +73,7 @@ class DatFile(EventOnlyFile):
         return opened
 
     def events(self) -> Iterator[Events]:
-        """The events of each tick that has any (of 1 ms, where the file says none)."""
+        """The events of each tick (1 ms where the file states none) that has any."""
         integrity = IntegrityReport(noun="events")
         sorter = EventSorter(integrity, self.stream)
         for at, piece in self._pieces():
@@ -87,7 +87,7 @@ class DatFile(EventOnlyFile):
         self.integrity = integrity
 
     def _pieces(self) -> Iterator[tuple[int, Events]]:
-        """Where each piece of the file begins, and its events, as unsorted as they are."""
+        """The byte offset of each piece of the file, and its events in the order recorded."""
         state, at = DatState(), self.begin
         with self.path.open("rb") as file:
             file.seek(at)
@@ -101,7 +101,7 @@ class DatFile(EventOnlyFile):
                 self.position = at
 
     def _find_size(self) -> None:
-        """As large as its events need."""
+        """Set the sensor's size to what the events need."""
         width = height = 1
         for _, piece in self._pieces():
             width = max(width, 1 + int(piece["x"].max(initial=0)))
@@ -110,10 +110,10 @@ class DatFile(EventOnlyFile):
 
 
 def _side(text: str) -> int:
-    """Pixels; 0 where the text is no size."""
+    """A size in px; 0 where the text is not one."""
     return side if (side := _number(text)) <= MAX_SIDE_PX else 0
 
 
 def _number(text: str) -> int:
-    """A whole number of at most 16 digits; 0 where the text is none."""
+    """An integer of at most 16 digits; 0 where the text is not one."""
     return int(text) if text.isascii() and text.isdigit() and len(text) < 17 else 0

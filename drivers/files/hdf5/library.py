@@ -13,11 +13,11 @@ from evs.drivers.files.hdf5.superblock import BYTES, unmarked
 from evs.msgs import EvsError
 
 MAX_PIECE_BYTES = 1 << 28
-"""Chunks are expanded whole: no recording's are as large."""
+"""most bytes of a chunk, which is decompressed as a whole"""
 
 
 def load() -> Any:
-    """The library; EvsError says how to install it."""
+    """Import the library; EvsError names the extra where it is missing."""
     try:
         import h5py
         import hdf5plugin
@@ -29,7 +29,7 @@ def load() -> Any:
 
 
 class _Mended(io.FileIO):
-    """A file that begins otherwise than on the disk."""
+    """A file whose first bytes are replaced."""
 
     def __init__(self, path: Path, begin: bytes) -> None:
         super().__init__(path, "r")
@@ -46,11 +46,11 @@ class _Mended(io.FileIO):
 
 
 class OutsideError(Exception):
-    """A file asks for what is in another one, or states more than it can hold."""
+    """A file refers to another one, or states more data than it can hold."""
 
 
 def own(group: Any, path: str, depth: int = 8) -> Any:
-    """What a path leads to within the file; None: nothing. OutsideError: it leads out of it.
+    """The object at a path within the file; None: nothing. OutsideError: it leads to another file.
 
     HDF5 would follow links, and read data sets' bytes, from any file of the machine.
     """
@@ -74,7 +74,7 @@ def own(group: Any, path: str, depth: int = 8) -> Any:
 
 
 def _check_inside(one: Any) -> None:
-    """OutsideError where a data set's bytes are in other files, or a piece of it has no bound."""
+    """OutsideError where a data set's bytes are in other files, or its chunks are too large."""
     layout = one.id.get_create_plist()
     if layout.get_external_count() or one.is_virtual:
         raise OutsideError(f"{one.name} lies in another file, which is not read")
@@ -84,14 +84,14 @@ def _check_inside(one: Any) -> None:
 
 
 def value(group: Any, path: str) -> Any:
-    """The only value of a data set; None where there is none, or there are several."""
+    """The value of a scalar data set; None where there is none, or it holds several."""
     found = own(group, path)
     return None if getattr(found, "size", None) != 1 else found[()]
 
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """A file to read; also one whose writer was killed, which says that it is being written."""
+    """Open a file for reading, even if its writer was killed and it is marked as being written."""
     h5py = load()
     with path.open("rb") as file:
         begin = unmarked(file.read(BYTES), path.stat().st_size)

@@ -23,27 +23,27 @@ from evs.drivers.files.sorting import EventSorter
 from evs.msgs import Events, EvsError, StreamInfo, make_events
 
 LAYOUTS = {"DSEC": ("t", "x", "y", "p"), "rpg": ("ts", "xs", "ys", "ps")}
-"""layout -> its data sets in the group `events`: time, x, y, polarity"""
+"""layout -> names of the data sets of time, x, y, polarity in the group `events`"""
 
 _PIECE = 1 << 18
 _MAX_RATIO = 1100
-"""Deflate expands 1032 times at most: what states more than that is damaged."""
+"""deflate expands at most 1032 times; a data set that states more is corrupt"""
 
 
 @dataclass
 class Hdf5File(EventOnlyFile):
-    """One HDF5 file, opened with `Hdf5File.at(path)`; events are read a piece at a time."""
+    """An HDF5 file, opened with `Hdf5File.at(path)`; events are read piece by piece."""
 
     columns: tuple[str, ...] = LAYOUTS["DSEC"]
     """names of its data sets"""
     events_there: int = 0
     lacking: int = 0
-    """rows behind them that not every column has, as a kill may leave them"""
+    """rows after them that some columns lack, as a kill may leave them"""
     offset_us: int = 0
 
     @classmethod
     def at(cls, path: str | os.PathLike[str]) -> Hdf5File:
-        """Look at its data sets. EvsError: no such file, h5py is not installed, no recording."""
+        """Open a file and check its data sets. EvsError: no such file, no h5py, not a recording."""
         found = existing(path)
         load()
         try:
@@ -74,7 +74,7 @@ class Hdf5File(EventOnlyFile):
         return recording
 
     def events(self) -> Iterator[Events]:
-        """The events of each tick that has any (of 1 ms, where the file says none)."""
+        """The events of each tick (1 ms where the file states none) that has any."""
         integrity = IntegrityReport(noun="events", place_unit="event")
         sorter = EventSorter(integrity, self.stream)
         for at, piece in self._pieces(integrity):
@@ -86,7 +86,7 @@ class Hdf5File(EventOnlyFile):
         self.integrity = integrity
 
     def _find_size(self) -> None:
-        """As large as its events need."""
+        """Set the sensor's size to what the events need."""
         width = height = 1
         for _, piece in self._pieces(IntegrityReport(), limited=False):
             width = max(width, 1 + int(piece["x"].max(initial=0)))
@@ -96,7 +96,7 @@ class Hdf5File(EventOnlyFile):
     def _pieces(
         self, integrity: IntegrityReport, limited: bool = True
     ) -> Iterator[tuple[int, Events]]:
-        """The number of each piece's first event, and its events."""
+        """The index of each piece's first event, and its events."""
         width, height = self.stream.width, self.stream.height
         with opened(self.path) as file:
             group = own(file, "events")
@@ -120,7 +120,7 @@ class Hdf5File(EventOnlyFile):
 
 
 def _columns(file: Any) -> tuple[tuple[str, ...], int, int, str]:
-    """Names of the data sets, how many events, how many rows behind them, how compressed."""
+    """Names of the data sets, number of events, rows after them, compression."""
     group = own(file, "events")
     for names in LAYOUTS.values():
         if group is not None and hasattr(group, "keys") and set(names) <= set(group.keys()):
@@ -144,7 +144,7 @@ def _columns(file: Any) -> tuple[tuple[str, ...], int, int, str]:
 
 
 def _stream(file: Any) -> tuple[StreamInfo, bool]:
-    """The stream, and whether the file says how large the sensor is."""
+    """The stream, and whether the file states the sensor's size."""
     stated, sides = None, None
     with suppress(Exception):
         stated = json.loads(value(file, STREAM))
@@ -159,7 +159,7 @@ def _stream(file: Any) -> tuple[StreamInfo, bool]:
 
 
 def _piece(group: Any, names: tuple[str, ...], rows: slice, offset_us: int) -> tuple[Events, int]:
-    """Some rows as events, and how many of them no event can be."""
+    """Some rows as events, and how many of the rows cannot be events."""
     t, x, y, p = (own(group, name)[rows] for name in names)
     if t.dtype.kind == "f":
         # seconds, as rpg's tools write them

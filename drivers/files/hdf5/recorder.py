@@ -28,10 +28,10 @@ from evs.msgs import EventPacket, Events, EvsError, join_events
 COLUMNS = {"t": "<i8", "x": "<u2", "y": "<u2", "p": "u1"}
 STREAM, WHOLE = "evs_stream", "evs_whole"
 LONGEST_US = 1 << 37
-"""From the first event to the last, 38 hours: each ms has an index."""
+"""longest recording, 38 hours: each ms has an entry in the index"""
 
 _CHUNK = 1 << 16
-"""Events that are compressed together."""
+"""events that are compressed together"""
 
 
 class Hdf5Recorder(LibraryRecorder):
@@ -94,13 +94,13 @@ class Hdf5Recorder(LibraryRecorder):
         self._commit()
 
     def _commit(self) -> None:
-        """All that was put goes to the system; then how much that is."""
+        """Flush all rows, then the number of rows."""
         self._file.flush()
         self._numbers[WHOLE][()] = self._length
         self._file.flush()
 
     def _put(self, count: int) -> None:
-        """Write the first events that wait, and the index of the ms that begin in them."""
+        """Write the first `count` waiting events, and the index of the ms that begin in them."""
         if not count:
             return
         waiting = join_events(self._parts)

@@ -1,4 +1,4 @@
-"""An HDF5 file whose recorder was killed, made as every reader takes it."""
+"""Repair of an HDF5 file whose recorder was killed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from evs.drivers.files.repair_report import Repair
 
 
 def repair(path: Path) -> Repair:
-    """Take back the mark that the file is being written. EvsError: no recording, not writable."""
+    """Clear the mark that the file is being written. EvsError: not a recording, not writable."""
     found = Hdf5File.at(path)
     try:
         with found.path.open("r+b") as file:

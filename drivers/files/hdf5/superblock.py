@@ -31,7 +31,7 @@ def unmarked(head: bytes, size: int) -> bytes | None:
 
 
 def lookup3(data: bytes) -> int:
-    """Jenkins' hash of some bytes, not none, from 0 on."""
+    """Jenkins' lookup3 hash of at least one byte, with initial value 0."""
     a = b = c = (0xDEADBEEF + len(data)) & _MASK
     while len(data) > 12:
         a, b, c = _added((a, b, c), data)

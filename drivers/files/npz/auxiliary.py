@@ -51,13 +51,13 @@ LABEL_ARRAYS = {"cause": "u", "geom_id": "i"}
 """array, (n,) as the events -> kinds of dtype"""
 
 Get = Callable[[str, str, int], Array]
-"""An array by its name, the kinds of dtype and the number of axes that it may have."""
+"""reads an array by its name, allowed kinds of dtype and number of axes"""
 
 
 def arrays_of(
     frames: list[Frame], imu: list[ImuSamples], triggers: list[Triggers]
 ) -> dict[str, Array]:
-    """The arrays to write but the pixels, in their order; none for what there is nothing of."""
+    """The arrays to write, except the pixels, in their order; no array for an empty stream."""
     arrays: dict[str, Array] = {}
     if frames:
         for name, field in STAMPS.items():
@@ -156,7 +156,7 @@ def merge_by_time(
     triggers: Triggers,
     stream: StreamInfo,
 ) -> Iterator[Array | Frame]:
-    """Events of each tick, frames and each tick's IMU samples and triggers, as time has them."""
+    """Merge events, frames, IMU samples and triggers of each tick by time."""
 
     def end_us(t_us: int) -> int:
         return stream.start_us - (stream.start_us - t_us) // stream.tick_us * stream.tick_us

@@ -1,4 +1,4 @@
-"""An NPZ archive's arrays in pieces: read from front to end; spooled, and written at the end."""
+"""Arrays of an NPZ archive in pieces: reading from front to end, spooling and writing."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ import numpy as np
 Array = np.ndarray[Any, Any]
 
 MAX_RATIO = 1100
-"""Deflate expands 1032 times at most: an array that states more is damaged."""
+"""deflate expands at most 1032 times; an array that states more is corrupt"""
 
 PIECE_BYTES = 1 << 20
 
 _IN_MEMORY_BYTES = 1 << 20
-"""A spool that is larger goes to the disk."""
+"""a larger spool is moved to the disk"""
 
 
 class NotARecordingError(Exception):
-    """The archive is sound, but no recording. Never reaches users."""
+    """The archive is valid, but not a recording. Never reaches users."""
 
 
 class Archive(zipfile.ZipFile):
-    """A ZIP archive to read columns from; its end closes them, whatever happened."""
+    """A ZIP archive of arrays; closing it closes its open arrays."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._columns: list[ArrayReader] = []
 
     def column(self, name: str, kinds: str, axes: int) -> ArrayReader:
-        """An array, from its first row on; errors as ArrayReader."""
+        """Open an array at its first row. Errors as ArrayReader's."""
         info = self._info(name)
         member = self.open(info)
         try:
@@ -45,7 +45,7 @@ class Archive(zipfile.ZipFile):
         return made
 
     def close(self) -> None:
-        """Let go of the columns and the file."""
+        """Close the open arrays and the file."""
         for column in getattr(self, "_columns", []):
             column.close()
         super().close()
@@ -65,7 +65,7 @@ class Archive(zipfile.ZipFile):
 
 
 class ArrayReader:
-    """An array of an archive, from its first row to its last; nothing is allocated before.
+    """Reads an array of an archive row by row, without allocating all of it.
 
     NotARecordingError where it is missing or of another kind. The archive's checksum is compared
     when the last row is read.
@@ -74,7 +74,7 @@ class ArrayReader:
     def __init__(
         self, member: IO[bytes], info: zipfile.ZipInfo, name: str, kinds: str, axes: int
     ) -> None:
-        """In: kinds of dtype and number of axes that it may have."""
+        """Read the array's header; `kinds` and `axes` are the allowed dtype kinds and axes."""
         self.is_compressed = info.compress_type != zipfile.ZIP_STORED
         self._member = member
         version = np.lib.format.read_magic(self._member)
@@ -88,11 +88,11 @@ class ArrayReader:
             raise NotARecordingError(f"array '{name}' is not of the size that it states")
         self.dtype, self.shape = dtype, shape
         self.left = shape[0] if shape else 1
-        """rows that were not read yet"""
+        """rows not read yet"""
         self.row_bytes = dtype.itemsize * math.prod(shape[1:])
 
     def read(self, rows: int) -> Array:
-        """The next rows, fewer at the end."""
+        """Read the next rows; fewer at the end."""
         count = min(rows, self.left)
         data = self._member.read(count * self.row_bytes)
         self.left -= count
@@ -101,30 +101,30 @@ class ArrayReader:
         return np.frombuffer(data, self.dtype).reshape((count, *self.shape[1:]))
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close it."""
         self._member.close()
 
     def all(self) -> Array:
-        """All rows that are left; a plain value for an array without axes."""
+        """Read all rows that are left; a scalar for an array without axes."""
         whole = self.read(self.left)
         return whole.reshape(self.shape) if not self.shape else whole
 
 
 class ArraySpool:
-    """An array that grows row by row: in memory while it is small, then in a nameless file."""
+    """An array that grows row by row, in memory while it is small, then in a temporary file."""
 
     def __init__(self, folder: Path, dtype: Any, shape: tuple[int, ...] = ()) -> None:
-        """In: folder that a file would lie in; dtype and shape of a row."""
+        """Start empty; `folder` is where a file would be, dtype and shape are a row's."""
         self.dtype, self.shape = np.dtype(dtype), shape
         spooled = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY_BYTES, dir=str(folder))  # noqa: SIM115
         self._file = cast(IO[bytes], spooled)
 
     def append(self, rows: Array) -> None:
-        """Keep a copy of rows, (n, *shape). OSError where the disk is full."""
+        """Append a copy of rows, (n, *shape). OSError: the disk is full."""
         self._file.write(np.ascontiguousarray(rows, self.dtype).tobytes())
 
     def write_to(self, archive: zipfile.ZipFile, name: str, rows: int) -> None:
-        """The first rows as an array of an archive."""
+        """Write the first `rows` rows as an array of an archive."""
         with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
             header = {
                 "descr": np.lib.format.dtype_to_descr(self.dtype),
@@ -140,11 +140,11 @@ class ArraySpool:
                 left -= len(piece)
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close it."""
         self._file.close()
 
 
 def write_array(archive: zipfile.ZipFile, name: str, values: Array) -> None:
-    """A whole array into an archive, as numpy.savez writes it."""
+    """Write a whole array into an archive, as numpy.savez does."""
     with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
         np.lib.format.write_array(member, values, allow_pickle=False)

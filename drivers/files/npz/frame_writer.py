@@ -1,4 +1,4 @@
-"""Stacks: arrays that grow frame by frame in one .npz file; numpy reads it at any time."""
+"""NpzFrameWriter: arrays that grow frame by frame in one .npz file, readable at any time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _CHUNK_BYTES = 1 << 22
 
 @dataclass(frozen=True)
 class FrameArray:
-    """One stack: what each frame of it is."""
+    """One array of the file: dtype and shape of each frame."""
 
     dtype: str
     """as numpy writes it, byte order included: "<f4" """
@@ -33,7 +33,7 @@ class FrameArray:
 
 @dataclass
 class _ArrayMember:
-    """Where a channel lies in the file, and the checksum of what is there."""
+    """Position of an array in the file, and the checksum of its content."""
 
     name: str
     channel: FrameArray
@@ -50,7 +50,7 @@ class _ArrayMember:
         self.head_bytes = len(self.head(0))
 
     def head(self, frames: int) -> bytes:
-        """Everything before the first frame; its length is the same for any number of frames."""
+        """The bytes before the first frame; their length is the same for any number of frames."""
         npy = _npy_header(self.channel.dtype, (frames, *self.channel.shape))
         return zip_archive.header(self.member(frames, npy)) + npy
 
@@ -62,7 +62,7 @@ class _ArrayMember:
         return zip_archive.Member(f"{self.name}.npy", self.offset, size, crc)
 
     def frame_offset(self, frame: int) -> int:
-        """Where a frame begins."""
+        """Byte offset of a frame."""
         return self.offset + self.head_bytes + frame * self.frame_bytes
 
 
@@ -106,7 +106,7 @@ class NpzFrameWriter:
             raise target_error(self.path, reason) from None
 
     def write(self, frame: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Append one frame of every channel. EvsError where the disk fails; the rest stays."""
+        """Append one frame of every array. EvsError: the disk failed; earlier frames stay."""
         if self.written == self.frames:
             raise ValueError(f"{self.path} was opened for {self.frames} frames")
         try:
@@ -131,7 +131,7 @@ class NpzFrameWriter:
             ) from None
 
     def close(self) -> int:
-        """Let go of the file; after an early end the stacks move together. Out: its size, bytes."""
+        """Close the file, compacting it after an early end; returns its size in bytes."""
         if self._file < 0:
             return self._size
         try:
@@ -146,7 +146,7 @@ class NpzFrameWriter:
         return self._size
 
     def _open(self) -> int:
-        """A file with room for everything; what was there before stays if there is none."""
+        """Open a file and allocate its final size; an existing file stays if there is no space."""
         before = self.path.stat().st_size if self.path.is_file() else None
         file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         try:
@@ -172,7 +172,7 @@ class NpzFrameWriter:
             offset, view = offset + done, view[done:]
 
     def _write_headers(self) -> None:
-        """Write what makes an archive of the frames so far."""
+        """Write the headers that make the frames so far an archive."""
         heads = [(one.offset, one.head(self.written)) for one in self._arrays]
         # nothing but writing in between: the moment when they do not agree is short
         for offset, data in [*heads, (self._end, self._directory())]:
@@ -183,7 +183,7 @@ class NpzFrameWriter:
         return zip_archive.directory([*self._texts, *members], self._end)
 
     def _compact(self) -> None:
-        """Close the gaps that missing frames left."""
+        """Close the gaps of missing frames."""
         at = self._arrays[0].offset if self._arrays else self._end
         for one in self._arrays:
             begin, length = one.frame_offset(0), self.written * one.frame_bytes
@@ -207,7 +207,7 @@ def _npy_header(dtype: str, shape: tuple[int, ...]) -> bytes:
 
 
 def _texts(texts: Mapping[str, str]) -> tuple[list[zip_archive.Member], bytes]:
-    """String arrays as members, and their bytes from the file's begin."""
+    """Members for string arrays, and their bytes at the start of the file."""
     members, data = [], b""
     for name, text in texts.items():
         out = io.BytesIO()

@@ -1,4 +1,4 @@
-"""NPZ recordings: arrays t, x, y, p for people who have numpy and nothing else."""
+"""NpzFile: reads NPZ recordings, which are arrays t, x, y, p for numpy.load."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _PIECE_EVENTS = 1 << 16
 
 @dataclass
 class NpzFile:
-    """One NPZ recording, ours or anybody's with integer arrays t, x, y, p of one length.
+    """An NPZ recording of evs or of others, with integer arrays t, x, y, p of one length.
 
     Events and frames are read piece by piece; the rest is in memory.
     """
@@ -58,18 +58,18 @@ class NpzFile:
     labels: Labels | None = None
     """(n,) as the events; None: it has none"""
     left_out: dict[str, int] = field(default_factory=dict)
-    """never anything"""
+    """always empty"""
     position: int = 0
-    """how far the present walk is, bytes, in proportion to the events"""
+    """how far the current pass has come, bytes, in proportion to the events"""
     table_packets: int | None = None
     """an NPZ file has no data table"""
     broken_pointer: bool = False
     integrity: IntegrityReport = field(default_factory=IntegrityReport)
-    """never but stamps that run backwards: the archive's checksums hold, or it is not opened"""
+    """only time stamps that run backwards: an archive with wrong checksums is not opened"""
 
     @classmethod
     def at(cls, path: str | os.PathLike[str]) -> NpzFile:
-        """Look at all of it. EvsError: no such file, damaged, other arrays than a recording's."""
+        """Open a file and check all of it. EvsError: no such file, damaged, not a recording."""
         found = existing(path)
         opened = cls(found, StreamInfo(0, 0), "none", found.stat().st_size)
         try:
@@ -95,13 +95,13 @@ class NpzFile:
         self.integrity = integrity
 
     def messages(self) -> Iterator[Events | Frame | ImuSamples | Triggers]:
-        """Events, frames, IMU samples and triggers of each tick, in time's order."""
+        """Events, frames, IMU samples and triggers of each tick, by time."""
         yield from merge_by_time(
             self.events(), self._frames(), self.imu, self.triggers, self.stream
         )
 
     def auxiliary(self) -> Iterator[Frame | ImuSamples | Triggers]:
-        """Frames, IMU samples and triggers alone."""
+        """Frames, IMU samples and triggers without the events."""
         yield from self._frames()
         yield self.imu
         yield self.triggers
@@ -112,7 +112,7 @@ class NpzFile:
                 yield from frames_in(archive, self.stream.camera)
 
     def _probe(self, archive: Archive) -> None:
-        """Go over the whole archive once: checksums, values, what is in it."""
+        """Read the whole archive once, to check its checksums and values and find its streams."""
 
         def get(name: str, kinds: str, axes: int) -> np.ndarray[Any, Any]:
             return archive.column(name, kinds, axes).all()
@@ -156,7 +156,7 @@ class NpzFile:
 
 
 def _pieces(archive: Archive) -> Iterator[tuple[Events, bool]]:
-    """(events (n,) with n > 0 as they were recorded, whether every value fits) of each piece."""
+    """For each piece: (n,) events as recorded, n > 0, and whether every value fits."""
     columns = [archive.column(name, "iub", 1) for name in COLUMNS]
     if len({column.shape for column in columns}) > 1:
         raise NotARecordingError("t, x, y, p are not of one length")

@@ -35,7 +35,7 @@ COLUMNS = ("t", "x", "y", "p")
 """Arrays of a recording, each (n,): t us, x and y px, p 1 ON or 0 OFF."""
 
 STREAM = "stream"
-"""Zero-dimensional string array: the StreamInfo as JSON."""
+"""scalar string array with the StreamInfo as JSON"""
 
 _RESERVE_BYTES = 1 << 20
 
@@ -69,7 +69,7 @@ class NpzRecorder(Sink):
         self._report: dict[str, Any] = {}
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
-        """Make sure of the place. EvsError: several cameras, or no place to write."""
+        """Create the temporary file. EvsError: several cameras, or the file cannot be written."""
         self._stream = one_stream(self._path, streams)
         try:
             if self._path.exists() and self._path.is_dir():
@@ -81,7 +81,7 @@ class NpzRecorder(Sink):
             raise target_error(self._path, reason) from None
 
     def write(self, packet: EventPacket) -> None:
-        """Keep a copy of one packet's events. SinkStoppedError: the disk has no room for more."""
+        """Spool one packet's events. SinkStoppedError: the disk is full."""
         self._check_open()
         count, labels = len(packet.events), packet.labels
         if count:
@@ -94,7 +94,7 @@ class NpzRecorder(Sink):
             self._packets += 1
 
     def write_frame(self, frame: Frame) -> None:
-        """Keep a copy of one intensity frame; all have one size, or EvsError. Else as write."""
+        """Spool one intensity frame. Errors as `write`; EvsError if its size changes."""
         first = self._spools.get(PIXELS)
         pixels = frame.pixels
         if first is not None and (pixels.shape, pixels.dtype) != (first.shape, first.dtype):
@@ -107,12 +107,12 @@ class NpzRecorder(Sink):
         self._frames.append(dataclasses.replace(frame, pixels=pixels[:0].copy()))
 
     def write_imu(self, packet: ImuPacket) -> None:
-        """Keep a copy of one packet's samples. SinkStoppedError as write."""
+        """Keep a copy of one packet's samples. Errors as `write`."""
         self._append({}, 0, packet.samples.nbytes)
         self._imu.append(packet.samples.copy())
 
     def write_triggers(self, packet: TriggerPacket) -> None:
-        """Keep a copy of one packet's triggers. SinkStoppedError as write."""
+        """Keep a copy of one packet's triggers. Errors as `write`."""
         self._append({}, 0, packet.triggers.nbytes)
         self._triggers.append(packet.triggers.copy())
 
@@ -125,7 +125,7 @@ class NpzRecorder(Sink):
     def _append(
         self, rows: dict[str, np.ndarray[Any, Any]], events: int, auxiliary_bytes: int
     ) -> None:
-        """Take room for more and spool it, or EvsError; what came before can still be written."""
+        """Reserve space for more rows and spool them; SinkStoppedError keeps what came before."""
         self._check_open()
         try:
             self._reserve(self._events + events, self._auxiliary_bytes + auxiliary_bytes)
@@ -140,7 +140,7 @@ class NpzRecorder(Sink):
         self._auxiliary_bytes += auxiliary_bytes
 
     def close(self) -> dict[str, Any]:
-        """Write the file and let go of it. EvsError where the disk does not take it."""
+        """Write the archive and close it. EvsError: it cannot be written."""
         if self._file is None or self._stream is None:
             return self._report
         try:
@@ -181,13 +181,13 @@ class NpzRecorder(Sink):
                 self._spool(name, LABEL_DTYPE[name]).write_to(archive, name, self._labels)
 
     def _spool(self, name: str, dtype: np.dtype[Any]) -> ArraySpool:
-        """The spool of this name, an empty one where nothing came."""
+        """The spool of this name, a new one where there is none."""
         if name not in self._spools:
             self._spools[name] = ArraySpool(self._path.parent, dtype)
         return self._spools[name]
 
     def _reserve(self, events: int, auxiliary_bytes: int = 0) -> None:
-        """Make the temporary file large enough for so much; OSError if the disk is not."""
+        """Allocate the temporary file for so much data; OSError: the disk is full."""
         # incompressible columns grow by less than a byte an event; the rest is header and stream
         needed = _RESERVE_BYTES + 14 * events + auxiliary_bytes + auxiliary_bytes // 1000
         if needed > self._reserved and self._file is not None:
@@ -196,7 +196,7 @@ class NpzRecorder(Sink):
             self._reserved = grown
 
     def _discard(self) -> None:
-        """Close and remove what is left of the temporary files, if anything is."""
+        """Close and remove the temporary files."""
         for spool in self._spools.values():
             spool.close()
         self._spools = {}

@@ -33,7 +33,7 @@ class Member:
 
 
 def header(member: Member) -> bytes:
-    """What stands before a member's bytes; its length depends on the name alone."""
+    """The header before a member's bytes; its length depends only on the name."""
     name = member.name.encode()
     fixed = struct.pack(
         "<4s5H3I2H",
@@ -43,7 +43,7 @@ def header(member: Member) -> bytes:
 
 
 def directory(members: Iterable[Member], offset: int) -> bytes:
-    """What ends an archive, at `offset`; its length depends on the names alone."""
+    """The directory at the end of an archive, at `offset`; its length depends only on the names."""
     entries = []
     for member in members:
         name = member.name.encode()
@@ -68,13 +68,13 @@ def directory(members: Iterable[Member], offset: int) -> bytes:
 
 
 Operator = tuple[int, ...]
-"""A linear map of 32-bit checksums: the image of each bit, lowest first."""
+"""a linear map of 32-bit checksums: the image of each bit, lowest first"""
 
 _POLYNOMIAL = 0xEDB88320
 
 
 def zeros(count: int) -> Operator:
-    """What `count` zero bytes do to a CRC-32 register, by squaring."""
+    """The effect of `count` zero bytes on a CRC-32 register, by repeated squaring."""
     result: Operator = tuple(1 << bit for bit in range(32))
     power: Operator = (_POLYNOMIAL, *(1 << bit for bit in range(31)))
     bits = 8 * count
@@ -87,12 +87,12 @@ def zeros(count: int) -> Operator:
 
 
 def compose(second: Operator, first: Operator) -> Operator:
-    """`first`, then `second`."""
+    """The map that applies `first`, then `second`."""
     return tuple(apply(second, image) for image in first)
 
 
 def apply(operator: Operator, crc: int) -> int:
-    """The checksum that comes out."""
+    """Apply a map to a checksum."""
     out = 0
     for image in operator:
         if crc & 1:
@@ -104,5 +104,5 @@ def apply(operator: Operator, crc: int) -> int:
 
 
 def crc32_combine(crc: int, shift: Operator, crc_behind: int) -> int:
-    """CRC-32 of two pieces in a row. In: shift, zeros(length of the piece behind)."""
+    """CRC-32 of two consecutive pieces; `shift` is zeros(length of the second piece)."""
     return apply(shift, crc) ^ crc_behind

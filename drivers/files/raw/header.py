@@ -12,36 +12,36 @@ from evs.drivers.files.header_text import percent_lines, stream_from_json
 from evs.msgs import StreamInfo
 
 MAX_HEADER_BYTES = 1 << 24
-"""A longer header is damage; ours holds the configuration of the run."""
+"""A longer header is corrupt; ours contains the configuration of the run."""
 
 STREAM = "evs_stream"
 ORIGIN = "evs_time_origin_us"
 
 _SIDES = re.compile(r"(\d{1,5})x(\d{1,5})")
 _GENERATIONS = {"2": (304, 240), "3": (640, 480), "4": (1280, 720)}
-"""generation of Prophesee's sensors -> their size, for files that say nothing else"""
+"""generation of Prophesee's sensors -> width, height, px, for files that state no size"""
 
 
 @dataclass(frozen=True)
 class RawHeader:
-    """What the header says."""
+    """The content of the header."""
 
     version: str
-    """of the events: `2.0`, `2.1` or `3.0`; empty: it does not say"""
+    """EVT version of the events: `2.0`, `2.1` or `3.0`; empty: not stated"""
     stream: StreamInfo
-    """width and height are 0 where it does not say"""
+    """width and height are 0 where they are not stated"""
     time_origin_us: int
     """stamp of the stream's time zero"""
     size: int
     """its bytes"""
     upper_first: bool | None = None
-    """of EVT2.1: an IMX636 sends the upper half of each word first; None: it does not say"""
+    """EVT2.1: whether the upper half of each word comes first (IMX636); None: not stated"""
     ours: bool = False
-    """it is a recording of ours, which holds events alone"""
+    """whether evs recorded it, which means that it holds only events"""
 
 
 def header_bytes(stream: StreamInfo, version: str, time_origin_us: int) -> bytes:
-    """The header of a file of ours: what Prophesee's SDK asks for, then our own two lines."""
+    """The header of our files: the lines that Prophesee's SDK needs, then our own two."""
     name = {"2.1": "EVT21;endianness=little"}.get(version, f"EVT{version[0]}")
     lines = {
         "evt": version,
@@ -57,7 +57,7 @@ def header_bytes(stream: StreamInfo, version: str, time_origin_us: int) -> bytes
 
 
 def parse_header(head: bytes) -> RawHeader:
-    """What the first bytes of a file say; never raises."""
+    """Parse the first bytes of a file; never raises."""
     lines, size = percent_lines(head, last="end")
     version = lines.get("evt", "")
     parts = dict(part.partition("=")[::2] for part in lines.get("format", "").split(";"))
@@ -84,7 +84,7 @@ def parse_header(head: bytes) -> RawHeader:
 
 
 def _size(lines: dict[str, str], parts: dict[str, str]) -> tuple[int, int]:
-    """Width and height, px; 0, 0 if nothing says them."""
+    """Width and height, px; 0, 0 if they are not stated."""
     geometry = _SIDES.fullmatch(lines.get("geometry", ""))
     for width, height in (
         (parts.get("width", ""), parts.get("height", "")),

@@ -1,4 +1,4 @@
-"""RawFile: any RAW file of EVT2, EVT2.1 or EVT3 words as a stream of events, in whatever state."""
+"""RawFile: reads RAW files of EVT2, EVT2.1 or EVT3 words, whole or damaged."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from evs.msgs.codecs import decode_evt2, decode_evt3, decode_evt21
 _PIECE_BYTES = 1 << 18
 _NO_TIME_YET = "events before the first time stamp, or too far right for the format,"
 _TRIGGER = 10
-"""type of the words that tell an external trigger, in each version"""
+"""type of the words of external triggers, in each version"""
 _MAX_WAITING = 1 << 14
 _DECODERS: dict[str, tuple[Any, int]] = {
     "2.0": (decode_evt2, 4),
     "2.1": (decode_evt21, 8),
     "3.0": (decode_evt3, 2),
 }
-"""version -> how its words are decoded, and bytes of a word"""
+"""version -> its decoder, bytes of a word"""
 
 
 @dataclass
 class RawFile(MultiStreamFile):
-    """One RAW file, opened with `RawFile.at(path)`. Counters are passed over."""
+    """A RAW file, opened with `RawFile.at(path)`. Counters are skipped."""
 
     version: str = ""
     """2.0, 2.1 or 3.0"""
@@ -48,7 +48,7 @@ class RawFile(MultiStreamFile):
 
     @classmethod
     def at(cls, path: str | os.PathLike[str]) -> RawFile:
-        """Read the header. EvsError: no such file, no header, another version, no events."""
+        """Open a file and read its header. EvsError: no such file, no header, another version."""
         found = existing(path)
         try:
             with found.open("rb") as file:
@@ -79,7 +79,7 @@ class RawFile(MultiStreamFile):
         return opened
 
     def _iterate(self, events: bool, auxiliary: bool) -> Iterator[Message]:
-        """The events of each tick that has any (of 1 ms, where the file says none), triggers."""
+        """The events of each tick (1 ms where the file states none) that has any, and triggers."""
         integrity = IntegrityReport(noun="events")
         sorter, interleaver = EventSorter(integrity, self.stream), Interleaver(_MAX_WAITING)
         triggers: list[Triggers] = []
@@ -98,7 +98,7 @@ class RawFile(MultiStreamFile):
         self.integrity = integrity
 
     def _has_triggers(self) -> bool:
-        """Whether any word tells of one; up to the first."""
+        """Whether the file holds an external trigger; reads up to the first one."""
         word, places = _DECODERS[self.version][1], 2 if self.version == "2.1" else 1
         kind = f"<u{word // places}"
         with self.path.open("rb") as file:
@@ -111,7 +111,7 @@ class RawFile(MultiStreamFile):
         return False
 
     def _is_swapped(self) -> bool:
-        """Whether the first words of EVT2.1 tell the time in what should be their lower half."""
+        """Whether the first words of EVT2.1 hold the time in what should be their lower half."""
         with self.path.open("rb") as file:
             file.seek(self.begin)
             data = file.read(_PIECE_BYTES)
@@ -121,7 +121,7 @@ class RawFile(MultiStreamFile):
         return bool(swapped > usual)
 
     def _find_size(self) -> None:
-        """As large as its events need."""
+        """Set the sensor's size to what the events need."""
         width = height = 0
         for _, piece in self._pieces(IntegrityReport()):
             if not len(piece):
@@ -135,7 +135,7 @@ class RawFile(MultiStreamFile):
     def _pieces(
         self, integrity: IntegrityReport, triggers: list[Triggers] | None = None
     ) -> Iterator[tuple[int, Events]]:
-        """Where each piece of the file begins, and its events, as unsorted as they are.
+        """The byte offset of each piece of the file, and its events in the order recorded.
 
         In: triggers, a list that takes those of each piece.
         """
@@ -161,7 +161,7 @@ class RawFile(MultiStreamFile):
 
 
 def _head(file: BinaryIO) -> bytes:
-    """The file's first bytes, as many as its header may have."""
+    """The first bytes of the file, as many as a header may have."""
     head = b""
     while len(head) < MAX_HEADER_BYTES:
         line = file.readline(MAX_HEADER_BYTES - len(head))

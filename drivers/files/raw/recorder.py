@@ -1,4 +1,4 @@
-"""One camera's packets into a RAW file of EVT2, EVT2.1 or EVT3, as Prophesee's cameras'."""
+"""Recorders of RAW files of EVT2, EVT2.1 or EVT3, as Prophesee's cameras write them."""
 
 from __future__ import annotations
 
