@@ -1,4 +1,4 @@
-"""Actions of -1 ... 1 as controls of the actuators."""
+"""Actions: numbers -1 ... 1 scaled to the controls of the actuators."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ F64 = npt.NDArray[np.float64]
 
 
 class Actions:
-    """Box (nu,) float32 of -1 ... 1, spread over each actuator's range of control."""
+    """Box (nu,) float32 of -1 ... 1, scaled to each actuator's control range."""
 
     def __init__(
         self,
@@ -22,12 +22,18 @@ class Actions:
         limits: F64,
         ranges: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
-        """In: limits, (nu, 2) of the model; ranges, name of an actuator -> (low, high) instead.
+        """Find the range of each actuator.
 
-        Raises EvsError for an actuator that has no range, or does not exist, or for none at all.
+        Args:
+            names: Names of the actuators.
+            limits: (nu, 2) control ranges of the model.
+            ranges: Name of an actuator -> (low, high), which replaces the model's.
+
+        Raises:
+            EvsError: An actuator has no range or does not exist, or there are none.
         """
         if not names:
-            raise EvsError("the scene has no actuators, so there is nothing to act with: add some")
+            raise EvsError("the scene has no actuators, so there is nothing to control: add some")
         given = dict(ranges or {})
         for name in given:
             if name not in names:
@@ -40,7 +46,17 @@ class Actions:
         self.space = spaces.Box(-1.0, 1.0, (len(names),), np.float32)
 
     def control(self, action: npt.ArrayLike) -> F64:
-        """(nu,) float64 for an action; what is over 1 counts as 1. EvsError for another shape."""
+        """Convert an action to controls.
+
+        Args:
+            action: (nu,) numbers, clipped to -1 ... 1.
+
+        Returns:
+            (nu,) float64 controls.
+
+        Raises:
+            EvsError: The action has another shape.
+        """
         values = np.asarray(action, np.float64)
         if values.shape != self._middle.shape:
             raise EvsError(
@@ -61,5 +77,5 @@ def _range(name: str, value: Sequence[float] | F64) -> tuple[float, float]:
             f"control_range={{'{name}': (-1, 1)}}"
         )
     if not low < high:
-        raise EvsError(f"the range of actuator '{name}' is {low:g} ... {high:g}: turn it round")
+        raise EvsError(f"the range of actuator '{name}' is {low:g} ... {high:g}: swap its ends")
     return low, high

@@ -1,4 +1,4 @@
-"""The cross-entropy method on events: the smallest learner that balances a pole. To be copied.
+"""The cross-entropy method on events: the smallest learner that balances a pole, to be copied.
 
     import gymnasium
     from evs.drivers.gym import cross_entropy
@@ -10,7 +10,7 @@
 
 Rubinstein 1999; de Boer et al., "A tutorial on the cross-entropy method", 2005: draw policies from
 a Gaussian, try each, move the Gaussian to the best of them, again. A policy here is a matrix of
-few numbers, since four moments of a time surface already say where a thing is and how it moves.
+few numbers, since four moments of a time surface show where a thing is and how it moves.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ import numpy.typing as npt
 F64 = npt.NDArray[np.float64]
 
 FEATURES = 4
-"""How many numbers `features` gives."""
+"""how many numbers `features` returns"""
 
 FRESH_PX = 32.0
-"""So many fresh pixels count as 1 in the moments of motion."""
+"""fresh pixels that count as 1 in the moments of motion"""
 
 
 @dataclass(frozen=True)
 class Learnt:
-    """What `learn` found."""
+    """The result of `learn`."""
 
     weights: F64
     """(nu, FEATURES) the policy: the mean of the last generation's best"""
@@ -41,11 +41,15 @@ class Learnt:
 
 
 def features(surface: npt.NDArray[np.float32]) -> F64:
-    """Where the events are, and where their ON and OFF sides are.
+    """Moments of a time surface.
 
-    In: (2, h, w) time surface. Out: (4,): the centre of all fresh events (x right, y up, the
-    picture's half is 1); then the same moments of ON minus OFF, which point where a bright thing
-    goes and grow with its speed.
+    Args:
+        surface: (2, h, w) time surface.
+
+    Returns:
+        (4,) the centre of all fresh events (x right, y up, half of the picture is 1), then the
+        same moments of ON minus OFF, which point where a bright thing moves and grow with its
+        speed.
     """
     off, on = surface.astype(np.float64)
     height, width = on.shape
@@ -65,7 +69,16 @@ def features(surface: npt.NDArray[np.float32]) -> F64:
 
 
 def episode(env: Any, weights: F64, seed: int) -> float:
-    """The return of one episode. In: an environment whose observation is a time surface."""
+    """Run one episode.
+
+    Args:
+        env: An environment whose observation is a time surface.
+        weights: (nu, FEATURES) the policy.
+        seed: Of the reset.
+
+    Returns:
+        The sum of the rewards.
+    """
     surface, _ = env.reset(seed=seed)
     total, over = 0.0, False
     while not over:
@@ -87,8 +100,16 @@ def learn(
 ) -> Learnt:
     """Improve a linear policy from events alone.
 
-    In: env, observation "time_surface", Box actions; seed, everything drawn follows from it; best,
-    how many of the population the next one follows from; spread, of the first one's weights.
+    Args:
+        env: An environment with observation "time_surface" and Box actions.
+        seed: Determines everything that is drawn.
+        generations: How many generations to try.
+        population: Policies in each.
+        best: How many of them the next generation follows.
+        spread: Standard deviation of the first generation's weights.
+
+    Returns:
+        The policy and all returns.
     """
     random = np.random.default_rng(seed)
     shape = (env.action_space.shape[0], FEATURES)
@@ -96,7 +117,7 @@ def learn(
     returns = []
     for generation in range(generations):
         tried = mean + deviation * random.standard_normal((population, *shape))
-        # all of a generation begin in the same place: what differs is the policy
+        # all policies of a generation start in the same place
         start = int(random.integers(2**31))
         found = np.array([episode(env, weights, start) for weights in tried])
         elite = tried[np.argsort(-found, kind="stable")[:best]]

@@ -1,4 +1,4 @@
-"""Gymnasium itself, or one line that says how to get it. The only door to it."""
+"""Imports Gymnasium, or raises one line on how to install it. The only module that does."""
 
 from __future__ import annotations
 

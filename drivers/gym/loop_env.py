@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.drivers.gym.actions import Actions
+from evs.drivers.gym.event_observations import StepEvents, make_event_observation
 from evs.drivers.gym.library import gymnasium, spaces
-from evs.drivers.gym.picture import SCENE_PX, draw
+from evs.drivers.gym.rendering import SCENE_PX, draw
 from evs.drivers.gym.rewards import Reward, check_reward, reward_of
-from evs.drivers.gym.views import Step, make_view
 from evs.drivers.pictures import U8
 from evs.drivers.run.paths import in_package
 from evs.emulator import Loop, Observation
@@ -27,17 +27,17 @@ from evs.emulator.world import NamedSensors, Scene
 from evs.msgs import Events, EvsError, empty_events, join_events
 
 NO_BOUND = float(np.finfo(np.float32).max)
-"""An encoder turns as far as it turns."""
+"""encoders have no bound"""
 
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 50}
 
 
 class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
-    """Decide `ticks` milliseconds at a time; see the events, and the encoders if asked for.
+    """A closed loop whose step is `ticks` ticks; observations are events, and encoders on request.
 
-    Terminated: a limit was left, or physics broke down (info["done"] says which). Truncated: max_s
-    are over. After reset there are no events yet: light is compared with that of the beginning.
+    Terminated: a limit was left, or physics broke down; info["done"] is the reason. Truncated:
+    max_s have passed. There are no events after reset: light is compared with that of the start.
     """
 
     metadata = METADATA
@@ -70,20 +70,20 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         render_mode: str | None = None,
         render_camera: str | CameraConfig = "",
     ) -> None:
-        """Load the scene and open its cameras' eyes.
+        """Load the scene and set up its cameras.
 
         Args:
             scene: MJCF or MJB file, `package:path`, MjModel or MjSpec
             cameras: names of the model's, or descriptions, as of evs.Loop
-            observation: event_frame | voxel_grid | time_surface | packet (drivers/gym/views.py)
+            observation: event_frame | voxel_grid | time_surface | packet
             encoders: the actuators' encoders too; observations then are a Dict
             bins: of the voxel grid
             tau_us: time constant of the time surface, us
             capacity: events that a packet holds
             sensor: preset or SensorConfig
             size: (width, height) of the sensor, px; None: its own
-            render: how light is found, as of evs.Loop
-            model: what makes events of it, as of evs.Loop
+            render: the renderer, as of evs.Loop
+            model: the event model, as of evs.Loop
             ticks: how many ticks a step takes
             tick_us: length of a tick, us
             max_s: simulated seconds after which an episode is truncated
@@ -94,12 +94,12 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             delays: between camera, agent and actuators, and packets lost, as of evs.Loop
             keyframe: the one to start from; "" is as the model says
             control_range: name of an actuator -> (low, high), instead of its ctrlrange
-            threads: that find light; several environments side by side do best with one each
+            threads: of the renderer; several environments in parallel are fastest with one each
             render_mode: None or rgb_array
-            render_camera: whose picture `render` gives; "" is the model's first, or a free one
+            render_camera: the camera of `render`; "" is the model's first, or a free one
 
         Raises:
-            EvsError: one line for whatever cannot be
+            EvsError: an argument is not possible; the message is one line
         """
         modes = self.metadata["render_modes"]
         if render_mode is not None and render_mode not in modes:
@@ -128,7 +128,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._alive = float(alive)
         self._start = check_start(world.model, start or {})
         self._views = {
-            camera.name: make_view(
+            camera.name: make_event_observation(
                 observation, (camera.info.width, camera.info.height), bins, tau_us, capacity
             )
             for camera in world.cameras
@@ -147,7 +147,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self.action_space = self._actions.space
         self.observation_space = self._space()
         self.seen: Observation | None = None
-        """the last of the loop's own observations: packets with their exact times"""
+        """the latest observation of the loop: packets with their exact times"""
         self._events: dict[str, Events] = {}
 
     def _space(self) -> spaces.Space[Any]:
@@ -163,16 +163,23 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         return spaces.Dict(found)
 
     def _keys(self) -> list[str]:
-        """What the cameras are called in a Dict: "events" if there is one, else by their names."""
+        """Keys of the cameras in a Dict: "events" for a single one, else their names."""
         return ["events"] if len(self._views) == 1 else list(self._views)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode. In: options, {"keyframe": name} starts from another one.
+        """Start an episode.
 
-        Where it begins and all noise follow from `seed`, and from the one before where it is None.
-        Raises EvsError for another option, and where a limit is left already.
+        Args:
+            seed: Determines the start and all noise; None: continue the random numbers.
+            options: {"keyframe": name} starts from another keyframe.
+
+        Returns:
+            The observation, and info with t_us, events (their number) and done.
+
+        Raises:
+            EvsError: An option is unknown, or a limit is left at the start.
         """
         super().reset(seed=seed)
         wanted = dict(options or {})
@@ -196,7 +203,17 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     def step(
         self, action: npt.NDArray[np.float32]
     ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Act for `ticks` ticks, fewer where the episode ends."""
+        """Act for `ticks` ticks, or fewer if the episode ends.
+
+        Args:
+            action: (nu,) numbers -1 ... 1.
+
+        Returns:
+            Observation, reward, terminated, truncated, info as of `reset`.
+
+        Raises:
+            EvsError: The episode is over, or the action has another shape.
+        """
         if self._out_of_time():
             raise EvsError("the episode is over (its time is): call reset")
         control = self._actions.control(action)
@@ -213,16 +230,16 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         return self.loop.t_us >= self._max_us
 
     def _observed(self, seen: Observation) -> tuple[Any, dict[str, Any]]:
-        """What the agent gets, and what is told beside it."""
+        """The observation of the agent, and its info."""
         self._events = {
             name: join_events([p.events for p in seen.packets if p.camera == name])
             for name in self._views
         }
         begin_us, self._began_us = self._began_us, seen.t_us
-        # before the first tick there is no time for events to be in
+        # before the first tick the interval would be empty
         begin_us = min(begin_us, seen.t_us - 1)
         found: dict[str, Any] = {
-            key: view.see(Step(self._events[name], begin_us, seen.t_us))
+            key: view.observe(StepEvents(self._events[name], begin_us, seen.t_us))
             for key, (name, view) in zip(self._keys(), self._views.items(), strict=True)
         }
         count = sum(len(events) for events in self._events.values())
@@ -235,7 +252,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         return found, info
 
     def render(self) -> U8 | None:
-        """(h, w, 3) uint8: the scene, and each camera's events of the last step. None: no mode."""
+        """(h, w, 3) uint8 sRGB: scene and events of the last step; None without render_mode."""
         if self._scene is None:
             return None
         sizes = {c.name: (c.info.width, c.info.height) for c in self.loop.world.cameras}
@@ -246,7 +263,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
 
 
 def _sized(sensor: str | SensorConfig, size: tuple[int, int] | None) -> SensorConfig:
-    """The sensor with its size; one that a SensorConfig names itself stays."""
+    """The sensor with this size, unless its SensorConfig states one."""
     found = SensorConfig(preset=sensor) if isinstance(sensor, str) else sensor
     if size is None or not isinstance(found, SensorConfig) or found.width or found.height:
         return found

@@ -1,4 +1,4 @@
-"""What the steps of an episode are worth: by names of the model's sensors, or by a function."""
+"""Rewards of the steps: by weights of the model's sensors, or by a function."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 from evs.msgs import EvsError, unknown
 
 Sensors = dict[str, npt.NDArray[np.float64]]
-"""name of a <sensor> of the model -> what it says"""
+"""name of a <sensor> of the model -> its values"""
 
 Reward = Mapping[str, float] | Callable[[Sensors, npt.NDArray[np.float64]], float]
 """name of a <sensor> -> weight of its length (absolute value, of one number); or a function of all
@@ -19,7 +19,14 @@ named sensors and the control."""
 
 
 def check_reward(reward: Reward, sensors: tuple[str, ...]) -> Reward:
-    """`reward` if every sensor exists and every weight is a number; else EvsError."""
+    """Check a reward.
+
+    Returns:
+        The reward.
+
+    Raises:
+        EvsError: A sensor does not exist, or a weight is not a finite number.
+    """
     if callable(reward):
         return reward
     if not isinstance(reward, Mapping):
@@ -33,7 +40,7 @@ def check_reward(reward: Reward, sensors: tuple[str, ...]) -> Reward:
 
 
 def reward_of(reward: Reward, sensors: Sensors, control: npt.NDArray[np.float64]) -> float:
-    """What a step was worth, without the bonus for being alive."""
+    """The reward of a step, without the bonus for being alive."""
     if callable(reward):
         return float(reward(sensors, control))
     return float(sum(weight * np.linalg.norm(sensors[name]) for name, weight in reward.items()))

@@ -7,7 +7,7 @@ from evs.drivers.pictures.frame import count_polarities, event_frame, events_bet
 from evs.drivers.pictures.light_log import LightLog, recorded_light
 from evs.drivers.pictures.playback import Playback, span_us, speed_words
 from evs.drivers.pictures.preview import Shot, preview, shot_times
-from evs.drivers.pictures.tone import exposure_for, to_srgb8
+from evs.drivers.pictures.tone_mapping import exposure_for, to_srgb8
 from evs.drivers.pictures.video import need_video, write_mp4
 from evs.drivers.pictures.writers import MAX_FRAMES, SUFFIXES, suffix_of, write_gif, write_png
 

@@ -8,9 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from evs.drivers.pictures.colours import U8
-from evs.drivers.pictures.labels import Box
-from evs.drivers.pictures.layout import (
+from evs.drivers.pictures.chart_layout import (
     BOTTOM_PX,
     LEFT_PX,
     LETTER_PX,
@@ -25,8 +23,10 @@ from evs.drivers.pictures.layout import (
     levels,
     place_of,
 )
-from evs.drivers.pictures.names import Name, names_of
+from evs.drivers.pictures.colours import U8
+from evs.drivers.pictures.label_placement import Box
 from evs.drivers.pictures.pen import FINE, GREY, INK_RGB, PAPER_RGB, RGB, Pen, text_width
+from evs.drivers.pictures.point_names import Name, names_of
 
 PICTURE_AT = (LEFT_PX - 58, TOP_PX)
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from evs.drivers.pictures.colours import FAINT, PAPER, U8
 from evs.drivers.pictures.frame import event_frame, events_between, upscale, whole_factor
-from evs.drivers.pictures.lettering import Line, legend_line, paste, side_by_side, text_line
 from evs.drivers.pictures.playback import Playback, speed_words
+from evs.drivers.pictures.text_lines import TextLine, legend_line, paste, side_by_side, text_line
 from evs.msgs import Events
 
 CLIP_PX = 480
@@ -72,11 +72,11 @@ def _clock(t_us: int, decimals: int) -> str:
     return f"t = {t_us / 1e6:.{decimals}f} s"
 
 
-def _padded(line: Line, width_px: int) -> Line:
+def _padded(line: TextLine, width_px: int) -> TextLine:
     """`line` on a strip of constant width: what stands right of it must not tremble."""
     strip = np.full((line.height, max(width_px, line.width), 3), PAPER, np.uint8)
     paste(strip, line.picture, 0, 0)
-    return Line(strip)
+    return TextLine(strip)
 
 
 def _even(length: int) -> int:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from PIL import ImageDraw
 
 from evs.drivers.pictures.colours import INK, PAPER
-from evs.drivers.pictures.lettering import font
+from evs.drivers.pictures.text_lines import font
 
 FINE = 3
 """How many times larger a chart is drawn."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from evs.drivers.pictures.colours import FAINT, PAPER, U8
 from evs.drivers.pictures.frame import count_polarities, event_frame, upscale, whole_factor
-from evs.drivers.pictures.lettering import Line, legend_line, paste, text_line
+from evs.drivers.pictures.text_lines import TextLine, legend_line, paste, text_line
 from evs.msgs import Events
 
 PANEL_PX = 480
@@ -100,7 +100,7 @@ def _caption(shot: Shot) -> tuple[str, str]:
     )
 
 
-def _footer(title: str, size_px: int, room_px: int) -> list[Line]:
+def _footer(title: str, size_px: int, room_px: int) -> list[TextLine]:
     legend = legend_line(size_px)
     if not title:
         return [legend]
@@ -111,7 +111,7 @@ def _footer(title: str, size_px: int, room_px: int) -> list[Line]:
     strip = np.full((legend.height, room_px, 3), PAPER, np.uint8)
     paste(strip, words.picture, 0, 0)
     paste(strip, legend.picture, room_px - legend.width, 0)
-    return [Line(strip)]
+    return [TextLine(strip)]
 
 
 def _grid(count: int, cell_width: int, cell_height: int) -> tuple[int, int]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from evs.drivers.pictures import U8, Playback, event_frame, suffix_of, upscale, write_gif
 from evs.drivers.pictures.colours import FAINT, PAPER
-from evs.drivers.pictures.lettering import legend_line, paste, side_by_side, text_line
+from evs.drivers.pictures.text_lines import legend_line, paste, side_by_side, text_line
 from evs.msgs import EventPacket, Events, EvsError, empty_events
 
 SIDE_PX = 128

@@ -7,7 +7,7 @@ from typing import Any
 
 from evs.drivers.pictures import U8
 from evs.drivers.pictures.chart import draw_chart
-from evs.drivers.pictures.layout import Chart, Series
+from evs.drivers.pictures.chart_layout import Chart, Series
 from evs.drivers.pictures.scales import Scale
 from evs.examples.goalie import TRACKERS
 from evs.examples.goalie.speed_curve import FASTEST_M_S, SLOWEST_M_S, half_speed

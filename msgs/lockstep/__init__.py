@@ -1,6 +1,6 @@
 """Lock-step: the messages between controllers and the server of a closed loop.
 
-drivers/lockstep/README.md describes them byte by byte. The pair of every tick, step and
+docs/reference/lockstep.md describes them byte by byte. The pair of every tick, step and
 observation, has a header of a few bytes and raw frames.
 """
 

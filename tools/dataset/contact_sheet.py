@@ -11,7 +11,7 @@ import numpy.typing as npt
 from evs.drivers.pictures import U8, channel_page, event_frame
 from evs.drivers.pictures.channels import panel
 from evs.drivers.pictures.colours import PAPER
-from evs.drivers.pictures.lettering import paste, text_line
+from evs.drivers.pictures.text_lines import paste, text_line
 from evs.tools.dataset.reader import RecordedSequence
 
 WINDOW_US = 20_000

@@ -15,7 +15,7 @@ import numpy as np
 
 from evs.drivers.pictures import U8, write_png
 from evs.drivers.pictures.chart import draw_chart
-from evs.drivers.pictures.layout import Chart, Series
+from evs.drivers.pictures.chart_layout import Chart, Series
 from evs.drivers.pictures.pen import RGB
 from evs.drivers.pictures.scales import Scale, decades_around
 from evs.drivers.run.report import write_whole

@@ -101,7 +101,7 @@ def _frame(
 
 
 def _unpacked(data: bytes, width: int, height: int) -> npt.NDArray[np.uint16] | None:
-    from evs.drivers.pictures.grey import grey_png
+    from evs.drivers.pictures.grey_png import grey_png
 
     if 2 * width * height > min(MAX_PICTURE_BYTES, MAX_DEFLATE * (len(data) + 64)):
         return None

@@ -15,7 +15,7 @@ from gymnasium.utils.env_checker import check_env
 
 import evs
 from evs.drivers.gym import ENVIRONMENTS, LoopEnv
-from evs.drivers.gym.views import KINDS, Step
+from evs.drivers.gym.event_observations import KINDS, StepEvents
 from evs.emulator.representations import event_frame, padded_packet, time_surface, voxel_grid
 from evs.msgs import EvsError, join_events
 
@@ -126,8 +126,8 @@ def test_counts_saturate_inside_their_space() -> None:
     events["t"] = 1
     for kind in ("event_frame", "voxel_grid"):
         view = make(observation=kind)._views["onboard"]
-        assert np.abs(view.see(Step(events, 0, 10))).max() == 255
-        assert view.see(Step(events, 0, 10)) in view.space
+        assert np.abs(view.observe(StepEvents(events, 0, 10))).max() == 255
+        assert view.observe(StepEvents(events, 0, 10)) in view.space
 
 
 def test_cameras_and_encoders_are_told_by_name() -> None:

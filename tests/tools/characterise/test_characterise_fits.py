@@ -10,7 +10,7 @@ import pytest
 from scipy import optimize, stats
 
 from evs.drivers.pictures.chart import diverging, draw_chart
-from evs.drivers.pictures.layout import Chart, Series
+from evs.drivers.pictures.chart_layout import Chart, Series
 from evs.drivers.pictures.scales import Scale, decades_around
 from evs.emulator.sensor import SensorParameters
 from evs.tools.characterise import expected

@@ -1,4 +1,4 @@
-"""Words in pictures, with Pillow's built-in font. In: uint8 arrays; they are drawn into."""
+"""Lines of text in pictures, with Pillow's built-in font."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from PIL import Image, ImageDraw, ImageFont
 from evs.drivers.pictures.colours import INK, OFF_RGB, ON_RGB, PAPER, U8
 
 LEGEND = (("ON: brighter", ON_RGB), ("OFF: darker", OFF_RGB))
-"""What the two colours mean."""
+"""meaning of the two colours"""
 
 
 @dataclass(frozen=True)
-class Line:
+class TextLine:
     """One line of text that is already laid out: a white strip with letters."""
 
     picture: U8
@@ -23,25 +23,25 @@ class Line:
 
     @property
     def width(self) -> int:
-        """Px."""
+        """Size, px."""
         return int(self.picture.shape[1])
 
     @property
     def height(self) -> int:
-        """Px."""
+        """Size, px."""
         return int(self.picture.shape[0])
 
 
-def text_line(text: str, size_px: int) -> Line:
+def text_line(text: str, size_px: int) -> TextLine:
     """`text` in ink on paper, just as wide as it is. size_px is the font's height."""
     letters = font(size_px)
     width, height = max(1, round(letters.getlength(text) + 0.5)), line_height(size_px)
     image = Image.new("L", (width, height), PAPER)
     ImageDraw.Draw(image).text((0, height // 2), text, INK, font=letters, anchor="lm")
-    return Line(np.repeat(np.asarray(image)[:, :, np.newaxis], 3, axis=2))
+    return TextLine(np.repeat(np.asarray(image)[:, :, np.newaxis], 3, axis=2))
 
 
-def legend_line(size_px: int) -> Line:
+def legend_line(size_px: int) -> TextLine:
     """A square of each polarity's colour, each with its word."""
     gap = max(2, size_px // 3)
     side = max(3, size_px * 2 // 3)
@@ -54,12 +54,14 @@ def legend_line(size_px: int) -> Line:
         if parts:
             parts.append(_blank(label.shape[0], 3 * gap))
         parts += [square, _blank(label.shape[0], gap), label]
-    return Line(np.concatenate(parts, axis=1))
+    return TextLine(np.concatenate(parts, axis=1))
 
 
-def side_by_side(left: Line, right: Line, gap_px: int) -> Line:
+def side_by_side(left: TextLine, right: TextLine, gap_px: int) -> TextLine:
     """Two lines of one height as one."""
-    return Line(np.concatenate([left.picture, _blank(left.height, gap_px), right.picture], axis=1))
+    return TextLine(
+        np.concatenate([left.picture, _blank(left.height, gap_px), right.picture], axis=1)
+    )
 
 
 def line_height(size_px: int) -> int:

@@ -1,4 +1,4 @@
-"""What an agent gets of a camera's events: one class for each kind of observation."""
+"""Observations of a camera's events: one class for each representation."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from evs.emulator.representations import (
 from evs.msgs import Events, empty_events, unknown
 
 FULL = 255
-"""Event frames and voxel grids saturate there: a bound is what agents normalise by."""
+"""bound of event frames and voxel grids, which saturate there; agents normalise by it"""
 
 Size = tuple[int, int]
 """width, height, px"""
 
 
 @dataclass(frozen=True)
-class Step:
-    """What happened between two decisions."""
+class StepEvents:
+    """The events between two decisions."""
 
     events: Events
     """(n,) that arrived"""
@@ -38,21 +38,21 @@ class Step:
     """time of the second, later"""
 
 
-class View(Protocol):
-    """The events of one camera, of one step after the other, as arrays of one shape."""
+class EventObservation(Protocol):
+    """Turns the events of each step of one camera into an array of one shape."""
 
     @property
     def space(self) -> spaces.Box:
-        """The arrays that `see` gives."""
+        """Space of the arrays that `observe` returns."""
 
     def reset(self) -> None:
-        """A new episode."""
+        """Start a new episode."""
 
-    def see(self, step: Step) -> npt.NDArray[Any]:
-        """A new array."""
+    def observe(self, step: StepEvents) -> npt.NDArray[Any]:
+        """The array of the next step."""
 
 
-class EventFrameView:
+class EventFrameObservation:
     """(2, h, w) uint8: how often each pixel fired in the step, OFF then ON; 255 is that or more."""
 
     def __init__(self, size: Size) -> None:
@@ -60,14 +60,14 @@ class EventFrameView:
         self.space = spaces.Box(0, FULL, (2, size[1], size[0]), np.uint8)
 
     def reset(self) -> None:
-        """Nothing is kept."""
+        """Keeps no state."""
 
-    def see(self, step: Step) -> npt.NDArray[Any]:
-        """Of this step."""
+    def observe(self, step: StepEvents) -> npt.NDArray[Any]:
+        """The array of this step alone."""
         return np.minimum(event_frame(step.events, self._size), FULL).astype(np.uint8)
 
 
-class VoxelGridView:
+class VoxelGridObservation:
     """(bins, h, w) float32 of -255 ... 255: polarities of the step by pixel and time."""
 
     def __init__(self, size: Size, bins: int) -> None:
@@ -77,15 +77,15 @@ class VoxelGridView:
         self.space = spaces.Box(-FULL, FULL, (bins, size[1], size[0]), np.float32)
 
     def reset(self) -> None:
-        """Nothing is kept."""
+        """Keeps no state."""
 
-    def see(self, step: Step) -> npt.NDArray[Any]:
-        """Of this step."""
+    def observe(self, step: StepEvents) -> npt.NDArray[Any]:
+        """The array of this step alone."""
         interval = (step.begin_us, step.end_us)
         return np.clip(voxel_grid(step.events, self._bins, self._size, interval), -FULL, FULL)
 
 
-class TimeSurfaceView:
+class TimeSurfaceObservation:
     """(2, h, w) float32 of 0 ... 1: how fresh each pixel's last event is, over all the episode."""
 
     def __init__(self, size: Size, tau_us: float) -> None:
@@ -96,16 +96,16 @@ class TimeSurfaceView:
         decayed(self._stamps, tau_us, 0)
 
     def reset(self) -> None:
-        """No pixel has fired."""
+        """Forget all events."""
         self._stamps = latest_stamps(empty_events(), self._size)
 
-    def see(self, step: Step) -> npt.NDArray[Any]:
-        """Of all events since the reset, as of now."""
+    def observe(self, step: StepEvents) -> npt.NDArray[Any]:
+        """The array of all events since the reset, at the end of this step."""
         self._stamps = latest_stamps(step.events, self._size, self._stamps)
         return decayed(self._stamps, self._tau_us, step.end_us)
 
 
-class PacketView:
+class PacketObservation:
     """(capacity, 4) int32: age in us (0 or less), x, y, polarity 1 or -1 of the last events.
 
     Rows behind the last one are zeros, polarity too. The newest are kept where there are more.
@@ -120,24 +120,37 @@ class PacketView:
         self.space = spaces.Box(low, high, dtype=np.int32)
 
     def reset(self) -> None:
-        """Nothing is kept."""
+        """Keeps no state."""
 
-    def see(self, step: Step) -> npt.NDArray[Any]:
-        """Of this step."""
+    def observe(self, step: StepEvents) -> npt.NDArray[Any]:
+        """The array of this step alone."""
         return padded_packet(step.events, self._capacity, step.end_us)
 
 
-def make_view(kind: str, size: Size, bins: int, tau_us: float, capacity: int) -> View:
-    """The view called `kind`; EvsError for another name or a value that cannot be."""
+def make_event_observation(
+    kind: str, size: Size, bins: int, tau_us: float, capacity: int
+) -> EventObservation:
+    """Make the observation of this kind for one camera.
+
+    Args:
+        kind: One of KINDS.
+        size: Width, height of the sensor, px.
+        bins: Bins of a voxel grid.
+        tau_us: Time constant of a time surface, us.
+        capacity: Events of a packet.
+
+    Raises:
+        EvsError: The kind is unknown, or a value is not possible.
+    """
     if kind not in KINDS:
         raise unknown("observation", str(kind), KINDS)
     return KINDS[kind](size, bins, tau_us, capacity)
 
 
-KINDS: dict[str, Callable[[Size, int, float, int], View]] = {
-    "event_frame": lambda size, _bins, _tau_us, _capacity: EventFrameView(size),
-    "voxel_grid": lambda size, bins, _tau_us, _capacity: VoxelGridView(size, bins),
-    "time_surface": lambda size, _bins, tau_us, _capacity: TimeSurfaceView(size, tau_us),
-    "packet": lambda size, _bins, _tau_us, capacity: PacketView(size, capacity),
+KINDS: dict[str, Callable[[Size, int, float, int], EventObservation]] = {
+    "event_frame": lambda size, _bins, _tau_us, _capacity: EventFrameObservation(size),
+    "voxel_grid": lambda size, bins, _tau_us, _capacity: VoxelGridObservation(size, bins),
+    "time_surface": lambda size, _bins, tau_us, _capacity: TimeSurfaceObservation(size, tau_us),
+    "packet": lambda size, _bins, _tau_us, capacity: PacketObservation(size, capacity),
 }
-"""name of an observation -> what makes its view"""
+"""name of an observation -> its constructor"""

@@ -1,4 +1,4 @@
-"""Words beside points that do not overlap: where each label goes. Geometry only, no pixels."""
+"""Placement of labels next to points without overlap: geometry only, no pixels."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ _WAYS = tuple(
     (math.cos(angle), math.sin(angle))
     for angle in (math.radians(degrees) for degrees in (0, 180, -45, 45, -135, 135, -90, 90))
 )
-"""right and left first: there a label reads best"""
+"""directions from the point; right and left are the most readable"""
 
 GAP_PX = 3.0
-"""between a label and everything else"""
+"""space between a label and everything else"""
 
 
 @dataclass(frozen=True)
 class Label:
-    """What is to be placed."""
+    """A label to be placed."""
 
     at: tuple[float, float]
     """the point it belongs to, px"""
@@ -44,11 +44,16 @@ def overlap(one: Box, other: Box, gap: float = 0.0) -> bool:
 def place_labels(
     labels: Sequence[Label], taken: Sequence[Box], frame: Box, nearest_px: float
 ) -> list[Box | None]:
-    """A box for each label, or None where there is no room for it.
+    """Place labels so that none leaves the frame or touches another label or a taken box.
 
-    In: labels, the most important first; taken, boxes that stay free, such as those of the points;
-    nearest_px, from a point to its label. No box leaves the frame, touches one that is taken, or
-    another label.
+    Args:
+        labels: The labels, the most important first.
+        taken: Boxes to keep free, such as those of the points.
+        frame: The box that holds all labels.
+        nearest_px: Least distance from a point to its label.
+
+    Returns:
+        A box for each label; None where there is no space.
     """
     held = list(taken)
     found: list[Box | None] = []
@@ -61,7 +66,7 @@ def place_labels(
 
 
 def _free(label: Label, held: Sequence[Box], frame: Box, nearest_px: float) -> Box | None:
-    """The nearest place that is free."""
+    """The nearest free box."""
     width, height = label.size
     reach = nearest_px
     while reach <= label.reach_px:

@@ -1,4 +1,4 @@
-"""What a chart shows, and where each number of it lies, px. Nothing is drawn here."""
+"""The content of a chart, and the positions of its values, px. Nothing is drawn here."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from evs.drivers.pictures.colours import U8
-from evs.drivers.pictures.labels import Box
+from evs.drivers.pictures.label_placement import Box
 from evs.drivers.pictures.pen import RGB
 from evs.drivers.pictures.scales import Scale
 
@@ -19,7 +19,7 @@ LEFT_PX, RIGHT_PX, TOP_PX, BOTTOM_PX = 76, 26, 62, 52
 
 @dataclass(frozen=True)
 class Series:
-    """Values of y over x: points that were measured, or a line that was promised."""
+    """Values of y over x: measured points, or a reference line."""
 
     x: Sequence[float]
     y: Sequence[float]
@@ -37,14 +37,14 @@ class Series:
     x_range: Sequence[tuple[float, float]] = ()
     """points: (low, high) of each one's bar along x"""
     names: Sequence[str] = ()
-    """points: words beside each; they stand only where there is room"""
+    """points: name of each, drawn only where there is space"""
     reach_px: float = 30.0
-    """how far from its point a name may stand; when it is far a thin line leads there"""
+    """how far from its point a name may lie; a thin line leads to a distant one"""
 
 
 @dataclass(frozen=True)
 class Chart:
-    """What one panel shows."""
+    """The content of one panel."""
 
     title: str
     x: Scale
@@ -52,11 +52,11 @@ class Chart:
     x_label: str
     series: Sequence[Series] = ()
     marks: Sequence[tuple[float, str]] = ()
-    """levels of y that have a dashed line and a word"""
+    """levels of y with a dashed line, and its text"""
     posts: Sequence[tuple[float, str]] = ()
-    """levels of x that have one"""
+    """levels of x with a dashed line, and its text"""
     empty: str = ""
-    """what to say where there is nothing to show"""
+    """text where there is nothing to show"""
     picture: U8 | None = None
     """(h, w, 3) shown in place of the axes"""
     below: str = ""
@@ -67,12 +67,12 @@ Place = tuple[float, float]
 
 
 def frame_of(width: int, height: int) -> Box:
-    """Of the axes."""
+    """The box of the axes, px."""
     return LEFT_PX, TOP_PX, width - RIGHT_PX, height - BOTTOM_PX
 
 
 def place_of(chart: Chart, frame: Box, x: float, y: float) -> Place:
-    """Of a number on both axes, px; NaN where it has none."""
+    """Position of a point, px; NaN where a value has none."""
     left, top, right, bottom = frame
     return (
         left + chart.x.place(x) * (right - left),

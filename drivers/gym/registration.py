@@ -1,4 +1,4 @@
-"""The environments that `gymnasium.make` knows by name once this is imported."""
+"""Registers the environments for `gymnasium.make`; importing the module is enough."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     # any scene of yours: gymnasium.make("evs/Loop-v0", scene="robot.xml", cameras="wrist", ...)
     "evs/Loop-v0": {},
 }
-"""name -> arguments of LoopEnv, each of which `make` may override. Plain values, as a spec's JSON
-wants them."""
+"""name -> arguments of LoopEnv, each of which `make` may override. Plain values, since a spec is
+written as JSON."""
 
 
 def register_all() -> None:
-    """Make the environments known to Gymnasium; those that are known already stay."""
+    """Register the environments; those that are registered already stay."""
     for name, arguments in ENVIRONMENTS.items():
         if name not in gymnasium.registry:
             gymnasium.register(name, entry_point=LOOP_ENV, kwargs=arguments)

@@ -1,4 +1,4 @@
-"""Names of points on a chart: where each of them stands."""
+"""Positions of the names of points on a chart."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evs.drivers.pictures.labels import Box, Label, place_labels
-from evs.drivers.pictures.layout import (
+from evs.drivers.pictures.chart_layout import (
     LETTER_PX,
     NAME_PX,
     Chart,
@@ -20,12 +19,13 @@ from evs.drivers.pictures.layout import (
     levels,
     place_of,
 )
+from evs.drivers.pictures.label_placement import Box, Label, place_labels
 from evs.drivers.pictures.pen import POINT_PX, RGB, text_width
 
 
 @dataclass(frozen=True)
 class Name:
-    """Words that have found their place beside a point."""
+    """A name with its position next to a point."""
 
     words: str
     at: Place
@@ -35,10 +35,9 @@ class Name:
 
 
 def names_of(chart: Chart, width: int, height: int) -> list[Name]:
-    """Where the names of points stand: inside the axes, on no point, line, word or other name.
+    """Place the names of points inside the axes, without overlap with anything else.
 
-    Names that may stand far from their points find room first; where there is none, a name is left
-    out.
+    Names that may lie far from their points are placed first. A name without space is left out.
     """
     frame = frame_of(width, height)
     asked: list[tuple[str, RGB, Label]] = []

@@ -1,4 +1,4 @@
-"""What `render` shows: the scene, and beside it what each camera's pixels said in the last step."""
+"""The picture of `render`: the scene, and the events of each camera in the last step."""
 
 from __future__ import annotations
 
@@ -11,13 +11,18 @@ from evs.emulator import View
 from evs.msgs import Events
 
 SCENE_PX = (480, 360)
-"""width, height of the scene's part"""
+"""width, height of the scene in the picture, px"""
 
 
 def draw(scene: View, seen: Sequence[tuple[Events, int, int]]) -> U8:
-    """(h, w, 3) uint8 sRGB.
+    """Draw the scene and the events next to each other.
 
-    In: a view of the scene in colour; (events, width, height) of each camera.
+    Args:
+        scene: A view of the scene in colour.
+        seen: (events, width, height) of each camera.
+
+    Returns:
+        (h, w, 3) uint8 sRGB.
     """
     luminance, rgb = scene.render()
     left = to_srgb8(luminance if rgb is None else rgb, exposure_for(luminance))
@@ -30,7 +35,7 @@ def draw(scene: View, seen: Sequence[tuple[Events, int, int]]) -> U8:
 def _panel(picture: U8, height_px: int) -> U8:
     """The picture, enlarged by a whole factor, in the middle of a strip of this height."""
     factor = max(1, height_px // picture.shape[0])
-    # a sensor that is taller than the strip is thinned out
+    # skip rows and columns of a sensor that is taller than the strip
     step = -(-picture.shape[0] // height_px)
     enlarged = upscale(picture[::step, ::step], factor)
     strip = np.zeros((height_px, enlarged.shape[1], 3), np.uint8)
