@@ -46,7 +46,7 @@ _MOST_COMING_BYTES = 512 * 1024 * 1024
 """Their raw frames; a publisher that sends no events may not fill our memory."""
 
 
-class Beside:
+class AuxiliaryMessages:
     """Messages of all topics but events and status."""
 
     def __init__(self) -> None:

@@ -10,20 +10,20 @@ from evs.drivers.bus.subscriber import Subscription
 class Connection:
     """Watches a subscription that somebody else receives from."""
 
-    def __init__(self, stream: Subscription, tell: Callable[[str], None]) -> None:
-        """In: tell(line), once for each change."""
-        self._stream, self._tell = stream, tell
+    def __init__(self, stream: Subscription, warn: Callable[[str], None]) -> None:
+        """In: warn(line), once for each change."""
+        self._stream, self._warn = stream, warn
         self._was_there = False
         self._is_cut = False
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Tell what has changed since the last look."""
         address, status = self._stream.address, self._stream.status
         there = self._stream.connected
         if self._was_there and not there and not (status is not None and status.end):
             self._is_cut = True
-            self._tell(f"the connection to {address} is cut: waiting for it (Ctrl-C ends)")
+            self._warn(f"the connection to {address} is cut: waiting for it (Ctrl-C ends)")
         elif there and self._is_cut:
             self._is_cut = False
-            self._tell(f"the connection to {address} is there again")
+            self._warn(f"the connection to {address} is there again")
         self._was_there = there

@@ -42,7 +42,7 @@ class Control:
         """Requests, the refused ones too."""
         self._server, self._requests = server, requests
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Answer what has come, a few at a time."""
         for _ in range(_MOST_AT_ONCE):
             if not readable(self._server):

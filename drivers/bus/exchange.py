@@ -23,7 +23,7 @@ from evs.drivers.bus.sockets import (
     readable,
     serve_anybody,
 )
-from evs.drivers.bus.zap_authenticator import Gate
+from evs.drivers.bus.zap_authenticator import ZapAuthenticator
 from evs.drivers.clock import monotonic_s
 from evs.msgs import EvsError
 
@@ -47,7 +47,9 @@ class ServerEnd:
     def __init__(self, address: str, keys: ServerKeys, largest: int) -> None:
         """Bind. In: address, checked; largest, bytes of a frame. EvsError where it cannot be."""
         self._context = Context()
-        self._gate = None if keys.own is None else Gate(self._context, keys.allowed)
+        self._authenticator = (
+            None if keys.own is None else ZapAuthenticator(self._context, keys.allowed)
+        )
         self._socket: Socket = self._context.socket(zmq.ROUTER)
         self._monitor: Socket | None = None
         self._links: dict[bytes, int] = {}
@@ -145,16 +147,16 @@ class ServerEnd:
             self._monitor.close(linger=0)
             self._monitor = None
         self._socket.close(linger=200)
-        if self._gate is not None:
-            self._gate.close()
+        if self._authenticator is not None:
+            self._authenticator.close()
         self._context.term()
         leave(self._bound)
         self._bound = ""
 
     def _look(self, now_s: float) -> None:
         self._looked_s = now_s
-        if self._gate is not None:
-            self._gate.look()
+        if self._authenticator is not None:
+            self._authenticator.poll()
         while self._monitor is not None and readable(self._monitor):
             closed = int(recv_monitor_message(self._monitor, zmq.NOBLOCK)["value"])
             for identity, link in self._links.items():
@@ -201,7 +203,7 @@ class ClientEnd:
         try:
             return self._socket.recv_multipart()
         except zmq.Again:
-            self._handshakes.look()
+            self._handshakes.update()
             return None
 
     @property

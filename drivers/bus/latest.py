@@ -29,7 +29,7 @@ class Watchers:
         gone = zmq.EVENT_DISCONNECTED | zmq.EVENT_CLOSED
         self.socket: Socket = server.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED | gone)
 
-    def look(self) -> int:
+    def update(self) -> int:
         """How many there are now."""
         while readable(self.socket):
             event = recv_monitor_message(self.socket, zmq.NOBLOCK)["event"]

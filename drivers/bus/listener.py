@@ -124,7 +124,7 @@ class Listener:
         if self._handshakes is None:
             return
         if self._handshakes.socket in self._stirred:
-            self._handshakes.look()
+            self._handshakes.update()
             self._stirred.discard(self._handshakes.socket)
         if self._handshakes.refused:
             if self._server_key:

@@ -20,7 +20,7 @@ from evs.drivers.bus.control import (
 from evs.drivers.bus.keys import Keys, guard, read_allowed, read_secret
 from evs.drivers.bus.latest import Watchers, conflated
 from evs.drivers.bus.sockets import Context, Socket, serve_anybody
-from evs.drivers.bus.zap_authenticator import Gate
+from evs.drivers.bus.zap_authenticator import ZapAuthenticator
 from evs.msgs import DEFAULT_ADDRESS, TOPICS, EvsError, encode_state
 
 _ANSWERS = 16
@@ -55,7 +55,7 @@ class Ports:
         self.stop_wanted = False
         self._keys = keys
         self._context: Context | None = None
-        self._gate: Gate | None = None
+        self._authenticator: ZapAuthenticator | None = None
         self._sockets: list[Socket] = []
         self._bound: list[str] = []
         self._poller = zmq.Poller()
@@ -83,8 +83,8 @@ class Ports:
         if self._context is None:
             self._context = Context()
             if self._keys.own is not None:
-                self._gate = Gate(self._context, self._keys.allowed)
-                self._poller.register(self._gate.socket, zmq.POLLIN)
+                self._authenticator = ZapAuthenticator(self._context, self._keys.allowed)
+                self._poller.register(self._authenticator.socket, zmq.POLLIN)
         made = conflated(self._context) if kind == zmq.PUB else self._context.socket(kind)
         self._sockets.append(made)
         made.set(zmq.IPV6, int(is_ipv6(address)))
@@ -125,14 +125,14 @@ class Ports:
             }
             self._control = Control(server, requests)
 
-    def look(self) -> None:
+    def poll_requests(self) -> None:
         """Answer whoever asks, without waiting."""
-        if self._gate is not None:
-            self._gate.look()
+        if self._authenticator is not None:
+            self._authenticator.poll()
         if self._watchers is not None:
-            self._watchers.look()
+            self._watchers.update()
         if self._control is not None:
-            self._control.look()
+            self._control.poll()
             self._counts["requests_answered"] = self._control.answered
 
     def poll(self, wait_ms: int) -> None:
@@ -151,14 +151,14 @@ class Ports:
             self._watchers.close()
         for one in self._sockets:
             one.close(linger=0)
-        if self._gate is not None:
-            self._gate.close()
+        if self._authenticator is not None:
+            self._authenticator.close()
         if self._context is not None:
             self._context.term()
         for address in self._bound:
             leave(address)
         self._sockets, self._bound, self._poller = [], [], zmq.Poller()
-        self._context = self._gate = self._watchers = self._control = self._latest = None
+        self._context = self._authenticator = self._watchers = self._control = self._latest = None
 
     def _describe(self) -> Answer:
         cameras = []

@@ -296,7 +296,7 @@ class Publisher(Sink):
 
     def _hear(self, server: Socket) -> None:
         """Take in who came and who went, and what is asked at the other ports."""
-        self._ports.look()
+        self._ports.poll_requests()
         for _ in range(_MOST_REQUESTS):
             if not readable(server):
                 break

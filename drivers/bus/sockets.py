@@ -111,7 +111,7 @@ class Handshakes:
         wanted = zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED | _TORN | _REFUSED
         self.socket: Socket = client.get_monitor_socket(wanted)
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Take in what happened."""
         while readable(self.socket):
             event = recv_monitor_message(self.socket, zmq.NOBLOCK)["event"]

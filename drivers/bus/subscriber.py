@@ -8,7 +8,7 @@ from typing import Any
 
 import zmq
 
-from evs.drivers.bus.auxiliary import Beside, of_kind
+from evs.drivers.bus.auxiliary import AuxiliaryMessages, of_kind
 from evs.drivers.bus.checking import quick_check
 from evs.drivers.bus.listener import Listener
 from evs.drivers.bus.losses import Gaps, Tally
@@ -139,7 +139,7 @@ class Subscription(Listener):
         """Poses that came between the last packet received and the one before."""
         self.truths: tuple[Truth, ...] = ()
         """Ground truth that came between the last packet received and the one before."""
-        self._beside = Beside()
+        self._beside = AuxiliaryMessages()
         self._quick = quick_check()
         self._cameras: tuple[str, ...] = (camera,) if camera else ()
         self._end_heard_s: float | None = None

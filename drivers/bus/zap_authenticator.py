@@ -16,7 +16,7 @@ _MOST_AT_ONCE = 16
 """Handshakes answered at one look: a crowd at the gate waits, the camera does not."""
 
 
-class Gate:
+class ZapAuthenticator:
     """Answers for all sockets of one context. Polled by the thread that sends."""
 
     def __init__(self, context: Context, allowed: frozenset[str]) -> None:
@@ -27,7 +27,7 @@ class Gate:
         self.socket: Socket = context.socket(zmq.REP)
         self.socket.bind(_ENDPOINT)
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Answer whoever asks."""
         for _ in range(_MOST_AT_ONCE):
             if not readable(self.socket):

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from evs.drivers.lockstep.clients import Seat, Seats
+from evs.drivers.lockstep.clients import Client, Clients
 from evs.msgs import EvsError
 from evs.msgs.lockstep import Reset, Restore, Step
 from evs.msgs.lockstep.common import F64
@@ -15,37 +15,37 @@ Decision = Reset | Step | Restore
 """What moves the loop, so what all have to agree on."""
 
 
-class Round:
+class Barrier:
     """The decisions that are there, until they are all there."""
 
-    def __init__(self, seats: Seats) -> None:
+    def __init__(self, clients: Clients) -> None:
         self.since_s: float | None = None
         """when the first of them came, s; None: none is there"""
         self.decisions: dict[bytes, Decision] = {}
-        self._seats = seats
+        self._clients = clients
 
     @property
     def complete(self) -> bool:
         """Whether everybody has decided."""
-        return len(self.decisions) >= max(len(self._seats.taken), self._seats.controllers)
+        return len(self.decisions) >= max(len(self._clients.present), self._clients.controllers)
 
     @property
     def missing(self) -> list[bytes]:
         """Who has joined and not decided."""
-        return [one for one in self._seats.taken if one not in self.decisions]
+        return [one for one in self._clients.present if one not in self.decisions]
 
     def add(self, identity: bytes, decision: Decision, now_s: float) -> None:
         """Take one controller's decision. Raises EvsError, and it has decided nothing."""
-        seat = self._seats.taken[identity]
+        client = self._clients.present[identity]
         # it may change its mind as long as the others have not all decided
         self.withdraw(identity)
         if isinstance(decision, Step):
-            self.check(seat, decision)
+            self.check(client, decision)
         for other, theirs in self.decisions.items():
             if not _agree(theirs, decision):
-                name = self._seats.taken[other].name
+                name = self._clients.present[other].name
                 raise EvsError(
-                    f"'{name}' asks for {_said(theirs)} and '{seat.name}' for {_said(decision)}: "
+                    f"'{name}' asks for {_said(theirs)} and '{client.name}' for {_said(decision)}: "
                     "all controllers have to ask for the same"
                 )
         if not self.decisions:
@@ -59,12 +59,12 @@ class Round:
             self.since_s = None
 
     @staticmethod
-    def check(seat: Seat, step: Step) -> None:
+    def check(client: Client, step: Step) -> None:
         """EvsError where a controller gives controls that are not one for each of its actuators."""
-        count = len(seat.actuators)
+        count = len(client.actuators)
         if step.ctrl is not None and len(step.ctrl) != count:
             raise EvsError(
-                f"ctrl has {len(step.ctrl)} numbers, but '{seat.name}' has {count} "
+                f"ctrl has {len(step.ctrl)} numbers, but '{client.name}' has {count} "
                 "actuators: give one number for each"
             )
 
@@ -75,23 +75,23 @@ class Round:
 
 
 def joint_controls(
-    decisions: dict[bytes, Decision], seats: dict[bytes, Seat], last: Callable[[], F64]
+    decisions: dict[bytes, Decision], clients: dict[bytes, Client], last: Callable[[], F64]
 ) -> F64 | None:
     """All controllers' controls as one vector (nu,); None: every one of them keeps its own.
 
     In: last, the vector that was decided last; who keeps keeps its part of it.
     """
-    given: list[tuple[Seat, F64]] = []
+    given: list[tuple[Client, F64]] = []
     for identity, decision in decisions.items():
         if isinstance(decision, Step) and decision.ctrl is not None:
-            given.append((seats[identity], decision.ctrl))
+            given.append((clients[identity], decision.ctrl))
     if not given:
         return None
     if len(given) == 1 and given[0][0].has_all:
         return given[0][1]
     controls = np.array(last(), np.float64)
-    for seat, ctrl in given:
-        controls[seat.actuators] = ctrl
+    for client, ctrl in given:
+        controls[client.actuators] = ctrl
     return controls
 
 

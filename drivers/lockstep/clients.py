@@ -14,7 +14,7 @@ from evs.msgs.lockstep import Join, Parts
 
 
 @dataclass
-class Seat:
+class Client:
     """One controller."""
 
     name: str
@@ -33,7 +33,7 @@ class Seat:
     joined: Join = field(default_factory=lambda: Join(""))
 
 
-class Seats:
+class Clients:
     """All of them. Raises EvsError for whom there is no seat."""
 
     def __init__(
@@ -43,21 +43,21 @@ class Seats:
         self.cameras = tuple(stream.camera for stream in streams)
         self.controllers = controllers
         """how many there have to be before anything moves"""
-        self.taken: dict[bytes, Seat] = {}
+        self.present: dict[bytes, Client] = {}
 
     @property
     def full(self) -> bool:
         """Whether all are here."""
-        return len(self.taken) >= self.controllers
+        return len(self.present) >= self.controllers
 
     @property
     def names(self) -> str:
         """Of all who are here."""
-        return ", ".join(f"'{seat.name}'" for seat in self.taken.values()) or "nobody"
+        return ", ".join(f"'{client.name}'" for client in self.present.values()) or "nobody"
 
-    def take(self, peer: Peer, join: Join) -> Seat:
+    def admit(self, peer: Peer, join: Join) -> Client:
         """Give a controller its seat; the same to one that asks for it again."""
-        before = self.taken.get(peer[0])
+        before = self.present.get(peer[0])
         if before is not None and before.joined == join:
             return before
         if before is not None:
@@ -65,10 +65,10 @@ class Seats:
         if self.full:
             count = self.controllers
             raise EvsError(
-                f"every seat is taken: {len(self.taken)} of {count} controllers are here "
+                f"every seat is taken: {len(self.present)} of {count} controllers are here "
                 f"({self.names}); lockstep.controllers={count + 1} lets one more in"
             )
-        if any(seat.name == join.name for seat in self.taken.values()):
+        if any(client.name == join.name for client in self.present.values()):
             raise EvsError(f"a controller '{join.name}' is here already: join under another name")
         cameras = self.cameras if join.cameras is None else join.cameras
         for camera in cameras:
@@ -77,7 +77,7 @@ class Seats:
         if len(set(cameras)) < len(cameras):
             raise EvsError(f"cameras {list(cameras)}: one is named twice")
         places = self._places(join)
-        seat = Seat(
+        client = Client(
             name=join.name,
             peer=peer,
             actuators=np.array(places, np.int64),
@@ -85,8 +85,8 @@ class Seats:
             has_all=places == list(range(len(self.actuators))),
             joined=join,
         )
-        self.taken[peer[0]] = seat
-        return seat
+        self.present[peer[0]] = client
+        return client
 
     def _places(self, join: Join) -> list[int]:
         """Places of the actuators that it owns; nobody else may."""
@@ -97,7 +97,7 @@ class Seats:
         if len(set(wanted)) < len(wanted):
             raise EvsError(f"actuators {list(wanted)}: one is named twice")
         places = [self.actuators.index(name) for name in wanted]
-        for other in self.taken.values():
+        for other in self.present.values():
             both = set(places) & set(other.actuators.tolist())
             if both:
                 name = self.actuators[min(both)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from evs.drivers.lockstep.clients import Seats
+from evs.drivers.lockstep.clients import Clients
 from evs.drivers.lockstep.served_loop import ServedLoop
 from evs.msgs import StreamInfo
 from evs.msgs.lockstep import LOCKSTEP_PROTOCOL
@@ -12,15 +12,15 @@ from evs.msgs.lockstep import LOCKSTEP_PROTOCOL
 _STREAM = ("camera", "width", "height", "sensor", "tick_us", "seed", "latency_us")
 
 
-def description(loop: ServedLoop, seats: Seats) -> dict[str, Any]:
+def description(loop: ServedLoop, clients: Clients) -> dict[str, Any]:
     """Cameras, actuators and who is here, as plain values of a header."""
     return {
         "protocol": LOCKSTEP_PROTOCOL,
         "tick_us": loop.tick_us,
-        "actuators": list(seats.actuators),
+        "actuators": list(clients.actuators),
         "cameras": [_stream(stream) for stream in loop.streams],
-        "controllers": seats.controllers,
-        "joined": [seat.name for seat in seats.taken.values()],
+        "controllers": clients.controllers,
+        "joined": [client.name for client in clients.present.values()],
     }
 
 

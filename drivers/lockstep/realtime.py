@@ -8,7 +8,7 @@ from typing import Any
 
 from evs.drivers.clock import monotonic_s
 from evs.drivers.lockstep.barrier import Decision, joint_controls
-from evs.drivers.lockstep.clients import Seat
+from evs.drivers.lockstep.clients import Client
 from evs.drivers.lockstep.server import LockstepServer, answer_of
 from evs.msgs import EvsError, Observation
 from evs.msgs.lockstep import Bye, Parts, Restore, Step
@@ -52,10 +52,10 @@ class RealtimeServer(LockstepServer):
         self._views, self._going, self._ctrl = {}, False, None
         super().open()
 
-    def look(self) -> bool:
+    def poll(self) -> bool:
         """Take what has come, then do one tick; or wait for a moment where nothing goes on."""
         if not self._going:
-            return super().look()
+            return super().poll()
         if self._end is None:
             raise EvsError("this server is not open: call open() first")
         for _ in range(_MOST_AT_ONCE):
@@ -74,14 +74,14 @@ class RealtimeServer(LockstepServer):
         if not self._going and not self._view(identity).seen:
             over = f"the episode is over ({self._loop.done})" if self._loop.done else ""
             raise EvsError(f"{over or 'the loop has not begun'}: call reset")
-        view, seat = self._view(identity), self._seats.taken[identity]
-        self._round.check(seat, decision)
+        view, client = self._view(identity), self._clients.present[identity]
+        self._barrier.check(client, decision)
         self.waits.add(monotonic_s() - view.answered_s)
         self.counts["steps"] += 1
         view.step = decision
-        last, seats = self._ctrl, self._seats.taken
+        last, clients = self._ctrl, self._clients.present
         given = joint_controls(
-            {identity: decision}, seats, lambda: self._loop.ctrl if last is None else last
+            {identity: decision}, clients, lambda: self._loop.ctrl if last is None else last
         )
         self._ctrl = last if given is None else given
         self._answer_due(identity)
@@ -89,7 +89,7 @@ class RealtimeServer(LockstepServer):
     def _move(self, decisions: dict[bytes, Decision], decision: Decision) -> None:
         super()._move(decisions, decision)
         self._views, self._ctrl = {}, None
-        for identity in self._seats.taken:
+        for identity in self._clients.present:
             self._view(identity)
         self._going = not self._loop.done
 
@@ -104,13 +104,13 @@ class RealtimeServer(LockstepServer):
 
     def _give_up(self) -> None:
         """Who goes on by itself keeps nobody waiting but for a reset."""
-        if not self._going or not self._seats.full:
+        if not self._going or not self._clients.full:
             super()._give_up()
             return
-        names = ", ".join(f"'{self._seats.taken[one].name}'" for one in self._round.missing)
+        names = ", ".join(f"'{self._clients.present[one].name}'" for one in self._barrier.missing)
         what = (
             "restore"
-            if any(isinstance(one, Restore) for one in self._round.decisions.values())
+            if any(isinstance(one, Restore) for one in self._barrier.decisions.values())
             else "reset"
         )
         self._break(f"{names} asked for no {what} within {self._timeout_s:g} s")
@@ -120,14 +120,14 @@ class RealtimeServer(LockstepServer):
         for identity in identities:
             self._views.pop(identity, None)
 
-    def _bye(self, seat: Seat, _: Bye) -> Parts:
-        self._views.pop(seat.peer[0], None)
-        return super()._bye(seat, _)
+    def _bye(self, client: Client, bye: Bye) -> Parts:
+        self._views.pop(client.peer[0], None)
+        return super()._bye(client, bye)
 
-    def _answer(self, seat: Seat, parts: Parts) -> None:
-        super()._answer(seat, parts)
-        if seat.peer[0] in self._views:
-            self._views[seat.peer[0]].answered_s = monotonic_s()
+    def _answer(self, client: Client, parts: Parts) -> None:
+        super()._answer(client, parts)
+        if client.peer[0] in self._views:
+            self._views[client.peer[0]].answered_s = monotonic_s()
 
     def _withdraw(self, identity: bytes) -> None:
         """Its control acts all the same: it has arrived."""
@@ -136,29 +136,29 @@ class RealtimeServer(LockstepServer):
             self._views[identity].step = None
 
     def _tick(self) -> None:
-        seats, ctrl = self._seats.taken, self._ctrl
+        clients, ctrl = self._clients.present, self._ctrl
         # who has just joined counts from before this tick
-        views = [self._view(identity) for identity in seats]
+        views = [self._view(identity) for identity in clients]
         self._ctrl = None
         seen = self._loop.step(ctrl, 1)
         for view in views:
             view.seen.append(seen)
         self._going = not seen.done
-        for identity in seats:
+        for identity in clients:
             self._answer_due(identity)
 
     def _answer_due(self, identity: bytes) -> None:
         """Answer its step, if it is time or there will be none."""
-        view, seat = self._views[identity], self._seats.taken[identity]
+        view, client = self._views[identity], self._clients.present[identity]
         if view.step is None or not view.seen:
             return
         last = view.seen[-1]
         passed_us = last.t_us - view.answered_us
         if passed_us < view.step.ticks * self._loop.tick_us and not last.done:
             return
-        answer = answer_of(seat, _together(view.seen))
+        answer = answer_of(client, _together(view.seen))
         self._views[identity] = _View(last.t_us, monotonic_s())
-        self._answer(seat, answer)
+        self._answer(client, answer)
 
     def _view(self, identity: bytes) -> _View:
         if identity not in self._views:
@@ -172,10 +172,10 @@ class RealtimeServer(LockstepServer):
             self._lose([identity], "has gone (its connection closed)")
         now_s = monotonic_s()
         for identity, view in list(self._views.items()):
-            waits = view.step is not None or identity in self._round.decisions
+            waits = view.step is not None or identity in self._barrier.decisions
             if not waits and now_s - view.answered_s > self._timeout_s:
                 self._lose([identity], f"asked for nothing for {self._timeout_s:g} s")
-        since_s = self._round.since_s
+        since_s = self._barrier.since_s
         if since_s is not None and now_s - since_s > self._timeout_s:
             self._give_up()
 

@@ -11,12 +11,12 @@ from evs.drivers.clock import Pacer, StopWatch, monotonic_s
 from evs.drivers.lockstep.realtime import RealtimeServer
 from evs.drivers.lockstep.segments import Segments
 from evs.drivers.lockstep.server import LockstepServer
-from evs.drivers.run.account import Account, Totals
 from evs.drivers.run.config import PipelineConfig
-from evs.drivers.run.lateness import Lateness
-from evs.drivers.run.paces import PACES
+from evs.drivers.run.pace_config import PACES
+from evs.drivers.run.pace_monitor import PaceMonitor
 from evs.drivers.run.report import COMPLETE, Report
-from evs.drivers.run.stopping import stop_signals
+from evs.drivers.run.statistics import RunStatistics, Totals
+from evs.drivers.run.stop_signals import stop_signals
 from evs.emulator import Loop, World
 from evs.emulator.base.protocols import Meter
 from evs.msgs import EventPacket, EvsError, Observation, StreamInfo
@@ -100,9 +100,9 @@ def serve(
         with stop_signals() as stopped:
             beside.stopped = stopped
             while not stopped and beside.failure is None and not beside.segments.stop_wanted:
-                server.look()
+                server.poll()
         failure = beside.failure
-        beside.lateness.end()
+        beside.pace_monitor.end()
         ended = f"{stopped[0] if stopped else 'stopped'} at {beside.sim_seconds:.6g} s"
     except KeyboardInterrupt:
         ended = f"interrupted at {beside.sim_seconds:.6g} s"
@@ -115,7 +115,7 @@ def serve(
     closing = beside.segments.close()
     if closing is not None and failure is None:
         ended, failure = f"error while closing: {closing}", closing
-    report = beside.account.report(
+    report = beside.statistics.report(
         ended=ended,
         sim_seconds=beside.sim_seconds,
         wall_seconds=wall_s,
@@ -144,8 +144,8 @@ class LoopWithSinks:
         warn: Callable[[str], None],
     ) -> None:
         """In: pacer, what a tick waits for before its packets leave."""
-        self._pacer, self.lateness = pacer, Lateness(pacer, warn)
-        self.segments, self.account = segments, Account(loop.world, watch)
+        self._pacer, self.pace_monitor = pacer, PaceMonitor(pacer, warn)
+        self.segments, self.statistics = segments, RunStatistics(loop.world, watch)
         self.failure: EvsError | None = None
         """of a sink: the run has to end"""
         self.stopped: Sequence[str] = ()
@@ -163,7 +163,7 @@ class LoopWithSinks:
     @property
     def sim_seconds(self) -> float:
         """Simulated seconds of all ticks."""
-        return self.account.ticks * self._loop.tick_us / 1e6
+        return self.statistics.ticks * self._loop.tick_us / 1e6
 
     def reset(
         self, seed: int | None = None, keyframe: str = "", state: bool = False
@@ -229,17 +229,17 @@ class LoopWithSinks:
         watch, world = self._watch, self._loop.world
         watch.lap("pack")
         self._pacer.wait_until(world.t_us)
-        self.lateness.look()
+        self.pace_monitor.update()
         watch.skip()
         if self.failure is None:
             try:
-                pace = self.lateness.news(world.t_us)
+                pace = self.pace_monitor.pace_update(world.t_us)
                 self.segments.write(world.cameras, packets, world.t_us, pace)
             except EvsError as error:
                 self.failure = error
-        self.account.take(packets)
-        self.account.tick()
-        for line in self.account.news():
+        self.statistics.count_packets(packets)
+        self.statistics.count_tick()
+        for line in self.statistics.new_warnings():
             self._warn(line)
         watch.lap("sink")
         watch.end_tick()
@@ -251,9 +251,9 @@ class LoopWithSinks:
 
     def _jump(self, move: Callable[[], Observation]) -> Observation:
         """Do what may set time back; what it refuses has changed nothing, here neither."""
-        before, lost = self.account.totals.read(), self._lost.read()
+        before, lost = self.statistics.totals.read(), self._lost.read()
         seen = move()
-        self.account.totals.jumped(before)
+        self.statistics.totals.jumped(before)
         self._lost.jumped(lost)
         self._pacer.start(self._loop.t_us)
         try:

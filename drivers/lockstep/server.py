@@ -11,8 +11,8 @@ from evs.drivers.bus.exchange import Peer, ServerEnd
 from evs.drivers.bus.ports import ServerKeys
 from evs.drivers.clock import Durations, monotonic_s
 from evs.drivers.lockstep.address import bindable
-from evs.drivers.lockstep.barrier import Decision, Round, joint_controls
-from evs.drivers.lockstep.clients import Seat, Seats
+from evs.drivers.lockstep.barrier import Barrier, Decision, joint_controls
+from evs.drivers.lockstep.clients import Client, Clients
 from evs.drivers.lockstep.description import description
 from evs.drivers.lockstep.served_loop import ServedLoop
 from evs.msgs import EvsError, MessageError, Observation
@@ -75,12 +75,12 @@ class LockstepServer:
         self._wanted_address = bindable(address, bool(key) or insecure)
         self._keys = ServerKeys.read(key, allow)
         self._loop, self._timeout_s, self._warn = loop, timeout_s, warn
-        self._seats = Seats(loop.actuators, loop.streams, controllers)
-        self._round = Round(self._seats)
+        self._clients = Clients(loop.actuators, loop.streams, controllers)
+        self._barrier = Barrier(self._clients)
         self._end: ServerEnd | None = None
         self._fault = ""
         self._answered_s: float | None = None
-        self._answers: dict[type[Any], Callable[[Seat, Any], Parts]] = {
+        self._answers: dict[type[Any], Callable[[Client, Any], Parts]] = {
             Save: self._save,
             Bye: self._bye,
         }
@@ -99,9 +99,9 @@ class LockstepServer:
     def serve(self, stopped: Sequence[str]) -> None:
         """Answer until `stopped` holds something."""
         while not stopped:
-            self.look()
+            self.poll()
 
-    def look(self) -> bool:
+    def poll(self) -> bool:
         """Take one request, or none if none comes for a moment; whether one came."""
         if self._end is None:
             raise EvsError("this server is not open: call open() first")
@@ -110,7 +110,7 @@ class LockstepServer:
             self._take(*came)
         for identity in self._end.gone():
             self._lose([identity], "has gone (its connection closed)")
-        since_s = self._round.since_s
+        since_s = self._barrier.since_s
         if since_s is not None and monotonic_s() - since_s > self._timeout_s:
             self._give_up()
         return came is not None
@@ -119,9 +119,11 @@ class LockstepServer:
         """Release the port; who is still here hears that it ends. Safe to call twice."""
         if self._end is None:
             return
-        for seat in self._seats.taken.values():
-            if seat.answer is None:
-                self._answer(seat, encode_error(seat.number, "the server of the loop has ended"))
+        for client in self._clients.present.values():
+            if client.answer is None:
+                self._answer(
+                    client, encode_error(client.number, "the server of the loop has ended")
+                )
         self._end.close()
         self._end = None
 
@@ -137,80 +139,80 @@ class LockstepServer:
         """One request, whatever it is; its answer now, or when the others have decided."""
         if not parts:
             return
-        number, seat = 0, self._seats.taken.get(peer[0])
+        number, client = 0, self._clients.present.get(peer[0])
         try:
             number, fields = decode_header(parts[0])
-            if seat is not None and number <= seat.number:
-                self._repeat(seat, number, peer)
+            if client is not None and number <= client.number:
+                self._repeat(client, number, peer)
                 return
-            if seat is not None:
+            if client is not None:
                 # one request at a time: what was not answered is not wanted any more
                 self._withdraw(peer[0])
-                seat.number, seat.answer, seat.peer = number, None, peer
+                client.number, client.answer, client.peer = number, None, peer
             if len(parts) > _MOST_FRAMES:
                 raise MessageError("a request has one or two frames, this has more")
             request = decode_request(fields, parts[1] if len(parts) > 1 else None)
-            self._do(peer, seat, number, request)
+            self._do(peer, client, number, request)
         except EvsError as reason:
             self.counts["refused"] += 1
             answer = encode_error(number, str(reason))
-            if seat is None or not number:
+            if client is None or not number:
                 self._send(peer, answer)
             else:
-                self._answer(seat, answer)
+                self._answer(client, answer)
 
-    def _do(self, peer: Peer, seat: Seat | None, number: int, request: Request) -> None:
+    def _do(self, peer: Peer, client: Client | None, number: int, request: Request) -> None:
         if isinstance(request, Hello):
-            told = encode_reply(number, description(self._loop, self._seats))
-            if seat is None:
+            told = encode_reply(number, description(self._loop, self._clients))
+            if client is None:
                 self._send(peer, told)
             else:
-                self._answer(seat, told)
+                self._answer(client, told)
         elif isinstance(request, Join):
             self._join(peer, number, request)
-        elif seat is None:
+        elif client is None:
             raise EvsError("you have no seat here, or lost it: join first (evs.connect does)")
         elif isinstance(request, Reset | Step | Restore):
             self._decide(peer[0], request)
         else:
-            self._answer(seat, self._answers[type(request)](seat, request))
+            self._answer(client, self._answers[type(request)](client, request))
 
     def _join(self, peer: Peer, number: int, join: Join) -> None:
-        before = len(self._seats.taken)
-        seat = self._seats.take(peer, join)
-        seat.number, seat.peer = number, peer
-        self.counts["controllers"] += len(self._seats.taken) - before
-        told = description(self._loop, self._seats)
-        mine = [self._seats.actuators[place] for place in seat.actuators]
+        before = len(self._clients.present)
+        client = self._clients.admit(peer, join)
+        client.number, client.peer = number, peer
+        self.counts["controllers"] += len(self._clients.present) - before
+        told = description(self._loop, self._clients)
+        mine = [self._clients.actuators[place] for place in client.actuators]
         told |= {"actuators": mine, "timeout_s": self._timeout_s}
-        told["cameras"] = [one for one in told["cameras"] if one["camera"] in seat.cameras]
-        told["cameras"].sort(key=lambda one: seat.cameras[one["camera"]])
-        limits = np.asarray(self._loop.ctrl_range, "<f8").reshape(-1, 2)[seat.actuators]
-        self._answer(seat, encode_reply(number, told, limits.tobytes()))
+        told["cameras"] = [one for one in told["cameras"] if one["camera"] in client.cameras]
+        told["cameras"].sort(key=lambda one: client.cameras[one["camera"]])
+        limits = np.asarray(self._loop.ctrl_range, "<f8").reshape(-1, 2)[client.actuators]
+        self._answer(client, encode_reply(number, told, limits.tobytes()))
 
-    def _save(self, seat: Seat, save: Save) -> Parts:
+    def _save(self, client: Client, save: Save) -> Parts:
         blob = self._loop.save(save.compress)
         if len(blob) > MAX_BLOB_BYTES:
             raise EvsError(f"the saved loop has {len(blob)} bytes: over 1 GiB does not travel")
         self.counts["saves"] += 1
-        return encode_reply(seat.number, {}, blob)
+        return encode_reply(client.number, {}, blob)
 
-    def _bye(self, seat: Seat, _: Bye) -> Parts:
-        identity = seat.peer[0]
-        del self._seats.taken[identity]
-        if self._round.decisions:
-            self._break(f"controller '{seat.name}' has left")
+    def _bye(self, client: Client, _: Bye) -> Parts:
+        identity = client.peer[0]
+        del self._clients.present[identity]
+        if self._barrier.decisions:
+            self._break(f"controller '{client.name}' has left")
         if self._end is not None:
             self._end.forget(identity)
-        return encode_reply(seat.number, {})
+        return encode_reply(client.number, {})
 
     def _decide(self, identity: bytes, decision: Decision) -> None:
         if self._fault and isinstance(decision, Step):
             raise EvsError(f"{self._fault}; nothing has moved since: reset, or restore")
-        self._round.add(identity, decision, monotonic_s())
-        if not self._round.complete:
+        self._barrier.add(identity, decision, monotonic_s())
+        if not self._barrier.complete:
             return
-        decisions = self._round.clear()
+        decisions = self._barrier.clear()
         if self._answered_s is not None and isinstance(decision, Step):
             self.waits.add(monotonic_s() - self._answered_s)
         try:
@@ -218,70 +220,70 @@ class LockstepServer:
         except EvsError as reason:
             # the loop refused it, and has not moved: that is for every one of them
             for one in decisions:
-                other = self._seats.taken[one]
+                other = self._clients.present[one]
                 self._answer(other, encode_error(other.number, str(reason)))
         except BaseException as reason:
             line = f"the loop has failed: {reason or type(reason).__name__}"
             for one in decisions:
-                other = self._seats.taken[one]
+                other = self._clients.present[one]
                 self._answer(other, encode_error(other.number, line))
             raise
         self._answered_s = monotonic_s()
 
     def _move(self, decisions: dict[bytes, Decision], decision: Decision) -> None:
-        seats = self._seats.taken
+        clients = self._clients.present
         if isinstance(decision, Step):
-            ctrl = joint_controls(decisions, seats, lambda: self._loop.ctrl)
+            ctrl = joint_controls(decisions, clients, lambda: self._loop.ctrl)
             seen = self._loop.step(ctrl, decision.ticks)
             self.counts["steps"] += 1
         elif isinstance(decision, Reset):
             wants = {one: isinstance(it, Reset) and it.state for one, it in decisions.items()}
             seen = self._loop.reset(decision.seed, decision.keyframe, any(wants.values()))
             for one, wanted in wants.items():
-                seats[one].wants_state = wanted
+                clients[one].wants_state = wanted
             self._fault = ""
             self.counts["episodes"] += 1
         else:
             seen = self._loop.restore(decision.blob)
             self._fault = ""
             self.counts["restores"] += 1
-            if len(seats) == 1:
+            if len(clients) == 1:
                 # of several, each knows what it asked for at its reset
-                next(iter(seats.values())).wants_state = seen.state is not None
+                next(iter(clients.values())).wants_state = seen.state is not None
         for one in decisions:
-            self._answer(seats[one], answer_of(seats[one], seen))
+            self._answer(clients[one], answer_of(clients[one], seen))
 
     def _withdraw(self, identity: bytes) -> None:
         """What a controller asked for before and has no answer to."""
-        self._round.withdraw(identity)
+        self._barrier.withdraw(identity)
 
-    def _repeat(self, seat: Seat, number: int, peer: Peer) -> None:
+    def _repeat(self, client: Client, number: int, peer: Peer) -> None:
         """A request that was here before: its answer again, if it has one; nothing is done."""
         self.counts["repeated"] += 1
-        if number == seat.number and seat.answer is not None:
-            self._send(peer, seat.answer)
+        if number == client.number and client.answer is not None:
+            self._send(peer, client.answer)
 
     def _give_up(self) -> None:
         """Somebody has kept the others waiting for too long."""
-        if self._seats.full:
-            self._lose(self._round.missing, f"gave no decision for {self._timeout_s:g} s")
+        if self._clients.full:
+            self._lose(self._barrier.missing, f"gave no decision for {self._timeout_s:g} s")
             return
         # those who are here may wait for the others, too
-        here, wanted = len(self._seats.taken), self._seats.controllers
+        here, wanted = len(self._clients.present), self._clients.controllers
         self._break(
-            f"{here} of {wanted} controllers are here ({self._seats.names}) after "
+            f"{here} of {wanted} controllers are here ({self._clients.names}) after "
             f"{self._timeout_s:g} s: start the others"
         )
 
     def _lose(self, identities: Sequence[bytes], why: str) -> None:
         """Take their seats from controllers; from strangers nothing."""
-        lost = [seat for one in identities if (seat := self._seats.taken.pop(one, None))]
+        lost = [client for one in identities if (client := self._clients.present.pop(one, None))]
         for identity in identities:
-            self._round.withdraw(identity)
+            self._barrier.withdraw(identity)
         if not lost:
             return
         self.counts["controllers_lost"] += len(lost)
-        names = ", ".join(f"'{seat.name}'" for seat in lost)
+        names = ", ".join(f"'{client.name}'" for client in lost)
         line = f"controller{'s' if len(lost) > 1 else ''} {names} {why}"
         if self._warn is not None:
             self._warn(line)
@@ -290,8 +292,8 @@ class LockstepServer:
     def _break(self, line: str) -> None:
         """Nothing has moved; all who wait hear why, and steps are refused until a reset."""
         self._fault = line
-        for identity in self._round.clear():
-            other = self._seats.taken[identity]
+        for identity in self._barrier.clear():
+            other = self._clients.present[identity]
             told = encode_error(other.number, f"{line}; {self._state_said}")
             self._answer(other, told)
 
@@ -300,25 +302,25 @@ class LockstepServer:
         """What who waited for nothing has to know."""
         return "nothing has moved: reset, or restore"
 
-    def _answer(self, seat: Seat, parts: Parts) -> None:
-        seat.answer = parts
-        self._send(seat.peer, parts)
+    def _answer(self, client: Client, parts: Parts) -> None:
+        client.answer = parts
+        self._send(client.peer, parts)
 
     def _send(self, peer: Peer, parts: Parts) -> None:
         if self._end is not None:
             self._end.answer(peer, parts)
 
 
-def answer_of(seat: Seat, seen: Observation) -> Parts:
+def answer_of(client: Client, seen: Observation) -> Parts:
     """The answer to one controller: its own encoders, the cameras it sees."""
     size = sum(packet.events.nbytes for packet in seen.packets)
     if size > MAX_BLOB_BYTES:
         line = (
             f"{size} bytes of events came in these ticks: over 1 GiB does not travel, ask for fewer"
         )
-        return encode_error(seat.number, line)
+        return encode_error(client.number, line)
     encoders = np.array([seen.position, seen.velocity])
-    if not seat.has_all:
-        encoders = encoders[:, seat.actuators]
-    state = seen.state if seat.wants_state else None
-    return encode_observation(seat.number, seen, encoders, seat.cameras, state)
+    if not client.has_all:
+        encoders = encoders[:, client.actuators]
+    state = seen.state if client.wants_state else None
+    return encode_observation(client.number, seen, encoders, client.cameras, state)

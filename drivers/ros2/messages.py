@@ -16,7 +16,7 @@ from evs.drivers.files.bags.sensor_messages import (
     info_message,
     sample_message,
 )
-from evs.drivers.ros2.gathering import EventMessage
+from evs.drivers.ros2.event_messages import EventMessage
 from evs.drivers.ros2.names import CLOCK, POSE, TRANSFORMS
 from evs.msgs import Frame, Pose, StreamInfo
 from evs.msgs.imu import empty_imu

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from evs.drivers.ros2.gathering import Gatherer
+from evs.drivers.ros2.event_messages import EventMessageBuilder
 from evs.drivers.ros2.messages import Messages
-from evs.drivers.ros2.sending import Outlet
+from evs.drivers.ros2.sender import TopicQueue
 from evs.drivers.ros2.statistics import Statistics
 from evs.msgs import StreamInfo
 
@@ -17,8 +17,8 @@ INFO_PERIOD_US = 100_000
 class Topic:
     """A topic and its readers at the last look."""
 
-    def __init__(self, name: str, outlet: Outlet, readers: int = 0) -> None:
-        self.name, self.outlet, self.readers = name, outlet, readers
+    def __init__(self, name: str, queue: TopicQueue, readers: int = 0) -> None:
+        self.name, self.queue, self.readers = name, queue, readers
 
 
 @dataclass
@@ -29,7 +29,7 @@ class Node:
     path: str
     """/NAMESPACE/NODE"""
     messages: Messages
-    gatherer: Gatherer
+    builder: EventMessageBuilder
     statistics: Statistics
     topics: dict[str, Topic]
     """name behind the path -> topic; only those that the camera has something for"""

@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from evs.drivers.clock import monotonic_s, sleep_s
-from evs.drivers.ros2.gathering import Gatherer, check_size, check_start
+from evs.drivers.ros2.event_messages import EventMessageBuilder, check_size, check_start
 from evs.drivers.ros2.messages import Messages, clock_message, rehearse
 from evs.drivers.ros2.middleware import Participant, load
 from evs.drivers.ros2.names import CLOCK, GLOBAL, PRIVATE, TRANSFORMS, node_path
 from evs.drivers.ros2.network import checked_domain, interface_of
 from evs.drivers.ros2.node import Node, Topic
-from evs.drivers.ros2.sending import Sender
+from evs.drivers.ros2.sender import Sender
 from evs.drivers.ros2.statistics import Statistics
 from evs.drivers.sink import Sink, Stream
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pose, StreamInfo, unknown
@@ -75,7 +75,7 @@ class Ros2Publisher(Sink):
         thresholds = event_message_time_threshold, event_message_size_threshold
         load()
         # wrong values are told now, and not once the world is loaded
-        Gatherer(encoding, *thresholds)
+        EventMessageBuilder(encoding, *thresholds)
         Statistics("", statistics_print_interval)
         self._node, self._namespace = node, namespace
         self._domain_id = checked_domain(domain_id)
@@ -139,13 +139,13 @@ class Ros2Publisher(Sink):
             self._send(node.topics["camera_info"], node.messages.info(end_us))
         events = node.topics["events"]
         if events.readers:
-            for message in node.gatherer.add(packet):
+            for message in node.builder.add(packet):
                 self._send(events, node.messages.events(message, self._encoding), message.events)
         else:
             # who comes later gets no events from before
-            node.gatherer.rest()
+            node.builder.rest()
             self._unread += 1
-        counts = events.outlet.counts
+        counts = events.queue.counts
         node.statistics.add(end_us, packet.events.nbytes, counts.sent, counts.dropped)
 
     def write_frame(self, frame: Frame) -> None:
@@ -190,13 +190,13 @@ class Ros2Publisher(Sink):
             finally:
                 self._release()
         topics = self._topics()
-        counts = [topic.outlet.counts for topic in topics]
-        of_events = [node.topics["events"].outlet.counts for node in self._nodes.values()]
+        counts = [topic.queue.counts for topic in topics]
+        of_events = [node.topics["events"].queue.counts for node in self._nodes.values()]
         return {
             "type": "ros2",
             "domain_id": self._domain_id,
             "interface": str(self._interface),
-            "messages_sent": {t.name: t.outlet.counts.sent for t in topics if t.outlet.counts.sent},
+            "messages_sent": {t.name: t.queue.counts.sent for t in topics if t.queue.counts.sent},
             "bytes_sent": sum(one.bytes for one in counts),
             "packets_unread": self._unread,
             "messages_dropped": sum(one.dropped for one in counts),
@@ -230,16 +230,16 @@ class Ros2Publisher(Sink):
             for topic, kind in PRIVATE.items()
             if has.get(topic, True)
         }
-        gatherer = Gatherer(self._encoding, *self._thresholds, stream.start_us)
+        builder = EventMessageBuilder(self._encoding, *self._thresholds, stream.start_us)
         statistics = Statistics(path, self._interval_s)
-        return Node(stream, path, messages, gatherer, statistics, topics)
+        return Node(stream, path, messages, builder, statistics, topics)
 
     def _topic(self, name: str, kind: str) -> Topic:
         assert self._participant is not None
         reliable = self._reliable or kind == TRANSFORMS
         depth = {TRANSFORMS: TRANSFORMS_DEPTH, CLOCK: 1}.get(kind, self._depth)
         writer = self._participant.writer(name, kind, reliable=reliable, depth=depth)
-        return Topic(name, self._sender.outlet(writer, self._depth))
+        return Topic(name, self._sender.add_queue(writer, self._depth))
 
     def _topics(self) -> list[Topic]:
         private = [topic for node in self._nodes.values() for topic in node.topics.values()]
@@ -256,7 +256,7 @@ class Ros2Publisher(Sink):
     def _look(self) -> None:
         """Who listens now."""
         for topic in self._topics():
-            topic.readers = topic.outlet.writer.readers
+            topic.readers = topic.queue.writer.readers
 
     def _later(self, t_us: int, topic: Topic, make: Callable[[], bytes]) -> None:
         """Keep a message until the clock has told its stamp."""
@@ -271,10 +271,10 @@ class Ros2Publisher(Sink):
 
     def _send(self, topic: Topic, data: bytes, elements: int = 1) -> None:
         self.meter.lap("pack")
-        self._sender.put(topic.outlet, data, elements)
+        self._sender.put(topic.queue, data, elements)
 
     def _send_gathered(self, node: Node) -> None:
-        for message in node.gatherer.rest():
+        for message in node.builder.rest():
             data = node.messages.events(message, self._encoding)
             self._send(node.topics["events"], data, message.events)
 
@@ -282,7 +282,7 @@ class Ros2Publisher(Sink):
         """Time was set back, as by a loop's reset: what is of before leaves, the clock follows."""
         self._send_gathered(node)
         # the old one counts wraps of the sensor's clock since its last event
-        node.gatherer = Gatherer(self._encoding, *self._thresholds, node.stream.start_us)
+        node.builder = EventMessageBuilder(self._encoding, *self._thresholds, node.stream.start_us)
         node.info_due_us = -(2**62)
         # the first of several cameras sets it back for all
         if self._clock_us >= node.time_end_us:
@@ -313,7 +313,7 @@ class Ros2Publisher(Sink):
     def _release(self) -> None:
         self._sender.close(self._linger_s)
         for topic in self._topics():
-            topic.outlet.writer.close()
+            topic.queue.writer.close()
         if self._participant is not None:
             self._participant.close()
             self._participant = None

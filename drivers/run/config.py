@@ -15,7 +15,7 @@ from evs.drivers import settings
 from evs.drivers.files import formats, overwriting
 from evs.drivers.run import driver_parameters
 from evs.drivers.run.driver_parameters import DriverParameters
-from evs.drivers.run.paces import LOCKSTEP, PACES, LockstepConfig, RealtimeConfig
+from evs.drivers.run.pace_config import LOCKSTEP, PACES, LockstepConfig, RealtimeConfig
 from evs.drivers.run.paths import beside, in_package, with_paths
 from evs.drivers.run.shipped import pipelines
 from evs.drivers.sink import Sink
@@ -325,10 +325,10 @@ def settled(tables: Iterable[SinkConfig], beside: bool) -> list[SinkConfig]:
 def make_sink(config: SinkConfig) -> Sink:
     """The sink of a table, not yet open. Its library is imported here, not before."""
     if config.aside:
-        from evs.drivers.run.worker import AsideSink
+        from evs.drivers.run.worker import WorkerSink
 
         plain = dataclasses.replace(config, aside=None, aside_mb=None, aside_cores=None)
-        return AsideSink(
+        return WorkerSink(
             # made here too, so that a bad value is told before anything starts
             make_sink(plain),
             settings.to_plain(plain),

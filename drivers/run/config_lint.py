@@ -16,7 +16,7 @@ SLOW_HZ = 1.0
 """real pixels are ten times as fast in starlight"""
 
 
-def doubts(camera: str, config: Mapping[str, Any]) -> list[str]:
+def lint(camera: str, config: Mapping[str, Any]) -> list[str]:
     """In: a camera's name, and its configuration with every number that its sensor really has."""
     sensor = config.get("sensor", {})
     lines = list(_thresholds(sensor))

@@ -24,7 +24,7 @@ class Gap:
         return f"{self.packets:,} between {span}"
 
 
-class Missing:
+class LossLog:
     """Watches a subscription to one camera that somebody else receives from."""
 
     def __init__(self, stream: Subscription) -> None:
@@ -35,7 +35,7 @@ class Missing:
         self._end_us = 0
         """time at the end of the last packet"""
 
-    def look(self, packet: EventPacket | None) -> None:
+    def update(self, packet: EventPacket | None) -> None:
         """After each receive. In: what it gave; None, nothing, but perhaps a status came."""
         lost, self._lost = self._stream.lost - self._lost, self._stream.lost
         if lost > 0:

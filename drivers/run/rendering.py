@@ -15,7 +15,7 @@ import numpy.typing as npt
 from evs.drivers.files.npz.frame_writer import FrameArray, NpzFrameWriter
 from evs.drivers.run.report import COMPLETE, versions
 from evs.drivers.run.run import MAX_SECONDS
-from evs.drivers.run.stopping import stop_signals
+from evs.drivers.run.stop_signals import stop_signals
 from evs.emulator import View, World
 from evs.emulator.config import RunConfig
 from evs.emulator.state.versions import versions as emulator_versions

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from evs.drivers.clock import Pacer, StopWatch, monotonic_s
-from evs.drivers.run.account import Account, RunWorld
-from evs.drivers.run.lateness import Lateness
+from evs.drivers.run.pace_monitor import PaceMonitor
 from evs.drivers.run.report import COMPLETE, Report
 from evs.drivers.run.sink_set import SinkSet
-from evs.drivers.run.stopping import stop_signals
+from evs.drivers.run.statistics import RunStatistics, RunWorld
+from evs.drivers.run.stop_signals import stop_signals
 from evs.drivers.sink import Sink
 from evs.msgs import EventPacket, EvsError, StreamInfo
 
@@ -100,7 +100,7 @@ def run(
         loop.ended = f"interrupted at {loop.sim_seconds:.6g} s, while closing"
     elif closing is not None and failure is None:
         loop.ended, failure = f"error while closing: {closing}", closing
-    report = loop.account.report(
+    report = loop.statistics.report(
         ended=loop.ended,
         sim_seconds=loop.sim_seconds,
         wall_seconds=loop.wall_seconds,
@@ -129,17 +129,17 @@ class _Loop:
     ) -> None:
         self.world, self.watch, self.pacer, self.warn = world, watch, pacer, warn
         self.sinks = SinkSet(sinks, watch, self._warn)
-        self.lateness = Lateness(pacer, self._warn)
+        self.pace_monitor = PaceMonitor(pacer, self._warn)
         self.ended = COMPLETE
         self.began = False
-        self.account = Account(world, watch)
+        self.statistics = RunStatistics(world, watch)
         self.begin_us = world.t_us
         self.wall_seconds = 0.0
         self.warnings = list(world.left_out)
 
     @property
     def done(self) -> int:
-        return self.account.ticks
+        return self.statistics.ticks
 
     @property
     def sim_seconds(self) -> float:
@@ -165,10 +165,10 @@ class _Loop:
                 self.wall_seconds = monotonic_s() - start_s
                 for observer in observers:
                     observer(self.done, self.world, packets)
-                for line in self.account.news():
+                for line in self.statistics.new_warnings():
                     self._warn(line)
                 if progress is not None:
-                    sofar = sum(self.account.events.values())
+                    sofar = sum(self.statistics.events.values())
                     where = (self.done, ticks, self.sim_seconds, sofar, self.wall_seconds)
                     progress(Progress(*where))
         if rest := self._finish():
@@ -176,7 +176,7 @@ class _Loop:
                 observer(self.done, self.world, rest)
         if stopped and self.done < ticks:
             self.ended = f"{stopped[0]} at {self.sim_seconds:.6g} s"
-        self.lateness.end()
+        self.pace_monitor.end()
 
     def _tick(self) -> tuple[EventPacket, ...]:
         watch = self.watch
@@ -185,15 +185,15 @@ class _Loop:
         watch.lap("pack")
         # a packet leaves when the wall clock reaches the end of its tick
         self.pacer.wait_until(self.world.t_us)
-        self.lateness.look()
+        self.pace_monitor.update()
         watch.skip()
-        if pace := self.lateness.news(self.world.t_us):
+        if pace := self.pace_monitor.pace_update(self.world.t_us):
             self.sinks.write_pace(pace)
         self.sinks.write_auxiliary(self.world.cameras, self.world.t_us)
         self._write(packets)
         watch.lap("sink")
         watch.end_tick()
-        self.account.tick()
+        self.statistics.count_tick()
         return packets
 
     def _finish(self) -> tuple[EventPacket, ...]:
@@ -204,7 +204,7 @@ class _Loop:
 
     def _write(self, packets: tuple[EventPacket, ...]) -> None:
         self.sinks.write(packets)
-        self.account.take(packets)
+        self.statistics.count_packets(packets)
 
     def _warn(self, line: str) -> None:
         self.warnings.append(line)

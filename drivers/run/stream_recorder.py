@@ -11,7 +11,7 @@ from evs.drivers.bus import Connection, Subscription
 from evs.drivers.files import to_write
 from evs.drivers.files.formats import Format
 from evs.drivers.files.paths import target_error
-from evs.drivers.run.loss_log import Gap, Missing
+from evs.drivers.run.loss_log import Gap, LossLog
 from evs.drivers.run.report import check_targets, report_beside, versions, write_whole
 from evs.drivers.run.sink_set import SinkSet
 from evs.drivers.sink import Sink
@@ -28,7 +28,7 @@ MOST_BEFORE = 100_000
 
 
 @dataclass(frozen=True)
-class Taken:
+class StreamRecording:
     """What a recording holds."""
 
     file: str
@@ -72,7 +72,7 @@ class _Heard:
         raise EvsError(f"camera '{self.info.camera}' is elsewhere: its ground truth is not here")
 
 
-class Taking:
+class StreamRecorder:
     """Writes a subscription into a file. `run` returns when the stream ends or it is told to stop.
 
     The subscription should ask for frames, IMU and camera_info. A recorder is opened at the first
@@ -96,7 +96,7 @@ class Taking:
         check_targets([report_beside(file)])
         self._sinks = SinkSet([sink or wanted.record(Path(file))], NoMeter(), tell)
         self._connection = Connection(stream, tell)
-        self._missing = Missing(stream)
+        self._losses = LossLog(stream)
         self._waiting: list[_Batch] = []
         self._camera = ""
         self._info = StreamInfo(1, 1)
@@ -105,7 +105,7 @@ class Taking:
 
     def run(
         self, stopped: list[str], duration_s: float | None = None, timeout_s: float | None = None
-    ) -> Taken:
+    ) -> StreamRecording:
         """Record until the publisher ends or `stopped` holds something.
 
         Also when `duration_s` simulated seconds have come, or nothing has for `timeout_s`. Raises
@@ -129,8 +129,8 @@ class Taking:
                 "there? (evs emulate --publish starts one)"
             )
         lost = self._stream.tallies[self._camera].lost
-        taken = Taken(
-            self._file, **self._counts, lost=lost, gaps=tuple(self._missing.gaps), ended=ended
+        taken = StreamRecording(
+            self._file, **self._counts, lost=lost, gaps=tuple(self._losses.gaps), ended=ended
         )
         told = {**asdict(taken), "address": self._stream.address, "camera": self._camera}
         write_whole(
@@ -146,8 +146,8 @@ class Taking:
         silent_s = 0.0
         while not stopped:
             packet = self._stream.receive(_LOOK_S)
-            self._connection.look()
-            self._missing.look(packet)
+            self._connection.update()
+            self._losses.update(packet)
             if packet is None:
                 if self._stream.ended:
                     return "the camera has ended"

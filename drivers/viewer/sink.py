@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evs.drivers.sink import Sink, SinkStoppedError, Stream
-from evs.drivers.viewer.windows import PERIOD_US, Gatherer
+from evs.drivers.viewer.windows import PERIOD_US, WindowBuilder
 from evs.msgs import EventPacket, EvsError, Frame, StreamInfo, unknown
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class ViewSink(Sink):
         need_viewer()
         self._period_us = period_us
         self._drawing: Drawing | None = None
-        self._gatherers: dict[str, Gatherer] = {}
+        self._builders: dict[str, WindowBuilder] = {}
         self._due_us: dict[tuple[str, str], int] = {}
         self._white: dict[str, float] = {}
         self._said: dict[str, Any] = {"windows": 0, "events": 0, "frames": 0, "error": ""}
@@ -53,18 +53,18 @@ class ViewSink(Sink):
         self._drawing = Drawing()
         self._drawing.to_file(self._path)
         self._drawing.describe(list(streams))
-        self._gatherers = {
-            one.camera: Gatherer(one.camera, one.width, one.height, self._period_us)
+        self._builders = {
+            one.camera: WindowBuilder(one.camera, one.width, one.height, self._period_us)
             for one in streams
         }
 
     def write(self, packet: EventPacket) -> None:
         """Gather one packet; draw the windows that it completes."""
         drawing = self._opened()
-        gatherer = self._gatherers.get(packet.camera)
-        if gatherer is None:
-            raise unknown("camera of this view", packet.camera, self._gatherers)
-        for window in gatherer.add(packet):
+        builder = self._builders.get(packet.camera)
+        if builder is None:
+            raise unknown("camera of this view", packet.camera, self._builders)
+        for window in builder.add(packet):
             drawing.window(window)
             self._said["windows"] += 1
         self._said["events"] += len(packet)
@@ -89,7 +89,7 @@ class ViewSink(Sink):
 
     def wants_pose(self, camera: str) -> bool:
         """Always: it costs nothing, and its time says whether it is due."""
-        return camera in self._gatherers
+        return camera in self._builders
 
     def write_pose(self, pose: Pose) -> None:
         """Draw where the camera is, if that is due."""
@@ -99,8 +99,8 @@ class ViewSink(Sink):
     def close(self) -> dict[str, Any]:
         """Draw what is left and end the file. Safe to call twice."""
         if self._drawing is not None:
-            for gatherer in self._gatherers.values():
-                for window in gatherer.rest():
+            for builder in self._builders.values():
+                for window in builder.rest():
                     self._drawing.window(window)
                     self._said["windows"] += 1
             self._drawing.close()

@@ -42,7 +42,7 @@ class Window:
         return 1e6 * self.off / self.period_us
 
 
-class Gatherer:
+class WindowBuilder:
     """One camera's packets, in; windows, out, as soon as their time has passed."""
 
     def __init__(self, camera: str, width: int, height: int, period_us: int = PERIOD_US) -> None:

@@ -142,7 +142,7 @@ def _scenes(args: argparse.Namespace) -> dict[str, SceneFile]:
 
 
 def _make(args: argparse.Namespace, folder: Path, scenes: Mapping[str, SceneFile]) -> int:
-    from evs.drivers.run.stopping import stop_signals
+    from evs.drivers.run.stop_signals import stop_signals
     from evs.launch.commands.emulate import STOPPED
     from evs.launch.support import terminal
     from evs.tools.dataset.make import SHARD_S, make_dataset, shard_count

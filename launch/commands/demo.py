@@ -118,7 +118,7 @@ def _emulate(
     from evs.drivers.clock import Pacer, StopWatch
     from evs.drivers.pictures import LightLog
     from evs.drivers.run.open_loop import open_world
-    from evs.drivers.run.paces import PACES
+    from evs.drivers.run.pace_config import PACES
     from evs.drivers.run.report import COMPLETE, write_report
     from evs.drivers.run.run import run as run_loop
     from evs.drivers.run.run import tick_count

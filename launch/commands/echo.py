@@ -83,7 +83,7 @@ def _listen(stream: Subscription, args: argparse.Namespace) -> None:
         until_s = min(silence.remaining_s, reports.remaining_s if periodic else _LOOK_S)
         until_s = min(until_s, alone.remaining_s if first else until_s)
         packet = stream.receive(max(0.0, until_s))
-        connection.look()
+        connection.update()
         if first and alone.remaining_s <= 0:
             first = False
             if stream.packets == 0 and not stream.connected:

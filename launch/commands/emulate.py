@@ -73,7 +73,7 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.drivers.clock import Pacer, StopWatch
     from evs.drivers.run.open_loop import open_world
-    from evs.drivers.run.paces import PACES
+    from evs.drivers.run.pace_config import PACES
     from evs.drivers.run.report import check_targets, report_beside
     from evs.drivers.run.run import run as run_loop
     from evs.drivers.run.run import tick_count

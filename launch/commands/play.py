@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     from evs.drivers import files
     from evs.drivers.bus import Publisher
     from evs.drivers.clock import Pacer
-    from evs.drivers.run.stopping import stop_signals
+    from evs.drivers.run.stop_signals import stop_signals
 
     if not (math.isfinite(args.speed) and args.speed > 0):
         raise EvsError(f"--speed {args.speed} is not possible: give more than 0, or use --fast")

@@ -46,8 +46,8 @@ def run(args: argparse.Namespace) -> int:
     """Record; a line says what came of it. 1 if packets were lost."""
     from evs.drivers.bus import subscribe
     from evs.drivers.files import overwriting
-    from evs.drivers.run.stopping import stop_signals
-    from evs.drivers.run.stream_recorder import Taking
+    from evs.drivers.run.stop_signals import stop_signals
+    from evs.drivers.run.stream_recorder import StreamRecorder
 
     for option in ("duration", "timeout"):
         value = getattr(args, option)
@@ -68,13 +68,13 @@ def run(args: argparse.Namespace) -> int:
         key=args.key,
     )
     with listening as stream, stop_signals() as stopped:
-        taking = Taking(stream, args.file, warn=_warn)
+        recorder = StreamRecorder(stream, args.file, warn=_warn)
         print(f"recording {stream.address} to {args.file} (Ctrl-C ends)", file=sys.stderr)
-        taken = taking.run(stopped, args.duration, args.timeout)
-    counts = f"{taken.packets:,} packets, {taken.events:,} events"
-    counts += f", {taken.frames:,} frames" if taken.frames else ""
-    counts += f", {taken.imu_samples:,} IMU samples" if taken.imu_samples else ""
-    print(f"{taken.file}: {counts}, {taken.lost:,} packets lost; {taken.ended}")
+        taken = recorder.run(stopped, args.duration, args.timeout)
+    told = f"{taken.packets:,} packets, {taken.events:,} events"
+    told += f", {taken.frames:,} frames" if taken.frames else ""
+    told += f", {taken.imu_samples:,} IMU samples" if taken.imu_samples else ""
+    print(f"{taken.file}: {told}, {taken.lost:,} packets lost; {taken.ended}")
     for gap in taken.gaps[:_GAPS_SHOWN]:
         print(f"  lost: {gap}")
     if len(taken.gaps) > _GAPS_SHOWN:

@@ -94,7 +94,7 @@ def _configure_data(parser: argparse.ArgumentParser) -> None:
 
 def _data(args: argparse.Namespace) -> int:
     # here, so that --help is quick
-    from evs.drivers.run.stopping import stop_signals
+    from evs.drivers.run.stop_signals import stop_signals
     from evs.launch.commands.emulate import STOPPED
     from evs.launch.support import terminal
     from evs.tools.training.make import make_data, work_of

@@ -15,7 +15,7 @@ from evs.msgs import EventPacket, EvsError
 
 if TYPE_CHECKING:
     from evs.drivers.bus import Subscription
-    from evs.drivers.viewer import Gatherer, Window
+    from evs.drivers.viewer import Window, WindowBuilder
 
 REDRAW_S = 0.05
 """A terminal is drawn no more often; windows between two drawings are left out."""
@@ -96,7 +96,7 @@ class _Characters:
     """A sketch of the newest window in the terminal; one below the other where it is none."""
 
     def __init__(self) -> None:
-        self._gatherers: dict[str, Gatherer] = {}
+        self._builders: dict[str, WindowBuilder] = {}
         self._is_terminal = sys.stdout.isatty()
         self._braille = (sys.stdout.encoding or "").lower().replace("-", "") == "utf8"
         self._due_s: dict[str, float] = {}
@@ -114,7 +114,7 @@ class _Characters:
     def show(self, packet: EventPacket, stream: Subscription) -> bool:
         from evs.drivers.clock import monotonic_s
 
-        for window in _windows(self._gatherers, packet):
+        for window in _windows(self._builders, packet):
             if monotonic_s() >= self._due_s.get(window.camera, 0.0):
                 if window.camera not in self._due_s and self._is_terminal:
                     # one more camera: all get other places
@@ -128,8 +128,8 @@ class _Characters:
 
         columns, rows = shutil.get_terminal_size()
         # cameras one below the other
-        rows = max(2, rows // max(1, len(self._gatherers)) - 1)
-        place = list(self._gatherers).index(window.camera) * (rows + 1)
+        rows = max(2, rows // max(1, len(self._builders)) - 1)
+        place = list(self._builders).index(window.camera) * (rows + 1)
         lines = sketch(
             window.picture, columns, rows - 1, colours=self._is_terminal, braille=self._braille
         )
@@ -144,7 +144,7 @@ class _Characters:
             return
         text = f"{_CLEAR_LINE}\n".join([head[:columns], *lines])
         at = f"\x1b[{place + 1};1H" if place else _HOME
-        end = _CLEAR_REST if window.camera == list(self._gatherers)[-1] else _CLEAR_LINE
+        end = _CLEAR_REST if window.camera == list(self._builders)[-1] else _CLEAR_LINE
         print(f"{at}{text}{end}", end="", flush=True)
 
 
@@ -158,7 +158,7 @@ class _Viewer:
             raise EvsError(f"'{file}' is no name for a live view: end it in .rrd")
         self._file = file
         self._drawing = Drawing()
-        self._gatherers: dict[str, Gatherer] = {}
+        self._builders: dict[str, WindowBuilder] = {}
         self._described: dict[str, bool] = {}
         """camera -> whether with its optics"""
         self._process: subprocess.Popen[bytes] | None = None
@@ -175,8 +175,8 @@ class _Viewer:
         return self
 
     def __exit__(self, *ended: object) -> None:
-        for gatherer in self._gatherers.values():
-            for window in gatherer.rest():
+        for builder in self._builders.values():
+            for window in builder.rest():
                 self._drawing.window(window)
         self._drawing.close()
         if self._process is not None:
@@ -190,7 +190,7 @@ class _Viewer:
             self._drawing.frame(frame)
         for pose in stream.poses:
             self._drawing.pose(pose.camera, pose.t_us, pose.position, pose.orientation)
-        for window in _windows(self._gatherers, packet):
+        for window in _windows(self._builders, packet):
             self._drawing.window(window)
         if self._drawing.failure:
             raise EvsError(
@@ -225,10 +225,10 @@ class _Viewer:
             process.wait()
 
 
-def _windows(gatherers: dict[str, Gatherer], packet: EventPacket) -> list[Window]:
-    """The windows that a packet completes; its camera's gatherer is made where it is new."""
-    from evs.drivers.viewer import Gatherer
+def _windows(builders: dict[str, WindowBuilder], packet: EventPacket) -> list[Window]:
+    """The windows that a packet completes; its camera's builder is made where it is new."""
+    from evs.drivers.viewer import WindowBuilder
 
-    if packet.camera not in gatherers:
-        gatherers[packet.camera] = Gatherer(packet.camera, packet.width, packet.height)
-    return list(gatherers[packet.camera].add(packet))
+    if packet.camera not in builders:
+        builders[packet.camera] = WindowBuilder(packet.camera, packet.width, packet.height)
+    return list(builders[packet.camera].add(packet))

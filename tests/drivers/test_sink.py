@@ -8,7 +8,7 @@ from evs.drivers.bus import Publisher
 from evs.drivers.dv import DvServer
 from evs.drivers.files import formats
 from evs.drivers.ros2 import Ros2Publisher
-from evs.drivers.run.worker import AsideSink
+from evs.drivers.run.worker import WorkerSink
 from evs.drivers.sink import Sink, Stream
 from evs.drivers.viewer import ViewSink
 
@@ -35,13 +35,13 @@ def sinks() -> list[type[Sink]]:
 
 
 def test_every_sink_declares_the_streams_whose_methods_it_has() -> None:
-    known = {Publisher, DvServer, Ros2Publisher, ViewSink, AsideSink}
+    known = {Publisher, DvServer, Ros2Publisher, ViewSink, WorkerSink}
     for one in formats.FORMATS:
         known.add(type(formats.by_name(one.name).record("a" + one.suffixes[0])))
     assert known <= set(sinks())
     for kind in sinks():
         # its streams are those of the sink that it runs elsewhere
-        declared = set(Stream) if kind is AsideSink else kind.streams
+        declared = set(Stream) if kind is WorkerSink else kind.streams
         for stream, names in METHODS.items():
             for name in names:
                 has = getattr(kind, name) is not getattr(Sink, name)

@@ -11,7 +11,7 @@ from evs.drivers.clock import monotonic_s, sleep_s
 from evs.drivers.run.launcher.guard import Guard
 from evs.drivers.run.launcher.node import Node, command_of
 from evs.drivers.run.launcher.plan import Plan
-from evs.drivers.run.stopping import stop_signals
+from evs.drivers.run.stop_signals import stop_signals
 from evs.msgs import EvsError
 
 INTERRUPTED = {"interrupted": 130, "terminated": 143}

@@ -1,5 +1,5 @@
-"""Sinks aside: a sink in a process of its own, so that the camera's only copies its packets."""
+"""Workers: a sink in a process of its own, so that the camera's process only copies packets."""
 
-from evs.drivers.run.worker.sink import AsideSink
+from evs.drivers.run.worker.sink import WorkerSink
 
-__all__ = ["AsideSink"]
+__all__ = ["WorkerSink"]

@@ -1,4 +1,4 @@
-"""The other process of a sink aside, as the camera has it: started, asked, seen to end."""
+"""The worker's process, as the camera's process has it: started, polled, waited for."""
 
 from __future__ import annotations
 
@@ -10,25 +10,30 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from evs.drivers.run.worker.lines import Lines
+from evs.drivers.run.worker.control_channel import ControlChannel
 from evs.drivers.run.worker.shared_memory import SharedMemory
 from evs.msgs import EvsError
 
-PROGRAM = "evs.drivers.run.worker.child"
+PROGRAM = "evs.drivers.run.worker.program"
 
 _END_S = 10.0
-"""How long a process that has said all, or has nothing to do any more, may take to end."""
+"""How long a process that has nothing left to do may take to end."""
 
 
-class SinkProcess:
-    """A process that has a sink. It is told to end by our hanging up, which our death does too."""
+class WorkerProcess:
+    """A process that has a sink. Hanging up ends it, as this process's own end does."""
 
     def __init__(self, memory: SharedMemory, name: str) -> None:
-        """Start it; in: memory, its control part and ring; name, of the sink, for people."""
+        """Start the process.
+
+        Args:
+            memory: The control part and the ring.
+            name: Of the sink, for people.
+        """
         self._name = name
         self._opened = False
         ours, theirs = socket.socketpair()
-        self._lines = Lines(ours)
+        self._channel = ControlChannel(ours)
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-m", PROGRAM, str(theirs.fileno()), str(memory.number)],
@@ -53,18 +58,18 @@ class SinkProcess:
         return self._process.pid
 
     def open(self, **setup: Any) -> None:
-        """Have the sink made and opened, and wait for that. EvsError with the line it said."""
+        """Have the sink made and opened, and wait for that. EvsError with its line."""
         with suppress(OSError):
-            self._lines.say(**setup)
-        said = self._lines.next() or self._died()
-        if "opened" not in said:
-            raise EvsError(said.get("failed") or said["died"])
+            self._channel.send(**setup)
+        answer = self._channel.receive() or self._died()
+        if "opened" not in answer:
+            raise EvsError(answer.get("failed") or answer["died"])
         self._opened = True
 
     def wake(self) -> bool:
-        """End its sleep; False where it is no more."""
+        """End its sleep; False where the process is no more."""
         try:
-            self._lines.link.send(b"\0", socket.MSG_DONTWAIT)
+            self._channel.link.send(b"\0", socket.MSG_DONTWAIT)
         except BlockingIOError:
             # it has more than enough to wake up from
             return True
@@ -72,28 +77,28 @@ class SinkProcess:
             return False
         return True
 
-    def heard(self) -> list[dict[str, Any]]:
-        """What it has said; `died`, a line, stands for what it can say no more."""
-        heard = self._lines.heard()
-        return [*heard, self._died()] if self._lines.gone else heard
+    def poll(self) -> list[dict[str, Any]]:
+        """Return the messages that have come; the last has `died`, a line, once it is no more."""
+        messages = self._channel.poll()
+        return [*messages, self._died()] if self._channel.closed else messages
 
     def close(self) -> dict[str, Any]:
-        """Hang up; it writes what it has, closes the sink and says how that went (`said`)."""
+        """Hang up; it writes what it has, closes the sink and sends its `report`."""
         found: dict[str, Any] = {}
         try:
             with suppress(OSError):
-                self._lines.link.shutdown(socket.SHUT_WR)
-            while self._opened and (said := self._lines.next()) is not None:
-                found |= said
-            if self._opened and "said" not in found:
+                self._channel.link.shutdown(socket.SHUT_WR)
+            while self._opened and (message := self._channel.receive()) is not None:
+                found |= message
+            if self._opened and "report" not in found:
                 found |= self._died()
         finally:
-            self._lines.link.close()
+            self._channel.link.close()
         self._end()
         return found
 
     def _died(self) -> dict[str, Any]:
-        """Why it is no more, in one line."""
+        """The message that it is no more, and why."""
         self._end()
         code = self._process.returncode
         how = f"was ended by signal {-code}" if code is not None and code < 0 else f"ended ({code})"
@@ -103,7 +108,7 @@ class SinkProcess:
         }
 
     def _end(self) -> None:
-        """It has nothing left to do; if it does not end for that, it is stuck."""
+        """Wait for its end; a process that has nothing left to do and does not end is stuck."""
         try:
             self._process.wait(_END_S)
         except subprocess.TimeoutExpired:

@@ -11,11 +11,11 @@ from types import TracebackType
 from evs.msgs import EvsError
 
 CONTROL_BYTES = 4096
-"""Before the ring: its positions and everything else that both sides look at without asking."""
+"""Before the ring: its positions and everything else that both sides read at any time."""
 
-HEAD, TAIL, SLEEPS, NEWS, STOP = 0, 8, 16, 24, 32
+HEAD, TAIL, SLEEPS, MESSAGES, STOP = 0, 8, 16, 24, 32
 """Slots of int64, each on a cache line of its own: bytes written so far; bytes read; whether the
-reader has to be woken; how often it has said something; whether it wants the run to end."""
+reader has to be woken; how many messages it has sent; whether it wants the run to end."""
 
 POSE, TRUTH, LIGHT = 512, 768, 1024
 """Where a byte for each camera says whether the sink wants these of it."""
@@ -56,7 +56,7 @@ class SharedMemory:
     def make(cls, ring_bytes: int) -> SharedMemory:
         """Zeroed memory. EvsError where the machine has not so much."""
         size = CONTROL_BYTES + ring_bytes
-        # who asks the system for all that it has is ended by it
+        # the system kills a process that asks for all of its memory
         most = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 4
         if size > most:
             raise EvsError(
@@ -66,7 +66,7 @@ class SharedMemory:
         number = -1
         try:
             number = _nameless()
-            # asked for now: a page that is missing later would kill who writes it
+            # allocated now: a page that is missing later would kill the writer
             os.posix_fallocate(number, 0, size)
             return cls(number, size)
         except OSError as reason:

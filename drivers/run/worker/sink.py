@@ -1,4 +1,4 @@
-"""AsideSink: a sink that runs in a process of its own; here its packets are copied, no more."""
+"""WorkerSink: a sink that runs in a process of its own; this one only copies its packets."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from evs.drivers.clock import monotonic_s, sleep_s
 from evs.drivers.run.worker import messages, shared_memory
-from evs.drivers.run.worker.process import SinkProcess
+from evs.drivers.run.worker.process import WorkerProcess
 from evs.drivers.run.worker.ring import Bytes, RingWriter
 from evs.drivers.run.worker.shared_memory import SharedMemory, fence
 from evs.drivers.sink import Sink, SinkStoppedError
@@ -32,19 +32,19 @@ RING_MB = 64.0
 
 _MOST_MB = 1e5
 _NAP_S = 0.0005
-"""Between two looks at a full ring; the other side frees some MB in that time."""
-_LOOK_EVERY = 256
-"""Messages between two looks whether the other process still lives, where nothing else tells."""
+"""Between two checks of a full ring; the worker frees some MB in that time."""
+_POLL_EVERY = 256
+"""Messages between two checks that the worker still lives, where nothing else says so."""
 
 
-class AsideSink(Sink):
-    """A Sink whose work is done by another process, which has its own copy of every packet.
+class WorkerSink(Sink):
+    """A Sink whose work is done by another process, the worker, on its own copy of every packet.
 
-    What is written is copied into a ring of memory that both processes see. Where it is full,
-    `lossless` says what happens: a recorder is waited for, so that nothing is lost; for anybody
-    else the packet is dropped and counted, so that the camera is never slowed. The other process
-    ends with this one, however this one ends, after it has written all that was copied. If it is
-    the one that dies, that is told as a sink that stopped (SinkStoppedError).
+    What is written is copied into a ring of memory that both processes share. When the ring is
+    full, a lossless sink (a recorder) blocks, so no data is lost; any other drops the packet and
+    counts it, so the camera is never slowed. The worker ends with this process, however this one
+    ends, after it has written all that was copied. Its own death is reported as a sink that stopped
+    (SinkStoppedError).
     """
 
     def __init__(
@@ -56,9 +56,14 @@ class AsideSink(Sink):
         ring_mb: float | None = None,
         cores: Sequence[int] | None = None,
     ) -> None:
-        """In: template, a sink of that kind, never opened; cores, processors for the other one.
+        """Describe the sink; `prepare` or `open` starts its process.
 
-        config, plain values of a SinkConfig, is what the other process makes its own sink of.
+        Args:
+            template: A sink of the same type and options, which is never opened.
+            config: Plain values of a SinkConfig, from which the worker makes its own sink.
+            lossless: Whether to block when the ring is full.
+            ring_mb: Size of the ring, MB; RING_MB if None.
+            cores: Processor cores for the worker; those of this process if None.
         """
         ring_mb = RING_MB if ring_mb is None else ring_mb
         if not (math.isfinite(ring_mb) and 0.001 <= ring_mb <= _MOST_MB):
@@ -69,20 +74,20 @@ class AsideSink(Sink):
         self.streams = template.streams
         self._places: dict[str, int] = {}
         self._memory: SharedMemory | None = None
-        self._process: SinkProcess | None = None
+        self._process: WorkerProcess | None = None
         self._ring: RingWriter
-        self._news = 0
-        self._unlooked = 0
+        self._polled = 0
+        self._unpolled = 0
         self._error: EvsError | None = None
         self._torn = ""
-        self._said: dict[str, Any] = {"type": config["type"]}
+        self._closed_report: dict[str, Any] = {"type": config["type"]}
         self._waits, self._waited_s = 0, 0.0
         self._dropped = {"aside_packets_dropped": 0, "aside_others_dropped": 0}
         self._events_dropped = 0
 
     @property
     def process(self) -> int:
-        """Number of the other process; 0: there is none."""
+        """Process number of the worker; 0: there is none."""
         return 0 if self._process is None else self._process.number
 
     @property
@@ -94,19 +99,19 @@ class AsideSink(Sink):
         return bool(self._memory.slots[shared_memory.STOP])
 
     def prepare(self) -> None:
-        """Start the other process, which loads its libraries while this one goes on."""
+        """Start the worker, which loads its libraries while this process goes on."""
         if self._process is None:
             self._memory = SharedMemory.make(self._ring_bytes)
             self._ring = RingWriter(self._memory)
             try:
-                self._process = SinkProcess(self._memory, self._name)
+                self._process = WorkerProcess(self._memory, self._name)
             except BaseException:
                 self._memory.close()
                 raise
-            self._error, self._torn, self._news = None, "", 0
+            self._error, self._torn, self._polled = None, "", 0
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
-        """Have the sink opened there. Raises EvsError with the line that it said there."""
+        """Have the sink opened by the worker. Raises EvsError with the line of its error."""
         if len(streams) > shared_memory.MAX_CAMERAS:
             raise EvsError(
                 f"{len(streams)} cameras: a sink aside takes {shared_memory.MAX_CAMERAS}"
@@ -121,71 +126,75 @@ class AsideSink(Sink):
         )
 
     def write(self, packet: EventPacket) -> None:
-        """Hand over one packet. SinkStoppedError: the sink takes no more, or its process died."""
+        """Copy one packet. SinkStoppedError: the sink accepts no more, or the worker died."""
         parts = messages.of_events(packet, self._place(packet.camera))
         if not self._put(parts):
             self._dropped["aside_packets_dropped"] += 1
             self._events_dropped += len(packet)
 
     def write_frame(self, frame: Frame) -> None:
-        """Hand over one intensity frame. Errors as write."""
+        """Copy one intensity frame. Errors as write."""
         self._put_other(messages.of_frame(frame, self._place(frame.camera)))
 
     def write_imu(self, packet: ImuPacket) -> None:
-        """Hand over one tick's IMU samples. Errors as write."""
+        """Copy one tick's IMU samples. Errors as write."""
         self._put_other(messages.of_imu(packet, self._place(packet.camera)))
 
     def write_triggers(self, packet: TriggerPacket) -> None:
-        """Hand over one tick's triggers. Errors as write."""
+        """Copy one tick's triggers. Errors as write."""
         self._put_other(messages.of_triggers(packet, self._place(packet.camera)))
 
     def wants_pose(self, camera: str) -> bool:
-        """Whether the sink did when it was last asked there."""
+        """Return whether the sink wanted it when the worker last asked."""
         return self._flag(shared_memory.POSE, camera)
 
     def write_pose(self, pose: Pose) -> None:
-        """Hand over one pose. Errors as write."""
+        """Copy one pose. Errors as write."""
         self._put_other(messages.of_pose(pose, self._place(pose.camera)))
 
     def write_pace(self, pace: Pace) -> None:
-        """Hand over how the run keeps its pace. Errors as write."""
+        """Copy how the run keeps its pace. Errors as write."""
         self._check_open()
         self._put_other(messages.of_pace(pace))
 
     def wants_truth(self, camera: str, t_us: int) -> bool:  # noqa: ARG002
-        """Whether it was due at a packet that the sink got: it is that of a tick or more later."""
+        """Return whether it was due at a packet that the sink got, a tick or more before."""
         return self._flag(shared_memory.TRUTH, camera)
 
     def write_truth(self, camera: str, truth: GroundTruth) -> None:
-        """Hand over ground truth. Errors as write."""
+        """Copy ground truth. Errors as write."""
         self._clear(shared_memory.TRUTH, camera)
         self._put_other(messages.of_truth(truth, self._place(camera)))
 
     def wants_light(self, camera: str, t_us: int) -> bool:  # noqa: ARG002
-        """Whether it was due at a packet that the sink got, as `wants_truth`."""
+        """Return whether it was due at a packet that the sink got, as `wants_truth`."""
         return self._flag(shared_memory.LIGHT, camera)
 
     def write_light(self, camera: str, t_us: int, luminance: F32) -> None:
-        """Hand over the light on the sensor. Errors as write."""
+        """Copy the light on the sensor. Errors as write."""
         self._clear(shared_memory.LIGHT, camera)
         self._put_other(messages.of_light(t_us, luminance, self._place(camera)))
 
     def close(self) -> dict[str, Any]:
-        """Wait until all is written there and the sink is closed; what it said, and our counts.
+        """Wait until the worker has written everything and closed the sink. Safe to call twice.
 
-        Raises EvsError where closing it did. Safe to call twice.
+        Returns:
+            The sink's own report, with our counts.
+
+        Raises:
+            EvsError: Closing the sink failed.
         """
         if self._process is not None:
             try:
-                said = self._process.close()
+                message = self._process.close()
             finally:
                 self._process = None
                 if self._memory is not None:
                     self._memory.close()
-            self._said = self._report(said)
-            if "failed" in said and self._error is None:
-                raise EvsError(said["failed"])
-        return dict(self._said)
+            self._closed_report = self._report(message)
+            if "failed" in message and self._error is None:
+                raise EvsError(message["failed"])
+        return dict(self._closed_report)
 
     @property
     def _name(self) -> str:
@@ -193,10 +202,13 @@ class AsideSink(Sink):
         place = next((one for one in given if one), "")
         return f"{self._config['type']} sink" + (f" '{place}'" if place else "")
 
-    def _report(self, said: Mapping[str, Any]) -> dict[str, Any]:
-        found = dict(said.get("said", {"type": self._config["type"]}))
+    def _report(self, message: Mapping[str, Any]) -> dict[str, Any]:
+        found = dict(message.get("report", {"type": self._config["type"]}))
         if not found.get("error") and (
-            error := said.get("failed") or said.get("stopped") or said.get("died") or self._torn
+            error := message.get("failed")
+            or message.get("stopped")
+            or message.get("died")
+            or self._torn
         ):
             found["error"] = error
         if self._lossless:
@@ -205,7 +217,7 @@ class AsideSink(Sink):
                 "aside_waits": self._waits,
                 "aside_waited_s": round(self._waited_s, 3),
             }
-        # the sink's own are further ones
+        # the sink's own drops are further ones
         own = found.get("events_dropped", 0)
         return {**found, **self._dropped, "events_dropped": own + self._events_dropped}
 
@@ -237,23 +249,23 @@ class AsideSink(Sink):
         """Copy one message into the ring; False where a live sink's is full."""
         assert self._memory is not None
         slots = self._memory.slots
-        self._unlooked += 1
-        if slots[shared_memory.NEWS] != self._news or self._unlooked >= _LOOK_EVERY:
-            self._look()
+        self._unpolled += 1
+        if slots[shared_memory.MESSAGES] != self._polled or self._unpolled >= _POLL_EVERY:
+            self._poll()
         if self._error is not None:
             raise self._error
         if not self._ring.offer(parts):
             if not self._lossless:
                 return False
             self._wait_for_room(parts)
-        # either we see that the other side sleeps or it sees the message
+        # either we see that the worker sleeps or it sees the message
         fence()
         if slots[shared_memory.SLEEPS]:
             self._wake()
         return True
 
     def _wait_for_room(self, parts: Sequence[Bytes]) -> None:
-        """Write a message as the other side makes room for it, also one larger than the ring."""
+        """Write a message as the worker makes room for it, also one larger than the ring."""
         assert self._memory is not None
         begin_s = monotonic_s()
         try:
@@ -267,11 +279,11 @@ class AsideSink(Sink):
                         self._wake()
                     if not poured:
                         sleep_s(_NAP_S)
-                        self._look()
+                        self._poll()
                         if self._error is not None:
                             raise self._error
         except BaseException:
-            # nothing can follow the begin of a message, which the other side throws away
+            # nothing can follow the begin of a message, which the worker discards
             if self._error is None:
                 self._torn = (
                     f"the {self._name} was interrupted in the middle of a packet: what came before "
@@ -284,22 +296,22 @@ class AsideSink(Sink):
             self._waited_s += monotonic_s() - begin_s
 
     def _wake(self) -> None:
-        """The other side has gone to sleep: the one system call, which costs 8 us."""
+        """Wake the worker, by the one system call, which costs 8 us."""
         assert self._memory is not None
         assert self._process is not None
         self._memory.slots[shared_memory.SLEEPS] = 0
         if not self._process.wake():
-            self._look()
+            self._poll()
 
-    def _look(self) -> None:
-        """Take in what the other side has said, or that it is no more."""
+    def _poll(self) -> None:
+        """Read the worker's messages, or find that it is no more."""
         assert self._memory is not None
         assert self._process is not None
-        self._unlooked, self._news = 0, self._memory.slots[shared_memory.NEWS]
-        for said in self._process.heard():
-            if "stopped" in said:
-                self._error = SinkStoppedError(said["stopped"])
-            elif "failed" in said:
-                self._error = EvsError(said["failed"])
-            elif "died" in said:
-                self._error = SinkStoppedError(said["died"])
+        self._unpolled, self._polled = 0, self._memory.slots[shared_memory.MESSAGES]
+        for message in self._process.poll():
+            if "stopped" in message:
+                self._error = SinkStoppedError(message["stopped"])
+            elif "failed" in message:
+                self._error = EvsError(message["failed"])
+            elif "died" in message:
+                self._error = SinkStoppedError(message["died"])

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers.bus.auxiliary import Beside
+from evs.drivers.bus.auxiliary import AuxiliaryMessages
 from evs.drivers.bus.channels import Audience, make_channels
 from evs.msgs import (
     TRUTH_CHANNELS,
@@ -205,7 +205,7 @@ def test_great_claims_cost_neither_memory_nor_time(name: str, header: bytes) -> 
 
 @given(st.text(max_size=30), st.text(max_size=30), st.lists(st.binary(max_size=200), max_size=4))
 def test_whatever_stands_before_it(kind: str, camera: str, rest: list[bytes]) -> None:
-    beside = Beside()
+    beside = AuxiliaryMessages()
     parts = [f"{kind}/{camera}".encode(errors="replace"), *rest]
     try:
         taken = beside.take(kind, camera, parts)
@@ -216,7 +216,7 @@ def test_whatever_stands_before_it(kind: str, camera: str, rest: list[bytes]) ->
 
 
 def test_a_topic_of_another_camera_is_refused() -> None:
-    beside = Beside()
+    beside = AuxiliaryMessages()
     header = encode_pose(Pose(1, 2, (1, 2, 3), (0, 0, 0, 1), "cam"))
     with pytest.raises(MessageError, match="under the topic of another"):
         beside.take("pose", "left", [b"pose/left", header])
@@ -227,7 +227,7 @@ def test_a_topic_of_another_camera_is_refused() -> None:
 
 def test_frames_without_events_do_not_fill_the_memory() -> None:
     """A publisher that never sends the packet which frames come before."""
-    beside = Beside()
+    beside = AuxiliaryMessages()
     header, raw = encode_frame(Frame(1, 0, 1, 2, 3, np.ones((4000, 4000), np.uint8), "cam"))
     body = bytes(raw)
     for _ in range(100):

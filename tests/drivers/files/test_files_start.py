@@ -10,7 +10,7 @@ import pytest
 from evs.drivers import files
 from evs.drivers.files import formats
 from evs.drivers.files.recording_file import by_tick
-from evs.drivers.ros2.gathering import Gatherer, check_start
+from evs.drivers.ros2.event_messages import EventMessageBuilder, check_start
 from evs.launch.main import main
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, make_events
 from evs.msgs.codecs import LAST_ROS_US, TIME_ORIGIN_US, PayloadReader
@@ -109,13 +109,13 @@ def test_a_format_that_cannot_tell_a_time_refuses_it_without_its_begin(tmp_path:
 @pytest.mark.parametrize("encoding", ["evt3", "libcaer", "mono"])
 def test_messages_of_ros_hold_it(encoding: str) -> None:
     events = events_from(UNIX_US)
-    gatherer = Gatherer(encoding, 0.0, 1_000_000, UNIX_US)
+    builder = EventMessageBuilder(encoding, 0.0, 1_000_000, UNIX_US)
     reader = PayloadReader(encoding, time_origin_us=TIME_ORIGIN_US - UNIX_US)
     found = []
     for place in range(len(events)):
         t_us = int(events["t"][place])
         packet = EventPacket(place, t_us - 1, t_us, 64, 48, events[place : place + 1])
-        found += [reader.events(m.data, m.time_base_ns) for m in gatherer.add(packet)]
+        found += [reader.events(m.data, m.time_base_ns) for m in builder.add(packet)]
     assert np.array_equal(np.concatenate(found), events)
 
 

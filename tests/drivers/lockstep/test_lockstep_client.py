@@ -124,7 +124,7 @@ def test_a_server_that_ends_says_so_to_who_waits() -> None:
 
     waiting = threading.Thread(target=reset)
     waiting.start()
-    while server._round.since_s is None:
+    while server._barrier.since_s is None:
         sleep_s(0.01)
     stopped.append("stopped")
     thread.join(10)

@@ -99,7 +99,7 @@ class Hand:
 
     def ticks(self, count: int) -> None:
         for _ in range(count):
-            self.server.look()
+            self.server.poll()
 
     def heard(self, client: Any, actuators: int = 2) -> Observation:
         """The answer to what it asked last."""

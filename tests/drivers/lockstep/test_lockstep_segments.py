@@ -95,7 +95,7 @@ def test_each_stretch_of_time_has_its_file_and_live_sinks_go_on(
     assert [packet.seq for packet in live] == [0, 1, 2, 0, 1]
     # the same seed and controls: the same bytes in both
     assert live[0].events.tobytes() == live[3].events.tobytes()
-    assert loop.account.ticks == 5
+    assert loop.statistics.ticks == 5
     assert loop.sim_seconds == pytest.approx(0.005)
 
 

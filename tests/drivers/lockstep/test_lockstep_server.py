@@ -159,7 +159,7 @@ def test_who_asks_for_something_else_is_refused(ask: Callable[[Any], Any], says:
             two.reset()
             later.get()
             later = Later(one.step)
-            while server._round.since_s is None:
+            while server._barrier.since_s is None:
                 sleep_s(0.01)
             with pytest.raises(EvsError, match=says):
                 ask(two)
@@ -183,7 +183,7 @@ def test_a_new_request_withdraws_the_one_before() -> None:
                 sleep_s(0.5)
             assert loop.log == []
             # so nobody has kept anybody waiting
-            assert server._seats.names == "'two', 'one'"
+            assert server._clients.names == "'two', 'one'"
             later = Later(lambda: two.reset(1))
             assert answered(raw, encode_request(4, Reset(1)))["number"] == 4
             later.get()
@@ -289,7 +289,7 @@ def test_good_bye_in_the_middle_of_a_decision_is_told_to_the_others() -> None:
         one, two = both(server.address)
         with one:
             later = Later(one.reset)
-            while server._round.since_s is None:
+            while server._barrier.since_s is None:
                 sleep_s(0.01)
             two.close()
             with pytest.raises(EvsError, match="controller 'two' has left; nothing has moved"):

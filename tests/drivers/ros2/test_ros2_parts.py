@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from evs.drivers.clock import monotonic_s
-from evs.drivers.ros2 import sending
-from evs.drivers.ros2.gathering import EventMessage, Gatherer
+from evs.drivers.ros2 import sender as sender_module
+from evs.drivers.ros2.event_messages import EventMessage, EventMessageBuilder
 from evs.drivers.ros2.names import node_path
 from evs.drivers.ros2.network import checked_domain, interface_of
-from evs.drivers.ros2.sending import Outlet, Sender
+from evs.drivers.ros2.sender import Sender, TopicQueue
 from evs.drivers.ros2.statistics import Statistics
 from evs.msgs import EventPacket, Events, EvsError, make_events
 from evs.msgs.codecs import PayloadReader
@@ -33,9 +33,9 @@ def packet(seq: int, count: int, start_us: int = 0) -> EventPacket:
     return EventPacket(seq, begin, begin + 1000, 346, 260, events, "eye")
 
 
-def gathered(gatherer: Gatherer, packets: list[EventPacket]) -> list[EventMessage]:
-    found = [message for one in packets for message in gatherer.add(one)]
-    return found + gatherer.rest()
+def gathered(builder: EventMessageBuilder, packets: list[EventPacket]) -> list[EventMessage]:
+    found = [message for one in packets for message in builder.add(one)]
+    return found + builder.rest()
 
 
 def decoded(encoding: str, messages: list[EventMessage]) -> Events:
@@ -51,7 +51,7 @@ def test_what_is_gathered_decodes_to_the_events(
     encoding: str, start_us: int, threshold_s: float
 ) -> None:
     packets = [packet(seq, 200 * (seq % 4), start_us) for seq in range(PACKETS)]
-    messages = gathered(Gatherer(encoding, threshold_s, 1_000_000), packets)
+    messages = gathered(EventMessageBuilder(encoding, threshold_s, 1_000_000), packets)
     truth = np.concatenate([one.events for one in packets])
     assert np.array_equal(decoded(encoding, messages), truth)
     assert sum(message.events for message in messages) == len(truth)
@@ -64,15 +64,15 @@ def test_what_is_gathered_decodes_to_the_events(
 @pytest.mark.parametrize(("encoding", "each"), [("libcaer", 8), ("mono", 8)])
 def test_a_message_that_is_large_enough_goes_early(encoding: str, each: int) -> None:
     packets = [packet(seq, 100) for seq in range(10)]
-    messages = gathered(Gatherer(encoding, 1.0, 4 * 100 * each), packets)
+    messages = gathered(EventMessageBuilder(encoding, 1.0, 4 * 100 * each), packets)
     assert [len(one.data) // each for one in messages] == [400, 400, 200]
 
 
 def test_an_event_is_not_in_two_messages() -> None:
-    gatherer = Gatherer("evt3", 1.0, 10**9)
-    assert gatherer.add(packet(0, 5)) == []
-    assert gatherer.rest()[0].events == 5
-    assert gatherer.rest() == []
+    builder = EventMessageBuilder("evt3", 1.0, 10**9)
+    assert builder.add(packet(0, 5)) == []
+    assert builder.rest()[0].events == 5
+    assert builder.rest() == []
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_an_event_is_not_in_two_messages() -> None:
 )
 def test_thresholds_that_cannot_be(encoding: str, threshold_s: float, size: int, says: str) -> None:
     with pytest.raises(EvsError, match=says):
-        Gatherer(encoding, threshold_s, size)
+        EventMessageBuilder(encoding, threshold_s, size)
 
 
 @pytest.mark.parametrize(
@@ -162,56 +162,56 @@ class Network:
         """Nothing to close."""
 
 
-def started(*networks: Network, depth: int = 1000) -> tuple[Sender, list[Outlet]]:
+def started(*networks: Network, depth: int = 1000) -> tuple[Sender, list[TopicQueue]]:
     sender = Sender()
-    outlets = [sender.outlet(network, depth) for network in networks]
+    queues = [sender.add_queue(network, depth) for network in networks]
     sender.start()
-    return sender, outlets
+    return sender, queues
 
 
 def test_messages_of_all_topics_leave_in_their_order() -> None:
     order: list[bytes] = []
     first, second = Network(), Network()
     first.got = second.got = order
-    sender, outlets = started(first, second)
+    sender, queues = started(first, second)
     wanted = [b"%d" % k for k in range(100)]
     for k, data in enumerate(wanted):
-        sender.put(outlets[k % 2], data, k)
+        sender.put(queues[k % 2], data, k)
     sender.close(30.0)
     assert order == wanted
-    assert [outlet.counts.sent for outlet in outlets] == [50, 50]
-    assert sum(outlet.counts.elements for outlet in outlets) == sum(range(100))
+    assert [queue.counts.sent for queue in queues] == [50, 50]
+    assert sum(queue.counts.elements for queue in queues) == sum(range(100))
     sender.close(30.0)
 
 
 def test_a_network_that_does_not_move_costs_the_oldest_messages_and_no_time() -> None:
     stuck = Network(is_open=False)
-    sender, (outlet,) = started(stuck, depth=10)
-    sender.put(outlet, b"first", 1)
+    sender, (queue,) = started(stuck, depth=10)
+    sender.put(queue, b"first", 1)
     assert stuck.came.wait(30)
     begin = monotonic_s()
     for k in range(1000):
-        sender.put(outlet, b"%03d" % k, 2)
+        sender.put(queue, b"%03d" % k, 2)
     # it would be for ever
     assert monotonic_s() - begin < 10
-    assert outlet.counts.dropped == 990
-    assert outlet.counts.elements_dropped == 2 * 990
+    assert queue.counts.dropped == 990
+    assert queue.counts.elements_dropped == 2 * 990
     stuck.go.set()
     sender.close(30.0)
     assert stuck.got == [b"first", *(b"%03d" % k for k in range(990, 1000))]
-    assert outlet.counts.sent == 11
+    assert queue.counts.sent == 11
 
 
 def test_few_large_messages_are_too_many_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sending, "MAX_QUEUE_BYTES", 100)
+    monkeypatch.setattr(sender_module, "MAX_QUEUE_BYTES", 100)
     stuck = Network(is_open=False)
-    sender, (outlet,) = started(stuck)
-    sender.put(outlet, b"first", 1)
+    sender, (queue,) = started(stuck)
+    sender.put(queue, b"first", 1)
     assert stuck.came.wait(30)
     for size in (60, 30, 20, 300):
-        sender.put(outlet, bytes(size), size)
-        assert outlet.waiting_bytes <= 100 or len(outlet.waiting) == 1
-    assert (outlet.counts.dropped, outlet.counts.elements_dropped) == (3, 110)
+        sender.put(queue, bytes(size), size)
+        assert queue.waiting_bytes <= 100 or len(queue.waiting) == 1
+    assert (queue.counts.dropped, queue.counts.elements_dropped) == (3, 110)
     stuck.go.set()
     sender.close(30.0)
     assert [len(data) for data in stuck.got] == [5, 300]
@@ -219,21 +219,21 @@ def test_few_large_messages_are_too_many_as_well(monkeypatch: pytest.MonkeyPatch
 
 def test_closing_waits_no_longer_than_told_and_counts_the_rest() -> None:
     stuck = Network(is_open=False)
-    sender, (outlet,) = started(stuck)
+    sender, (queue,) = started(stuck)
     for _ in range(5):
-        sender.put(outlet, b"data", 3)
+        sender.put(queue, b"data", 3)
     assert stuck.came.wait(30)
     sender.close(0.05)
-    assert (outlet.counts.dropped, outlet.counts.elements_dropped) == (4, 12)
+    assert (queue.counts.dropped, queue.counts.elements_dropped) == (4, 12)
     stuck.go.set()
 
 
 def test_what_the_middleware_refuses_is_counted() -> None:
-    sender, (outlet,) = started(Network(takes=False))
-    sender.put(outlet, b"data", 7)
+    sender, (queue,) = started(Network(takes=False))
+    sender.put(queue, b"data", 7)
     sender.close(30.0)
-    assert (outlet.counts.sent, outlet.counts.dropped) == (0, 1)
-    assert outlet.counts.elements_dropped == 7
+    assert (queue.counts.sent, queue.counts.dropped) == (0, 1)
+    assert queue.counts.elements_dropped == 7
 
 
 def test_a_failure_of_the_middleware_reaches_the_camera() -> None:
@@ -243,17 +243,17 @@ def test_a_failure_of_the_middleware_reaches_the_camera() -> None:
 
     count = 0
 
-    def put_for_ever(outlet: Outlet) -> None:
+    def put_for_ever(queue: TopicQueue) -> None:
         nonlocal count
         while True:
-            sender.put(outlet, b"data")
+            sender.put(queue, b"data")
             count += 1
 
-    sender, (outlet,) = started(Broken())
+    sender, (queue,) = started(Broken())
     with pytest.raises(EvsError, match="no such luck"):
-        put_for_ever(outlet)
+        put_for_ever(queue)
     sender.close(30.0)
-    assert outlet.counts.dropped == outlet.counts.elements_dropped == count > 0
+    assert queue.counts.dropped == queue.counts.elements_dropped == count > 0
 
 
 def test_the_line_of_statistics_is_the_drivers() -> None:

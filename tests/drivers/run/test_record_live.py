@@ -20,7 +20,7 @@ from evs.drivers.bus.loopback import free_address
 from evs.drivers.clock import Pacer, monotonic_s
 from evs.drivers.files.formats import to_write
 from evs.drivers.run.run import run
-from evs.drivers.run.stream_recorder import Taken, Taking
+from evs.drivers.run.stream_recorder import StreamRecorder, StreamRecording
 from evs.emulator import World
 from evs.emulator.config import ApsConfig, ImuConfig, SensorConfig
 from evs.msgs import EventPacket, EvsError, StreamInfo, make_events
@@ -50,13 +50,15 @@ def test_it_is_the_cameras_own_recording(tmp_path: Path, ending: str) -> None:
     sensor = SensorConfig("davis346", width=32, height=24, aps=aps, imu=ImuConfig(enabled=True))
     world = World(mujoco.MjSpec.from_string(SCENE))
     world.add_camera("eye", sensor=sensor)
-    taken: list[Taken] = []
+    taken: list[StreamRecording] = []
     with subscribe(address, **BESIDE) as stream:
-        taking = threading.Thread(target=lambda: taken.append(Taking(stream, str(live)).run([])))
-        taking.start()
+        recording = threading.Thread(
+            target=lambda: taken.append(StreamRecorder(stream, str(live)).run([]))
+        )
+        recording.start()
         recorder = to_write(own).record(own)
         run(world, [Publisher(address, wait_for=1), recorder], 0.25)
-        taking.join(60)
+        recording.join(60)
     (told,) = taken
     theirs, ours = files.read(own), files.read(live)
     assert (told.packets, told.lost, told.ended) == (250, 0, "the camera has ended")
@@ -73,10 +75,10 @@ def test_it_is_the_cameras_own_recording(tmp_path: Path, ending: str) -> None:
 def test_stopped_before_the_first_status_it_keeps_what_came(tmp_path: Path) -> None:
     address, file = free_address(), tmp_path / "short.aedat4"
     stopped: list[str] = []
-    taken: list[Taken] = []
+    taken: list[StreamRecording] = []
     with subscribe(address, **BESIDE) as stream:
-        taking = Taking(stream, str(file))
-        thread = threading.Thread(target=lambda: taken.append(taking.run(stopped)))
+        recorder = StreamRecorder(stream, str(file))
+        thread = threading.Thread(target=lambda: taken.append(recorder.run(stopped)))
         thread.start()
         sender = Publisher(address, wait_for=1, linger_s=0.1)
         sender.open([small()])
@@ -96,11 +98,11 @@ def test_several_cameras_want_a_choice(tmp_path: Path) -> None:
     address = free_address()
     failed: list[str] = []
     with subscribe(address, **BESIDE) as stream:
-        taking = Taking(stream, str(tmp_path / "two.aedat4"))
+        recorder = StreamRecorder(stream, str(tmp_path / "two.aedat4"))
 
         def take() -> None:
             try:
-                taking.run([])
+                recorder.run([])
             except EvsError as error:
                 failed.append(str(error))
 

@@ -19,10 +19,10 @@ from evs.drivers.bus.loopback import free_address
 from evs.drivers.files import read
 from evs.drivers.run.config import SinkConfig, make_sink
 from evs.drivers.run.sink_set import SinkSet
-from evs.drivers.run.worker import AsideSink
+from evs.drivers.run.worker import WorkerSink
 from evs.drivers.sink import SinkStoppedError
 from evs.emulator.base.protocols import NoMeter
-from reference.aside_packets import (
+from reference.worker_packets import (
     EVENTS,
     INFO,
     aside,
@@ -34,7 +34,7 @@ from reference.aside_packets import (
 
 
 @pytest.fixture
-def stopped_sink(tmp_path: Path) -> Iterator[AsideSink]:
+def stopped_sink(tmp_path: Path) -> Iterator[WorkerSink]:
     """A recorder whose process is held, with a ring of 100 kB."""
     sink = aside(type="aedat4", file=str(tmp_path / "run.aedat4"), aside_mb=0.1)
     sink.open([INFO])
@@ -44,7 +44,7 @@ def stopped_sink(tmp_path: Path) -> Iterator[AsideSink]:
 
 
 def test_a_recorder_is_waited_for_and_loses_nothing(
-    tmp_path: Path, stopped_sink: AsideSink
+    tmp_path: Path, stopped_sink: WorkerSink
 ) -> None:
     process = stopped_sink.process
     sent = [packet(seq, 1000) for seq in range(30)]
@@ -171,7 +171,7 @@ def test_a_full_disk_stops_it_as_it_stops_one_that_is_not_aside(tmp_path: Path) 
 
 
 def test_a_wait_that_is_interrupted_leaves_the_recording_whole(
-    tmp_path: Path, stopped_sink: AsideSink, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, stopped_sink: WorkerSink, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(_: float) -> None:
         raise KeyboardInterrupt

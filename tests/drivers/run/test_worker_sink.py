@@ -22,7 +22,7 @@ from evs.msgs import (
     Pace,
     Pose,
 )
-from reference.aside_packets import (
+from reference.worker_packets import (
     EVENTS,
     HEIGHT,
     INFO,

@@ -158,7 +158,7 @@ def test_a_live_stream_leaves_a_file_that_rerun_verifies(
 
 @pytest.mark.slow
 def test_a_running_viewer_gets_everything(tmp_path: Path) -> None:
-    from evs.drivers.viewer import Gatherer
+    from evs.drivers.viewer import WindowBuilder
     from evs.drivers.viewer.viewer import PROGRAM, Drawing, quiet_environment
 
     with socket.create_server(("127.0.0.1", 0)) as probe:
@@ -173,9 +173,9 @@ def test_a_running_viewer_gets_everything(tmp_path: Path) -> None:
         drawing = Drawing()
         drawing.to_viewer(port)
         drawing.describe([STREAM])
-        gatherer = Gatherer("eye", 64, 48)
+        builder = WindowBuilder("eye", 64, 48)
         for seq in range(100):
-            for window in gatherer.add(packet(seq)):
+            for window in builder.add(packet(seq)):
                 drawing.window(window)
         drawing.close()
         deadline = time.monotonic() + 20

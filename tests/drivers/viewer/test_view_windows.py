@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers.viewer import Gatherer, Window, sketch
+from evs.drivers.viewer import Window, WindowBuilder, sketch
 from evs.msgs import EventPacket, make_events
 
 ESCAPE = re.compile(r"\x1b\[[0-9;]*m")
@@ -21,9 +21,9 @@ def packet(begin_us: int, end_us: int, events: list[tuple[int, int, int, int]]) 
 
 
 def gathered(packets: list[EventPacket], period_us: int = 20_000) -> list[Window]:
-    gatherer = Gatherer("eye", 8, 6, period_us)
-    found = [window for one in packets for window in gatherer.add(one)]
-    return [*found, *gatherer.rest()]
+    builder = WindowBuilder("eye", 8, 6, period_us)
+    found = [window for one in packets for window in builder.add(one)]
+    return [*found, *builder.rest()]
 
 
 def test_a_window_shows_each_pixels_last_event_and_the_rates() -> None:

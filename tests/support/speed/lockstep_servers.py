@@ -35,7 +35,7 @@ def serve_loop(address: str, events: int, ready: Any, end: Any) -> None:
     server.open()
     ready.put(server.address)
     while not end.is_set():
-        server.look()
+        server.poll()
     server.close()
 
 

@@ -28,7 +28,7 @@ pytestmark = [pytest.mark.integration, pytest.mark.slow]
 PROGRAM = """
 import json, pickle, sys
 from pathlib import Path
-from evs.drivers.run.stopping import stop_signals
+from evs.drivers.run.stop_signals import stop_signals
 from evs.tools.jobs import run_jobs
 from evs.launch.main import main
 from evs.msgs import EvsError

@@ -22,7 +22,7 @@ import threading
 import time
 from pathlib import Path
 from speed.jobs import Noise
-from evs.drivers.run.stopping import stop_signals
+from evs.drivers.run.stop_signals import stop_signals
 from evs.tools.jobs import run_jobs
 
 def hear(stopped):

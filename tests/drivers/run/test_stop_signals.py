@@ -7,7 +7,7 @@ import signal
 import pytest
 
 from evs.drivers.clock import sleep_s
-from evs.drivers.run.stopping import stop_signals
+from evs.drivers.run.stop_signals import stop_signals
 
 
 @pytest.mark.parametrize(

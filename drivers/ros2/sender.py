@@ -50,7 +50,7 @@ class Counts:
     elements_dropped: int = 0
 
 
-class Outlet:
+class TopicQueue:
     """One topic: its writer, and what waits for it."""
 
     def __init__(self, writer: Write, depth: int) -> None:
@@ -77,34 +77,34 @@ class Sender:
     """Sends what is put, in its order, on a thread of its own. `put` never waits for a network."""
 
     def __init__(self) -> None:
-        self.outlets: list[Outlet] = []
+        self.queues: list[TopicQueue] = []
         self._changed = threading.Condition()
         self._ending = self._busy = False
         self._failure: BaseException | None = None
         self._place = 0
         self._thread = threading.Thread(target=self._run, name="ros2", daemon=True)
 
-    def outlet(self, writer: Write, depth: int) -> Outlet:
+    def add_queue(self, writer: Write, depth: int) -> TopicQueue:
         """One more topic; before `start`."""
-        self.outlets.append(Outlet(writer, depth))
-        return self.outlets[-1]
+        self.queues.append(TopicQueue(writer, depth))
+        return self.queues[-1]
 
     def start(self) -> None:
         """Begin to send."""
         self._thread.start()
 
-    def put(self, outlet: Outlet, data: bytes, elements: int = 1) -> None:
+    def put(self, queue: TopicQueue, data: bytes, elements: int = 1) -> None:
         """Leave one message; where the queue is full, the oldest ones are dropped and counted."""
         with self._changed:
             if self._failure is not None:
                 raise EvsError(f"sending to ROS 2 failed: {self._failure}") from self._failure
-            outlet.waiting.append((self._place, data, elements))
-            outlet.waiting_bytes += len(data)
+            queue.waiting.append((self._place, data, elements))
+            queue.waiting_bytes += len(data)
             self._place += 1
-            while len(outlet.waiting) > outlet.depth or (
-                outlet.waiting_bytes > MAX_QUEUE_BYTES and len(outlet.waiting) > 1
+            while len(queue.waiting) > queue.depth or (
+                queue.waiting_bytes > MAX_QUEUE_BYTES and len(queue.waiting) > 1
             ):
-                outlet.drop()
+                queue.drop()
             self._changed.notify_all()
 
     def flush(self, seconds: float) -> None:
@@ -118,48 +118,48 @@ class Sender:
                 if remaining_s <= 0:
                     return
                 self._changed.wait(remaining_s)
-        for outlet in self.outlets:
-            if outlet.counts.sent:
+        for queue in self.queues:
+            if queue.counts.sent:
                 # reliable readers may still lack something
-                outlet.writer.wait(max(0.0, deadline_s - monotonic_s()))
+                queue.writer.wait(max(0.0, deadline_s - monotonic_s()))
 
     def close(self, linger_s: float) -> None:
         """Send what waits, for `linger_s` at most; what is left is dropped. Safe to call twice."""
         self.flush(linger_s)
         with self._changed:
             self._ending = True
-            for outlet in self.outlets:
-                while outlet.waiting:
-                    outlet.drop()
+            for queue in self.queues:
+                while queue.waiting:
+                    queue.drop()
             self._changed.notify_all()
         if self._thread.is_alive():
             self._thread.join(max(linger_s, 1.0))
 
-    def _next(self) -> Outlet | None:
+    def _next(self) -> TopicQueue | None:
         """The topic whose turn it is."""
-        waiting = (outlet for outlet in self.outlets if outlet.waiting)
-        return min(waiting, key=lambda outlet: outlet.waiting[0][0], default=None)
+        waiting = (queue for queue in self.queues if queue.waiting)
+        return min(waiting, key=lambda queue: queue.waiting[0][0], default=None)
 
     def _run(self) -> None:
         while True:
             with self._changed:
-                while (outlet := self._next()) is None:
+                while (queue := self._next()) is None:
                     if self._ending:
                         return
                     self._changed.wait()
-                data, elements = outlet.take()
+                data, elements = queue.take()
                 self._busy = True
             try:
-                taken = outlet.writer.write(data)
+                taken = queue.writer.write(data)
             except BaseException as error:  # whatever it is, the camera has to hear of it
                 with self._changed:
                     self._failure, self._busy = error, False
-                    _count(outlet.counts, False, len(data), elements)
+                    _count(queue.counts, False, len(data), elements)
                     self._changed.notify_all()
                 return
             with self._changed:
                 self._busy = False
-                _count(outlet.counts, taken, len(data), elements)
+                _count(queue.counts, taken, len(data), elements)
                 self._changed.notify_all()
 
 

@@ -1,4 +1,4 @@
-"""The sink of a sink aside, in its own process: given messages, asked what it wants, closed."""
+"""The sink in its worker: runs what the messages say, publishes what the sink wants, closes it."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ from typing import Any
 
 from evs.drivers.run.sink_set import disk_errors
 from evs.drivers.run.worker import shared_memory
-from evs.drivers.run.worker.lines import Lines
+from evs.drivers.run.worker.control_channel import ControlChannel
 from evs.drivers.run.worker.messages import Light, Message, TruthOf
 from evs.drivers.run.worker.shared_memory import SharedMemory
 from evs.drivers.sink import Sink, SinkStoppedError, Stream
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pace, Pose, TriggerPacket
 
 
-class Outlet:
-    """Gives messages to an open sink. After an error of it they are thrown away."""
+class SinkRunner:
+    """Writes messages to an open sink; after an error of it they are discarded."""
 
     def __init__(
-        self, sink: Sink, cameras: tuple[str, ...], shared: SharedMemory, lines: Lines
+        self, sink: Sink, cameras: tuple[str, ...], shared: SharedMemory, channel: ControlChannel
     ) -> None:
         self.cameras = cameras
-        self._sink, self._lines = sink, lines
+        self._sink, self._channel = sink, channel
         self._slots, self._flags = shared.slots, shared.flags
         self._failed = False
 
-    def give(self, message: Message) -> None:
-        """Hand one message to the sink, then look what it wants next."""
+    def run(self, message: Message) -> None:
+        """Write one message, then publish what the sink wants next."""
         if self._failed:
             return
         try:
             with disk_errors():
                 self._write(message)
-                self._ask(message)
+                self._update_due(message)
         except SinkStoppedError as error:
             self._fail(stopped=str(error))
         except EvsError as error:
@@ -43,8 +43,8 @@ class Outlet:
             traceback.print_exc(file=sys.stderr)
             self._fail(failed=f"{type(error).__name__}: {error}")
 
-    def look(self) -> None:
-        """Take in what the sink wants of the camera, whatever comes to it."""
+    def update_wants(self) -> None:
+        """Publish what the sink wants of the camera, whatever comes to it."""
         if self._failed:
             return
         if Stream.POSE in self._sink.streams:
@@ -54,18 +54,18 @@ class Outlet:
             self._slots[shared_memory.STOP] = 1
 
     def close(self) -> None:
-        """Close the sink and say what it said, if anybody is there to hear it."""
-        said: dict[str, Any]
+        """Close the sink and send its report, if the camera's process is still there."""
+        message: dict[str, Any]
         try:
             with disk_errors():
-                said = {"said": self._sink.close()}
+                message = {"report": self._sink.close()}
         except EvsError as error:
-            said = {"said": {}, "failed": str(error)}
+            message = {"report": {}, "failed": str(error)}
         except Exception as error:
             traceback.print_exc(file=sys.stderr)
-            said = {"said": {}, "failed": f"{type(error).__name__}: {error}"}
+            message = {"report": {}, "failed": f"{type(error).__name__}: {error}"}
         with suppress(OSError):
-            self._lines.say(**said)
+            self._channel.send(**message)
 
     def _write(self, message: Message) -> None:
         sink = self._sink
@@ -87,7 +87,7 @@ class Outlet:
             case Light(camera, t_us, luminance):
                 sink.write_light(camera, t_us, luminance)
 
-    def _ask(self, message: Message) -> None:
+    def _update_due(self, message: Message) -> None:
         """Once a packet of events: what is due now comes with a later tick."""
         if not isinstance(message, EventPacket):
             return
@@ -97,13 +97,13 @@ class Outlet:
             self._flags[shared_memory.TRUTH + place] = 1
         if Stream.LIGHT in streams and self._sink.wants_light(camera, t_us):
             self._flags[shared_memory.LIGHT + place] = 1
-        self.look()
+        self.update_wants()
 
-    def _fail(self, **said: str) -> None:
+    def _fail(self, **message: str) -> None:
         self._failed = True
         self._flags[shared_memory.POSE : shared_memory.LIGHT + shared_memory.MAX_CAMERAS] = bytes(
             3 * shared_memory.MAX_CAMERAS
         )
         with suppress(OSError):
-            self._lines.say(**said)
-        self._slots[shared_memory.NEWS] += 1
+            self._channel.send(**message)
+        self._slots[shared_memory.MESSAGES] += 1

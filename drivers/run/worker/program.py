@@ -1,6 +1,6 @@
-"""The program of a sink aside: takes packets out of the ring and gives them to the sink.
+"""The worker's program: reads messages from the ring and writes them to the sink.
 
-Ends when the other side hangs up or is no more, after all that it handed over is written.
+Ends when the camera's process hangs up or dies, after everything that it handed over is written.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from evs.drivers.run.sink_set import disk_errors
-from evs.drivers.run.worker.inlet import Inlet, TornError
-from evs.drivers.run.worker.lines import Lines
-from evs.drivers.run.worker.outlet import Outlet
+from evs.drivers.run.worker.control_channel import ControlChannel
+from evs.drivers.run.worker.message_reader import MessageReader, TornError
 from evs.drivers.run.worker.shared_memory import SharedMemory
+from evs.drivers.run.worker.sink_runner import SinkRunner
 from evs.drivers.sink import Sink
 from evs.msgs import EvsError, StreamInfo
 
-_LOOK_MS = 100
+_POLL_MS = 100
 
 
 class _AbandonedError(BaseException):
-    """The other side went while the sink was opening."""
+    """The camera's process ended while the sink was opening."""
 
 
 def main(link: int, number: int) -> None:
     """Serve the ring in the file `number` until the socket `link` ends."""
-    # who ends the camera's process ends this one: by hanging up
+    # signals are for the camera's process, which ends this one by hanging up
     for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(ignored, signal.SIG_IGN)
     with socket.socket(fileno=link) as ours, SharedMemory.attach(number) as memory:
-        lines = Lines(ours)
-        setup = lines.next()
+        channel = ControlChannel(ours)
+        setup = channel.receive()
         if setup is None:
             return
         try:
@@ -46,23 +46,23 @@ def main(link: int, number: int) -> None:
             return
         except EvsError as error:
             with suppress(OSError):
-                lines.say(failed=str(error))
+                channel.send(failed=str(error))
             return
-        inlet = Inlet(memory, ours)
-        outlet = Outlet(sink, tuple(stream.camera for stream in streams), memory, lines)
-        outlet.look()
+        reader = MessageReader(memory, ours)
+        runner = SinkRunner(sink, tuple(stream.camera for stream in streams), memory, channel)
+        runner.update_wants()
         with suppress(OSError):
-            lines.say(opened=True)
+            channel.send(opened=True)
         try:
             while True:
-                outlet.give(inlet.message(outlet.cameras, outlet.look))
+                runner.run(reader.message(runner.cameras, runner.update_wants))
         except TornError:
             # nothing more comes
-            outlet.close()
+            runner.close()
 
 
 def _open(link: socket.socket, setup: dict[str, Any]) -> tuple[Sink, list[StreamInfo]]:
-    """The sink, opened. EvsError as making and opening it raise."""
+    """Make the sink and open it. EvsError as both raise."""
     from evs.drivers import settings
     from evs.drivers.run.config import SinkConfig, make_sink
 
@@ -87,7 +87,7 @@ def _open(link: socket.socket, setup: dict[str, Any]) -> tuple[Sink, list[Stream
 
 @contextmanager
 def _unless_abandoned(link: socket.socket) -> Iterator[None]:
-    """Waiting for subscribers, say, ends with the other side."""
+    """Whatever the sink waits for, as for subscribers, ends with the camera's process."""
     done = threading.Event()
     main_thread = threading.get_ident()
 
@@ -99,8 +99,8 @@ def _unless_abandoned(link: socket.socket) -> Iterator[None]:
         poller = select.poll()
         poller.register(link, select.POLLIN)
         while not done.is_set():
-            if poller.poll(_LOOK_MS) and not link.recv(1, socket.MSG_PEEK):
-                # it wakes whatever the sink waits in
+            if poller.poll(_POLL_MS) and not link.recv(1, socket.MSG_PEEK):
+                # it interrupts whatever the sink waits in
                 signal.pthread_kill(main_thread, signal.SIGUSR1)
                 return
 

@@ -16,45 +16,46 @@ LATE_S = 0.1
 """A run that fell behind by more and caught up is warned of at its end."""
 
 
-class Lateness:
+class PaceMonitor:
     """Watches the pacer of one run."""
 
     def __init__(self, pacer: Pacer, warn: Callable[[str], None]) -> None:
         self._pacer, self._warn = pacer, warn
-        self._told_s = self._told_back_s = 0.0
+        self._warned_s = self._warned_back_s = 0.0
         self._next_s = -1e300
         self._gap_s = _FIRST_GAP_S
         self._period = 0
 
-    def look(self) -> None:
+    def update(self) -> None:
         """After a tick was waited for: warn at once where time slips, then now and then."""
         pacer = self._pacer
-        if pacer.went_back_s > self._told_back_s:
+        if pacer.went_back_s > self._warned_back_s:
+            back_s = pacer.went_back_s - self._warned_back_s
             self._warn(
-                f"this machine's clock went back by {pacer.went_back_s - self._told_back_s:.3g} s: "
+                f"this machine's clock went back by {back_s:.3g} s: "
                 "it is not waited for, packets go on as if it had not"
             )
-            self._told_back_s = pacer.went_back_s
-        if pacer.slipped_s <= self._told_s:
+            self._warned_back_s = pacer.went_back_s
+        if pacer.slipped_s <= self._warned_s:
             return
         now_s = pacer.now_s()
         if now_s < self._next_s:
             return
-        self._tell()
+        self._warn_of_slip()
         self._next_s = now_s + self._gap_s
         self._gap_s *= 2
 
     def end(self) -> None:
         """The run is over: what was not told yet."""
-        if self._pacer.slipped_s > self._told_s:
-            self._tell()
+        if self._pacer.slipped_s > self._warned_s:
+            self._warn_of_slip()
         elif not self._pacer.slips and self._pacer.worst_late_s > LATE_S:
             self._warn(
                 f"packets left up to {self._pacer.worst_late_s:.2g} s late and the run caught up "
                 f"again: the pace is too much for this machine at times; {_ADVICE}"
             )
 
-    def news(self, t_us: int) -> Pace | None:
+    def pace_update(self, t_us: int) -> Pace | None:
         """What a status may tell of it, where simulated time t_us is the first of its period."""
         pacer, period = self._pacer, t_us // STATUS_PERIOD_US
         if pacer.speed == 0 or period == self._period:
@@ -68,9 +69,9 @@ class Lateness:
             slips=pacer.slips,
         )
 
-    def _tell(self) -> None:
+    def _warn_of_slip(self) -> None:
         pacer = self._pacer
-        self._told_s = pacer.slipped_s
+        self._warned_s = pacer.slipped_s
         self._warn(
             f"this machine cannot keep up: packets leave up to {pacer.worst_late_s:.2g} s late, so "
             f"simulated time has slipped {pacer.slipped_s:.3g} s behind the wall clock so far "

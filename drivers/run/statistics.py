@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 from evs.drivers.clock import StopWatch
-from evs.drivers.run.config_lint import doubts
+from evs.drivers.run.config_lint import lint
 from evs.drivers.run.report import STAGES, Report, versions
 from evs.drivers.run.sink_set import AuxiliaryStreams
 from evs.msgs import EventPacket
@@ -108,7 +108,7 @@ class Totals:
         return {k: self._sum[k] + found.get(k, 0) - self._base.get(k, 0) for k in names}
 
 
-class Account:
+class RunStatistics:
     """Counts what a world does, over all its resets."""
 
     def __init__(self, world: RunWorld, watch: StopWatch) -> None:
@@ -118,22 +118,22 @@ class Account:
         self.events: dict[str, int] = {}
         """of each camera"""
         self._traced = 0.0
-        self._told_clamps = set[str]()
+        self._warned_clamps = set[str]()
         self.totals = Totals(self._counts)
 
-    def tick(self) -> None:
+    def count_tick(self) -> None:
         """One is done."""
         self.ticks += 1
         cameras = self._world.cameras
         self._traced += sum([camera.traced_fraction for camera in cameras]) / max(1, len(cameras))
 
-    def take(self, packets: Sequence[EventPacket]) -> None:
+    def count_packets(self, packets: Sequence[EventPacket]) -> None:
         """Packets that left the cameras."""
         for packet in packets:
             self.events[packet.camera] = self.events.get(packet.camera, 0) + len(packet)
         self.packets += len(packets)
 
-    def news(self) -> list[str]:
+    def new_warnings(self) -> list[str]:
         """Lines that a user should be told now, each once a camera: ask after every tick.
 
         After the first, that a camera sees nothing lit, and which of its settings are hardly meant;
@@ -143,15 +143,15 @@ class Account:
         for camera in self._world.cameras:
             if self.ticks == 1:
                 name = camera.info.camera
-                lines += doubts(name, camera.info.config)
+                lines += lint(name, camera.info.config)
                 if camera.is_dark:
                     lines.append(
                         f"camera '{name}' sees nothing lit, the picture is dark: give "
                         "the scene a light, or use its headlight (render.headlight=model)"
                     )
-            if camera.clamps and camera.info.camera not in self._told_clamps:
+            if camera.clamps and camera.info.camera not in self._warned_clamps:
                 name = camera.info.camera
-                self._told_clamps.add(name)
+                self._warned_clamps.add(name)
                 lines.append(
                     f"camera '{name}': {camera.clamps:,} values of tick {self.ticks:,} were "
                     "impossible and were replaced or cut (light that is negative, NaN or infinite; "

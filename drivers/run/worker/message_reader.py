@@ -1,4 +1,4 @@
-"""The reading end of a sink aside: whole messages out of the ring, sleep where there are none."""
+"""The reading end of the ring: whole messages one by one, sleep where there are none."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from evs.drivers.run.worker.shared_memory import SharedMemory, fence
 _NAP_S = 0.0004
 """A wake-up costs the camera 8 us, a nap costs it nothing and comes this much later at most."""
 _NAPS = 25
-"""So many in vain, and it is left to the camera to wake us."""
+"""After so many in vain it is left to the camera to wake this process."""
 _SLEEP_MS = 100
-"""After this it is looked around all the same."""
+"""A sleep ends after this even if nobody wakes it."""
 
 
 class TornError(Exception):
-    """The other side is gone, and what is left in the ring is no whole message."""
+    """The camera's process is gone, and what is left in the ring is no whole message."""
 
 
-class Inlet:
-    """Takes messages one by one. TornError after the last."""
+class MessageReader:
+    """Reads messages. TornError after the last."""
 
     def __init__(self, shared: SharedMemory, link: socket.socket) -> None:
         self._slots, self._ring, self._link = shared.slots, RingReader(shared), link
@@ -39,7 +39,7 @@ class Inlet:
         self._idle: Callable[[], None] = lambda: None
 
     def message(self, cameras: tuple[str, ...], idle: Callable[[], None]) -> messages.Message:
-        """The next one; `idle` is called now and then while none comes."""
+        """Wait for the next one; `idle` is called now and then while none comes."""
         self._idle = idle
         return messages.receive(self._read, cameras)
 
@@ -54,7 +54,7 @@ class Inlet:
         return array
 
     def _wait(self) -> None:
-        """Until there is something. TornError: there never will be."""
+        """Wait until there is something to read. TornError: there never will be."""
         if self._gone:
             raise TornError
         for _ in range(_NAPS):
@@ -62,23 +62,23 @@ class Inlet:
             if self._ring.waiting:
                 return
         while not self._gone:
-            # said before the ring is looked at: either we see the message or the camera sees this
+            # set before the ring is read: either we see the message or the camera sees this
             self._slots[shared_memory.SLEEPS] = 1
             fence()
             if self._ring.waiting:
                 self._slots[shared_memory.SLEEPS] = 0
                 return
             if self._poller.poll(_SLEEP_MS):
-                self._take_wakes()
+                self._drain_wakes()
             elif os.getppid() != self._parent:
-                # somebody else may still hold its end of the line
+                # another process may still hold its end of the socket
                 self._gone = True
             self._slots[shared_memory.SLEEPS] = 0
             if self._ring.waiting:
                 return
             self._idle()
 
-    def _take_wakes(self) -> None:
+    def _drain_wakes(self) -> None:
         try:
             self._gone = not self._link.recv(4096, socket.MSG_DONTWAIT)
         except BlockingIOError:

@@ -11,7 +11,7 @@ import numpy as np
 
 from evs.drivers.run.config import SinkConfig, make_sink
 from evs.drivers.run.sink_set import SinkSet
-from evs.drivers.run.worker import AsideSink
+from evs.drivers.run.worker import WorkerSink
 from evs.drivers.sink import Sink
 from evs.emulator.base.protocols import NoMeter
 from evs.msgs import (
@@ -57,9 +57,9 @@ class Camera:
         self.imu_packet = ImuPacket(seq, samples, "eye") if info.imu else None
 
 
-def aside(**given: Any) -> AsideSink:
+def aside(**given: Any) -> WorkerSink:
     sink = make_sink(SinkConfig(aside=True, **given))
-    assert isinstance(sink, AsideSink)
+    assert isinstance(sink, WorkerSink)
     return sink
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers.ros2.gathering import Gatherer
+from evs.drivers.ros2.event_messages import EventMessageBuilder
 from evs.msgs import EventPacket, make_events
 from evs.msgs.codecs import PayloadReader
 
@@ -26,7 +26,7 @@ def test_messages_hold_every_event_once(
     encoding: str, counts: list[int], tick_us: int, start_us: int, threshold_s: float, size: int
 ) -> None:
     random = np.random.default_rng([tick_us, len(counts)])
-    gatherer, reader = Gatherer(encoding, threshold_s, size), PayloadReader(encoding)
+    builder, reader = EventMessageBuilder(encoding, threshold_s, size), PayloadReader(encoding)
     truth, found = [], []
     for seq, count in enumerate(counts):
         begin = start_us + tick_us * seq
@@ -35,9 +35,9 @@ def test_messages_hold_every_event_once(
         events = make_events(t, x, y, p)
         truth.append(events)
         packet = EventPacket(seq, begin, begin + tick_us, 2048, 2048, events)
-        for message in gatherer.add(packet):
+        for message in builder.add(packet):
             found.append((message, packet.time_end_us))
-    found += [(message, start_us + tick_us * len(counts)) for message in gatherer.rest()]
+    found += [(message, start_us + tick_us * len(counts)) for message in builder.rest()]
     decoded = []
     for message, now_us in found:
         events = reader.events(message.data, message.time_base_ns)

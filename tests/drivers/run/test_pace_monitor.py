@@ -12,7 +12,7 @@ import pytest
 from evs.drivers.bus import Publisher, subscribe
 from evs.drivers.clock import Pacer
 from evs.drivers.run import config as pipeline
-from evs.drivers.run.lateness import Lateness
+from evs.drivers.run.pace_monitor import PaceMonitor
 from evs.drivers.run.run import run
 from evs.drivers.run.shipped import PIPELINES
 from evs.emulator import World
@@ -117,18 +117,18 @@ def test_an_impossible_catch_up_is_refused(catch_up_s: float) -> None:
 def test_slipping_is_warned_of_at_once_and_then_ever_more_seldom() -> None:
     clock, lines = Clock(), list[str]()
     pacer = Pacer(1.0, clock, clock.sleep, catch_up_s=0.01)
-    lateness = Lateness(pacer, lines.append)
+    monitor = PaceMonitor(pacer, lines.append)
     warned_s = []
     pacer.start(0)
     for tick in range(1, 100_001):
         clock.now_s += 0.002
         pacer.wait_until(1000 * tick)
         before = len(lines)
-        lateness.look()
+        monitor.update()
         warned_s += [clock.now_s - 50.0] * (len(lines) - before)
     # 200 s of the wall clock: at once, 10 s later, then 20, 40, 80
     assert warned_s == pytest.approx([0.024, 10.024, 30.024, 70.024, 150.024], abs=0.01)
-    lateness.end()
+    monitor.end()
     assert len(lines) == 6
     assert "cannot keep up" in lines[0]
     assert "slipped 100 s behind the wall clock" in lines[-1]
@@ -138,28 +138,28 @@ def test_slipping_is_warned_of_at_once_and_then_ever_more_seldom() -> None:
 def test_who_keeps_up_hears_nothing() -> None:
     clock, lines = Clock(), list[str]()
     pacer = Pacer(1.0, clock, clock.sleep)
-    lateness = Lateness(pacer, lines.append)
+    monitor = PaceMonitor(pacer, lines.append)
     ticking(clock, pacer, lambda _: 0.0009, 100)
-    lateness.look()
-    lateness.end()
+    monitor.update()
+    monitor.end()
     assert lines == []
 
 
 def test_statuses_tell_the_pace_ten_times_a_second() -> None:
     clock = Clock()
     pacer = Pacer(1.0, clock, clock.sleep, catch_up_s=0.01)
-    lateness = Lateness(pacer, lambda _: None)
+    monitor = PaceMonitor(pacer, lambda _: None)
     told = []
     pacer.start(0)
     for tick in range(1, 1001):
         clock.now_s += 0.031 if tick == 500 else 0.0
         pacer.wait_until(1000 * tick)
-        told.append(lateness.news(1000 * tick))
+        told.append(monitor.pace_update(1000 * tick))
     found = [pace for pace in told if pace is not None]
     assert len(found) == 10
     assert found[0] == Pace(1.0, 0, 0, 0, 0)
     assert found[-1] == Pace(1.0, 0, 30_000, 20_000, 1)
-    assert Lateness(Pacer(), lambda _: None).news(100_000) is None
+    assert PaceMonitor(Pacer(), lambda _: None).pace_update(100_000) is None
 
 
 STATUS = Status("cam", 1, 2, 3, 4, False, 8, 6, "ideal", 1000, 0, ("cam",))

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from evs.drivers.run.config import load, make_sink
-from evs.drivers.run.config_lint import doubts
+from evs.drivers.run.config_lint import lint
 from evs.drivers.run.run import run
 from evs.emulator import World
 from evs.emulator.config import SensorConfig
@@ -20,7 +20,7 @@ SCENE = Path(__file__).parents[3] / "config" / "scenes" / "pendulum.xml"
 
 def of(preset: str = "ideal", model: str = "plain", **given: Any) -> list[str]:
     sensor = asdict(resolve_sensor(SensorConfig(preset, **given)))
-    return doubts("eye", {"sensor": sensor, "model": {"name": model}})
+    return lint("eye", {"sensor": sensor, "model": {"name": model}})
 
 
 @pytest.mark.parametrize("preset", preset_names())

@@ -27,7 +27,7 @@ class EventMessage:
     """in it"""
 
 
-class Gatherer:
+class EventMessageBuilder:
     """Gathers one camera's packets; every packet is encoded as it comes."""
 
     def __init__(
