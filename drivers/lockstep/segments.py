@@ -73,6 +73,8 @@ class Segments:
         self._written = False
         self._infos: Sequence[StreamInfo] = ()
         self._reports: list[dict[str, Any]] = []
+        self.failure: EvsError | None = None
+        """of a sink: the run has to end"""
         self.files: list[str] = []
         """every file that was begun, in that order"""
 
@@ -102,14 +104,35 @@ class Segments:
             self._kept.append(share)
             share.sinks.open(share.infos)
 
-    def write(
+    def jump(self, infos: Sequence[StreamInfo]) -> None:
+        """As `begin`, while controllers wait; an error is kept in `failure`."""
+        try:
+            self.begin(infos)
+        except EvsError as error:
+            self.failure = error
+
+    def write_tick(
         self,
         cameras: Sequence[AuxiliaryStreams],
         packets: Sequence[EventPacket],
         t_us: int,
         pace: Pace | None = None,
     ) -> None:
-        """What a tick brought, to all. In: pace, where there is news of it."""
+        """Write everything of a tick to all sinks; an error is kept in `failure`."""
+        if self.failure is not None:
+            return
+        try:
+            self._write_tick(cameras, packets, t_us, pace)
+        except EvsError as error:
+            self.failure = error
+
+    def _write_tick(
+        self,
+        cameras: Sequence[AuxiliaryStreams],
+        packets: Sequence[EventPacket],
+        t_us: int,
+        pace: Pace | None,
+    ) -> None:
         self._written = True
         self._give(self._live, cameras, packets, t_us, pace)
         for share in self._kept or ():
@@ -141,10 +164,7 @@ class Segments:
         pace: Pace | None,
     ) -> None:
         try:
-            if pace is not None:
-                sinks.write_pace(pace)
-            sinks.write_auxiliary(cameras, t_us)
-            sinks.write(packets)
+            sinks.write_tick(cameras, packets, t_us, pace)
         except SinkStoppedError as error:
             # it was the last of its kind, of which the others are told by a warning
             self._warn(str(error))

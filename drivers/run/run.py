@@ -1,4 +1,4 @@
-"""The run loop: step the world, hand its packets to the sinks, however it ends close them all."""
+"""A run of a given duration: nobody answers to the events, so the world steps by itself."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from evs.drivers.clock import Pacer, StopWatch, monotonic_s
-from evs.drivers.run.pace_monitor import PaceMonitor
-from evs.drivers.run.report import COMPLETE, Report
+from evs.drivers.run.report import Report
+from evs.drivers.run.run_loop import RunLoop
 from evs.drivers.run.sink_set import SinkSet
-from evs.drivers.run.statistics import RunStatistics, RunWorld
+from evs.drivers.run.statistics import RunWorld
 from evs.drivers.run.stop_signals import stop_signals
 from evs.drivers.sink import Sink
-from evs.msgs import EventPacket, EvsError, StreamInfo
+from evs.msgs import EventPacket, EvsError
 
 MAX_SECONDS = 1e9
 """Longer than 30 years is a mistake, not a run."""
@@ -71,156 +71,106 @@ def run(
     on_report: Callable[[Report], None] | None = None,
     config: Mapping[str, Any] | None = None,
 ) -> Report:
-    """Run a world for `duration_s` of simulated time, whole ticks, and report.
+    """Run a world for a duration, in whole ticks.
 
-    In: `meter` is the one the world laps. `config` stands in the report. `begun` is called once all
-    sinks are open, before the first tick. `warn` gets a line for each thing that is legal but
-    hardly meant. `on_report` gets the report exactly once, after all sinks are closed, however the
-    run ends; a run whose sinks did not open never began.
-    Ctrl-C and SIGTERM end the run after the current tick: the report's `ended` says so. An error
-    (EvsError from physics or a sink, anything else) is raised after every sink was closed, so
-    that what was recorded until then is complete.
+    Ctrl-C and SIGTERM end the run after the current tick: the report's `ended` says so.
+
+    Args:
+        world: Stepped once a tick.
+        sinks: Not open yet.
+        duration_s: Simulated time.
+        meter: The one that the world laps.
+        pace: What a tick waits for before its packets leave; free if None.
+        progress: Called after every tick.
+        observers: Called after every tick.
+        begun: Called once all sinks are open, before the first tick.
+        warn: Gets a line for each thing that is legal but hardly meant.
+        on_report: Gets the report exactly once, after all sinks are closed, however the run ends; a
+            run whose sinks did not open never began.
+        config: Stands in the report.
+
+    Returns:
+        The report.
+
+    Raises:
+        EvsError: From physics or a sink, like any other error, after every sink was closed: what
+            was recorded until then is complete.
     """
-    infos = [camera.info for camera in world.cameras]
-    loop = _Loop(world, sinks, meter or StopWatch(), pace or Pacer(), warn)
-    failure: BaseException | None = None
-    try:
-        ticks = tick_count(duration_s, infos[0].tick_us if infos else 1000)
-        loop.open(infos)
-        if begun is not None:
-            begun()
-        loop.ticks(ticks, progress, observers)
-    except KeyboardInterrupt:
-        loop.ended = f"interrupted at {loop.sim_seconds:.6g} s"
-    except BaseException as error:
-        loop.ended = f"error at {loop.sim_seconds:.6g} s: {error or type(error).__name__}"
-        failure = error
-    closing = loop.close()
-    if isinstance(closing, KeyboardInterrupt):
-        loop.ended = f"interrupted at {loop.sim_seconds:.6g} s, while closing"
-    elif closing is not None and failure is None:
-        loop.ended, failure = f"error while closing: {closing}", closing
-    report = loop.statistics.report(
-        ended=loop.ended,
-        sim_seconds=loop.sim_seconds,
-        wall_seconds=loop.wall_seconds,
-        sinks=loop.sinks.reports,
-        pace=loop.pacer.report(),
-        warnings=loop.warnings,
-        config=dict(config or {}),
-    )
-    if on_report is not None and loop.began:
-        on_report(report)
-    if failure is not None:
-        raise failure
-    return report
+    watch, pacer = meter or StopWatch(), pace or Pacer()
+    loop = _TimedRun(world, sinks, duration_s, watch, pacer, progress, observers, warn)
+    return loop.run(begun, on_report, config)
 
 
-class _Loop:
-    """The state of one run."""
+class _TimedRun(RunLoop):
+    """Steps the world until its ticks are done or somebody wants it to stop."""
 
     def __init__(
         self,
         world: RunWorld,
         sinks: Sequence[Sink],
+        duration_s: float,
         watch: StopWatch,
         pacer: Pacer,
+        progress: Callable[[Progress], None] | None,
+        observers: Sequence[Observer],
         warn: Callable[[str], None] | None,
     ) -> None:
-        self.world, self.watch, self.pacer, self.warn = world, watch, pacer, warn
-        self.sinks = SinkSet(sinks, watch, self._warn)
-        self.pace_monitor = PaceMonitor(pacer, self._warn)
-        self.ended = COMPLETE
-        self.began = False
-        self.statistics = RunStatistics(world, watch)
-        self.begin_us = world.t_us
-        self.wall_seconds = 0.0
-        self.warnings = list(world.left_out)
-
-    @property
-    def done(self) -> int:
-        return self.statistics.ticks
+        self._sink_set = SinkSet(sinks, watch, self.warn)
+        super().__init__(world, self._sink_set, watch, pacer, warn)
+        self._duration_s, self._progress, self._observers = duration_s, progress, observers
+        self._begin_us = world.t_us
+        self._ticks = 0
 
     @property
     def sim_seconds(self) -> float:
-        return (self.world.t_us - self.begin_us) / 1e6
+        """Simulated seconds so far."""
+        return (self.world.t_us - self._begin_us) / 1e6
 
-    def open(self, infos: Sequence[StreamInfo]) -> None:
-        self.sinks.open(infos)
-        self.began = True
+    def start(self) -> None:
+        """Open the sinks. EvsError where the duration is no number of ticks."""
+        infos = [camera.info for camera in self.world.cameras]
+        self._ticks = tick_count(self._duration_s, infos[0].tick_us if infos else 1000)
+        self._sink_set.open(infos)
 
-    def ticks(
-        self,
-        ticks: int,
-        progress: Callable[[Progress], None] | None,
-        observers: Sequence[Observer],
-    ) -> None:
+    def drive(self) -> None:
+        """Step, tick by tick."""
         start_s = monotonic_s()
         self.pacer.start(self.world.t_us)
         with stop_signals() as stopped:
-            while self.done < ticks and not stopped:
-                packets = self._tick()
-                if self.sinks.stop_wanted:
+            while self.statistics.ticks < self._ticks and not stopped:
+                self.watch.begin_tick()
+                packets = self.world.step()
+                self.deliver(packets)
+                if self._sink_set.stop_wanted:
                     stopped.append("stopped")
                 self.wall_seconds = monotonic_s() - start_s
-                for observer in observers:
-                    observer(self.done, self.world, packets)
-                for line in self.statistics.new_warnings():
-                    self._warn(line)
-                if progress is not None:
-                    sofar = sum(self.statistics.events.values())
-                    where = (self.done, ticks, self.sim_seconds, sofar, self.wall_seconds)
-                    progress(Progress(*where))
-        if rest := self._finish():
-            for observer in observers:
-                observer(self.done, self.world, rest)
-        if stopped and self.done < ticks:
+                self._observe(packets)
+        if rest := self._flush():
+            for observer in self._observers:
+                observer(self.statistics.ticks, self.world, rest)
+        if stopped and self.statistics.ticks < self._ticks:
             self.ended = f"{stopped[0]} at {self.sim_seconds:.6g} s"
         self.pace_monitor.end()
 
-    def _tick(self) -> tuple[EventPacket, ...]:
-        watch = self.watch
-        watch.begin_tick()
-        packets = self.world.step()
-        watch.lap("pack")
-        # a packet leaves when the wall clock reaches the end of its tick
-        self.pacer.wait_until(self.world.t_us)
-        self.pace_monitor.update()
-        watch.skip()
-        if pace := self.pace_monitor.pace_update(self.world.t_us):
-            self.sinks.write_pace(pace)
-        self.sinks.write_auxiliary(self.world.cameras, self.world.t_us)
-        self._write(packets)
-        watch.lap("sink")
-        watch.end_tick()
-        self.statistics.count_tick()
-        return packets
+    def stop(self) -> None:
+        """Write what the cameras still hold back, however the run ended."""
+        self._flush()
 
-    def _finish(self) -> tuple[EventPacket, ...]:
-        """The packets that would have left with later ones."""
-        packets = self.world.finish()
-        self._write(packets)
-        return packets
-
-    def _write(self, packets: tuple[EventPacket, ...]) -> None:
-        self.sinks.write(packets)
-        self.statistics.count_packets(packets)
-
-    def _warn(self, line: str) -> None:
-        self.warnings.append(line)
-        if self.warn is not None:
+    def _observe(self, packets: tuple[EventPacket, ...]) -> None:
+        """Call everybody who follows the run, after a tick."""
+        done = self.statistics.ticks
+        for observer in self._observers:
+            observer(done, self.world, packets)
+        for line in self.statistics.new_warnings():
             self.warn(line)
+        if self._progress is not None:
+            sofar = sum(self.statistics.events.values())
+            where = (done, self._ticks, self.sim_seconds, sofar, self.wall_seconds)
+            self._progress(Progress(*where))
 
-    def close(self) -> BaseException | None:
-        """Close every sink that was opened, the last first; the first error, if any.
-
-        What the cameras still hold back is written before, however the run ended.
-        """
-        first: BaseException | None = None
-        try:
-            if self.began:
-                self._finish()
-        except BaseException as error:  # whatever it is, the sinks must be closed
-            first = error
-        closing = self.sinks.close()
-        return first or closing
+    def _flush(self) -> tuple[EventPacket, ...]:
+        """Write the packets that would have left with later ones."""
+        packets = self.world.finish()
+        self._sink_set.write(packets)
+        self.statistics.count_packets(packets)
+        return packets

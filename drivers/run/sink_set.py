@@ -96,6 +96,26 @@ class SinkSet:
             with disk_errors():
                 sink.open(infos)
 
+    def write_tick(
+        self,
+        cameras: Sequence[AuxiliaryStreams],
+        packets: Sequence[EventPacket],
+        t_us: int,
+        pace: Pace | None = None,
+    ) -> None:
+        """Hand over everything of a tick, in the order that Sink promises.
+
+        Args:
+            cameras: After the tick.
+            packets: Their events.
+            t_us: Simulated time at the end of the tick, us.
+            pace: How the run keeps its pace, where that is due.
+        """
+        if pace is not None:
+            self.write_pace(pace)
+        self.write_auxiliary(cameras, t_us)
+        self.write(packets)
+
     def write(self, packets: Sequence[EventPacket]) -> None:
         """Hand event packets to the sinks."""
         for packet in packets:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evs.drivers import settings
-from evs.drivers.lockstep import running
+from evs.drivers.lockstep import serve as served
 from evs.drivers.run import config as pipeline
 from evs.drivers.run.report import check_targets
 from evs.launch.support import terminal
@@ -31,7 +31,7 @@ def serve(
     Args:
         config: the configuration.
         quiet: print only warnings.
-        make_loop: as of running.serve.
+        make_loop: as of lockstep.serve.
         reported_config: the configuration that the report shows for a loop that is not the
             configuration's.
     """
@@ -47,7 +47,7 @@ def serve(
                 flush=True,
             )
 
-    report, files = running.serve(
+    report, files = served.serve(
         config,
         make_loop=make_loop,
         warn=terminal.warn,

@@ -12,8 +12,8 @@ import pytest
 from evs.drivers import files
 from evs.drivers.clock import Pacer, StopWatch
 from evs.drivers.lockstep import segments
-from evs.drivers.lockstep.running import LoopWithSinks
 from evs.drivers.lockstep.segments import Segments, camera_path, segment_path
+from evs.drivers.lockstep.serve import ServedRun
 from evs.drivers.run.config import SinkConfig
 from evs.drivers.run.shipped import PIPELINES
 from evs.drivers.sink import Sink, SinkStoppedError
@@ -66,7 +66,7 @@ class Bench:
         loop = Loop(SCENE, sensor="dvs128", threads=1)
         watch = StopWatch()
         beside = Segments(tables, watch, self.lines.append)
-        self.loop = LoopWithSinks(loop, beside, watch, Pacer(), self.lines.append)
+        self.loop = ServedRun(loop, beside, watch, Pacer(), self.lines.append)
         beside.open(loop.streams)
 
 
@@ -105,7 +105,7 @@ def test_a_full_disk_is_told_and_the_controller_goes_on(monkeypatch: pytest.Monk
     bench.loop.reset()
     assert bench.loop.step([0.0], 5).t_us == 5000
     assert bench.lines == ["the disk is full"]
-    assert bench.loop.failure is None
+    assert bench.loop.segments.failure is None
     assert len(bench.made[-1].packets) == 3
 
 
@@ -115,7 +115,7 @@ def test_a_sink_that_fails_does_not_look_as_if_the_loop_had_refused(
     bench = Bench(monkeypatch, [FILE], write=EvsError("broken"))
     bench.loop.reset()
     assert bench.loop.step([0.0], 5).t_us == 5000
-    assert str(bench.loop.failure) == "broken"
+    assert str(bench.loop.segments.failure) == "broken"
 
 
 def test_so_does_one_that_cannot_begin_another_file(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,7 +123,7 @@ def test_so_does_one_that_cannot_begin_another_file(monkeypatch: pytest.MonkeyPa
     bench.loop.reset()
     bench.loop.step([0.0])
     assert bench.loop.reset().t_us == 0
-    assert str(bench.loop.failure) == "no place"
+    assert str(bench.loop.segments.failure) == "no place"
 
 
 def test_what_the_loop_refuses_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -152,7 +152,7 @@ def test_each_of_two_cameras_has_files_of_its_own(tmp_path: Path) -> None:
         SinkConfig(type="aedat4", file=str(tmp_path / "run.aedat4")),
         SinkConfig(type="npz", file=str(tmp_path / "run.npz")),
     ]
-    beside = LoopWithSinks(loop, Segments(tables, watch, lines.append), watch, Pacer(), print)
+    beside = ServedRun(loop, Segments(tables, watch, lines.append), watch, Pacer(), print)
     beside.segments.open(loop.streams)
     beside.reset(seed=1)
     seen = beside.step([0.5], 60)

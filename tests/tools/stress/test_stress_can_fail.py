@@ -96,7 +96,7 @@ def test_pixels_that_are_not_blind(monkeypatch: Patch) -> None:
 
 @pytest.mark.parametrize("name", ["sigma-over-theta", "refractory-beyond-run", "cutoff-0.01-hz"])
 def test_settings_that_nobody_is_warned_of(name: str, monkeypatch: Patch) -> None:
-    monkeypatch.setattr(statistics, "doubts", lambda _camera, _config: [])
+    monkeypatch.setattr(statistics, "lint", lambda _camera, _config: [])
     found = tried(name)
     assert found.measurement is not None
     assert not found.measurement.recovered
@@ -147,7 +147,7 @@ def test_weights_that_are_not_zero(monkeypatch: Patch) -> None:
 
 @pytest.mark.parametrize("name", ["x-at-its-clamp", "weights-1e6"])
 def test_clamps_that_nobody_is_told_of(name: str, monkeypatch: Patch) -> None:
-    monkeypatch.setattr(statistics.RunStatistics, "news", lambda _statistics: [])
+    monkeypatch.setattr(statistics.RunStatistics, "new_warnings", lambda _statistics: [])
     assert not tried(name).holds
 
 
@@ -157,12 +157,12 @@ def test_a_clock_that_is_waited_for_or_not_told_of(monkeypatch: Patch) -> None:
         found = tried("clock-jumps")
         assert found.measurement is not None
         assert found.measurement.value > 1e6
-    monkeypatch.setattr(PaceMonitor, "look", lambda _monitor: None)
+    monkeypatch.setattr(PaceMonitor, "update", lambda _monitor: None)
     assert not tried("clock-jumps").holds
 
 
 def test_time_that_is_stolen_and_not_told_of(monkeypatch: Patch) -> None:
-    monkeypatch.setattr(PaceMonitor, "_tell", lambda _monitor: None)
+    monkeypatch.setattr(PaceMonitor, "_warn_of_slip", lambda _monitor: None)
     assert not tried("stolen-time").holds
 
 

@@ -1,4 +1,4 @@
-"""A run in lock-step: the loop of a pipeline, its sinks, its server, its report."""
+"""A run that controllers drive: the loop of a pipeline, its sinks, its server, its report."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from evs.drivers.lockstep.segments import Segments
 from evs.drivers.lockstep.server import LockstepServer
 from evs.drivers.run.config import PipelineConfig
 from evs.drivers.run.pace_config import PACES
-from evs.drivers.run.pace_monitor import PaceMonitor
-from evs.drivers.run.report import COMPLETE, Report
-from evs.drivers.run.statistics import RunStatistics, Totals
+from evs.drivers.run.report import Report
+from evs.drivers.run.run_loop import RunLoop
+from evs.drivers.run.statistics import Totals
 from evs.drivers.run.stop_signals import stop_signals
 from evs.emulator import Loop, World
 from evs.emulator.base.protocols import Meter
@@ -53,87 +53,59 @@ def serve(
     on_report: Callable[[Report], None] | None = None,
     said_config: Mapping[str, Any] | None = None,
 ) -> tuple[Report, list[str]]:
-    """Serve until Ctrl-C, SIGTERM or a `stop` at a control port; the report, the files recorded.
+    """Serve until Ctrl-C, SIGTERM or a `stop` at a control port.
 
-    In: make_loop, where the loop is another than the pipeline's; begun is called with World.chosen
-    and ready with the address once controllers may connect; said_config stands in the report;
-    the others as of pipeline.run.
-    Raises EvsError as that does.
+    Args:
+        config: Of the pipeline, whose pace is lockstep or which serves in real time.
+        make_loop: Makes the loop where it is another than the pipeline's.
+        meter: The one that the loop's world laps.
+        warn: Gets a line for each thing that is legal but hardly meant.
+        begun: Called with World.chosen once controllers may connect.
+        ready: Called with the server's address after that.
+        on_report: As of run.run.
+        said_config: Stands in the report.
+
+    Returns:
+        The report, and the files that were recorded.
+
+    Raises:
+        EvsError: As run.run does.
     """
     watch = meter or StopWatch()
-    warnings: list[str] = []
-
-    def tell(line: str) -> None:
-        warnings.append(line)
-        if warn is not None:
-            warn(line)
-
     loop = make_loop(watch) if make_loop is not None else loop_of(config, watch)
-    warnings += loop.world.left_out
     pacer = Pacer(PACES.get(config.pace, 0.0), catch_up_s=config.realtime.catch_up_s)
-    segments = Segments(config.sinks(), watch, tell, config.beside)
-    beside = LoopWithSinks(loop, segments, watch, pacer, tell)
+    segments = Segments(config.sinks(), watch, lambda line: run.warn(line), config.beside)
+    run = ServedRun(loop, segments, watch, pacer, warn)
     keys = config.lockstep
-    server = (RealtimeServer if config.realtime.serve else LockstepServer)(
-        beside,
+    run.server = (RealtimeServer if config.realtime.serve else LockstepServer)(
+        run,
         keys.address,
         controllers=keys.controllers,
         timeout_s=keys.timeout_s,
         key=keys.key,
         allow=keys.allow,
         insecure=keys.insecure,
-        warn=tell,
+        warn=run.warn,
     )
-    ended = COMPLETE
-    failure: BaseException | None = None
-    begin_s, began = monotonic_s(), False
-    try:
-        # sinks first: whoever connects may step at once
-        beside.segments.open(loop.streams)
-        server.open()
-        began = True
+
+    def announce() -> None:
         if begun is not None:
             begun(loop.world.chosen)
         if ready is not None:
-            ready(server.address)
-        begin_s = monotonic_s()
-        with stop_signals() as stopped:
-            beside.stopped = stopped
-            while not stopped and beside.failure is None and not beside.segments.stop_wanted:
-                server.poll()
-        failure = beside.failure
-        beside.pace_monitor.end()
-        ended = f"{stopped[0] if stopped else 'stopped'} at {beside.sim_seconds:.6g} s"
-    except KeyboardInterrupt:
-        ended = f"interrupted at {beside.sim_seconds:.6g} s"
-    except BaseException as error:
-        failure = error
-    wall_s = monotonic_s() - begin_s
-    if failure is not None:
-        ended = f"error at {beside.sim_seconds:.6g} s: {failure or type(failure).__name__}"
-    server.close()
-    closing = beside.segments.close()
-    if closing is not None and failure is None:
-        ended, failure = f"error while closing: {closing}", closing
-    report = beside.statistics.report(
-        ended=ended,
-        sim_seconds=beside.sim_seconds,
-        wall_seconds=wall_s,
-        sinks=beside.segments.reports,
-        warnings=warnings,
-        config=dict(said_config or {}),
-        pace=pacer.report(),
-        loop={**server.report(), **beside.lost(), "files": beside.segments.files},
-    )
-    if on_report is not None and began:
-        on_report(report)
-    if failure is not None:
-        raise failure
-    return report, beside.segments.files
+            ready(run.server.address)
+
+    report = run.run(announce, on_report, said_config)
+    return report, segments.files
 
 
-class LoopWithSinks:
-    """A served loop that hands every tick to sinks, undelayed, and keeps the account of it."""
+class ServedRun(RunLoop):
+    """A run whose ticks controllers ask for; the loop that its server serves.
+
+    Sinks get every tick undelayed. Where one of them fails the run ends, but a controller that has
+    asked for the tick is not refused: the loop has moved.
+    """
+
+    server: LockstepServer
 
     def __init__(
         self,
@@ -141,29 +113,56 @@ class LoopWithSinks:
         segments: Segments,
         watch: StopWatch,
         pacer: Pacer,
-        warn: Callable[[str], None],
+        warn: Callable[[str], None] | None,
     ) -> None:
-        """In: pacer, what a tick waits for before its packets leave."""
-        self._pacer, self.pace_monitor = pacer, PaceMonitor(pacer, warn)
-        self.segments, self.statistics = segments, RunStatistics(loop.world, watch)
-        self.failure: EvsError | None = None
-        """of a sink: the run has to end"""
-        self.stopped: Sequence[str] = ()
-        """holds something once the run has to end"""
+        """Make a run that has not begun; arguments as of RunLoop."""
+        super().__init__(loop.world, segments, watch, pacer, warn)
+        self.segments = segments
+        self._stopped: Sequence[str] = ()
         self._step_s, self._ticks_left = 0.0, 0
-        self._loop, self._watch, self._warn = loop, watch, warn
+        self._loop = loop
         self._lost = Totals(
             lambda: {
                 "packets_lost": sum(loop.dropped.values()),
                 "events_lost": loop.events_dropped,
             }
         )
-        loop.on_tick = self._take
+        loop.on_tick = self._on_tick
 
     @property
     def sim_seconds(self) -> float:
-        """Simulated seconds of all ticks."""
+        """Simulated seconds of all ticks, over all resets."""
         return self.statistics.ticks * self._loop.tick_us / 1e6
+
+    def start(self) -> None:
+        """Open the sinks, then the server: whoever connects may step at once."""
+        self.segments.open(self._loop.streams)
+        self.server.open()
+
+    def drive(self) -> None:
+        """Answer controllers until somebody wants the run to stop, or a sink fails."""
+        begin_s = monotonic_s()
+        try:
+            with stop_signals() as stopped:
+                self._stopped = stopped
+                while (
+                    not stopped and self.segments.failure is None and not self.segments.stop_wanted
+                ):
+                    self.server.poll()
+            self.pace_monitor.end()
+            self.ended = f"{stopped[0] if stopped else 'stopped'} at {self.sim_seconds:.6g} s"
+            if self.segments.failure is not None:
+                raise self.segments.failure
+        finally:
+            self.wall_seconds = monotonic_s() - begin_s
+
+    def stop(self) -> None:
+        """Release the server's port."""
+        self.server.close()
+
+    def describe(self) -> dict[str, Any]:
+        """What the server did, what the delay model lost over all episodes, and the files."""
+        return {**self.server.report(), **self._lost.now(), "files": self.segments.files}
 
     def reset(
         self, seed: int | None = None, keyframe: str = "", state: bool = False
@@ -174,7 +173,7 @@ class LoopWithSinks:
     def step(self, ctrl: npt.ArrayLike | None = None, ticks: int = 1) -> Observation:
         """As of the loop."""
         self._step_s, self._ticks_left = monotonic_s(), ticks
-        self._watch.begin_tick()
+        self.watch.begin_tick()
         return self._loop.step(ctrl, ticks)
 
     def save(self, compress: bool = False) -> bytes:
@@ -184,10 +183,6 @@ class LoopWithSinks:
     def restore(self, blob: bytes) -> Observation:
         """As of the loop; recordings of the time before it are complete then."""
         return self._jump(lambda: self._loop.restore(blob))
-
-    def lost(self) -> dict[str, int]:
-        """What the delay model lost, over all episodes."""
-        return self._lost.now()
 
     @property
     def actuators(self) -> Sequence[str]:
@@ -224,29 +219,14 @@ class LoopWithSinks:
         """As of the loop."""
         return self._loop.done
 
-    def _take(self, packets: tuple[EventPacket, ...]) -> None:
-        """After a tick. What a sink cannot do is no refusal of the loop, which has moved."""
-        watch, world = self._watch, self._loop.world
-        watch.lap("pack")
-        self._pacer.wait_until(world.t_us)
-        self.pace_monitor.update()
-        watch.skip()
-        if self.failure is None:
-            try:
-                pace = self.pace_monitor.pace_update(world.t_us)
-                self.segments.write(world.cameras, packets, world.t_us, pace)
-            except EvsError as error:
-                self.failure = error
-        self.statistics.count_packets(packets)
-        self.statistics.count_tick()
+    def _on_tick(self, packets: tuple[EventPacket, ...]) -> None:
+        self.deliver(packets)
         for line in self.statistics.new_warnings():
-            self._warn(line)
-        watch.lap("sink")
-        watch.end_tick()
+            self.warn(line)
         # the step's next tick, if it has one
-        watch.begin_tick()
+        self.watch.begin_tick()
         self._ticks_left -= 1
-        if self.stopped and self._ticks_left > 0 and monotonic_s() - self._step_s > _STEP_ENDS_S:
+        if self._stopped and self._ticks_left > 0 and monotonic_s() - self._step_s > _STEP_ENDS_S:
             raise EvsError("the server of the loop has ended")
 
     def _jump(self, move: Callable[[], Observation]) -> Observation:
@@ -255,9 +235,6 @@ class LoopWithSinks:
         seen = move()
         self.statistics.totals.jumped(before)
         self._lost.jumped(lost)
-        self._pacer.start(self._loop.t_us)
-        try:
-            self.segments.begin(self._loop.streams)
-        except EvsError as error:
-            self.failure = error
+        self.pacer.start(self._loop.t_us)
+        self.segments.jump(self._loop.streams)
         return seen
