@@ -15,6 +15,7 @@ from evs.drivers import settings
 from evs.drivers.files import formats, overwriting
 from evs.drivers.run import driver_parameters
 from evs.drivers.run.driver_parameters import DriverParameters
+from evs.drivers.run.key_aliases import PUBLISH, resolved_key, resolved_tables
 from evs.drivers.run.pace_config import LOCKSTEP, PACES, LockstepConfig, RealtimeConfig
 from evs.drivers.run.paths import beside, in_package, with_paths
 from evs.drivers.run.shipped import pipelines
@@ -72,7 +73,8 @@ class SinkConfig(DriverParameters):
     period_us: int | None = None
     """rerun: simulated time from one picture to the next, us"""
     aside: bool | None = None
-    """true: in a process of its own, so that it costs the camera a copy; not given: as the run's"""
+    """true: in a process of its own, so that it costs the camera a copy; not given: as the run's;
+    worker, worker_mb and worker_cores are other names of these three"""
     aside_mb: float | None = None
     """aside: MB of packets that may wait for that process, 64 if not given"""
     aside_cores: tuple[int, ...] | None = None
@@ -163,7 +165,7 @@ class PipelineConfig(RunConfig):
     """true: a recording whose file is there goes beside it, as run-1.aedat4: what evs launch sets
     for a node that it starts again"""
     aside: bool = False
-    """true: every sink that does not say otherwise runs in a process of its own"""
+    """true: every sink that does not say otherwise runs in a process of its own; also: worker"""
     ahead: int = 2
     """ticks whose physics and light may be made while pixels and sinks work on the present one, on
     two cores and threads or more; 0: one after the other. The same bytes"""
@@ -208,16 +210,9 @@ class PipelineConfig(RunConfig):
         return tuple(sorted(every, key=lambda sink: sink.file is not None))
 
     def _published(self) -> SinkConfig:
-        return SinkConfig(
-            type="zmq",
-            address=self.publish,
-            wait_for=self.publish_wait_for or None,
-            wait_s=self.publish_wait_s if self.publish_wait_for else None,
-            control=self.publish_control or None,
-            key=self.publish_key or None,
-            allow=self.publish_allow or None,
-            insecure=self.publish_insecure or None,
-        )
+        keys = {key: getattr(self, alias) or None for alias, key in PUBLISH.items()}
+        keys["wait_s"] = self.publish_wait_s if self.publish_wait_for else None
+        return SinkConfig(type="zmq", **keys)
 
 
 def load(
@@ -235,9 +230,9 @@ def load(
     if path is not None:
         config = _from_file(path)
     else:
-        config = settings.build(PipelineConfig, tables or {})
+        config = settings.build(PipelineConfig, resolved_tables(tables or {}))
     for key, text in overrides:
-        config = settings.override(config, key, text)
+        config = settings.override(config, resolved_key(key), text)
     config = with_paths(config, in_package)
     check(config, path)
     return config
@@ -247,7 +242,7 @@ def _from_file(path: Path) -> PipelineConfig:
     """What a pipeline file says; its name stands before an error in it."""
     tables = settings.read_toml(path)
     try:
-        config = settings.build(PipelineConfig, tables)
+        config = settings.build(PipelineConfig, resolved_tables(tables))
     except EvsError as error:
         raise EvsError(f"{path}: {error}") from None
     return with_paths(config, lambda text: beside(path, text))
@@ -267,9 +262,10 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
         raise EvsError(
             f"at ahead: {config.ahead} ticks; give 0 (one after the other) ... {MAX_AHEAD}"
         )
-    for key in ("wait_for", "control", "key", "allow", "insecure"):
-        if getattr(config, f"publish_{key}") and not config.publish:
-            raise EvsError(f"at publish_{key}: of no use without publish (--publish ADDRESS)")
+    for alias, key in PUBLISH.items():
+        # wait_s has a default
+        if key != "wait_s" and getattr(config, alias) and not config.publish:
+            raise EvsError(f"at {alias}: of no use without publish (--publish ADDRESS)")
     seeds = SEEDS.get(config.render.renderer, ())
     if seeds and config.render.seeds not in seeds:
         raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))

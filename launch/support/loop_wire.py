@@ -24,7 +24,7 @@ WORLD: dict[str, dict[str, float | None]] = {
 """option -> the loops that it is for, and what it is there where it is not given"""
 
 SERVED = (
-    *("record", "overwrite", "beside", "publish", "sink", "aside", "report"),
+    *("record", "overwrite", "beside", "publish", "sink", "aside", "worker", "report"),
     *("lockstep", "pace", "realtime"),
 )
 """keys of a pipeline that --serve takes, by how they begin"""
