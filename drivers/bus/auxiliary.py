@@ -1,4 +1,4 @@
-"""What came beside the packets of events: counted, and kept until the next one is handed out."""
+"""Messages of all topics but events: counted, and kept until the next event packet is returned."""
 
 from __future__ import annotations
 
@@ -47,18 +47,18 @@ _MOST_COMING_BYTES = 512 * 1024 * 1024
 
 
 class AuxiliaryMessages:
-    """Messages of all topics but events and status."""
+    """Receives the messages of all topics but events and status."""
 
     def __init__(self) -> None:
         self.gaps: dict[tuple[str, str], Gaps] = {}
-        """(topic, camera) -> the account of what was missed"""
+        """(topic, camera) -> what was lost"""
         self.clock: Clock | None = None
         self.infos: dict[str, CameraInfo] = {}
         self._coming: list[tuple[Counted, int]] = []
         self._bytes = 0
 
     def take(self, kind: str, camera: str, parts: list[Any]) -> bool:
-        """Keep one message; whether it was of one of these topics. MessageError as the decoders."""
+        """Keep a message; return whether it was of these topics. MessageError as the decoders."""
         if kind in _WITH_RAW and len(parts) == 3:
             self._keep(kind, camera, _WITH_RAW[kind](parts[1], parts[2]), len(parts[2]))
         elif kind == POSE.name and len(parts) == 2:
@@ -76,14 +76,14 @@ class AuxiliaryMessages:
         return True
 
     def on_status(self, status: Status) -> None:
-        """A status came after all of these that were sent before it: what is not here is lost."""
+        """Count losses: a status comes after all messages that were sent before it."""
         for topic, seq in status.last.items():
             gaps = self.gaps.get((topic, status.camera))
             if gaps is not None:
                 gaps.on_last(seq)
 
     def hand_out(self) -> list[Counted]:
-        """What came since the last call."""
+        """Return what came since the last call."""
         handed = [message for message, _ in self._coming]
         self._coming.clear()
         self._bytes = 0
@@ -114,5 +114,5 @@ class AuxiliaryMessages:
 
 
 def of_kind(messages: list[Counted], kind: type[M]) -> tuple[M, ...]:
-    """Those of one kind, in their order."""
+    """Return those of one kind, in their order."""
     return tuple(one for one in messages if isinstance(one, kind))

@@ -1,4 +1,4 @@
-"""The native check of events that leave or come in, which costs a packet far less than numpy's."""
+"""The native check of events that leave or arrive: far cheaper than numpy's for each packet."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Telling a person when the connection to a publisher is cut, and when it is there again."""
+"""Warnings for a person when the connection to a publisher is cut, and when it is back."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from evs.drivers.bus.subscriber import Subscription
 
 
 class Connection:
-    """Watches a subscription that somebody else receives from."""
+    """Watches a subscription from which others receive."""
 
     def __init__(self, stream: Subscription, warn: Callable[[str], None]) -> None:
-        """In: warn(line), once for each change."""
+        """Watch `stream`; warn(line) is called once for each change."""
         self._stream, self._warn = stream, warn
         self._was_there = False
         self._is_cut = False
 
     def update(self) -> None:
-        """Tell what has changed since the last look."""
+        """Warn of what has changed since the last call."""
         address, status = self._stream.address, self._stream.status
         there = self._stream.connected
         if self._was_there and not there and not (status is not None and status.end):

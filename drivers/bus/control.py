@@ -1,4 +1,4 @@
-"""The control port: one ROUTER that says what is here and where. REQ clients work.
+"""The control port: one ROUTER that describes what is here and where. REQ clients work.
 
 A request is a msgpack map {"request": NAME}; the answer is one with "ok" and either what was asked
 for or "error", a line. See docs/reference/wire.md. Polled by the thread that sends; it never waits.
@@ -17,7 +17,7 @@ from evs.msgs.header_fields import shown
 from evs.msgs.packet import packb, unpackb
 
 PROTOCOL = 1
-"""Version of what is said here; a client of another one should not guess."""
+"""Version of this protocol; a client of another one should not guess."""
 
 MAX_REQUEST_BYTES = 4096
 """Longest request."""
@@ -26,7 +26,7 @@ MAX_ANSWER_BYTES = 1024 * 1024
 """Longest answer."""
 
 _MOST_AT_ONCE = 8
-"""Requests answered at one look: the others wait, the camera does not."""
+"""Requests answered at one poll: the others wait, the camera does not."""
 _MOST_PARTS = 3
 """identity, the empty part that REQ puts in and DEALER may leave out, request"""
 

@@ -1,4 +1,4 @@
-"""Asking a publisher's control port: who is here, where, and the end of the run."""
+"""Requests to a publisher's control port: who is here, where, and the end of the run."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _WILDCARDS = ("0.0.0.0", "[::]", "*")
 
 @dataclass(frozen=True)
 class Described:
-    """What a publisher says of itself."""
+    """A publisher's description of itself."""
 
     address: str
     """Where its packets are, for `subscribe`."""
@@ -41,8 +41,7 @@ def discover(
 
     Raises EvsError where nobody answers within `timeout_s`, or what answers is no publisher.
     """
-    asked = "describe"
-    answer = request(control, asked, timeout_s=timeout_s, server_key=server_key, key=key)
+    answer = request(control, "describe", timeout_s=timeout_s, server_key=server_key, key=key)
     if integer(answer, "protocol", 0, 2**31) != PROTOCOL:
         raise EvsError(
             f"the publisher at {control} speaks version {answer['protocol']} of the protocol, not "
@@ -98,15 +97,15 @@ def _answer(client: Socket, address: str, timeout_s: float) -> dict[str, Any]:
 
 def _reachable(answer: dict[str, Any], field: str, control: str) -> str:
     """An address as it is bound, from here: every address of its machine means the one we asked."""
-    told = answer.get(field)
-    if not isinstance(told, str) or not (told.startswith(("tcp://", "ipc://")) or told == ""):
-        raise MessageError(f"field {field!r} is {shown(told)}, not an address")
-    if is_ipc(told):
-        return told
-    host, _, port = told.removeprefix("tcp://").rpartition(":")
+    given = answer.get(field)
+    if not isinstance(given, str) or not (given.startswith(("tcp://", "ipc://")) or given == ""):
+        raise MessageError(f"field {field!r} is {shown(given)}, not an address")
+    if is_ipc(given):
+        return given
+    host, _, port = given.removeprefix("tcp://").rpartition(":")
     if host in _WILDCARDS:
         return f"{connectable(control).rpartition(':')[0]}:{port}"
-    return told
+    return given
 
 
 def _maps(answer: dict[str, Any], field: str) -> tuple[dict[str, Any], ...]:

@@ -50,13 +50,13 @@ def write_keys(name: str | Path) -> tuple[Path, Path]:
         # a link to nowhere is there, too
         if os.path.lexists(path):
             raise EvsError(f"'{path}' is there already: give the new keys another name")
-    said = (
+    text = (
         f'# a public key of evs: give it to whoever talks to its owner\npublic = "{keys.public}"\n'
     )
-    _write_new(public, 0o644, said)
-    said = f"# a secret key of evs: it never leaves this machine\npublic = {keys.public!r}\n"
+    _write_new(public, 0o644, text)
+    text = f"# a secret key of evs: it never leaves this machine\npublic = {keys.public!r}\n"
     try:
-        _write_new(secret, 0o600, f"{said}secret = {keys.secret!r}\n")
+        _write_new(secret, 0o600, f"{text}secret = {keys.secret!r}\n")
     except EvsError:
         # half a pair is of no use
         public.unlink(missing_ok=True)

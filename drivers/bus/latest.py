@@ -21,7 +21,7 @@ _KERNEL_BYTES = 16 * 1024
 
 
 class Watchers:
-    """Counts the clients of a PUB socket, which, unlike XPUB, does not tell of subscriptions."""
+    """Counts the clients of a PUB socket, which, unlike XPUB, does not report subscriptions."""
 
     def __init__(self, server: Socket) -> None:
         self.count = 0
@@ -30,7 +30,7 @@ class Watchers:
         self.socket: Socket = server.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED | gone)
 
     def update(self) -> int:
-        """How many there are now."""
+        """Return how many there are now."""
         while readable(self.socket):
             event = recv_monitor_message(self.socket, zmq.NOBLOCK)["event"]
             came = event == zmq.EVENT_HANDSHAKE_SUCCEEDED

@@ -166,9 +166,9 @@ class Ports:
             stream = channel.stream
             plain = ("camera", "width", "height", "sensor", "tick_us", "seed", "latency_us")
             listeners = {topic.name: count for topic, count in channel.listeners.items()}
-            told = {key: getattr(stream, key) for key in plain}
+            described = {key: getattr(stream, key) for key in plain}
             cameras.append(
-                {**told, "frames": stream.frames, "imu": stream.imu, "subscribers": listeners}
+                {**described, "frames": stream.frames, "imu": stream.imu, "subscribers": listeners}
             )
         return {
             "protocol": PROTOCOL,

@@ -66,16 +66,8 @@ _MOST_REQUESTS = 1000
 class Publisher(Sink):
     """Publishes the packets of cameras on tcp://HOST:PORT or ipc:///PATH. One thread uses it.
 
-    Nothing is encoded or sent while nobody subscribes. A subscriber that is too slow loses the
-    newest packets once `queue` of them wait for it, and can count them; nobody else notices. `open`
-    waits up to `wait_s` until `wait_for` subscribers of events are there. `close` repeats the last
-    status while subscribers are connected, `linger_s` at most.
-
-    With `control`, an address, a second port tells who is here and where, and takes requests; a
-    third, `latest` (any free port if not given), has the newest state. With `key`, the file
-    NAME.secret.key of a pair that `evs keygen` made, all is encrypted and only those listen who
-    know its public key; with `allow` (public keys: files, folders of files, or written out) only
-    their owners. Without, `insecure` has to say that other machines may listen.
+    Topics without subscribers cost nothing. A subscriber that is too slow loses the newest packets
+    once `queue` of them wait for it, and can count them; nobody else notices.
     """
 
     streams = frozenset(
@@ -100,6 +92,26 @@ class Publisher(Sink):
         allow: Sequence[str] = (),
         insecure: bool = False,
     ) -> None:
+        """Make a publisher that is not open yet.
+
+        Args:
+            address: Where packets are published.
+            wait_for: Subscribers of events that `open` waits for.
+            wait_s: How long it waits, s.
+            queue: Packets that may wait for each subscriber.
+            linger_s: How long `close` repeats the last status at most while subscribers are
+                connected, s.
+            control: Address of a port that describes what is here and where, and takes requests.
+            latest: Address of the newest state; any free port if only `control` is given.
+            truth_hz: Ground truth per simulated second.
+            key: The file NAME.secret.key of a pair that `evs keygen` made. Traffic is encrypted
+                then, and only clients that know the public key can subscribe.
+            allow: Public keys (files, folders of files, or written out) whose owners alone may.
+            insecure: Whether other machines may subscribe where there is no key.
+
+        Raises:
+            EvsError: A value or an address that cannot be, a key that cannot be read.
+        """
         if wait_for < 0:
             raise EvsError(f"wait_for is {wait_for}: give the number of subscribers, 0 or more")
         if not wait_s >= 0:
@@ -121,10 +133,10 @@ class Publisher(Sink):
         self._quick = quick_check()
         self._address = address
         self._clock_us: int | None = None
-        self._has_beside = self._heard = False
+        self._has_auxiliary = self._requests_read = False
         self._sent = {"packets_sent": 0, "events_sent": 0, "bytes_sent": 0, "statuses_sent": 0}
         self._unsent = {"packets_unsubscribed": 0, "packets_oversized": 0}
-        self._beside = {"frames_sent": 0, "imu_samples_sent": 0}
+        self._auxiliary_sent = {"frames_sent": 0, "imu_samples_sent": 0}
 
     @property
     def address(self) -> str:
@@ -143,7 +155,7 @@ class Publisher(Sink):
 
     @property
     def subscribers(self) -> int:
-        """Subscribers of events at the last look."""
+        """Subscribers of events when requests were read last."""
         return self._audience.subscribers
 
     @property
@@ -156,10 +168,10 @@ class Publisher(Sink):
         if self._socket is not None:
             raise EvsError("this publisher is open already: close it first, or make another")
         self._audience = Audience(make_channels(streams))
-        self._has_beside = any(stream.frames or stream.imu for stream in streams)
+        self._has_auxiliary = any(stream.frames or stream.imu for stream in streams)
         try:
             self._socket = server = self._ports.make(zmq.XPUB, self._wanted_address)
-            # every subscription and its end is told, so that subscribers can be counted
+            # reports every subscription and its end, so that subscribers can be counted
             server.set(zmq.XPUB_VERBOSER, 1)
             server.set(zmq.SNDHWM, self._queue)
             server.set(zmq.MAXMSGSIZE, _REQUEST_BYTES)
@@ -207,7 +219,7 @@ class Publisher(Sink):
         channel.last[FRAMES.name] = frame.seq
         if channel.listeners[FRAMES] and frame.pixels.nbytes <= MAX_FRAME_BYTES:
             self._send(server, channel, FRAMES, *encode_frame(frame))
-            self._beside["frames_sent"] += 1
+            self._auxiliary_sent["frames_sent"] += 1
 
     def write_imu(self, packet: ImuPacket) -> None:
         """Send one tick's IMU samples to whoever subscribes to them. Raises EvsError as write."""
@@ -215,14 +227,14 @@ class Publisher(Sink):
         channel.last[IMU.name], channel.imu = packet.seq, packet
         if channel.listeners[IMU] and packet.samples.nbytes <= MAX_FRAME_BYTES:
             self._send(server, channel, IMU, *encode_imu(packet))
-            self._beside["imu_samples_sent"] += len(packet)
+            self._auxiliary_sent["imu_samples_sent"] += len(packet)
 
     def wants_pose(self, camera: str) -> bool:
-        """Whether somebody listens to poses, or looks at the newest state."""
-        self._heard = False
+        """Return whether somebody subscribes to poses, or watches the newest state."""
+        self._requests_read = False
         _, channel = self._channel(camera)
-        # it is asked before each packet, which need not listen again: that costs more than the rest
-        self._heard = True
+        # called before each packet, which need not read again: that costs more than the rest
+        self._requests_read = True
         return channel.listeners[POSE] > 0 or self._ports.watched
 
     def write_pose(self, pose: Pose) -> None:
@@ -233,12 +245,12 @@ class Publisher(Sink):
             self._send(server, channel, POSE, encode_pose(pose))
 
     def write_pace(self, pace: Pace) -> None:
-        """The statuses from now on say how the run keeps its pace."""
+        """Report how the run keeps its pace in the statuses from now on."""
         for channel in self._audience.channels.values():
             channel.pace = pace
 
     def wants_truth(self, camera: str, t_us: int) -> bool:
-        """Whether somebody listens to ground truth, and `truth_hz` gives some for this instant."""
+        """Return whether somebody subscribes to ground truth, and `truth_hz` has it due now."""
         channel = self._audience.channels[camera]
         begin_us = t_us - channel.stream.tick_us
         return channel.listeners[TRUTH] > 0 and t_us // self._truth_us > begin_us // self._truth_us
@@ -254,22 +266,22 @@ class Publisher(Sink):
             self._send(server, channel, TRUTH, header, raw)
 
     def _channel(self, camera: str) -> tuple[Socket, Channel]:
-        """The socket, with everything heard, and the channel of a camera."""
+        """The socket, with all requests read, and the channel of a camera."""
         if self._socket is None:
             raise EvsError("this publisher is not open: call open(streams) first")
         channel = self._audience.channels.get(camera)
         if channel is None:
             raise unknown("camera on the bus", camera, self._audience.channels)
-        if not self._heard:
-            self._hear(self._socket)
-        self._heard = False
+        if not self._requests_read:
+            self._read_requests(self._socket)
+        self._requests_read = False
         return self._socket, channel
 
     def close(self) -> dict[str, Any]:
-        """Tell the subscribers the totals, then release the port. Safe to call twice."""
+        """Send the totals to the subscribers, then release the port. Safe to call twice."""
         if self._socket is not None:
             try:
-                self._say_goodbye(self._socket)
+                self._send_end(self._socket)
             finally:
                 self._release()
         return {
@@ -277,13 +289,13 @@ class Publisher(Sink):
             "address": self._address,
             **self._sent,
             **self._unsent,
-            **(self._beside if self._has_beside else {}),
+            **(self._auxiliary_sent if self._has_auxiliary else {}),
             **self._ports.report,
         }
 
     def _await_subscribers(self, server: Socket) -> None:
         deadline_s = monotonic_s() + self._wait_s
-        self._hear(server)
+        self._read_requests(server)
         while self.subscribers < self._wait_for:
             remaining_s = deadline_s - monotonic_s()
             if remaining_s <= 0:
@@ -292,10 +304,10 @@ class Publisher(Sink):
                     f"within {self._wait_s:g} s: start them first, e.g. evs echo {self._address}"
                 )
             self._ports.poll(min(1000, max(1, int(remaining_s * 1000))))
-            self._hear(server)
+            self._read_requests(server)
 
-    def _hear(self, server: Socket) -> None:
-        """Take in who came and who went, and what is asked at the other ports."""
+    def _read_requests(self, server: Socket) -> None:
+        """Read who came and who left, and the requests at the other ports."""
         self._ports.poll_requests()
         for _ in range(_MOST_REQUESTS):
             if not readable(server):
@@ -332,13 +344,13 @@ class Publisher(Sink):
             self._clock_us = t_us
             send_parts(server, (CLOCK.of(""), encode_clock(Clock(t_us))))
 
-    def _say_goodbye(self, server: Socket) -> None:
+    def _send_end(self, server: Socket) -> None:
         """Repeat every camera's end status until nobody listens or the time is up.
 
-        A status is dropped by a full queue like any packet, so saying it once is not enough.
+        A full queue drops a status like any packet, so sending it once is not enough.
         """
         deadline_s = monotonic_s() + self._linger_s
-        self._hear(server)
+        self._read_requests(server)
         if self._ports.watched:
             self._ports.publish_state(end=True)
             self._ports.poll(_REPEAT_MS)
@@ -348,7 +360,7 @@ class Publisher(Sink):
             if monotonic_s() >= deadline_s:
                 break
             self._ports.poll(_REPEAT_MS)
-            self._hear(server)
+            self._read_requests(server)
 
     def _release(self) -> None:
         # what is still queued belongs to subscribers that did not read for the whole linger time

@@ -1,4 +1,4 @@
-"""The receiving end of the bus: packets in order, and an exact account of what was missed."""
+"""The receiving end of the bus: packets in order, and an exact count of what was lost."""
 
 from __future__ import annotations
 

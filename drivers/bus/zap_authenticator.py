@@ -13,7 +13,7 @@ from evs.drivers.bus.sockets import Context, Socket, readable
 
 _ENDPOINT = "inproc://zeromq.zap.01"
 _MOST_AT_ONCE = 16
-"""Handshakes answered at one look: a crowd at the gate waits, the camera does not."""
+"""Handshakes answered at one poll: a crowd of clients waits, the camera does not."""
 
 
 class ZapAuthenticator:
@@ -35,8 +35,8 @@ class ZapAuthenticator:
             version, request, *asked = self.socket.recv_multipart(zmq.NOBLOCK)
             welcome = asked[3:4] == [b"CURVE"] and (not self._allowed or asked[4] in self._allowed)
             self.refused += not welcome
-            said = (b"200", b"OK") if welcome else (b"400", b"this key may not come in")
-            self.socket.send_multipart([version, request, *said, b"", b""], zmq.NOBLOCK)
+            answer = (b"200", b"OK") if welcome else (b"400", b"this key may not come in")
+            self.socket.send_multipart([version, request, *answer, b"", b""], zmq.NOBLOCK)
 
     def close(self) -> None:
         """Nobody comes in any more."""

@@ -89,8 +89,8 @@ class Client:
             return False
         return True
 
-    def hear(self) -> bool:
-        """Throw away what it says, for it has nothing to say; False where it has gone."""
+    def read(self) -> bool:
+        """Discard what it sends, which means nothing; return False once it has left."""
         try:
             return bool(self.link.recv(_RECEIVE_BYTES))
         except BlockingIOError:

@@ -49,11 +49,11 @@ class Port:
         self.number = int(self._listener.getsockname()[1])
         selector.register(self._listener, selectors.EVENT_READ, (self, None))
 
-    def hear(self, client: Client | None) -> None:
-        """Somebody knocks (None), or a client said something or went."""
+    def read(self, client: Client | None) -> None:
+        """Accept a new client (None), or read what a client sent; it may have left."""
         if client is None:
             self._accept()
-        elif not client.hear():
+        elif not client.read():
             self._drop(client)
 
     def send(self, message: bytes, elements: int) -> None:

@@ -47,8 +47,8 @@ class DvServer(Sink):
     PORT + 3 (those that the camera has), the next camera's on PORT + 4 and so on; with port 0 each
     is a free one. Nothing is encoded for a stream without clients. A client that is too slow loses
     the oldest packets once `queue` of them (or 64 MiB) wait for it; nobody else notices, and the
-    camera never waits. One that takes nothing for `patience_s` is hung up on. One thread uses it:
-    clients are heard and served whenever the camera writes.
+    camera never waits. One that takes nothing for `patience_s` is disconnected. One thread uses it:
+    clients are read and served whenever the camera writes.
     """
 
     streams = frozenset({Stream.EVENTS, Stream.FRAMES, Stream.IMU, Stream.TRIGGERS})
@@ -65,7 +65,21 @@ class DvServer(Sink):
         linger_s: float = LINGER_S,
         patience_s: float = PATIENCE_S,
     ) -> None:
-        """In: wait_for clients of events before `open` returns; insecure: other machines too."""
+        """Make a server that is not open yet.
+
+        Args:
+            address: tcp://HOST:PORT, of the events of the first camera.
+            compression: lz4, zstd or none.
+            queue: Packets that may wait for each client.
+            wait_for: Clients of events that `open` waits for.
+            wait_s: How long it waits, s.
+            insecure: Whether other machines may connect.
+            linger_s: How long `close` sends what still waits, s.
+            patience_s: After how long without reading a client is disconnected, s.
+
+        Raises:
+            EvsError: A value or an address that cannot be.
+        """
         for name, value, least in (
             ("queue", queue, 1),
             ("wait_for", wait_for, 0),
@@ -83,7 +97,7 @@ class DvServer(Sink):
         self._selector: selectors.BaseSelector | None = None
         self._ports: dict[tuple[str, int], Port] = {}
         self._address = address
-        self._said: dict[str, Any] = {}
+        self._closed_report: dict[str, Any] = {}
 
     @property
     def ports(self) -> dict[str, int]:
@@ -111,7 +125,7 @@ class DvServer(Sink):
 
     def write(self, packet: EventPacket) -> None:
         """Send one packet to the clients of events; serve those of the other streams too."""
-        self._hear()
+        self._read_clients()
         port = self._port_of(packet.camera, description.EVENT_STREAM)
         if len(packet) and port.clients:
             self._send(
@@ -145,11 +159,11 @@ class DvServer(Sink):
             try:
                 self._linger()
             finally:
-                self._said = self._counts()
+                self._closed_report = self._counts()
                 self._release()
                 # what lingered in vain counts as dropped
-                self._said |= self._totals()
-        return {"type": "dv", "address": self._address, **self._said}
+                self._closed_report |= self._totals()
+        return {"type": "dv", "address": self._address, **self._closed_report}
 
     def _bind(self, stream: StreamInfo, number: int, wanted: int) -> Port:
         assert self._selector is not None
@@ -174,15 +188,15 @@ class DvServer(Sink):
         self.meter.lap("pack")
         port.send(message, elements)
 
-    def _hear(self, wait_s: float = 0.0) -> None:
-        """Take in who came, went or said something."""
+    def _read_clients(self, wait_s: float = 0.0) -> None:
+        """Read who came, left or sent something."""
         if self._selector is None:
             return
         for key, _ in self._selector.select(wait_s):
             port, client = key.data
             # an earlier one of these may have ended it
             if client is None or client in port.clients:
-                port.hear(client)
+                port.read(client)
 
     def _await_clients(self) -> None:
         deadline_s = monotonic_s() + self._wait_s
@@ -193,7 +207,7 @@ class DvServer(Sink):
                     f"{came} of {self._wait_for} DV clients came to {self._address} within "
                     f"{self._wait_s:g} s: start them while this waits, or give wait_s more"
                 )
-            self._hear(min(_WAIT_S, remaining_s))
+            self._read_clients(min(_WAIT_S, remaining_s))
 
     def _listeners(self) -> int:
         ports = self._ports.items()
@@ -205,7 +219,7 @@ class DvServer(Sink):
             remaining_s = deadline_s - monotonic_s()
             if remaining_s <= 0:
                 break
-            self._hear()
+            self._read_clients()
             with selectors.DefaultSelector() as takers:
                 for port in self._ports.values():
                     for link in port.waiting_links():
@@ -218,7 +232,7 @@ class DvServer(Sink):
             remaining_s = deadline_s - monotonic_s()
             if remaining_s <= 0:
                 return
-            self._hear(remaining_s)
+            self._read_clients(remaining_s)
 
     def _counts(self) -> dict[str, Any]:
         every = self._ports.values()

@@ -1,4 +1,4 @@
-"""A decision of everybody: complete when all who joined have said the same thing to do."""
+"""The barrier of a step: complete once all who joined have decided, and on the same."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Decision = Reset | Step | Restore
 
 
 class Barrier:
-    """The decisions that are there, until they are all there."""
+    """Collects the decisions of all clients."""
 
     def __init__(self, clients: Clients) -> None:
         self.since_s: float | None = None
@@ -35,7 +35,7 @@ class Barrier:
         return [one for one in self._clients.present if one not in self.decisions]
 
     def add(self, identity: bytes, decision: Decision, now_s: float) -> None:
-        """Take one controller's decision. Raises EvsError, and it has decided nothing."""
+        """Add one controller's decision. Raises EvsError, and it has decided nothing."""
         client = self._clients.present[identity]
         # it may change its mind as long as the others have not all decided
         self.withdraw(identity)
@@ -45,7 +45,8 @@ class Barrier:
             if not _agree(theirs, decision):
                 name = self._clients.present[other].name
                 raise EvsError(
-                    f"'{name}' asks for {_said(theirs)} and '{client.name}' for {_said(decision)}: "
+                    f"'{name}' asks for {_describe(theirs)} and "
+                    f"'{client.name}' for {_describe(decision)}: "
                     "all controllers have to ask for the same"
                 )
         if not self.decisions:
@@ -53,7 +54,7 @@ class Barrier:
         self.decisions[identity] = decision
 
     def withdraw(self, identity: bytes) -> None:
-        """It has not decided after all."""
+        """Remove its decision."""
         self.decisions.pop(identity, None)
         if not self.decisions:
             self.since_s = None
@@ -69,17 +70,23 @@ class Barrier:
             )
 
     def clear(self) -> dict[bytes, Decision]:
-        """Begin anew; the decisions that were there."""
-        taken, self.decisions, self.since_s = self.decisions, {}, None
-        return taken
+        """Begin anew; return the decisions that were there."""
+        decisions, self.decisions, self.since_s = self.decisions, {}, None
+        return decisions
 
 
 def joint_controls(
     decisions: dict[bytes, Decision], clients: dict[bytes, Client], last: Callable[[], F64]
 ) -> F64 | None:
-    """All controllers' controls as one vector (nu,); None: every one of them keeps its own.
+    """Join all controllers' controls.
 
-    In: last, the vector that was decided last; who keeps keeps its part of it.
+    Args:
+        decisions: Of each identity.
+        clients: By identity.
+        last: Returns the vector that was decided last; a client without controls keeps its part.
+
+    Returns:
+        (nu,), or None where every client keeps its own.
     """
     given: list[tuple[Client, F64]] = []
     for identity, decision in decisions.items():
@@ -103,7 +110,7 @@ def _agree(one: Decision, other: Decision) -> bool:
     return isinstance(one, Restore) and isinstance(other, Restore) and one.blob == other.blob
 
 
-def _said(decision: Decision) -> str:
+def _describe(decision: Decision) -> str:
     if isinstance(decision, Step):
         return f"a step of {decision.ticks} tick{'s' if decision.ticks > 1 else ''}"
     if isinstance(decision, Reset):

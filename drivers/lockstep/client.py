@@ -52,12 +52,22 @@ def connect(
     server_key: str = "",
     key: str = "",
 ) -> RemoteLoop:
-    """Join a closed loop that is served at tcp://HOST:PORT or ipc:///PATH.
+    """Join a closed loop that is served elsewhere.
 
-    In: name, of this controller, its own; actuators, those it controls, in the order of its
-    controls, None all; cameras, those it wants to see, None all; timeout_s, how long an answer may
-    take, and the server to appear; server_key, key: as of evs.subscribe. Raises EvsError: nobody
-    there, no seat free, unknown names.
+    Args:
+        address: Of the server: tcp://HOST:PORT or ipc:///PATH.
+        name: Of this controller; no other may have it.
+        actuators: Those it controls, in the order of its controls; all if None.
+        cameras: Those it wants to see; all if None.
+        timeout_s: How long an answer may take, and the server to appear, s.
+        server_key: The server's public key, if it has one.
+        key: File of this controller's secret key, if the server lets in only some.
+
+    Returns:
+        The loop, joined.
+
+    Raises:
+        EvsError: Nobody there, no seat free, unknown names.
     """
     return RemoteLoop(
         address,
@@ -107,14 +117,14 @@ class RemoteLoop:
         self._end: ClientEnd | None = None
         self._end = ClientEnd(connectable(address), public, own, MAX_BLOB_BYTES + _MARGIN_BYTES)
         try:
-            told, raw = self._ask(wanted)
+            described, raw = self._ask(wanted)
             if len(raw) != 1:
                 raise MessageError(f"an answer of {1 + len(raw)} frames to a join, not 2")
-            self.tick_us = integer(told, "tick_us", 1, 2**62)
+            self.tick_us = integer(described, "tick_us", 1, 2**62)
             """length of a tick, us"""
-            self.actuators = names_field(told, "actuators") or ()
+            self.actuators = names_field(described, "actuators") or ()
             """names of the actuators that are this controller's, in the order of its controls"""
-            self.cameras: tuple[StreamInfo, ...] = _streams(told)
+            self.cameras: tuple[StreamInfo, ...] = _streams(described)
             """what is constant of each camera that it sees"""
             self.ctrl_range: F64 = floats(raw[0], "ctrl_range").reshape(-1, 2)
             """(nu, 2) lowest and highest control of each actuator"""
@@ -143,9 +153,14 @@ class RemoteLoop:
         return self._seen(Reset(seed, str(keyframe), bool(state)))
 
     def step(self, ctrl: npt.ArrayLike | None = None, ticks: int = 1) -> Observation:
-        """Decide; what is seen when every controller has decided and the ticks are done.
+        """Decide, and wait until every controller has decided and the ticks are done.
 
-        In: ctrl (nu,) of this controller's actuators; None keeps the last.
+        Args:
+            ctrl: (nu,) of this controller's actuators; None keeps the last.
+            ticks: How many to advance.
+
+        Returns:
+            What is seen then.
         """
         if type(ticks) is not int or not 1 <= ticks <= MAX_TICKS:
             raise EvsError(f"ticks is {ticks!r}: a step is 1 ... {MAX_TICKS} ticks")
@@ -211,9 +226,9 @@ class RemoteLoop:
         while True:
             came = self._end.receive()
             if came:
-                told, fields = decode_header(came[0])
+                answered, fields = decode_header(came[0])
                 # the answer to a request that was given up, or to one sent twice
-                if told == number or told == 0:
+                if answered == number or answered == 0:
                     return decode_reply(fields), came[1:]
                 continue
             now_s = monotonic_s()
@@ -272,9 +287,9 @@ def _names(names: Sequence[str] | None, what: str) -> tuple[str, ...] | None:
     return tuple(names)
 
 
-def _streams(told: dict[str, Any]) -> tuple[StreamInfo, ...]:
+def _streams(described: dict[str, Any]) -> tuple[StreamInfo, ...]:
     """The cameras of a join's answer."""
     try:
-        return tuple(camera_of(one) for one in told["cameras"])
+        return tuple(camera_of(one) for one in described["cameras"])
     except (KeyError, TypeError) as reason:
         raise MessageError(f"the server's cameras cannot be understood: {reason!r}") from None

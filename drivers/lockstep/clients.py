@@ -15,7 +15,7 @@ from evs.msgs.lockstep import Join, Parts
 
 @dataclass
 class Client:
-    """One controller."""
+    """One controller that has joined."""
 
     name: str
     peer: Peer
@@ -34,7 +34,7 @@ class Client:
 
 
 class Clients:
-    """All of them. Raises EvsError for whom there is no seat."""
+    """All controllers that have joined. Raises EvsError for one that may not."""
 
     def __init__(
         self, actuators: Sequence[str], streams: Sequence[StreamInfo], controllers: int
@@ -56,7 +56,7 @@ class Clients:
         return ", ".join(f"'{client.name}'" for client in self.present.values()) or "nobody"
 
     def admit(self, peer: Peer, join: Join) -> Client:
-        """Give a controller its seat; the same to one that asks for it again."""
+        """Let a controller join; return the same Client to one that asks again."""
         before = self.present.get(peer[0])
         if before is not None and before.joined == join:
             return before

@@ -1,4 +1,4 @@
-"""What a server says of itself to those who come."""
+"""A server's description of itself, for clients."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _STREAM = ("camera", "width", "height", "sensor", "tick_us", "seed", "latency_us
 
 
 def description(loop: ServedLoop, clients: Clients) -> dict[str, Any]:
-    """Cameras, actuators and who is here, as plain values of a header."""
+    """Describe cameras, actuators and who is here, as plain values of a header."""
     return {
         "protocol": LOCKSTEP_PROTOCOL,
         "tick_us": loop.tick_us,
@@ -24,9 +24,11 @@ def description(loop: ServedLoop, clients: Clients) -> dict[str, Any]:
     }
 
 
-def camera_of(told: dict[str, Any]) -> StreamInfo:
-    """A camera of a description."""
-    return StreamInfo(**{key: told[key] for key in _STREAM}, frames=told["frames"], imu=told["imu"])
+def camera_of(described: dict[str, Any]) -> StreamInfo:
+    """Return a camera of a description."""
+    return StreamInfo(
+        **{key: described[key] for key in _STREAM}, frames=described["frames"], imu=described["imu"]
+    )
 
 
 def _stream(stream: StreamInfo) -> dict[str, Any]:

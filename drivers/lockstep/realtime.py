@@ -15,12 +15,12 @@ from evs.msgs.lockstep import Bye, Parts, Restore, Step
 from evs.msgs.lockstep.common import F64
 
 _MOST_AT_ONCE = 256
-"""Requests taken between two ticks: who sends them without end does not stop the clock."""
+"""Requests handled between two ticks: a client that sends without end cannot stop the clock."""
 
 
 @dataclass
 class _View:
-    """What a controller has not been told yet, and what it asked for."""
+    """What a controller has not received yet, and what it asked for."""
 
     answered_us: int
     """simulated time of its last answer"""
@@ -33,13 +33,13 @@ class _View:
 
 
 class RealtimeServer(LockstepServer):
-    """Serves a loop whose ticks wait for the wall clock (the loop itself does that), for nobody.
+    """Serves a loop whose ticks wait for the wall clock (the loop does that) and for nobody else.
 
     It stands still until the first reset, which every controller asks for, and after an episode's
     end. A step's control acts in the next tick, and for good: the latest wins. Its answer comes
-    once `ticks` ticks have passed since the last answer, at once if they have, and has all that was
-    seen since. Who asks for nothing in `timeout_s` loses its seat; its last control goes on acting,
-    as does that of who leaves.
+    once `ticks` ticks have passed since the last answer, at once if they have, with everything that
+    was seen since. A controller that asks for nothing in `timeout_s` loses its seat; its last
+    control goes on acting, as does that of one that leaves.
     """
 
     _views: dict[bytes, _View]
@@ -53,7 +53,7 @@ class RealtimeServer(LockstepServer):
         super().open()
 
     def poll(self) -> bool:
-        """Take what has come, then do one tick; or wait for a moment where nothing goes on."""
+        """Handle what has come, then do one tick; or wait for a moment where nothing goes on."""
         if not self._going:
             return super().poll()
         if self._end is None:
@@ -94,16 +94,16 @@ class RealtimeServer(LockstepServer):
         self._going = not self._loop.done
 
     def _break(self, line: str) -> None:
-        """Who waits for a reset hears why it does not come; time goes on."""
+        """Tell those who wait for a reset why it does not come; time goes on."""
         super()._break(line)
         self._fault = ""
 
     @property
-    def _state_said(self) -> str:
-        return "time goes on" if self._going else super()._state_said
+    def _next_moves(self) -> str:
+        return "time goes on" if self._going else super()._next_moves
 
     def _give_up(self) -> None:
-        """Who goes on by itself keeps nobody waiting but for a reset."""
+        """A loop that goes on by itself keeps nobody waiting but for a reset."""
         if not self._going or not self._clients.full:
             super()._give_up()
             return
@@ -130,7 +130,7 @@ class RealtimeServer(LockstepServer):
             self._views[client.peer[0]].answered_s = monotonic_s()
 
     def _withdraw(self, identity: bytes) -> None:
-        """Its control acts all the same: it has arrived."""
+        """Drop its request; its control acts all the same, since it has arrived."""
         super()._withdraw(identity)
         if identity in self._views:
             self._views[identity].step = None
@@ -148,7 +148,7 @@ class RealtimeServer(LockstepServer):
             self._answer_due(identity)
 
     def _answer_due(self, identity: bytes) -> None:
-        """Answer its step, if it is time or there will be none."""
+        """Answer its step, if it is due or no further tick comes."""
         view, client = self._views[identity], self._clients.present[identity]
         if view.step is None or not view.seen:
             return
@@ -166,7 +166,7 @@ class RealtimeServer(LockstepServer):
         return self._views[identity]
 
     def _miss(self) -> None:
-        """Take out who is gone, or has asked for nothing for too long."""
+        """Remove those who are gone, or have asked for nothing for too long."""
         assert self._end is not None
         for identity in self._end.gone():
             self._lose([identity], "has gone (its connection closed)")
@@ -181,7 +181,7 @@ class RealtimeServer(LockstepServer):
 
 
 def _together(seen: list[Observation]) -> Observation:
-    """What several ticks brought, at the time of the last."""
+    """Join what several ticks brought, at the time of the last."""
     if len(seen) == 1:
         return seen[0]
     joined: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""Sinks beside a closed loop: live ones go on over resets, each stretch of time has its file."""
+"""The sinks of a closed loop: live ones go on over resets, each segment of time has its file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NO_NAME = re.compile(r"[^\w.-]")
 
 
 def segment_path(file: str, number: int) -> str:
-    """run.aedat4, run-episode-002.aedat4, ...: where segment `number` (from 1) is recorded."""
+    """Return where segment `number` (from 1) is recorded: run.aedat4, run-episode-002.aedat4 ..."""
     path = Path(file)
     return (
         file
@@ -30,14 +30,14 @@ def segment_path(file: str, number: int) -> str:
 
 
 def camera_path(file: str, camera: str) -> str:
-    """run-left.aedat4: where one of several cameras is recorded."""
+    """Return where one of several cameras is recorded: run-left.aedat4."""
     path = Path(file)
     return str(path.with_name(f"{path.stem}-{_NO_NAME.sub('_', camera)}{path.suffix}"))
 
 
 @dataclass(frozen=True)
 class _Share:
-    """Recorders, with the cameras that are theirs."""
+    """Recorders, with the cameras that they record."""
 
     sinks: SinkSet
     infos: tuple[StreamInfo, ...]
@@ -62,7 +62,14 @@ class Segments:
         warn: Callable[[str], None],
         beside: bool = False,
     ) -> None:
-        """In: beside, as of PipelineConfig."""
+        """Make the sinks; `open` opens them.
+
+        Args:
+            tables: Of every sink.
+            meter: Every sink gets it.
+            warn: Gets one line for each sink that stops.
+            beside: As of PipelineConfig.
+        """
         self._beside, self._place = beside, 0
         self._files = [table for table in tables if table.file or table.rrd]
         self._meter, self._warn = meter, warn
@@ -85,7 +92,7 @@ class Segments:
         self.begin(infos)
 
     def begin(self, infos: Sequence[StreamInfo]) -> None:
-        """Time has jumped. What was recorded until now is complete."""
+        """Begin a segment: time has jumped, and what was recorded until now is complete."""
         if self._kept is not None and not self._written and list(infos) == list(self._infos):
             return
         self._close_files()
@@ -96,8 +103,8 @@ class Segments:
         shares = [share for table in self._files for share in self._shares(table)]
         names = [name for name, _ in shares]
         if len(set(names)) < len(names):
-            told = ", ".join(names)
-            raise EvsError(f"two of {told} are one file: give each sink a name of its own")
+            several = ", ".join(names)
+            raise EvsError(f"two of {several} are one file: give each sink a name of its own")
         self.files += names
         self._kept, self._begun = [], len(names)
         for _, share in shares:

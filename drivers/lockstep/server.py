@@ -47,7 +47,7 @@ class LockstepServer:
     """Serves a loop to one or many controllers. One thread uses it: `open`, `serve`, `close`.
 
     A controller that does not decide within `timeout_s` of the first that did, or whose connection
-    closes, loses its seat; the others hear of it, and the loop waits for a reset or a restore.
+    closes, loses its seat; the others are notified, and the loop waits for a reset or a restore.
     """
 
     def __init__(
@@ -62,9 +62,20 @@ class LockstepServer:
         insecure: bool = False,
         warn: Callable[[str], None] | None = None,
     ) -> None:
-        """In: controllers, how many have to be there; keys as of the bus's Publisher.
+        """Make a server that is not open yet.
 
-        Raises EvsError for what cannot be.
+        Args:
+            loop: What controllers step.
+            address: Where they connect: tcp://HOST:PORT or ipc:///PATH.
+            controllers: How many have to have joined before anything moves.
+            timeout_s: How long the others wait for one's decision, s.
+            key: File of the secret key, as of the bus's Publisher; `allow` and `insecure` too.
+            allow: Public keys that may control the loop.
+            insecure: Whether other machines may without a key.
+            warn: Gets a line for each controller that is lost.
+
+        Raises:
+            EvsError: A value or an address that cannot be.
         """
         if not 1 <= controllers <= MAX_NAMES:
             raise EvsError(f"controllers is {controllers}: give 1 ... {MAX_NAMES}")
@@ -102,7 +113,7 @@ class LockstepServer:
             self.poll()
 
     def poll(self) -> bool:
-        """Take one request, or none if none comes for a moment; whether one came."""
+        """Handle one request, or none if none comes for a moment; return whether one came."""
         if self._end is None:
             raise EvsError("this server is not open: call open() first")
         came = self._end.receive()
@@ -116,7 +127,7 @@ class LockstepServer:
         return came is not None
 
     def close(self) -> None:
-        """Release the port; who is still here hears that it ends. Safe to call twice."""
+        """Release the port; clients that wait are told that it ends. Safe to call twice."""
         if self._end is None:
             return
         for client in self._clients.present.values():
@@ -128,7 +139,7 @@ class LockstepServer:
         self._end = None
 
     def report(self) -> dict[str, Any]:
-        """Counts for the run report, and what decisions took, ms."""
+        """Return counts for the run report, and how long decisions took, ms."""
         times = {
             "median": round(1e3 * self.waits.quantile_s(0.5), 6),
             "p99": round(1e3 * self.waits.quantile_s(0.99), 6),
@@ -136,7 +147,7 @@ class LockstepServer:
         return {"address": self.address, **self.counts, "decision_ms": times}
 
     def _take(self, peer: Peer, parts: list[Any]) -> None:
-        """One request, whatever it is; its answer now, or when the others have decided."""
+        """Handle one request, whatever it is; answer now, or when the others have decided."""
         if not parts:
             return
         number, client = 0, self._clients.present.get(peer[0])
@@ -163,11 +174,11 @@ class LockstepServer:
 
     def _do(self, peer: Peer, client: Client | None, number: int, request: Request) -> None:
         if isinstance(request, Hello):
-            told = encode_reply(number, description(self._loop, self._clients))
+            described = encode_reply(number, description(self._loop, self._clients))
             if client is None:
-                self._send(peer, told)
+                self._send(peer, described)
             else:
-                self._answer(client, told)
+                self._answer(client, described)
         elif isinstance(request, Join):
             self._join(peer, number, request)
         elif client is None:
@@ -182,13 +193,15 @@ class LockstepServer:
         client = self._clients.admit(peer, join)
         client.number, client.peer = number, peer
         self.counts["controllers"] += len(self._clients.present) - before
-        told = description(self._loop, self._clients)
+        described = description(self._loop, self._clients)
         mine = [self._clients.actuators[place] for place in client.actuators]
-        told |= {"actuators": mine, "timeout_s": self._timeout_s}
-        told["cameras"] = [one for one in told["cameras"] if one["camera"] in client.cameras]
-        told["cameras"].sort(key=lambda one: client.cameras[one["camera"]])
+        described |= {"actuators": mine, "timeout_s": self._timeout_s}
+        described["cameras"] = [
+            one for one in described["cameras"] if one["camera"] in client.cameras
+        ]
+        described["cameras"].sort(key=lambda one: client.cameras[one["camera"]])
         limits = np.asarray(self._loop.ctrl_range, "<f8").reshape(-1, 2)[client.actuators]
-        self._answer(client, encode_reply(number, told, limits.tobytes()))
+        self._answer(client, encode_reply(number, described, limits.tobytes()))
 
     def _save(self, client: Client, save: Save) -> Parts:
         blob = self._loop.save(save.compress)
@@ -254,17 +267,17 @@ class LockstepServer:
             self._answer(clients[one], answer_of(clients[one], seen))
 
     def _withdraw(self, identity: bytes) -> None:
-        """What a controller asked for before and has no answer to."""
+        """Drop what a controller asked for before and has no answer to."""
         self._barrier.withdraw(identity)
 
     def _repeat(self, client: Client, number: int, peer: Peer) -> None:
-        """A request that was here before: its answer again, if it has one; nothing is done."""
+        """Answer a request that was here before again, if it has an answer; do nothing else."""
         self.counts["repeated"] += 1
         if number == client.number and client.answer is not None:
             self._send(peer, client.answer)
 
     def _give_up(self) -> None:
-        """Somebody has kept the others waiting for too long."""
+        """Break the barrier: somebody has kept the others waiting for too long."""
         if self._clients.full:
             self._lose(self._barrier.missing, f"gave no decision for {self._timeout_s:g} s")
             return
@@ -276,7 +289,7 @@ class LockstepServer:
         )
 
     def _lose(self, identities: Sequence[bytes], why: str) -> None:
-        """Take their seats from controllers; from strangers nothing."""
+        """Remove controllers; identities that never joined are ignored."""
         lost = [client for one in identities if (client := self._clients.present.pop(one, None))]
         for identity in identities:
             self._barrier.withdraw(identity)
@@ -290,16 +303,15 @@ class LockstepServer:
         self._break(line)
 
     def _break(self, line: str) -> None:
-        """Nothing has moved; all who wait hear why, and steps are refused until a reset."""
+        """Tell all who wait why nothing has moved; refuse steps until a reset."""
         self._fault = line
         for identity in self._barrier.clear():
             other = self._clients.present[identity]
-            told = encode_error(other.number, f"{line}; {self._state_said}")
-            self._answer(other, told)
+            self._answer(other, encode_error(other.number, f"{line}; {self._next_moves}"))
 
     @property
-    def _state_said(self) -> str:
-        """What who waited for nothing has to know."""
+    def _next_moves(self) -> str:
+        """What those who waited in vain can do."""
         return "nothing has moved: reset, or restore"
 
     def _answer(self, client: Client, parts: Parts) -> None:
@@ -312,7 +324,7 @@ class LockstepServer:
 
 
 def answer_of(client: Client, seen: Observation) -> Parts:
-    """The answer to one controller: its own encoders, the cameras it sees."""
+    """Encode the answer to one controller: its own encoders, the cameras it sees."""
     size = sum(packet.events.nbytes for packet in seen.packets)
     if size > MAX_BLOB_BYTES:
         line = (

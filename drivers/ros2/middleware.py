@@ -70,9 +70,9 @@ class Writer:
             policy.History.KeepLast(depth),
         )
         # asking would wait for a write that is under way
-        told = dds.core.Listener(on_publication_matched=self._matched)
+        listener = dds.core.Listener(on_publication_matched=self._matched)
         topic = dds.topic.Topic(participant, f"rt{name}", topic_type(kind), qos=quality)
-        self._writer: Any = dds.pub.DataWriter(participant, topic, qos=quality, listener=told)
+        self._writer: Any = dds.pub.DataWriter(participant, topic, qos=quality, listener=listener)
         self._failures = (dds.core.DDSException,)
         self._write = dds.internal.DDS._dll_handle.dds_write
         self._write.argtypes, self._write.restype = (

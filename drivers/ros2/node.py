@@ -11,11 +11,11 @@ from evs.drivers.ros2.statistics import Statistics
 from evs.msgs import StreamInfo
 
 INFO_PERIOD_US = 100_000
-"""How often camera_info is told where no images are."""
+"""How often camera_info is published where no images are."""
 
 
 class Topic:
-    """A topic and its readers at the last look."""
+    """A topic and its readers at the last check."""
 
     def __init__(self, name: str, queue: TopicQueue, readers: int = 0) -> None:
         self.name, self.queue, self.readers = name, queue, readers
@@ -38,12 +38,12 @@ class Node:
     """of its last packet"""
 
     def listened(self, name: str) -> bool:
-        """Whether a reader of the topic was there at the last look."""
+        """Return whether a reader of the topic was there at the last check."""
         topic = self.topics.get(name)
         return topic is not None and topic.readers > 0
 
     def info_is_due(self, t_us: int) -> bool:
-        """Whether camera_info is to be told at t_us; it comes with the images where there are."""
+        """Return whether camera_info is due at t_us; with images it comes with each of them."""
         if self.stream.frames or not self.listened("camera_info") or t_us < self.info_due_us:
             return False
         self.info_due_us = t_us - t_us % INFO_PERIOD_US + INFO_PERIOD_US

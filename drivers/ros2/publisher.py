@@ -23,7 +23,7 @@ LINGER_S = 2.0
 TRANSFORMS_DEPTH = 100
 """What tf2 keeps; its listeners ask for a reliable writer."""
 
-_LOOK_S = 0.02
+_POLL_S = 0.02
 
 _SETTLE_S = 0.2
 
@@ -63,7 +63,11 @@ class Ros2Publisher(Sink):
         wait_s: float = 10.0,
         linger_s: float = LINGER_S,
     ) -> None:
-        """In: docs/reference/ros2.md describes each. EvsError: what cannot be, no such extra."""
+        """Make a publisher that is not open yet; docs/reference/ros2.md describes each argument.
+
+        Raises:
+            EvsError: A value that cannot be, or the extra is not installed.
+        """
         for name, value, least in (
             ("send_queue_size", send_queue_size, 1),
             ("wait_for", wait_for, 0),
@@ -74,7 +78,7 @@ class Ros2Publisher(Sink):
                 raise EvsError(f"{name} is {value:g}: give {least} or more")
         thresholds = event_message_time_threshold, event_message_size_threshold
         load()
-        # wrong values are told now, and not once the world is loaded
+        # wrong values are reported now, and not once the world is loaded
         EventMessageBuilder(encoding, *thresholds)
         Statistics("", statistics_print_interval)
         self._node, self._namespace = node, namespace
@@ -95,7 +99,7 @@ class Ros2Publisher(Sink):
 
     @property
     def readers(self) -> int:
-        """Readers of events at the last look, which is at each packet."""
+        """Readers of events at the last check, which is at each packet."""
         return sum(node.topics["events"].readers for node in self._nodes.values())
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
@@ -130,7 +134,7 @@ class Ros2Publisher(Sink):
         node.time_end_us = end_us
         if end_us > self._clock_us:
             self._clock_us = end_us
-            self._look()
+            self._update_readers()
             clock = self._shared.get("/clock")
             if clock is not None and clock.readers:
                 self._send(clock, clock_message(end_us))
@@ -165,7 +169,7 @@ class Ros2Publisher(Sink):
                 self._later(int(sample["t"]), node.topics["imu"], _sample(node, sample))
 
     def wants_pose(self, camera: str) -> bool:
-        """Whether somebody listens to this pose or to /tf."""
+        """Return whether somebody subscribes to this pose or to /tf."""
         return self._of(camera).listened("pose") or self._tf_is_read
 
     def write_pose(self, pose: Pose) -> None:
@@ -253,13 +257,13 @@ class Ros2Publisher(Sink):
             raise unknown("camera of this ROS 2 sink", camera, self._nodes)
         return node
 
-    def _look(self) -> None:
-        """Who listens now."""
+    def _update_readers(self) -> None:
+        """Count the readers of each topic."""
         for topic in self._topics():
             topic.readers = topic.queue.writer.readers
 
     def _later(self, t_us: int, topic: Topic, make: Callable[[], bytes]) -> None:
-        """Keep a message until the clock has told its stamp."""
+        """Keep a message until the clock has reached its stamp."""
         self._pending.append((t_us, topic, make))
 
     def _send_pending(self, t_us: int) -> None:
@@ -294,7 +298,7 @@ class Ros2Publisher(Sink):
 
     def _await_readers(self) -> None:
         deadline_s = monotonic_s() + self._wait_s
-        self._look()
+        self._update_readers()
         while (came := self.readers) < self._wait_for:
             if monotonic_s() >= deadline_s:
                 names = ", ".join(node.topics["events"].name for node in self._nodes.values())
@@ -303,12 +307,12 @@ class Ros2Publisher(Sink):
                     f"{self._wait_s:g} s: start them while this waits, on the same domain_id and "
                     "interface, or give wait_s more"
                 )
-            sleep_s(_LOOK_S)
-            self._look()
+            sleep_s(_POLL_S)
+            self._update_readers()
         if self._wait_for:
             # they may know of us a little later than we of them
             sleep_s(_SETTLE_S)
-            self._look()
+            self._update_readers()
 
     def _release(self) -> None:
         self._sender.close(self._linger_s)

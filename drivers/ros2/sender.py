@@ -151,7 +151,7 @@ class Sender:
                 self._busy = True
             try:
                 taken = queue.writer.write(data)
-            except BaseException as error:  # whatever it is, the camera has to hear of it
+            except BaseException as error:  # whatever it is, the camera has to know of it
                 with self._changed:
                     self._failure, self._busy = error, False
                     _count(queue.counts, False, len(data), elements)

@@ -220,11 +220,21 @@ def load(
     overrides: Iterable[tuple[str, str]] = (),
     tables: Mapping[str, Any] | None = None,
 ) -> PipelineConfig:
-    """The pipeline of a TOML file (or the name of one that comes with evs) and command-line keys.
+    """Load a pipeline.
 
     Of a key that is given twice the last counts. Paths in the file are relative to it, all others
-    to the working directory; `package:path` is a file inside an installed Python package. Raises
-    EvsError with the path to a bad value.
+    to the working directory; `package:path` is a file inside an installed Python package.
+
+    Args:
+        file: A TOML file, or the name of one that comes with evs.
+        overrides: (key, text) of the command line.
+        tables: In place of a file.
+
+    Returns:
+        The configuration, checked.
+
+    Raises:
+        EvsError: A bad value, with the path to it.
     """
     path = None if file is None else find_pipeline(file)
     if path is not None:
@@ -249,9 +259,14 @@ def _from_file(path: Path) -> PipelineConfig:
 
 
 def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
-    """Refuse what no stage of the emulator would notice. Raises EvsError with the path.
+    """Refuse what no stage of the emulator would notice.
 
-    In: pipeline, the file that the configuration came from.
+    Args:
+        config: To check.
+        pipeline: The file that it came from.
+
+    Raises:
+        EvsError: With the path to the key.
     """
     if not config.scene.file:
         raise EvsError('no scene: give --scene FILE.xml, or file = "FILE.xml" under [scene]')
@@ -302,9 +317,14 @@ def _check_pace(config: PipelineConfig) -> None:
 
 
 def settled(tables: Iterable[SinkConfig], beside: bool) -> list[SinkConfig]:
-    """The sinks with the names that their files get. EvsError: one would replace a file.
+    """Return the sinks with the names that their files get.
 
-    In: beside, as of PipelineConfig.
+    Args:
+        tables: As they are configured.
+        beside: As of PipelineConfig.
+
+    Raises:
+        EvsError: One would replace a file.
     """
     placed = []
     for table in tables:
@@ -319,13 +339,13 @@ def settled(tables: Iterable[SinkConfig], beside: bool) -> list[SinkConfig]:
 
 
 def make_sink(config: SinkConfig) -> Sink:
-    """The sink of a table, not yet open. Its library is imported here, not before."""
+    """Make the sink of a table, not yet open. Its library is imported here, not before."""
     if config.aside:
         from evs.drivers.run.worker import WorkerSink
 
         plain = dataclasses.replace(config, aside=None, aside_mb=None, aside_cores=None)
         return WorkerSink(
-            # made here too, so that a bad value is told before anything starts
+            # made here too, so that a bad value is reported before anything starts
             make_sink(plain),
             settings.to_plain(plain),
             lossless=bool(config.file or config.rrd),
@@ -348,12 +368,12 @@ def make_sink(config: SinkConfig) -> Sink:
 
 
 def is_scene(word: str) -> bool:
-    """Whether a file is a scene, and no pipeline, by its ending."""
+    """Return whether a file is a scene, and no pipeline, by its ending."""
     return Path(word).suffix.lower() in _SCENE_SUFFIXES
 
 
 def find_pipeline(word: str) -> Path:
-    """The file of a pipeline: a path, or the name of one that comes with evs."""
+    """Find the file of a pipeline: a path, or the name of one that comes with evs."""
     path = Path(word)
     if is_scene(word):
         raise EvsError(f"'{word}' is a scene, not a pipeline; give it as --scene {word}")
@@ -428,7 +448,7 @@ def _check_outputs(config: PipelineConfig, pipeline: Path | None) -> None:
 
 
 def _place(file: str | Path) -> Path:
-    """Where a file really is, links followed; what cannot be a file is told by who opens it."""
+    """Where a file really is, links followed; what cannot be a file fails when it is opened."""
     try:
         return Path(file).resolve()
     except (OSError, RuntimeError, ValueError):

@@ -1,4 +1,4 @@
-"""Settings of a sensor that are legal but hardly meant: a line for each."""
+"""Config lint: settings of a sensor that are legal but hardly meant."""
 
 from __future__ import annotations
 
@@ -17,7 +17,15 @@ SLOW_HZ = 1.0
 
 
 def lint(camera: str, config: Mapping[str, Any]) -> list[str]:
-    """In: a camera's name, and its configuration with every number that its sensor really has."""
+    """Find the settings that are hardly meant.
+
+    Args:
+        camera: Its name.
+        config: Its configuration, with every number that its sensor really has.
+
+    Returns:
+        One line for each.
+    """
     sensor = config.get("sensor", {})
     lines = list(_thresholds(sensor))
     if config.get("model", {}).get("name") != "evsnet":  # which takes nothing else of the sensor

@@ -1,4 +1,4 @@
-"""What a sink for ROS 2 can be told: its own keys, and parameters of the real cameras' drivers.
+"""The keys of a sink for ROS 2: its own, and the parameters of the real cameras' drivers.
 
 Those of the sensor itself (roi, erc_mode, erc_rate) are taken by their drivers' names and passed on
 to it; biases have their drivers' names in [sensor.biases] anyway.

@@ -1,4 +1,4 @@
-"""Where a live stream has holes: what was sent and did not arrive, as pieces of simulated time."""
+"""The gaps of a live stream: what was sent and did not arrive, as intervals of simulated time."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from evs.drivers.bus import Subscription
 from evs.msgs import EventPacket
 
 MOST_GAPS = 1000
-"""Gaps that are told one by one; their packets are counted beyond that, too."""
+"""Gaps that are kept one by one; lost packets are counted beyond that, too."""
 
 
 @dataclass(frozen=True)
 class Gap:
-    """A piece of the camera's time of which nothing arrived."""
+    """An interval of the camera's time of which nothing arrived."""
 
     begin_us: int
     end_us: int
@@ -25,7 +25,7 @@ class Gap:
 
 
 class LossLog:
-    """Watches a subscription to one camera that somebody else receives from."""
+    """Watches a subscription to one camera from which others receive."""
 
     def __init__(self, stream: Subscription) -> None:
         self.gaps: list[Gap] = []
@@ -36,7 +36,11 @@ class LossLog:
         """time at the end of the last packet"""
 
     def update(self, packet: EventPacket | None) -> None:
-        """After each receive. In: what it gave; None, nothing, but perhaps a status came."""
+        """Count losses after each receive.
+
+        Args:
+            packet: What was received; None: nothing, but perhaps a status came.
+        """
         lost, self._lost = self._stream.lost - self._lost, self._stream.lost
         if lost > 0:
             if packet is not None:
@@ -50,7 +54,7 @@ class LossLog:
     def _add(self, gap: Gap) -> None:
         last = self.gaps[-1] if self.gaps else None
         if last is not None and last.begin_us == gap.begin_us:
-            # a status told of its beginning already
+            # a status has reported its beginning already
             self.gaps[-1] = Gap(last.begin_us, gap.end_us, last.packets + gap.packets)
         elif len(self.gaps) < MOST_GAPS:
             self.gaps.append(gap)

@@ -1,4 +1,4 @@
-"""The paces of a run, and what each of them may be told."""
+"""The paces of a run and their configuration."""
 
 from __future__ import annotations
 

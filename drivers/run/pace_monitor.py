@@ -1,4 +1,4 @@
-"""Whether a run keeps up with the wall clock: told to the sinks, and to the user if not."""
+"""Whether a run keeps up with the wall clock: updates for sinks, warnings for the user."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class PaceMonitor:
         self._period = 0
 
     def update(self) -> None:
-        """After a tick was waited for: warn at once where time slips, then now and then."""
+        """Warn after a tick was waited for: at once where time slips, then now and then."""
         pacer = self._pacer
         if pacer.went_back_s > self._warned_back_s:
             back_s = pacer.went_back_s - self._warned_back_s
@@ -46,7 +46,7 @@ class PaceMonitor:
         self._gap_s *= 2
 
     def end(self) -> None:
-        """The run is over: what was not told yet."""
+        """Warn, at the end of the run, of what there was no warning of yet."""
         if self._pacer.slipped_s > self._warned_s:
             self._warn_of_slip()
         elif not self._pacer.slips and self._pacer.worst_late_s > LATE_S:
@@ -56,7 +56,7 @@ class PaceMonitor:
             )
 
     def pace_update(self, t_us: int) -> Pace | None:
-        """What a status may tell of it, where simulated time t_us is the first of its period."""
+        """Return what statuses report, where simulated time t_us is the first of its period."""
         pacer, period = self._pacer, t_us // STATUS_PERIOD_US
         if pacer.speed == 0 or period == self._period:
             return None

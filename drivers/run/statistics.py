@@ -1,4 +1,4 @@
-"""The account of a run: what its world did, for the report."""
+"""Statistics of a run: what its world did, for the report."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from evs.msgs import EventPacket
 
 
 class Plan(Protocol):
-    """What the report tells of a camera's scene; evs.emulator's ScenePlan is one."""
+    """The plan of a camera's scene; evs.emulator's ScenePlan is one."""
 
     def compact(self) -> dict[str, Any]:
-        """Contents, code paths that are on, and why the others are off, in plain values."""
+        """Return contents, code paths that are on, and why the others are off, in plain values."""
 
 
 class RunCamera(AuxiliaryStreams, Protocol):
-    """What the loop wants to know of a camera."""
+    """A camera as a run sees it."""
 
     @property
     def traced_fraction(self) -> float:
@@ -53,7 +53,7 @@ class RunCamera(AuxiliaryStreams, Protocol):
 
 
 class RunWorld(Protocol):
-    """What the loop wants of a world; evs.emulator.World is one."""
+    """A world as a run sees it; evs.emulator.World is one."""
 
     @property
     def cameras(self) -> Sequence[RunCamera]:
@@ -65,7 +65,7 @@ class RunWorld(Protocol):
 
     @property
     def left_out(self) -> Sequence[str]:
-        """One line for each thing of its model that is not shown, said at loading."""
+        """One line for each thing of its model that is not shown, known since loading."""
 
     @property
     def substeps(self) -> object:
@@ -83,7 +83,7 @@ _CLAMPS = "clamps"
 
 
 class Totals:
-    """Counts that somebody else keeps and that jump when he is reset or restored: their sum."""
+    """The sum of counts whose owner may be reset or restored, so that they jump."""
 
     def __init__(self, read: Callable[[], Mapping[Any, int]]) -> None:
         """In: read, the counts as they are now, each under its name."""
@@ -92,17 +92,17 @@ class Totals:
         self._sum = Counter[Any]()
 
     def read(self) -> Mapping[Any, int]:
-        """The counts as they are now: to be kept over a jump that may yet fail."""
+        """Return the counts as they are now: to be kept over a jump that may yet fail."""
         return self._read()
 
     def jumped(self, before: Mapping[Any, int]) -> None:
-        """They have jumped. In: before, what they were."""
+        """Take note that they have jumped; `before` is what they were."""
         for name, count in before.items():
             self._sum[name] += count - self._base.get(name, 0)
         self._base = self._read()
 
     def now(self) -> dict[Any, int]:
-        """The sum over all jumps."""
+        """Return the sum over all jumps."""
         found = self._read()
         names = dict.fromkeys([*self._sum, *found])
         return {k: self._sum[k] + found.get(k, 0) - self._base.get(k, 0) for k in names}
@@ -122,19 +122,19 @@ class RunStatistics:
         self.totals = Totals(self._counts)
 
     def count_tick(self) -> None:
-        """One is done."""
+        """Count a tick that is done."""
         self.ticks += 1
         cameras = self._world.cameras
         self._traced += sum([camera.traced_fraction for camera in cameras]) / max(1, len(cameras))
 
     def count_packets(self, packets: Sequence[EventPacket]) -> None:
-        """Packets that left the cameras."""
+        """Count packets that left the cameras."""
         for packet in packets:
             self.events[packet.camera] = self.events.get(packet.camera, 0) + len(packet)
         self.packets += len(packets)
 
     def new_warnings(self) -> list[str]:
-        """Lines that a user should be told now, each once a camera: ask after every tick.
+        """Return the warnings of this tick, each once a camera. Call after every tick.
 
         After the first, that a camera sees nothing lit, and which of its settings are hardly meant;
         later, that values had to be replaced.
@@ -172,7 +172,7 @@ class RunStatistics:
         pace: dict[str, Any] | None = None,
         loop: dict[str, Any] | None = None,
     ) -> Report:
-        """All of it."""
+        """Return the report of the whole run; arguments as its fields."""
         cameras = self._world.cameras
         infos = [camera.info for camera in cameras]
         known = {k: v for info in infos for k, v in info.versions.items()}
@@ -181,7 +181,9 @@ class RunStatistics:
         for (camera, cause), count in totals.items():
             if cause != _CLAMPS:
                 lost[camera][cause] = count
-        told = [_camera(camera, self.events, lost[camera.info.camera]) for camera in cameras]
+        cameras_plain = [
+            _camera(camera, self.events, lost[camera.info.camera]) for camera in cameras
+        ]
         return Report(
             ended=ended,
             real_time_factor=sim_seconds / wall_seconds if wall_seconds else 0.0,
@@ -190,15 +192,15 @@ class RunStatistics:
             wall_seconds=wall_seconds,
             packets=self.packets,
             events=sum(self.events.values()),
-            events_dropped=sum(int(said.get("events_dropped", 0)) for said in sinks)
-            + sum(sum(one["events_dropped"].values()) for one in told),
+            events_dropped=sum(int(sink.get("events_dropped", 0)) for sink in sinks)
+            + sum(sum(one["events_dropped"].values()) for one in cameras_plain),
             events_waiting=sum(camera.events_waiting for camera in cameras),
             stage_ms=self._watch.stage_ms(STAGES),
             traced_fraction=self._traced / self.ticks if self.ticks else 0.0,
             clamps=sum(count for (_, cause), count in totals.items() if cause == _CLAMPS),
             seed=infos[0].seed if infos else 0,
             substeps=str(self._world.substeps),
-            cameras=told,
+            cameras=cameras_plain,
             sinks=sinks,
             pace=pace or {},
             loop=loop or {},

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as a wish that a loop can look at, so that it ends between two ticks."""
+"""Ctrl-C and SIGTERM as a request that a loop checks, so that it ends between two ticks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A live stream into a file: what a publisher sends, until it ends."""
+"""Record a live stream: what a publisher sends goes into a file, until it ends."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from evs.emulator.base.protocols import NoMeter
 from evs.emulator.base.scene import F32
 from evs.msgs import FRAMES, IMU, EventPacket, EvsError, Frame, ImuPacket, Status, StreamInfo
 
-_LOOK_S = 0.1
-"""how often it is looked whether to stop"""
+_POLL_S = 0.1
+"""Between two checks whether to stop."""
 
 MOST_BEFORE = 100_000
 """Packets that may come before the first status; it comes ten times a simulated second."""
@@ -46,7 +46,7 @@ class StreamRecording:
 
 @dataclass
 class _Batch:
-    """A packet and what came beside it."""
+    """An event packet and the auxiliary messages that came with it."""
 
     packet: EventPacket
     frames: tuple[Frame, ...]
@@ -54,7 +54,7 @@ class _Batch:
 
 
 @dataclass(frozen=True)
-class _Heard:
+class _ReceivedCamera:
     """A camera of which only the messages are here."""
 
     info: StreamInfo
@@ -64,20 +64,20 @@ class _Heard:
 
     @property
     def luminance(self) -> F32:
-        """Of no use to a recorder."""
+        """Not here, and of no use to a recorder."""
         raise EvsError(f"camera '{self.info.camera}' is elsewhere: its light is not here")
 
     def ground_truth(self) -> GroundTruth:
-        """Of no use to a recorder."""
+        """Not here, and of no use to a recorder."""
         raise EvsError(f"camera '{self.info.camera}' is elsewhere: its ground truth is not here")
 
 
 class StreamRecorder:
-    """Writes a subscription into a file. `run` returns when the stream ends or it is told to stop.
+    """Writes a subscription into a file. `run` returns when the stream ends or is stopped.
 
-    The subscription should ask for frames, IMU and camera_info. A recorder is opened at the first
-    status, which tells what no packet does; what came before it is written then. What was lost on
-    the way is told, place by place, in a report beside the file.
+    The subscription should include frames, IMU and camera_info. The recorder is opened at the first
+    status, which has what no packet has; earlier packets are written then. A report beside the file
+    lists the gaps where packets were lost.
     """
 
     def __init__(
@@ -87,15 +87,25 @@ class StreamRecorder:
         sink: Sink | None = None,
         warn: Callable[[str], None] | None = None,
     ) -> None:
-        """In: sink, the recorder if it has options. Raises EvsError for an unknown ending."""
+        """Choose the recorder by the file's ending; it is opened by `run`.
+
+        Args:
+            stream: To record.
+            file: The target.
+            sink: The recorder, if it has options.
+            warn: Gets one line for each warning.
+
+        Raises:
+            EvsError: An unknown ending, no place for the file or its report.
+        """
         wanted: Format = to_write(file)
         self._stream, self._file, self._holds = stream, file, wanted.capabilities
-        tell = warn or (lambda _: None)
+        warn_of = warn or (lambda _: None)
         if not Path(file).parent.is_dir():
             raise target_error(Path(file), FileNotFoundError())
         check_targets([report_beside(file)])
-        self._sinks = SinkSet([sink or wanted.record(Path(file))], NoMeter(), tell)
-        self._connection = Connection(stream, tell)
+        self._sinks = SinkSet([sink or wanted.record(Path(file))], NoMeter(), warn_of)
+        self._connection = Connection(stream, warn_of)
         self._losses = LossLog(stream)
         self._waiting: list[_Batch] = []
         self._camera = ""
@@ -108,12 +118,20 @@ class StreamRecorder:
     ) -> StreamRecording:
         """Record until the publisher ends or `stopped` holds something.
 
-        Also when `duration_s` simulated seconds have come, or nothing has for `timeout_s`. Raises
-        EvsError: nothing came, several cameras, what the file cannot hold.
+        Args:
+            stopped: A list that a signal handler may append to.
+            duration_s: Simulated seconds to record at most.
+            timeout_s: How long to wait when nothing comes, s.
+
+        Returns:
+            What the recording holds.
+
+        Raises:
+            EvsError: Nothing came, several cameras, or what the file cannot hold.
         """
         ended, failure = "", None
         try:
-            ended = self._take_all(stopped, duration_s, timeout_s)
+            ended = self._record_all(stopped, duration_s, timeout_s)
             if not self._opened:
                 # it was stopped before the first status: what has come is kept all the same
                 self._open(self._stream.status)
@@ -129,45 +147,45 @@ class StreamRecorder:
                 "there? (evs emulate --publish starts one)"
             )
         lost = self._stream.tallies[self._camera].lost
-        taken = StreamRecording(
+        recording = StreamRecording(
             self._file, **self._counts, lost=lost, gaps=tuple(self._losses.gaps), ended=ended
         )
-        told = {**asdict(taken), "address": self._stream.address, "camera": self._camera}
+        report = {**asdict(recording), "address": self._stream.address, "camera": self._camera}
         write_whole(
-            json.dumps({**told, "versions": versions()}, indent=2) + "\n",
+            json.dumps({**report, "versions": versions()}, indent=2) + "\n",
             report_beside(self._file),
         )
-        return taken
+        return recording
 
-    def _take_all(
+    def _record_all(
         self, stopped: list[str], duration_s: float | None, timeout_s: float | None
     ) -> str:
         first_us: int | None = None
         silent_s = 0.0
         while not stopped:
-            packet = self._stream.receive(_LOOK_S)
+            packet = self._stream.receive(_POLL_S)
             self._connection.update()
             self._losses.update(packet)
             if packet is None:
                 if self._stream.ended:
                     return "the camera has ended"
-                silent_s += _LOOK_S
+                silent_s += _POLL_S
                 if timeout_s is not None and silent_s >= timeout_s:
                     return f"nothing came for {timeout_s:g} s"
                 continue
             silent_s = 0.0
             if self._camera and packet.camera != self._camera:
-                raise self._several()
+                raise self._several_cameras()
             self._camera = packet.camera
             if self._stream.tallies[packet.camera].restarts:
                 return "the camera began a new run"
-            self._take(_Batch(packet, self._stream.frames, self._stream.imu))
+            self._add(_Batch(packet, self._stream.frames, self._stream.imu))
             first_us = packet.time_base_us if first_us is None else first_us
             if duration_s is not None and packet.time_end_us >= first_us + 1e6 * duration_s:
                 return f"{duration_s:g} s are recorded"
         return stopped[0]
 
-    def _take(self, batch: _Batch) -> None:
+    def _add(self, batch: _Batch) -> None:
         if self._opened:
             self._write(batch)
             return
@@ -181,10 +199,10 @@ class StreamRecorder:
         if status is None and not self._waiting:
             return
         if status is not None and len(status.cameras) > 1 and not self._stream.camera:
-            raise self._several()
+            raise self._several_cameras()
         info = self._info_of(self._waiting[0].packet) if status is None else _info(status)
-        told = self._stream.camera_info.get(info.camera)
-        calibration = {} if told is None else asdict(told)
+        received = self._stream.camera_info.get(info.camera)
+        calibration = {} if received is None else asdict(received)
         calibration.pop("camera", None)
         plain = {k: list(v) if isinstance(v, tuple) else v for k, v in calibration.items()}
         holds = self._holds
@@ -203,7 +221,7 @@ class StreamRecorder:
         self._waiting.clear()
 
     def _info_of(self, packet: EventPacket) -> StreamInfo:
-        """What the packets themselves tell."""
+        """The StreamInfo that the packets themselves give."""
         came = self._waiting
         return StreamInfo(
             width=packet.width,
@@ -218,24 +236,24 @@ class StreamRecorder:
     def _write(self, batch: _Batch) -> None:
         t_us = batch.packet.time_end_us
         if self._info.frames and batch.frames:
-            self._sinks.write_auxiliary([_Heard(self._info, batch.frames)], t_us)
+            self._sinks.write_auxiliary([_ReceivedCamera(self._info, batch.frames)], t_us)
             self._counts["frames"] += len(batch.frames)
         if self._info.imu:
             for samples in batch.imu:
-                self._sinks.write_auxiliary([_Heard(self._info, (), samples)], t_us)
+                self._sinks.write_auxiliary([_ReceivedCamera(self._info, (), samples)], t_us)
                 self._counts["imu_samples"] += len(samples)
         self._sinks.write([batch.packet])
         self._counts["packets"] += 1
         self._counts["events"] += len(batch.packet)
 
-    def _several(self) -> EvsError:
+    def _several_cameras(self) -> EvsError:
         status = self._stream.status
         known = ", ".join(status.cameras if status is not None else self._stream.tallies)
         return EvsError(f"several cameras are on {self._stream.address}: choose one of {known}")
 
 
 def _info(status: Status) -> StreamInfo:
-    """What a status tells."""
+    """The StreamInfo that a status gives."""
     return StreamInfo(
         width=status.width,
         height=status.height,

@@ -30,7 +30,15 @@ class ViewSink(Sink):
     streams = frozenset({Stream.EVENTS, Stream.FRAMES, Stream.LIGHT, Stream.POSE})
 
     def __init__(self, file: str | Path, *, period_us: int = PERIOD_US) -> None:
-        """In: file, ending in .rrd, replaced at open. EvsError: no such extra, another ending."""
+        """Make a sink that is not open yet.
+
+        Args:
+            file: Ending in .rrd; replaced at open.
+            period_us: Simulated time from one picture to the next, us.
+
+        Raises:
+            EvsError: The extra is not installed, another ending.
+        """
         from evs.drivers.viewer.viewer import need_viewer
 
         self._path = Path(file)
@@ -44,7 +52,7 @@ class ViewSink(Sink):
         self._builders: dict[str, WindowBuilder] = {}
         self._due_us: dict[tuple[str, str], int] = {}
         self._white: dict[str, float] = {}
-        self._said: dict[str, Any] = {"windows": 0, "events": 0, "frames": 0, "error": ""}
+        self._counts: dict[str, Any] = {"windows": 0, "events": 0, "frames": 0, "error": ""}
 
     def open(self, streams: Sequence[StreamInfo]) -> None:
         """Create the file. EvsError: no place for it."""
@@ -66,16 +74,16 @@ class ViewSink(Sink):
             raise unknown("camera of this view", packet.camera, self._builders)
         for window in builder.add(packet):
             drawing.window(window)
-            self._said["windows"] += 1
-        self._said["events"] += len(packet)
+            self._counts["windows"] += 1
+        self._counts["events"] += len(packet)
 
     def write_frame(self, frame: Frame) -> None:
         """Draw one intensity frame."""
         self._opened().frame(frame)
-        self._said["frames"] += 1
+        self._counts["frames"] += 1
 
     def wants_light(self, camera: str, t_us: int) -> bool:
-        """Whether a picture of the light is due."""
+        """Return whether a picture of the light is due."""
         return self._is_due("luminance", camera, t_us)
 
     def write_light(self, camera: str, t_us: int, luminance: F32) -> None:
@@ -88,7 +96,7 @@ class ViewSink(Sink):
         self._opened().luminance(camera, t_us, picture)
 
     def wants_pose(self, camera: str) -> bool:
-        """Always: it costs nothing, and its time says whether it is due."""
+        """Return True: it costs nothing, and its time says whether it is due."""
         return camera in self._builders
 
     def write_pose(self, pose: Pose) -> None:
@@ -102,11 +110,11 @@ class ViewSink(Sink):
             for builder in self._builders.values():
                 for window in builder.rest():
                     self._drawing.window(window)
-                    self._said["windows"] += 1
+                    self._counts["windows"] += 1
             self._drawing.close()
-            self._said["error"] = self._failure(self._drawing)
+            self._counts["error"] = self._failure(self._drawing)
             self._drawing = None
-        return {"type": "rerun", "path": str(self._path), **self._said}
+        return {"type": "rerun", "path": str(self._path), **self._counts}
 
     def _is_due(self, what: str, camera: str, t_us: int) -> bool:
         due_us = self._due_us.get((what, camera), t_us)

@@ -58,7 +58,7 @@ class Sender:
 
     def send(self, skip: tuple[int, ...] = ()) -> None:
         while self.publisher.subscribers < self.listeners:
-            self.publisher._hear(self.publisher._socket)  # type: ignore[arg-type]
+            self.publisher._read_requests(self.publisher._socket)  # type: ignore[arg-type]
         for seq in range(30):
             for stream in self.streams:
                 if seq % 10 == 0 and seq not in skip:

@@ -226,7 +226,7 @@ def test_a_subscriber_hears_it() -> None:
     with subscribe(publisher.address, timeout_s=5) as stream:
         while publisher.subscribers == 0:
             publisher._ports.poll(10)
-            publisher._hear(publisher._socket)  # type: ignore[arg-type]
+            publisher._read_requests(publisher._socket)  # type: ignore[arg-type]
         publisher.write_pace(Pace(1.0, 1, 2, 3, 4))
         closing = Thread(target=publisher.close)
         closing.start()
