@@ -16,7 +16,8 @@ from types import ModuleType
 import pytest
 
 from evs.drivers.run import config as pipeline
-from evs.launch import main, options
+from evs.launch import main
+from evs.launch.support.pipeline_options import parse_pipeline
 from evs.tools.dataset.scenes import of_file
 
 ROOT = Path(__file__).parents[2]
@@ -83,7 +84,7 @@ def parse(words: list[str], folder: Path) -> None:
     parsed = (parser.parse_intermixed_args if mixed else parser.parse_args)(words[2:])
     known = getattr(module, "OPTIONS", None)
     if known is not None and isinstance(getattr(parsed, "words", None), list):
-        file, overrides = options.given(parsed, known)
+        file, overrides = parse_pipeline(parsed, known)
         if file is not None and file.endswith(".toml"):
             (folder / file).touch()
         if words[1] in ("emulate", "render", "plan"):
