@@ -9,6 +9,7 @@ __all__ = [
     "Dataset",
     "DatasetSummary",
     "LabelledEvents",
+    "Recorded",
     "RecordedSequence",
     "SceneFile",
     "make_dataset",
@@ -18,3 +19,6 @@ __all__ = [
     "shard_count",
     "verify",
 ]
+
+Recorded = RecordedSequence
+"""the former name of RecordedSequence"""
