@@ -5,8 +5,8 @@
 // output does not depend on what is computed beside it.
 #pragma once
 
-#include "network_kernel.h"
 #include "lanes.inl"
+#include "network_kernel.h"
 
 namespace evs::EVS_SPACE {
 namespace {

@@ -1,4 +1,5 @@
-// The tracer's entry points for one instruction set; base/simd_target.h says how this is put together.
+// The tracer's entry points for one instruction set; base/simd_target.h says how this is put
+// together.
 #pragma once
 
 #include "incremental/dirty_packets.inl"
