@@ -13,7 +13,7 @@ demo:
 # make test      the quick tests, to run before a commit
 test:
 	@sh .ci/setup.sh
-	@sh .ci/tests.sh "not slow and not statistical and not bench" --ignore=tests/loop --ignore=tests/extremes
+	@sh .ci/tests.sh "not slow and not statistical and not extremes and not integration and not bench"
 
 # make check     format, lint, types, sanitisers, versions, then every test but the timings: what CI runs
 check:

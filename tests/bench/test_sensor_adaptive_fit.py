@@ -30,7 +30,7 @@ from evs.emulator.render import make_renderer
 from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants, running_mean
 from evs.msgs import Events
 from evs.tools.metrics.compare import Comparison
-from reference.make_clip import VIEWS, Film, model_of
+from reference.film import VIEWS, Film, model_of
 
 WIDTH, HEIGHT, TICKS, SETTLED_US = 40, 30, 201, 80_000
 MOTIONS = ["still", "pan", "slide"]
@@ -50,34 +50,30 @@ class Clip:
     name: str
     motion: str
     spp: int
-    make_clip: Film
+    film: Film
     truth: Events
     light: F32
     """(ticks, h, w), new noise in every tick"""
 
     def judge(self, light: F32) -> Comparison:
-        return self.make_clip.compare(self.make_clip.events_of(light), self.truth, SETTLED_US)
+        return self.film.compare(self.film.events_of(light), self.truth, SETTLED_US)
 
 
-def shoot(make_clip: Film, spp: int, seed: int, seeds: str = "fresh") -> F32:
+def shoot(film: Film, spp: int, seed: int, seeds: str = "fresh") -> F32:
     """(ticks, h, w) light of `path`."""
     config = RenderConfig(renderer="path", spp=spp, seeds=seeds)
-    return make_clip.light_by(
-        make_renderer(make_clip.scene, make_clip.camera, config, 2, seed=seed)
-    )[0]
+    return film.light_by(make_renderer(film.scene, film.camera, config, 2, seed=seed))[0]
 
 
 def takes(names: list[str], seeds: tuple[int, ...], files: dict[str, Path]) -> list[Clip]:
     found = []
     for name in names:
         for motion in MOTIONS:
-            make_clip = Film(model_of(name, files), motion, WIDTH, HEIGHT, TICKS, VIEWS.get(name))
-            truth = make_clip.events_of(shoot(make_clip, TRUE_SPP, TRUE_SEED, "fixed"))
+            film = Film(model_of(name, files), motion, WIDTH, HEIGHT, TICKS, VIEWS.get(name))
+            truth = film.events_of(shoot(film, TRUE_SPP, TRUE_SEED, "fixed"))
             for spp in SPPS:
                 for seed in seeds:
-                    found.append(
-                        Clip(name, motion, spp, make_clip, truth, shoot(make_clip, spp, seed))
-                    )
+                    found.append(Clip(name, motion, spp, film, truth, shoot(film, spp, seed)))
     return found
 
 

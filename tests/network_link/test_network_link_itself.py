@@ -72,7 +72,7 @@ def test_nothing_stays_behind_when_the_test_is_killed(link: Link) -> None:
         "import sys, time; from links.link import Link; one = Link();"
         "print(one.near.pid, one.far.pid, flush=True); time.sleep(60)"
     )
-    folder = str(Path(__file__).parent)
+    folder = str(Path(__file__).parents[1] / "support")
     tester = subprocess.Popen(
         [sys.executable, "-c", script],
         stdout=subprocess.PIPE,

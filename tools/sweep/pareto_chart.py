@@ -12,7 +12,7 @@ from evs.drivers.pictures.chart_layout import Chart, Series
 from evs.drivers.pictures.colours import PAPER, U8
 from evs.drivers.pictures.pen import GREY, INK_RGB, RGB
 from evs.drivers.pictures.scales import Scale, steps_around
-from evs.drivers.pictures.text_lines import paste, text_line
+from evs.drivers.pictures.text_lines import TextLine, paste, text_line
 from evs.drivers.run.shipped import PRESETS
 from evs.tools.sweep.pareto_front import (
     DEFAULT,
@@ -51,7 +51,7 @@ def pareto_page(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -
     """
     scene = records[0].scene if records else ""
     shown = [pareto_chart(subset, metric) for subset in cases(records).values()]
-    heading = text_line(f"Speed against error: {scene}", 28)
+    heading = _heading(scene, CHART_PX[0])
     subtitle = text_line(legend(metric), 16)
     top = MARGIN_PX + heading.height + subtitle.height + 10
     width, height = CHART_PX
@@ -63,6 +63,15 @@ def pareto_page(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -
     for k, chart in enumerate(shown):
         paste(page, draw_chart(chart, width, height), MARGIN_PX, top + k * height)
     return page
+
+
+def _heading(scene: str, width: int) -> TextLine:
+    """The heading with the scene's name; of a path that is too long for the page, its end."""
+    line, cut = text_line(f"Speed against error: {scene}", 28), 0
+    while line.picture.shape[1] > width and cut < len(scene):
+        cut += 1
+        line = text_line(f"Speed against error: ...{scene[cut:]}", 28)
+    return line
 
 
 def legend(metric: ErrorMetric = DEFAULT) -> str:

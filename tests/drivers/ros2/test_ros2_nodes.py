@@ -18,7 +18,7 @@ import pytest
 import evs
 from evs.drivers.clock import sleep_s
 from evs.drivers.files.bags.library import typestore
-from evs.drivers.files.bags.records import Walk, walk_mcap
+from evs.drivers.files.bags.records import BagScan, scan_mcap
 from evs.drivers.ros2 import Ros2Publisher
 from evs.msgs import EventPacket, StreamInfo, make_events
 from evs.msgs.codecs import PayloadReader
@@ -77,7 +77,7 @@ def recorded(file: Path) -> Messages:
     """What a bag holds."""
     found: Messages = {}
     with file.open("rb") as opened:
-        for one in walk_mcap(Walk(opened, file.stat().st_size)):
+        for one in scan_mcap(BagScan(opened, file.stat().st_size)):
             if one.kind.startswith("std_msgs"):
                 continue
             message = typestore(2).deserialize_cdr(one.data, one.kind)

@@ -32,8 +32,13 @@ def plain_keys(cls: type, prefix: str = "") -> list[tuple[str, Any]]:
     return found
 
 
+def is_union(annotation: Any) -> bool:
+    """`A | B`, also where a type variable stood for B."""
+    return isinstance(annotation, types.UnionType) or typing.get_origin(annotation) is typing.Union
+
+
 def values(annotation: Any) -> st.SearchStrategy[Any]:
-    if isinstance(annotation, types.UnionType):
+    if is_union(annotation):
         return st.one_of([values(kind) for kind in typing.get_args(annotation)])
     if typing.get_origin(annotation) is tuple and Ellipsis in typing.get_args(annotation):
         return st.lists(values(typing.get_args(annotation)[0]), max_size=5).map(tuple)
@@ -102,6 +107,6 @@ def test_any_text_for_any_key_gives_a_value_of_its_type_or_one_line(data: st.Dat
         assert "\n" not in said
     else:
         value = reach(config, key)
-        kinds = typing.get_args(annotation) if isinstance(annotation, types.UnionType) else ()
+        kinds = typing.get_args(annotation) if is_union(annotation) else ()
         allowed = [typing.get_origin(kind) or kind for kind in kinds or (annotation,)]
         assert type(value) in allowed

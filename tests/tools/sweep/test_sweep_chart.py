@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -133,6 +134,11 @@ def test_a_page_has_a_chart_for_each_camera() -> None:
     assert two.shape[0] - one.shape[0] == CHART_PX[1]
     assert two.shape[1] == one.shape[1]
     assert two.dtype == np.uint8
+
+
+def test_a_long_path_fits_on_the_page() -> None:
+    records = [replace(one, scene="/data" + "/folder" * 30 + "/arm.xml") for one in crowd()]
+    assert pareto_page(records).shape == pareto_page(crowd()).shape
 
 
 def test_nothing_to_show_is_said() -> None:
