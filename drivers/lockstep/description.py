@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from evs.drivers.lockstep.clients import Clients
-from evs.drivers.lockstep.served_loop import ServedLoop
+from evs.drivers.lockstep.loop_interface import ServedLoop
 from evs.msgs import StreamInfo
 from evs.msgs.lockstep import LOCKSTEP_PROTOCOL
 

@@ -120,9 +120,9 @@ class RealtimeServer(LockstepServer):
         for identity in identities:
             self._views.pop(identity, None)
 
-    def _bye(self, client: Client, bye: Bye) -> Parts:
+    def _bye(self, client: Client, _: Bye) -> Parts:
         self._views.pop(client.peer[0], None)
-        return super()._bye(client, bye)
+        return super()._bye(client, _)
 
     def _answer(self, client: Client, parts: Parts) -> None:
         super()._answer(client, parts)

@@ -14,7 +14,7 @@ from evs.drivers.lockstep.address import bindable
 from evs.drivers.lockstep.barrier import Barrier, Decision, joint_controls
 from evs.drivers.lockstep.clients import Client, Clients
 from evs.drivers.lockstep.description import description
-from evs.drivers.lockstep.served_loop import ServedLoop
+from evs.drivers.lockstep.loop_interface import ServedLoop
 from evs.msgs import EvsError, MessageError, Observation
 from evs.msgs.lockstep import (
     LOCKSTEP_ADDRESS,

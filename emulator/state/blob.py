@@ -192,21 +192,20 @@ def _head(packed: memoryview) -> tuple[dict[str, Any], list[Any]]:
 
 def _checked(entry: Any) -> tuple[str, Row]:
     """An entry of the head: five values, each of its type."""
-    sound = isinstance(entry, list) and len(entry) == 5
-    if sound:
-        name, kind, shape, way, stored = entry
-        sound = (
-            isinstance(name, str)
-            and isinstance(kind, str)
-            and _KINDS.fullmatch(kind) is not None
-            and isinstance(shape, list)
-            and len(shape) <= _MAX_DIMENSIONS
-            and all(_is_count(side) for side in shape)
-            # without its empty sides, too: numpy multiplies the others
-            and math.prod(side or 1 for side in shape) <= MAX_BYTES
-            and way in ("raw", "one", "deflate")
-            and _is_count(stored)
-        )
+    five: list[Any] = entry if isinstance(entry, list) and len(entry) == 5 else [None] * 5
+    name, kind, shape, way, stored = five
+    sound = (
+        isinstance(name, str)
+        and isinstance(kind, str)
+        and _KINDS.fullmatch(kind) is not None
+        and isinstance(shape, list)
+        and len(shape) <= _MAX_DIMENSIONS
+        and all(_is_count(side) for side in shape)
+        # without its empty sides, too: numpy multiplies the others
+        and math.prod(side or 1 for side in shape) <= MAX_BYTES
+        and way in ("raw", "one", "deflate")
+        and _is_count(stored)
+    )
     if not sound:
         raise EvsError(_DAMAGED.format("its head says what cannot be"))
     return name, Row(np.dtype(kind), tuple(shape), way, stored)

@@ -11,7 +11,7 @@ from evs.emulator.base.scene import F32
 from evs.emulator.config import RenderConfig
 from evs.emulator.render.direct import DirectRenderer
 from evs.emulator.render.path import PathRenderer
-from evs.emulator.render.renderers import check_render
+from evs.emulator.render.selection import check_render
 from evs.emulator.state.versions import versions
 from evs.tools.evaluation.clip import Clip
 from evs.tools.evaluation.digest import digest

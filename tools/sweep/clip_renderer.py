@@ -13,7 +13,7 @@ from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.scene import F32
 from evs.emulator.config import RenderConfig
 from evs.emulator.render.direct import DirectRenderer
-from evs.emulator.render.renderers import make_renderer
+from evs.emulator.render.selection import make_renderer
 from evs.emulator.state.versions import versions
 from evs.tools.evaluation.clip import Clip
 from evs.tools.evaluation.digest import digest
