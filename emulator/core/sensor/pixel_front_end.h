@@ -10,6 +10,7 @@
 #include <cstdint>
 
 #include "comparator.h"
+#include "leak_noise.h"
 #include "pixel.h"
 
 namespace evs {
@@ -174,32 +175,6 @@ EVS_ALWAYS_INLINE Signal limit_bandwidth(const PixelStep& step, size_t first, si
     signal = {s.from[1], state};
   }
   return signal;
-}
-
-// Leak of a pixel at this light: log units per us by which its reference sinks, a multiple of
-// 2^-43. Parasitic leak is limited to one event a us, so that a pixel in the sun does not exhaust
-// the memory.
-EVS_ALWAYS_INLINE double leak_rate(const PixelStep& step, size_t pixel, float dn) {
-  const double dark = step.pattern.leak[pixel];
-  if (step.pattern.parasitic == nullptr) return dark;
-  const double limit = step.pattern.theta_on[pixel];
-  const double parasitic = step.pattern.parasitic[pixel] * (step.settings.parasitic_slope * dn);
-  return dark + on_grid(parasitic < limit ? parasitic : limit);
-}
-
-// Apply the leak of the ticks in which the block was skipped, at the light of those ticks.
-EVS_ALWAYS_INLINE void apply_skipped_leak(const PixelStep& step, size_t first, size_t count) {
-  if (step.pattern.leak == nullptr) return;
-  const double skipped_us =
-      static_cast<double>(step.tick.begin_us - step.arrays.since_us[first / kBlock]);
-  if (skipped_us == 0.0) return;
-  const float* light =
-      (step.settings.running_mean ? step.arrays.running_mean.mean : step.arrays.last_luminance) +
-      first;
-  double* reference = step.arrays.reference + first;
-  for (size_t i = 0; i < count; i++) {
-    reference[i] -= leak_rate(step, first + i, to_dn(step.settings.map, light[i])) * skipped_us;
-  }
 }
 
 // The references at the start of the tick and by how much they sink in it, into the scratch.

@@ -1,5 +1,5 @@
 #version 330 core
-// Light that leaves a surface, as the native caster's direct.h has it, without shadows or mirrors.
+// Light that leaves a surface, as the native caster's core has it (shading/lights.inl), without shadows or mirrors.
 // LIGHTS is replaced by a number when the program is built.
 
 centroid in vec3 world_position;
