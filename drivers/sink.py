@@ -41,6 +41,9 @@ class Sink(ABC):
     A sink declares the streams that it wants in `streams` and overrides their methods; nothing of
     any other stream is computed or written for it. Methods raise EvsError with one line.
 
+    A pipeline knows a sink by its row in SINK_TYPES of drivers/run/config.py, a recorder by its row
+    in drivers/files/formats.py.
+
     In a tick, pace comes first, then for each camera its frames with their triggers, IMU samples,
     pose, ground truth and light, and the events of all cameras last.
     """

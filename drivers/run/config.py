@@ -93,7 +93,7 @@ class SinkType:
     """the key that every such table needs, and the first argument of the class; empty: none"""
 
 
-LIVE_SINKS = {
+SINK_TYPES = {
     "zmq": SinkType(
         "evs.drivers.bus:Publisher",
         (
@@ -112,12 +112,12 @@ LIVE_SINKS = {
 }
 """sink type -> how it is made; recordings have their own table (drivers/files/formats.py)"""
 
-SINK_PLACES = {name: kind.place for name, kind in LIVE_SINKS.items()} | {
+SINK_PLACES = {name: kind.place for name, kind in SINK_TYPES.items()} | {
     kind.name: "file" for kind in formats.FORMATS
 }
 """sink type -> the key that every such table needs; empty: none"""
 
-SINK_KEYS = {name: kind.keys for name, kind in LIVE_SINKS.items()} | {
+SINK_KEYS = {name: kind.keys for name, kind in SINK_TYPES.items()} | {
     kind.name: kind.options for kind in formats.FORMATS
 }
 """sink type -> the other keys that it has"""
@@ -359,9 +359,9 @@ def make_sink(config: SinkConfig) -> Sink:
         if key not in driver_parameters.OF_THE_SENSOR
         and (value := getattr(config, key)) is not None
     }
-    if config.type not in LIVE_SINKS:
+    if config.type not in SINK_TYPES:
         return formats.by_name(config.type).record(Path(config.file or ""), **options)
-    kind = LIVE_SINKS[config.type]
+    kind = SINK_TYPES[config.type]
     places = [getattr(config, kind.place)] if kind.place else []
     sink: Sink = registry.load(kind.target)(*places, **options)
     return sink

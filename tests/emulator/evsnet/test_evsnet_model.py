@@ -15,7 +15,7 @@ from evs.emulator.evsnet import Block, NetworkWeights
 from evs.emulator.evsnet.memory_budget import dense_bytes
 from evs.emulator.evsnet.model import MAX_TIME_US, EvsNetModel
 from evs.emulator.evsnet.state import MAX_TICKS, NetworkState
-from evs.emulator.sensor import PlainModel, SensorParameters, resolve_sensor
+from evs.emulator.sensor import PlainModel, SensorParameters, preset_names, resolve_sensor
 from evs.msgs import EVENT_DTYPE, EvsError
 from reference.networks import random_network, through_network
 
@@ -97,9 +97,7 @@ def test_noise_and_bandwidth_of_a_preset_are_not_its_business() -> None:
         assert run(model(replace(SENSOR, **change)), film()) != run(model(), film())
 
 
-@pytest.mark.parametrize(
-    "preset", ["davis346", "dvxplorer", "imx636", "genx320", "dvs128", "ideal"]
-)
+@pytest.mark.parametrize("preset", preset_names())
 def test_every_preset_has_thresholds_that_a_network_takes(preset: str) -> None:
     sensor = replace(resolve_sensor(SensorConfig(preset=preset)), width=6, height=3)
     assert len(run(model(sensor), film(60))) > 0
