@@ -13,7 +13,7 @@ from evs.drivers.run.sink_set import AuxiliaryStreams
 from evs.msgs import EventPacket
 
 
-class Plan(Protocol):
+class PlanSummary(Protocol):
     """The plan of a camera's scene; evs.emulator's ScenePlan is one."""
 
     def compact(self) -> dict[str, Any]:
@@ -44,7 +44,7 @@ class RunCamera(AuxiliaryStreams, Protocol):
         """How often its scene was built again, as its model was edited; of that, what."""
 
     @property
-    def plan(self) -> Plan:
+    def plan(self) -> PlanSummary:
         """What its scene requires."""
 
     @property

@@ -82,7 +82,7 @@ class _File:
 
 
 @dataclass(frozen=True)
-class Plan:
+class LaunchPlan:
     """The nodes in the order in which they start, every name in them resolved."""
 
     nodes: tuple[NodeConfig, ...]
@@ -102,7 +102,7 @@ def find_launch_file(word: str) -> Path:
     raise EvsError(f"no launch file '{word}'; evs itself comes with: {names}")
 
 
-def read_plan(file: str, given: Iterable[str] = ()) -> Plan:
+def read_plan(file: str, given: Iterable[str] = ()) -> LaunchPlan:
     """The plan of a launch file. In: given, `NAME:=VALUE` each.
 
     Raises EvsError with the path to what is wrong, before anything is started.
@@ -114,7 +114,7 @@ def read_plan(file: str, given: Iterable[str] = ()) -> Plan:
         raise EvsError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
 
-def _plan(tables: dict[str, Any], path: Path, given: Iterable[str]) -> Plan:
+def _plan(tables: dict[str, Any], path: Path, given: Iterable[str]) -> LaunchPlan:
     names = {key: _table(tables, key) for key in ("arg", "need", "bus")}
     known = [name for table in names.values() for name in table]
     for name in (*known, *_OWN):
@@ -142,7 +142,7 @@ def _plan(tables: dict[str, Any], path: Path, given: Iterable[str]) -> Plan:
         raise EvsError("no [[node]] to run")
     _check_names([node.name for node in running])
     waiting = [_waiting(node, running) for node in running]
-    return Plan(tuple(_in_order(waiting)), values)
+    return LaunchPlan(tuple(_in_order(waiting)), values)
 
 
 def _table(tables: dict[str, Any], key: str) -> dict[str, str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from evs.drivers.clock import monotonic_s, sleep_s
 from evs.drivers.run.launcher.guard import Guard
 from evs.drivers.run.launcher.node import Node, command_of
-from evs.drivers.run.launcher.plan import Plan
+from evs.drivers.run.launcher.plan import LaunchPlan
 from evs.drivers.run.stop_signals import stop_signals
 from evs.msgs import EvsError
 
@@ -25,7 +25,7 @@ class Launch:
     """All nodes of a plan. `run` returns when none is left."""
 
     def __init__(
-        self, plan: Plan, say: Callable[[str, str], None], tell: Callable[[str], None]
+        self, plan: LaunchPlan, say: Callable[[str, str], None], tell: Callable[[str], None]
     ) -> None:
         """In: say(node, line), what a node said; tell(line), what became of one."""
         self._guard = Guard()
@@ -150,7 +150,7 @@ def _said(node: Node) -> str:
     return f"failed with exit code {code}"
 
 
-def check_programs(plan: Plan) -> None:
+def check_programs(plan: LaunchPlan) -> None:
     """Refuse what could not start, before anything does. Raises EvsError."""
     for config in plan.nodes:
         program = command_of(config.run)[0]

@@ -11,8 +11,8 @@ from evs.drivers import settings
 from evs.drivers.run.config_keys import field_docs
 from evs.drivers.run.launcher.plan import (
     LAUNCH_FILES,
+    LaunchPlan,
     NodeConfig,
-    Plan,
     find_launch_file,
     read_plan,
 )
@@ -44,7 +44,7 @@ when = "{on}"
 """
 
 
-def plan(folder: Path, text: str, *given: str) -> Plan:
+def plan(folder: Path, text: str, *given: str) -> LaunchPlan:
     file = folder / "launch.toml"
     file.write_text(text)
     return read_plan(str(file), given)
