@@ -23,15 +23,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
     parser.add_argument("file", metavar="FILE", help=f"a recording: {endings()}")
     parser.add_argument(
-        "--repair", action="store_true", help="first cut a torn tail, in place; no packet is lost"
+        "--repair", action="store_true", help="first cut a torn tail in place; keeps every packet"
     )
     add_single_option(parser)
     form = parser.add_mutually_exclusive_group()
-    form.add_argument("--json", action="store_true", help="one JSON object instead of lines")
+    form.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
     form.add_argument(
         "--camera-info",
         action="store_true",
-        help="the camera's calibration instead, as the YAML that ROS's camera_info_manager reads",
+        help="print the camera's calibration instead, as YAML for ROS's camera_info_manager",
     )
 
 

@@ -349,7 +349,7 @@ def test_the_picture_of_a_set_and_what_it_holds(
         ([], "DIR"),
         (["a", "b"], "give one folder for the data set, not 2"),
         (["a", "--scenes", "strete"], "no scene 'strete' in the set; it has: street"),
-        (["a", "--scenes", ","], "--scenes names none"),
+        (["a", "--scenes", ","], "--scenes is empty"),
         (["a", "--scene", "no.xml"], "no scene file 'no.xml'"),
         (["a", "--scene", "no.xml", "--scenes", "park"], "give one"),
         (["a", "--fps", "0", "--scenes", "park"], "at frames.fps: 0"),
