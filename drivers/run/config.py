@@ -282,7 +282,7 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
     for alias, key in PUBLISH.items():
         # wait_s has a default
         if key != "wait_s" and getattr(config, alias) and not config.publish:
-            raise EvsError(f"at {alias}: of no use without publish (--publish ADDRESS)")
+            raise EvsError(f"at {alias}: needs publish (--publish ADDRESS)")
     seeds = SEEDS.get(config.render.renderer, ())
     if seeds and config.render.seeds not in seeds:
         raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))
@@ -291,7 +291,7 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
         if not (config.aside if sink.aside is None else sink.aside):
             for key in ASIDE_KEYS[1:]:
                 if getattr(sink, key) is not None:
-                    raise EvsError(f"at sink.{place}.{key}: of use only with aside = true")
+                    raise EvsError(f"at sink.{place}.{key}: needs aside = true")
     config.emulation()
     _check_held(config)
     _check_outputs(config, pipeline)
@@ -313,8 +313,7 @@ def _check_pace(config: PipelineConfig) -> None:
         )
     if config.is_closed and config.duration_s != PipelineConfig.duration_s:
         raise EvsError(
-            "at duration_s: a closed loop goes on until it is told to end; loop.max_s bounds an "
-            "episode"
+            "at duration_s: a closed loop runs until it is stopped; loop.max_s limits an episode"
         )
 
 

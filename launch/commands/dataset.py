@@ -129,7 +129,7 @@ def _scenes(args: argparse.Namespace) -> dict[str, SceneFile]:
     from evs.tools.dataset import named, names, of_file
 
     if args.scene and args.scenes:
-        raise EvsError("--scene is your own file, --scenes selects from the set; give only one")
+        raise EvsError("--scene is your own file, --scenes selects from the set; give one of them")
     given = [settings.split_word(word) for word in args.words if "=" in word]
     for option, (key, _, _) in KEYS.items():
         text = getattr(args, option)

@@ -79,7 +79,7 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
         ("packets", f"{found.packets:,}{table if found.format == 'aedat4' else ''}"),
         *_beside(found),
         ("seed", str(stream.seed)),
-        ("versions", versions or "not told"),
+        ("versions", versions or "not given"),
     ]
     if found.files:
         lines.insert(1, ("files", f"{len(found.files)}, up to {found.files[-1]}"))
@@ -97,7 +97,7 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
         lines.append(("backwards", found.backwards))
     repair = command("info", "--repair", str(found.path))
     if found.broken_pointer:
-        lines.append(("pointer", f"to a data table that is not there; {repair} takes it out"))
+        lines.append(("pointer", f"to a missing data table; {repair} removes it"))
     if found.unfinished:
         lines.append(("unfinished", f"other programs want the end that {repair} gives it"))
     if found.torn_at is not None:

@@ -113,7 +113,7 @@ def _data(args: argparse.Namespace) -> int:
             print(f"{name:30s}{value}")
         return 0
     if not 0 <= args.threads <= 1024:
-        raise EvsError(f"--threads is {args.threads}; give 0 for one a core, or 1 ... 1024")
+        raise EvsError(f"--threads is {args.threads}; give 0 for one per core, or 1 ... 1024")
     settings = DataSettings(
         seed=args.seed, pixels=args.pixels, truth_spp=args.truth_spp, ticks=args.ticks
     )

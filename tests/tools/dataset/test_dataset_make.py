@@ -358,7 +358,7 @@ def test_the_picture_of_a_set_and_what_it_holds(
         (["a", "--duration", "-1", "--scenes", "park"], "at duration_s: -1 s"),
         (["a", "--sensor", "davis", "--scenes", "park"], "davis346"),
         (["a", "render.sp=4", "--scenes", "park"], "at render.sp: unknown key"),
-        (["a", "--workers", "0", "--short", "--scenes", "park"], "0 workers cannot be"),
+        (["a", "--workers", "0", "--short", "--scenes", "park"], "workers is 0: give"),
         (["a", "--shard", "0", "--scenes", "park"], "--shard is 0: give 0.001"),
         (["a", "--spp", "0", "--scenes", "park"], "frames.spp is 0; with renderer path it must"),
         (["a", "model.name=evsnet", "--scenes", "park"], "or model.labels=false"),
