@@ -66,7 +66,7 @@ class SweepSettings:
             if name not in MOTIONS:
                 raise unknown("camera motion", name, MOTIONS)
         if not 1 <= self.workers <= MOST_WORKERS:
-            raise EvsError(f"{self.workers} workers cannot be: give 1 ... {MOST_WORKERS}")
+            raise EvsError(f"workers is {self.workers}: give 1 ... {MOST_WORKERS}")
 
     @property
     def comparable(self) -> dict[str, Any]:
