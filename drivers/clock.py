@@ -189,7 +189,7 @@ class Pacer:
         catch_up_s: float = CATCH_UP_S,
     ) -> None:
         if not (math.isfinite(speed) and speed >= 0):
-            raise EvsError(f"speed {speed} is not possible: give a number over 0, or 0 for free")
+            raise EvsError(f"speed {speed} is not possible: give a number above 0, or 0 for free")
         if not catch_up_s >= 0:
             raise EvsError(
                 f"catch_up_s is {catch_up_s}: give the lateness to catch up with, 0 s on"

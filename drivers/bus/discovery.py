@@ -65,7 +65,7 @@ def request(
     if not timeout_s >= 0:
         raise EvsError(f"timeout_s is {timeout_s}: give seconds, 0 or more")
     if key and not server_key:
-        raise EvsError("key is of no use without server_key: give the publisher's public key")
+        raise EvsError("key needs server_key: give the publisher's public key")
     address = connectable(control)
     message = packb({"request": name})
     with Context() as context, context.socket(zmq.REQ) as client:

@@ -49,7 +49,7 @@ def write_keys(name: str | Path) -> tuple[Path, Path]:
     for path in (public, secret):
         # a link to nowhere is there, too
         if os.path.lexists(path):
-            raise EvsError(f"'{path}' is there already: give the new keys another name")
+            raise EvsError(f"'{path}' already exists: give the new keys another name")
     text = (
         f'# a public key of evs: give it to whoever talks to its owner\npublic = "{keys.public}"\n'
     )

@@ -25,7 +25,7 @@ class Listener:
     def __init__(self, address: str, server_key: str, key: str) -> None:
         """In: as `subscribe`'s. EvsError: a bad address or key."""
         if key and not server_key:
-            raise EvsError("key is of no use without server_key: give the publisher's public key")
+            raise EvsError("key needs server_key: give the publisher's public key")
         self._server_key = read_public(server_key, "server_key") if server_key else ""
         self._keys = read_secret(key) if key else new_keys() if server_key else None
         self.address = connectable(address)

@@ -38,7 +38,7 @@ class ServerKeys:
     def read(cls, key: str, allow: Sequence[str]) -> ServerKeys:
         """From the files. Raises EvsError for what is no key."""
         if allow and not key:
-            raise EvsError("allow is of no use without key: give the publisher's own secret key")
+            raise EvsError("allow needs key: give the publisher's own secret key")
         return cls(read_secret(key) if key else None, read_allowed(allow))
 
 

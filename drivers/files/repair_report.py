@@ -33,7 +33,7 @@ class Repair:
         if self.cut_bytes:
             done.append(f"cut {self.cut_bytes} bytes at offset {self.cut_at}")
         if self.pointer_reset:
-            done.append("took out the pointer to a data table that is not there")
+            done.append("removed the pointer to a missing data table")
         if self.done:
             done.append(self.done)
         return f"{self.path}: {' and '.join(done)}; every whole packet is kept"

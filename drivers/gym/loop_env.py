@@ -185,7 +185,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         wanted = dict(options or {})
         keyframe = str(wanted.pop("keyframe", self._keyframe))
         if wanted:
-            raise EvsError(f"reset knows no option '{next(iter(wanted))}'; there is: keyframe")
+            raise EvsError(f"reset has no option '{next(iter(wanted))}'; there is: keyframe")
         noise = int(self.np_random.integers(2**31))
         self._began_us = 0
         for view in self._views.values():

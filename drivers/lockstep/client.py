@@ -106,7 +106,7 @@ class RemoteLoop:
         if not isinstance(timeout_s, int | float) or not timeout_s > 0:
             raise EvsError(f"timeout_s is {timeout_s!r}: give seconds, over 0")
         if key and not server_key:
-            raise EvsError("key is of no use without server_key: give the server's public key")
+            raise EvsError("key needs server_key: give the server's public key")
         check_name(name, "name of the controller")
         public = read_public(server_key, "server_key") if server_key else ""
         own = read_secret(key) if key else None

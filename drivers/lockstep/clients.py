@@ -61,7 +61,9 @@ class Clients:
         if before is not None and before.joined == join:
             return before
         if before is not None:
-            raise EvsError(f"you are here already, as '{before.name}': leave before you join anew")
+            raise EvsError(
+                f"you have already joined, as '{before.name}': leave before you join again"
+            )
         if self.full:
             count = self.controllers
             raise EvsError(
@@ -69,7 +71,9 @@ class Clients:
                 f"({self.names}); lockstep.controllers={count + 1} lets one more in"
             )
         if any(client.name == join.name for client in self.present.values()):
-            raise EvsError(f"a controller '{join.name}' is here already: join under another name")
+            raise EvsError(
+                f"a controller '{join.name}' has already joined: join under another name"
+            )
         cameras = self.cameras if join.cameras is None else join.cameras
         for camera in cameras:
             if camera not in self.cameras:

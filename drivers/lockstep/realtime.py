@@ -113,7 +113,7 @@ class RealtimeServer(LockstepServer):
             if any(isinstance(one, Restore) for one in self._barrier.decisions.values())
             else "reset"
         )
-        self._break(f"{names} asked for no {what} within {self._timeout_s:g} s")
+        self._break(f"{names} did not request a {what} within {self._timeout_s:g} s")
 
     def _lose(self, identities: Sequence[bytes], why: str) -> None:
         super()._lose(identities, why)
@@ -174,7 +174,7 @@ class RealtimeServer(LockstepServer):
         for identity, view in list(self._views.items()):
             waits = view.step is not None or identity in self._barrier.decisions
             if not waits and now_s - view.answered_s > self._timeout_s:
-                self._lose([identity], f"asked for nothing for {self._timeout_s:g} s")
+                self._lose([identity], f"made no request for {self._timeout_s:g} s")
         since_s = self._barrier.since_s
         if since_s is not None and now_s - since_s > self._timeout_s:
             self._give_up()

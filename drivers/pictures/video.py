@@ -58,7 +58,7 @@ def write_mp4(path: Path, frames: Iterable[U8], fps: float) -> None:
             complaints.seek(0)
             lines = complaints.read().decode(errors="replace").strip().splitlines()
             raise EvsError(
-                f"cannot write {path}: ffmpeg says: {lines[-1] if lines else f'exit code {code}'}"
+                f"cannot write {path}: ffmpeg: {lines[-1] if lines else f'exit code {code}'}"
             )
 
 

@@ -38,14 +38,14 @@ def node_path(node: str, namespace: str, camera: str) -> str:
         fix = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_") or "camera"
         fix = fix if fix[0].isalpha() else f"camera_{fix}"
         raise EvsError(
-            f"the {key} '{name}' is no name of a ROS node (letters, digits and single _, a letter "
-            f"first): set node = {re.sub('__+', '_', fix)}"
+            f"the {key} '{name}' is not a valid ROS node name (letters, digits and single _, "
+            f"a letter first): set node = {re.sub('__+', '_', fix)}"
         )
     parts = [part for part in namespace.split("/") if part]
     for part in parts:
         if _TOKEN.fullmatch(part) is None or "__" in part:
             raise EvsError(
-                f"the namespace '{namespace}' is none of ROS: give words of letters, digits and _ "
-                "with / between them, as in robot/head"
+                f"the namespace '{namespace}' is not valid in ROS: give words of letters, digits "
+                "and _ with / between them, as in robot/head"
             )
     return "/" + "/".join([*parts, name])

@@ -1,4 +1,4 @@
-"""A pipeline: the emulator's configuration plus where the packets go and at what pace.
+"""A pipeline: the emulator's configuration, plus the sinks of its packets and its pace.
 
 Precedence: defaults < the TOML file < the command line.
 """
@@ -32,53 +32,55 @@ _SCENE_SUFFIXES = (".xml", ".mjcf", ".mjb", ".urdf")
 
 @dataclass(frozen=True)
 class SinkConfig(DriverParameters):
-    """[[sink]]: one place that packets leave to. Any number of them."""
+    """[[sink]]: one destination of the packets. Any number of tables."""
 
     type: str = ""
-    """zmq | dv | ros2 | rerun, or a recording's format: aedat4 | ... (evs convert --help)"""
+    """zmq | dv | ros2 | rerun, or the format of a recording: aedat4 | ... (evs convert --help)"""
     address: str | None = None
-    """zmq, dv: where to bind, as in tcp://127.0.0.1:5560; dv takes the port of the events"""
+    """zmq, dv: address to bind, as in tcp://127.0.0.1:5560; dv: the port of the events"""
     wait_for: int | None = None
-    """zmq, dv, ros2: subscribers of events to wait for before the first tick"""
+    """zmq, dv, ros2: number of event subscribers to wait for before the first tick"""
     wait_s: float | None = None
     """zmq, dv, ros2: how long to wait for them, s"""
     queue: int | None = None
-    """zmq, dv: packets held for a slow subscriber before it loses some"""
+    """zmq, dv: packets queued for a slow subscriber before packets are dropped"""
     control: str | None = None
-    """zmq: one more port, which tells who is here and where, and takes requests (evs topics)"""
+    """zmq: control port, which describes the camera and its topics and takes requests (evs
+    topics)"""
     latest: str | None = None
-    """zmq: where the newest state is published; any free port if only control is given"""
+    """zmq: address of the newest state; any free port if only control is given"""
     truth_hz: float | None = None
-    """zmq: ground truth per simulated second, while somebody listens to it"""
+    """zmq: ground-truth messages per simulated second, while the topic has subscribers"""
     key: str | None = None
-    """zmq: file of the publisher's secret key (evs keygen makes one); all is encrypted then"""
+    """zmq: file of the publisher's secret key (evs keygen makes one); encrypts all traffic"""
     allow: tuple[str, ...] | None = None
-    """zmq: public keys that may listen (files, folders, or written out); else who knows its own"""
+    """zmq: public keys of the clients that may subscribe (files, folders, or the keys themselves);
+    not given: every client that has the publisher's public key"""
     insecure: bool | None = None
-    """zmq, dv, ros2: true: other machines may listen although there is no key"""
+    """zmq, dv, ros2: true: other machines may subscribe without a key"""
     file: str | None = None
-    """of a recording"""
+    """recordings: the file to write"""
     overwrite: bool | None = None
-    """recordings, rerun: true: it replaces a file that is there; not given: as the run's"""
+    """recordings, rerun: true: replace an existing file; not given: as for the whole run"""
     compression: str | None = None
     """aedat4, dv: lz4 | zstd | none"""
     encoding: str | None = None
     """ros2, rosbag2, rosbag1: evt3 | libcaer | mono (event_camera_msgs); bags: dvs (dvs_msgs)"""
     rotate_mb: float | None = None
-    """aedat4: go on in another file (run-001.aedat4, ...) before one grows over this, MB"""
+    """aedat4: largest size of a file, MB; the recording continues in run-001.aedat4, ..."""
     rotate_s: float | None = None
-    """aedat4: go on in another file after this much simulated time, s"""
+    """aedat4: longest simulated time of a file, s; the recording continues in the next file"""
     rrd: str | None = None
-    """rerun: the file to write, which Rerun's viewer opens"""
+    """rerun: the file to write, for Rerun's viewer"""
     period_us: int | None = None
-    """rerun: simulated time from one picture to the next, us"""
+    """rerun: simulated time between two pictures, us"""
     aside: bool | None = None
-    """true: in a process of its own, so that it costs the camera a copy; not given: as the run's;
-    worker, worker_mb and worker_cores are other names of these three"""
+    """true: run the sink in its own process, so it costs the camera only a copy; not given: as for
+    the whole run; worker, worker_mb and worker_cores are other names of these three keys"""
     aside_mb: float | None = None
-    """aside: MB of packets that may wait for that process, 64 if not given"""
+    """aside: size of the buffer of packets for that process, MB; 64 if not given"""
     aside_cores: tuple[int, ...] | None = None
-    """aside: processor cores that it may use; those of the camera if not given"""
+    """aside: processor cores that the process may use; not given: the cores of the camera"""
 
 
 @dataclass(frozen=True)
@@ -138,39 +140,39 @@ class PipelineConfig(RunConfig):
 
     sink: tuple[SinkConfig, ...] = ()
     pace: str = "free"
-    """free: as fast as it goes | realtime: no faster than the wall clock |
+    """free: as fast as possible | realtime: no faster than the wall clock |
     lockstep: when controllers decide (docs/tutorials/closed_loop.md)"""
     realtime: RealtimeConfig = dataclasses.field(default_factory=RealtimeConfig)
     lockstep: LockstepConfig = dataclasses.field(default_factory=LockstepConfig)
     loop: LoopConfig = dataclasses.field(default_factory=LoopConfig)
     record: str = ""
-    """one more recording, as in run.aedat4; the ending says the format"""
+    """an additional recording, as in run.aedat4; the file's ending selects the format"""
     publish: str = ""
-    """one more zmq sink: the address it binds, as in tcp://127.0.0.1:5560"""
+    """an additional zmq sink: the address to bind, as in tcp://127.0.0.1:5560"""
     publish_wait_for: int = 0
     """subscribers to wait for before the first tick"""
     publish_wait_s: float = 10.0
     """how long to wait for them, s"""
     publish_control: str = ""
-    """its control port"""
+    """control port of publish"""
     publish_key: str = ""
-    """its secret key"""
+    """secret key of publish"""
     publish_allow: tuple[str, ...] = ()
-    """public keys that may listen to it"""
+    """public keys of the clients that may subscribe to publish"""
     publish_insecure: bool = False
-    """true: other machines may listen to it although it has no key"""
+    """true: other machines may subscribe to publish without a key"""
     overwrite: bool = False
-    """true: recordings replace files that are there; else that is refused (--force)"""
+    """true: recordings replace existing files (--force); false: an existing file is an error"""
     beside: bool = False
-    """true: a recording whose file is there goes beside it, as run-1.aedat4: what evs launch sets
-    for a node that it starts again"""
+    """true: if the file of a recording exists, record to run-1.aedat4 beside it; evs launch sets
+    this for a node that it restarts"""
     aside: bool = False
-    """true: every sink that does not say otherwise runs in a process of its own; also: worker"""
+    """true: run every sink in its own process, unless its table sets aside; also called worker"""
     ahead: int = 2
-    """ticks whose physics and light may be made while pixels and sinks work on the present one, on
-    two cores and threads or more; 0: one after the other. The same bytes"""
+    """ticks of physics and light to compute in advance, while pixels and sinks process the current
+    tick; needs two cores and two threads; 0: one after the other. The bytes are the same"""
     report: str = ""
-    """where to write the run report (JSON); every recording has one beside it anyway"""
+    """file of the run report (JSON); every recording has a report beside it anyway"""
 
     @property
     def is_closed(self) -> bool:
@@ -188,7 +190,7 @@ class PipelineConfig(RunConfig):
     def sinks(self) -> tuple[SinkConfig, ...]:
         """Every sink: the [[sink]] tables, `record` and `publish`; files last.
 
-        So a port in use, or subscribers that do not come, cost no recording that is there already.
+        So a port in use, or a missing subscriber, never costs an existing recording.
         """
         every = list(self.sink)
         if self.record:
@@ -222,7 +224,7 @@ def load(
 ) -> PipelineConfig:
     """Load a pipeline.
 
-    Of a key that is given twice the last counts. Paths in the file are relative to it, all others
+    If a key is given twice, the last value counts. Paths in the file are relative to it, all others
     to the working directory; `package:path` is a file inside an installed Python package.
 
     Args:
@@ -280,7 +282,7 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
     for alias, key in PUBLISH.items():
         # wait_s has a default
         if key != "wait_s" and getattr(config, alias) and not config.publish:
-            raise EvsError(f"at {alias}: of no use without publish (--publish ADDRESS)")
+            raise EvsError(f"at {alias}: needs publish (--publish ADDRESS)")
     seeds = SEEDS.get(config.render.renderer, ())
     if seeds and config.render.seeds not in seeds:
         raise _at("render.seeds", unknown("seeds", config.render.seeds, seeds))
@@ -289,7 +291,7 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
         if not (config.aside if sink.aside is None else sink.aside):
             for key in ASIDE_KEYS[1:]:
                 if getattr(sink, key) is not None:
-                    raise EvsError(f"at sink.{place}.{key}: of use only with aside = true")
+                    raise EvsError(f"at sink.{place}.{key}: needs aside = true")
     config.emulation()
     _check_held(config)
     _check_outputs(config, pipeline)
@@ -311,8 +313,7 @@ def _check_pace(config: PipelineConfig) -> None:
         )
     if config.is_closed and config.duration_s != PipelineConfig.duration_s:
         raise EvsError(
-            "at duration_s: a closed loop goes on until it is told to end; loop.max_s bounds an "
-            "episode"
+            "at duration_s: a closed loop runs until it is stopped; loop.max_s limits an episode"
         )
 
 

@@ -1,4 +1,4 @@
-"""Config lint: settings of a sensor that are legal but hardly meant."""
+"""Config lint: settings of a sensor that are legal but unlikely to be intended."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SLOW_HZ = 1.0
 
 
 def lint(camera: str, config: Mapping[str, Any]) -> list[str]:
-    """Find the settings that are hardly meant.
+    """Find the settings that are unlikely to be intended.
 
     Args:
         camera: Its name.
@@ -38,7 +38,7 @@ def _thresholds(sensor: Mapping[str, Any]) -> Iterator[str]:
         if theta < LEAST_THRESHOLD:
             yield (
                 f"sensor.{keys} {theta:g}, so black to white is {math.log(255) / theta:,.0f} "
-                "events a pixel; real ones have 0.1 and more"
+                "events per pixel; real sensors have 0.1 or more"
             )
 
 

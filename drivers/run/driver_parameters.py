@@ -1,7 +1,7 @@
 """The keys of a sink for ROS 2: its own, and the parameters of the real cameras' drivers.
 
-Those of the sensor itself (roi, erc_mode, erc_rate) are taken by their drivers' names and passed on
-to it; biases have their drivers' names in [sensor.biases] anyway.
+The parameters of the sensor itself (roi, erc_mode, erc_rate) keep their drivers' names and are
+passed on to it. Biases have their drivers' names in [sensor.biases].
 """
 
 from __future__ import annotations
@@ -17,41 +17,43 @@ from evs.msgs import EvsError, unknown
 
 @dataclass(frozen=True)
 class DriverParameters:
-    """The keys that a table of [[sink]] has for ROS 2; what the driver packages have as well."""
+    """The keys of a [[sink]] table for ROS 2, which the driver packages have as well."""
 
     type: str = ""
     node: str | None = None
     """ros2: name of the node, as in /NODE/events; the camera's name if not given"""
     namespace: str | None = None
-    """ros2: of the node, as in robot/head"""
+    """ros2: namespace of the node, as in robot/head"""
     domain_id: int | None = None
-    """ros2: what ROS_DOMAIN_ID is for nodes of ROS, 0 ... 232; the environment is not looked at"""
+    """ros2: domain, 0 ... 232, as ROS_DOMAIN_ID for ROS nodes; the environment variable is not
+    read"""
     interface: str | None = None
     """ros2: network interface, by name or address; lo if not given (with insecure: any)"""
     reliable: bool | None = None
-    """ros2: true: readers may ask for what they lack; real drivers are best effort"""
+    """ros2: true: reliable QoS, lost messages are sent again; real drivers are best effort"""
     frame_id: str | None = None
     """ros2: the camera's frame (x right, y down, z forward); NODE_optical_frame if not given"""
     world_frame: str | None = None
-    """ros2: the frame that poses are in"""
+    """ros2: reference frame of the poses"""
     clock: bool | None = None
-    """ros2: whether to publish /clock; of several publishers one may"""
+    """ros2: publish /clock; only one of several publishers may"""
     tf: bool | None = None
-    """ros2: whether to publish the pose on /tf"""
+    """ros2: publish the pose on /tf"""
     event_message_time_threshold: float | None = None
-    """ros2: what a message of events spans at least, s"""
+    """ros2: shortest time span of an event message, s"""
     event_message_size_threshold: int | None = None
-    """ros2: unless it has so many bytes before"""
+    """ros2: size at which an event message is sent before that time, bytes"""
     send_queue_size: int | None = None
-    """ros2: messages of a topic held for a slow network before it loses the oldest"""
+    """ros2: messages per topic queued for a slow network before the oldest are dropped"""
     statistics_print_interval: float | None = None
-    """ros2: a line of statistics on stderr every so many s of the wall clock, as drivers do"""
+    """ros2: interval of the statistics on stderr, s of the wall clock, as in real drivers; 0:
+    none"""
     roi: tuple[int, ...] | None = None
-    """ros2: sensor.readout.roi by its drivers' name, x y width height"""
+    """ros2: sensor.readout.roi under the drivers' name, x y width height"""
     erc_mode: str | None = None
     """ros2: na | enabled: sensor.readout.erc_rate_mevs is erc_rate / 1e6 | disabled: it is 0"""
     erc_rate: int | None = None
-    """ros2: of event rate control, events/s"""
+    """ros2: highest rate of event rate control, events/s"""
 
 
 OF_THE_SENSOR = ("roi", "erc_mode", "erc_rate")
@@ -72,7 +74,7 @@ ERC_RATE = 100_000_000
 
 
 def passed_on(sensor: SensorConfig, sinks: Iterable[DriverParameters]) -> SensorConfig:
-    """The sensor with what the drivers' parameters change. EvsError: two of them disagree."""
+    """Return the sensor with the drivers' parameters applied. EvsError: two of them disagree."""
     readout = sensor.readout
     for place, sink in enumerate(sinks):
         changes: dict[str, tuple[str, Any]] = {}
@@ -85,8 +87,8 @@ def passed_on(sensor: SensorConfig, sinks: Iterable[DriverParameters]) -> Sensor
             said = getattr(readout, key)
             if said not in (None, value):
                 raise EvsError(
-                    f"at sink.{place}.{name}: it sets sensor.readout.{key}, which is set otherwise "
-                    "already; say it once"
+                    f"at sink.{place}.{name}: sensor.readout.{key} already has another value; "
+                    "set only one of them"
                 )
             readout = dataclasses.replace(readout, **{key: value})
     return dataclasses.replace(sensor, readout=readout)

@@ -16,30 +16,32 @@ LOCKSTEP = "lockstep"
 
 @dataclass(frozen=True)
 class RealtimeConfig:
-    """[realtime]: what pace = "realtime" does about being late."""
+    """[realtime]: how pace = "realtime" handles lateness."""
 
     catch_up_s: float = CATCH_UP_S
-    """lateness that the next ticks catch up with, s; beyond it simulated time slips; 0: none"""
+    """largest lateness that the next ticks make up for, s; beyond it, simulated time slips"""
     serve: bool = False
     """true: controllers may connect as in lock-step ([lockstep], [loop]); a control acts when it
-    arrives, and time waits for nobody"""
+    arrives, and simulated time never waits for it"""
 
 
 @dataclass(frozen=True)
 class LockstepConfig:
-    """[lockstep]: the server of pace = "lockstep", and of realtime.serve; [loop] is of its loop."""
+    """[lockstep]: the server of pace = "lockstep" and of realtime.serve; see also [loop]."""
 
     address: str = LOCKSTEP_ADDRESS
-    """where controllers connect: tcp://HOST:PORT, or ipc:///PATH on this machine"""
+    """address for controllers: tcp://HOST:PORT, or ipc:///PATH on this machine"""
     controllers: int = 1
-    """how many have to have joined, each with actuators of its own, before anything moves"""
+    """number of controllers that must join before the simulation starts, each with its own
+    actuators"""
     timeout_s: float = 10.0
-    """how long the others wait for a controller's decision before it loses its seat, s"""
+    """how long to wait for a controller's decision before the controller is removed, s"""
     cameras: tuple[str, ...] = ()
     """cameras of the model, all with this pipeline's sensor; none: the pipeline's one camera"""
     key: str = ""
-    """file of the server's secret key (evs keygen makes one); all is encrypted then"""
+    """file of the server's secret key (evs keygen makes one); encrypts all traffic"""
     allow: tuple[str, ...] = ()
-    """public keys that may control it (files, folders, or written out); else who knows its own"""
+    """public keys of the controllers that may connect (files, folders, or the keys themselves);
+    none: every controller that has the server's public key"""
     insecure: bool = False
-    """true: other machines may control it although there is no key"""
+    """true: controllers on other machines may connect without a key"""

@@ -66,7 +66,7 @@ def chosen_channels(text: str, renderer: str) -> tuple[str, ...]:
         if word not in CHANNELS:
             raise unknown("channel", word, ["all", *CHANNELS])
     if not words:
-        raise EvsError(f"no channel is asked for; there is: all, {', '.join(CHANNELS)}")
+        raise EvsError(f"no channel is given; there is: all, {', '.join(CHANNELS)}")
     return tuple(name for name in CHANNELS if name in words)
 
 
@@ -81,7 +81,7 @@ def instants(duration_s: float, fps: float | None, tick_us: int) -> range | list
             f"at duration_s: {duration_s:g} s is not possible; give 0 s (one frame) or more"
         )
     if tick_us < 1:
-        raise EvsError(f"at scene.tick_us: {tick_us} is no tick; give 1 us or more")
+        raise EvsError(f"at scene.tick_us: {tick_us} is not a valid tick; give 1 us or more")
     # a hair's breadth over, so that 0.3 s at 10 fps has its last frame
     if fps is None:
         return range(int(duration_s * 1e6 / tick_us + 1e-6) + 1)

@@ -42,7 +42,7 @@ Observer = Callable[[int, Any, tuple[EventPacket, ...]], None]
 def tick_count(duration_s: float, tick_us: int) -> int:
     """The whole ticks nearest to a duration. Raises EvsError where that is none or impossible."""
     if tick_us < 1:
-        raise EvsError(f"at scene.tick_us: {tick_us} is no tick; give 1 us or more")
+        raise EvsError(f"at scene.tick_us: {tick_us} is not a valid tick; give 1 us or more")
     if not (math.isfinite(duration_s) and 0 < duration_s <= MAX_SECONDS):
         raise EvsError(
             f"at duration_s: {duration_s:g} s is not possible; give more than 0 s, "

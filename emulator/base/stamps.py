@@ -17,10 +17,10 @@ MAX_START_US = 2**52
 
 
 def check_start(start_us: int) -> int:
-    """`start_us` itself; EvsError where it is no time to begin at."""
+    """`start_us` itself; EvsError where it is not a valid start time."""
     if not 0 <= start_us <= MAX_START_US:
         raise EvsError(
-            f"at scene.start_us: {start_us} is no time to begin at; give 0 ... {MAX_START_US} us "
+            f"at scene.start_us: {start_us} is not a start time; give 0 ... {MAX_START_US} us "
             "(a Unix time in microseconds is possible)"
         )
     return start_us

@@ -203,7 +203,7 @@ class Camera:
         t_us = saved["t_us"].tolist()
         needed = [now, previous][:instants]
         if None in needed or (needed and now is not None and t_us != [now.t_us]):
-            raise EvsError("saved state is damaged: a camera's time cannot be; save it again")
+            raise EvsError("saved state is damaged: a camera's time is invalid; save it again")
 
         def put() -> None:
             self.reset(seed)

@@ -108,7 +108,7 @@ class Pixels:
             or light.shape != (len(ticks), *self._shape)
             or len(ticks) >= self._chunk
         ):
-            raise EvsError("saved state is damaged: the light that waits cannot be; save it again")
+            raise EvsError("saved state is damaged: the pending light is invalid; save it again")
 
         def put() -> None:
             self._seed, self._state, self._read, self._lit = seed, state, read, lit

@@ -1,4 +1,4 @@
-"""The configuration of a closed loop: what delays, loses and ends it."""
+"""The configuration of a closed loop: its delays, its packet loss and the limits that end it."""
 
 from __future__ import annotations
 
@@ -10,33 +10,35 @@ from evs.msgs import EvsError
 
 @dataclass(frozen=True)
 class DelayConfig:
-    """[loop.delays]: the way between camera, controller and actuators.
+    """[loop.delays]: the path between camera, controller and actuators.
 
-    It comes on top of the sensor's own latency ([sensor] latency_us, [sensor.readout]).
+    These delays add to the sensor's own latency ([sensor] latency_us, [sensor.readout]).
     """
 
     transport_us: int = 0
-    """from a tick's end to when its packet can be had, us: at the first decision from then on"""
+    """delay from the end of a tick until its packet is available, us; the first decision from then
+    on receives it"""
     transport_jitter_us: float = 0.0
-    """its standard deviation from packet to packet, us; none overtakes another"""
+    """standard deviation of that delay from packet to packet, us; packets stay in order"""
     drop_share: float = 0.0
-    """share of packets that get lost on the way, 0 ... 1; they are counted"""
+    """fraction of packets that are lost, 0 ... 1; lost packets are counted"""
     control_us: int = 0
-    """from a decision to its effect, us: it acts in the first tick that begins from then on"""
+    """delay from a decision to its effect, us; it acts in the first tick that begins from then
+    on"""
     control_jitter_us: float = 0.0
-    """its standard deviation from decision to decision, us; none overtakes another"""
+    """standard deviation of that delay from decision to decision, us; decisions stay in order"""
 
 
 @dataclass(frozen=True)
 class LimitConfig:
-    """[[loop.limits]]: a range that a sensor of the model has to stay in. Any number of them."""
+    """[[loop.limits]]: a range that a sensor of the model must stay in. Any number of tables."""
 
     sensor: str = ""
     """name of a <sensor> of the model"""
     low: float = -1e300
-    """the episode is over when it reads less"""
+    """the episode ends when the sensor reads less than this"""
     high: float = 1e300
-    """or more"""
+    """the episode ends when the sensor reads more than this"""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class LoopConfig:
     """[loop]: the closed loop of pace = "lockstep"."""
 
     max_s: float | None = None
-    """the episode is over after so much simulated time, s; None: it has no end"""
+    """simulated time after which the episode ends, s; None: no limit"""
     limits: tuple[LimitConfig, ...] = ()
     delays: DelayConfig = field(default_factory=DelayConfig)
 
@@ -60,6 +62,6 @@ class LoopConfig:
                 raise EvsError(f"at loop.limits.{place}.sensor: '{name}' has two limits; give one")
         for place, limit in enumerate(self.limits):
             if (limit.low, limit.high) == (LimitConfig.low, LimitConfig.high):
-                raise EvsError(f"at loop.limits.{place}: no end; give low, high or both")
+                raise EvsError(f"at loop.limits.{place}: no bound; give low, high or both")
         limits = {limit.sensor: (limit.low, limit.high) for limit in self.limits}
         return {"limits": limits, "max_s": self.max_s, "delays": self.delays}

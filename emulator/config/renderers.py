@@ -15,10 +15,10 @@ class RendererRow:
     target: str
     """"module:Class", imported at first use"""
     default_spp: int
-    """samples per pixel where the configuration gives none: the fewest whose events serve"""
+    """samples per pixel if the configuration sets none: the fewest that give usable events"""
     max_spp: int
     seeds: tuple[str, ...] = ("fixed",)
-    """values of render.seeds; without noise there is nothing that could be fresh"""
+    """values of render.seeds; a renderer without noise has "fixed" only"""
     options: tuple[str, ...] = ()
     """what its constructor takes after scene, camera and configuration: of threads, rgb, seed,
     switches and like (make_renderer explains them)"""

@@ -1,6 +1,6 @@
-"""The configuration of every stage inside the emulator: a frozen dataclass each.
+"""The configuration of every stage inside the emulator, one frozen dataclass per stage.
 
-A pipeline file (TOML) has one table per class, and every key can be given on the command line by
+A pipeline file (TOML) has one table per class. Every key can also be set on the command line by
 its dotted name: `render.spp=4`, `sensor.cutoff_hz=200`.
 """
 
@@ -14,44 +14,46 @@ from evs.emulator.config.sensor import SensorConfig
 
 @dataclass(frozen=True)
 class SceneConfig:
-    """[scene]: which world, and what moves it."""
+    """[scene]: the world, and the controls that move it."""
 
     file: str = ""
     """MJCF (.xml) or MJB (.mjb) file"""
     camera: str = ""
-    """name of a camera of the model; empty: as in [camera], or the model's first, or a free one"""
+    """name of a camera of the model; empty: the camera of [camera], else the model's first camera,
+    else a free camera"""
     tick_us: int = 1000
-    """length of a tick, us; the model's time step is subdivided to fit it"""
+    """length of a tick, us; the model's time step is subdivided to fit"""
     start_us: int = 0
-    """what the stamps begin at, us, as a Unix time does: the same events, that much later"""
+    """time stamp of the start, us, for example a Unix time; it shifts every stamp and changes no
+    event"""
     control: str = "auto"
-    """auto: holds those of `home` if it starts there, else zero | zero | keyframe | random |
-    file"""
+    """auto: hold the controls of `home` if the run starts there, else zero | zero | keyframe |
+    random | file"""
     control_file: str = ""
     """.npy or .npz (array `ctrl`) or .csv, one row per control period: (n, nu)"""
     control_hz: float = 100.0
-    """how often `random` and `file` give a new value; held in between"""
+    """rate of new values for `random` and `file`, Hz; each value holds until the next"""
     control_seed: int = 0
-    """what `random` follows from"""
+    """seed of `random`"""
     control_scale: float = 1.0
-    """share of the control range that `random` uses"""
+    """fraction of the control range that `random` uses"""
     keyframe: str = ""
-    """name or number of the keyframe to start from; empty: `home` if the model has it; none: as the
-    model stands by itself (qpos0)"""
+    """name or number of the keyframe to start from; empty: `home` if the model has it; none: the
+    model's own initial state (qpos0)"""
 
 
 @dataclass(frozen=True)
 class CameraConfig:
-    """[camera]: a camera that the model does not have, or other optics for one that it has."""
+    """[camera]: a camera that the model lacks, or different optics for one that it has."""
 
     lookat: tuple[float, float, float] | None = None
-    """free camera: the point it looks at, m; None: the centre of what moves"""
+    """free camera: the point it looks at, m; None: the centre of everything that moves"""
     distance: float | None = None
-    """free camera: distance from that point, m; None: what moves fits the picture"""
+    """free camera: distance from that point, m; None: everything that moves fits the image"""
     azimuth: float | None = None
-    """free camera: degrees around z, as MuJoCo's viewer"""
+    """free camera: degrees around z, as in MuJoCo's viewer"""
     elevation: float | None = None
-    """free camera: degrees, negative looks down"""
+    """free camera: degrees; negative looks down"""
     body: str = ""
     """mounted camera: the body that carries it"""
     pos: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -61,7 +63,7 @@ class CameraConfig:
     xyaxes: tuple[float, float, float, float, float, float] | None = None
     """mounted camera: its x and y axes in the body's frame, instead of quat"""
     fovy: float | None = None
-    """vertical field of view, degrees; None: the model's camera's own"""
+    """vertical field of view, degrees; None: that of the model's camera"""
     focal_px: tuple[float, float] | None = None
     """fx, fy in px, instead of fovy"""
     principal_px: tuple[float, float] | None = None
@@ -71,29 +73,30 @@ class CameraConfig:
     distortion: tuple[float, ...] = ()
     """OpenCV's coefficients: k1 k2 p1 p2 k3 | k1 k2 p1 p2 k3 k4 k5 k6 | k1 k2 k3 k4"""
     vignetting: str = "none"
-    """none | cos4: light falls with the fourth power of the cosine of the angle off the axis"""
+    """none | cos4: light falls off with the fourth power of the cosine of the angle to the axis"""
     vignetting_polynomial: tuple[float, ...] = ()
-    """a b ...: another factor 1 + a r^2 + b r^4 + ..., r = 1 half a diagonal off the principal
-    point"""
+    """a b ...: a further factor 1 + a r^2 + b r^4 + ...; r is the distance from the principal
+    point in half diagonals of the image"""
 
 
 @dataclass(frozen=True)
 class FlickerConfig:
-    """[[render.flicker]]: light that pulses, by its mean over each tick. Any number of them."""
+    """[[render.flicker]]: a light that pulses, averaged over each tick. Any number of tables."""
 
     light: str = "*"
-    """name of a light, its number where it has none, or "headlight"; "*" is every light that has no
+    """name of a light, its number if it has no name, or "headlight"; "*": every light that has no
     table of its own"""
     waveform: str = "mains"
-    """mains: a lamp on alternating current | sine | pwm: on and off; each has the mean 1"""
+    """mains: a lamp on alternating current | sine | pwm: on and off; the mean of each is 1"""
     hz: float = 50.0
-    """of the waveform; mains: of the voltage, so light pulses twice as often (50 Hz: 100 times)"""
+    """frequency of the waveform, Hz; mains: of the voltage, so the light pulses at twice this
+    rate"""
     depth: float = 0.3
-    """mains, sine: amplitude, as share of the mean; pwm: 1 is dark between the pulses"""
+    """mains, sine: amplitude as a fraction of the mean; pwm: 1 is dark between the pulses"""
     duty: float = 0.5
-    """pwm: share of a period that is on"""
+    """pwm: fraction of a period that is on"""
     phase: float = 0.0
-    """share of a period of the light that has passed at t = 0"""
+    """phase of the light at t = 0, as a fraction of its period"""
 
 
 @dataclass(frozen=True)
@@ -101,41 +104,43 @@ class RenderConfig:
     """[render]: how light reaches the pixels."""
 
     renderer: str = "direct"
-    """direct: hard light, no noise | path: light that bounces, soft shadows | raster: OpenGL"""
+    """direct: direct light with hard shadows, no noise | path: path tracing with soft shadows |
+    raster: OpenGL"""
     spp: int | None = None
-    """samples per pixel: 1 ... 64 (direct, raster; 4 if not given), 1 ... 4096 (path; 16)"""
+    """samples per pixel; direct, raster: 1 ... 64, default 4; path: 1 ... 4096, default 16"""
     antialiasing: str = "fixed"
-    """fixed: every pixel takes all samples | adaptive: only pixels at an edge of the light do, the
-    others one; `direct` only"""
+    """fixed: every pixel takes all samples | adaptive: only pixels at an edge of the light take
+    all, the others one (`direct` only)"""
     seeds: str = "fixed"
-    """fixed: a pixel's samples are the same every tick, so that still light gives no events
-    fresh: new ones every tick, as in the paper (path only)"""
+    """fixed: a pixel takes the same samples every tick, so constant light gives no events |
+    fresh: new samples every tick, as in the paper (path only)"""
     bounces: int = 2
-    """path: how often light may go from one surface to another on its way: 0 ... 64"""
+    """path: the most bounces between surfaces: 0 ... 64"""
     sampler: str = "owen"
-    """path: owen | sobol | global | random: how its samples lie (docs/explanation/light.md)
-    anchored: as owen, but the noise moves with the surface that is seen (for studies)"""
+    """path: the sample pattern: owen | sobol | global | random (docs/explanation/light.md) |
+    anchored: as owen, but the noise moves with the visible surface (for studies)"""
     headlight: str = "model"
-    """model: as the model has it | off: removed"""
+    """model: as the model sets it | off: no headlight"""
     shadows: bool = True
-    """lights that cast shadows in the model cast them here"""
+    """true: lights that cast shadows in the model cast them here; false: none do"""
     fog: bool = False
-    """the model's fog (visual/map fogstart, fogend); MuJoCo's viewer shows it on request only"""
+    """the model's fog (visual/map fogstart, fogend); MuJoCo's viewer shows it only on request"""
     haze: bool = True
-    """the model's haze below the horizon, where it has a sky and a plane without bounds"""
+    """the model's haze below the horizon, if it has a sky and an infinite plane"""
     sites: bool = True
-    """sites of groups 0 to 2, as MuJoCo's viewer shows them; false: none, where they are only marks
-    for sensors, goals or touch"""
+    """draw sites of groups 0 to 2, as MuJoCo's viewer does; use false if they only mark sensors,
+    goals or touch zones"""
     lux_per_unit: float = 1000.0
-    """illuminance that counts as 1, for lights with a physical intensity (candela, lux)"""
+    """illuminance that equals 1 unit of light, for lights with a physical intensity (candela,
+    lux)"""
     linear_textures: tuple[str, ...] = ()
-    """names of the model's textures whose numbers are linear light; every other image of colour is
-    display-coded, whatever its `colorspace`; maps of numbers (normal, roughness, ...) never are"""
+    """names of the model's textures that hold linear light; all other colour textures are
+    display-coded, whatever their `colorspace`; data maps (normal, roughness, ...) never are"""
     incremental: bool = True
-    """trace again only what something moved can touch; the result is the same bit for bit"""
+    """trace again only the pixels that a motion can affect; the result is the same bit for bit"""
     isa: str = "auto"
-    """auto | avx512 | avx2 | portable: the instruction set, of pixels and networks too; the result
-    is the same bit for bit"""
+    """auto | avx512 | avx2 | portable: the instruction set of renderer, pixels and networks; the
+    result is the same bit for bit"""
     flicker: tuple[FlickerConfig, ...] = ()
 
     @property
@@ -155,39 +160,40 @@ class RenderConfig:
 
 @dataclass(frozen=True)
 class ModelConfig:
-    """[model]: what turns light into events."""
+    """[model]: the event model, which turns light into events."""
 
     name: str = "plain"
-    """plain: the event pixel | adaptive: a running mean of the light in front of it, which takes
-    out the noise of fresh samples | evsnet: the paper's network"""
+    """plain: the event pixel | adaptive: the event pixel behind a running mean of the light, which
+    removes the noise of fresh samples | evsnet: the paper's network"""
     network: str = "evsnet_c8"
-    """evsnet: a file of config/networks, a family of them (evsnet_c8: the member for the light's
-    samples, evsnet_c8_4spp for 4), or the path of an .onnx file of one's own"""
+    """evsnet: a file of config/networks, a family of files (evsnet_c8 selects the member for the
+    samples per pixel, such as evsnet_c8_4spp), or the path of your own .onnx file"""
     runtime: str = "native"
-    """evsnet: native: our own kernel, which steps only what moves | onnxruntime: any provider, any
-    graph | reference: plain NumPy, slow"""
+    """evsnet: native: the kernel of evs, which updates only what moves | onnxruntime: any provider,
+    any graph | reference: plain NumPy, slow"""
     provider: str = "cpu"
-    """evsnet on onnxruntime: cpu | cuda | tensorrt | openvino | coreml, as it was built for"""
+    """evsnet on onnxruntime: cpu | cuda | tensorrt | openvino | coreml, if its build has it"""
     chunk: int = 1
-    """evsnet: ticks that are taken at once: 1 for closed loops, 8 live, 16 to 32 for recordings;
-    the same events, but the packets of a chunk leave together at its end"""
+    """evsnet: ticks per network call: 1 for closed loops, 8 live, 16 to 32 for recordings; the
+    events are the same, but the packets of a chunk leave together at its end"""
     initial_state: str = "random"
-    """evsnet: membrane of each pixel at the start: random, as in the paper | zero"""
+    """evsnet: membrane potential of each pixel at the start: random, as in the paper | zero"""
     labels: bool = False
-    """every event also has its cause (signal, leak, shot noise, hot pixel) and the geom under it:
-    packet.labels, and recordings to .npz"""
+    """label every event with its cause (signal, leak, shot noise, hot pixel) and the geom that the
+    pixel sees, in packet.labels and in .npz recordings"""
 
 
 @dataclass(frozen=True)
 class PlanConfig:
-    """[plan]: code paths that run, or do not, whatever the scene needs (`evs plan` lists them)."""
+    """[plan]: code paths to force on or off, whatever the scene needs (`evs plan` lists them)."""
 
     everything: bool = False
-    """every code path that can runs although nothing needs it: the same events, only slower"""
+    """run every code path that can run, even if nothing needs it: the same events, slower"""
     on: tuple[str, ...] = ()
-    """these run although nothing needs them: the same events"""
+    """code paths to run even if nothing needs them: the same events"""
     off: tuple[str, ...] = ()
-    """for tests: these are left out although they are needed, and what needs them is wrong"""
+    """for tests: code paths to leave out even if they are needed; the results that need them are
+    then wrong"""
 
 
 @dataclass(frozen=True)
@@ -205,6 +211,6 @@ class RunConfig:
     duration_s: float = 1.0
     """simulated seconds"""
     seed: int = 0
-    """every random number of the sensor follows from it"""
+    """seed of every random number of the sensor"""
     threads: int = 0
-    """worker threads of the renderer and the pixels; 0: one a core"""
+    """worker threads of the renderer and the pixels; 0: one per core"""

@@ -1,7 +1,7 @@
 """[sensor] and its tables: the declaration of every sensor parameter.
 
-A new parameter is one entry here, and its use in the model (emulator/sensor). Configuration keys,
-ranges, documentation, `evs sensors` and the plan follow from the entry.
+To add a parameter, add one entry here and use it in the model (emulator/sensor). Configuration
+keys, ranges, documentation, `evs sensors` and the plan follow from the entry.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from evs.emulator.config.declaration import REQUIRED, Unset, parameter, speciali
 
 MAX_SIDE_PX = 8192
 WHITE_DN = 255.0
-"""DN of scene white; nothing is clipped there."""
+"""DN of scene white; values above it are not clipped."""
 
 Vector = tuple[float, float, float]
 
@@ -60,67 +60,67 @@ class PixelKeys(Generic[Unset]):
     )
     log: str | Unset = parameter(
         "linlog",
-        "log map. linlog: ln DN from linlog_dn on, (ln linlog_dn / linlog_dn) DN below | "
+        "log map. linlog: ln DN at and above linlog_dn, (ln linlog_dn / linlog_dn) DN below | "
         "log_eps: ln(DN / 255 + log_eps)",
         choices=("linlog", "log_eps"),
         noun="log map",
     )
     linlog_dn: float | Unset = parameter(
         math.e,
-        "DN at which linlog turns from linear to logarithmic; over 1; smooth at e only",
+        "DN at which linlog changes from linear to logarithmic; must exceed 1; smooth only at e",
         unit="DN",
         within=(math.nextafter(1.0, 2.0), 1e6),
     )
     log_eps: float | Unset = parameter(
         1e-3,
-        "what log_eps adds to the light, of which 1 is white",
+        "offset that log_eps adds to the light, where 1 is white",
         within=(1e-9, 1e3),
     )
     exposure_dn: float | Unset = parameter(
         WHITE_DN,
-        "DN per unit of scene luminance: DN = exposure_dn * luminance + dark DN; 255 DN is white, "
-        "nothing is clipped there",
+        "DN per unit of scene luminance: DN = exposure_dn * luminance + dark DN; 255 DN is white; "
+        "values above it are not clipped",
         unit="DN",
         within=(1e-6, 1e9),
     )
     white_lux: float | Unset = parameter(
         1000.0,
-        "illuminance of the sensor at 255 DN, which bandwidth and noise depend on",
+        "illuminance of the sensor at 255 DN; bandwidth and noise depend on it",
         unit="lux",
         within=(1e-6, 1e9),
     )
     dark_lux: float | Unset = parameter(
         0.0,
-        "dark current, as the illuminance that would cause it: added to every pixel before the "
-        "log, the floor of contrast",
+        "dark current, as an equivalent illuminance that is added to every pixel before the log; "
+        "it limits contrast in the dark",
         unit="lux",
         within=(0.0, 1e6),
     )
     cutoff_hz: float | Unset = parameter(
         0.0,
-        "photoreceptor bandwidth at bright_lux; 0: no limit. At an illuminance E it is "
-        "cutoff_hz (E + dim_lux) / (bright_lux + dim_lux), in proportion to the photocurrent",
+        "photoreceptor bandwidth at bright_lux; 0: no limit. It is proportional to the "
+        "photocurrent: cutoff_hz (E + dim_lux) / (bright_lux + dim_lux) at an illuminance E",
         unit="Hz",
         within=(0.0, 1e7),
         term="low_pass",
     )
     dim_lux: float | Unset = parameter(
         20.0 / WHITE_DN * 1000.0,
-        "illuminance below which bandwidth stops falling and shot noise stops growing; the "
+        "illuminance below which the bandwidth stops falling and shot noise stops growing; the "
         "default is v2e's 20 of 255 DN",
         unit="lux",
         within=(0.0, 1e6),
     )
     bright_lux: float | Unset = parameter(
         1000.0,
-        "illuminance that cutoff_hz, parasitic_leak_hz and shot_noise_bright are for",
+        "illuminance at which cutoff_hz, parasitic_leak_hz and shot_noise_bright are specified",
         unit="lux",
         within=(1e-3, 1e9),
     )
     filter: str | Unset = parameter(
         "exact",
-        "how the low passes are stepped. exact: for light that is a line inside the tick, of any "
-        "length | euler: v2e's y += min(1, 2 pi f dt) (x - y)",
+        "integration of the low-pass filters. exact: for light that changes linearly within a "
+        "tick of any length | euler: v2e's y += min(1, 2 pi f dt) (x - y)",
         choices=("exact", "euler"),
         noun="filter",
     )
@@ -133,23 +133,23 @@ class PixelKeys(Generic[Unset]):
     )
     highpass_hz: float | Unset = parameter(
         0.0,
-        "rate at which the reference follows the signal, so that slower changes give no events; "
-        "0: off",
+        "high-pass corner: the reference follows the signal at this rate, so slower changes give "
+        "no events; 0: off",
         unit="Hz",
         within=(0.0, 1e6),
         term="high_pass",
     )
     leak_rate_hz: float | Unset = parameter(
         0.0,
-        "leak rate: ON events of a pixel in constant light because its reference sinks, mean over "
-        "pixels",
+        "leak rate: ON events of a pixel in constant light, because its reference drifts down; "
+        "mean over pixels",
         unit="Hz",
         within=(0.0, 1e4),
         term="leak",
     )
     parasitic_leak_hz: float | Unset = parameter(
         0.0,
-        "parasitic photocurrent: further leak events at bright_lux, in proportion to the "
+        "parasitic photocurrent: additional leak events at bright_lux, proportional to the "
         "illuminance",
         unit="Hz",
         within=(0.0, 1e4),
@@ -164,58 +164,59 @@ class PixelKeys(Generic[Unset]):
     )
     shot_noise_bright: float | Unset = parameter(
         0.25,
-        "share of them that is left at bright_lux (linear) or in the brightest light (inverse)",
+        "fraction of the shot noise that remains at bright_lux (linear) or in the brightest light "
+        "(inverse)",
         within=(0.0, 1.0),
     )
     shot_noise_law: str | Unset = parameter(
         "linear",
-        "linear: v2e's, the rate falls in proportion to the bandwidth until bright_lux | "
-        "inverse: bright + (1 - bright) dim_lux / (dim_lux + E), bright being shot_noise_bright",
+        "linear: as in v2e, the rate falls linearly with the bandwidth, up to bright_lux | "
+        "inverse: bright + (1 - bright) dim_lux / (dim_lux + E), where bright is shot_noise_bright",
         choices=("linear", "inverse"),
         noun="law of shot noise",
     )
     noise_rate_cov_decades: float | Unset = parameter(
         0.0,
-        "spread of the rates of leak and shot noise over pixels, standard deviation of log10",
+        "spread of the leak and shot-noise rates over pixels: standard deviation of their log10",
         unit="decades",
         within=(0.0, 1.0),
         term="rate_spread",
     )
     refractory_period_s: float | Unset = parameter(
         0.0,
-        "refractory period: how long a pixel is blind after each event (whole us); then its "
-        "reference is the light",
+        "refractory period: how long a pixel is blind after each event, in whole us; then its "
+        "reference is set to the light of that moment",
         unit="s",
         within=(0.0, 100.0),
         term="refractory",
     )
     hot_pixel_fraction: float | Unset = parameter(
         0.0,
-        "share of hot pixels, whose leak has a rate of its own",
+        "fraction of hot pixels, which leak at hot_pixel_rate_hz",
         within=(0.0, 1.0),
         term="defects",
     )
     hot_pixel_rate_hz: float | Unset = parameter(
         100.0,
-        "mean rate of that leak",
+        "mean leak rate of hot pixels",
         unit="Hz",
         within=(0.0, 1e4),
     )
     dead_pixel_fraction: float | Unset = parameter(
         0.0,
-        "share of dead pixels, which never fire",
+        "fraction of dead pixels, which never fire",
         within=(0.0, 1.0),
         term="defects",
     )
     latency_us: float | Unset = parameter(
         0.0,
-        "mean time from the crossing of a threshold to the pixel's request to be read",
+        "mean time from the threshold crossing to the pixel's readout request",
         unit="us",
         within=(0.0, 1e6),
     )
     latency_sigma_us: float | Unset = parameter(
         0.0,
-        "its standard deviation from event to event; no latency is below 0",
+        "standard deviation of the latency from event to event; latencies stay at or above 0",
         unit="us",
         within=(0.0, 1e6),
     )
@@ -227,23 +228,23 @@ class ApsKeys(Generic[Unset]):
 
     enabled: bool | Unset = parameter(
         False,
-        "whether there are frames; off unless it is set",
+        "true: the camera makes frames",
     )
     rate_hz: float | Unset = parameter(
         25.0,
-        "frames per second; frame n begins at n / rate_hz of simulated time",
+        "frames per second; frame n begins at n / rate_hz in simulated time",
         unit="Hz",
         within=(1e-3, 1e5),
     )
     exposure_us: int | Unset = parameter(
         10_000,
-        "exposure time of a row; motion during it is blurred",
+        "exposure time of a row; motion during the exposure blurs",
         unit="us",
         within=(1, 10_000_000),
     )
     shutter: str | Unset = parameter(
         "global",
-        "global: all rows at once | rolling: each row row_us after the one above it",
+        "global: all rows expose at once | rolling: each row begins row_us after the one above it",
         choices=("global", "rolling"),
         noun="shutter",
     )
@@ -255,13 +256,13 @@ class ApsKeys(Generic[Unset]):
     )
     gain: float | Unset = parameter(
         1.0,
-        "at 1, light of 255 DN (white of the event pixels) all through the exposure fills the "
-        "range; more is clipped",
+        "gain; at 1, light of 255 DN (white of the event pixels) throughout the exposure gives "
+        "full scale; brighter light is clipped",
         within=(1e-6, 1e6),
     )
     bits: int | Unset = parameter(
         8,
-        "bits of a pixel of the frame: 8 or 16; those of the ADC are the upper ones of them",
+        "bits per pixel of the frame: 8 or 16; the bits of the ADC are the most significant ones",
     )
     adc_bits: int | Unset = parameter(
         10,
@@ -270,13 +271,14 @@ class ApsKeys(Generic[Unset]):
     )
     full_well_e: float | Unset = parameter(
         0.0,
-        "electrons of a white pixel: shot noise is their square root; 0: no shot noise",
+        "electrons of a white pixel; shot noise is the square root of the electrons; 0: no shot "
+        "noise",
         unit="e",
         within=(0.0, 1e9),
     )
     read_noise_dn: float | Unset = parameter(
         0.0,
-        "standard deviation of the read noise, steps of the ADC; 0: none",
+        "standard deviation of the read noise, in steps of the ADC; 0: none",
         unit="DN",
         within=(0.0, 65535.0),
     )
@@ -288,59 +290,59 @@ class ImuKeys(Generic[Unset]):
 
     enabled: bool | Unset = parameter(
         False,
-        "whether there are samples; off unless it is set",
+        "true: the camera makes IMU samples",
     )
     rate_hz: float | Unset = parameter(
         1000.0,
-        "samples per second; sample n is of n / rate_hz of simulated time",
+        "samples per second; sample n is taken at n / rate_hz in simulated time",
         unit="Hz",
         within=(1e-3, 1e5),
     )
     accelerometer_bias: Vector | Unset = parameter(
         (0.0, 0.0, 0.0),
-        "constant error of x (right), y (down), z (forward)",
+        "constant error of the axes x (right), y (down), z (forward)",
         unit="m/s^2",
         within=(-1e4, 1e4),
     )
     accelerometer_noise_density: float | Unset = parameter(
         0.0,
-        "white noise: a sample's standard deviation is this times sqrt(rate_hz)",
+        "white noise: the standard deviation of a sample is this value times sqrt(rate_hz)",
         unit="m/s^2/sqrt(Hz)",
         within=(0.0, 1e4),
     )
     accelerometer_random_walk: float | Unset = parameter(
         0.0,
-        "random walk of the bias: its standard deviation after T s is this times sqrt(T)",
+        "random walk of the bias: its standard deviation after T s is this value times sqrt(T)",
         unit="m/s^3/sqrt(Hz)",
         within=(0.0, 1e4),
     )
     accelerometer_range_g: float | Unset = parameter(
         0.0,
-        "largest value of an axis, standard gravities; it clips there; 0: no limit",
+        "full scale of each axis, in standard gravities; larger values are clipped; 0: no limit",
         unit="g",
         within=(0.0, 1e4),
     )
     gyroscope_bias: Vector | Unset = parameter(
         (0.0, 0.0, 0.0),
-        "constant error of x, y, z",
+        "constant error of the axes x, y, z",
         unit="rad/s",
         within=(-1e4, 1e4),
     )
     gyroscope_noise_density: float | Unset = parameter(
         0.0,
-        "white noise, as the accelerometer's",
+        "white noise, as for the accelerometer",
         unit="rad/s/sqrt(Hz)",
         within=(0.0, 1e4),
     )
     gyroscope_random_walk: float | Unset = parameter(
         0.0,
-        "random walk of the bias, as the accelerometer's",
+        "random walk of the bias, as for the accelerometer",
         unit="rad/s^2/sqrt(Hz)",
         within=(0.0, 1e4),
     )
     gyroscope_range_dps: float | Unset = parameter(
         0.0,
-        "largest value of an axis; it clips there; 0: no limit",
+        "full scale of each axis; larger values are clipped; 0: no limit",
         unit="degrees/s",
         within=(0.0, 1e6),
     )
@@ -365,77 +367,79 @@ class ReadoutKeys(Generic[Unset]):
     )
     row_ns: int | Unset = parameter(
         0,
-        "arbiter: time of a row access; its end is the stamp of all events that the row holds",
+        "arbiter: time of a row access; all events of the row are stamped at its end",
         unit="ns",
         within=(0, 10**9),
     )
     column_ns: int | Unset = parameter(
         0,
-        "arbiter: time that each event of the row takes after that",
+        "arbiter: additional time per event of the row",
         unit="ns",
         within=(0, 10**9),
     )
     jitter_ns: float | Unset = parameter(
         0.0,
-        "arbiter: standard deviation of the row access",
+        "arbiter: standard deviation of the row access time",
         unit="ns",
         within=(0.0, 1e9),
     )
     scan_us: int | Unset = parameter(
         200,
-        "scan: time between two scans; stamps are multiples of it; a pixel gives one event each",
+        "scan: time between two scans; stamps are multiples of it; a pixel gives at most one event "
+        "per scan",
         unit="us",
         within=(1, 10**9),
     )
     erc_rate_mevs: float | Unset = parameter(
         0.0,
-        "event rate control: most events that pass; 0: off",
+        "event rate control: highest event rate that passes; 0: off",
         unit="Mev/s",
         within=(0.0, 8000.0),
     )
     erc_period_us: int | Unset = parameter(
         200,
-        "reference period of event rate control, in which events are counted (OpenEB's default)",
+        "period over which event rate control counts events (OpenEB's default)",
         unit="us",
         within=(1, 10**6),
     )
     erc_drop: str | Unset = parameter(
         "time",
-        "what it drops. time: evenly among all events | row, column: all events of some lines",
+        "events that event rate control drops. time: evenly among all events | row, column: all "
+        "events of some rows or columns",
         choices=("time", "row", "column"),
         noun="way to drop",
     )
     bandwidth_mevs: float | Unset = parameter(
         0.0,
-        "most events that leave by the link; 0: unlimited",
+        "bandwidth of the link; 0: unlimited",
         unit="Mev/s",
         within=(0.0, 8000.0),
     )
     fifo: int | Unset = parameter(
         65536,
-        "events that may wait for the link; further ones are dropped",
+        "events that may wait for the link; when it is full, further events are dropped",
         within=(1, 2**31),
     )
     stamp: str | Unset = parameter(
         "sent",
-        "sent: an event is stamped when it leaves by the link | read: when it was read before "
-        "that, and its packet is that of this stamp: the link then only drops",
+        "sent: an event is stamped when the link sends it | read: when it is read out; its stamp "
+        "selects its packet, and the link only drops events",
         choices=("sent", "read"),
         noun="stamp",
     )
     roi: tuple[int, ...] | Unset = parameter(
         (),
-        "region of interest: x y width height of a rectangle; any number of them; none: all",
+        "regions of interest: x y width height of each rectangle; none: all pixels",
         unit="px",
     )
     mask: tuple[int, ...] | Unset = parameter(
         (),
-        "x y of each pixel that is switched off, one after the other",
+        "pixels to switch off: x y of each, one after the other",
         unit="px",
     )
     mask_file: str | Unset = parameter(
         "",
-        "a text file of such pixels, one x y a line",
+        "a text file of pixels to switch off, one x y per line",
         is_path=True,
     )
 
@@ -443,13 +447,16 @@ class ReadoutKeys(Generic[Unset]):
 @dataclass(frozen=True)
 @specialised
 class ApsConfig(ApsKeys[None]):
-    """[sensor.aps]: intensity frames beside the events, as a DAVIS gives. None: the preset's."""
+    """[sensor.aps]: intensity frames beside the events, as in a DAVIS. None: the preset's value."""
 
 
 @dataclass(frozen=True)
 @specialised
 class ImuConfig(ImuKeys[None]):
-    """[sensor.imu]: accelerometer and gyroscope at the camera. None: the preset's. As Kalibr."""
+    """[sensor.imu]: accelerometer and gyroscope at the camera. None: the preset's value.
+
+    Names and meanings are those of Kalibr.
+    """
 
 
 @dataclass(frozen=True)
@@ -461,13 +468,13 @@ class ReadoutConfig(ReadoutKeys[None]):
 @dataclass(frozen=True)
 class _Preset:
     preset: str = "davis346"
-    """name of a file of config/sensors, or the path of your own"""
+    """name of a file in config/sensors, or the path of your own file"""
 
 
 @dataclass(frozen=True)
 @specialised
 class SensorConfig(PixelKeys[None], _Preset):
-    """[sensor]: the event pixel. None: the preset's value. v2e's names and meanings."""
+    """[sensor]: the event pixel. None: the preset's value. Names and meanings are those of v2e."""
 
     biases: BiasConfig = field(default_factory=BiasConfig)
     aps: ApsConfig = field(default_factory=ApsConfig)

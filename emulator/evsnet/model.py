@@ -196,21 +196,24 @@ class EvsNetModel:
 
     def _check_state(self, state: NetworkState, ticks: int) -> None:
         if not isinstance(state, NetworkState):
-            raise EvsError(f"state is a {type(state).__name__}, not of model evsnet; init it anew")
+            raise EvsError(
+                f"state is a {type(state).__name__}, not of model evsnet; call init again"
+            )
         if state.runtime != self.runtime.name:
             raise EvsError(
                 f"state is of runtime {state.runtime}, the model's is {self.runtime.name}; "
-                "init it anew"
+                "call init again"
             )
         if state.network != self._network:
             raise EvsError(
-                f"state is of network {state.network}, the model's is {self._network}; init it anew"
+                f"state is of network {state.network}, the model's is {self._network}; "
+                "call init again"
             )
         shape = (self.sensor.height, self.sensor.width)
         if state.v.shape != shape:
-            raise EvsError(f"state is {state.v.shape}, the sensor is {shape}; init it anew")
+            raise EvsError(f"state is {state.v.shape}, the sensor is {shape}; call init again")
         if state.ticks + ticks > MAX_TICKS:
-            raise EvsError(f"state is {state.ticks} ticks old, past its end; init it anew")
+            raise EvsError(f"state is {state.ticks} ticks old, past its end; call init again")
         self.runtime.check(state)
 
 

@@ -148,7 +148,7 @@ class NativeRuntime:
                 f"what moves up to {begin_us} us does not fit in memory; use a smaller sensor"
             ) from None
         except ValueError as reason:
-            raise EvsError(f"network state cannot be stepped: {reason}; init it anew") from None
+            raise EvsError(f"network state cannot be stepped: {reason}; call init again") from None
         state.ticks += len(luminance)
         state.clamped += clamped
         state.x_clamped += x_clamped

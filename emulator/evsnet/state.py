@@ -126,7 +126,7 @@ class NetworkState:
                 else array.dtype.kind == kinds[name] and array.ndim == 0
             )
             if not sound:
-                raise EvsError(f"saved network state is damaged: {name} cannot be; save it again")
+                raise EvsError(f"saved network state is damaged: {name} is invalid; save it again")
         frames = {name: np.array(saved[name], kind, order="C") for name, kind in _FRAMES.items()}
         own = {n: np.array(saved[n], order="C") for n in saved if n not in {*kinds, *frames}}
         numbers: dict[str, Any] = {name: int(saved[name]) for name in ("seed", *_NUMBERS)}
@@ -153,7 +153,7 @@ class NetworkState:
         elif np.any(self.last < 0) or np.any(self.last > self.ticks):
             wrong.append("last")
         if wrong:
-            raise EvsError(f"saved network state is damaged: {wrong[0]} cannot be; save it again")
+            raise EvsError(f"saved network state is damaged: {wrong[0]} is invalid; save it again")
 
     def __eq__(self, other: object) -> bool:
         """Same bits everywhere; a NaN equals itself."""
@@ -181,13 +181,13 @@ def check_arrays(
     own = {name for name in state.arrays if name not in _FRAMES}
     for name in sorted(own ^ set(expected)):
         what = "lacks" if name in expected else "has an unknown"
-        raise EvsError(f"state of runtime {state.runtime} {what} array '{name}'; init it anew")
+        raise EvsError(f"state of runtime {state.runtime} {what} array '{name}'; call init again")
     for name, (kind, shape) in expected.items():
         array = state.arrays[name]
         if array.dtype != kind or array.shape != shape:
             raise EvsError(
                 f"state of runtime {state.runtime}: {name} is {array.dtype} {array.shape}, "
-                f"not {np.dtype(kind)} {shape}; init it anew"
+                f"not {np.dtype(kind)} {shape}; call init again"
             )
 
 

@@ -47,7 +47,7 @@ def make_renderer(
         if name not in scene.texture_names:
             raise unknown("render.linear_textures", name, list(scene.texture_names))
     if not 0 <= threads <= MAX_THREADS:
-        raise EvsError(f"threads is {threads}; give 0 for one a core, or 1 ... {MAX_THREADS}")
+        raise EvsError(f"threads is {threads}; give 0 for one per core, or 1 ... {MAX_THREADS}")
     row = RENDERERS[config.renderer]
     if rgb and not row.colour:
         raise EvsError(

@@ -93,10 +93,10 @@ class ApsState:
             raise EvsError("saved APS state has arrays of different shapes; save it again")
         parts = (state.luminance, light, due)
         if not all(((part >= 0.0) & (part < np.inf)).all() for part in parts):
-            raise EvsError("saved APS state is damaged: its light cannot be; save it again")
+            raise EvsError("saved APS state is damaged: its light is invalid; save it again")
         counts = [*indices, state.taken, state.next_index or 0]
         if max(map(abs, counts)) > MAX_INDEX or state.taken < 0:
-            raise EvsError("saved APS state is damaged: its frames cannot be; save it again")
+            raise EvsError("saved APS state is damaged: its frames are invalid; save it again")
         return state
 
     def __eq__(self, other: object) -> bool:

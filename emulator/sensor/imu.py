@@ -82,9 +82,9 @@ class ImuState:
                 raise EvsError("saved IMU state has arrays of other shapes; save it again")
             # positions and speeds of no robot, times of none
             if not (np.abs(arrays[key]) <= MAX_VALUE).all():
-                raise EvsError(f"saved IMU state is damaged: {key} cannot be; save it again")
+                raise EvsError(f"saved IMU state is damaged: {key} is invalid; save it again")
         if abs(next_index) > MAX_VALUE or (np.diff(arrays["poses"][:, 0]) < 1.0).any():
-            raise EvsError("saved IMU state is damaged: its times cannot be; save it again")
+            raise EvsError("saved IMU state is damaged: its times are invalid; save it again")
         return cls(seed=seed, next_index=next_index, **arrays)
 
     def __eq__(self, other: object) -> bool:
@@ -135,7 +135,9 @@ class Imu:
         """
         instant = np.array([float(t_us), *pose.pos, *pose.mat])
         if len(state.poses) and t_us <= state.poses[-1, 0]:
-            raise EvsError(f"time went from {state.poses[-1, 0]:.0f} us to {t_us} us: init anew")
+            raise EvsError(
+                f"time went from {state.poses[-1, 0]:.0f} us to {t_us} us: call init again"
+            )
         poses = np.vstack([state.poses, instant])
         if len(poses) < 3:
             return empty_imu(), replace(state, poses=poses)

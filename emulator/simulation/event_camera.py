@@ -203,7 +203,7 @@ class EventCamera:
         saved = unpack_here(blob, self._identity(), self._arrays())
         t_us = saved["t_us"].tolist()
         if len(t_us) > 1:
-            raise EvsError("saved state is damaged: its time cannot be; save it again")
+            raise EvsError("saved state is damaged: its time is invalid; save it again")
         moments, seen = self._history.read(part(saved, "moments"), t_us[0] if t_us else 0)
         now, previous = (*seen, None, None)[:2]
         seed = whole(saved, "seed")

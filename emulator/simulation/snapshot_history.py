@@ -69,7 +69,7 @@ class SnapshotHistory:
             and not (times[:, 1] < 0).any()
         )
         if not sound or (len(times) and times[0, 0] != now_us):
-            raise EvsError("saved state is damaged: its times cannot be; save it again")
+            raise EvsError("saved state is damaged: its times are invalid; save it again")
         other = SnapshotHistory(self._taker)
         other._kept = tuple(
             PastInstant(t_us, exposure_us, place)

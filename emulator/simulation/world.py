@@ -307,7 +307,7 @@ class World:
         seed, control_seed = whole(saved, "seed"), whole(saved, "control_seed")
         given = saved["given"]
         if len(given) > 1 or given.shape[1] != self.model.nu or not np.isfinite(given).all():
-            raise EvsError("saved state is damaged: its control cannot be; save it again")
+            raise EvsError("saved state is damaged: its control is invalid; save it again")
         moments, seen = self._history.read(
             part(saved, "moments"), int(saved["physics.tick"]) * self.substeps.tick_us
         )

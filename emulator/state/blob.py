@@ -184,9 +184,9 @@ def _head(packed: memoryview) -> tuple[dict[str, Any], list[Any]]:
         json.dumps(head, ensure_ascii=False).encode()
         about, rows = head["about"], head["arrays"]
     except (zlib.error, ValueError, KeyError, TypeError, RecursionError):
-        raise EvsError(_DAMAGED.format("its head cannot be read")) from None
+        raise EvsError(_DAMAGED.format("its header cannot be read")) from None
     if not isinstance(about, dict) or not isinstance(rows, list):
-        raise EvsError(_DAMAGED.format("its head cannot be read"))
+        raise EvsError(_DAMAGED.format("its header cannot be read"))
     return about, rows
 
 
@@ -207,7 +207,7 @@ def _checked(entry: Any) -> tuple[str, Row]:
         and _is_count(stored)
     )
     if not sound:
-        raise EvsError(_DAMAGED.format("its head says what cannot be"))
+        raise EvsError(_DAMAGED.format("its header is invalid"))
     return name, Row(np.dtype(kind), tuple(shape), way, stored)
 
 

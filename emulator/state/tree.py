@@ -96,7 +96,7 @@ def number(
     """A whole number within low ... high. Raises EvsError."""
     value = saved.get(name)
     if value is None or value.dtype != np.int64 or value.shape or not low <= int(value) <= high:
-        raise EvsError(f"saved state is damaged: {name} cannot be; save it again")
+        raise EvsError(f"saved state is damaged: {name} is invalid; save it again")
     return int(value)
 
 
@@ -104,7 +104,7 @@ def word(saved: Mapping[str, np.ndarray[Any, Any]], name: str) -> str:
     """A text. Raises EvsError."""
     value = saved.get(name)
     if value is None or value.dtype.kind != "U" or value.shape:
-        raise EvsError(f"saved state is damaged: {name} cannot be; save it again")
+        raise EvsError(f"saved state is damaged: {name} is invalid; save it again")
     return str(value)
 
 
@@ -112,5 +112,5 @@ def whole(saved: Mapping[str, np.ndarray[Any, Any]], name: str) -> int:
     """A whole number of any size, a seed, that was saved as a word. Raises EvsError."""
     digits = word(saved, name)
     if not re.fullmatch(r"-?[0-9]{1,1000}", digits):
-        raise EvsError(f"saved state is damaged: {name} cannot be; save it again")
+        raise EvsError(f"saved state is damaged: {name} is invalid; save it again")
     return int(digits)

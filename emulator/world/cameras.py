@@ -178,7 +178,9 @@ def _mounted_turn(config: CameraConfig) -> F64:
     quat = np.array(config.quat, np.float64)
     length = float(np.linalg.norm(quat))
     if not length > 0.0 or not math.isfinite(length):
-        raise EvsError(f"camera.quat {config.quat} has no direction; (1, 0, 0, 0) is no turn")
+        raise EvsError(
+            f"camera.quat {config.quat} is zero; give a rotation, for example (1, 0, 0, 0)"
+        )
     flat = np.zeros(9)
     mujoco.mju_quat2Mat(flat, quat / length)
     return flat.reshape(3, 3)

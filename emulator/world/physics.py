@@ -115,7 +115,7 @@ class Physics:
         check_physics(self.model, self.data, saved)
         tick = saved.get("tick")
         if tick is None or tick.dtype != np.int64 or tick.shape or not 0 <= tick <= MAX_TICKS:
-            raise EvsError("saved state is damaged: the number of ticks cannot be; save it again")
+            raise EvsError("saved state is damaged: the number of ticks is invalid; save it again")
         number = int(tick)
 
         def put() -> None:

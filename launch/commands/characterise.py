@@ -22,9 +22,9 @@ examples:
   evs characterise mine.toml sensor.cutoff_hz=200 --json    your own sensor, for a program
 
 SENSOR is a preset (config/sensors) or a .toml file of the same form; key=value changes single keys
-as in evs emulate. All is measured from events, under a lamp of 0.001 ... 100,000 lux; bandwidth
-with low thresholds and without noise, so that the filter shows. `set` is what the parameters
-promise."""
+as in evs emulate. Everything is measured from events, under a lamp of 0.001 ... 100,000 lux.
+Bandwidth is measured with low thresholds and without noise, to isolate the filter. The column
+`set` holds the values that the parameters promise."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -32,15 +32,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.usage = "evs characterise SENSOR [key=value ...] [options]"
     add = parser.add_argument
     add("words", nargs="+", metavar="SENSOR, key=value", help="the sensor, then any keys")
-    add("--json", nargs="?", const="-", metavar="FILE", help="all numbers as JSON; -: on stdout")
-    add("--picture", metavar="FILE.png", help="one page of charts")
-    add("--pixels", type=int, metavar="N", help="measure at most so many (100,000)")
+    add(
+        "--json",
+        nargs="?",
+        const="-",
+        metavar="FILE",
+        help="write all numbers as JSON; -: to stdout",
+    )
+    add("--picture", metavar="FILE.png", help="draw one page of charts")
+    add("--pixels", type=int, metavar="N", help="measure at most N pixels (100,000)")
     add(
         "--seed",
         metavar="N",
-        help="all that is random follows from it; short for seed=",
+        help="random seed; short for seed=",
     )
-    add("--threads", metavar="N", help="worker threads; 0: one a core; short for threads=")
+    add("--threads", metavar="N", help="worker threads; 0: one per core; short for threads=")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
     parser.epilog = EXAMPLES
 

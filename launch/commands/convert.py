@@ -14,10 +14,11 @@ HELP = "write a recording in another format: IN and OUT go by their endings"
 EPILOG = """\
 examples:
   evs convert run.aedat4 run.csv
-  evs convert run.aedat4 run.aedat --events-only     leave out frames and IMU, which it cannot hold
+  evs convert run.aedat4 run.aedat --events-only     drop frames and IMU, which .aedat cannot hold
   evs convert davis.aedat run.aedat4 --compression zstd
 
-OUT appears when it is complete. What it cannot hold is refused before anything is written.
+OUT appears when it is complete. If OUT cannot hold all data of IN, the command stops before it
+writes anything.
 
 formats:
 """
@@ -26,13 +27,17 @@ formats:
 def configure(parser: argparse.ArgumentParser) -> None:
     """The command line of `evs convert`."""
     parser.add_argument("source", metavar="IN", help="a recording")
-    parser.add_argument("target", metavar="OUT", help="the file to write; its ending says as what")
-    parser.add_argument("--format", metavar="NAME", help="the format, where the ending is not its")
     parser.add_argument(
-        "--compression", metavar="NAME", help="of the formats that have it: lz4, zstd or none"
+        "target", metavar="OUT", help="the file to write; its ending selects the format"
     )
     parser.add_argument(
-        "--encoding", metavar="NAME", help="of ROS bags: evt3, libcaer, mono or dvs"
+        "--format", metavar="NAME", help="the format, if the ending does not select it"
+    )
+    parser.add_argument(
+        "--compression", metavar="NAME", help="lz4, zstd or none, for formats with compression"
+    )
+    parser.add_argument(
+        "--encoding", metavar="NAME", help="encoding in ROS bags: evt3, libcaer, mono or dvs"
     )
     parser.add_argument(
         "--events-only",
@@ -43,10 +48,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--start",
         choices=("shift", "keep"),
         default="shift",
-        help="where OUT cannot hold the stamps (Unix time): let its clock begin at the first one, "
-        "and say so in its header (shift, the default), or refuse (keep)",
+        help="if OUT cannot hold the stamps (Unix time): shift (default): start its clock at the "
+        "first stamp and record the offset in its header; keep: stop with an error",
     )
-    parser.add_argument("--force", action="store_true", help="replace OUT if it is there")
+    parser.add_argument("--force", action="store_true", help="replace OUT if it exists")
     add_single_option(parser)
     parser.add_argument(
         "--quiet", action="store_true", help="print nothing but warnings and errors"

@@ -17,14 +17,14 @@ HELP = "a data set of scenes: events, RGB, depth, flow, segmentation, IMU, poses
 
 KEYS = {
     "duration": ("duration_s", "S", "simulated seconds of each scene"),
-    "begin": ("begin_s", "S", "where in the scene's time it begins (0, or where it has settled)"),
+    "begin": ("begin_s", "S", "scene time at the start (0, or when the scene has settled)"),
     "camera": ("scene.camera", "NAME", "camera of the model to look through"),
     "sensor": ("sensor.preset", "NAME", "sensor preset"),
     "renderer": ("render.renderer", "NAME", "how light is computed: path or direct"),
     "spp": ("frames.spp", "N", "samples per pixel of the frames (256; direct: 64)"),
     "fps": ("frames.fps", "N", "frames per simulated second (60)"),
-    "seed": ("seed", "N", "every random number follows from it"),
-    "threads": ("threads", "N", "of each shard; 0: its share of the cores"),
+    "seed": ("seed", "N", "random seed"),
+    "threads": ("threads", "N", "threads per shard; 0: its share of the cores"),
 }
 """option -> (the key it is short for, placeholder, one line)"""
 
@@ -41,22 +41,23 @@ SHORT_SHARD_S = 0.05
 
 EXAMPLES = """\
 examples:
-  evs dataset out/etscenes                          six scenes, 90 s in all: 33 hours of a core
-  evs dataset out/sharp --renderer direct           the same without bounced light: 1 hour
-  evs dataset out/small --short                     the same in a minute: a tenth of a second each
+  evs dataset out/etscenes                          six scenes, 90 s in total: 33 core hours
+  evs dataset out/sharp --renderer direct           the same without bounced light: 1 core hour
+  evs dataset out/small --short                     0.1 s of each scene, in a minute
   evs dataset out/night --scenes street,tunnel --workers 8
   evs dataset out/arm --scene robot.xml --camera wrist --duration 5 --renderer direct
   evs dataset out/etscenes --verify                 compare every file with the manifest
 
-A killed command goes on where it was when it is given again; the bytes are the same, with any
-number of workers. Other keys are those of evs emulate (render.spp=4 is of the events' light), and
-frames.spp, frames.fps. DIR/SCENE then has
+Run a stopped command again to resume it. The bytes are the same with any number of workers. The
+keys are those of evs emulate (render.spp=4 sets the samples of the events' light), plus frames.spp
+and frames.fps. DIR/SCENE then has
   events/NNNN/events.npz  t us, x, y, p, cause, geom_id; IMU samples    (numpy.load, evs.read)
   events/NNNN/pose.npz    t_us, position, orientation of the camera at each tick
   frames/NNNN/frames.npz  t_us, rgb, luminance, depth, normal, flow, geom_id, body_id, pose
   events.aedat4           all events and IMU samples as one recording
   sheet.png               one moment in every channel
-and DIR/manifest.json every file with its checksum, names of geoms and bodies, configuration.
+and DIR/manifest.json lists every file with its checksum, the names of geoms and bodies, and the
+configuration.
 """
 
 
@@ -65,17 +66,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.usage = "evs dataset DIR [key=value ...] [options]"
     add = parser.add_argument
     add("words", nargs="+", metavar="DIR, key=value", help="the folder, then any keys")
-    add("--scenes", metavar="A,B", help="which of the set's scenes (all)")
-    add("--scene", metavar="FILE", help="a scene of your own instead: MJCF or MJB")
-    add("--short", action="store_true", help="small and quick, to see whether all works")
+    add("--scenes", metavar="A,B", help="scenes of the set to make (all)")
+    add("--scene", metavar="FILE", help="your own scene instead: MJCF or MJB")
+    add("--short", action="store_true", help="small and quick, to check that everything works")
     for option, (key, placeholder, line) in KEYS.items():
         add(f"--{option}", metavar=placeholder, help=f"{line}; short for {key}=")
-    add("--workers", type=int, default=1, metavar="N", help="shards made at once, here (1)")
-    add("--shard", type=float, metavar="S", help="simulated seconds of a shard (1; --short: 0.05)")
-    add("--ray", default="", metavar="ADDRESS", help="make them on this Ray cluster")
-    add("--verify", action="store_true", help="make nothing; compare DIR with its manifest")
-    add("--describe", action="store_true", help="make nothing; say what DIR is to be, or holds")
-    add("--sheet", metavar="FILE.png", help="one picture of all scenes of DIR, once it is there")
+    add(
+        "--workers",
+        type=int,
+        default=1,
+        metavar="N",
+        help="shards to make in parallel on this machine (1)",
+    )
+    add("--shard", type=float, metavar="S", help="simulated seconds per shard (1; --short: 0.05)")
+    add("--ray", default="", metavar="ADDRESS", help="make the shards on this Ray cluster")
+    add("--verify", action="store_true", help="only compare DIR with its manifest")
+    add("--describe", action="store_true", help="only describe what DIR holds or will hold")
+    add("--sheet", metavar="FILE.png", help="draw all scenes of the finished DIR in one picture")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
     parser.epilog = EXAMPLES
 
@@ -90,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     from evs.launch.support import terminal
 
     if args.sheet and args.describe:
-        raise EvsError("--describe makes nothing that --sheet could show; leave out one of them")
+        raise EvsError("--describe makes no scenes for --sheet to draw; leave out one of them")
     if args.sheet:
         _check_sheet(Path(args.sheet), folder)
     if args.verify:
@@ -122,7 +129,7 @@ def _scenes(args: argparse.Namespace) -> dict[str, SceneFile]:
     from evs.tools.dataset import named, names, of_file
 
     if args.scene and args.scenes:
-        raise EvsError("--scene is a file of your own, --scenes are those of the set; give one")
+        raise EvsError("--scene is your own file, --scenes selects from the set; give one of them")
     given = [settings.split_word(word) for word in args.words if "=" in word]
     for option, (key, _, _) in KEYS.items():
         text = getattr(args, option)
@@ -137,7 +144,7 @@ def _scenes(args: argparse.Namespace) -> dict[str, SceneFile]:
     words = args.scenes.split(",") if args.scenes else names()
     chosen = [word.strip() for word in words if word.strip()]
     if not chosen:
-        raise EvsError(f"--scenes names none; there are: {', '.join(names())}")
+        raise EvsError(f"--scenes is empty; give some of: {', '.join(names())}")
     return {name: named(name, overrides) for name in chosen}
 
 

@@ -52,7 +52,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="FOLDER", default="out/demo", help="default: %(default)s")
     parser.add_argument("--duration", metavar="S", help="simulated seconds; short for duration_s=")
     parser.add_argument(
-        "--fast", action="store_true", help="direct light, plain pixels: no paths, no network"
+        "--fast",
+        action="store_true",
+        help="direct light and plain pixels: no path tracing, no network",
     )
 
 

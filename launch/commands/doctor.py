@@ -30,15 +30,15 @@ BROKEN = (
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.epilog = "Exit code 0: fit, 1: not. Nothing leaves this machine."
+    parser.epilog = "Exit code 0: evs works here, 1: it does not. No data leaves this machine."
     parser.add_argument("--json", action="store_true", help="print one JSON object instead")
     parser.add_argument(
-        "--quick", action="store_true", help="leave out the extremes, which take most of a minute"
+        "--quick", action="store_true", help="skip the stress cases, which take most of a minute"
     )
     parser.add_argument(
         "--markdown",
         metavar="FILE",
-        help="the extremes alone, at full length (some minutes), as a table in this file",
+        help="only run the stress cases, at full length (some minutes), and write a table to FILE",
     )
 
 

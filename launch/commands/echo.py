@@ -32,18 +32,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("address", metavar="ADDRESS", help="a publisher, e.g. tcp://127.0.0.1:5560")
     parser.add_argument("--camera", default="", metavar="NAME", help="only this camera")
     what = parser.add_mutually_exclusive_group()
-    what.add_argument("--hz", action="store_true", help="packets and events per second instead")
-    what.add_argument("--bw", action="store_true", help="bytes per second instead")
-    what.add_argument("--quiet", action="store_true", help="only the last line, with the totals")
+    what.add_argument(
+        "--hz", action="store_true", help="print packets and events per second instead"
+    )
+    what.add_argument("--bw", action="store_true", help="print bytes per second instead")
+    what.add_argument(
+        "--quiet", action="store_true", help="print only the last line, with the totals"
+    )
     parser.add_argument("--frames", action="store_true", help="show intensity frames too")
     parser.add_argument("--imu", action="store_true", help="show IMU samples too")
     parser.add_argument("--poses", action="store_true", help="show the camera's poses too")
     add_key_options(parser)
     parser.add_argument("--count", type=int, metavar="N", help="end after N packets")
     parser.add_argument(
-        "--timeout", type=float, metavar="S", help="end when no packet came for S seconds"
+        "--timeout", type=float, metavar="S", help="end after S seconds without a packet"
     )
-    parser.add_argument("--json", metavar="FILE", help="write the totals there at the end")
+    parser.add_argument("--json", metavar="FILE", help="write the totals to FILE at the end")
 
 
 def run(args: argparse.Namespace) -> int:

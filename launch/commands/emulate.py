@@ -25,11 +25,15 @@ OPTIONS = {
     "model": ("model.name", "NAME", "event model"),
     "duration": ("duration_s", "S", "simulated seconds"),
     "pace": ("pace", "PACE", "free, realtime, or lockstep with controllers"),
-    "record": ("record", "FILE", "record to a file; its ending says the format"),
+    "record": ("record", "FILE", "record to a file; its ending selects the format"),
     "report": ("report", "FILE", "write the run report (JSON)"),
-    "force": ("overwrite", "", "replace recordings that are there"),
+    "force": ("overwrite", "", "replace existing recordings"),
     "publish": ("publish", "ADDRESS", "publish on ZeroMQ, as in tcp://127.0.0.1:5560"),
-    "wait-for": ("publish_wait_for", "N", "begin when N subscribers of --publish are there"),
+    "wait-for": (
+        "publish_wait_for",
+        "N",
+        "wait for N subscribers of --publish before the first tick",
+    ),
     "control": ("publish_control", "ADDRESS", "control port of --publish (evs topics)"),
     "key": ("publish_key", "FILE", "secret key of --publish, made by evs keygen"),
     "allow": (
@@ -37,12 +41,12 @@ OPTIONS = {
         "KEYS",
         "public keys that may subscribe to --publish: files, folders",
     ),
-    "worker": ("worker", "", "run every sink in its own process, so that none slows a tick"),
+    "worker": ("worker", "", "run every sink in its own process, so that no sink slows a tick"),
     "aside": ("aside", "", "the former name of --worker"),
     "insecure": ("publish_insecure", "", "let other machines subscribe to --publish without a key"),
-    "model-everything": ("plan.everything", "", "run also what the scene does not need: evs plan"),
-    "threads": ("threads", "N", "worker threads; 0: one a core"),
-    "seed": ("seed", "N", "every random number follows from it"),
+    "model-everything": ("plan.everything", "", "also run code paths that the scene does not need"),
+    "threads": ("threads", "N", "worker threads; 0: one per core"),
+    "seed": ("seed", "N", "random seed"),
 }
 """option -> (the key it is short for, placeholder, one line). Defaults stand with the keys."""
 

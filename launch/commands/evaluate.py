@@ -16,29 +16,29 @@ EXAMPLES = """\
 examples:
   evs evaluate --quick                           two scenes, a first impression
   evs evaluate --json all.json --markdown all.md --picture all.png      the whole table
-  evs evaluate mine.onnx --scenes gymnasium/ant --spp 4,16              your own network besides
+  evs evaluate mine.onnx --scenes gymnasium/ant --spp 4,16              your own network as well
 
-Scenes are robots that no network has seen in its training (gymnasium/ant, dm_control/walker ...),
-procedural scenes of seeds that are kept for this (procedural/0, procedural/1 ...), a file of yours
-or package:path. Light is traced at the pixels that count only, and kept: a second run traces
-nothing. docs/explanation/evaluation.md says what each column means."""
+Scenes are robots that no network has seen in training (gymnasium/ant, dm_control/walker ...),
+procedural scenes with seeds reserved for evaluation (procedural/0, procedural/1 ...), your own file
+or package:path. Light is traced only at the measured pixels and is cached, so a second run traces
+nothing. docs/explanation/evaluation.md explains each column."""
 
 LISTS = {
-    "scenes": "scenes, with commas between them",
+    "scenes": "scenes, separated by commas",
     "cameras": "how the camera moves: still, pan, slide",
-    "spp": "samples a pixel of the light that is judged",
-    "models": "plain, adaptive, and networks by name",
+    "spp": "samples per pixel of the light to evaluate",
+    "models": "plain, adaptive, and names of networks",
 }
 NUMBERS = {
-    "ticks": "ms of each take; the last 384 are measured",
-    "pixels": "pixels spread over the picture; a patch of 32 x 32 comes besides",
-    "reference-spp": "samples a pixel of converged light, two halves together",
-    "threads": "worker threads; 0: one a core",
-    "seed": "controls and pixels follow from it",
+    "ticks": "ms per clip; the last 384 are measured",
+    "pixels": "pixels spread over the image, in addition to a patch of 32 x 32",
+    "reference-spp": "samples per pixel of the converged light, in two halves",
+    "threads": "worker threads; 0: one per core",
+    "seed": "random seed of controls and pixels",
 }
 
 NAMES = {
-    "runtime": "of networks: native, onnxruntime, reference",
+    "runtime": "runtime of networks: native, onnxruntime, reference",
     "provider": "execution provider of onnxruntime: cpu, cuda, tensorrt, openvino, coreml",
 }
 
@@ -47,7 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.usage = "evs evaluate [MODEL.onnx] [options]"
     add = parser.add_argument
-    add("network", nargs="?", metavar="MODEL.onnx", help="your own network: checked, then judged")
+    add("network", nargs="?", metavar="MODEL.onnx", help="your own network, which is checked first")
     for name, line in LISTS.items():
         add(f"--{name}", metavar="A,B", help=line)
     for name, line in NUMBERS.items():
@@ -55,10 +55,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     for name, line in NAMES.items():
         add(f"--{name}", metavar="NAME", help=line)
     add("--quick", action="store_true", help="two scenes, few pixels: under two minutes")
-    add("--cache", metavar="DIR", help="where traced light is kept (the user's cache folder)")
-    add("--json", metavar="FILE", help="everything that was measured")
-    add("--markdown", metavar="FILE.md", help="the table; without it, it goes to stdout")
-    add("--picture", metavar="FILE.png", help="EMD and recall against samples a pixel")
+    add("--cache", metavar="DIR", help="folder for traced light (the user's cache folder)")
+    add("--json", metavar="FILE", help="write everything that was measured")
+    add("--markdown", metavar="FILE.md", help="write the table to FILE.md instead of stdout")
+    add("--picture", metavar="FILE.png", help="draw EMD and recall against samples per pixel")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
     parser.epilog = EXAMPLES
 

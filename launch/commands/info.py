@@ -23,15 +23,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
     parser.add_argument("file", metavar="FILE", help=f"a recording: {endings()}")
     parser.add_argument(
-        "--repair", action="store_true", help="first cut a torn tail, in place; no packet is lost"
+        "--repair", action="store_true", help="first cut a torn tail in place; keeps every packet"
     )
     add_single_option(parser)
     form = parser.add_mutually_exclusive_group()
-    form.add_argument("--json", action="store_true", help="one JSON object instead of lines")
+    form.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
     form.add_argument(
         "--camera-info",
         action="store_true",
-        help="the camera's calibration instead, as the YAML that ROS's camera_info_manager reads",
+        help="print the camera's calibration instead, as YAML for ROS's camera_info_manager",
     )
 
 
@@ -79,7 +79,7 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
         ("packets", f"{found.packets:,}{table if found.format == 'aedat4' else ''}"),
         *_beside(found),
         ("seed", str(stream.seed)),
-        ("versions", versions or "not told"),
+        ("versions", versions or "not given"),
     ]
     if found.files:
         lines.insert(1, ("files", f"{len(found.files)}, up to {found.files[-1]}"))
@@ -97,7 +97,7 @@ def _lines(found: Summary) -> list[tuple[str, str]]:
         lines.append(("backwards", found.backwards))
     repair = command("info", "--repair", str(found.path))
     if found.broken_pointer:
-        lines.append(("pointer", f"to a data table that is not there; {repair} takes it out"))
+        lines.append(("pointer", f"to a missing data table; {repair} removes it"))
     if found.unfinished:
         lines.append(("unfinished", f"other programs want the end that {repair} gives it"))
     if found.torn_at is not None:

@@ -13,13 +13,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """The command line of `evs keygen`."""
     parser.usage = "evs keygen NAME"
     parser.epilog = (
-        "Writes NAME.key, which you give away, and NAME.secret.key, which stays where it is. A\n"
-        "camera with a pair publishes, encrypted, to clients that have its NAME.key; with --allow\n"
-        "only to clients whose own NAME.key it is given."
+        "Writes NAME.key, the public key to share, and NAME.secret.key, which stays on this\n"
+        "machine. A camera with a key pair encrypts its traffic; clients need its NAME.key. With\n"
+        "--allow it accepts only clients whose own NAME.key it was given."
     )
-    parser.add_argument(
-        "name", metavar="NAME", help="of the files, a folder before it may be given"
-    )
+    parser.add_argument("name", metavar="NAME", help="name of the key files; may include a folder")
 
 
 def run(args: argparse.Namespace) -> int:

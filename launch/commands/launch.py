@@ -14,17 +14,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """The command line of `evs launch`."""
     parser.usage = "evs launch FILE.toml [NAME:=VALUE ...] [--show]"
     parser.epilog = (
-        "Subscribers start before what they listen to, and a camera waits for them. One Ctrl-C\n"
-        "stops every node, publishers first; a second one kills what is left. The exit code is\n"
-        "the worst node's. config/launch/stereo.toml shows every key; evs launch stereo runs it.\n"
-        "pencil, goalie, cartpole: closed loops; controller: one with a program of yours; ros2."
+        "Subscribers start before their publishers, and a camera waits for them. One Ctrl-C\n"
+        "stops every node, publishers first; a second one kills the nodes that are left. The exit\n"
+        "code is that of the worst node. config/launch/stereo.toml shows every key; evs launch\n"
+        "stereo runs it. pencil, goalie, cartpole: closed loops; controller: a loop with your own\n"
+        "program; ros2: a camera for ROS 2."
     )
-    parser.add_argument("file", metavar="FILE.toml", help="a launch file, or one of evs by name")
+    parser.add_argument(
+        "file", metavar="FILE.toml", help="a launch file, or the name of one that comes with evs"
+    )
     parser.add_argument(
         "given", nargs="*", default=[], metavar="NAME:=VALUE", help="an argument of the file"
     )
     parser.add_argument(
-        "--show", action="store_true", help="print what would be run, in order, and run nothing"
+        "--show", action="store_true", help="print the commands in order and run nothing"
     )
 
 

@@ -16,15 +16,15 @@ LOOPS = ("pencil", "goalie", "cartpole")
 EPILOG = """\
 examples:
   evs loop pencil                                    balance for 30 s, in process
-  evs loop pencil --gif pencil.gif                   the same, 4 s as a picture
-  evs loop pencil --table out/pencil.json --jobs 2   events beside frames, to their limits
+  evs loop pencil --gif pencil.gif                   the same, 4 s as a film
+  evs loop pencil --table out/pencil.json --jobs 2   compare events with frames, up to their limits
   evs loop goalie --gif goalie.gif --speed 8         four shots, in slow motion
-  evs loop goalie --table out/goalie.json            balls saved over their speed: .md and .png too
+  evs loop goalie --table out/goalie.json            saves against ball speed, also as .md and .png
   evs loop cartpole --seeds 20                       gymnasium's cart-pole, its camera on the cart
-  evs launch pencil                                  world and controller, each in a process
+  evs launch pencil                                  world and controller in two processes
   evs loop pencil --serve tcp://127.0.0.1:5570 publish=tcp://127.0.0.1:5560 record=run.aedat4
---table writes FILE.json, which a second run goes on with, and the table beside it as FILE.md; with
---tracker of that tracker alone. With --quick it takes a minute, and its numbers mean nothing."""
+--table writes FILE.json, which a second run resumes, and the table as FILE.md beside it. With
+--tracker it measures only that tracker. --quick takes a minute, and its numbers mean nothing."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -37,19 +37,29 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--table", metavar="FILE.json", help="measure every tracker")
-    what.add_argument("--gif", metavar="FILE.gif", help="film it")
-    what.add_argument("--serve", metavar="ADDRESS", help="only the world: wait for a controller")
-    what.add_argument("--connect", metavar="ADDRESS", help="only the controller of such a world")
+    what.add_argument("--gif", metavar="FILE.gif", help="make a film")
+    what.add_argument(
+        "--serve", metavar="ADDRESS", help="run only the world, and wait for a controller"
+    )
+    what.add_argument(
+        "--connect", metavar="ADDRESS", help="run only the controller of such a world"
+    )
     add("--tracker", metavar="NAME", help="events (default), or frames: 60 FPS, 200 FPS ...")
-    add("--seed", type=int, default=0, metavar="N", help="start, pushes, shots, noise (0)")
-    add("--seconds", type=float, metavar="S", help="how long it has to stand (30; cartpole: 10)")
-    add("--push", type=float, metavar="mNs", help="of a push (pencil: 2, cartpole: 3000)")
-    add("--delay", type=float, metavar="MS", help="until a force acts (0)")
-    add("--length", type=float, metavar="M", help="pencil: of the stick (0.2)")
-    add("--speed", type=float, metavar="M/S", help="goalie: of the ball (5)")
-    add("--seeds", type=int, metavar="N", help="cartpole, --table: how many trials")
-    add("--jobs", type=int, metavar="N", help="--table: processes at work (1)")
-    add("--quick", action="store_true", help="--table: a rehearsal")
+    add(
+        "--seed",
+        type=int,
+        default=0,
+        metavar="N",
+        help="random seed of start, pushes, shots and noise (0)",
+    )
+    add("--seconds", type=float, metavar="S", help="time to stay upright (30; cartpole: 10)")
+    add("--push", type=float, metavar="mNs", help="strength of a push (pencil: 2, cartpole: 3000)")
+    add("--delay", type=float, metavar="MS", help="delay until a force acts (0)")
+    add("--length", type=float, metavar="M", help="pencil: length of the stick (0.2)")
+    add("--speed", type=float, metavar="M/S", help="goalie: speed of the ball (5)")
+    add("--seeds", type=int, metavar="N", help="cartpole, --table: number of trials")
+    add("--jobs", type=int, metavar="N", help="--table: parallel processes (1)")
+    add("--quick", action="store_true", help="--table: a quick trial run")
     pipeline_options.add_key_options(parser)
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
 

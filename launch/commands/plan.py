@@ -37,11 +37,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const=str(MEASURE_TICKS),
         metavar="TICKS",
-        help=f"run so many ticks ({MEASURE_TICKS} if no number is given) and say what they took",
+        help=f"run TICKS ticks ({MEASURE_TICKS} if no number is given) and report their time",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object instead")
     parser.epilog = (
-        "Keys are those of `evs emulate --help`; the same plan is in every run's report."
+        "Keys are those of `evs emulate --help`. The report of every run holds the same plan."
     )
 
 

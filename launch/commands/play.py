@@ -36,22 +36,30 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=1.0,
         metavar="S",
-        help="0.1 is ten times slower than it was recorded (default: %(default)s)",
+        help="playback speed: 0.1 is ten times slower than recorded (default: %(default)s)",
     )
-    pace.add_argument("--fast", action="store_true", help="as fast as possible")
+    pace.add_argument("--fast", action="store_true", help="play as fast as possible")
     parser.add_argument(
-        "--wait-for", type=int, default=0, metavar="N", help="begin when N subscribers are there"
+        "--wait-for",
+        type=int,
+        default=0,
+        metavar="N",
+        help="wait for N subscribers before the start",
     )
     parser.add_argument(
-        "--wait", type=float, default=10.0, metavar="S", help="wait S seconds for them at most"
+        "--wait", type=float, default=10.0, metavar="S", help="wait at most S seconds for them"
     )
     parser.add_argument("--control", default="", metavar="ADDR", help="control port (evs topics)")
     parser.add_argument("--key", default="", metavar="FILE", help="secret key to publish with")
     parser.add_argument(
-        "--allow", action="append", default=[], metavar="KEY", help="public key that may listen"
+        "--allow",
+        action="append",
+        default=[],
+        metavar="KEY",
+        help="public key of a client that may subscribe",
     )
     parser.add_argument(
-        "--insecure", action="store_true", help="let other machines listen without a key"
+        "--insecure", action="store_true", help="let other machines subscribe without a key"
     )
 
 

@@ -21,24 +21,25 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """The command line of `evs record`."""
     parser.usage = "evs record ADDRESS FILE [options]"
     parser.add_argument("address", metavar="ADDRESS", help="a publisher, e.g. tcp://127.0.0.1:5560")
-    parser.add_argument("file", metavar="FILE", help="the recording; its ending says the format")
-    parser.add_argument("--camera", default="", metavar="NAME", help="which, if there are several")
+    parser.add_argument("file", metavar="FILE", help="the recording; its ending selects the format")
+    parser.add_argument(
+        "--camera", default="", metavar="NAME", help="camera to record, if there are several"
+    )
     parser.add_argument("--duration", type=float, metavar="S", help="simulated seconds to record")
     parser.add_argument(
-        "--timeout", type=float, metavar="S", help="end when nothing came for S seconds"
+        "--timeout", type=float, metavar="S", help="end after S seconds without a packet"
     )
-    parser.add_argument("--force", action="store_true", help="replace a file that is there")
+    parser.add_argument("--force", action="store_true", help="replace an existing file")
     parser.add_argument(
         "--beside",
         action="store_true",
-        help="record beside a file that is there, as run-1.aedat4: what evs launch adds where it "
-        "starts a recorder again",
+        help="if FILE exists, record to FILE-1 beside it, as run-1.aedat4; evs launch adds this "
+        "when it restarts a recorder",
     )
     add_key_options(parser)
     parser.epilog = (
-        "Ends with the camera, --duration, --timeout or Ctrl-C; the file is whole each time. Exit\n"
-        "code 1 if packets were lost: how many and where is printed, and in\n"
-        "FILE.report.json."
+        "Ends with the camera, --duration, --timeout or Ctrl-C; the file is always complete. Exit\n"
+        "code 1 if packets were lost; the losses are printed and written to FILE.report.json."
     )
 
 

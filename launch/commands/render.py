@@ -16,13 +16,13 @@ HELP = "luminance, colour, depth, normals, ids and optical flow of a scene, into
 OPTIONS = {
     "scene": ("scene.file", "FILE", "MJCF or MJB file of the world"),
     "camera": ("scene.camera", "NAME", "camera of the model to look through"),
-    "sensor": ("sensor.preset", "NAME", "sensor preset; its size alone counts"),
+    "sensor": ("sensor.preset", "NAME", "sensor preset; only its size is used"),
     "renderer": ("render.renderer", "NAME", "how light is computed"),
     "spp": ("render.spp", "N", "samples per pixel"),
     "seeds": ("render.seeds", "WAY", "where the samples come from"),
     "duration": ("duration_s", "S", "simulated seconds; 0: one frame"),
-    "threads": ("threads", "N", "worker threads; 0: one a core"),
-    "seed": ("seed", "N", "every random number follows from it"),
+    "threads": ("threads", "N", "worker threads; 0: one per core"),
+    "seed": ("seed", "N", "random seed"),
 }
 """option -> (the key it is short for, placeholder, one line). Defaults stand with the keys."""
 
@@ -41,15 +41,15 @@ examples:
   evs render --scene robot.xml --fps tick --channels luminance,flow -o ticks.npz
 
 The file: numpy.load("robot.npz") has t_us (n,), info (JSON: camera_info, configuration, seed,
-versions) and of each channel one array (n, height, width, ...):
+versions) and one array (n, height, width, ...) per channel:
   luminance   linear, BT.709 weights            rgb        (3) linear
   depth       m, along the optical axis         distance   m, along the ray; both inf: nothing there
   normal      (3) unit, world frame             position   (3) m, world frame; both NaN: nothing
-  geom_id     MuJoCo's; -1 nothing; counted on from -2: skins, flexes, sites, tendons, actuators
-  body_id     MuJoCo's; -1 nothing, or what hangs on many bodies
-  flow        (2) px/s to the right and down, mean over the tick that ends there; NaN at t = 0
-Ground truth is of the ray through each pixel's centre. A frame stands in the file as soon as it is
-rendered: Ctrl-C ends it and loses nothing.
+  geom_id     MuJoCo's; -1: nothing; -2 and below: skins, flexes, sites, tendons, actuators
+  body_id     MuJoCo's; -1: nothing, or an object of several bodies
+  flow        (2) px/s to the right and down, mean over the last tick; NaN at t = 0
+Ground truth belongs to the ray through each pixel's centre. Each frame is written as soon as it is
+rendered, so Ctrl-C loses nothing.
 
 """
 
@@ -60,11 +60,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     pipeline_options.add_pipeline_options(parser, OPTIONS)
     add = parser.add_argument
     add("-o", "--out", metavar="FILE.npz", required=True, help="the file to write")
-    add("--fps", default="25", metavar="N", help="frames per simulated second (25), or tick: every")
-    add("--channels", default="all", metavar="A,B", help="which channels (default: all)")
-    add("--size", metavar="WxH", help="px; short for sensor.width= and sensor.height=")
-    add("--preview", metavar="FILE.png", help="the last frame's channels as one picture")
-    add("--force", action="store_true", help="replace files that are there")
+    add(
+        "--fps",
+        default="25",
+        metavar="N",
+        help="frames per simulated second (25); tick: every tick",
+    )
+    add("--channels", default="all", metavar="A,B", help="channels to write (default: all)")
+    add("--size", metavar="WxH", help="size in px; short for sensor.width= and sensor.height=")
+    add("--preview", metavar="FILE.png", help="draw the channels of the last frame in one picture")
+    add("--force", action="store_true", help="replace existing files")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
     parser.epilog = EXAMPLES + pipeline_options.keys_text(NOT_HERE)
 

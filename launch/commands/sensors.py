@@ -22,11 +22,11 @@ WIDTH = 110
 
 EPILOG = """\
 examples:
-  evs sensors                                           a line for each, as a Markdown table
+  evs sensors                                           all sensors, as a Markdown table
   evs sensors imx636                                    its parameters, their sources, its biases
-  evs sensors davis346 sensor.biases.PrBp_fine=30       what that bias makes of them
-  evs sensors mine.toml --json                          a file of your own, as one JSON object
-A value with a * is not the preset's own: a key or a bias changes it."""
+  evs sensors davis346 sensor.biases.PrBp_fine=30       the effect of that bias on them
+  evs sensors mine.toml --json                          your own file, as one JSON object
+A * marks a value that a key or a bias changes from the preset's own."""
 
 COLUMNS = {
     "sensor": ("name", "{}"),
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     config = RunConfig(sensor=SensorConfig(preset=names[0]) if names else SensorConfig())
     for key, text in (settings.split_word(word) for word in args.words if "=" in word):
         if not key.startswith("sensor."):
-            raise EvsError(f"{key} is no key of a sensor; those begin with sensor.")
+            raise EvsError(f"{key} is not a sensor key; give keys that begin with sensor.")
         config = settings.override(config, key, text)
     if names or args.words:
         _print_one(describe_sensor(config.sensor), args.json)

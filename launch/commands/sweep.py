@@ -14,31 +14,31 @@ HELP = "measure speed against error, around each preset, beside frame-based ways
 EXAMPLES = """\
 examples:
   evs sweep robot.xml --quick                     two presets, a first impression: two minutes
-  evs sweep --json all.jsonl --errors-only        what needs no quiet machine, first
+  evs sweep --json all.jsonl --errors-only        first the errors, on any machine
   evs sweep --json all.jsonl --markdown all.md --picture front.png    then the timings
   evs sweep gymnasium/ant --preset fast --axis samples,tick --camera pan
 
 Scenes are those of evs evaluate: FILE.xml, package:path, gymnasium/ROBOT, dm_control/ROBOT,
-procedural/NUMBER. Whatever is done is kept: the same command goes on where it was stopped, and
-draws table and picture of all that the file holds. docs/explanation/sweep.md says what it means."""
+procedural/NUMBER. Finished points are kept: run the same command again to resume it. Table and
+picture show everything in the file. docs/explanation/sweep.md explains them."""
 
 LISTS = {
-    "preset": "presets (fast, balanced, accurate, reference) or pipeline files, with commas",
+    "preset": "presets (fast, balanced, accurate, reference) or pipeline files, by commas",
     "axis": (
-        "axes to go along, around every preset: renderer, samples, seeds, model, network, chunk, "
-        "tick, resolution, precision, threads, ahead, incremental, frames, paper; some for each "
-        "preset if not given"
+        "axes to vary around every preset: renderer, samples, seeds, model, network, chunk, "
+        "tick, resolution, precision, threads, ahead, incremental, frames, paper; if not given, a "
+        "selection for each preset"
     ),
     "camera": "how the camera moves: still, pan, slide",
 }
 NUMBERS: dict[str, tuple[type, str, str]] = {
-    "repeats": (int, "N", "of each timing; from 6 on its interval needs no law of the noise"),
-    "seconds": (float, "S", "wall clock of all repeats of a point together"),
-    "ticks": (int, "N", "ms of light that errors are measured on"),
-    "pixels": (int, "N", "that errors are measured on"),
-    "reference-spp": (int, "N", "samples a pixel of converged light, two halves together"),
-    "seed": (int, "N", "controls and pixels follow from it"),
-    "workers": (int, "N", "processes that work out errors at once; timings are never shared"),
+    "repeats": (int, "N", "repeats of each timing; 6 or more give a distribution-free interval"),
+    "seconds": (float, "S", "total wall time of all repeats of a point"),
+    "ticks": (int, "N", "ms of light for the error measurement"),
+    "pixels": (int, "N", "pixels for the error measurement"),
+    "reference-spp": (int, "N", "samples per pixel of the converged light, in two halves"),
+    "seed": (int, "N", "random seed of controls and pixels"),
+    "workers": (int, "N", "parallel processes for errors; timings always run alone"),
 }
 
 
@@ -46,26 +46,31 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.usage = "evs sweep [SCENE ...] [options]"
     add = parser.add_argument
-    add("scenes", nargs="*", metavar="SCENE", help="scenes; six of different kinds if not given")
+    add("scenes", nargs="*", metavar="SCENE", help="scenes; if not given, six of different kinds")
     for name, line in LISTS.items():
         add(f"--{name}", metavar="A,B", help=line)
     for name, (kind, letter, line) in NUMBERS.items():
         add(f"--{name}", type=kind, metavar=letter, help=line, dest=name.replace("-", "_"))
-    add("--ray", default="", metavar="ADDRESS", help="a Ray cluster that works out errors instead")
+    add(
+        "--ray",
+        default="",
+        metavar="ADDRESS",
+        help="measure the errors on this Ray cluster instead",
+    )
     add("--quick", action="store_true", help="one scene, two presets: under two minutes")
-    add("--errors-only", action="store_true", help="no timings: any machine will do")
-    add("--speed-only", action="store_true", help="no errors: timings, on a quiet machine")
-    add("--cache", metavar="DIR", help="where traced light is kept (the user's cache folder)")
+    add("--errors-only", action="store_true", help="no timings: works on any machine")
+    add("--speed-only", action="store_true", help="no errors: only timings, on a quiet machine")
+    add("--cache", metavar="DIR", help="folder for traced light (the user's cache folder)")
     add(
         "--json",
         metavar="FILE.jsonl",
-        help="the file of the records; one in the cache if not given",
+        help="file of the records; if not given, one in the cache",
     )
-    add("--markdown", metavar="FILE.md", help="the tables; without it, they go to stdout")
+    add("--markdown", metavar="FILE.md", help="write the tables to FILE.md instead of stdout")
     add(
         "--picture",
         metavar="FILE.png",
-        help="error against speed; of several scenes FILE-SCENE.png",
+        help="draw error against speed; with several scenes, FILE-SCENE.png each",
     )
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
     parser.epilog = EXAMPLES
@@ -115,7 +120,9 @@ def _settings(args: argparse.Namespace) -> Any:
     from evs.tools.sweep.speed import SpeedSettings
 
     if args.errors_only and args.speed_only:
-        raise EvsError("--errors-only and --speed-only leave nothing to do: give one of them")
+        raise EvsError(
+            "--errors-only and --speed-only together leave nothing to do: give one of them"
+        )
     lists = {name: _words(name, getattr(args, name)) for name in LISTS}
     quick = bool(args.quick)
     presets = lists["preset"] or tuple(axes.QUICK if quick else axes.DEFAULT)
@@ -149,7 +156,7 @@ def _words(name: str, text: str | None) -> tuple[str, ...]:
         return ()
     words = tuple(word.strip() for word in text.split(",") if word.strip())
     if not words:
-        raise EvsError(f"--{name} is empty: give names with commas between them")
+        raise EvsError(f"--{name} is empty: give names separated by commas")
     return words
 
 

@@ -21,12 +21,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "control", metavar="CONTROL", help="a control port, as in evs emulate --control CONTROL"
     )
     what = parser.add_mutually_exclusive_group()
-    what.add_argument("--json", action="store_true", help="everything, as JSON")
-    what.add_argument("--status", action="store_true", help="totals of each camera, as JSON")
-    what.add_argument("--camera-info", action="store_true", help="calibrations, as JSON")
-    what.add_argument("--stop", action="store_true", help="ask for the end of the run")
+    what.add_argument("--json", action="store_true", help="print everything as JSON")
+    what.add_argument(
+        "--status", action="store_true", help="print the totals of each camera as JSON"
+    )
+    what.add_argument("--camera-info", action="store_true", help="print the calibrations as JSON")
+    what.add_argument("--stop", action="store_true", help="request the end of the run")
     parser.add_argument(
-        "--timeout", type=float, default=5.0, metavar="S", help="default: %(default)s"
+        "--timeout",
+        type=float,
+        default=5.0,
+        metavar="S",
+        help="seconds to wait (default: %(default)s)",
     )
     add_key_options(parser)
 

@@ -21,20 +21,20 @@ examples:
   evs train data out/data --workers 2                      two scenes at once; the same bytes
   evs train data out/data --ray auto                       on the Ray cluster of this machine
   evs train data out/data --scenes 100 --from 100          the second half, on another machine
-  evs train data out/data --describe                       light, events and speeds of what is there
+  evs train data out/data --describe                       light, events and speeds in the folder
   evs train fit out/data --recipe evsnet_c8 -o out/networks
 
-`evs train COMMAND --help` says everything about a command."""
+`evs train COMMAND --help` describes a command."""
 
 DATA_EXAMPLES = """\
 Procedural scenes (rooms, tables, floors, clutter, close-ups) are traced for 448 ms at 1 kHz, for
 pixels of a 346 x 260 image: with 1, 4, 16 and 64 samples, fixed and fresh seeds, and converged.
-What an ideal event pixel makes of the converged light is what the network should say.
+The network learns to give the events of an ideal event pixel in the converged light.
 
-DIR gets data.json (the settings) and NNNNN.npz, one a scene, each whole or not there at all. Given
-again, the command goes on where it was; Ctrl-C ends it after the scene it is at, a second one at
-once. All follows from the seed, on any number of threads, processes and machines. No robot is among
-the scenes: gymnasium's and dm_control's are for tests only, so that tests are of other scenes."""
+DIR receives data.json (the settings) and one NNNNN.npz per scene. A file appears when it is
+complete. Run the command again to resume it; Ctrl-C ends it after the current scene, a second
+Ctrl-C at once. The data depend only on the seed, on any number of threads, processes and machines.
+No scene has a robot: those of gymnasium and dm_control are reserved for tests."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -72,23 +72,29 @@ def run(args: argparse.Namespace) -> int:
 
 def _configure_data(parser: argparse.ArgumentParser) -> None:
     add, usual = parser.add_argument, DataSettings()
-    add("folder", metavar="DIR", help="where the shards go; made if it is not there")
-    add("--scenes", type=int, default=200, metavar="N", help="how many (200)")
+    add("folder", metavar="DIR", help="folder of the data; created if it does not exist")
+    add("--scenes", type=int, default=200, metavar="N", help="number of scenes (200)")
     add("--from", type=int, default=0, metavar="N", dest="first", help="number of the first (0)")
     for key, meaning in (
-        ("pixels", "of each scene"),
-        ("ticks", "ms of each scene"),
-        ("truth-spp", "samples a pixel of converged light"),
-        ("seed", "all that is random follows from it"),
+        ("pixels", "pixels per scene"),
+        ("ticks", "ms per scene"),
+        ("truth-spp", "samples per pixel of the converged light"),
+        ("seed", "random seed"),
     ):
         default = getattr(usual, key.replace("-", "_"))
         add(f"--{key}", type=int, default=default, metavar="N", help=f"{meaning} ({default})")
-    add("--workers", type=int, default=1, metavar="N", help="scenes at once, each a process (1)")
-    add("--ray", default="", metavar="ADDRESS", help="a Ray cluster makes them: HOST:PORT, or auto")
     add(
-        "--threads", type=int, default=0, metavar="N", help="of each scene; 0: a share of the cores"
+        "--workers", type=int, default=1, metavar="N", help="parallel processes, one scene each (1)"
     )
-    add("--describe", action="store_true", help="make nothing; say what DIR holds")
+    add("--ray", default="", metavar="ADDRESS", help="use a Ray cluster: HOST:PORT, or auto")
+    add(
+        "--threads",
+        type=int,
+        default=0,
+        metavar="N",
+        help="threads per scene; 0: a share of the cores",
+    )
+    add("--describe", action="store_true", help="only describe what DIR holds")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
 
 
@@ -107,7 +113,7 @@ def _data(args: argparse.Namespace) -> int:
             print(f"{name:30s}{value}")
         return 0
     if not 0 <= args.threads <= 1024:
-        raise EvsError(f"--threads is {args.threads}; give 0 for one a core, or 1 ... 1024")
+        raise EvsError(f"--threads is {args.threads}; give 0 for one per core, or 1 ... 1024")
     settings = DataSettings(
         seed=args.seed, pixels=args.pixels, truth_spp=args.truth_spp, ticks=args.ticks
     )

@@ -14,7 +14,7 @@ HELP = "find the pipeline for a scene that reaches a speed, or keeps an error, a
 OPTIONS = {
     "camera": ("scene.camera", "NAME", "camera of the model to look through"),
     "sensor": ("sensor.preset", "NAME", "sensor preset"),
-    "seed": ("seed", "N", "every random number follows from it"),
+    "seed": ("seed", "N", "random seed"),
 }
 """option -> (the key it is short for, placeholder, one line)"""
 
@@ -25,28 +25,28 @@ EXAMPLES = """\
 examples:
   evs tune robot.xml --rtf 1.0                         the most accurate that keeps real time
   evs tune robot.xml --error 0.1 --camera wrist        the fastest with one event in ten wrong
-  evs tune gymnasium/ant --rtf 0.5 model.name=plain    keys that are given are not touched
-  evs emulate tuned.toml --record run.aedat4           run what it wrote
+  evs tune gymnasium/ant --rtf 0.5 model.name=plain    keeps the keys that are given
+  evs emulate tuned.toml --record run.aedat4           run the result
 
-SCENE is an MJCF or MJB file, package:path, a robot as `evs evaluate` names it, or a pipeline file
-that has one. Its controls are random ones, as in `evs evaluate`. The error is the share of events,
-ours and those of converged light, that have no partner on their pixel within 3 ms: silence has 1.
-A few configurations are measured, all others predicted from them; the best is then measured too,
-and so is what might beat it. Exit code 1: the goal cannot be reached; the best found is printed.
-docs/howto/tuning.md says how."""
+SCENE is an MJCF or MJB file, package:path, a robot as in `evs evaluate`, or a pipeline file with a
+scene. Controls are random, as in `evs evaluate`. The error is the fraction of events, measured and
+reference, that have no match on their pixel within 3 ms; with no events at all it is 1. A few
+configurations are measured and all others predicted from them. Then the best candidates are
+measured too. Exit code 1: the goal cannot be reached; the best configuration found is printed.
+See docs/howto/tuning.md."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     scene = (
         "SCENE, key=value",
-        "the scene (or a pipeline that has one), then keys that stay as given",
+        "the scene (or a pipeline with a scene), then keys to keep as given",
     )
     pipeline_options.add_pipeline_options(parser, OPTIONS, scene)
     parser.usage = "evs tune SCENE (--rtf R | --error E) [key=value ...] [options]"
     add = parser.add_argument
-    add("--rtf", type=float, metavar="R", help="real-time factor to reach, as accurate as can be")
-    add("--error", type=float, metavar="E", help="error to keep, as fast as can be")
+    add("--rtf", type=float, metavar="R", help="real-time factor to reach; maximises accuracy")
+    add("--error", type=float, metavar="E", help="largest error; maximises speed")
     add(
         *("--metric", "--figure"),
         dest="figure",
@@ -54,12 +54,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="error metric: unmatched, emd",
     )
-    add("--motion", default="still", metavar="HOW", help="camera: still, pan, slide (still)")
-    add("--budget", type=float, default=BUDGET_S, metavar="S", help=f"seconds ({BUDGET_S:g})")
-    add("-o", "--output", default=OUTPUT, metavar="FILE", help=f"what to write ({OUTPUT})")
-    add("--anyway", action="store_true", help="write it although the goal is not reached")
+    add("--motion", default="still", metavar="HOW", help="camera motion: still, pan, slide (still)")
+    add("--budget", type=float, default=BUDGET_S, metavar="S", help=f"time limit, s ({BUDGET_S:g})")
+    add("-o", "--output", default=OUTPUT, metavar="FILE", help=f"file to write ({OUTPUT})")
+    add("--anyway", action="store_true", help="write the file even if the goal is not reached")
     add("--quick", action="store_true", help="fewer pixels and a coarser reference: a rough answer")
-    add("--cache", metavar="DIR", help="where traced light is kept (the user's cache folder)")
+    add("--cache", metavar="DIR", help="folder for traced light (the user's cache folder)")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
     parser.epilog = EXAMPLES
 

@@ -24,8 +24,8 @@ examples:
   evs view run.aedat4                                three instants, as run.aedat4.png
   evs view run.aedat4 -o run.gif                     the whole recording at 1/4 real time
   evs view run.npz -o run.mp4 --speed 0.1 --start 0.5 --stop 1
-  evs view --live tcp://127.0.0.1:5560               as it comes: Rerun's viewer, or characters
-  evs view --live tcp://127.0.0.1:5560 -o live.rrd   into a file that Rerun's viewer opens
+  evs view --live tcp://127.0.0.1:5560               live, in Rerun's viewer or as characters
+  evs view --live tcp://127.0.0.1:5560 -o live.rrd   to a file for Rerun's viewer
 blue: brighter (ON), red: darker (OFF). Times are the stream's own, in seconds."""
 
 MAX_SCALE = 64
@@ -41,23 +41,32 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("file", metavar="FILE", nargs="?", help=f"a recording: {endings()}")
     add("-o", "--out", metavar="PICTURE", help=".png, .gif or .mp4 (default: FILE.png); live: .rrd")
-    add("--window", metavar="MS", type=float, help="events of this long (default: of one frame)")
+    add(
+        "--window",
+        metavar="MS",
+        type=float,
+        help="time span of the events shown (default: one frame)",
+    )
     add("--fps", metavar="N", type=float, help="frames per second of the film")
     add(
-        "--speed", metavar="X", type=float, help="of the film: 1 is real time, 0.25 a quarter of it"
+        "--speed", metavar="X", type=float, help="speed of the film: 1 is real time, 0.25 a quarter"
     )
-    add("--start", metavar="S", type=float, help="from this time on (default: the first event)")
-    add("--stop", metavar="S", type=float, help="up to this time (default: the last event)")
+    add("--start", metavar="S", type=float, help="start time (default: the first event)")
+    add("--stop", metavar="S", type=float, help="end time (default: the last event)")
     add("--scale", metavar="N", type=int, help="picture pixels per sensor pixel (default: by size)")
     add_single_option(parser)
     live_view = parser.add_argument_group("live")
-    live_view.add_argument("--live", metavar="ADDRESS", help="listen to a publisher instead")
-    live_view.add_argument("--camera", default="", metavar="NAME", help="only this camera")
     live_view.add_argument(
-        "--sketch", action="store_true", help="characters in the terminal, even with a display"
+        "--live", metavar="ADDRESS", help="show the stream of a publisher instead"
+    )
+    live_view.add_argument("--camera", default="", metavar="NAME", help="show only this camera")
+    live_view.add_argument(
+        "--sketch",
+        action="store_true",
+        help="draw with characters in the terminal, even with a display",
     )
     live_view.add_argument(
-        "--timeout", type=float, metavar="S", help="end when no packet came for S seconds"
+        "--timeout", type=float, metavar="S", help="end after S seconds without a packet"
     )
     pipeline_options.add_key_options(live_view)
 

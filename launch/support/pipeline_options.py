@@ -93,7 +93,7 @@ def keys_text(without: Collection[str] = ()) -> str:
     """
     named = shipped.pipelines()
     lines = [
-        "Pipelines that come with evs; a preset wants a scene, as in",
+        "Pipelines that come with evs; a preset needs a scene, as in",
         f"`evs emulate {shipped.PRESETS[0]} robot.xml`:",
         *(f"  {name:12s}{shipped.about(file)}" for name, file in named.items()),
         "",

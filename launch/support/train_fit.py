@@ -25,33 +25,37 @@ examples:
 
 recipes:
   evsnet_c8   8 channels, causal, no biases, calibrated counts; for all variants of the light, or
-              with --spp N for light of so many fresh samples: member NAME_Nspp of family NAME
+              with --spp N for light of N fresh samples: member NAME_Nspp of family NAME
   evsnet_c4   the same with 4 channels
   paper       8 channels, centred (21 ms late), biases, 64 fresh samples, the paper's loss alone
 
-Each time the held-out scenes are seen better than ever, NAME.onnx, NAME.toml (its sidecar),
-NAME.training.json (the report) and NAME.training.png (curves) are written anew, so that the best
-can be taken at any time. A training that was ended goes on where its checkpoint is; with --steps
-alone its end is the same as without the interruption."""
+Whenever the loss on the held-out scenes improves, NAME.onnx, NAME.toml (its sidecar),
+NAME.training.json (the report) and NAME.training.png (curves) are written again, so the best
+network so far is always on disk. An interrupted training resumes from its checkpoint; with --steps
+alone, the result is the same as without the interruption."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
     add = parser.add_argument
-    add("folder", metavar="DIR", help="training data, of evs train data")
+    add("folder", metavar="DIR", help="training data, made by evs train data")
     add("--recipe", default="evsnet_c8", metavar="NAME", help=f"{', '.join(RECIPES)} (evsnet_c8)")
-    add("-o", dest="out", required=True, metavar="FOLDER", help="where the network goes")
-    add("--name", metavar="NAME", help="of the network (the recipe's)")
-    add("--steps", type=int, metavar="N", help="of training (the recipe's)")
-    add("--minutes", type=float, metavar="M", help="end after so long; the rate falls in time")
-    add("--batch", type=int, metavar="N", help="pixels a step (the recipe's)")
-    add("--seed", type=int, default=1, metavar="N", help="of weights and order (1)")
-    add("--seeds", type=int, default=1, metavar="N", help="train so many, keep the best (1)")
+    add("-o", dest="out", required=True, metavar="FOLDER", help="folder of the network")
+    add("--name", metavar="NAME", help="name of the network (the recipe's)")
+    add("--steps", type=int, metavar="N", help="training steps (the recipe's)")
+    add("--minutes", type=float, metavar="M", help="time limit; the learning rate falls to fit it")
+    add("--batch", type=int, metavar="N", help="pixels per step (the recipe's)")
+    add("--seed", type=int, default=1, metavar="N", help="random seed of weights and order (1)")
+    add("--seeds", type=int, default=1, metavar="N", help="train N networks, keep the best (1)")
     add("--spp", type=int, metavar="N", help="for light of N fresh samples alone: NAME_Nspp")
-    add("--look-ahead", type=int, metavar="N", help="ticks of the future that it reads, 0 ... 21")
+    add("--look-ahead", type=int, metavar="N", help="future ticks that the network reads, 0 ... 21")
     add("--noisy-truth", action="store_true", help="learn a real sensor's noise too")
-    add("--checkpoint", metavar="FILE.npz", help="where it goes on (DIR/NAME-SEED.checkpoint.npz)")
+    add(
+        "--checkpoint",
+        metavar="FILE.npz",
+        help="file to resume from (DIR/NAME-SEED.checkpoint.npz)",
+    )
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
 
 
@@ -60,7 +64,7 @@ def _check(args: argparse.Namespace) -> None:
     if args.seed < 0 or args.seeds < 1:
         raise EvsError("--seed is 0 or more, --seeds 1 or more")
     if args.checkpoint and args.seeds > 1:
-        raise EvsError("--checkpoint is of one training; leave it out, or --seeds")
+        raise EvsError("--checkpoint belongs to one training; leave out --checkpoint or --seeds")
     for key in ("steps", "batch", "spp"):
         if getattr(args, key) is not None and getattr(args, key) < 1:
             raise EvsError(f"--{key} is {getattr(args, key)}; give 1 or more")

@@ -95,7 +95,7 @@ BAD = [
     ([*GOOD, "--renderer", "pith"], ["no renderer 'pith'; there is: path, direct, raster"]),
     ([*GOOD, "--model", "evsnut"], ["no model 'evsnut'; there is: evsnet, plain, adaptive"]),
     ([*GOOD, "--pace", "lockstop"], ["at pace: no pace 'lockstop'; there is: lockstep"]),
-    ([*GOOD, "--pace", "lockstep"], ["at duration_s: a closed loop goes on until it is told"]),
+    ([*GOOD, "--pace", "lockstep"], ["at duration_s: a closed loop runs until it is stopped"]),
     ([*GOOD, "--seeds", "fresh"], ["at render.seeds: no seeds 'fresh'; there is: fixed"]),
     ([*GOOD, "--spp", "0"], ["render.spp is 0"]),
     ([*GOOD, "--spp", "65"], ["render.spp is 65"]),

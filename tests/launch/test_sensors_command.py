@@ -137,6 +137,6 @@ def test_an_own_file_and_what_it_does_not_tell(
 def test_refusals(capsys: pytest.CaptureFixture[str]) -> None:
     assert "no sensor 'davis364'; there is: davis346" in refusal(capsys, "davis364")
     assert "give one, then key=value" in refusal(capsys, "davis346", "imx636")
-    assert "seed is no key of a sensor" in refusal(capsys, "seed=3")
+    assert "seed is not a sensor key" in refusal(capsys, "seed=3")
     assert "nearest known: sensor.pos_thres" in refusal(capsys, "sensor.pos_tres=3")
     assert "no bias of sensor davis346 'bias_fo'" in refusal(capsys, "sensor.biases.bias_fo=3")

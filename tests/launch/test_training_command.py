@@ -34,7 +34,7 @@ def test_the_recipes_named_in_the_help_are_those_there_are() -> None:
         (["--minutes", "-1"], "minutes is -1"),
         (["--look-ahead", "22"], "look-ahead is 22"),
         (["--seeds", "0"], "--seeds"),
-        (["--seeds", "2", "--checkpoint", "a.npz"], "--checkpoint is of one training"),
+        (["--seeds", "2", "--checkpoint", "a.npz"], "--checkpoint belongs to one training"),
         (["--name", "a/b"], "--name"),
         ([], "there is no light of 1 spp"),
     ],

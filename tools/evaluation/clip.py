@@ -123,7 +123,7 @@ def make_clip(
         raise unknown("camera motion", motion, MOTIONS)
     width, height = size
     if not 1 <= sampled <= min(width * height, MAX_SAMPLED):
-        raise EvsError(f"{sampled} pixels are asked for; give 1 ... {MAX_SAMPLED}")
+        raise EvsError(f"pixels is {sampled}; give 1 ... {MAX_SAMPLED}")
     model = load_model(setup.model)
     start = starting_keyframe(model, setup.keyframe)
     physics = Physics(model, tick_us, start)

@@ -64,20 +64,20 @@ class EvaluationSettings:
     def __post_init__(self) -> None:
         scenes.check_names(self.scenes)
         if not self.models and self.network is None:
-            raise EvsError("no model is asked for; give for example plain,adaptive")
+            raise EvsError("no model is given; give for example plain,adaptive")
         for spp in self.spp:
             if not 1 <= spp <= MAX_SPP:
-                raise EvsError(f"{spp} samples a pixel are asked for; give 1 ... {MAX_SPP}")
+                raise EvsError(f"spp is {spp}; give 1 ... {MAX_SPP}")
         if not 2 <= self.reference_spp <= 2 * MAX_SPP or self.reference_spp % 2:
             raise EvsError(
-                f"the reference of {self.reference_spp} spp has no two halves; "
+                f"the reference of {self.reference_spp} spp cannot be halved; "
                 f"give an even number, 2 ... {2 * MAX_SPP}"
             )
         if not 3 <= self.ticks <= 100_000:
-            raise EvsError(f"{self.ticks} ticks are asked for; give 3 ... 100,000")
+            raise EvsError(f"ticks is {self.ticks}; give 3 ... 100,000")
         for what, values in (("camera", self.cameras), ("spp", self.spp), ("model", self.models)):
             if len(set(values)) < len(values):
-                raise EvsError(f"a {what} stands twice in {', '.join(map(str, values))}")
+                raise EvsError(f"a {what} is given twice in {', '.join(map(str, values))}")
         if not (self.cameras and self.spp):
             raise EvsError(f"give at least one camera ({', '.join(MOTIONS)}) and one spp")
 

@@ -82,8 +82,8 @@ def _has_bulb(model: MjModel) -> bool:
 def check_names(names: Sequence[str]) -> tuple[str, ...]:
     """The scenes of a list. EvsError where there is none, or one twice."""
     if not names:
-        raise EvsError(f"no scene is asked for; give for example {', '.join(QUICK)}")
+        raise EvsError(f"no scene is given; give for example {', '.join(QUICK)}")
     for name in names:
         if names.count(name) > 1:
-            raise EvsError(f"scene '{name}' stands twice in the list; leave one out")
+            raise EvsError(f"scene '{name}' is given twice in the list; leave one out")
     return tuple(names)

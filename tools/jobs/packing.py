@@ -45,7 +45,7 @@ def pack(folder: Path) -> Iterator[FileEntry | bytes]:
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
         if path.is_symlink() or not (path.is_file() or path.is_dir()):
-            raise EvsError(f"a job wrote {name}, which is no file; jobs write files only")
+            raise EvsError(f"a job wrote {name}, which is not a file; jobs write only files")
         if path.is_dir():
             yield FileEntry(name, -1)
             continue

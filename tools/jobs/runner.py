@@ -124,6 +124,6 @@ def check_workers(workers: int, ray: str) -> None:
         EvsError: the options do not go together, or are out of range.
     """
     if not 1 <= workers <= MOST_WORKERS:
-        raise EvsError(f"{workers} workers cannot be: give 1 ... {MOST_WORKERS}")
+        raise EvsError(f"workers is {workers}: give 1 ... {MOST_WORKERS}")
     if ray and workers != 1:
         raise EvsError("a Ray cluster has workers of its own; give --workers or --ray, not both")

@@ -108,7 +108,7 @@ def _sync_all(folder: Path) -> list[Path]:
     found = sorted(folder.iterdir())
     for path in found:
         if path.is_symlink() or not (path.is_file() or path.is_dir()):
-            raise EvsError(f"a job wrote {path.name}, which is no file; jobs write files only")
+            raise EvsError(f"a job wrote {path.name}, which is not a file; jobs write only files")
         if path.is_dir():
             _sync_all(path)
         else:

@@ -56,7 +56,7 @@ def run_units(
         Exception: whatever a unit raises.
     """
     if not 1 <= workers <= MOST_WORKERS:
-        raise EvsError(f"{workers} workers cannot be: give 1 ... {MOST_WORKERS}")
+        raise EvsError(f"workers is {workers}: give 1 ... {MOST_WORKERS}")
     if workers == 1:
         while todo and not stopped():
             unit = todo.pop(0)

@@ -240,7 +240,7 @@ def points(
     """
     for what, names in (("preset", presets), ("axis", axes)):
         if len(set(names)) < len(names):
-            raise EvsError(f"a {what} stands twice in {', '.join(names)}; give each once")
+            raise EvsError(f"a {what} is given twice in {', '.join(names)}; give each once")
     if not presets:
         raise EvsError(f"no preset is asked for; give for example {', '.join(DEFAULT)}")
     for name in axes:

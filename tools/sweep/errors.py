@@ -66,12 +66,12 @@ class ErrorSettings:
 
     def __post_init__(self) -> None:
         if not SETTLE_TICKS + 2 <= self.ticks <= 10_000:
-            raise EvsError(f"{self.ticks} ticks are asked for; give {SETTLE_TICKS + 2} ... 10,000")
+            raise EvsError(f"ticks is {self.ticks}; give {SETTLE_TICKS + 2} ... 10,000")
         if not 1 <= self.pixels <= 16384:
-            raise EvsError(f"{self.pixels} pixels are asked for; give 1 ... 16384")
+            raise EvsError(f"pixels is {self.pixels}; give 1 ... 16384")
         if not 2 <= self.reference_spp <= 2 * MAX_SPP or self.reference_spp % 2:
             raise EvsError(
-                f"the reference of {self.reference_spp} spp has no two halves; "
+                f"the reference of {self.reference_spp} spp cannot be halved; "
                 f"give an even number, 2 ... {2 * MAX_SPP}"
             )
 

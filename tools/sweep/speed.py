@@ -57,9 +57,9 @@ class SpeedSettings:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.seconds <= 3600.0:
-            raise EvsError(f"{self.seconds:g} s a point are asked for; give over 0 ... 3600")
+            raise EvsError(f"seconds is {self.seconds:g}; give more than 0 ... 3600")
         if not 1 <= self.repeats <= 1000:
-            raise EvsError(f"{self.repeats} repeats are asked for; give 1 ... 1000")
+            raise EvsError(f"repeats is {self.repeats}; give 1 ... 1000")
 
 
 @dataclass

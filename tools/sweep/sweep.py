@@ -59,14 +59,14 @@ class SweepSettings:
     def __post_init__(self) -> None:
         for what, names in (("scene", self.scenes), ("camera", self.cameras)):
             if not names:
-                raise EvsError(f"no {what} is asked for; give at least one")
+                raise EvsError(f"no {what} is given; give at least one")
             if len(set(names)) < len(names):
-                raise EvsError(f"a {what} stands twice in {', '.join(names)}; give each once")
+                raise EvsError(f"a {what} is given twice in {', '.join(names)}; give each once")
         for name in self.cameras:
             if name not in MOTIONS:
                 raise unknown("camera motion", name, MOTIONS)
         if not 1 <= self.workers <= MOST_WORKERS:
-            raise EvsError(f"{self.workers} workers cannot be: give 1 ... {MOST_WORKERS}")
+            raise EvsError(f"workers is {self.workers}: give 1 ... {MOST_WORKERS}")
 
     @property
     def comparable(self) -> dict[str, Any]:

@@ -58,7 +58,7 @@ class RawFile(MultiStreamFile):
             raise EvsError(f"cannot read {found}: {reason.strerror}") from None
         if header.version not in _DECODERS:
             version = (
-                f"is EVT {header.version[:20]!r}" if header.version else "does not say its EVT"
+                f"is EVT {header.version[:20]!r}" if header.version else "does not name its EVT"
             )
             raise EvsError(f"{found} {version} in its header; EVT 2.0, 2.1 and 3.0 are read")
         opened = cls(
@@ -129,7 +129,7 @@ class RawFile(MultiStreamFile):
             width = max(width, 1 + int(piece["x"].max(initial=0)))
             height = max(height, 1 + int(piece["y"].max(initial=0)))
         if not width:
-            raise EvsError(f"{self.path} neither says the size of its sensor nor holds events")
+            raise EvsError(f"{self.path} neither gives the size of its sensor nor holds events")
         self.stream = dataclasses.replace(self.stream, width=width, height=height)
 
     def _pieces(

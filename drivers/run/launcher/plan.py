@@ -119,7 +119,7 @@ def _plan(tables: dict[str, Any], path: Path, given: Iterable[str]) -> LaunchPla
     known = [name for table in names.values() for name in table]
     for name in (*known, *_OWN):
         if not _NAME.fullmatch(name) or [*known, *_OWN].count(name) > 1:
-            raise EvsError(f"'{name}' is no name of its own: letters, digits and _, once each")
+            raise EvsError(f"'{name}' is not a valid, unique name: give letters, digits and _")
     values = {"here": str(path.parent.resolve()), **names["arg"]}
     for word in given:
         name, separator, text = word.partition(":=")

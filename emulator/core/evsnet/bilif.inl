@@ -45,7 +45,7 @@ void integrate_and_fire(BiLifJob& job) {
   load_tile(v_lanes, job.v, job.place);
   load_tile(last, job.last, job.place);
   for (int i = 0; i < LANES; i++) {
-    // count from the first tick; what is longer ago has leaked away
+    // count from the first tick; older input has leaked away
     const int64_t relative = last[i] < job.tick - kFar ? -kFar : last[i] - job.tick;
     active_lanes[i] = static_cast<int>(relative > 0 ? 0 : relative);
   }

@@ -17,7 +17,7 @@
 
 namespace evs {
 
-// What all pixels of a sensor have in common.
+// The parameters that all pixels of a sensor share.
 struct PixelSettings {
   LogMap map;
   bool euler = false;  // filters step as in v2e

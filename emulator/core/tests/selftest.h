@@ -39,7 +39,7 @@ void pixels_survive_any_light();
 // EvSNet on light of every kind, in chunks of any length.
 void networks_survive_any_light();
 
-// The readout, whatever its settings.
+// The readout with any settings.
 void readouts_lose_nothing_uncounted();
 
 }  // namespace evs

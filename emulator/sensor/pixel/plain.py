@@ -142,7 +142,9 @@ class PlainModel:
                 f"the events up to {t_end_us} us do not fit in memory; raise the thresholds"
             ) from None
         except ValueError as reason:
-            raise EvsError(f"sensor state is of another sensor: {reason}; init it anew") from None
+            raise EvsError(
+                f"sensor state is of another sensor: {reason}; call init again"
+            ) from None
         state.clamped += clamped
         state.clock_us += tick_us
         state.tick_us = tick_us

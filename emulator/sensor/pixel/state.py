@@ -191,7 +191,7 @@ class PlainState:
             )
         state = cls(**frames, **blocks, **numbers)
         if not state._is_possible():
-            raise EvsError("saved sensor state is damaged: its times cannot be; save it again")
+            raise EvsError("saved sensor state is damaged: its times are invalid; save it again")
         return state
 
     def _is_possible(self) -> bool:
@@ -232,7 +232,7 @@ def check_tick(
         raise EvsError(f"luminance is {np.shape(luminance)}, the sensor (height, width) is {shape}")
     if state.reference.shape != shape:
         raise EvsError(
-            f"sensor state is {state.reference.shape}, the sensor is {shape}; init it anew"
+            f"sensor state is {state.reference.shape}, the sensor is {shape}; call init again"
         )
     if t_end_us <= t_begin_us:
         raise EvsError(f"tick ({t_begin_us}, {t_end_us}] us does not go forward")
@@ -241,4 +241,4 @@ def check_tick(
             f"tick of {t_end_us - t_begin_us} us is over {MAX_TICK_US} us; use shorter ones"
         )
     if not 0 <= state.clock_us <= MAX_CLOCK_US - (t_end_us - t_begin_us):
-        raise EvsError(f"sensor clock is at {state.clock_us} us, past its end; init it anew")
+        raise EvsError(f"sensor clock is at {state.clock_us} us, past its end; call init again")

@@ -67,7 +67,7 @@ def _read(path: Path) -> list[tuple[str, tuple[int, int]]]:
     except FileNotFoundError:
         raise EvsError(f"no mask file '{path}' (sensor.readout.mask_file)") from None
     except UnicodeDecodeError:
-        raise EvsError(f"mask file '{path}' is not text; give one x y a line") from None
+        raise EvsError(f"mask file '{path}' is not text; give one x y per line") from None
     except OSError as reason:
         raise EvsError(f"cannot read mask file '{path}': {reason.strerror}") from None
     pixels = []

@@ -84,7 +84,7 @@ class Readout:
         if state.t_us.size and state.t_us[0] != t_begin_us:
             raise EvsError(
                 f"tick ({t_begin_us}, {t_end_us}] us does not follow the last, which ended at "
-                f"{state.t_us[0]} us; init the readout anew"
+                f"{state.t_us[0]} us; call init of the readout again"
             )
         flags = events.flags
         if not (events.dtype == EVENT_DTYPE and flags.c_contiguous and flags.aligned):

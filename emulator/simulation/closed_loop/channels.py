@@ -117,7 +117,7 @@ class Channels:
             or (np.diff(times, axis=0) < 0).any()
             or (np.abs(times) > MOST).any()
         ):
-            raise EvsError("saved state is damaged: its controls cannot be; save it again")
+            raise EvsError("saved state is damaged: its controls are invalid; save it again")
         for (sent_us, arrives_us), ctrl in zip(times.tolist(), values, strict=True):
             other.controls.waiting.append(OnTheWay(sent_us, arrives_us, ctrl.copy()))
         return other
@@ -152,5 +152,5 @@ def _set_counts(link: Link[Any], saved: Saved) -> None:
     counts = saved["counts"]
     sound = counts.shape == (3,) and (counts <= MOST).all() and (counts >= (0, 0, NEVER)).all()
     if not sound:
-        raise EvsError("saved state is damaged: the counts of a link cannot be; save it again")
+        raise EvsError("saved state is damaged: the counts of a link are invalid; save it again")
     link.sent, link.dropped, link.last_us = counts.tolist()

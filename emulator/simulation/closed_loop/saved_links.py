@@ -58,7 +58,7 @@ def read_waiting(saved: Saved, stream: str, camera: str) -> deque[OnTheWay[Any]]
         or (np.diff(times, axis=0) < 0).any()
         or (np.abs(times) > MOST).any()
     ):
-        raise EvsError(f"saved state is damaged: its {stream} cannot be; save it again")
+        raise EvsError(f"saved state is damaged: its {stream} is invalid; save it again")
     pieces, place = [], 0
     for size in sizes.ravel().tolist():
         # each has memory of its own
@@ -69,7 +69,7 @@ def read_waiting(saved: Saved, stream: str, camera: str) -> deque[OnTheWay[Any]]
         header, body, labels = pieces[3 * number : 3 * number + 3]
         message = _message(stream, header, bytearray(body), labels)
         if message.camera != camera:
-            raise EvsError(f"saved state is damaged: its {stream} cannot be; save it again")
+            raise EvsError(f"saved state is damaged: its {stream} is invalid; save it again")
         found.append(OnTheWay(sent_us, arrives_us, message))
     return found
 
@@ -89,7 +89,7 @@ def _message(stream: str, header: bytes, body: bytearray, labels: bytes) -> Any:
     if labels and stream == "packets":
         kept = bytearray(labels[1:])
         if len(kept) != len(message) * LABEL_DTYPE.itemsize:
-            raise EvsError("saved state is damaged: labels cannot be; save it again")
+            raise EvsError("saved state is damaged: labels are invalid; save it again")
         fields = {name: getattr(message, name) for name in EventPacket.__dataclass_fields__}
         return EventPacket(**{**fields, "labels": np.frombuffer(kept, LABEL_DTYPE)})
     return message

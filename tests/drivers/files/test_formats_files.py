@@ -67,11 +67,11 @@ def test_a_header_without_a_size_gives_what_the_events_need(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("data", "says"),
     [
-        (b"", "does not say its EVT"),
-        (b"\x00\x80\x05\x60", "does not say its EVT"),
+        (b"", "does not name its EVT"),
+        (b"\x00\x80\x05\x60", "does not name its EVT"),
         (b"% evt 4.0\n% end\n", "is EVT '4.0' in its header; EVT 2.0, 2.1 and 3.0 are read"),
-        (b"% evt 3.0\n% end\n", "neither says the size"),
-        (b"% evt 3.0\n", "neither says the size"),
+        (b"% evt 3.0\n% end\n", "neither gives the size"),
+        (b"% evt 3.0\n", "neither gives the size"),
     ],
 )
 def test_what_is_no_raw_file_is_refused(data: bytes, says: str, tmp_path: Path) -> None:

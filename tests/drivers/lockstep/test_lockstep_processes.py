@@ -353,7 +353,7 @@ def test_in_real_time_the_clock_moves_physics_and_nothing_is_missed(tmp_path: Pa
     ("words", "says"),
     [
         (["lockstep.address=tcp://0.0.0.0:5570"], "cannot serve a closed loop on"),
-        (["--duration", "3"], "at duration_s: a closed loop goes on until it is told to end"),
+        (["--duration", "3"], "at duration_s: a closed loop runs until it is stopped"),
         (['lockstep.cameras=["nowhere"]'], "no camera 'nowhere'; there is: "),
         (["lockstep.controllers=0"], "controllers is 0: give 1 ... 1000"),
         (["scene.camera=watch"], "at scene.camera: 'watch' beside lockstep.cameras"),

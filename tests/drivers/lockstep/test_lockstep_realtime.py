@@ -219,7 +219,7 @@ def test_who_asks_for_nothing_loses_its_seat_and_its_last_control_goes_on(clock:
         assert made.lines == []
         clock.now_s += 0.1
         made.ticks(1)
-        assert made.lines == ["controller 'one' asked for nothing for 0.2 s"]
+        assert made.lines == ["controller 'one' made no request for 0.2 s"]
         assert made.loop.tick == 3
         assert made.loop.length.tolist() == [3.0, 0.0]
         made.ask(client, Step(1, None))
@@ -307,7 +307,7 @@ def test_the_last_control_of_who_is_lost_acts(clock: Clock) -> None:
         made.heard(client)
         clock.now_s += 2.0
         made.ticks(2)
-        assert made.lines == ["controller 'one' asked for nothing for 1 s"]
+        assert made.lines == ["controller 'one' made no request for 1 s"]
         assert made.loop.length.tolist() == [6.0, 0.0]
 
 
@@ -341,7 +341,9 @@ def test_a_reset_that_another_does_not_want_is_told_and_nobody_loses_a_seat(cloc
             made.ticks(1)
             made.heard(two, 1)
             clock.now_s += 0.4
-        with pytest.raises(EvsError, match=r"'two' asked for no reset within 1 s; time goes on"):
+        with pytest.raises(
+            EvsError, match=r"'two' did not request a reset within 1 s; time goes on"
+        ):
             made.heard(one, 1)
         assert made.lines == []
         made.ask(one, Step(1, None))

@@ -42,10 +42,10 @@ def test_a_second_one_at_a_full_seat(options: dict[str, Any], says: str) -> None
         ({}, "actuator 'slide' belongs to controller 'first'"),
         ({"cameras": ("lft",), "actuators": ()}, "no camera 'lft'; there is: left"),
         ({"cameras": ("left", "left"), "actuators": ()}, "one is named twice"),
-        ({"name": "first", "actuators": ()}, "a controller 'first' is here already"),
+        ({"name": "first", "actuators": ()}, "a controller 'first' has already joined"),
         ({"name": "a\nb"}, "1 ... 255 printable bytes"),
         ({"timeout_s": 0}, "timeout_s is 0: give seconds, over 0"),
-        ({"key": "x"}, "key is of no use without server_key"),
+        ({"key": "x"}, "key needs server_key"),
     ],
 )
 def test_a_seat_that_cannot_be(options: dict[str, Any], says: str) -> None:
@@ -183,7 +183,7 @@ def test_what_is_too_large_costs_only_the_connection(monkeypatch: pytest.MonkeyP
         ("ipc:///tmp/" + "x" * 120, {}, "is too long"),
         ("tcp://127.0.0.1:0", {"controllers": 0}, "controllers is 0: give 1 ... 1000"),
         ("tcp://127.0.0.1:0", {"timeout_s": 0.0}, "timeout_s is 0.0: give seconds"),
-        ("tcp://127.0.0.1:0", {"allow": ("x",)}, "allow is of no use without key"),
+        ("tcp://127.0.0.1:0", {"allow": ("x",)}, "allow needs key"),
     ],
 )
 def test_a_server_that_cannot_be(address: str, options: dict[str, Any], says: str) -> None:

@@ -128,8 +128,8 @@ def test_what_is_left_out_is_waited_for_by_nobody(tmp_path: Path) -> None:
         (('name = "other"', 'name = "a\\tb"'), [], "no name of a node: give it one that can be pr"),
         (("[arg]", "[args]"), [], "at args: unknown key"),
         (('word = "hello"', "word = [1]"), [], r"at arg\.word: expected one value"),
-        (('word = "hello"', 'left = "hello"'), [], "'left' is no name of its own"),
-        (('word = "hello"', '"a b" = "hello"'), [], "'a b' is no name of its own"),
+        (('word = "hello"', 'left = "hello"'), [], "'left' is not a valid, unique name"),
+        (('word = "hello"', '"a b" = "hello"'), [], "'a b' is not a valid, unique name"),
         (('run = ["evs", "play"', 'run = ["", "play"'), [], r"node\.2\.run: missing"),
         (
             ("[arg]", '[need]\nrobot = "an MJCF file"\n[arg]'),

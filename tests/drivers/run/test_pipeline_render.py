@@ -179,7 +179,7 @@ GOOD = ("--scene", "ball.xml", "--duration", "0", "-o", "a.npz")
         ([*GOOD, "--fps", "nan"], ["--fps is nan"]),
         ([*GOOD, "--fps", "fast"], ["--fps is 'fast'"]),
         ([*GOOD, "--channels", "depht"], ["no channel 'depht'", "depth"]),
-        ([*GOOD, "--channels", ","], ["no channel is asked for"]),
+        ([*GOOD, "--channels", ","], ["no channel is given"]),
         ([*GOOD, "--size", "24"], ["--size is '24'", "640x480"]),
         ([*GOOD, "--size", "0x9"], ["sensor.width is 0"]),
         ([*GOOD, "--duration", "-1"], ["duration_s"]),

@@ -258,5 +258,5 @@ def test_the_run_wide_word_is_every_sink_that_says_nothing_else() -> None:
     assert [sink.aside for sink in replace(config, aside=False).sinks()] == [None, False, None]
     check(config)
     lonely = replace(config, aside=False, sink=(replace(tables[0], aside_mb=3.0),))
-    with pytest.raises(EvsError, match=r"at sink.0.aside_mb: of use only with aside = true"):
+    with pytest.raises(EvsError, match=r"at sink.0.aside_mb: needs aside = true"):
         check(lonely)

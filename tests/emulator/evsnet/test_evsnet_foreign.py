@@ -87,7 +87,7 @@ def test_a_state_knows_its_graph(tmp_path: Path) -> None:
     one, _ = first.step_chunk(light[9:], state, 9000, 1000)
     other, _ = first.step_chunk(light[9:], restored, 9000, 1000)
     assert [e.tobytes() for e in one] == [e.tobytes() for e in other]
-    with pytest.raises(EvsError, match=r"state is of network .*; init it anew"):
+    with pytest.raises(EvsError, match=r"state is of network .*; call init again"):
         second.step_chunk(light, first.init(1), 0, 1000)
 
 

@@ -162,21 +162,21 @@ def test_states_of_something_else() -> None:
         model().step_chunk(film(1), state, 0, 1000)  # type: ignore[arg-type]
 
     plain = PlainModel(SENSOR, 1).init(0)
-    refused("state is a PlainState, not of model evsnet; init it anew", lambda: step(plain))
+    refused("state is a PlainState, not of model evsnet; call init again", lambda: step(plain))
     state = model().init(0)
     other = replace(state.copy(), runtime="native")
     refused(
-        "state is of runtime native, the model's is reference; init it anew", lambda: step(other)
+        "state is of runtime native, the model's is reference; call init again", lambda: step(other)
     )
     other = model(weights=random_network(3, 4)).init(0)
     refused(
-        f"state is of network {other.network}, the model's is {state.network}; init it anew",
+        f"state is of network {other.network}, the model's is {state.network}; call init again",
         lambda: step(other),
     )
     other = model(replace(SENSOR, width=7)).init(0)
-    refused("state is (3, 7), the sensor is (3, 6); init it anew", lambda: step(other))
+    refused("state is (3, 7), the sensor is (3, 6); call init again", lambda: step(other))
     other = replace(state.copy(), ticks=MAX_TICKS)
-    refused(f"state is {MAX_TICKS} ticks old, past its end; init it anew", lambda: step(other))
+    refused(f"state is {MAX_TICKS} ticks old, past its end; call init again", lambda: step(other))
 
 
 def test_arrays_that_are_not_the_runtimes() -> None:
@@ -189,20 +189,20 @@ def test_arrays_that_are_not_the_runtimes() -> None:
         return state
 
     for state, says in (
-        (changed("fifo3", None), "state of runtime reference lacks array 'fifo3'; init it anew"),
+        (changed("fifo3", None), "state of runtime reference lacks array 'fifo3'; call init again"),
         (
             changed("tiles", np.zeros(3)),
-            "state of runtime reference has an unknown array 'tiles'; init it anew",
+            "state of runtime reference has an unknown array 'tiles'; call init again",
         ),
         (
             changed("fifo1", np.zeros((4, 6, 17), np.float32)),
             "state of runtime reference: fifo1 is float32 (4, 6, 17), not float32 (4, 6, 18); "
-            "init it anew",
+            "call init again",
         ),
         (
             changed("fifo1", np.zeros((4, 6, 18))),
             "state of runtime reference: fifo1 is float64 (4, 6, 18), not float32 (4, 6, 18); "
-            "init it anew",
+            "call init again",
         ),
     ):
         refused(says, lambda state=state: model().step_chunk(film(1), state, 0, 1000))

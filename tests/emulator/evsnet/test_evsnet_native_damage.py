@@ -153,7 +153,7 @@ def test_a_state_whose_rows_are_none(rows: list[list[int]]) -> None:
     state.arrays["fifo"] = np.zeros((2, state.arrays["fifo"].shape[1]), np.float32)
     state.arrays["tile_row"] = np.array(rows, np.int32)
     before = state.copy()
-    with pytest.raises(EvsError, match="tile_row is damaged; init it anew"):
+    with pytest.raises(EvsError, match="tile_row is damaged; call init again"):
         model.step_chunk(film(5), state, 0, 1000)
     assert state == before
 
@@ -173,7 +173,7 @@ def test_a_state_of_another_shape(name: str, array: np.ndarray[Any, Any]) -> Non
     model = EvsNetModel(SENSOR, WEIGHTS)
     state = model.init(0)
     state.arrays[name] = array
-    with pytest.raises(EvsError, match=f"{name} is .* init it anew"):
+    with pytest.raises(EvsError, match=f"{name} is .* call init again"):
         model.step_chunk(film(5), state, 0, 1000)
 
 

@@ -149,9 +149,9 @@ def test_a_state_of_another_sensor_or_layout_is_refused() -> None:
     found = model()
     state = found.init(1)
     state.arrays["fifo2"] = state.arrays["fifo2"][:1]
-    with pytest.raises(EvsError, match=r"fifo2 is float32 \(1, 4, 6, 256\), not .*init it anew"):
+    with pytest.raises(EvsError, match=r"fifo2 is float32 \(1, 4, 6, 256\), not .*call init again"):
         found.step_chunk(light(1), state, 0, 1000)
     state = found.init(1)
     del state.arrays["fifo6"]
-    with pytest.raises(EvsError, match="lacks array 'fifo6'; init it anew"):
+    with pytest.raises(EvsError, match="lacks array 'fifo6'; call init again"):
         found.step_chunk(light(1), state, 0, 1000)

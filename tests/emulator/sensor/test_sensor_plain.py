@@ -134,7 +134,7 @@ def test_refusals() -> None:
         model.step(light, model.init(0), 5, 5)
     with pytest.raises(EvsError, match="use shorter ones"):
         model.step(light, model.init(0), 0, 2**28)
-    with pytest.raises(EvsError, match="init it anew"):
+    with pytest.raises(EvsError, match="call init again"):
         model.step(light, PlainState.dark(0, linear_sensor(4, 5)), 0, 1000)
 
 

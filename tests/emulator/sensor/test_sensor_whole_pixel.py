@@ -202,7 +202,7 @@ def test_a_sensor_lives_for_142_years_and_then_says_so() -> None:
     start = MAX_CLOCK_US - 6500
     events, causes, state = both(sensor, steps(0.1, 0.3, each=3), clock_us=start)
     assert np.count_nonzero(causes == 3) > 100
-    with pytest.raises(EvsError, match="past its end; init it anew"):
+    with pytest.raises(EvsError, match="past its end; call init again"):
         PlainModel(sensor, 1).step(flat(0.1), state, 6000, 7000)
     first, _, _ = both(sensor, steps(0.1, 0.3, each=3))
     assert first.tobytes() == events.tobytes()

@@ -232,7 +232,7 @@ def test_a_pipelines_table_says_the_same():
     twice = LoopConfig(limits=(LimitConfig("tilt"), LimitConfig("tilt")))
     with pytest.raises(EvsError, match=r"at loop.limits.1.sensor: 'tilt' has two limits"):
         twice.options()
-    with pytest.raises(EvsError, match=r"at loop.limits.0: no end; give low, high or both"):
+    with pytest.raises(EvsError, match=r"at loop.limits.0: no bound; give low, high or both"):
         LoopConfig(limits=(LimitConfig("tilt"),)).options()
 
 

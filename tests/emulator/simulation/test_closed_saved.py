@@ -154,7 +154,7 @@ def test_a_bomb_is_not_inflated():
     rows = {"about": {}, "arrays": [["a", "<f8", [10], "deflate", len(bomb)]]}
     with pytest.raises(EvsError, match="cannot be inflated"):
         unpack(signed(rows, bomb))
-    with pytest.raises(EvsError, match="head cannot be read"):
+    with pytest.raises(EvsError, match="header cannot be read"):
         unpack(signed(b"[" + b" " * 50_000_000))
 
 

@@ -174,8 +174,8 @@ def test_procedural_scenes_are_of_seeds_that_training_refuses() -> None:
     ("given", "says"),
     [
         ({"motion": "pans"}, "no camera motion 'pans'; there is: pan"),
-        ({"sampled": 0}, "0 pixels are asked for; give 1 ..."),
-        ({"sampled": 64 * 48 + 1}, "pixels are asked for"),
+        ({"sampled": 0}, "pixels is 0; give 1 ..."),
+        ({"sampled": 64 * 48 + 1}, "pixels is 3073; give"),
         ({"patch_px": 49}, "a patch of 49 px does not fit 64 x 48 px"),
     ],
 )

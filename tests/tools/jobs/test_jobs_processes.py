@@ -173,7 +173,7 @@ def test_an_exception_that_cannot_be_carried_is_told_all_the_same(tmp_path: Path
 def test_a_job_without_files_is_no_job(tmp_path: Path, workers: int) -> None:
     with pytest.raises(EvsError, match="e: it has written nothing"):
         run_jobs([jobs.Empty("e")], tmp_path, workers=workers)
-    with pytest.raises(EvsError, match="wrote link, which is no file"):
+    with pytest.raises(EvsError, match="wrote link, which is not a file"):
         run_jobs([jobs.Link("l")], tmp_path, workers=workers)
     assert list(tmp_path.iterdir()) == []
 
@@ -238,7 +238,7 @@ def test_a_target_that_cannot_be(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(EvsError, match="cannot write to"):
         run_jobs([jobs.One("a")], tmp_path / "file")
-    with pytest.raises(EvsError, match="0 workers cannot be"):
+    with pytest.raises(EvsError, match="workers is 0: give"):
         run_jobs([jobs.One("a")], tmp_path, workers=0)
 
 

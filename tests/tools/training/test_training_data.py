@@ -230,7 +230,7 @@ def test_a_folder_is_described(tmp_path: Path, capsys: pytest.CaptureFixture[str
         (["data", "x", "--scenes", "0"], "give at least one"),
         (["data", "x", "--pixels", "0"], "pixels is 0"),
         (["data", "x", "--threads", "-1"], "threads is -1"),
-        (["data", "x", "--workers", "0"], "0 workers cannot be"),
+        (["data", "x", "--workers", "0"], "workers is 0: give"),
         (["data", "x", "--ray", "auto", "--workers", "2"], "not both"),
         (["data", "x", "--truth-spp", "many"], "truth-spp"),
         (["data", "/dev/null/x"], "cannot write"),

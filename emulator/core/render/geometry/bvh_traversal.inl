@@ -93,7 +93,7 @@ inline Mask intersect_mesh(const Mesh& mesh, const MeshRays& r, Float t_min, Flo
         Mask hit = intersect_triangle(mesh.triangles[i], r, nearest, false, distance, a, b);
         hit = hit & (distance + r.t_offset > t_min);
         if (!any(hit)) continue;
-        // of two hits at one distance keep the first triangle, in whatever order the BVH is visited
+        // of two hits at one distance keep the first triangle, in any order of traversal
         hit = hit & ((distance < nearest) | (any_hit & (splat(i) < triangle)));
         nearest = select(hit, distance, nearest);
         triangle = select(hit, splat(i), triangle);

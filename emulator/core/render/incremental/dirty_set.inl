@@ -126,7 +126,7 @@ inline void find_dirty_units(const Frame& f, const PathFrame& p, const PathCache
       }
       if (!inside || (still_valid(cache, packet) && !cache.relight_lamps && !cache.trace_all))
         continue;
-      // mark what is to be traced or rechecked
+      // mark the samples to trace or recheck
       UnitState state = classify_units(cache, at, inside);
       cache.dirty[packet] = state.dirty;
       cache.expired[packet] = state.expired;

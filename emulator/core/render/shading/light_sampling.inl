@@ -313,7 +313,7 @@ inline LightSample sample_emitter(const Frame& f, const PathFrame& p, Vec from, 
   return out;
 }
 
-// pdf (per sr) with which `sample_emitter` samples the hits of `lanes`; 0 for what it never
+// pdf (per sr) with which `sample_emitter` samples the hits of `lanes`; 0 for hits that it never
 // samples.
 inline Float emitter_pdf(const Frame& f, const PathFrame& p, const Rays& rays, const Hit& hit,
                          const SurfaceInteraction<3>& interaction, unsigned lanes) {
