@@ -45,7 +45,7 @@ ROBOT = """
 # page -> why its programs are not run here
 ELSEWHERE = {
     "docs/howto/controller_tests.md": "run by tests/tools/testing/test_testing_plugin.py",
-    "docs/howto/clusters.md": "run by tests/tools/jobs/test_jobs_here.py",
+    "docs/howto/clusters.md": "run by tests/tools/jobs/test_jobs_processes.py",
     "docs/howto/datasets.md": "needs a data set; tests/tools/dataset has them",
     "docs/howto/dv.md": "needs a camera that serves DV; tests/drivers/dv has them",
     "docs/howto/environments.md": "needs other environments: sh .ci/versions.sh",
