@@ -68,6 +68,20 @@ def mujoco_beside() -> Iterator[Any]:
         yield pictures
 
 
+@pytest.fixture
+def link() -> Iterator[Any]:
+    """Two network namespaces with a cable between them, for this test alone."""
+    # what other tests never need
+    from links.link import Link, NoLinkError
+
+    try:
+        made = Link()
+    except NoLinkError as reason:
+        pytest.skip(str(reason))
+    with made:
+        yield made
+
+
 @pytest.fixture(scope="session")
 def camera_rays() -> Callable[[Any], np.ndarray]:
     """The independent statement of which ray belongs to a pixel: rays_of(CameraModel)."""
