@@ -293,7 +293,9 @@ def test_a_camera_and_its_listeners_lose_nothing(tmp_path: Path) -> None:
         text += "run = ['evs', 'echo', '{events}', '--quiet']\n"
     code, out, _ = Launched(tmp_path, text, "seconds:=0.2").end()
     assert code == 0
-    assert [re.sub(r"events \d+", "events", line) for line in sorted(out)] == [
+    # on a busy machine the camera may come so late that the others report that they wait
+    counts = [re.sub(r"events \d+", "events", line) for line in sorted(out) if "lost" in line]
+    assert counts == [
         "[one] packets 200  events  lost 0",
         "[two] packets 200  events  lost 0",
     ]
