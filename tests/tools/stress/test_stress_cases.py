@@ -16,4 +16,4 @@ pytestmark = [pytest.mark.extremes, pytest.mark.slow]
 )
 def test_a_stress_case_keeps_its_bound(case: StressCase) -> None:
     result = run_case(case)
-    assert result.holds, result
+    assert result.holds, (result.measurement, result.error)
