@@ -86,6 +86,7 @@ def test_a_circle_is_found() -> None:
     assert circle({"a": ["b", "c"], "b": [], "c": ["d"], "d": ["c"]}) == ["c", "d"]
 
 
+@pytest.mark.slow
 def test_every_header_compiles_alone(checkout: Path, core: Path, headers: list[str]) -> None:
     compiler = os.environ.get("CXX") or shutil.which("c++") or shutil.which("g++")
     if not compiler:

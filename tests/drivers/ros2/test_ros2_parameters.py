@@ -98,7 +98,7 @@ def test_what_is_said_twice_has_to_be_the_same() -> None:
     given = [("scene.file", "x.xml"), ("sink.0.type", "ros2"), ("sink.0.erc_mode", "disabled")]
     off = pipeline.load(overrides=[*given, ("sensor.readout.erc_rate_mevs", "0")])
     assert off.emulation().sensor.readout.erc_rate_mevs == 0
-    with pytest.raises(EvsError, match=r"at sink\.0\.erc_mode: it sets sensor\.readout\.erc_rate"):
+    with pytest.raises(EvsError, match=r"at sink\.0\.erc_mode: sensor\.readout\.erc_rate"):
         pipeline.load(overrides=[*given, ("sensor.readout.erc_rate_mevs", "5")])
 
 

@@ -109,7 +109,7 @@ def test_the_path_of_a_node(node: str, namespace: str, camera: str, path: str) -
         ("", "", "left-eye", "set node = left_eye"),
         ("", "", "2nd", "set node = camera_2nd"),
         ("a__b", "", "x", "set node = a_b"),
-        ("", "", "Käfer", "no name of a ROS node .* set node = K_fer$"),
+        ("", "", "Käfer", "not a valid ROS node name .* set node = K_fer$"),
         ("", "robot head", "x", "namespace 'robot head'"),
         ("a/b", "", "x", "set node = a_b"),
     ],

@@ -248,7 +248,7 @@ def test_help_says_what_is_held_out(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["train", "data", "--help"])
     told = " ".join(capsys.readouterr().out.split())
-    assert "No robot is among the scenes" in told
+    assert "No scene has a robot" in told
 
 
 def test_a_full_disk_is_one_line(
