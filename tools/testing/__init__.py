@@ -6,7 +6,6 @@ evs_loop` in a conftest.py. Names are imported at first use.
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -20,21 +19,23 @@ if TYPE_CHECKING:
 __all__ = ["LoopRunner", "Push", "Run", "Trace", "evs_loop", "replay"]
 
 
+_HOMES = {
+    "LoopRunner": "evs.tools.testing.runner:LoopRunner",
+    "Push": "evs.tools.testing.pushes:Push",
+    "Run": "evs.tools.testing.run:Run",
+    "Trace": "evs.tools.testing.trace:Trace",
+    "evs_loop": "evs.tools.testing.plugin:evs_loop",
+    "replay": "evs.tools.testing.evidence:replay",
+}
+
+
 def __getattr__(name: str) -> Any:
-    # written out, so that the house's rules see every import
-    if name == "LoopRunner":
-        return import_module("evs.tools.testing.runner").LoopRunner
-    if name == "Push":
-        return import_module("evs.tools.testing.pushes").Push
-    if name == "Run":
-        return import_module("evs.tools.testing.run").Run
-    if name == "Trace":
-        return import_module("evs.tools.testing.trace").Trace
-    if name == "evs_loop":
-        return import_module("evs.tools.testing.plugin").evs_loop
-    if name == "replay":
-        return import_module("evs.tools.testing.evidence").replay
-    raise AttributeError(f"module 'evs.tools.testing' has no attribute {name!r}")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'evs.tools.testing' has no attribute {name!r}")
+    # here, so that loading the plugin imports nothing else of evs
+    from evs.emulator.base.registry import load
+
+    return load(_HOMES[name])
 
 
 def __dir__() -> list[str]:
