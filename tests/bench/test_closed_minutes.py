@@ -1,8 +1,8 @@
 """Ten minutes of simulated time in lock-step with the whole of a DVS128.
 
 It takes two minutes and more, so `make bench` leaves it out:
-`.venv/bin/pytest -m bench -s tests/bench/test_closed_minutes.py`. tests/loop has the same with
-fewer pixels.
+`.venv/bin/pytest -m bench -s tests/bench/test_closed_minutes.py`. test_closed_long.py in
+tests/emulator/simulation has the same with fewer pixels.
 """
 
 from __future__ import annotations

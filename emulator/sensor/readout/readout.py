@@ -1,6 +1,7 @@
 """The readout as a stage: events from their pixels in, events as the chip sends them out. Native.
 
-core/sensor/readout.h has the way through it; the slow oracle is in tests/property.
+core/sensor/readout.h has the way through it; tests/support/reference/readout.py is the slow
+oracle.
 """
 
 from __future__ import annotations

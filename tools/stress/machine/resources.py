@@ -91,7 +91,8 @@ CASES = (
     StressCase(
         "disk-full",
         "machine",
-        "a recording on a disk with 64 kB of room (tests/extremes/test_*_full_disk.py: real ones)",
+        "a recording on a disk with 64 kB of room (real ones: "
+        "tests/drivers/files/test_*_full_disk.py)",
         "every event that the recorder counted is read back; one line says when it stopped, exit "
         "code 2; the camera and the bus go on",
         _disk,
