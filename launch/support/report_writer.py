@@ -23,7 +23,12 @@ class ReportWriter:
         for target in [*self._targets, *beside]:
             try:
                 write_report(report, target)
-            except EvsError as error:
-                # a full disk: the others, and what ended the run, matter more
+            except (EvsError, MemoryError) as reason:
+                # a full disk, no memory left: the others, and what ended the run, matter more
+                error = (
+                    reason
+                    if isinstance(reason, EvsError)
+                    else EvsError(f"cannot write '{target}': out of memory")
+                )
                 self.failures.append(error)
                 terminal.warn(str(error))

@@ -3,6 +3,7 @@ address of its own, which end with the block."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import signal
@@ -14,6 +15,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 STORE_BYTES = 80_000_000
 """of each node's object store; Ray takes no less than 75 MB"""
@@ -24,7 +26,7 @@ class Nodes:
 
     def __init__(self, folder: str) -> None:
         self.folder = folder
-        self.port = free_port()
+        self.port, self._port_lock = reserve_port()
         self.groups: list[int] = []
 
     @property
@@ -98,6 +100,7 @@ class Nodes:
             for place in range(len(self.groups)):
                 self.kill(place)
             time.sleep(0.05)
+        self._port_lock.close()
 
 
 @contextmanager
@@ -114,13 +117,20 @@ def nodes(count: int) -> Iterator[Nodes]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def free_port() -> int:
-    """One that nobody listens on, of those that the system does not give away by itself."""
+def reserve_port() -> tuple[int, IO[bytes]]:
+    """A port that nobody listens on, outside those that the system gives away by itself.
+
+    It is this cluster's until the file is closed: tests run side by side, and a head binds its port
+    only a second after it was chosen.
+    """
     for port in range(26379, 26479):
-        with socket.socket() as trial:
-            try:
+        lock = Path(tempfile.gettempdir(), f"evs-ray-{port}.lock").open("wb")  # noqa: SIM115 - returned
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            with socket.socket() as trial:
                 trial.bind(("127.0.0.1", port))
-            except OSError:
-                continue
-            return port
+        except OSError:
+            lock.close()
+            continue
+        return port, lock
     raise RuntimeError("no port is free")
