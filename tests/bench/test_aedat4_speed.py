@@ -19,13 +19,14 @@ import pytest
 
 from evs.drivers.files.aedat4 import Aedat4Recorder
 from evs.msgs import EventPacket, Events, StreamInfo, make_events
+from speed import aedat4_peer
 from speed.aedat4_peer import SIZE, TICK_US
 from speed.elsewhere import AbsentError
 from speed.turns import Table, Time, spread, target
 from speed.venvs import python_with
 
 CHECKOUT = Path(__file__).parents[2]
-PEER = Path(__file__).parent / "speed" / "aedat4_peer.py"
+PEER = Path(aedat4_peer.__file__)
 COMPRESSIONS = ("none", "lz4", "zstd")
 EVENTS, TICKS, ROUNDS = 1000, 300, 7
 AT_LEAST = {"none": 15.0, "lz4": 5.0, "zstd": 2.5}

@@ -16,7 +16,7 @@ from evs.emulator.config import RenderConfig
 from evs.emulator.render import make_renderer
 from evs.emulator.world import SnapshotTaker, bind_camera
 from speed.turns import Table, Time, spread, target
-from speed.view import FREE, HEIGHT, PRIMITIVES, WIDTH, View, robot
+from speed.view import HEIGHT, PRIMITIVES, WIDTH, View, free_camera, robot
 
 TICKS, CONTROL_TICKS, PASSES = 200, 10, 3
 FULL_TICKS = 10
@@ -29,7 +29,7 @@ STILL = [(1, 1), (1, 2), (4, 1)]
 def film(view: View) -> list[SceneSnapshot]:
     """The first tick and TICKS more of 1 ms, under new random controls every 10 ms."""
     model, data = view.model, view.data
-    poser = SnapshotTaker(model, [bind_camera(model, "", WIDTH, HEIGHT, FREE)])
+    poser = SnapshotTaker(model, [bind_camera(model, "", WIDTH, HEIGHT, free_camera(model))])
     rng = np.random.default_rng(1)
     shots = []
     for k in range(TICKS + 1):

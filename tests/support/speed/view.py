@@ -25,8 +25,6 @@ SCENES = [
 PRIMITIVES = SCENES[:3]
 """Those without a mesh or a height field."""
 AZIMUTH, ELEVATION = 90.0, -20.0
-FREE = CameraConfig(azimuth=AZIMUTH, elevation=ELEVATION)
-"""A camera that stands beside the robot, degrees."""
 Rays = Callable[[CameraModel], np.ndarray]
 """The rays through a camera's pixels, in its frame: (h, w, 3)."""
 
@@ -66,10 +64,23 @@ class View:
         return cast
 
 
+def free_camera(model: mujoco.MjModel) -> CameraConfig:
+    """MuJoCo's default free camera, turned to stand beside the robot."""
+    x, y, z = model.stat.center
+    return CameraConfig(
+        lookat=(x, y, z),
+        distance=1.5 * model.stat.extent,
+        azimuth=AZIMUTH,
+        elevation=ELEVATION,
+    )
+
+
 def view_of(model: mujoco.MjModel, data: mujoco.MjData, camera: str = "") -> View:
     """As it is; without a camera's name by a free one."""
     mujoco.mj_forward(model, data)
-    bound = bind_camera(model, camera, WIDTH, HEIGHT, CameraConfig() if camera else FREE)
+    bound = bind_camera(
+        model, camera, WIDTH, HEIGHT, CameraConfig() if camera else free_camera(model)
+    )
     shot = SnapshotTaker(model, [bound]).snapshot(data, 0)
     return View(model, data, extract_scene(model), shot, bound.model, shot.cameras[0])
 
