@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import json
 import shutil
+from abc import abstractmethod
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,12 @@ class _BagRecorder(LibraryRecorder):
     LIBRARY_ERRORS = (OSError, RuntimeError)
 
     def __init__(self, path: AnyPath, encoding: str | None = None) -> None:
-        """In: encoding, evt3, libcaer or mono (event_camera_msgs), or dvs (dvs_msgs)."""
+        """Make a recorder that is not open yet.
+
+        Args:
+            path: The file to write.
+            encoding: evt3, libcaer or mono (event_camera_msgs), or dvs (dvs_msgs).
+        """
         super().__init__(path)
         load()
         self._limits = self._format.capabilities_for(encoding)
@@ -59,13 +65,13 @@ class _BagRecorder(LibraryRecorder):
         self._frames = 0
         self._imu_samples = 0
 
+    @abstractmethod
     def _open_storage(self, path: Path) -> Storage:
         """Open a file of the library."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _default_encoding(self) -> str:
-        """The default encoding."""
-        raise NotImplementedError
+        """The encoding where none is requested."""
 
     def _create(self, path: Path) -> None:
         encoding = self._encoding or self._default_encoding()

@@ -1,9 +1,14 @@
-"""RawFile: reads RAW files of EVT2, EVT2.1 or EVT3 words, whole or damaged."""
+"""RAW files of Prophesee's cameras, words of EVT2, EVT2.1 or EVT3: recorders and reader.
+
+They begin with lines of text, `% key value`, of which the last is `% end`.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import os
+import re
+from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -11,14 +16,169 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from evs.drivers.files.appending_recorder import AppendingRecorder
+from evs.drivers.files.capabilities import MAX_SIDE_PX
+from evs.drivers.files.header_text import (
+    json_object,
+    percent_lines,
+    stream_from_json,
+    stream_json,
+)
 from evs.drivers.files.integrity import MAX_STAMP_US, IntegrityReport, on_sensor
 from evs.drivers.files.interleaving import Interleaver, Message
 from evs.drivers.files.paths import existing
-from evs.drivers.files.raw.header import MAX_HEADER_BYTES, parse_header
 from evs.drivers.files.recording_file import MultiStreamFile, by_tick
 from evs.drivers.files.sorting import EventSorter
-from evs.msgs import Events, EvsError, Triggers
-from evs.msgs.codecs import decode_evt2, decode_evt3, decode_evt21
+from evs.msgs import Events, EvsError, StreamInfo, Triggers
+from evs.msgs.codecs import (
+    TIME_ORIGIN_US,
+    decode_evt2,
+    decode_evt3,
+    decode_evt21,
+    encode_evt2,
+    encode_evt3,
+    encode_evt21,
+)
+
+MAX_HEADER_BYTES = 1 << 24
+"""A longer header is corrupt; ours contains the configuration of the run."""
+
+STREAM = "evs_stream"
+ORIGIN = "evs_time_origin_us"
+
+_SIDES = re.compile(r"(\d{1,5})x(\d{1,5})")
+_GENERATIONS = {"2": (304, 240), "3": (640, 480), "4": (1280, 720)}
+"""generation of Prophesee's sensors -> width, height, px, for files that state no size"""
+
+
+@dataclass(frozen=True)
+class RawHeader:
+    """The content of the header."""
+
+    version: str
+    """EVT version of the events: `2.0`, `2.1` or `3.0`; empty: not stated"""
+    stream: StreamInfo
+    """width and height are 0 where they are not stated"""
+    time_origin_us: int
+    """stamp of the stream's time zero"""
+    size: int
+    """its bytes"""
+    upper_first: bool | None = None
+    """EVT2.1: whether the upper half of each word comes first (IMX636); None: not stated"""
+    ours: bool = False
+    """whether evs recorded it, which means that it holds only events"""
+
+
+def header_bytes(stream: StreamInfo, version: str, time_origin_us: int) -> bytes:
+    """The header of our files: the lines that Prophesee's SDK needs, then two of our own."""
+    name = {"2.1": "EVT21;endianness=little"}.get(version, f"EVT{version[0]}")
+    lines = {
+        "evt": version,
+        "format": f"{name};height={stream.height};width={stream.width}",
+        "geometry": f"{stream.width}x{stream.height}",
+        "camera_integrator_name": "evs",
+        "plugin_integrator_name": "Prophesee",
+        "plugin_name": "hal_plugin_prophesee",
+        ORIGIN: str(time_origin_us),
+        STREAM: stream_json(stream),
+    }
+    return "".join(f"% {key} {value}\n" for key, value in lines.items()).encode() + b"% end\n"
+
+
+def parse_header(head: bytes) -> RawHeader:
+    """Parse the first bytes of a file; never raises."""
+    lines, size = percent_lines(head, last="end")
+    version = lines.get("evt", "")
+    parts = dict(part.partition("=")[::2] for part in lines.get("format", "").split(";"))
+    for name, number in (("EVT21", "2.1"), ("EVT2", "2.0"), ("EVT3", "3.0")):
+        version = number if name in parts else version
+    sides = _size(lines, parts)
+    default = StreamInfo(*sides, sensor="unknown")
+    origin = lines.get(ORIGIN, "0")
+    # of a stream that begins at a Unix time it is negative
+    digits = origin.removeprefix("-")
+    known = digits.isascii() and digits.isdigit() and len(digits) < 17
+    stream = stream_from_json(json_object(lines.get(STREAM, "")), default)
+    # frames and IMU samples went elsewhere
+    stream = dataclasses.replace(stream, frames=False, imu=False, triggers=False)
+    order = parts.get("endianness")
+    upper_first = None if order is None else order == "legacy"
+    return RawHeader(
+        version, stream, int(origin) if known else 0, size, upper_first, STREAM in lines
+    )
+
+
+def _size(lines: dict[str, str], parts: dict[str, str]) -> tuple[int, int]:
+    """Width and height, px; 0, 0 if they are not stated."""
+    geometry = _SIDES.fullmatch(lines.get("geometry", ""))
+    for width, height in (
+        (parts.get("width", ""), parts.get("height", "")),
+        geometry.groups() if geometry else ("", ""),
+        (lines.get("width", ""), lines.get("height", "")),
+    ):
+        if all(side.isascii() and side.isdigit() and len(side) < 6 for side in (width, height)):
+            sides = int(width), int(height)
+            if all(0 < side <= MAX_SIDE_PX for side in sides):
+                return sides
+    generation = lines.get("sensor_generation", lines.get("generation", ""))
+    return _GENERATIONS.get(generation[:1], (0, 0))
+
+
+class _RawRecorder(AppendingRecorder):
+    """The base of the recorders. The clock of a file is at TIME_ORIGIN_US when the stream begins.
+
+    A camera's own clock would have advanced as well. The header states the origin, which our reader
+    subtracts. Every packet restates the time, so a file that was cut anywhere is read up to there.
+    """
+
+    _VERSION: str
+
+    def _header(self, stream: StreamInfo) -> bytes:
+        self._origin_us = TIME_ORIGIN_US - stream.start_us
+        self._after_us = -self._origin_us
+        return header_bytes(stream, self._VERSION, self._origin_us)
+
+    def _encode(self, events: Events) -> bytes:
+        if int(events["t"][0]) < self._after_us:
+            raise EvsError(
+                f"{self._path}: events at {events['t'][0]} us come after {self._after_us} us, and "
+                f"{self._format_name} has no way back in time; record to .aedat4"
+            )
+        data = self._words(events)
+        self._after_us = int(events["t"][-1])
+        return data
+
+    @abstractmethod
+    def _words(self, events: Events) -> bytes:
+        """The words of one packet's events, (n,) with n > 0."""
+
+
+class Evt3Recorder(_RawRecorder):
+    """EVT3: 2 to 8 bytes an event."""
+
+    NAME, _VERSION = "evt3", "3.0"
+
+    def _words(self, events: Events) -> bytes:
+        return encode_evt3(events, time_origin_us=self._origin_us, after_us=self._after_us)
+
+
+class Evt2Recorder(_RawRecorder):
+    """EVT2: 4 bytes an event, and 4 for each new 64 us."""
+
+    NAME, _VERSION = "evt2", "2.0"
+
+    def _words(self, events: Events) -> bytes:
+        return encode_evt2(events, time_origin_us=self._origin_us, after_us=self._after_us)
+
+
+class Evt21Recorder(_RawRecorder):
+    """EVT2.1: 8 bytes for up to 32 events of one instant and row, and 8 for each new 64 us."""
+
+    NAME, _VERSION = "evt21", "2.1"
+
+    def _words(self, events: Events) -> bytes:
+        return encode_evt21(events, time_origin_us=self._origin_us, after_us=self._after_us)
+
 
 _PIECE_BYTES = 1 << 18
 _NO_TIME_YET = "events before the first time stamp, or too far right for the format,"
@@ -135,9 +295,14 @@ class RawFile(MultiStreamFile):
     def _pieces(
         self, integrity: IntegrityReport, triggers: list[Triggers] | None = None
     ) -> Iterator[tuple[int, Events]]:
-        """The byte offset of each piece of the file, and its events in the order recorded.
+        """Read the file piece by piece.
 
-        In: triggers, a list that takes those of each piece.
+        Args:
+            integrity: Receives the events outside the sensor and the torn tail.
+            triggers: A list that takes the triggers of each piece; None: they are not read.
+
+        Yields:
+            The byte offset of each piece, and its events in the order recorded.
         """
         decode, word = _DECODERS[self.version]
         if self.upper_first:
