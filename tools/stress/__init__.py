@@ -3,9 +3,15 @@
 Tests run them at full length, `evs doctor` in a short form.
 """
 
-from evs.tools.stress.groups import GROUPS, cases_of
-from evs.tools.stress.runner import run_case, run_cases
-from evs.tools.stress.stress_case import CaseResult, Measurement, StressCase
+from evs.tools.stress.stress_case import (
+    GROUPS,
+    CaseResult,
+    Measurement,
+    StressCase,
+    cases_of,
+    run_case,
+    run_cases,
+)
 
 __all__ = [
     "GROUPS",

@@ -66,9 +66,9 @@ def capture(
         tables: tables of the pipeline, over the IDEAL sensor in one thread.
         act: moves things before the first tick and after each.
         suffix: ending of the recording.
-        files: name -> content of files beside the scene.
-        folder: keep scene and recording (run + suffix) there.
-        pace: None: free.
+        files: name -> content of the files that the scene names.
+        folder: where scene and recording (run + suffix) stay; None: a temporary folder.
+        pace: paces the run; None: it runs freely.
         on_report: called with the report, also of a run that ends in an error.
 
     Raises:
@@ -76,8 +76,8 @@ def capture(
     """
     with tempfile.TemporaryDirectory() as name:
         folder = folder or Path(name)
-        for beside, content in (files or {}).items():
-            (folder / beside).write_bytes(content)
+        for file, content in (files or {}).items():
+            (folder / file).write_bytes(content)
         scene = folder / "scene.xml"
         scene.write_text(mjcf, encoding="utf-8")
         target = folder / f"run{suffix}"
@@ -85,7 +85,7 @@ def capture(
 
 
 def differing(one: Capture, other: Capture) -> int:
-    """How many events are in one of the captures only."""
+    """Count the events that are in only one of the captures."""
     a, b = one.events, other.events
     return len(np.setxor1d(a, b)) + abs(len(a) - len(b))
 

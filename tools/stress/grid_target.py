@@ -1,4 +1,4 @@
-"""The grid target: glowing plates before an orthographic camera, whose light is known to the bit.
+"""The grid target: glowing plates in front of an orthographic camera, of exactly known light.
 
 A plate is a whole number of pixels wide and the grid moves by whole pixels, so every sample of a
 pixel lies on one plate and its light is the emission of the plate.
@@ -31,7 +31,7 @@ def grid_mjcf(levels: Sequence[float], plate_px: int, more: str = "") -> str:
     Args:
         levels: what each emits.
         plate_px: width of a plate.
-        more: what else stands in the world.
+        more: further elements of the world.
     """
     materials = "".join(
         f'<material name="level{k}" {_glow(level)}/>' for k, level in enumerate(map(float, levels))
@@ -91,16 +91,21 @@ def capture_scene(
 ) -> GridCapture:
     """Capture any scene in ticks of 1 ms; the light of each pixel is the renderer's.
 
-    In: act, as of capture; what it moves before the first tick is in the reference already.
+    Args:
+        mjcf: text of the scene.
+        ticks: how many.
+        act: as for `capture`; what it moves before the first tick is already in the reference.
+        sensor: [sensor], over IDEAL.
+        files: as for `capture`.
     """
     light: list[F64] = []
 
-    def note(tick: int, world: World) -> None:
+    def record(tick: int, world: World) -> None:
         if tick:
             light.append(np.asarray(world.cameras[0].luminance, np.float64))
         act(tick, world)
 
-    seen = capture(mjcf, ticks / 1e3, {"sensor": dict(sensor or {})}, note, files=files)
+    seen = capture(mjcf, ticks / 1e3, {"sensor": dict(sensor or {})}, record, files=files)
     return GridCapture(seen, np.array([light[0], *light]), 1000)
 
 
@@ -115,19 +120,25 @@ def capture_grid(
 ) -> GridCapture:
     """Capture a grid whose column firsts[k] is the left one of the picture in tick k + 1.
 
-    In: tables, of the pipeline; first, called with the world before the first tick; the others as
-    of grid_mjcf. The reference is firsts[0] too.
+    Args:
+        levels: as for `grid_mjcf`.
+        firsts: left column of each tick; the reference shows firsts[0] too.
+        width_px: width of the picture.
+        plate_px: as for `grid_mjcf`.
+        tables: of the pipeline.
+        more: as for `grid_mjcf`.
+        first: called with the world before the first tick.
     """
-    given = dict(tables or {})
-    given["sensor"] = {"width": width_px, "height": HEIGHT_PX, **given.get("sensor", {})}
-    tick_us = int(given.get("scene", {}).get("tick_us", 1000))
+    config = dict(tables or {})
+    config["sensor"] = {"width": width_px, "height": HEIGHT_PX, **config.get("sensor", {})}
+    tick_us = int(config.get("scene", {}).get("tick_us", 1000))
 
     def act(tick: int, world: World) -> None:
         if tick == 0 and first is not None:
             first(world)
         place(world, firsts[min(tick, len(firsts) - 1)])
 
-    seen = capture(grid_mjcf(levels, plate_px, more), len(firsts) * tick_us / 1e6, given, act)
+    seen = capture(grid_mjcf(levels, plate_px, more), len(firsts) * tick_us / 1e6, config, act)
     columns = np.repeat(np.asarray(levels, np.float64), plate_px)
     rows = np.array([columns[first : first + width_px] for first in (firsts[0], *firsts)])
     light = np.repeat(rows[:, np.newaxis], HEIGHT_PX, 1)

@@ -1,8 +1,8 @@
 """An edge that moves at a known speed: each pixel's events and their times in closed form.
 
 A bright half plane moves over a dim one to the right, seen without perspective, a pixel a metre.
-A pixel's light goes along with the share of it that the edge has passed, so its n-th event is due
-when ln(1 + share (bright / dim - 1)) = n thresholds.
+A pixel's light follows the share of it that the edge has passed, so its n-th event is due when
+ln(1 + share (bright / dim - 1)) = n thresholds.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ EVENTS = math.floor(math.log(BRIGHT / DIM) / THETA)
 """of each pixel that the edge passes: 8"""
 
 SPP = 64
-"""samples a pixel: they stand in as many columns, so the share is right to the 64th of a pixel"""
+"""samples a pixel, each in a column of its own, so the share is right to 1/64 of a pixel"""
 
 FIRST_PX = -0.1
-"""where the edge begins: a bit before the picture"""
+"""where the edge begins: a little outside the picture"""
 
 SCENE = f"""<mujoco><option timestep="1000"/><visual><headlight active="0"/></visual>
 <asset><material name="dim" rgba="1 1 1 1" emission="{DIM}"/>
@@ -37,7 +37,7 @@ SCENE = f"""<mujoco><option timestep="1000"/><visual><headlight active="0"/></vi
 
 
 def capture_edge(speed_px_s: float, tick_us: int, width_px: int) -> Capture:
-    """The edge goes through the picture, waits two ticks, and is back at its begin at once."""
+    """Move the edge through the picture, wait two ticks, and put it back at once."""
     tick_s = tick_us * 1e-6
     ticks = math.ceil((width_px - FIRST_PX) / speed_px_s / tick_s) + 4
 
@@ -60,7 +60,7 @@ def capture_edge(speed_px_s: float, tick_us: int, width_px: int) -> Capture:
 
 
 def due_s(speed_px_s: float, tick_us: int, width_px: int) -> F64:
-    """(width, EVENTS) when each column's events are due; what is set moves a tick later."""
+    """When each column's events are due, (width, EVENTS), s; a move shows a tick later."""
     n = np.arange(1, EVENTS + 1)
     share = np.expm1(n * THETA) / (BRIGHT / DIM - 1.0)
     passed_px = np.arange(width_px)[:, np.newaxis] + share - FIRST_PX
@@ -69,10 +69,10 @@ def due_s(speed_px_s: float, tick_us: int, width_px: int) -> F64:
 
 
 def worst_share(seen: Capture, speed_px_s: float, tick_us: int, width_px: int) -> float:
-    """How late or early the worst event is, as share of what it may be; inf where a count is wrong.
+    """How late or early the worst event is, as a share of the bound; inf where a count is wrong.
 
-    It may be a tick, in which light is a line, and the time that the edge needs for the distance of
-    two samples.
+    The bound is one tick, in which light is linear, plus the time that the edge needs to move from
+    one sample to the next.
     """
     back_us = int(seen.report.ticks - 1) * tick_us
     on = seen.within(0, back_us)

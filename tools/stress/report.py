@@ -17,7 +17,7 @@ HEAD = "| | what is done | bound | measured | what a user sees |\n|---|---|---|-
 
 
 def measured(result: CaseResult) -> str:
-    """The measurement beside its limit: 0.263 thresholds, at most 1."""
+    """The measurement with its limit: 0.263 thresholds, at most 1."""
     if result.measurement is None:
         return f"broke down: {result.error}"
     found = result.measurement
@@ -44,10 +44,10 @@ def table(every: Iterable[CaseResult]) -> str:
 
 
 def write_table(path: str | Path, every: Iterable[CaseResult]) -> None:
-    """Write the table to a file: between BEGIN and END where it has them, else it is all of it.
+    """Write the table to a new file, or between the lines BEGIN and END of an existing one.
 
     Raises:
-        EvsError: the file cannot be written, or has one of the two only.
+        EvsError: the file cannot be written, or does not have both lines.
     """
     target = Path(path)
     new = f"{BEGIN}\n\n{table(every)}\n\n{END}\n"

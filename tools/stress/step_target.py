@@ -1,4 +1,4 @@
-"""The step target: a black plate moves before a white one, so that the light is known."""
+"""The step target: a black plate moves in front of a white one, so that the light is known."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ class StepCapture:
     """(h, w) luminance at the end"""
 
     def counts(self, events: Events | None = None) -> tuple[I64, I64]:
-        """ON and OFF events of each pixel, (h, w); of all events, or of these."""
+        """Count the ON and OFF events of each pixel, (h, w): of all events, or of these."""
         shape = (self.sensor.height, self.sensor.width)
         events = self.capture.events if events is None else events
-        place = events["y"].astype(np.int64) * shape[1] + events["x"]
+        pixel = events["y"].astype(np.int64) * shape[1] + events["x"]
         on, off = (
-            np.bincount(place[events["p"] == p], minlength=shape[0] * shape[1]).reshape(shape)
+            np.bincount(pixel[events["p"] == p], minlength=shape[0] * shape[1]).reshape(shape)
             for p in (1, 0)
         )
         return on, off
@@ -69,11 +69,11 @@ class StepCapture:
         return float(np.where(rest > 0, rest / theta_on, -rest / theta_off).max() + 0.0)
 
     def rounding(self) -> float:
-        """What two logarithms in float32 may add to that: each is right to a step of 2^-20."""
+        """Largest error of two float32 logarithms, each within 2^-20, in thresholds."""
         return 2.0**-19 / self.least_threshold()
 
     def least_threshold(self) -> float:
-        """Of all pixels and both polarities, log units."""
+        """Lowest threshold of all pixels and both polarities, log units."""
         return float(min(theta.min() for theta in self._thresholds))
 
     @cached_property
@@ -96,16 +96,23 @@ def capture_step(
     mjcf: str = MJCF,
     watch: Act | None = None,
 ) -> StepCapture:
-    """Move the black plate before the camera. Raises EvsError as capture does.
+    """Move the black plate in front of the camera.
 
-    In: left, ticks done -> x of the plate's left edge, m, OPEN or SHUT; the plate covers all to
-    the right of it, and the camera sees some 1.7 m to either side. `left(0)` holds until the end of
-    the first tick: that light is the reference. tables, of the pipeline; watch, called after each
-    tick, before the plate moves.
+    Args:
+        left: ticks done -> x of the plate's left edge, m, OPEN or SHUT. The plate covers everything
+            to the right of it; the camera sees about 1.7 m to either side. `left(0)` holds until
+            the end of the first tick: that light is the reference.
+        ticks: how many.
+        tables: of the pipeline.
+        mjcf: text of the scene; the plate is its first mocap body.
+        watch: called after each tick, before the plate moves.
+
+    Raises:
+        EvsError: as `capture` does.
     """
-    given = {key: dict(value) if isinstance(value, Mapping) else value
-            for key, value in (tables or {}).items()}  # fmt: skip
-    render = {"spp": 1, **given.pop("render", {})}
+    config = {key: dict(value) if isinstance(value, Mapping) else value
+              for key, value in (tables or {}).items()}  # fmt: skip
+    render = {"spp": 1, **config.pop("render", {})}
     first: list[F32] = []
 
     def draw(tick: int, world: World) -> None:
@@ -116,10 +123,10 @@ def capture_step(
         edge = left(tick)
         world.data.mocap_pos[0] = (0, 9, 0) if edge == OPEN else (edge + 20, 0, 0)
 
-    tick_us = given.get("scene", {}).get("tick_us", 1000)
-    seen = capture(mjcf, ticks * tick_us * 1e-6, {**given, "render": render}, draw)
+    tick_us = config.get("scene", {}).get("tick_us", 1000)
+    seen = capture(mjcf, ticks * tick_us * 1e-6, {**config, "render": render}, draw)
     camera = seen.world.cameras[0]
-    sensor = resolve_sensor(SensorConfig(**{**IDEAL, **_sensor(given)}))
+    sensor = resolve_sensor(SensorConfig(**{**IDEAL, **_sensor(config)}))
     return StepCapture(seen, sensor, first[0], camera.luminance)
 
 
@@ -134,14 +141,14 @@ def edge_position(begin: int, length: int, tick: int) -> float:
 
 
 def capture_sweep(length: int, still: int, sensor: Mapping[str, Any]) -> StepCapture:
-    """The plate moves in and out, `length` ticks each, then rests for `still`. In: its [sensor]."""
+    """Move the plate in and out, `length` ticks each, then rest for `still`, with this [sensor]."""
     return capture_step(
         lambda tick: edge_position(1, length, tick), 1 + 2 * length + still, {"sensor": sensor}
     )
 
 
 def messages_of(shown: StepCapture) -> tuple[str, ...]:
-    """Its warnings; without any, the event counts of its report."""
+    """Warnings of a capture; without any, the event counts of its report."""
     report = shown.capture.report
     return shown.capture.warnings or (
         f"{report.events:,} events, {report.events_dropped:,} dropped",

@@ -1,9 +1,13 @@
-"""StressCase: what is done to evs, how wrong it may become, and what was measured."""
+"""Stress cases: one row of the table, its groups, and the run of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+
+from evs.drivers.clock import monotonic_s
+from evs.emulator.base.registry import load
+from evs.msgs import unknown
 
 
 @dataclass(frozen=True)
@@ -58,3 +62,64 @@ class CaseResult:
     def holds(self) -> bool:
         """Whether it has a measurement within its bound."""
         return self.measurement is not None and self.measurement.holds
+
+
+_CASES = {
+    "light": "evs.tools.stress.light:CASES",
+    "time": "evs.tools.stress.time:CASES",
+    "motion": "evs.tools.stress.motion:CASES",
+    "sensor": "evs.tools.stress.sensor:CASES",
+    "network": "evs.tools.stress.network:CASES",
+    "machine": "evs.tools.stress.machine:CASES",
+}
+"""group -> where its cases are, imported on demand; add a case to the module of its group"""
+
+GROUPS = tuple(_CASES)
+"""every group, in the order of the table"""
+
+
+def cases_of(group: str) -> tuple[StressCase, ...]:
+    """The cases of a group, in the order of the table.
+
+    Raises:
+        EvsError: there is no such group.
+    """
+    if group not in _CASES:
+        raise unknown("group of extremes", group, GROUPS)
+    cases: tuple[StressCase, ...] = load(_CASES[group])
+    return cases
+
+
+def run_cases(
+    groups: Iterable[str] = GROUPS,
+    short: bool = False,
+    on_done: Callable[[CaseResult], None] | None = None,
+) -> list[CaseResult]:
+    """Run every case of the groups, in the order of the table.
+
+    Args:
+        groups: names of GROUPS.
+        short: run the short form, as `evs doctor` does.
+        on_done: called with each result at once.
+
+    Raises:
+        EvsError: a group does not exist; nothing has run then.
+    """
+    chosen = [case for group in groups for case in cases_of(group)]
+    results = []
+    for case in chosen:
+        results.append(run_case(case, short))
+        if on_done is not None:
+            on_done(results[-1])
+    return results
+
+
+def run_case(case: StressCase, short: bool = False) -> CaseResult:
+    """Run one case; an exception becomes its error."""
+    begin_s = monotonic_s()
+    try:
+        measurement, error = case.run(short), ""
+    except Exception as reason:
+        words = " ".join(str(reason).split())
+        measurement, error = None, f"{type(reason).__name__}: {words}" if words else repr(reason)
+    return CaseResult(case, measurement, error, monotonic_s() - begin_s)

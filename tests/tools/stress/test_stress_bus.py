@@ -15,7 +15,7 @@ from evs.drivers.bus import subscribe as real
 from evs.drivers.clock import sleep_s
 from evs.drivers.files import recorder_for
 from evs.msgs import EventPacket, StreamInfo, make_events
-from evs.tools.stress.time import starts
+from evs.tools.stress import time as time_cases
 
 
 def test_a_listener_on_a_busy_machine_loses_nothing(
@@ -36,6 +36,6 @@ def test_a_listener_on_a_busy_machine_loses_nothing(
             sleep_s(2.0)
             yield subscription
 
-    monkeypatch.setattr(starts, "subscribe", slow)
-    events, lost = starts._played(tmp_path / "run.aedat4")
+    monkeypatch.setattr(time_cases, "subscribe", slow)
+    events, lost = time_cases._played(tmp_path / "run.aedat4")
     assert (len(events), lost) == (count, 0)

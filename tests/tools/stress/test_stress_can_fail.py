@@ -18,10 +18,8 @@ from evs.emulator.evsnet.decay import Decay, decay_tables
 from evs.emulator.sensor.pixel import plain
 from evs.emulator.sensor.readout.state import ReadoutState
 from evs.msgs import Events
-from evs.tools.stress import CaseResult, cases_of, run_case
-from evs.tools.stress.machine import processor, resources
-from evs.tools.stress.machine.child import ProcessResult
-from evs.tools.stress.network import clamps
+from evs.tools.stress import CaseResult, cases_of, machine, network, run_case
+from evs.tools.stress.child_process import ProcessResult
 
 # what the extremes see is tried by running them
 pytestmark = pytest.mark.slow
@@ -140,8 +138,8 @@ def test_a_decay_that_is_no_number(monkeypatch: Patch) -> None:
 
 
 def test_weights_that_are_not_zero(monkeypatch: Patch) -> None:
-    scaled = clamps.scaled
-    monkeypatch.setattr(clamps, "scaled", lambda _by, *of: scaled(1.0, *of))
+    scaled = network.scaled
+    monkeypatch.setattr(network, "scaled", lambda _by, *of: scaled(1.0, *of))
     assert not tried("weights-0").holds
 
 
@@ -168,26 +166,26 @@ def test_time_that_is_stolen_and_not_told_of(monkeypatch: Patch) -> None:
 
 @pytest.mark.parametrize("name", ["memory-limit", "disk-full"])
 def test_a_recording_that_lacks_an_event(name: str, monkeypatch: Patch) -> None:
-    emulate = resources.emulate
+    emulate = machine.emulate
 
     def lossy(*words: Any, **more: Any) -> ProcessResult:
         ended = emulate(*words, **more)
         return replace(ended, recorded=ended.recorded[:-1])
 
-    monkeypatch.setattr(resources, "emulate", lossy)
+    monkeypatch.setattr(machine, "emulate", lossy)
     found = tried(name)
     assert found.measurement is not None
     assert found.measurement.value >= 1
 
 
 def test_a_path_without_avx_that_makes_other_events(monkeypatch: Patch) -> None:
-    emulate = processor.emulate
+    emulate = machine.emulate
 
     def other(*words: Any, **more: Any) -> ProcessResult:
         ended = emulate(*words, **more)
         return replace(ended, recorded=ended.recorded[::2])
 
-    monkeypatch.setattr(processor, "emulate", other)
+    monkeypatch.setattr(machine, "emulate", other)
     found = tried("no-avx")
     assert found.measurement is not None
     assert found.measurement.value > 10

@@ -1,4 +1,4 @@
-"""Meshes that no modeller should make: triangles without an area, doubles, a sheet, no numbers."""
+"""Stress cases of meshes: a million triangles, and meshes that no modeller should make."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from evs.emulator import World
-from evs.emulator.base.scene import F32, I32
+from evs.emulator.base.scene import F32, F64, I32
 from evs.emulator.world import MjModel, load_model
 from evs.msgs import EvsError
 from evs.tools.stress.grid_target import GridCapture, capture_scene
-from evs.tools.stress.motion.many import SOLID, mesh_file
 from evs.tools.stress.stress_case import Measurement, StressCase
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], "<f4")
@@ -22,12 +21,10 @@ SIDES = np.array(
     [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
 )
 CUBE = np.concatenate([SIDES[:, [0, 1, 2]], SIDES[:, [0, 2, 3]]]).astype("<i4")
-
-
 MESH = 'type="mesh" mesh="cube"'
 THIN_M = 1e-6
-"""half the thickness of a box beside the sheet: thinner ones than 1e-7 of their distance have no
-side that float32 could tell"""
+"""half the thickness of the box that the sheet is compared to: float32 cannot resolve the sides of
+a box thinner than 1e-7 of its distance"""
 
 MOST_APART = 1e-3
 """share of the pixels: an eighth of them have an edge in them, and in one of a hundred of these a
@@ -38,9 +35,71 @@ NUMBERS = """<mujoco><asset><mesh name="cube" file="cube.msh" inertia="shell"/>
 <worldbody><camera pos="0 0 9"/><geom type="mesh" mesh="cube"/>
 <geom type="hfield" hfield="hills"/></worldbody></mujoco>"""
 
+SOLID = """<mujoco><asset>{}</asset><worldbody><camera name="eye" pos="0 0 5" fovy="45"/>
+<geom type="box" size="9 9 .1" pos="0 0 -3" rgba=".4 .5 .6 1"/>
+<body name="thing" mocap="true" quat=".9 .3 .2 .1"><geom {} rgba=".8 .3 .2 1" contype="0"
+ conaffinity="0"/></body></worldbody></mujoco>"""
+
+
+def mesh_file(vertices: F32, faces: I32) -> bytes:
+    """Content of MuJoCo's binary mesh format (.msh): four counts, vertices, faces."""
+    counts = np.array([len(vertices), 0, 0, len(faces)], "<i4")
+    return counts.tobytes() + vertices.tobytes() + faces.tobytes()
+
+
+def _fine_cube(n: int, half: float) -> tuple[F32, I32]:
+    """Build a cube of 12 n^2 triangles in six grids.
+
+    Args:
+        n: squares along an edge.
+        half: half its edge, m.
+
+    Returns:
+        Vertices (nv, 3) float32 and faces (nf, 3) int32.
+    """
+    u, v = (
+        part.ravel() for part in np.meshgrid(*[np.linspace(-half, half, n + 1)] * 2, indexing="ij")
+    )
+    index = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    a, b, c, d = (
+        part.ravel() for part in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
+    )
+    grid = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    vertices: list[F64] = []
+    faces: list[I32] = []
+    for axis in range(3):
+        for side in (-1, 1):
+            points = np.zeros((len(u), 3))
+            points[:, axis], points[:, axis - 2], points[:, axis - 1] = side * half, u, v
+            faces.append((grid if side > 0 else grid[:, ::-1]) + len(vertices) * len(u))
+            vertices.append(points)
+    return np.concatenate(vertices).astype("<f4"), np.concatenate(faces).astype("<i4")
+
+
+def _triangles(short: bool) -> Measurement:
+    n, ticks = (58, 20) if short else (289, 100)
+    vertices, faces = _fine_cube(n, 1.0)
+
+    def move(tick: int, world: World) -> None:
+        world.data.mocap_pos[0] = (-0.5 + tick / ticks, 0.0, 0.0)
+
+    asset, files = '<mesh name="cube" file="cube.msh"/>', {"cube.msh": mesh_file(vertices, faces)}
+    mesh = capture_scene(SOLID.format(asset, 'type="mesh" mesh="cube"'), ticks, move, files=files)
+    box = capture_scene(SOLID.format("", 'type="box" size="1 1 1"'), ticks, move)
+    # the same light but where a sample falls on the other side of an edge by rounding
+    apart = np.abs(mesh.light - box.light) > 1e-4 * box.light.max()
+    share = float(apart.mean())
+    messages = (
+        *mesh.capture.warnings,
+        f"{len(faces):,} triangles, events {mesh.capture.report.events:,}, as a box "
+        f"{box.capture.report.events:,}",
+    )
+    right = mesh.wrong == 0 and mesh.is_explained and box.capture.report.events > 100
+    return Measurement(share, 1e-3, "of the pixels", messages, right)
+
 
 def _degraded(name: str, vertices: F32, faces: I32) -> tuple[F32, I32]:
-    """The same surface, made badly."""
+    """The same surface with degenerate triangles, doubled ones, or unused vertices."""
     if name == "no area":
         # points, and edges there and back
         points = np.repeat(np.arange(8, dtype="<i4")[:, None], 3, 1)
@@ -58,7 +117,7 @@ def _move(tick: int, world: World) -> None:
 
 
 def _apart(one: GridCapture, other: GridCapture) -> float:
-    """Share of the pixels whose light is another; of both films the events are those of ln(light).
+    """Share of the pixels whose light differs; inf where the events are not those of ln(light).
 
     MuJoCo puts a mesh into the frame of its inertia, in float32, so samples at an edge may change.
     """
@@ -97,7 +156,7 @@ def _sheet(short: bool) -> Measurement:
 
 
 def _no_numbers(short: bool) -> Measurement:
-    """Meshes, height fields and skins with NaN and infinite vertices: how many are let in."""
+    """Count the meshes and height fields with NaN and infinite numbers that are accepted."""
     missed, messages = 0, []
     for number in ("nan",) if short else ("nan", "inf", "-inf"):
         for what, corrupt in CORRUPTIONS.items():
@@ -117,7 +176,7 @@ def _no_numbers(short: bool) -> Measurement:
 
 
 def _model() -> MjModel:
-    """A mesh, a height field and a skin that are as they should be."""
+    """A valid mesh and a valid height field."""
     with TemporaryDirectory() as name:
         (Path(name) / "cube.msh").write_bytes(mesh_file(CORNERS, CUBE))
         scene = Path(name) / "scene.xml"
@@ -137,9 +196,17 @@ CORRUPTIONS: dict[str, Callable[[MjModel, float], None]] = {
     "mesh 'cube'": _corrupt_mesh,
     "height field 'hills'": _corrupt_field,
 }
-"""what is spoilt, as an error names it -> how"""
+"""what is made invalid, as an error names it -> how"""
 
 CASES = (
+    StressCase(
+        "a-million-triangles",
+        "motion",
+        "a cube of 1,002,252 triangles moves through the picture",
+        "the light of a box but for samples that rounding puts beside an edge, under 1e-3 of the "
+        "pixels; the events are those of ln(light), one by one",
+        _triangles,
+    ),
     StressCase(
         "degenerate-meshes",
         "motion",

@@ -1,4 +1,4 @@
-"""`evs emulate` in a process of its own, short of something: what it says and leaves behind."""
+"""Run `evs emulate` in a process with limited resources, and collect its output and files."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from typing import Any
 from evs.drivers.files import read
 from evs.msgs import Events, EvsError, empty_events
 
-PATIENCE_S = 120.0
+TIMEOUT_S = 120.0
 
 _CODE = """
 import resource, sys
-from evs.tools.stress.memory_limit import address_space
+from evs.tools.stress.memory import address_space
 from evs.launch.main import main
 memory, file = int(sys.argv[1]), int(sys.argv[2])
 if file:
@@ -32,40 +32,40 @@ with address_space(memory):
 
 @dataclass(frozen=True)
 class ProcessResult:
-    """A run of a child."""
+    """What a run in a process of its own left behind."""
 
     code: int
     """exit code"""
     errors: tuple[str, ...]
-    """lines on stderr, those of warnings left out"""
+    """lines on stderr that are no warnings"""
     warnings: tuple[str, ...]
     report: dict[str, Any]
-    """its run report; empty where it has none"""
+    """its run report; empty where it wrote none"""
     recorded: Events
-    """what is read back from its recording; empty where there is none"""
+    """events of its recording; empty where there is none"""
 
 
 def emulate(
     folder: Path,
     mjcf: str,
-    words: Sequence[str] = (),
+    arguments: Sequence[str] = (),
     *,
     memory_bytes: int = 0,
     file_bytes: int = 0,
     environment: Mapping[str, str] | None = None,
 ) -> ProcessResult:
-    """`evs emulate` of this scene, recorded and reported into `folder`.
+    """Run `evs emulate` on this scene; recording and report go into `folder`.
 
     Args:
         folder: target folder.
         mjcf: text of the scene.
-        words: more arguments.
-        memory_bytes: how much more than its program it may take, 0: any.
-        file_bytes: how large a file may be, 0: any: as on a full disk.
-        environment: variables beside this process's.
+        arguments: further arguments.
+        memory_bytes: memory that it may take beyond its program; 0: no limit.
+        file_bytes: largest size of a file, as on a full disk; 0: no limit.
+        environment: variables in addition to those of this process.
 
     Raises:
-        EvsError: it does not end, or its recording cannot be read.
+        EvsError: it does not end in time, or its recording cannot be read.
     """
     scene, recording, report = (folder / name for name in ("s.xml", "run.aedat4", "report.json"))
     scene.write_text(mjcf, encoding="utf-8")
@@ -74,16 +74,16 @@ def emulate(
     search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path if entry)
     try:
         ended = subprocess.run(
-            [*command, "--quiet", *words],
+            [*command, "--quiet", *arguments],
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
-            timeout=PATIENCE_S,
+            timeout=TIMEOUT_S,
             env={**os.environ, "PYTHONPATH": search, **(environment or {})},
             check=False,
         )
     except subprocess.TimeoutExpired:
-        raise EvsError(f"a run did not end in {PATIENCE_S:g} s: try again when less runs") from None
+        raise EvsError(f"a run did not end in {TIMEOUT_S:g} s: try again when less runs") from None
     lines = ended.stderr.splitlines()
     warned = tuple(line for line in lines if line.startswith("evs: warning: "))
     return ProcessResult(
