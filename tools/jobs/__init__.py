@@ -1,7 +1,6 @@
 """Run jobs in this process, in several processes or on a Ray cluster, with the same result."""
 
-from evs.tools.jobs.job import Job, JobSummary
-from evs.tools.jobs.job_context import job_threads, report_progress
+from evs.tools.jobs.job import Job, JobSummary, job_threads, report_progress
 from evs.tools.jobs.runner import check_workers, run_jobs
 from evs.tools.jobs.worker_pool import run_units
 

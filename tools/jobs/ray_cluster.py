@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from evs.msgs import EvsError
-from evs.tools.jobs.job import Job
-from evs.tools.jobs.job_maker import remedy_for
+from evs.tools.jobs.job import Job, remedy_for
 from evs.tools.jobs.packing import Unpacker
 from evs.tools.jobs.ray_node import fingerprint, make_on_node
 from evs.tools.jobs.worker_pool import MAX_ATTEMPTS, name_of

@@ -14,9 +14,7 @@ from pathlib import Path
 
 from evs.emulator.state.versions import versions
 from evs.msgs import EvsError
-from evs.tools.jobs.job import Job
-from evs.tools.jobs.job_context import job_context
-from evs.tools.jobs.job_maker import JobMaker
+from evs.tools.jobs.job import Job, JobMaker, job_context
 from evs.tools.jobs.packing import Message, StreamDigest, StreamEnd, pack
 
 SOURCES = "sources of evs"

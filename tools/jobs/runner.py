@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from evs.msgs import EvsError
-from evs.tools.jobs.job import Job, JobSummary, check_names
-from evs.tools.jobs.job_maker import JobMaker
+from evs.tools.jobs.job import Job, JobMaker, JobSummary, check_names
 from evs.tools.jobs.target_folder import TargetFolder
 from evs.tools.jobs.worker_pool import MOST_WORKERS, run_units
 

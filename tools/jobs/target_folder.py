@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from evs.msgs import EvsError
-from evs.tools.jobs.job_maker import remedy_for
+from evs.tools.jobs.job import remedy_for
 
 PREFIX = ".making-"
 """of the hidden folders in which jobs run"""

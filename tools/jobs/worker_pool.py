@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import pickle
 import signal
+import threading
+import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator
@@ -12,12 +16,12 @@ from functools import partial
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
+from multiprocessing.process import parent_process
 from typing import Any, Generic, TypeVar
 
 from evs.drivers.cores import cores
 from evs.msgs import EvsError
-from evs.tools.jobs import worker_process
-from evs.tools.jobs.job_context import job_context
+from evs.tools.jobs.job import job_context
 
 Unit = TypeVar("Unit")
 Value = TypeVar("Value")
@@ -25,6 +29,16 @@ Value = TypeVar("Value")
 MAX_ATTEMPTS = 3
 """how often a unit is started before it fails, if its worker dies each time"""
 MOST_WORKERS = 1024
+
+READY, PROGRESS, WARNED, DONE, FAILED, OUT_OF_MEMORY = (
+    "ready",
+    "moved",
+    "warned",
+    "done",
+    "failed",
+    "starved",
+)
+"""kinds of messages of a worker; the second element of a message is its value"""
 
 
 def run_units(
@@ -78,6 +92,8 @@ def name_of(unit: object) -> str:
 
 @dataclass
 class _Worker(Generic[Unit]):
+    """A worker process, as the pool sees it."""
+
     process: SpawnProcess
     pipe: Connection
     unit: Unit | None = None
@@ -135,7 +151,7 @@ class _WorkerPool(Generic[Unit, Value]):
         spawn = get_context("spawn")
         ours, theirs = spawn.Pipe()
         process = spawn.Process(
-            target=worker_process.serve, args=(theirs, self.do, self.threads), name="evs-worker"
+            target=_run_worker, args=(theirs, self.do, self.threads), name="evs-worker"
         )
         process.start()
         theirs.close()
@@ -151,17 +167,17 @@ class _WorkerPool(Generic[Unit, Value]):
         except (EOFError, OSError):
             self._retry_or_fail(one, unit, "")
             return
-        if kind == worker_process.READY:
+        if kind == READY:
             one.is_ready = True
-        elif kind == worker_process.PROGRESS:
+        elif kind == PROGRESS:
             self.on_share(unit, value)
-        elif kind == worker_process.WARNED:
+        elif kind == WARNED:
             warnings.warn(value[0], value[1], stacklevel=2)
-        elif kind == worker_process.DONE:
+        elif kind == DONE:
             one.unit = None
             self.attempts.pop(id(unit), None)
             yield unit, value
-        elif kind == worker_process.FAILED:
+        elif kind == FAILED:
             one.unit = None
             self.failure = self.failure or value
         else:
@@ -211,3 +227,55 @@ def _exit_reason(code: int | None) -> str:
     except ValueError:
         name = f"signal {-code}"
     return f"{name}; out of memory?" if name == "SIGKILL" else str(name)
+
+
+def _run_worker(pipe: Connection, do: Callable[[Any], Any], threads: int) -> None:
+    """The main loop of a worker process: run the units from the pipe until it is closed."""
+    # Ctrl-C reaches all processes of a terminal; the parent decides what it means
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
+
+    def warned(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+        pipe.send((WARNED, (str(message), category)))
+
+    warnings.showwarning = warned
+    pipe.send((READY, None))
+    while True:
+        try:
+            unit = pipe.recv()
+        except EOFError:
+            return
+        with job_context(threads, lambda share: pipe.send((PROGRESS, share))):
+            message = _done(do, unit)
+        try:
+            pipe.send(message)
+        except (AttributeError, TypeError, pickle.PicklingError) as error:
+            pipe.send((FAILED, _picklable(error)))
+
+
+def _done(do: Callable[[Any], Any], unit: Any) -> tuple[str, Any]:
+    try:
+        return DONE, do(unit)
+    except MemoryError:
+        return OUT_OF_MEMORY, None
+    except Exception as error:
+        return FAILED, _picklable(error)
+
+
+def _picklable(error: Exception) -> Exception:
+    """The exception, or a substitute that pickle can send, with its traceback as a note."""
+    text = "".join(traceback.format_exception(error)).rstrip()
+    sent: Exception = RuntimeError(f"{type(error).__name__}: {error}")
+    # some exceptions of libraries cannot be pickled, or not read again
+    with suppress(Exception):
+        sent = pickle.loads(pickle.dumps(error))
+    sent.add_note(f"in another process:\n{text}")
+    return sent
+
+
+def _exit_with_parent() -> None:
+    """Exit when the parent is gone, even if it was killed."""
+    parent = parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
