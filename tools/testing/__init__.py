@@ -12,9 +12,8 @@ if TYPE_CHECKING:
     from evs.tools.testing.evidence import replay
     from evs.tools.testing.plugin import evs_loop
     from evs.tools.testing.pushes import Push
-    from evs.tools.testing.run import Run
+    from evs.tools.testing.run import Run, Trace
     from evs.tools.testing.runner import LoopRunner
-    from evs.tools.testing.trace import Trace
 
 __all__ = ["LoopRunner", "Push", "Run", "Trace", "evs_loop", "replay"]
 
@@ -23,7 +22,7 @@ _HOMES = {
     "LoopRunner": "evs.tools.testing.runner:LoopRunner",
     "Push": "evs.tools.testing.pushes:Push",
     "Run": "evs.tools.testing.run:Run",
-    "Trace": "evs.tools.testing.trace:Trace",
+    "Trace": "evs.tools.testing.run:Trace",
     "evs_loop": "evs.tools.testing.plugin:evs_loop",
     "replay": "evs.tools.testing.evidence:replay",
 }

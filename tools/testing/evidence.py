@@ -1,33 +1,39 @@
-"""Evidence: an episode as a file that can be replayed, and a recording of its events."""
+"""Evidence: a file from which an episode can be replayed, and recordings of its events."""
 
 from __future__ import annotations
 
 import json
 import zipfile
 import zlib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from evs.drivers.files.aedat4 import Aedat4Recorder
-from evs.emulator import Loop
+from evs.emulator import Loop, config
 from evs.msgs import EventPacket, EvsError, Observation
-from evs.tools.testing.options import options_of
 from evs.tools.testing.pushes import Push, Pushes, plain_pushes, pushes_of
-from evs.tools.testing.trace import Trace
+from evs.tools.testing.run import Trace
 
 KIND = "evs closed loop 1"
-"""What the file is, with its version."""
-
+"""what the file is, with its version"""
 
 _NO_ARCHIVE = (
     *(OSError, ValueError, KeyError, EOFError, TypeError, NotImplementedError, RuntimeError),
     *(zipfile.BadZipFile, zlib.error),
 )
-"""What NumPy raises of a file that is none of its archives, or a damaged one."""
+"""what NumPy raises for a file that is not one of its archives, or a damaged one"""
+
+_CLASSES: dict[str, Any] = {
+    name: one for name, one in vars(config).items() if isinstance(one, type) and is_dataclass(one)
+}
+"""name -> each dataclass that an option may be or contain"""
+
+_CLASS = "class"
+"""key of the name of such a class in JSON"""
 
 
 @dataclass(frozen=True)
@@ -35,18 +41,28 @@ class LoopOrigin:
     """How a run made its loop."""
 
     scene: str = ""
-    """file; "": it was none"""
+    """the file of the scene; "": it was not a file"""
     options: dict[str, Any] | None = None
-    """of the Loop, as `plain_options` has them; None: they are not plain"""
+    """of the Loop, as `plain_options` returns them; None: JSON cannot hold them"""
 
 
 def leave_behind(
     folder: Path, loop: Loop, trace: Trace, ticks: int, pushes: Sequence[Push], origin: LoopOrigin
 ) -> tuple[str, ...]:
-    """Write seed-N.npz, and one seed-N-CAMERA.aedat4 a camera. Out: what a message says of them.
+    """Write seed-N.npz, and one seed-N-CAMERA.aedat4 for each camera.
 
-    In: the loop that the episode was of; ticks of a decision. The events are those of the very
-    same episode, run again.
+    The episode is replayed to record its events.
+
+    Args:
+        folder: where to write; created if it does not exist.
+        loop: the loop of the episode.
+        trace: the record of the episode.
+        ticks: ticks of a decision.
+        pushes: all pushes of the episode.
+        origin: how the loop was made.
+
+    Returns:
+        Lines for a message: the files, and how to look at them and replay them.
     """
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / f"seed-{trace.seed}.npz"
@@ -79,9 +95,15 @@ def leave_behind(
 def replay(path: str | Path, loop: Loop | None = None) -> Iterator[Observation]:
     """Run an episode again from the file that a failed claim left behind: the same bytes.
 
-    In: loop, made as the run made its own; None: as the file says, where the scene was a file.
-    Out: what the controller saw, one Observation a decision, the start first. Raises EvsError for
-    a file that is none, or a loop of another kind.
+    Args:
+        path: the file, seed-N.npz.
+        loop: a loop made as in the test; None: made as the file says, if its scene was a file.
+
+    Yields:
+        What the controller saw: the observation at the start, then one for each decision.
+
+    Raises:
+        EvsError: the file is damaged or is no such file, or the loop is of another kind.
     """
     about, ctrl, start = _read(Path(path))
     loop = loop or _loop_of(about, path)
@@ -145,3 +167,38 @@ def _record(folder: Path, loop: Loop, file: Path, seed: int) -> list[Path]:
         for sink in sinks:
             sink.close()
     return paths
+
+
+def plain_options(options: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The options of a Loop as JSON values; None if JSON cannot hold one of them."""
+    try:
+        return {name: _plain(value) for name, value in options.items()}
+    except TypeError:
+        return None
+
+
+def options_of(plain: Mapping[str, Any]) -> dict[str, Any]:
+    """The options of a Loop from what `plain_options` returned."""
+    return {name: _value(value) for name, value in plain.items()}
+
+
+def _plain(value: Any) -> Any:
+    if type(value) in _CLASSES.values():
+        inner = {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+        return {_CLASS: type(value).__name__, **inner}
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    raise TypeError(f"{value!r} is nothing that JSON has")
+
+
+def _value(plain: Any) -> Any:
+    if isinstance(plain, dict) and _CLASS in plain:
+        inner = {key: _value(one) for key, one in plain.items() if key != _CLASS}
+        return _CLASSES[plain[_CLASS]](**inner)
+    if isinstance(plain, dict):
+        return {key: _value(one) for key, one in plain.items()}
+    return tuple(_value(one) for one in plain) if isinstance(plain, list) else plain

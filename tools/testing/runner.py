@@ -16,11 +16,9 @@ from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.simulation.closed_loop.initial_states import Start, begin, check_start
 from evs.emulator.world import MjData, NamedSensors, Scene
 from evs.msgs import EvsError, Observation
-from evs.tools.testing.evidence import LoopOrigin, leave_behind
-from evs.tools.testing.options import plain_options
+from evs.tools.testing.evidence import LoopOrigin, leave_behind, plain_options
 from evs.tools.testing.pushes import Push, Pushes
-from evs.tools.testing.run import Run
-from evs.tools.testing.trace import Trace
+from evs.tools.testing.run import Run, Trace
 
 Decide = Callable[[Observation], npt.ArrayLike | None]
 """What a controller is: from what was seen to (nu,) controls, or None to keep the last."""
@@ -30,7 +28,11 @@ class LoopRunner:
     """Runs controllers against scenes, and keeps the episodes of claims that fail."""
 
     def __init__(self, folder: Path) -> None:
-        """In: where they are kept."""
+        """Make a runner.
+
+        Args:
+            folder: where the episodes of failed claims are written.
+        """
         self._folder, self._runs = folder, 0
 
     def __call__(

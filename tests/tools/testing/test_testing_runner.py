@@ -13,7 +13,7 @@ import pytest
 import evs
 from evs.msgs import EvsError, Observation
 from evs.tools.testing import LoopRunner, Push, Run, replay
-from evs.tools.testing.options import options_of, plain_options
+from evs.tools.testing.evidence import options_of, plain_options
 
 CART = "evs:config/scenes/cartpole.xml"
 OPTIONS: dict[str, Any] = {
