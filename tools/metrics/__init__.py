@@ -10,9 +10,8 @@ from evs.tools.metrics.counts import (
     count_ratio,
 )
 from evs.tools.metrics.emd import emd_map, mean_emd
-from evs.tools.metrics.matching import Matching, match_events
+from evs.tools.metrics.matching import Matching, TimingError, match_events, measure_timing
 from evs.tools.metrics.spurious import Spurious, measure_spurious, static_pixels
-from evs.tools.metrics.timing import TimingError, measure_timing
 from evs.tools.metrics.window import Window
 
 __all__ = [

@@ -16,9 +16,8 @@ from evs.tools.metrics.counts import (
     count_ratio,
 )
 from evs.tools.metrics.emd import mean_emd
-from evs.tools.metrics.matching import match_events
+from evs.tools.metrics.matching import TimingError, match_events, measure_timing
 from evs.tools.metrics.spurious import Mask, Spurious, measure_spurious, static_pixels
-from evs.tools.metrics.timing import TimingError, measure_timing
 from evs.tools.metrics.window import Window
 
 

@@ -7,8 +7,8 @@ depend on the two streams alone: not on the order of events, not on ties, and sw
 swaps the two numbers. A greedy choice alone has none of this and may lose up to half of the pairs.
 
 Which of the maximum matchings: pairs are first taken greedily, same pixel first, then the nearest
-in time, then the earlier event, then the earlier reference event; augmenting paths (maximum.py)
-then add what greed has lost, moving as few pairs as lie on a shortest path.
+in time, then the earlier event, then the earlier reference event; `enlarge_matching` then adds
+what greed has lost, and moves as few pairs as lie on a shortest path.
 
 Cost, for n events, m reference events, E pairs allowed by the tolerances and r = tolerance_px:
 O((2r + 1)^2 n log m) vectorised for finding them, O(E log E) for the greedy part, O(E sqrt(n + m))
@@ -23,7 +23,6 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.msgs import Events, EvsError
-from evs.tools.metrics.maximum import enlarge_matching
 from evs.tools.metrics.window import check_fields, whole_number
 
 I64 = npt.NDArray[np.int64]
@@ -211,3 +210,145 @@ def _expand(first: I64, count: I64) -> I64:
     before = np.cumsum(count) - count
     numbers: I64 = np.arange(int(count.sum())) + np.repeat(first - before, count)
     return numbers
+
+
+@dataclass(frozen=True)
+class TimingError:
+    """t_event - t_reference over all pairs, us; positive is late. NaN where there is no pair.
+
+    No error beyond the matching's tolerance can be seen: read it beside recall. Pairs of two
+    different pixels count too; match with tolerance_px = 0 to leave them out.
+    """
+
+    pairs: int
+    median_us: float
+    """the bias"""
+    iqr_us: float
+    """the spread: third less first quartile"""
+    median_abs_us: float
+    """median of the error without its sign"""
+
+
+def measure_timing(events: Events, reference: Events, matching: Matching) -> TimingError:
+    """The stamp errors of a matching's pairs; quartiles interpolate linearly.
+
+    Args:
+        events: (n,) EVENT_DTYPE, those that were matched
+        reference: (m,) EVENT_DTYPE, likewise
+        matching: of these two
+    """
+    error = events["t"][matching.event_index] - reference["t"][matching.reference_index]
+    if not len(error):
+        return TimingError(0, float("nan"), float("nan"), float("nan"))
+    low, middle, high = np.quantile(error, [0.25, 0.5, 0.75])
+    return TimingError(
+        len(error), float(middle), float(high - low), float(np.median(np.abs(error)))
+    )
+
+
+I64 = npt.NDArray[np.int64]
+
+
+def enlarge_matching(
+    starts: I64, neighbours: I64, partner_of_left: I64, partner_of_right: I64
+) -> None:
+    """Extend a bipartite matching to a maximum one, by shortest augmenting paths.
+
+    A vertex that has a partner keeps one, but maybe another one. O(E sqrt(n + m)); only the walks
+    along paths are not vectorised, so a start that is nearly maximum is cheap. Left vertices are
+    numbered 0 ... n - 1, right ones 0 ... m - 1.
+
+    Source: J. Hopcroft, R. Karp, "An n^5/2 algorithm for maximum matchings in bipartite graphs",
+    SIAM J. Comput. 2 (1973).
+
+    Args:
+        starts: (n + 1,) int64; the neighbours of i are neighbours[starts[i] : starts[i + 1]]
+        neighbours: (E,) int64 right vertices, tried in this order
+        partner_of_left: (n,) int64, in and out: right vertex or -1
+        partner_of_right: (m,) int64, in and out: left vertex or -1
+    """
+    while True:
+        left, right = _edges_of_shortest_paths(
+            starts, neighbours, partner_of_left, partner_of_right
+        )
+        if not len(left):
+            return
+        _flip_disjoint_paths(left, right, partner_of_left, partner_of_right)
+
+
+def _edges_of_shortest_paths(
+    starts: I64, neighbours: I64, partner_of_left: I64, partner_of_right: I64
+) -> tuple[I64, I64]:
+    """All unmatched edges of all shortest paths from a free left to a free right vertex.
+
+    Returns:
+        (k,) left and (k,) right ends; edges of one left vertex stand together, in the order of
+        `neighbours`. Empty: there is no such path, the matching is maximum.
+    """
+    # breadth first over alternating paths, layer by layer, until one meets free right vertices
+    layers: list[tuple[I64, I64]] = []
+    seen = np.zeros(len(partner_of_right), np.bool_)
+    frontier = np.flatnonzero(partner_of_left < 0)
+    useful = np.zeros(len(partner_of_right), np.bool_)
+    while len(frontier) and not useful.any():
+        count = starts[frontier + 1] - starts[frontier]
+        left = np.repeat(frontier, count)
+        shift = np.repeat(starts[frontier] - (np.cumsum(count) - count), count)
+        right = neighbours[np.arange(len(left)) + shift]
+        new = ~seen[right]
+        layers.append((left[new], right[new]))
+        seen[right] = True
+        reached = np.unique(right[new])
+        owners = partner_of_right[reached]
+        useful[reached[owners < 0]] = True
+        frontier = owners
+    if not useful.any():
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+
+    # back from those free vertices: only edges that lead to one
+    kept: list[tuple[I64, I64]] = []
+    for left, right in reversed(layers):
+        leads = useful[right]
+        kept.append((left[leads], right[leads]))
+        back = partner_of_left[kept[-1][0]]
+        useful[back[back >= 0]] = True
+    return np.concatenate([edge[0] for edge in kept]), np.concatenate([edge[1] for edge in kept])
+
+
+def _flip_disjoint_paths(
+    left: I64, right: I64, partner_of_left: I64, partner_of_right: I64
+) -> None:
+    """Augments along shortest paths without a common vertex, as many as a depth-first walk finds.
+
+    Arguments as `_edges_of_shortest_paths` returns them; the matching is changed.
+    """
+    vertices, first, count = np.unique(left, return_index=True, return_counts=True)
+    # lists and dicts are faster than arrays where one number is read at a time
+    ends = right.tolist()
+    following = dict(zip(vertices.tolist(), first.tolist(), strict=True))
+    stop = dict(zip(vertices.tolist(), (first + count).tolist(), strict=True))
+    owner = dict(zip(ends, partner_of_right[right].tolist(), strict=True))
+    used: set[int] = set()
+
+    for root in vertices[partner_of_left[vertices] < 0].tolist():
+        path = [root]
+        while path:
+            # each edge is tried once in all walks together
+            vertex = path[-1]
+            position = following[vertex]
+            if position == stop[vertex]:
+                path.pop()
+                continue
+            following[vertex] = position + 1
+            end = ends[position]
+            if end in used:
+                continue
+            used.add(end)
+            if owner[end] >= 0:
+                path.append(owner[end])
+                continue
+            for step in path:
+                end = ends[following[step] - 1]
+                partner_of_left[step] = end
+                partner_of_right[end] = step
+            break

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from evs.msgs import Events, make_events
 from evs.tools.metrics import Matching, match_events
-from evs.tools.metrics.maximum import enlarge_matching
+from evs.tools.metrics.matching import enlarge_matching
 
 pytestmark = pytest.mark.property
 
