@@ -22,14 +22,22 @@ from evs.emulator.world.controls import (
     name_of_keyframe,
     starting_keyframe,
 )
-from evs.emulator.world.digest import ModelDigest, bytes_of, digest_of
 from evs.emulator.world.encoders import Encoders
 from evs.emulator.world.extraction import extract_scene, visible_geoms
 from evs.emulator.world.kinematics import gravity_of, moving_bodies
 from evs.emulator.world.left_out import LeftOutWarning, warn_left_out
 from evs.emulator.world.live_scene import LiveScene
-from evs.emulator.world.loading import MUJOCO_VERSION, Scene, load_model, load_spec, load_text
 from evs.emulator.world.mobility import Mobility, mobility_of
+from evs.emulator.world.model import (
+    MUJOCO_VERSION,
+    ModelDigest,
+    Scene,
+    bytes_of,
+    digest_of,
+    load_model,
+    load_spec,
+    load_text,
+)
 from evs.emulator.world.named_sensors import NamedSensors, add_joint_sensors
 from evs.emulator.world.physics import Physics
 from evs.emulator.world.snapshots import SnapshotTaker

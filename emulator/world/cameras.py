@@ -13,7 +13,7 @@ from evs.emulator.config import CameraConfig
 from evs.emulator.optics import check_distortion, check_vignetting
 from evs.emulator.world.compat import is_orthographic
 from evs.emulator.world.framing import robot_box
-from evs.emulator.world.object_names import find, name_of
+from evs.emulator.world.model import find, name_of
 from evs.msgs import EvsError
 
 FREE_KEYS = ("lookat", "distance", "azimuth", "elevation")

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from evs.emulator.base.scene import F64
 from evs.emulator.base.small_files import read_small_text
-from evs.emulator.world.object_names import find, name_of, names_of
+from evs.emulator.world.model import find, name_of, names_of
 from evs.msgs import EvsError, unknown
 
 ControlFunction = Callable[[float, Any], npt.ArrayLike | None]

@@ -16,7 +16,7 @@ import numpy as np
 
 from evs.emulator.base.scene import F64
 from evs.emulator.world.kinematics import update_poses
-from evs.emulator.world.object_names import find
+from evs.emulator.world.model import find
 from evs.emulator.world.physics_state import STATE
 from evs.msgs import EvsError
 

@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from evs.emulator.base.scene import I32, Mesh, ObjectKind, SceneModel, Shape
 from evs.emulator.world.deformables import Deformables
-from evs.emulator.world.indices import check_indices
 from evs.emulator.world.left_out import warn_left_out
 from evs.emulator.world.lights import active_lights, extract_atmosphere, extract_light, unlit_images
 from evs.emulator.world.materials import Surfaces, geom_rgba, is_shown, site_rgba
@@ -20,8 +19,8 @@ from evs.emulator.world.meshes import (
     height_field_arrays,
     mesh_arrays,
 )
+from evs.emulator.world.model import check_indices, names_of
 from evs.emulator.world.model_edits import DEFORMING, PartCache, arrays_of
-from evs.emulator.world.object_names import names_of
 from evs.emulator.world.tendons import Strands
 from evs.msgs import EvsError
 

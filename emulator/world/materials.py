@@ -11,8 +11,8 @@ import numpy.typing as npt
 from evs.emulator.base.scene import Surface, Texture, TextureKind
 from evs.emulator.world.clamping import BRIGHTEST, clamped
 from evs.emulator.world.compat import gloss_is_given
+from evs.emulator.world.model import name_of
 from evs.emulator.world.model_edits import Array, PartCache
-from evs.emulator.world.object_names import name_of
 
 Rgba = tuple[float, float, float, float]
 

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from evs.emulator.base.scene import F32, F64, I32, Mesh
+from evs.emulator.world.model import name_of
 from evs.emulator.world.model_edits import Array
-from evs.emulator.world.object_names import name_of
 from evs.msgs import EvsError
 
 SMOOTH_COSINE = 0.8

@@ -11,7 +11,7 @@ import numpy as np
 
 from evs.emulator.base.scene import F64
 from evs.emulator.world.compat import actuator_of
-from evs.emulator.world.object_names import name_of, one_line
+from evs.emulator.world.model import name_of, one_line
 from evs.emulator.world.physics_state import (
     STATE,
     Arrays,

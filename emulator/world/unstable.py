@@ -7,7 +7,7 @@ import math
 import mujoco
 import numpy as np
 
-from evs.emulator.world.object_names import name_of
+from evs.emulator.world.model import name_of
 from evs.msgs import EvsError
 
 

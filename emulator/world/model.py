@@ -1,0 +1,297 @@
+"""A MuJoCo model: loaded from a file, a MjModel or a MjSpec, looked up by name, checked, digested.
+
+What loading returns is always our own copy.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeAlias, TypeVar
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from evs.emulator import _core
+from evs.emulator.base.scene import U8
+from evs.emulator.world.compat import ACTUATOR_COUNT
+from evs.msgs import EvsError, nearest_first, unknown
+
+Scene: TypeAlias = str | Path | mujoco.MjModel | mujoco.MjSpec
+"""Everything that a world can be made of."""
+
+MUJOCO_VERSION = str(mujoco.__version__)
+
+SUFFIXES = (".xml", ".mjcf", ".mjb", ".urdf")
+
+
+Loaded = TypeVar("Loaded", mujoco.MjModel, mujoco.MjSpec)
+
+
+def load_model(scene: Scene) -> mujoco.MjModel:
+    """Load the model of a scene. Offsets that MuJoCo takes for none stay (keep_offsets).
+
+    Args:
+        scene: A path to MJCF, URDF or MJB, a MjModel (copied) or a MjSpec (compiled).
+
+    Raises:
+        EvsError: There is no such file, MuJoCo refuses it, or `scene` is something else.
+    """
+    model = _load_any(scene)
+    keep_offsets(model)
+    return model
+
+
+def _load_any(scene: Scene) -> mujoco.MjModel:
+    if isinstance(scene, mujoco.MjModel):
+        return copy.copy(scene)
+    if isinstance(scene, mujoco.MjSpec):
+        return _load("MjSpec", scene.compile)
+    if not isinstance(scene, str | Path):
+        raise EvsError(
+            f"a scene is a path, a mujoco.MjModel or a mujoco.MjSpec, not {type(scene).__name__}"
+        )
+    path = _existing(Path(scene))
+    if path.suffix.lower() == ".mjb":
+        return _load_binary(path)
+    model = _load(str(path), lambda: mujoco.MjModel.from_xml_path(str(path)))
+    if path.suffix.lower() == ".urdf" and not model.ngeom:
+        raise EvsError(
+            f"{path}: nothing to see: MuJoCo leaves a URDF's visuals out unless its <robot> has "
+            '<mujoco><compiler discardvisual="false"/></mujoco>'
+        )
+    return model
+
+
+def _load_binary(path: Path) -> mujoco.MjModel:
+    """The model of an MJB file, which only the MuJoCo that wrote it reads."""
+    try:
+        return _load(str(path), lambda: mujoco.MjModel.from_binary_path(str(path)))
+    except EvsError as error:
+        raise EvsError(
+            f"{error}; the file is damaged, or of another MuJoCo than this {MUJOCO_VERSION}: write "
+            "it anew from its MJCF (mujoco.mj_saveModel)"
+        ) from None
+
+
+def load_spec(path: str | Path) -> mujoco.MjSpec:
+    """The specification of an MJCF or URDF file, to be changed before it is compiled. EvsError."""
+    file = _existing(Path(path))
+    return _load(str(file), lambda: mujoco.MjSpec.from_file(str(file)))
+
+
+def load_text(text: str, files: Mapping[str, bytes]) -> mujoco.MjModel:
+    """Load the model of an MJCF text, without a file: the same model to the last byte every time.
+
+    Args:
+        text: The MJCF.
+        files: Name -> content of every file that it names.
+
+    Raises:
+        EvsError: MuJoCo refuses it.
+    """
+    return load_model(_load("MJCF", lambda: mujoco.MjSpec.from_string(text, assets=dict(files))))
+
+
+def _existing(path: Path) -> Path:
+    """`path` if it is a file that MuJoCo may read, else an error that lists its neighbours."""
+    if path.is_file():
+        if path.suffix.lower() in SUFFIXES:
+            return path
+        raise EvsError(f"scene '{path}' is no {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]} file")
+    folder = path if path.is_dir() else path.parent
+    problem = f"scene '{path}' is a folder" if path.is_dir() else f"no scene file '{path}'"
+    if not folder.is_dir():
+        raise EvsError(f"{problem}: there is no folder '{folder}'")
+    known = [entry.name for entry in folder.iterdir() if entry.suffix.lower() in SUFFIXES]
+    if not known:
+        raise EvsError(f"{problem}: no {' or '.join(SUFFIXES)} file in '{folder}'")
+    nearest = nearest_first(path.name, known)
+    shown = ", ".join(nearest[:12]) + (", ..." if len(nearest) > 12 else "")
+    raise EvsError(f"{problem}; in '{folder}' there is: {shown}")
+
+
+def _load(origin: str, load: Callable[[], Loaded]) -> Loaded:
+    """What `load()` returns; MuJoCo's complaint becomes one line that begins with `origin`."""
+    try:
+        with _warnings_to_log(origin):
+            loaded = load()
+    except (ValueError, RuntimeError, mujoco.FatalError) as reason:
+        newer = f" (in MuJoCo {MUJOCO_VERSION}; a newer one may know it)"
+        hint = newer if "unrecognized" in str(reason) else ""
+        raise EvsError(f"{origin}: {one_line(reason)}{hint}") from None
+    return loaded
+
+
+@contextmanager
+def _warnings_to_log(origin: str) -> Iterator[None]:
+    """While it lasts, MuJoCo's warnings go to the log `evs.world` and not into MUJOCO_LOG.TXT."""
+    previous = mujoco.get_mju_user_warning()
+    log = logging.getLogger("evs.world")
+    mujoco.set_mju_user_warning(lambda text: log.info("%s: %s", origin, one_line(text)))
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(previous)
+
+
+SMALL_SHARE = 1e-4
+"""An offset over this share of the geom's own radius counts; under it nothing is to be seen of it,
+and the pose stays the copy that MuJoCo makes of it."""
+
+
+def keep_offsets(model: mujoco.MjModel) -> None:
+    """Let geoms lie where the model has them, offsets of less than a micrometre included.
+
+    MuJoCo's compiler takes a geom less than 1e-6 m off its body's frame, or the frame of the body's
+    inertia, for one that lies there (geom_sameframe), and its kinematics then copy the pose. In a
+    world of micrometres that is another picture, and another motion.
+
+    Args:
+        model: Changed in place: pass a copy.
+    """
+    same = mujoco.mjtSameFrame
+    offset = np.array(model.geom_pos)
+    inertia = model.geom_sameframe == int(same.mjSAMEFRAME_INERTIA)
+    offset[inertia] -= model.body_ipos[model.geom_bodyid[inertia]]
+    copied = inertia | (model.geom_sameframe == int(same.mjSAMEFRAME_BODY))
+    # a plane has no radius, nor any size that it would be small beside
+    radius = np.where(model.geom_rbound > 0.0, model.geom_rbound, np.inf)
+    seen = copied & (np.abs(offset).max(axis=1) > SMALL_SHARE * radius)
+    model.geom_sameframe[seen] = int(same.mjSAMEFRAME_NONE)
+
+
+COUNTS = {
+    mujoco.mjtObj.mjOBJ_BODY: "nbody",
+    mujoco.mjtObj.mjOBJ_JOINT: "njnt",
+    mujoco.mjtObj.mjOBJ_GEOM: "ngeom",
+    mujoco.mjtObj.mjOBJ_CAMERA: "ncam",
+    mujoco.mjtObj.mjOBJ_ACTUATOR: ACTUATOR_COUNT,
+    mujoco.mjtObj.mjOBJ_KEY: "nkey",
+    mujoco.mjtObj.mjOBJ_SENSOR: "nsensor",
+    mujoco.mjtObj.mjOBJ_TEXTURE: "ntex",
+}
+"""Where the model keeps the number of objects of a kind."""
+
+
+def name_of(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
+    """The object's name, or its number where it has none."""
+    return str(mujoco.mj_id2name(model, kind, index) or index)
+
+
+def names_of(model: mujoco.MjModel, kind: mujoco.mjtObj) -> list[str]:
+    """The names of all objects of a kind, in the order of their ids."""
+    return [name_of(model, kind, index) for index in range(getattr(model, COUNTS[kind]))]
+
+
+def find(model: mujoco.MjModel, kind: mujoco.mjtObj, label: str, name: str) -> int:
+    """Find an object by name or number.
+
+    Args:
+        model: The model.
+        kind: Of the object.
+        label: What to call the kind in the error.
+        name: Its name, or its number.
+
+    Returns:
+        Its id.
+
+    Raises:
+        EvsError: There is none; the message lists what there is.
+    """
+    index = int(mujoco.mj_name2id(model, kind, name))
+    if index >= 0:
+        return index
+    if name.isdecimal() and int(name) < getattr(model, COUNTS[kind]):
+        return int(name)
+    raise unknown(label, name, names_of(model, kind))
+
+
+def one_line(reason: object) -> str:
+    """MuJoCo's message, which may have several lines, as one."""
+    return "; ".join(line.strip() for line in str(reason).splitlines() if line.strip())
+
+
+BODIES = (
+    *("body_parentid", "body_rootid", "body_weldid", "geom_bodyid", "cam_bodyid", "light_bodyid"),
+    *("cam_targetbodyid", "light_targetbodyid"),
+)
+TARGETS = {
+    **dict.fromkeys(BODIES, "nbody"),
+    **dict.fromkeys(("geom_matid", "skin_matid", "flex_matid"), "nmat"),
+    **dict.fromkeys(("mat_texid", "light_texid"), "ntex"),
+    "body_mocapid": "nmocap",
+}
+"""field of mjModel -> what its values count; -1 is none"""
+
+GEOM_DATA = {
+    mujoco.mjtGeom.mjGEOM_HFIELD: "nhfield",
+    mujoco.mjtGeom.mjGEOM_MESH: "nmesh",
+    mujoco.mjtGeom.mjGEOM_SDF: "nmesh",
+}
+"""type of geom -> what geom_dataid counts"""
+
+
+def check_indices(model: mujoco.MjModel) -> None:
+    """Check the numbers in a model that point to other parts of it.
+
+    MuJoCo and renderers follow them blindly.
+
+    Raises:
+        EvsError: An index points to what the model does not have.
+    """
+    for field, count in TARGETS.items():
+        values = getattr(model, field, None)
+        if values is not None:
+            _check_index(field, np.asarray(values), count, int(getattr(model, count)))
+    for kind, count in GEOM_DATA.items():
+        rows = np.asarray(model.geom_type) == kind
+        values = np.where(rows, np.asarray(model.geom_dataid), -1)
+        _check_index("geom_dataid", values, count, int(getattr(model, count)))
+
+
+def _check_index(field: str, values: npt.NDArray[np.int32], count: str, end: int) -> None:
+    bad = np.argwhere((values < -1) | (values >= end))
+    if len(bad):
+        place = tuple(int(one) for one in bad[0])
+        raise EvsError(
+            f"model.{field}[{', '.join(map(str, place))}] is {int(values[place])}, but {count} is "
+            f"{end}: it points to nothing; put it back"
+        )
+
+
+def bytes_of(model: mujoco.MjModel) -> bytes:
+    """Everything in the model, as an MJB file holds it."""
+    return _image(model).tobytes()
+
+
+def _image(model: mujoco.MjModel) -> U8:
+    buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return buffer
+
+
+def digest_of(model: mujoco.MjModel) -> str:
+    """16 hexadecimal digits of everything in the model; 0.3 ms for a humanoid of primitives."""
+    return hashlib.sha256(_image(model).data).hexdigest()[:16]
+
+
+class ModelDigest:
+    """digest_of one model that may be edited, found again only where it was."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._model = model
+        self._last: tuple[int, str] | None = None
+
+    def __call__(self) -> str:
+        """As of digest_of, of the model as it is now."""
+        image = _image(self._model)
+        quick = _core.digest([image])
+        if self._last is None or self._last[0] != quick:
+            self._last = quick, hashlib.sha256(image.data).hexdigest()[:16]
+        return self._last[1]
