@@ -54,7 +54,7 @@ from evs.emulator.world import (
     name_of_keyframe,
     starting_keyframe,
 )
-from evs.emulator.world.control_source import ControlSource
+from evs.emulator.world.controls import ControlSource
 from evs.msgs import EventPacket, EvsError
 
 

@@ -22,10 +22,13 @@ from evs.emulator.world.controls import (
     name_of_keyframe,
     starting_keyframe,
 )
-from evs.emulator.world.encoders import Encoders
-from evs.emulator.world.extraction import extract_scene, visible_geoms
-from evs.emulator.world.kinematics import gravity_of, moving_bodies
-from evs.emulator.world.left_out import LeftOutWarning, warn_left_out
+from evs.emulator.world.encoders import Encoders, NamedSensors, add_joint_sensors
+from evs.emulator.world.extraction import (
+    LeftOutWarning,
+    extract_scene,
+    visible_geoms,
+    warn_left_out,
+)
 from evs.emulator.world.live_scene import LiveScene
 from evs.emulator.world.mobility import Mobility, mobility_of
 from evs.emulator.world.model import (
@@ -38,11 +41,15 @@ from evs.emulator.world.model import (
     load_spec,
     load_text,
 )
-from evs.emulator.world.named_sensors import NamedSensors, add_joint_sensors
-from evs.emulator.world.physics import Physics
+from evs.emulator.world.physics import (
+    Physics,
+    Substeps,
+    UnstableError,
+    fill_tick,
+    gravity_of,
+    moving_bodies,
+)
 from evs.emulator.world.snapshots import SnapshotTaker
-from evs.emulator.world.ticks import Substeps, fill_tick
-from evs.emulator.world.unstable import UnstableError
 
 __all__ = [
     "MUJOCO_VERSION",

@@ -1,7 +1,8 @@
 """What moves the actuators: nothing, a keyframe, a smooth random signal, a file, or a function.
 
 Every source is a function of the tick's beginning alone (the caller's own function excepted), so
-the same seed gives the same motion whatever happened before.
+the same seed gives the same motion whatever happened before. ControlSource is the source that
+the settings of a scene name.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy.typing as npt
 
 from evs.emulator.base.scene import F64
 from evs.emulator.base.small_files import read_small_text
+from evs.emulator.config import SceneConfig
 from evs.emulator.world.model import find, name_of, names_of
 from evs.msgs import EvsError, unknown
 
@@ -278,3 +280,57 @@ def control_range(model: mujoco.MjModel) -> F64:
     limited = np.asarray(model.actuator_ctrllimited, bool).reshape(-1, 1)
     given = np.asarray(model.actuator_ctrlrange, np.float64).reshape(-1, 2)
     return np.where(limited, given, np.array([[-np.inf, np.inf]]))
+
+
+class ControlSource:
+    """The control source of a scene's settings, or a function, with a seed that may change."""
+
+    def __init__(
+        self, model: mujoco.MjModel, settings: SceneConfig, source: str | ControlFunction
+    ) -> None:
+        """Raises EvsError for what does not exist or fit."""
+        if settings.control_file and source != "file":
+            raise EvsError(
+                f"scene.control_file '{settings.control_file}' is not used: "
+                'set scene.control to "file", or leave it out'
+            )
+        self._model, self._settings, self._source = model, settings, source
+        self.keyframe = starting_keyframe(model, settings.keyframe)
+        if source == "keyframe" and settings.keyframe == NO_KEYFRAME:
+            raise EvsError(
+                'scene.control "keyframe" holds a keyframe: name it in scene.keyframe, not none'
+            )
+        if source == "keyframe":
+            self.keyframe = find_keyframe(model, settings.keyframe)
+        """id of the keyframe that the world starts from; -1: from qpos0"""
+        if source == "auto" and not 0 <= self.keyframe == home_keyframe(model):
+            self._source = "zero"
+        self.seed = settings.control_seed
+        self._control = self._make()
+
+    @property
+    def holds(self) -> bool:
+        """Whether the controls of the starting keyframe hold."""
+        return self._source in ("auto", "keyframe") and self._model.nu > 0
+
+    def reseed(self, seed: int) -> None:
+        """Random controls follow from `seed` from now on."""
+        if seed != self.seed:
+            self.seed = seed
+            self._control = self._make()
+
+    def __call__(self, t_us: int, data: mujoco.MjData) -> F64 | None:
+        """(nu,) the control of the tick that begins at t_us; None: as before."""
+        return self._control(t_us, data)
+
+    def _make(self) -> Control:
+        settings = self._settings
+        return make_control(
+            self._model,
+            self._source,
+            keyframe=settings.keyframe,
+            file=settings.control_file,
+            rate_hz=settings.control_hz,
+            seed=self.seed,
+            scale=settings.control_scale,
+        )

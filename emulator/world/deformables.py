@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 
 from evs.emulator.base.scene import F32, Deformed, Mesh
-from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.materials import Rgba, is_shown, shown_rgba
+from evs.emulator.world.physics import update_poses
 
 
 class Deformables:

@@ -1,4 +1,4 @@
-"""Encoders: what a robot measures of itself at one instant, without touching the live data.
+"""What a robot measures of itself at one instant: its encoders, and MuJoCo's sensors by name.
 
 After mj_step the live data's actuator lengths and sensors belong to the step's beginning. So the
 state is copied into a private mjData, and as much as is needed is computed again there.
@@ -7,7 +7,7 @@ state is copied into a private mjData, and as much as is needed is computed agai
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,10 +15,9 @@ import mujoco
 import numpy as np
 
 from evs.emulator.base.scene import F64
-from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.model import find
-from evs.emulator.world.physics_state import STATE
-from evs.msgs import EvsError
+from evs.emulator.world.physics import STATE, update_poses
+from evs.msgs import EvsError, unknown
 
 Stages = mujoco.mjtStage
 Kinds = mujoco.mjtSensor
@@ -139,3 +138,59 @@ def _limit(model: mujoco.MjModel, name: str, value: Any) -> Limit:
     needs_all = int(model.sensor_type[index]) in _NEEDS_ALL
     stage = int(Stages.mjSTAGE_ACC if needs_all else model.sensor_needstage[index])
     return Limit(str(name), low, high, begin, begin + int(model.sensor_dim[index]), stage)
+
+
+def add_joint_sensors(spec: mujoco.MjSpec, joints: Mapping[str, str]) -> None:
+    """Give a robot joint sensors, which change nothing of how it moves.
+
+    Limits, rewards and claims go by names of sensors.
+
+    Args:
+        spec: The robot, changed in place.
+        joints: Name of a new <jointpos> -> its joint.
+
+    Raises:
+        EvsError: No such joint.
+    """
+    for name, joint in joints.items():
+        if spec.joint(joint) is None:
+            raise unknown("joint", joint, (one.name for one in spec.joints if one.name))
+        spec.add_sensor(
+            name=name,
+            type=mujoco.mjtSensor.mjSENS_JOINTPOS,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            objname=joint,
+        )
+
+
+class NamedSensors:
+    """Readings of the model's <sensor>s by name, for code that may look into the simulator.
+
+    Rewards and tests may. A controller may not: it has events and its actuators' encoders.
+    """
+
+    def __init__(self, model: mujoco.MjModel, names: Iterable[str] | None = None) -> None:
+        """Find the sensors.
+
+        Args:
+            model: The model.
+            names: Of sensors; None: every one that has a name.
+
+        Raises:
+            EvsError: No such sensor.
+        """
+        if names is None:
+            kind = mujoco.mjtObj.mjOBJ_SENSOR
+            named = (mujoco.mj_id2name(model, kind, index) for index in range(model.nsensor))
+            names = [name for name in named if name]
+        self._encoders = Encoders(model, dict.fromkeys(names, (-math.inf, math.inf)))
+
+    def read(self, data: mujoco.MjData) -> dict[str, F64]:
+        """Name -> (its dimension,) float64, of this very instant. `data` is only read."""
+        self._encoders.read(data)
+        return self._encoders.values
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """In the order requested; of all, in the model's."""
+        return tuple(limit.name for limit in self._encoders.limits)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
+from collections.abc import Sequence
 from functools import partial
 
 import mujoco
@@ -10,7 +13,6 @@ import numpy.typing as npt
 
 from evs.emulator.base.scene import I32, Mesh, ObjectKind, SceneModel, Shape
 from evs.emulator.world.deformables import Deformables
-from evs.emulator.world.left_out import warn_left_out
 from evs.emulator.world.lights import active_lights, extract_atmosphere, extract_light, unlit_images
 from evs.emulator.world.materials import Surfaces, geom_rgba, is_shown, site_rgba
 from evs.emulator.world.meshes import (
@@ -198,3 +200,18 @@ def _static(model: mujoco.MjModel, body: I32) -> npt.NDArray[np.bool_]:
     """(n,) True where a body is welded to the world and no mocap body carries it."""
     carried = model.body_mocapid[model.body_rootid[body]] >= 0
     return np.asarray((model.body_weldid[body] == 0) & ~carried, np.bool_)
+
+
+class LeftOutWarning(UserWarning):
+    """The model has something that is not shown; the message has what, and the fix."""
+
+
+def warn_left_out(lines: Sequence[str]) -> None:
+    """One LeftOutWarning a line, at the place outside the emulator that made the scene."""
+    if not lines:
+        return
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back and str(frame.f_globals.get("__name__")).startswith("evs.emulator."):
+        level, frame = level + 1, frame.f_back
+    for line in lines:
+        warnings.warn(line, LeftOutWarning, stacklevel=level)

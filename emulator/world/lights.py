@@ -8,9 +8,8 @@ import mujoco
 import numpy as np
 
 from evs.emulator.base.scene import I32, Atmosphere, Light, LightKind
-from evs.emulator.world.clamping import BRIGHTEST, clamped, clamped_colour
 from evs.emulator.world.compat import light_number, light_type
-from evs.emulator.world.materials import Surfaces, is_encoded
+from evs.emulator.world.materials import BRIGHTEST, Surfaces, clamped, clamped_colour, is_encoded
 from evs.emulator.world.model import name_of
 
 SIX_FACES = 'type="cube" or type="skybox"'

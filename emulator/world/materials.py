@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import mujoco
@@ -9,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.scene import Surface, Texture, TextureKind
-from evs.emulator.world.clamping import BRIGHTEST, clamped
 from evs.emulator.world.compat import gloss_is_given
 from evs.emulator.world.model import name_of
 from evs.emulator.world.model_edits import Array, PartCache
+from evs.msgs import EvsError
 
 Rgba = tuple[float, float, float, float]
 
@@ -73,9 +74,17 @@ def site_rgba(model: mujoco.MjModel, site: int) -> Rgba:
 def shown_rgba(
     model: mujoco.MjModel, kind: mujoco.mjtObj, index: int, rgba: npt.ArrayLike, material: int
 ) -> Rgba:
-    """The colour MuJoCo shows: an object's own unless that is unset and it has a material.
+    """The colour that MuJoCo shows: an object's own unless that is unset and it has a material.
 
-    In: kind and index, whose colour it is.
+    Args:
+        model: The model.
+        kind: Kind of the object.
+        index: Its id.
+        rgba: (4,) its own colour.
+        material: Id of its material; -1: none.
+
+    Raises:
+        EvsError: The colour is not finite.
     """
     own = tuple(float(value) for value in np.asarray(rgba))
     if own == UNSET and material >= 0:
@@ -300,3 +309,35 @@ def _component(texture: Texture, component: int) -> Texture | None:
         return None
     only = component if count >= 3 else 0
     return replace(texture, data=np.ascontiguousarray(texture.data[..., only : only + 1]))
+
+
+BRIGHTEST = 1e9
+"""No light, and nothing that glows, is brighter: the sun is 1e5 lux."""
+
+
+def clamped(value: float, low: float, high: float, what: str) -> float:
+    """Clamp a number of the model, as MuJoCo's viewer clamps colours in the end.
+
+    Args:
+        value: Any number, as MuJoCo takes it.
+        low: The lowest result.
+        high: The highest result.
+        what: The name of the value and of what has it, for messages.
+
+    Raises:
+        EvsError: It is not finite.
+    """
+    number = float(value)
+    if not math.isfinite(number):
+        raise EvsError(f"{what} is {number}; give a number in {low:g} ... {high:g}")
+    return min(max(number, low), high)
+
+
+def clamped_colour(values: npt.ArrayLike, high: float, what: str) -> tuple[float, float, float]:
+    """Three of them, 0 ... high."""
+    red, green, blue = np.asarray(values, np.float64)
+    return (
+        clamped(red, 0.0, high, what),
+        clamped(green, 0.0, high, what),
+        clamped(blue, 0.0, high, what),
+    )

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from evs.emulator.world.cameras import BoundCamera, FreeCamera, ModelCamera
 from evs.emulator.world.compat import SLEEP
-from evs.emulator.world.kinematics import moving_bodies
 from evs.emulator.world.lights import active_lights
+from evs.emulator.world.physics import moving_bodies
 
 FIXED = int(mujoco.mjtCamLight.mjCAMLIGHT_FIXED)
 

@@ -1,33 +1,192 @@
-"""Physics: one tick after the other, and an error where MuJoCo gives up on the state."""
+"""Physics: exact ticks, one after the other, and an error where MuJoCo gives up on the state.
+
+A tick is filled with whole steps. The state is mjSTATE_INTEGRATION, and who sleeps, which is no
+part of it. Kinematics, from joint positions to poses without forces or time, follow at the end.
+"""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from evs.emulator.base.scene import F64
-from evs.emulator.world.compat import actuator_of
+from evs.emulator.world.compat import SLEEP, actuator_of
 from evs.emulator.world.model import name_of, one_line
-from evs.emulator.world.physics_state import (
-    STATE,
-    Arrays,
-    check_physics,
-    put_physics,
-    save_physics,
-    state_of,
-)
-from evs.emulator.world.ticks import Substeps, fill_tick
-from evs.emulator.world.unstable import (
-    UnstableError,
-    check_positions,
-    joint_of_position,
-    joint_place,
-)
 from evs.msgs import EvsError
+
+MAX_STEPS = 1_000_000
+"""in a tick; more is a slip of the keyboard"""
+
+
+@dataclass(frozen=True)
+class Substeps:
+    """How a tick is filled, and what that did to the model's time step."""
+
+    tick_us: int
+    """length of a tick, us"""
+    count: int
+    """physics steps a tick"""
+    timestep_s: float
+    """length of each of them, s"""
+    model_timestep_s: float
+    """the model's own, s"""
+
+    def __str__(self) -> str:
+        """The choice as a sentence."""
+        asked, taken = f"{self.model_timestep_s * 1e3:g} ms", f"{self.timestep_s * 1e3:g} ms"
+        steps = "1 physics step" if self.count == 1 else f"{self.count} physics steps"
+        reason = "as the model has it" if self.kept else f"the model asks for {asked}{self._key()}"
+        return f"{steps} of {taken} in each tick of {self.tick_us / 1e3:g} ms ({reason})"
+
+    @property
+    def kept(self) -> bool:
+        """Whether the model's time step is as it was."""
+        return math.isclose(self.timestep_s, self.model_timestep_s, rel_tol=1e-9)
+
+    def _key(self) -> str:
+        """The nearest tick that keeps the model's step, as a key; "" where there is none."""
+        model_us = self.model_timestep_s * 1e6
+        if not math.isclose(model_us, round(model_us), rel_tol=1e-9) or model_us < 0.5:
+            return ""
+        steps = max(1, round(self.tick_us / model_us))
+        return f"; scene.tick_us={steps * round(model_us)} keeps it"
+
+
+def fill_tick(tick_us: int, model_timestep_s: float) -> Substeps:
+    """The fewest equal steps that fill a tick and are no longer than the model's own.
+
+    Raises EvsError where the tick is not a positive whole number of microseconds.
+    """
+    if isinstance(tick_us, bool | str) or not float(tick_us).is_integer() or tick_us <= 0:
+        raise EvsError(
+            f"scene.tick_us is {tick_us}: a tick is a positive whole number of microseconds, "
+            "for example 1000"
+        )
+    if not model_timestep_s > 0.0:
+        raise EvsError(f"the model's timestep is {model_timestep_s} s: it must be over 0")
+
+    # 1 ms over 0.1 ms is a little over 10 in floating point, and still 10
+    tick_s = int(tick_us) * 1e-6
+    if tick_s / model_timestep_s > MAX_STEPS * (1.0 + 1e-9):
+        raise EvsError(
+            f"the model's timestep is {model_timestep_s:g} s: a tick of {tick_us} us would take "
+            f"{tick_s / model_timestep_s:.3g} steps; give <option timestep=.../> of "
+            f"{tick_s / MAX_STEPS:g} s or more, or a shorter scene.tick_us"
+        )
+    count = max(1, math.ceil(tick_s / model_timestep_s * (1.0 - 1e-9)))
+    return Substeps(int(tick_us), count, tick_s / count, float(model_timestep_s))
+
+
+class UnstableError(EvsError):
+    """MuJoCo gave up on the state: when, with which warning, and at which joint or body."""
+
+
+def joint_place(model: mujoco.MjModel, joint: int) -> str:
+    """A joint and its body, by name."""
+    body = name_of(model, mujoco.mjtObj.mjOBJ_BODY, int(model.jnt_bodyid[joint]))
+    return f"joint '{name_of(model, mujoco.mjtObj.mjOBJ_JOINT, joint)}' of body '{body}'"
+
+
+def joint_of_position(model: mujoco.MjModel, position: int) -> int:
+    """The joint that owns qpos[position]."""
+    return int((model.jnt_qposadr <= position).sum()) - 1
+
+
+def check_positions(model: mujoco.MjModel, data: mujoco.MjData, t_us: int) -> None:
+    """Raise UnstableError where data.qpos is not finite: nothing could be drawn of it."""
+    positions = data.qpos
+    # a NaN or an infinity anywhere is one in the sum of squares
+    if math.isfinite(positions.dot(positions)):
+        return
+    finite = np.isfinite(positions)
+    if finite.all():
+        return
+    joint = joint_of_position(model, int(np.flatnonzero(~finite)[0]))
+    raise UnstableError(
+        f"unstable at t = {t_us * 1e-6:.6f} s: bad position (NaN or infinite) at "
+        f"{joint_place(model, joint)}"
+    )
+
+
+STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+"""Everything that the next step follows from, where nobody sleeps."""
+
+_COUNTS = ("nbody_awake", "nparent_awake", "ntree_awake", "nv_awake")
+_FLAGS = {"body_awake": "nbody", "tree_awake": "ntree"}
+_INDICES = {"body_awake_ind": "nbody", "parent_awake_ind": "nbody", "dof_awake_ind": "nv"}
+"""field of mjData -> what its values count"""
+
+Arrays = Mapping[str, np.ndarray[Any, Any]]
+
+
+def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> F64:
+    """(n,) mjSTATE_INTEGRATION, a copy."""
+    out = np.zeros(mujoco.mj_stateSize(model, STATE))
+    mujoco.mj_getState(model, data, out, STATE)
+    return out
+
+
+def save_physics(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, np.ndarray[Any, Any]]:
+    """What check_physics and put_physics take back."""
+    saved: dict[str, np.ndarray[Any, Any]] = {"state": state_of(model, data)}
+    if model.opt.enableflags & SLEEP:
+        for name in (*_COUNTS, *_FLAGS, *_INDICES, "tree_asleep"):
+            saved[name] = np.array(getattr(data, name), np.int32)
+    return saved
+
+
+def check_physics(model: mujoco.MjModel, data: mujoco.MjData, saved: Arrays) -> None:
+    """EvsError where these arrays are not of this model."""
+    expected = save_physics(model, data)
+    fits = all(
+        name in saved and saved[name].dtype == array.dtype and saved[name].shape == array.shape
+        for name, array in expected.items()
+    )
+    if fits and "tree_asleep" in expected:
+        # MuJoCo goes by these numbers without a look
+        fits = _within(saved["tree_asleep"], -(2**31), model.ntree) and all(
+            _within(saved[name], 0, data_limit + 1)
+            for name, data_limit in (
+                ("nbody_awake", model.nbody),
+                ("nparent_awake", model.nbody),
+                ("ntree_awake", model.ntree),
+                ("nv_awake", model.nv),
+            )
+        )
+        fits = fits and all(_within(saved[name], -1, 2) for name in _FLAGS)
+        fits = fits and all(
+            _within(saved[name], 0, max(1, int(getattr(model, limit))))
+            for name, limit in _INDICES.items()
+        )
+    if not fits:
+        raise EvsError("saved physics do not fit the model: restore them into their own world")
+
+
+def put_physics(model: mujoco.MjModel, data: mujoco.MjData, saved: Arrays) -> None:
+    """Put the state in place; nothing of what was there before stays behind."""
+    mujoco.mj_resetData(model, data)
+    mujoco.mj_setState(model, data, saved["state"], STATE)
+    # what a caller may read before the next step
+    mujoco.mj_forward(model, data)
+    # and whatever forward has moved on
+    mujoco.mj_setState(model, data, saved["state"], STATE)
+    if "tree_asleep" in saved:
+        for name in _COUNTS:
+            setattr(data, name, int(saved[name]))
+        for name in (*_FLAGS, *_INDICES, "tree_asleep"):
+            getattr(data, name)[:] = saved[name]
+
+
+def _within(values: np.ndarray[Any, Any], low: int, end: int) -> bool:
+    return bool(((values >= low) & (values < end)).all())
+
 
 Warnings = mujoco.mjtWarning
 FATAL = {
@@ -189,3 +348,30 @@ class Physics:
         body, count = touched.most_common(1)[0]
         name = name_of(self.model, mujoco.mjtObj.mjOBJ_BODY, body)
         return f"body '{name}' ({count} of {self.data.ncon} contacts)"
+
+
+def update_poses(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Compute all poses that follow from `data.qpos`.
+
+    Those of bodies, geoms, sites, cameras, lights, flexes and tendons.
+    """
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_camlight(model, data)
+    if model.nflex:
+        mujoco.mj_flex(model, data)
+    if model.ntendon:
+        mujoco.mj_tendon(model, data)
+
+
+def moving_bodies(model: mujoco.MjModel) -> npt.NDArray[np.bool_]:
+    """(nbody,) True where a joint or a mocap body can move it."""
+    carried = model.body_mocapid[model.body_rootid] >= 0
+    return np.asarray((model.body_weldid != 0) | carried, np.bool_)
+
+
+def gravity_of(model: mujoco.MjModel) -> F64:
+    """(3,) the acceleration of free fall, m/s^2, in the world, as the model has it now."""
+    if model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY):
+        return np.zeros(3)
+    return np.array(model.opt.gravity, np.float64)

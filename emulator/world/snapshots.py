@@ -19,11 +19,10 @@ from evs.emulator.world.compat import SLEEP
 from evs.emulator.world.daemon_threads import end_daemons_at_exit, end_here
 from evs.emulator.world.deformables import Deformables
 from evs.emulator.world.extraction import visible_geoms, visible_sites
-from evs.emulator.world.kinematics import update_poses
 from evs.emulator.world.lights import active_lights
 from evs.emulator.world.model_edits import arrays_of, pose_names
+from evs.emulator.world.physics import check_positions, update_poses
 from evs.emulator.world.tendons import Strands
-from evs.emulator.world.unstable import check_positions
 from evs.msgs import EvsError
 
 
@@ -160,7 +159,11 @@ class _Rows:
     """
 
     def __init__(self, *parts: F64 | tuple[F64, I32]) -> None:
-        """In: rows that never change (m, w), or a live array (n, w) and which of its rows."""
+        """Find the parts.
+
+        Args:
+            *parts: (m, w) rows that never change, or (n, w) a live array and which of its rows.
+        """
         rows: list[F64] = []
         self._parts: list[tuple[slice, F64, I32 | None]] = []
         for part in parts:

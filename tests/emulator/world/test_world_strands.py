@@ -14,7 +14,7 @@ from evs.emulator.camera.plan.contents import contents_of
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer, PathRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene, load_model
-from evs.emulator.world.tendon_curves import catenary
+from evs.emulator.world.tendons import catenary
 
 # a wrapped cylinder with its side site, a sphere, a pulley, a hidden group, a fixed tendon, strings
 MARKS = """

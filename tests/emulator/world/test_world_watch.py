@@ -53,7 +53,7 @@ EVERYTHING = (
 
 OURS = Path(world.__file__).parent
 READERS = ("extraction", "materials", "lights", "meshes", "deformables", "cameras", "snapshots",
-           "tendons", "framing")  # fmt: skip
+           "tendons")  # fmt: skip
 """The modules that make scenes, snapshots and cameras of a model."""
 
 WATCHED = {
