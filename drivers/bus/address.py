@@ -1,7 +1,8 @@
-"""Addresses of the bus: tcp://HOST:PORT, without keys only this machine's own to publish on.
+"""Addresses of the bus: tcp://HOST:PORT and ipc:///PATH.
 
-And ipc:///PATH between programs of one machine: a socket in the file system, over which the kernel
-copies large packets two to three times as fast. Who may write the file may listen.
+Without keys, a publisher binds tcp only to addresses of this machine. ipc:// is a socket in the
+file system, for programs of one machine: the kernel copies large packets over it two to three times
+as fast. Every user who may write to the file may subscribe.
 """
 
 from __future__ import annotations
@@ -22,11 +23,18 @@ _LONGEST_PATH = 107
 
 
 def bindable(address: str, open_to_others: bool = False, *, does: str = "publish") -> str:
-    """The address to bind for tcp://HOST:PORT, port 0 or * for any free one, or ipc:///PATH.
+    """Check an address to bind.
 
-    In: open_to_others, it has keys, or its owner knows that it has none; does, what is done there,
-    as errors say it. Raises EvsError for another form and, unless so, for a host that other
-    machines could reach and then read.
+    Args:
+        address: tcp://HOST:PORT, port 0 or * for any free one, or ipc:///PATH.
+        open_to_others: Whether other machines may connect: there are keys, or the user said so.
+        does: What is done there, for errors.
+
+    Returns:
+        The address in ZeroMQ's form.
+
+    Raises:
+        EvsError: It has another form, or other machines could reach it and may not.
     """
     if is_ipc(address):
         return _checked_path(address)
@@ -47,7 +55,7 @@ def bindable(address: str, open_to_others: bool = False, *, does: str = "publish
 
 
 def connectable(address: str) -> str:
-    """The address to connect to. Raises EvsError for another form, and for an unknown host."""
+    """Return the address to connect to. Raises EvsError for another form or an unknown host."""
     if is_ipc(address):
         return _checked_path(address)
     host, port = _parts(address)
@@ -65,21 +73,21 @@ def connectable(address: str) -> str:
 
 
 def is_ipv6(address: str) -> bool:
-    """Whether tcp://HOST:PORT names its host by an IPv6 number."""
+    """Return whether the host of tcp://HOST:PORT is an IPv6 number."""
     return address.startswith("tcp://[")
 
 
 def is_ipc(address: str) -> bool:
-    """Whether it is a socket in the file system. EvsError where it is no text at all."""
+    """Return whether it is a socket in the file system. Raises EvsError if it is no string."""
     if not isinstance(address, str):
         raise EvsError(f"an address is text, as in {DEFAULT_ADDRESS}, not {address!r}")
     return address.startswith(_IPC)
 
 
 def check_unused(address: str) -> None:
-    """EvsError where a file stands at an ipc address, or somebody serves there.
+    """Raise EvsError if an ipc address is a file, or in use by another program.
 
-    ZeroMQ would put its own in the place of either. What a killed program left is free.
+    ZeroMQ would replace either. A socket that a killed program left behind is free.
     """
     if not is_ipc(address):
         return
@@ -97,7 +105,7 @@ def check_unused(address: str) -> None:
 
 
 def leave(address: str) -> None:
-    """Take away the socket that an ipc address was bound to; ZeroMQ leaves it."""
+    """Remove the socket file of an ipc address, which ZeroMQ leaves behind."""
     if is_ipc(address):
         Path(address.removeprefix(_IPC)).unlink(missing_ok=True)
 
@@ -125,3 +133,19 @@ def _parts(address: str) -> tuple[str, str]:
     if port != "*" and int(port) > 65535:
         raise EvsError(f"address '{address}' has port {port}: ports end at 65535")
     return host, port if port == "*" else str(int(port))
+
+
+def free_address() -> str:
+    """Return tcp://127.0.0.1:PORT with a port that is free now.
+
+    For a publisher and a subscriber that start together: a publisher that binds port 0 knows its
+    port only once it is open, but the subscriber may connect before that.
+    """
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+            probe.bind(("127.0.0.1", 0))
+            return f"tcp://127.0.0.1:{probe.getsockname()[1]}"
+    except OSError as reason:
+        raise EvsError(
+            f"no free port on 127.0.0.1: {reason.strerror}; the loopback device must be up"
+        ) from None

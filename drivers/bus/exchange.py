@@ -13,7 +13,7 @@ import zmq
 from zmq.utils.monitor import recv_monitor_message
 
 from evs.drivers.bus.address import check_unused, is_ipv6, leave
-from evs.drivers.bus.keys import Keys, guard, new_keys, present
+from evs.drivers.bus.keys import Keys, ZapAuthenticator, guard, new_keys, present
 from evs.drivers.bus.ports import ServerKeys, bind_error
 from evs.drivers.bus.sockets import (
     Context,
@@ -23,7 +23,6 @@ from evs.drivers.bus.sockets import (
     readable,
     serve_anybody,
 )
-from evs.drivers.bus.zap_authenticator import ZapAuthenticator
 from evs.drivers.clock import monotonic_s
 from evs.msgs import EvsError
 

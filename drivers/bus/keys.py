@@ -1,6 +1,10 @@
-"""Keys of the bus: who may listen to a camera that other machines can reach (ZeroMQ's CURVE).
+"""Keys of the bus: which clients may subscribe to a camera over a network (ZeroMQ's CURVE).
 
 A pair is two small TOML files: NAME.key, which may be given away, and NAME.secret.key, which stays.
+
+A publisher with keys has a ZapAuthenticator, which ZeroMQ asks at each handshake. ZAP (RFC 27):
+version, request id, domain, address, identity, mechanism and the client's public key come in;
+version, request id, status code, status text, user id and metadata go out.
 """
 
 from __future__ import annotations
@@ -13,8 +17,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import zmq
+from zmq.utils import z85
 
-from evs.drivers.bus.sockets import Socket
+from evs.drivers.bus.sockets import Context, Socket, readable
 from evs.drivers.settings import read_toml
 from evs.msgs import EvsError
 
@@ -34,15 +39,22 @@ class Keys:
 
 
 def new_keys() -> Keys:
-    """A pair that nobody else has."""
+    """Make a new pair."""
     public, secret = zmq.curve_keypair()
     return Keys(public.decode(), secret.decode())
 
 
 def write_keys(name: str | Path) -> tuple[Path, Path]:
-    """Make a pair; out: the files NAME.key and NAME.secret.key (which only its owner may read).
+    """Make a pair of key files.
 
-    Raises EvsError where one of them is there already: what it opens would be lost.
+    Args:
+        name: Path of both files without their endings.
+
+    Returns:
+        NAME.key and NAME.secret.key, which only its owner may read.
+
+    Raises:
+        EvsError: One of them exists already: what it opens would be lost.
     """
     keys = new_keys()
     public, secret = Path(f"{name}{PUBLIC}"), Path(f"{name}{SECRET}")
@@ -65,7 +77,15 @@ def write_keys(name: str | Path) -> tuple[Path, Path]:
 
 
 def read_public(source: str, what: str = "key") -> str:
-    """The public key in a file, or written out (40 characters). In: what, as errors name it."""
+    """Read a public key.
+
+    Args:
+        source: A file, or the key itself (40 characters).
+        what: Its name in errors.
+
+    Raises:
+        EvsError: There is no such file, or it holds no public key.
+    """
     if not Path(source).is_file() and _Z85.fullmatch(source):
         return source
     if source.endswith(SECRET):
@@ -74,7 +94,7 @@ def read_public(source: str, what: str = "key") -> str:
 
 
 def read_secret(file: str | Path, what: str = "key") -> Keys:
-    """The pair in a NAME.secret.key. Raises EvsError where others may read it, too."""
+    """Read the pair in a NAME.secret.key. Raises EvsError if others may read the file, too."""
     path = Path(file)
     keys = Keys(_field(path, "public", what), _field(path, "secret", what))
     if os.name == "posix" and stat.S_IMODE(path.stat().st_mode) & 0o077:
@@ -85,7 +105,7 @@ def read_secret(file: str | Path, what: str = "key") -> Keys:
 
 
 def read_allowed(sources: Sequence[str]) -> frozenset[str]:
-    """The public keys of all who may come in: files, keys written out, folders of files."""
+    """Read the public keys of all allowed clients: files, keys written out, folders of files."""
     found: set[str] = set()
     for source in sources:
         if Path(source).is_dir():
@@ -100,7 +120,7 @@ def read_allowed(sources: Sequence[str]) -> frozenset[str]:
 
 
 def guard(server: Socket, keys: Keys) -> None:
-    """Make a socket, not yet bound, take only clients that know its public key."""
+    """Make a socket, not yet bound, accept only clients that know its public key."""
     server.set(zmq.CURVE_SERVER, 1)
     server.set(zmq.CURVE_SECRETKEY, keys.secret.encode())
 
@@ -128,3 +148,42 @@ def _write_new(path: Path, mode: int, text: str) -> None:
             file.write(text)
     except OSError as reason:
         raise EvsError(f"cannot write '{path}': {reason.strerror}") from None
+
+
+_ENDPOINT = "inproc://zeromq.zap.01"
+_MOST_AT_ONCE = 16
+"""Handshakes answered at one poll: a crowd of clients waits, the camera does not."""
+
+
+class ZapAuthenticator:
+    """Decides for all sockets of one context which clients connect; the sending thread polls it."""
+
+    def __init__(self, context: Context, allowed: frozenset[str]) -> None:
+        """Bind to ZeroMQ's address for handshakes.
+
+        Args:
+            context: Of the sockets.
+            allowed: Public keys of the clients; none: all that know the publisher's public key.
+        """
+        self.refused = 0
+        """Handshakes that were turned away."""
+        self._allowed = {z85.decode(key.encode()) for key in allowed}
+        self.socket: Socket = context.socket(zmq.REP)
+        self.socket.bind(_ENDPOINT)
+
+    def poll(self) -> None:
+        """Answer the handshakes that wait, some at a time."""
+        for _ in range(_MOST_AT_ONCE):
+            if not readable(self.socket):
+                return
+            version, request, *fields = self.socket.recv_multipart(zmq.NOBLOCK)
+            is_allowed = fields[3:4] == [b"CURVE"] and (
+                not self._allowed or fields[4] in self._allowed
+            )
+            self.refused += not is_allowed
+            answer = (b"200", b"OK") if is_allowed else (b"400", b"this key may not come in")
+            self.socket.send_multipart([version, request, *answer, b"", b""], zmq.NOBLOCK)
+
+    def close(self) -> None:
+        """Accept no more clients."""
+        self.socket.close(linger=0)

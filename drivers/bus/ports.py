@@ -17,10 +17,9 @@ from evs.drivers.bus.control import (
     Answer,
     Control,
 )
-from evs.drivers.bus.keys import Keys, guard, read_allowed, read_secret
+from evs.drivers.bus.keys import Keys, ZapAuthenticator, guard, read_allowed, read_secret
 from evs.drivers.bus.latest import Watchers, conflated
 from evs.drivers.bus.sockets import Context, Socket, serve_anybody
-from evs.drivers.bus.zap_authenticator import ZapAuthenticator
 from evs.msgs import DEFAULT_ADDRESS, TOPICS, EvsError, encode_state
 
 _ANSWERS = 16

@@ -10,9 +10,8 @@ import zmq
 from evs.drivers.bus.address import bindable, is_ipv6
 from evs.drivers.bus.buffers import Buffers
 from evs.drivers.bus.channels import Audience, Channel, make_channels
-from evs.drivers.bus.checking import quick_check
 from evs.drivers.bus.ports import Ports, ServerKeys
-from evs.drivers.bus.sockets import Socket, readable, receive_parts, send_parts
+from evs.drivers.bus.sockets import Socket, quick_check, readable, receive_parts, send_parts
 from evs.drivers.clock import monotonic_s
 from evs.drivers.sink import Sink, Stream
 from evs.emulator.base.ground_truth import GroundTruth

@@ -1,4 +1,4 @@
-"""Small things that both ends of the bus do with their sockets."""
+"""What both ends of the bus share: options of sockets, parts of messages, the check of events."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from zmq.backend import zmq_poll
 from zmq.utils.monitor import recv_monitor_message
 
 from evs.drivers.clock import monotonic_s
+from evs.msgs.packet import QuickCheck
 
 Socket = zmq.Socket[bytes]
 Context = zmq.Context[Socket]
@@ -130,3 +131,14 @@ class Handshakes:
         """Stop watching; before the client is closed."""
         self._client.disable_monitor()
         self.socket.close(linger=0)
+
+
+def quick_check() -> QuickCheck:
+    """Return the native check of the events of a packet, which costs far less than numpy's.
+
+    It only accepts or rejects; msgs.packet.check_events finds the words of the error.
+    """
+    # imported here, so that the core is loaded only where a bus is opened
+    from evs.emulator import _core
+
+    return _core.events_fit

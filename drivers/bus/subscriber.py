@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
 import zmq
 
 from evs.drivers.bus.auxiliary import AuxiliaryMessages, of_kind
-from evs.drivers.bus.checking import quick_check
 from evs.drivers.bus.listener import Listener
 from evs.drivers.bus.losses import Gaps, Tally
-from evs.drivers.bus.sockets import readable, receive_parts
+from evs.drivers.bus.sockets import quick_check, readable, receive_parts
 from evs.drivers.clock import monotonic_s
 from evs.msgs import (
     CAMERA_INFO,
@@ -62,18 +62,32 @@ def subscribe(
     server_key: str = "",
     key: str = "",
 ) -> Subscription:
-    """Listen to a publisher at tcp://HOST:PORT or ipc:///PATH, to one camera or (empty) to all.
-
-    With `frames`, `imu`, `poses` and `truths` (ground truth), the result's attributes of these
-    names hold what came with a packet; with `camera_info` and `clock` the newest of these. A
-    publisher with keys wants `server_key`, its public one (a file, or the 40 characters), and if it
-    lets in only whom it knows, `key`, the file of one's own secret key. Without `server_key`
-    nothing is encrypted.
+    """Subscribe to a publisher, which may start later.
 
     Iterate the result for EventPackets; iteration ends with the publisher's end status, or when
-    nothing came for `timeout_s` (None: waits for ever). `queue` packets wait before losses begin.
-    It may be called before the publisher is there. Raises EvsError for a bad address, name or key,
-    and `receive` does where the publisher does not let it in.
+    nothing came for `timeout_s`. The result's attributes `frames`, `imu`, `poses` and `truths` hold
+    the messages of these topics that came with a packet, `camera_info` and `clock` the newest ones.
+
+    Args:
+        address: Of the publisher, tcp://HOST:PORT or ipc:///PATH.
+        camera: Name of a camera; empty: all.
+        queue: Packets that may wait here before packets are lost.
+        timeout_s: How long iteration waits for a packet, s; None: for ever.
+        frames: Whether to receive intensity frames.
+        imu: Whether to receive IMU samples.
+        poses: Whether to receive poses.
+        truths: Whether to receive ground truth.
+        camera_info: Whether to receive calibrations.
+        clock: Whether to receive simulated time.
+        server_key: The public key of a publisher that has keys, a file or the 40 characters;
+            without it nothing is encrypted.
+        key: The file of one's own secret key, where the publisher allows only some clients.
+
+    Returns:
+        The subscription.
+
+    Raises:
+        EvsError: A bad address, name or key. `receive` raises it if the publisher refuses us.
     """
     return Subscription(
         address,
@@ -94,8 +108,8 @@ def subscribe(
 class Subscription(Listener):
     """A stream of packets from another process. One thread uses it; close it, or use `with`.
 
-    Two connections: one for packets and statuses in their order, one for statuses alone, so that
-    the end of the stream is heard even if the first has a full queue.
+    It has two connections: one for packets and statuses in their order, one for statuses alone, so
+    that the end of the stream arrives even if the queue of the first is full.
     """
 
     def __init__(
@@ -333,3 +347,33 @@ class Subscription(Listener):
         # the publisher waits for its listeners to go
         self.close()
         return True
+
+
+class Connection:
+    """Warns when the connection to a publisher is cut, and when it is back.
+
+    It only watches: another object receives from the subscription.
+    """
+
+    def __init__(self, stream: Subscription, warn: Callable[[str], None]) -> None:
+        """Watch a subscription.
+
+        Args:
+            stream: To watch.
+            warn: Called with one line for each change.
+        """
+        self._stream, self._warn = stream, warn
+        self._was_there = False
+        self._is_cut = False
+
+    def update(self) -> None:
+        """Warn of what has changed since the last call."""
+        address, status = self._stream.address, self._stream.status
+        there = self._stream.connected
+        if self._was_there and not there and not (status is not None and status.end):
+            self._is_cut = True
+            self._warn(f"the connection to {address} is cut: waiting for it (Ctrl-C ends)")
+        elif there and self._is_cut:
+            self._is_cut = False
+            self._warn(f"the connection to {address} is there again")
+        self._was_there = there

@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _config(args: argparse.Namespace, recording: Path) -> pipeline.PipelineConfig:
-    from evs.drivers.bus.loopback import free_address
+    from evs.drivers.bus.address import free_address
 
     given = [settings.split_word(word) for word in args.words]
     if args.duration is not None:

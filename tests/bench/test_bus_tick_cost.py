@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from evs.drivers.bus import Publisher
-from evs.drivers.bus.loopback import free_address
+from evs.drivers.bus.address import free_address
 from evs.drivers.run.config import SinkConfig, make_sink
 from evs.drivers.sink import Sink
 from evs.msgs import EventPacket, StreamInfo, make_events

@@ -19,7 +19,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from evs.drivers.bus.loopback import free_address
+from evs.drivers.bus.address import free_address
 from speed.turns import Time, spread, target
 from speed.view import Rays, robot
 

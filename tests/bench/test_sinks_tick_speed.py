@@ -83,7 +83,7 @@ os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 import numpy as np
 import evs
 from evs.drivers.bus import Publisher
-from evs.drivers.bus.loopback import free_address
+from evs.drivers.bus.address import free_address
 from evs.drivers.dv import DvServer
 from evs.drivers.ros2 import Ros2Publisher
 from evs.drivers.run.config import SinkConfig, make_sink

@@ -10,7 +10,7 @@ import mujoco
 import pytest
 
 import evs
-from evs.drivers.bus.loopback import free_address
+from evs.drivers.bus.address import free_address
 from evs.launch.main import main
 
 ROOT = Path(__file__).parents[2]

@@ -14,7 +14,7 @@ import pytest
 from apart import controlled_apart
 
 from evs.drivers import files
-from evs.drivers.bus.loopback import free_address
+from evs.drivers.bus.address import free_address
 from evs.examples.pencil import TRACKERS
 from evs.examples.pencil.balance import FRICTION, MASS_KG
 from evs.examples.pencil.controller import CAMERAS, Controller, make_tracker

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.bus import subscribe
-from evs.drivers.bus.loopback import free_address
+from evs.drivers.bus.address import free_address
 from evs.drivers.clock import StopWatch
 from evs.drivers.files import read
 from evs.drivers.run.config import load, make_sink

@@ -11,7 +11,7 @@ import threading
 from types import TracebackType
 
 from evs.drivers.bus import subscribe
-from evs.drivers.bus.loopback import free_address
+from evs.drivers.bus.address import free_address
 
 
 class BusListener:

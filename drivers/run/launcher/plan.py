@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from evs.drivers import settings
-from evs.drivers.bus.loopback import free_address
+from evs.drivers.bus.address import free_address
 from evs.drivers.run.launcher.substitution import filled, filled_words, holds
 from evs.msgs import EvsError, nearest_first, unknown
 

@@ -1,4 +1,4 @@
-// Python binding of the check of the events of a packet, for drivers/bus/checking.py.
+// Python binding of the check of the events of a packet, for drivers/bus/sockets.py.
 #include <nanobind/nanobind.h>
 
 #include "event_check.h"

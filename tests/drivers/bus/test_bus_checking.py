@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers.bus.checking import quick_check
+from evs.drivers.bus.sockets import quick_check
 from evs.msgs import EVENT_DTYPE, EventPacket, MessageError, decode, empty_events, encode
 from evs.msgs.packet import check_events
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from evs.drivers.bus import Publisher
-from evs.drivers.bus.loopback import free_address
+from evs.drivers.bus.address import free_address
 from evs.msgs import EventPacket, StreamInfo, make_events
 from reference.cpp_client import build, program_of
 

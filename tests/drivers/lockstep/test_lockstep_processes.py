@@ -19,7 +19,7 @@ import pytest
 
 import evs
 from evs.drivers import files
-from evs.drivers.bus.loopback import free_address
+from evs.drivers.bus.address import free_address
 from evs.drivers.clock import monotonic_s, sleep_s
 from evs.drivers.lockstep import RemoteLoop
 from evs.emulator.config import SensorConfig

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.bus.loopback import free_address
+from evs.drivers.bus.address import free_address
 
 pytestmark = pytest.mark.integration
 

@@ -16,7 +16,7 @@ import pytest
 
 from evs.drivers import files
 from evs.drivers.bus import Publisher, subscribe
-from evs.drivers.bus.loopback import free_address
+from evs.drivers.bus.address import free_address
 from evs.drivers.clock import Pacer, monotonic_s
 from evs.drivers.files.formats import to_write
 from evs.drivers.run.run import run

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.bus.loopback import free_address
+from evs.drivers.bus.address import free_address
 from evs.drivers.files import read, summary
 
 pytestmark = pytest.mark.integration

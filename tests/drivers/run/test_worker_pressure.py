@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from evs.drivers.bus import subscribe
-from evs.drivers.bus.loopback import free_address
+from evs.drivers.bus.address import free_address
 from evs.drivers.files import read
 from evs.drivers.run.config import SinkConfig, make_sink
 from evs.drivers.run.sink_set import SinkSet

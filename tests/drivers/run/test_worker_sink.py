@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from evs.drivers.bus import request, subscribe
-from evs.drivers.bus.loopback import free_address
+from evs.drivers.bus.address import free_address
 from evs.drivers.files import formats, read
 from evs.drivers.run.config import SinkConfig, make_sink
 from evs.emulator.base.ground_truth import GroundTruth

@@ -16,7 +16,7 @@ from contextlib import suppress
 from threading import Thread
 
 from evs.drivers.bus import Latest, Publisher, subscribe
-from evs.drivers.bus.discovery import request
+from evs.drivers.bus.control import request
 from evs.drivers.bus.exchange import ClientEnd, ServerEnd
 from evs.drivers.bus.ports import ServerKeys
 from evs.drivers.clock import monotonic_s, sleep_s
