@@ -106,8 +106,7 @@ def _data(args: argparse.Namespace) -> int:
     from evs.tools.training.make import make_data, work_of
 
     if args.describe:
-        from evs.tools.training.describe import describe
-        from evs.tools.training.shards import Shards
+        from evs.tools.training.shards import Shards, describe
 
         for name, value in describe(Shards(args.folder)):
             print(f"{name:30s}{value}")

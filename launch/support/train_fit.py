@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     folder, out = Path(args.folder), Path(args.out)
     _check(args)
     # here, so that --help needs no jax
-    from evs.tools.training.jax_extra import need_jax
+    from evs.tools.training import need_jax
 
     need_jax()
     from evs.tools.training.fit import TrainedNetwork, fit

@@ -73,7 +73,7 @@ def test_a_missing_library_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     import importlib.util
 
     from evs.msgs import EvsError
-    from evs.tools.training.jax_extra import need_jax
+    from evs.tools.training import need_jax
 
     need_jax()
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)

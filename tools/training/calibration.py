@@ -1,10 +1,10 @@
-"""What training remembers of past batches: the price of an event, the weight of each variant.
+"""Calibration: a price for predicted events and a weight for each variant, from past batches.
 
-The paper's losses reward silence, and its count loss does not see that all pixels of a batch err to
-one side. Here each variant of the light and each polarity has a price that every predicted event
-pays: it rises while there are more events than the truth has, and falls, below zero as well, while
-there are fewer (dual ascent for the constraint that the counts are equal, plus a proportional
-part so that it does not swing).
+The paper's losses reward silence, and its count loss does not see that all pixels of a batch err in
+the same direction. Here each variant of the light and each polarity has a price that every
+predicted event pays. It rises while there are more events than the truth has, and falls, also
+below zero, while there are fewer: dual ascent for the constraint that the counts are equal, plus a
+proportional part so that it does not oscillate.
 
 The EMD of noisy light is a hundred times that of clean light, and would drown it. Balanced, each
 variant's loss is divided by the root of its running mean: a compromise between the sum (noisy
@@ -23,7 +23,7 @@ from evs.emulator.base.scene import F32, F64
 I32 = npt.NDArray[np.int32]
 
 MOST_PRICE = 0.4
-"""events; a missed event costs 0.5 by the EMD: for less than that none is made up"""
+"""events; below the 0.5 that a missed event costs by the EMD, so that none is invented"""
 LEAST_LOSS = 1e-3
 """events a pixel"""
 MEMORY = 0.99
@@ -34,7 +34,7 @@ PROPORTIONAL = 0.2
 
 @dataclass
 class Calibration:
-    """Running sums of every variant. A value: save its arrays."""
+    """Running sums of every variant; its arrays are its whole state."""
 
     predicted: F64
     """(V, 2) ON and OFF events"""
@@ -47,16 +47,16 @@ class Calibration:
 
     @classmethod
     def start(cls, variants: int) -> Calibration:
-        """Nothing seen, nothing owed."""
+        """The state before the first step: all sums are 0."""
         return cls(*(np.zeros((variants, 2)) for _ in range(4)))
 
     def prices(self) -> F32:
-        """(V, 2), events; within +-MOST_PRICE."""
+        """Price of an event of each variant and polarity, (V, 2), events, within +-MOST_PRICE."""
         price = self.integral + PROPORTIONAL * self._excess()
         return np.clip(price, -MOST_PRICE, MOST_PRICE).astype(np.float32)
 
     def weights(self) -> F32:
-        """(V,), of mean 1: one over the root of each loss; 1 where none was seen yet."""
+        """Weight of each variant, (V,), mean 1: one over the root of its loss; 1 where unseen."""
         loss, groups = self.loss.T
         mean = loss / np.maximum(groups, 1e-9)
         inverse = np.where(groups > 0, 1.0 / np.sqrt(np.maximum(mean, LEAST_LOSS)), np.nan)
@@ -66,7 +66,7 @@ class Calibration:
         return np.nan_to_num(relative, nan=1.0).astype(np.float32)
 
     def update(self, variant: I32, loss: F64, predicted: F64, true: F64, rate: float) -> None:
-        """After a step.
+        """Add the result of a step.
 
         Args:
             variant: (G,) of each group.
@@ -82,10 +82,10 @@ class Calibration:
             (self.true, true),
             (self.loss, counted),
         ):
-            held = running[seen] * MEMORY
+            sums = running[seen] * MEMORY
             for row, which in enumerate(seen):
-                held[row] += now[variant == which].sum(0)
-            running[seen] = held
+                sums[row] += now[variant == which].sum(0)
+            running[seen] = sums
         raised = self.integral[seen] + rate * self._excess()[seen]
         self.integral[seen] = np.clip(raised, -MOST_PRICE, MOST_PRICE)
 

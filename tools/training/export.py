@@ -1,8 +1,8 @@
 """Write a trained network: NAME.onnx, the streaming graph, and NAME.toml, its sidecar.
 
-The sidecar says what the graph cannot: name, tau_s, threshold, linlog_dn, tick_us, spp = [fewest,
-most], look_ahead = [ticks, one a convolution], and a table [training] of how it came about.
-emulator/evsnet/network_files.py reads both back.
+The sidecar holds what the graph cannot: name, tau_s, threshold, linlog_dn, tick_us, spp = [fewest,
+most], look_ahead = [ticks of each convolution], and a table [training] with the origin of the
+network. emulator/evsnet/network_files.py reads both back.
 """
 
 from __future__ import annotations
@@ -24,11 +24,20 @@ from evs.msgs import EvsError
 def export(
     weights: NetworkWeights, path: str | Path, training: Mapping[str, Any] | None = None
 ) -> tuple[Path, Path]:
-    """Write the two files, and give their paths. Same weights and training, same bytes.
+    """Write the two files. Same weights and training, same bytes.
 
-    In: path, NAME.onnx; training, str, bool, int, float, sequences of them and tables (Mapping) of
-    them; what was there before stays whole until both are written.
-    Raises EvsError: another suffix, a folder that is not there, a value that TOML does not know.
+    Files that exist already stay complete until both are written.
+
+    Args:
+        weights: of the network.
+        path: NAME.onnx.
+        training: str, bool, int, float, sequences of them, and tables (Mapping) of them.
+
+    Returns:
+        The paths of the graph and of the sidecar.
+
+    Raises:
+        EvsError: another suffix, a folder that does not exist, a value that TOML does not know.
     """
     graph = Path(path)
     if graph.suffix != ".onnx":
@@ -67,7 +76,7 @@ def sidecar(weights: NetworkWeights, training: Mapping[str, Any] | None = None) 
 
 
 def _table(path: str, table: Mapping[str, Any]) -> list[str]:
-    """Plain values first, then each table inside under its own head."""
+    """Plain values first, then each inner table under its own heading."""
     lines = ["", f"[{path}]"]
     inner: list[str] = []
     for key, value in table.items():
@@ -80,7 +89,7 @@ def _table(path: str, table: Mapping[str, Any]) -> list[str]:
 
 
 def _value(where: str, value: Any) -> str:
-    """One value as TOML has it; the numbers of NumPy are numbers too."""
+    """One value as TOML writes it; numbers of NumPy are numbers too."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, Integral) and abs(int(value)) < 2**63:

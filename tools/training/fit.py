@@ -1,36 +1,126 @@
-"""Train a network: steps, validations between them, and the best network."""
+"""Train a network: steps, validations between them, the best network, and checkpoints."""
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import dataclasses
 import json
 import math
+import os
+import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from evs.drivers.clock import monotonic_s
 from evs.emulator.evsnet import NetworkWeights
 from evs.msgs import EvsError
 from evs.tools.training.calibration import Calibration
-from evs.tools.training.checkpoint import Checkpoint
-from evs.tools.training.initial import INITIAL
-from evs.tools.training.network import to_weights
+from evs.tools.training.network import INITIAL, Parameters, to_weights
 from evs.tools.training.recipes import Recipe
 from evs.tools.training.step import Stepper, learning_rate
 from evs.tools.training.training_examples import TrainingExamples, sample_held_out
 from evs.tools.training.validation import Scores, Validation, overall
 
+
+@dataclass
+class Checkpoint:
+    """State that the next step depends on, and the curves for the report."""
+
+    parameters: Parameters
+    optimiser: Any
+    best: Parameters
+    """of the lowest score so far"""
+    calibration: Calibration
+    step: int = 0
+    """steps done"""
+    elapsed_s: float = 0.0
+    """time spent on them"""
+    best_score: float = float("inf")
+    best_step: int = 0
+    curves: dict[str, list[Any]] = field(default_factory=dict)
+    """name -> a value for each validation"""
+    held_out: list[int] = field(default_factory=list)
+    """numbers of the scenes that the scores were computed on"""
+    of: dict[str, Any] = field(default_factory=dict)
+    """recipe and seed; it can be continued with the same only"""
+
+    def save(self, path: Path) -> None:
+        """Write the file, completely or not at all.
+
+        Raises:
+            EvsError: the disk is full, or the file cannot be written.
+        """
+        leaves = jax.tree.leaves((self.parameters, self.optimiser, self.best))
+        calibration = self.calibration
+        stored = {
+            "step": self.step,
+            "elapsed_s": self.elapsed_s,
+            "best_score": self.best_score,
+            "best_step": self.best_step,
+            "curves": self.curves,
+            "held_out": self.held_out,
+            "of": self.of,
+        }
+        arrays = {f"leaf{i}": np.asarray(leaf) for i, leaf in enumerate(leaves)}
+        part = path.with_name(f".{path.name}.{os.getpid()}")
+        try:
+            with part.open("wb") as file:
+                np.savez(
+                    file,
+                    allow_pickle=False,
+                    **arrays,
+                    predicted=calibration.predicted,
+                    true=calibration.true,
+                    integral=calibration.integral,
+                    loss=calibration.loss,
+                    told=np.array(json.dumps(stored)),
+                )
+            part.replace(path)
+        except OSError as reason:
+            raise EvsError(f"cannot write {path}: {reason.strerror}") from None
+        finally:
+            with contextlib.suppress(OSError):
+                part.unlink()
+
+    def load(self, path: Path) -> Checkpoint:
+        """Load the checkpoint that was saved; this one, fresh, defines its structure.
+
+        Raises:
+            EvsError: no checkpoint, damaged, or one of another recipe or seed.
+        """
+        shape = jax.tree.structure((self.parameters, self.optimiser, self.best))
+        mine = jax.tree.leaves((self.parameters, self.optimiser, self.best))
+        try:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+                stored = json.loads(str(archive["told"][()]))
+                leaves = [archive[f"leaf{i}"] for i in range(len(mine))]
+                sums = [archive[name] for name in ("predicted", "true", "integral", "loss")]
+        except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as reason:
+            raise EvsError(f"cannot read the checkpoint {path}: {reason}; delete it") from None
+        if stored["of"] != self.of:
+            differ = [key for key in self.of if stored["of"].get(key) != self.of[key]]
+            raise EvsError(
+                f"{path} is a training with another {', '.join(differ)}; give the same, "
+                "another --checkpoint, or delete it"
+            )
+        parameters, optimiser, best = jax.tree.unflatten(shape, map(jnp.asarray, leaves))
+        rest = {key: stored[key] for key in stored if key != "of"}
+        return Checkpoint(parameters, optimiser, best, Calibration(*sums), of=self.of, **rest)
+
+
 LINLOG_DN = math.e
 VALIDATION_PIXELS = 1024
 LATE, SLACK = 0.8, 1.05
-"""In the last fifth, where the rate has fallen, a network is the best one although its score is up
-to a twentieth worse: scores of so few pixels wobble by that, and early ones are many."""
-TELL_STEPS = 100
+"""In the last fifth, where the rate has fallen, a network counts as the best even if its score is
+up to a twentieth worse: scores of so few pixels vary by that, and there are many early ones."""
+REPORT_STEPS = 100
 """steps between lines of progress"""
 
 
@@ -54,7 +144,7 @@ class TrainedNetwork:
 
 
 def _report_nothing(_: object) -> None:
-    """Whoever calls `fit` does not want to know."""
+    """Ignore a report."""
 
 
 def fit(
@@ -71,9 +161,20 @@ def fit(
 ) -> TrainedNetwork:
     """Train until recipe.steps are done or the time is over, whichever comes first.
 
-    A checkpoint that is there is continued: with the same data the end is the same as without the
-    interruption, unless the time limit set it. With more scenes it goes on with all of them.
-    `improved` gets each new best network.
+    An existing checkpoint is continued. With the same data the result is the same as without the
+    interruption, unless the time limit ended the training. With more scenes it continues with all
+    of them.
+
+    Args:
+        folder: training data.
+        recipe: the network and the settings of its training.
+        checkpoint: file to continue, or to write.
+        seed: of weights and order.
+        minutes: time limit; None: no limit.
+        name: of the network; None: the recipe's.
+        validate_every: steps between validations.
+        report: called with lines of progress.
+        improved: called with each new best network.
 
     Raises:
         EvsError: no data, a checkpoint of something else, a loss that is NaN.
@@ -87,7 +188,7 @@ def fit(
     at = _begin(recipe, seed, stepper, checkpoint)
     numbers = [int(path.stem) for path in examples.held_out]
     if at.step and at.held_out != numbers:
-        # scenes were added: what was best is so on them
+        # scenes were added: score the best network on them
         at.best_score = overall(validation.scores(at.best))
     at.held_out = numbers
     limit_s = math.inf if minutes is None else 60.0 * minutes
@@ -117,15 +218,15 @@ def fit(
         progress = max(at.step / recipe.steps, at.elapsed_s / limit_s)
         rate = learning_rate(recipe, progress)
         recent.append(_advance(at, stepper, examples, rate))
-        if at.step % TELL_STEPS == 0:
-            mean = float(np.mean(recent[-TELL_STEPS:]))
+        if at.step % REPORT_STEPS == 0:
+            mean = float(np.mean(recent[-REPORT_STEPS:]))
             each = 1e3 * (monotonic_s() - begun_s) / at.step
             report(f"step {at.step} of {recipe.steps}, loss {mean:.4f}, rate {rate:.2e}, "
                  f"{each:.0f} ms a step")  # fmt: skip
 
 
 def _begin(recipe: Recipe, seed: int, stepper: Stepper, path: Path) -> Checkpoint:
-    """Where it goes on."""
+    """The checkpoint to continue, or a fresh one."""
     start = INITIAL[recipe.initial](recipe.architecture, seed, recipe.tau_s)
     # as JSON gives it back
     of = json.loads(json.dumps({"recipe": dataclasses.asdict(recipe), "seed": seed}))

@@ -12,9 +12,9 @@ import numpy as np
 from evs.emulator.state.versions import versions
 from evs.msgs import EvsError
 from evs.tools.jobs import check_workers, job_threads, report_progress, run_jobs
-from evs.tools.training.pilot import WHITE_DN, Pilot, choose_pixels, run_pilot
+from evs.tools.training.pilot import Pilot, choose_pixels, run_pilot
 from evs.tools.training.scenes import make_scene
-from evs.tools.training.settings import DataSettings, Variant, claim_folder
+from evs.tools.training.settings import WHITE_DN, DataSettings, Variant, claim_folder
 from evs.tools.training.shards import Shard, read_meta, shard_name, write_shard
 from evs.tools.training.targets import IDEAL, NOISY, draw_phases, event_counts
 from evs.tools.training.traced_scene import Moved, TracedScene, simulate_scene

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evs.emulator.base.scene import F32, F64, I32
-from evs.tools.training.settings import Variant
+from evs.tools.training.settings import WHITE_DN, Variant
 from evs.tools.training.traced_scene import TracedScene
 
 FRAMES = 16
@@ -21,7 +21,6 @@ PILOT_VARIANT = Variant(4, "fixed")
 THRESHOLD = 0.2
 MOVES, MOST = 0.5, 20.0
 """thresholds"""
-WHITE_DN = 255.0
 
 DARKEST_DN, BRIGHTEST_DN = 0.5, 3000.0
 """A scene is of no use where 99 % of it are darker, or half of it brighter."""

@@ -7,9 +7,8 @@ import math
 from dataclasses import dataclass, field
 
 from evs.msgs import EvsError, unknown
-from evs.tools.training.initial import INITIAL
 from evs.tools.training.losses import Terms
-from evs.tools.training.network import Architecture, spread_look_ahead
+from evs.tools.training.network import INITIAL, Architecture, spread_look_ahead
 from evs.tools.training.settings import VARIANTS, Variant
 
 GROUP = 32

@@ -18,6 +18,8 @@ RECIPE = 1
 
 WIDTH, HEIGHT = 346, 260
 """px of the images that pixels are drawn from"""
+WHITE_DN = 255.0
+"""DN of white in the light that pixels see"""
 MOST = {"pixels": 8192, "ticks": 1_000_000, "truth_spp": 4096}
 LEAST = {"pixels": 1, "ticks": 2, "truth_spp": 1}
 

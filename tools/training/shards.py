@@ -1,4 +1,4 @@
-"""Shards of training data: one .npz file a scene, read with checks."""
+"""Shards of training data: one .npz file a scene, read with checks; a folder of them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import os
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ import numpy.typing as npt
 
 from evs.emulator.base.scene import F32, U8
 from evs.msgs import EvsError
-from evs.tools.training.settings import HEIGHT, WIDTH, Variant, read_settings, variants_of
+from evs.tools.training.settings import HEIGHT, WHITE_DN, WIDTH, Variant, read_settings, variants_of
 
 I16 = npt.NDArray[np.int16]
 
@@ -34,7 +35,7 @@ TEXTS = ("variants", "meta")
 
 @dataclass(frozen=True, eq=False)
 class Shard:
-    """One scene: P pixels in K ticks, noisy light in V variants, and the events it should give.
+    """One scene: P pixels in K ticks, noisy light in V variants, and the events of its truth.
 
     Raises:
         EvsError: something of it does not fit the rest.
@@ -45,7 +46,7 @@ class Shard:
     truth: F32
     """(K, P) linear luminance, converged"""
     phase: F32
-    """(P,) in (-1, 1): the truth's references stood so many thresholds below the first light, so
+    """(P,) in (-1, 1): how many thresholds the truth's references are below the first light, so
     that V(0) = phase"""
     counts: U8
     """(2, K, P) ON, OFF: events in each tick of an ideal pixel that sees `truth`; 0 in tick 0"""
@@ -56,7 +57,7 @@ class Shard:
     variants: tuple[Variant, ...]
     """V of them"""
     meta: dict[str, Any]
-    """where it comes from: settings, scene, versions, speeds"""
+    """its origin: settings, scene, versions, speeds"""
 
     def __post_init__(self) -> None:
         """Check shapes, types and values."""
@@ -113,9 +114,12 @@ def shard_name(number: int) -> str:
 
 
 def write_shard(path: Path, shard: Shard) -> None:
-    """Write a shard: the same bytes for the same values. OSError where the disk does not take it.
+    """Write a shard: the same bytes for the same values.
 
-    The runner sees to it that a folder of data holds whole ones only.
+    The runner makes sure that a folder of data holds only complete shards.
+
+    Raises:
+        OSError: the disk is full, or the file cannot be written.
     """
     columns: dict[str, Any] = {name: getattr(shard, name) for name in ARRAYS}
     columns["variants"] = np.array(json.dumps([asdict(one) for one in shard.variants]))
@@ -144,7 +148,7 @@ def read_shard(path: str | os.PathLike[str]) -> Shard:
 
 
 def read_meta(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What a shard says of itself, without its arrays. Raises EvsError as read_shard."""
+    """The `meta` of a shard, without its arrays. Raises EvsError as read_shard."""
     found = Path(path)
     with _opened(found) as archive:
         return _texts(archive)[1]
@@ -160,7 +164,7 @@ def _texts(archive: Any) -> tuple[tuple[Variant, ...], dict[str, Any]]:
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """An open archive; whatever is wrong with it while the block runs becomes one line."""
+    """Open an archive; any error while the block runs becomes one line."""
     try:
         # numpy leaves a file open that it opened itself and found damaged
         with path.open("rb") as file:
@@ -184,7 +188,7 @@ def _opened(path: Path) -> Iterator[Any]:
 class Shards:
     """The shards of a folder, in the order of their scenes: len, [index], iteration.
 
-    Each is read anew when it is asked for. Those that appear later are not seen.
+    Each access reads the file again. Shards that appear later are not included.
     """
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
@@ -213,3 +217,45 @@ class Shards:
 
     def __iter__(self) -> Iterator[Shard]:
         return (read_shard(path) for path in self.paths)
+
+
+LIGHT_STEP = 7
+"""of the light, one tick in so many is described"""
+
+
+def describe(shards: Shards) -> list[tuple[str, str]]:
+    """Describe light, events, speeds and kinds of all shards, read one by one.
+
+    Returns:
+        (name, text) of each line.
+    """
+    light, events, noisy, medians, fastest = [], [], [], [], []
+    kinds: Counter[str] = Counter()
+    for shard in shards:
+        dn = WHITE_DN * shard.truth[::LIGHT_STEP]
+        light.append(dn.ravel())
+        medians.append(float(np.median(dn)))
+        events.append(shard.counts.sum((0, 1), dtype=np.int64))
+        noisy.append(shard.noisy_counts.sum((0, 1), dtype=np.int64))
+        kinds[str(shard.meta.get("scene", {}).get("kind", "unknown"))] += 1
+        seen = shard.meta.get("seen", {}).get("speeds_px_s")
+        fastest.append(float(seen[-1]) if seen else 0.0)
+    counts = np.concatenate(events)
+    event_shares = _percentiles(counts, (50, 90, 99, 100))
+    speeds = _percentiles(np.array(fastest), (0, 10, 25, 50, 75, 90, 100))
+    return [
+        ("scenes", f"{len(shards)}: " + ", ".join(f"{n} {k}" for k, n in sorted(kinds.items()))),
+        ("pixels", f"{len(counts):,}, each {shards.settings.ticks} ticks"),
+        ("light, DN", _percentiles(np.concatenate(light), (1, 5, 25, 50, 75, 95, 99))),
+        ("median of a scene, DN", _percentiles(np.array(medians), (0, 10, 50, 90, 100))),
+        ("pixels with events", f"{100 * np.mean(counts > 0):.3g} %"),
+        ("events of a pixel", f"mean {counts.mean():.4g}; {event_shares}"),
+        ("the same with noise", f"mean {np.concatenate(noisy).mean():.4g}"),
+        ("fastest 1 % of a scene, px/s", speeds),
+    ]
+
+
+def _percentiles(values: Any, shares: tuple[int, ...]) -> str:
+    """Percentiles as text."""
+    found = np.percentile(values, shares)
+    return ", ".join(f"{share} %: {value:.3g}" for share, value in zip(shares, found, strict=True))

@@ -21,7 +21,7 @@ from evs.tools.training.training_examples import Batch
 
 @dataclass(frozen=True)
 class StepResult:
-    """What a step leaves behind."""
+    """Result of one step."""
 
     parameters: Parameters
     optimiser: Any
@@ -62,7 +62,16 @@ class Stepper:
         weight: F32,
         rate: float,
     ) -> StepResult:
-        """In: price (G, 2) of an event and weight (G,) of each group; rate, the learning rate."""
+        """Do one step.
+
+        Args:
+            parameters: weights of the network.
+            optimiser: state of the optimiser.
+            batch: G groups of pixels.
+            price: (G, 2) price of an ON and an OFF event.
+            weight: (G,) weight of each group.
+            rate: learning rate.
+        """
         data = (batch.x, batch.start, batch.counts, price, weight)
         return StepResult(*self._step(parameters, optimiser, data, jnp.float32(rate)))
 
@@ -88,9 +97,18 @@ class Stepper:
         price: Array,
         weight: Array,
     ) -> tuple[Array, _Found]:
-        """Weighted sum over pixels; then of each pixel its loss and (2, P) events.
+        """Weighted sum of the loss over pixels.
 
-        In: price (2, P), weight (P,).
+        Args:
+            parameters: weights of the network.
+            x: (P, K) input of the network.
+            start: (P,) V before the first tick.
+            counts: (2, K, P) true events.
+            price: (2, P) price of an ON and an OFF event.
+            weight: (P,) weight of each pixel.
+
+        Returns:
+            The sum, and of each pixel its loss (P,) and its predicted and true events, (2, P) each.
         """
         recipe = self._recipe
         late, warm = recipe.architecture.latency_ticks, recipe.warm_ticks
@@ -104,8 +122,8 @@ class Stepper:
 
 
 SLOW = 0.03
-"""tau's learning rate, relative: at first forgetting is the quickest way to be rid of noise, and
-with a short tau slow changes are lost for good"""
+"""tau's learning rate, relative: at first a short tau is the quickest way to remove noise, and with
+a short tau slow changes are lost for good"""
 
 _Data = tuple[Array, Array, Array, Array, Array]
 _Found = tuple[Array, Array, Array]
@@ -160,18 +178,18 @@ def _is_tau(parameters: Parameters) -> Parameters:
 
 
 def _decays(parameters: Parameters) -> Parameters:
-    """Which parameters shrink: filters, not biases and not tau."""
-    kept: Parameters = jax.tree_util.tree_map_with_path(
+    """Which parameters decay: filters, not biases and not tau."""
+    decays: Parameters = jax.tree_util.tree_map_with_path(
         lambda path, _: (
             not any(getattr(key, "key", "") in ("bias", "last_bias", "log_tau") for key in path)
         ),
         parameters,
     )
-    return kept
+    return decays
 
 
 def learning_rate(recipe: Recipe, progress: float) -> float:
-    """Of a training of which a share of `progress` is done: a warm-up, then a cosine."""
+    """Learning rate at a share of the training, `progress`: a warm-up, then a cosine."""
     if progress < recipe.warm_up:
         return recipe.learning_rate * (progress + 1e-3) / (recipe.warm_up + 1e-3)
     done = min(1.0, (progress - recipe.warm_up) / (1.0 - recipe.warm_up))

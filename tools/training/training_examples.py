@@ -15,7 +15,7 @@ from evs.emulator.base.scene import F32, U8
 from evs.emulator.sensor import resolve_sensor
 from evs.emulator.sensor.pixel.logmap import log_light
 from evs.msgs import EvsError
-from evs.tools.training.initial import THRESHOLD
+from evs.tools.training.network import THRESHOLD
 from evs.tools.training.recipes import GROUP, Recipe
 from evs.tools.training.settings import Variant
 from evs.tools.training.shards import Shard, Shards, read_shard

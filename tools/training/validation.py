@@ -10,8 +10,7 @@ import jax
 import numpy as np
 
 from evs.emulator.base.scene import F32, U8
-from evs.tools.training.initial import THRESHOLD
-from evs.tools.training.network import Architecture, Parameters, stream
+from evs.tools.training.network import THRESHOLD, Architecture, Parameters, stream
 from evs.tools.training.training_examples import Prepared
 
 AT_ONCE = 128

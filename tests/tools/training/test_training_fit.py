@@ -18,11 +18,10 @@ from evs.emulator.sensor import resolve_sensor
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 from evs.tools.metrics import Window, count_ratio, mean_emd
 from evs.tools.training import fit as module
-from evs.tools.training import initial, report
+from evs.tools.training import report
 from evs.tools.training.fit import LINLOG_DN, TrainedNetwork, fit
-from evs.tools.training.initial import identity
 from evs.tools.training.losses import Terms
-from evs.tools.training.network import Architecture, currents, spread_look_ahead
+from evs.tools.training.network import Architecture, currents, identity, spread_look_ahead
 from evs.tools.training.recipes import Recipe
 from evs.tools.training.settings import Variant
 from evs.tools.training.shards import Shards
@@ -140,7 +139,7 @@ def test_groups_one_by_one_and_all_at_once_are_the_same_step(
     for backend in ("cpu", "gpu"):
         monkeypatch.setattr(jax, "default_backend", lambda backend=backend: backend)
         stepper = Stepper(SMALL)
-        start = initial.identity(SMALL.architecture, 1, 0.5)
+        start = identity(SMALL.architecture, 1, 0.5)
         found.append(stepper(start, stepper.start(start), batch, price, weight, 1e-3))
     one, all_at_once = found
     for name in ("loss", "predicted", "true"):

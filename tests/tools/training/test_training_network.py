@@ -13,9 +13,8 @@ from jax import lax
 
 from evs.emulator.evsnet import NetworkWeights
 from evs.msgs import EvsError
-from evs.tools.training import initial, network
-from evs.tools.training.convolve import convolve
-from evs.tools.training.network import Architecture, bilif, currents, fires, stream
+from evs.tools.training import network
+from evs.tools.training.network import Architecture, bilif, convolve, currents, fires, stream
 from reference.networks import random_network
 
 
@@ -176,7 +175,7 @@ def test_what_comes_later_changes_nothing() -> None:
 @pytest.mark.parametrize(("look_ahead", "odd"), [(0, False), (1, False), (3, True)])
 def test_the_identity_starts_near_the_plain_pixel(look_ahead: int, odd: bool) -> None:
     architecture = Architecture(8, (look_ahead,) * 7, odd=odd)
-    parameters = initial.identity(architecture, 1, 0.5)
+    parameters = network.identity(architecture, 1, 0.5)
     # a pixel that is still but for one step of 5 thresholds
     x = np.zeros((1, 120), np.float32)
     x[0, 40] = 1.0
@@ -190,7 +189,7 @@ def test_the_identity_starts_near_the_plain_pixel(look_ahead: int, odd: bool) ->
 
 def test_from_scratch_follows_the_seed_and_has_biases() -> None:
     architecture = Architecture(8, (3,) * 7, biased=True)
-    first, again, other = (initial.uniform(architecture, seed, 0.5) for seed in (1, 1, 2))
+    first, again, other = (network.uniform(architecture, seed, 0.5) for seed in (1, 1, 2))
     assert jax.tree.all(jax.tree.map(lambda a, b: bool((a == b).all()), first, again))
     assert not jax.tree.all(jax.tree.map(lambda a, b: bool((a == b).all()), first, other))
     weights = network.to_weights(first, architecture, "scratch")
@@ -214,7 +213,7 @@ def test_too_much_look_ahead_is_refused() -> None:
 
 def test_a_network_of_nan_is_refused() -> None:
     architecture = Architecture(4)
-    parameters = initial.identity(architecture, 1, 0.5)
+    parameters = network.identity(architecture, 1, 0.5)
     parameters["last"] = parameters["last"] * float("nan")
     with pytest.raises(EvsError, match="NaN or Inf; train it again"):
         network.to_weights(parameters, architecture, "broken")
@@ -224,13 +223,13 @@ def test_tau_is_clamped() -> None:
     longest = network.decay_of(jnp.float32(math.log(1e6)), 1000)
     assert float(longest) == pytest.approx(math.exp(-0.001 / network.TAU_S[1]), rel=1e-6)
     architecture = dataclasses.replace(Architecture(4))
-    parameters = initial.identity(architecture, 1, 1e6)
+    parameters = network.identity(architecture, 1, 1e6)
     assert network.to_weights(parameters, architecture, "long").tau_s == network.TAU_S[1]
 
 
 def test_an_odd_network_is_odd_and_exported_whole() -> None:
     architecture = Architecture(8, (1,) * 7, odd=True)
-    parameters = initial.identity(architecture, 3, 0.5)
+    parameters = network.identity(architecture, 3, 0.5)
     rng = np.random.default_rng(4)
     # away from the identity
     parameters = jax.tree.map(

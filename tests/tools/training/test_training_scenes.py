@@ -15,9 +15,8 @@ from evs.emulator.world import bytes_of
 from evs.tools.training.pilot import run_pilot
 from evs.tools.training.scenes import KINDS, make_scene
 from evs.tools.training.scenes.draft import Draft, encoded, num
-from evs.tools.training.scenes.materials import albedo
+from evs.tools.training.scenes.materials import PATTERNS, albedo, pattern_file
 from evs.tools.training.scenes.motion import Eye, moving
-from evs.tools.training.scenes.patterns import PATTERNS, pattern_file
 from evs.tools.training.scenes.scene import TrainingScene
 from evs.tools.training.traced_scene import load_scene, simulate_scene
 
