@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _settings(args: argparse.Namespace) -> Any:
     """What the command line asks for."""
-    from evs.tools.sweep import axes, scenes, sweep
+    from evs.tools.sweep import axes, sweep
     from evs.tools.sweep.errors import ErrorSettings
     from evs.tools.sweep.speed import SpeedSettings
 
@@ -131,7 +131,7 @@ def _settings(args: argparse.Namespace) -> Any:
     what: tuple[str, ...] = (sweep.ERRORS, sweep.SPEEDS)
     what = what[:1] if args.errors_only else what[1:] if args.speed_only else what
     return sweep.SweepSettings(
-        scenes=tuple(args.scenes) or (scenes.QUICK if quick else tuple(scenes.DEFAULT)),
+        scenes=tuple(args.scenes) or (sweep.QUICK_SCENES if quick else tuple(sweep.DEFAULT_SCENES)),
         cameras=lists["camera"] or ("still", "pan"),
         points=tuple(axes.points(presets, lists["axis"], quick=quick)),
         errors=_with(errors, args),

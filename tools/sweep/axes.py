@@ -65,7 +65,7 @@ def seeds(base: PipelineConfig) -> Values:
 
 
 def model(base: PipelineConfig) -> Values:
-    """What makes events of light."""
+    """The event model."""
     del base
     return [
         ("plain", {"model.name": "plain", "model.chunk": 1}),
@@ -147,13 +147,13 @@ def threads(base: PipelineConfig) -> Values:
 
 
 def ahead(base: PipelineConfig) -> Values:
-    """Light of the next ticks made beside this one's events, or one after the other."""
+    """Light of the next ticks rendered in parallel with the events of this one, or in sequence."""
     del base
     return [(f"{ticks} tick{'s' * (ticks != 1)}", {"ahead": ticks}) for ticks in (0, 2)]
 
 
 def incremental(base: PipelineConfig) -> Values:
-    """Only what moved is traced again, or everything; the same bytes."""
+    """Trace only what moved, or everything; the same bytes."""
     if base.render.renderer == "raster":
         return []
     return [("on", {"render.incremental": True}), ("off", {"render.incremental": False})]
@@ -208,10 +208,10 @@ AXES: dict[str, Callable[[PipelineConfig], Values]] = {
     "frames": frames,
     "paper": paper,
 }
-"""axis -> its values around a preset; none: it does not apply there"""
+"""axis -> its values around a preset; empty: the axis does not apply"""
 
 KINDS = {"frames": FRAMES, "paper": PAPER}
-"""axes that are other people's way"""
+"""axes of other emulators' methods"""
 
 DEFAULT: dict[str, tuple[str, ...]] = {
     "fast": ("renderer", "samples", "model", "tick", "resolution", "threads", "ahead",
@@ -221,7 +221,7 @@ DEFAULT: dict[str, tuple[str, ...]] = {
     "accurate": ("samples", "seeds", "model", "frames", "paper"),
     "reference": ("samples",),
 }  # fmt: skip
-"""preset -> default axes of a sweep, each where it shows most for its time"""
+"""preset -> default axes of a sweep, each around the preset where it shows most for its time"""
 
 QUICK: dict[str, tuple[str, ...]] = {
     "fast": ("samples", "tick"),
@@ -233,10 +233,15 @@ QUICK: dict[str, tuple[str, ...]] = {
 def points(
     presets: Sequence[str], axes: Sequence[str] = (), *, quick: bool = False
 ) -> list[SweepPoint]:
-    """The points of a sweep, each preset first, then its axes.
+    """The points of a sweep: each preset, then its axes.
 
-    In: axes, around every preset; none: those of the table. Raises EvsError: an axis or preset that
-    does not exist, or twice; nothing of the axes applies.
+    Args:
+        presets: names or files.
+        axes: around every preset; empty: those of the tables above.
+        quick: use the table QUICK.
+
+    Raises:
+        EvsError: an axis or preset does not exist or is named twice, or no axis applies.
     """
     for what, names in (("preset", presets), ("axis", axes)):
         if len(set(names)) < len(names):

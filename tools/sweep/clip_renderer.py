@@ -26,7 +26,7 @@ _PROBED_PX = 64
 _PROBED_SPP = 4
 
 Moved = Callable[[int], None]
-"""takes the samples a pixel that a tick took"""
+"""called with the samples a pixel of each rendered tick"""
 
 
 def _nothing(_samples: int) -> None:
@@ -42,17 +42,26 @@ class ClipRenderer:
     threads: int = 0
     moved: Moved = _nothing
     _marks: dict[tuple[int, ...], str] = field(default_factory=dict)
-    _held: dict[tuple[RenderConfig, int], tuple[dict[int, int], F32]] = field(default_factory=dict)
-    """the light of most instants, with the row of each, by how it was traced"""
+    _recent: dict[tuple[RenderConfig, int], tuple[dict[int, int], F32]] = field(
+        default_factory=dict
+    )
+    """(render, seed) -> the row of each instant, and the light of the largest set of instants"""
 
     def at(self, render: RenderConfig, indices: Sequence[int], seed: int = SEED) -> F32:
-        """(len(shots), n) luminance of the take's pixels at these of its instants.
+        """Luminance of the clip's pixels at some of its instants.
 
-        In: render, of which what shapes no light is left out; bounces and flicker are the scene's.
+        Args:
+            render: how to render; keys that do not shape light are ignored, and bounces and
+                flicker are the scene's.
+            indices: of the instants.
+            seed: of the noise.
+
+        Returns:
+            (len(indices), n) luminance.
         """
         render = self.plain(render)
         chosen = tuple(indices)
-        known = self._held.get((render, seed))
+        known = self._recent.get((render, seed))
         if known is not None and set(chosen) <= known[0].keys():
             # light of an instant follows from it alone
             self.moved(render.samples * len(chosen))
@@ -73,11 +82,11 @@ class ClipRenderer:
         light = self.cache.get(key, (len(chosen), len(self.clip.pixels)), trace)
         self.moved(render.samples * (len(chosen) - done))
         if known is None or len(chosen) > len(known[0]):
-            self._held[render, seed] = {k: row for row, k in enumerate(chosen)}, light
+            self._recent[render, seed] = {k: row for row, k in enumerate(chosen)}, light
         return light
 
     def plain(self, render: RenderConfig) -> RenderConfig:
-        """The same, with all that shapes no light at its default, and the scene's own keys."""
+        """Set all that does not shape light to its default, and take the scene's own keys."""
         default = RenderConfig()
         return dataclasses.replace(
             render,
@@ -99,12 +108,12 @@ class ClipRenderer:
         return np.asarray(renderer.render(*self.clip.instants[k])[pixels[:, 1], pixels[:, 0]])
 
     def _key(self, render: RenderConfig, indices: tuple[int, ...], seed: int) -> str:
-        """Hash of all that shapes the light; some traced pixels too, as `evs evaluate` does."""
+        """Hash of all that shapes the light, and of some traced pixels, as in `evs evaluate`."""
         if indices not in self._marks:
-            kept = dataclasses.replace(
+            part = dataclasses.replace(
                 self.clip, instants=tuple(self.clip.instants[k] for k in indices)
             )
-            self._marks[indices] = kept.fingerprint(len(indices))
+            self._marks[indices] = part.fingerprint(len(indices))
         probed = dataclasses.replace(render, spp=min(render.samples, _PROBED_SPP))
         renderer = self._renderer(probed, seed, 1)
         step = max(1, len(self.clip.pixels) // _PROBED_PX)

@@ -1,4 +1,4 @@
-"""ErrorMeter: compare the events of a point with those of converged light.
+"""Errors: compare the events of a point with those of converged light.
 
 The definitions are those of `evs evaluate`: sampled pixels, events of converged light in two halves
 as the reference, a sensor without noise. Nothing here is timed, so any machine will do.
@@ -7,8 +7,10 @@ as the reference, a sensor without noise. Nothing here is timed, so any machine 
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from evs.drivers.run.config import PipelineConfig
 from evs.emulator.base.scene import F32
 from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.sensor import resolve_sensor
+from evs.emulator.world import digest_of
 from evs.msgs import Events, EvsError
 from evs.tools.evaluation.clip import TICK_US, Clip, make_clip
 from evs.tools.evaluation.clip_light import HALF_SEEDS
@@ -24,6 +27,8 @@ from evs.tools.evaluation.evaluate import WARM, stands_still
 from evs.tools.evaluation.light_cache import LightCache
 from evs.tools.evaluation.measure import Mask, Measures, measure
 from evs.tools.evaluation.scene_setup import SceneSetup
+from evs.tools.evaluation.scenes import scene_setup
+from evs.tools.jobs import job_threads, report_progress
 from evs.tools.sweep.clip_renderer import ClipRenderer, Moved
 from evs.tools.sweep.frame_methods import frame_method
 from evs.tools.sweep.pixels import (
@@ -33,13 +38,13 @@ from evs.tools.sweep.pixels import (
     network_events,
     network_model,
 )
-from evs.tools.sweep.points import SweepPoint, preset_of
-from evs.tools.sweep.record import FRAMES, Accuracy
+from evs.tools.sweep.points import SweepPoint, preset_of, shaping
+from evs.tools.sweep.record import FRAMES, Accuracy, finite, number
 
 FINE_US = 250
-"""what the physics of every error is stepped by, and its shortest tick"""
+"""step of the physics of every error, and the shortest tick"""
 SETTLE_TICKS = 24
-"""ms at the begin that are not measured, while running means and windows settle"""
+"""ms at the beginning that are not measured, while running means and windows settle"""
 AHEAD_TICKS = 24
 """ms of light after the last one measured: networks look ahead, a frame may end late"""
 PATCH_PX = 4
@@ -49,7 +54,7 @@ MAX_SPP = 4096
 
 @dataclass(frozen=True)
 class ErrorSettings:
-    """What errors are measured on.
+    """Settings of the measurement of errors.
 
     Raises:
         EvsError: a value is out of range.
@@ -58,7 +63,7 @@ class ErrorSettings:
     pixels: int = 1024
     """spread over the picture"""
     ticks: int = 200
-    """ms of a take; all but the first 24 are measured"""
+    """ms of a clip; all but the first 24 are measured"""
     reference_spp: int = 1024
     """of converged light, two halves together"""
     seed: int = 0
@@ -77,12 +82,12 @@ class ErrorSettings:
 
     @property
     def begin_us(self) -> int:
-        """Events after it are measured."""
+        """Start of the measured time."""
         return TICK_US * (SETTLE_TICKS - 1)
 
     @property
     def end_us(self) -> int:
-        """Up to here."""
+        """End of the measured time."""
         return TICK_US * (self.ticks - 1)
 
 
@@ -113,10 +118,10 @@ class ErrorMeter:
     _found: dict[str, Accuracy] = field(default_factory=dict)
 
     def error(self, point: SweepPoint) -> Accuracy:
-        """Its error.
+        """Measure the error of a point.
 
         Raises:
-            EvsError: it cannot be measured, as without its renderer.
+            EvsError: it cannot be measured, for example without its renderer.
         """
         config = point.config
         check_tick(config.model, config.scene.tick_us)
@@ -159,7 +164,7 @@ class ErrorMeter:
         return self._renderers[size]
 
     def _reference(self, renderer: ClipRenderer, sensor: SensorConfig) -> _Reference:
-        """Of this take, seen through the low pass of `sensor`, stepped exactly, every ms."""
+        """Reference of a clip: every ms, through the low pass of `sensor`, stepped exactly."""
         sensor = dataclasses.replace(sensor, filter="exact")
         key = digest((renderer.clip.camera.width, sensor))
         if key not in self._references:
@@ -261,3 +266,51 @@ def error_of(found: Measures, own: Measures) -> Accuracy:
 
 def _ratio(part: int, whole: int) -> float:
     return part / whole if whole else math.nan
+
+
+@dataclass(frozen=True)
+class ErrorsJob:
+    """Writes one file with a line for each point: its error, or why there is none."""
+
+    scene: str
+    camera: str
+    points: tuple[SweepPoint, ...]
+    settings: ErrorSettings
+    cache: str
+    """folder of the light"""
+
+    @property
+    def name(self) -> str:
+        """Name of the file: a hash of all inputs."""
+        configs = [(shaping(point.config), point.kind, point.value) for point in self.points]
+        model = digest_of(scene_setup(self.scene).model)
+        parts = (self.scene, model, self.camera, configs, dataclasses.asdict(self.settings))
+        return f"{digest(parts)}.jsonl"
+
+    def make(self, folder: Path) -> None:
+        """Measure the errors."""
+        error_meter = ErrorMeter(
+            scene_setup(self.scene), self.camera, self.settings, LightCache(Path(self.cache)),
+            job_threads(),
+        )  # fmt: skip
+        lines = []
+        for done, point in enumerate(self.points):
+            report_progress(done / len(self.points))
+            try:
+                found = dataclasses.asdict(error_meter.error(point))
+            except EvsError as error:
+                lines.append(json.dumps({"left_out": str(error)}))
+            else:
+                lines.append(json.dumps(finite(found)))
+        (folder / self.name).write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+
+    def read(self, target: Path) -> list[Accuracy | str]:
+        """Read the file that `make` wrote: errors, or why there is none."""
+        found: list[Accuracy | str] = []
+        for line in (target / self.name).read_text(encoding="utf-8").splitlines():
+            data = json.loads(line)
+            if "left_out" in data:
+                found.append(str(data["left_out"]))
+            else:
+                found.append(Accuracy(**{k: number(v, k) for k, v in data.items()}))
+        return found

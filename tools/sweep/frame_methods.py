@@ -3,10 +3,11 @@
 Our `plain` pixel replaces theirs, so that only the method is compared, not the pixel:
 
 - ESIM finds exact crossing times under log light that is linear between two pictures. That is what
-  `plain` does inside a tick, so its way is `plain` with ticks as long as the time between pictures.
+  `plain` does inside a tick, so its method is `plain` with ticks as long as the time between
+  pictures.
 - v2e first makes more pictures between two that there are (SuperSloMo). Linear interpolation of the
   light stands in for that network, one picture a ms, and a pixel that steps from each to the next.
-  Its films have 8 bits a pixel, mostly coded as sRGB: both can be asked for.
+  Its films have 8 bits a pixel, mostly coded as sRGB; both codes are available.
 """
 
 from __future__ import annotations
@@ -44,9 +45,9 @@ def frame_method(value: str) -> FrameMethod:
 
 
 def quantise(light: F32, code: str) -> F32:
-    """Light as a film of 8 bits has it, in units of white; with no code as it is.
+    """Quantise light to 8 bits, in units of white; without a code it stays as it is.
 
-    A film coded as sRGB is taken as it stands, as v2e takes it: its values pass for light.
+    Values coded as sRGB are not decoded: like v2e, they are taken for light.
     """
     if not code:
         return light
@@ -58,9 +59,18 @@ def quantise(light: F32, code: str) -> F32:
 
 
 def interpolate(first: F32, second: F32, begin_us: int, end_us: int) -> list[tuple[int, F32]]:
-    """(t_us, picture) of each multiple of a ms in (begin_us, end_us], and of end_us itself.
+    """Interpolate pictures at each multiple of 1 ms in (begin_us, end_us], and at end_us itself.
 
-    In: the pictures at begin_us and end_us. Linear in the light, as a blend of two frames is.
+    The interpolation is linear in the light, as a blend of two frames is.
+
+    Args:
+        first: picture at begin_us.
+        second: picture at end_us.
+        begin_us: time of the first picture.
+        end_us: time of the second picture.
+
+    Returns:
+        (t_us, picture) of each.
     """
     step = UPSAMPLED_US
     times = [*range(begin_us // step * step + step, end_us, step), end_us]

@@ -45,9 +45,14 @@ PRESET_PX, FRONT_PX, PEER_PX, NEAR_PX = 120.0, 90.0, 80.0, 14.0
 
 
 def pareto_page(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -> U8:
-    """(height, width, 3): a chart for each camera motion, all of one scene.
+    """Draw a chart for each camera motion of one scene.
 
-    In: records of one scene; those without a speed or an error are not shown.
+    Args:
+        records: of one scene; those without a speed or an error are not shown.
+        metric: of the error.
+
+    Returns:
+        (height, width, 3) uint8 image.
     """
     scene = records[0].scene if records else ""
     shown = [pareto_chart(subset, metric) for subset in cases(records).values()]

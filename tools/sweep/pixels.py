@@ -19,11 +19,11 @@ from evs.tools.evaluation.clip import TICK_US
 from evs.tools.sweep.frame_methods import FrameMethod, interpolate, quantise
 
 LOW_PASS = ("cutoff_hz", "filter", "follower_hz")
-"""what of a point's sensor its error is measured with, and the reference's with the exact filter"""
+"""keys of a point's sensor that its error is measured with; the reference's filter is exact"""
 
 
 def metered_sensor(asked: SensorConfig, preset: SensorConfig) -> SensorConfig:
-    """The sensor that errors are measured with: ideal, but for the low pass where a point sets one.
+    """The sensor that errors are measured with: ideal, except for a low pass that a point sets.
 
     Noise is no error of the light, so errors have none.
     """
@@ -32,13 +32,13 @@ def metered_sensor(asked: SensorConfig, preset: SensorConfig) -> SensorConfig:
 
 
 def row_of(sensor: SensorConfig, pixels: int) -> SensorParameters:
-    """Its parameters with so many pixels, in tiles of 4 x 4 as evaluation.models lays them."""
+    """Parameters of the sensor with so many pixels, in tiles of 4 x 4 as evaluation.models has."""
     size = models.sensor_of(pixels)
     return dataclasses.replace(resolve_sensor(sensor), width=size.width, height=size.height)
 
 
 def network_model(model: ModelConfig, noisy_samples: int) -> models.ModelUnderTest:
-    """The network of a pipeline, of a family the member for light of so many samples."""
+    """The network of a pipeline; of a family, the member for light of so many samples."""
     how = models.RuntimeOptions(0, model.runtime, model.provider)
     shipped = network_names()
     if model.network in shipped or model.network in families(shipped):
@@ -53,9 +53,14 @@ def events_of(
     sensor: SensorConfig,
     method: FrameMethod | None = None,
 ) -> Events:
-    """(m,) events, x the number of the pixel and y 0, of an event pixel.
+    """Events of an event pixel; x is the number of the pixel, y is 0.
 
-    In: light (k, n) at times_us; the first only sets the reference. way: frames of a peer.
+    Args:
+        light: (k, n) at times_us; the first row only sets the reference.
+        times_us: (k,) times of the rows.
+        model: configuration of the event model.
+        sensor: configuration of the sensor.
+        method: method of another emulator that makes events from frames; None: ours.
     """
     if method is not None:
         light = quantise(light, method.code)
@@ -82,20 +87,20 @@ def events_of(
 def network_events(
     light: F32, model: ModelConfig, noisy_samples: int, warm: F32 | None = None
 ) -> Events:
-    """The same of a network, as `evs evaluate` runs it: ticks of 1 ms, its latency taken off.
+    """Events of a network, as `evs evaluate` runs it: ticks of 1 ms, its latency removed.
 
     Args:
         light: (ticks + latency, n).
         model: configuration of the event model.
         noisy_samples: fresh samples per pixel of the light.
-        warm: what stood still before, with fresh noise.
+        warm: light before the clip, where the scene is at rest, with fresh noise.
     """
     chosen = network_model(model, noisy_samples)
     return models.run(chosen, light, warm).events
 
 
 def check_tick(model: ModelConfig, tick_us: int) -> None:
-    """Networks are trained for ticks of 1 ms. Raises EvsError."""
+    """Raises EvsError for a network with other ticks than the 1 ms that it is trained for."""
     if model.name == "evsnet" and tick_us != TICK_US:
         raise EvsError(
             f"networks are for ticks of {TICK_US} us, not {tick_us}: take model.name=plain or "

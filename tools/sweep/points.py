@@ -1,4 +1,4 @@
-"""Points of a sweep: a preset with some of its keys set otherwise, and whose way it goes."""
+"""Points of a sweep: a preset with some of its keys changed, and whose method it uses."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class SweepPoint:
         """The whole configuration.
 
         Raises:
-            EvsError: a key or value that makes no sense.
+            EvsError: an invalid key or value.
         """
         return _config_of(self.preset, self.settings)
 
@@ -55,7 +55,7 @@ def preset_of(name: str) -> PipelineConfig:
     Its scene and sinks are unused.
 
     Raises:
-        EvsError: no such pipeline, or a key or value in it that makes no sense.
+        EvsError: no such pipeline, or an invalid key or value in it.
     """
     path = find_pipeline(name)
     try:
@@ -97,14 +97,14 @@ def differences(base: PipelineConfig, other: PipelineConfig) -> dict[str, Settin
 def sweep_point(
     preset: str, axis: str, value: str, changes: Mapping[str, Setting], kind: str = OURS
 ) -> SweepPoint:
-    """The point; settings that the preset has anyway are left out. Raises EvsError."""
+    """The point, without settings that the preset has anyway. Raises EvsError."""
     base = preset_of(preset)
     changed = differences(base, configured(base, changes))
     return SweepPoint(preset, axis, value, tuple(sorted(changed.items())), kind)
 
 
 def unique(points: Iterable[SweepPoint]) -> list[SweepPoint]:
-    """Without those on an axis that are nothing but their preset."""
+    """Drop the points of an axis that are the same as their preset."""
     return [one for one in points if not one.axis or one.settings or one.kind != OURS]
 
 

@@ -41,7 +41,7 @@ class ConfidenceInterval:
 
 @dataclass(frozen=True)
 class Speed:
-    """What a point costs: the whole run, full frame, bus and recorder on."""
+    """Cost of a point: the full run and frame, with bus and recorder."""
 
     real_time_factor: ConfidenceInterval
     """simulated seconds per second of the wall clock"""
@@ -105,7 +105,7 @@ class SweepRecord:
     speed: Speed | None = None
     error: Accuracy | None = None
     digest: str = ""
-    """hash of the scene and the whole configuration: a record of another one is out of date"""
+    """hash of the scene and the full configuration: a record with another one is outdated"""
 
     def __post_init__(self) -> None:
         """Raises EvsError: unknown camera motion or kind."""
@@ -115,7 +115,7 @@ class SweepRecord:
 
     @property
     def point(self) -> tuple[str, str, str, str, str, str]:
-        """What tells it from other points: (scene, camera, kind, preset, axis, value)."""
+        """Identity of the point: (scene, camera, kind, preset, axis, value)."""
         return self.scene, self.camera, self.kind, self.preset, self.axis, self.value
 
     @property
@@ -184,7 +184,7 @@ _T = TypeVar("_T")
 
 
 def _made(cls: type[_T], data: Any, where: str) -> _T:
-    """The dataclass of a table, its values as they stand there."""
+    """The dataclass of a table, its values unchanged."""
     table = _table(data, where or "the line")
     known = [field.name for field in dataclasses.fields(cls)]  # type: ignore[arg-type]
     for key in table:
@@ -235,7 +235,7 @@ def _wrong(where: str, wanted: str) -> EvsError:
 
 
 def finite(value: Any) -> Any:
-    """The same without NaN and infinity: None. In: plain values, nested."""
+    """Replace NaN and infinity by None, in plain nested values."""
     if isinstance(value, Mapping):
         return {key: finite(inner) for key, inner in value.items()}
     return None if isinstance(value, float) and not math.isfinite(value) else value

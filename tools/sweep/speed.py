@@ -1,4 +1,4 @@
-"""SpeedMeter: time the whole run of a point, bus and recorder on, as in `evs emulate`.
+"""Speed: time the whole run of a point, bus and recorder on, as in `evs emulate`.
 
 One run is cut into repeats of as many ticks. Between two of them, in time that belongs to neither,
 the yardstick is measured.
@@ -6,12 +6,15 @@ the yardstick is measured.
 
 from __future__ import annotations
 
+import math
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from evs.drivers.clock import StopWatch, monotonic_s, process_cpu_s
 from evs.drivers.run.config import PipelineConfig, SinkConfig, make_sink
@@ -21,25 +24,101 @@ from evs.drivers.run.run import run
 from evs.drivers.sink import Sink
 from evs.msgs import EvsError
 from evs.tools.evaluation.scene_setup import SceneSetup
-from evs.tools.sweep.confidence import confidence_interval
 from evs.tools.sweep.errors import size_of
 from evs.tools.sweep.frame_methods import frame_method
 from evs.tools.sweep.points import SweepPoint
-from evs.tools.sweep.record import FRAMES, Speed
-from evs.tools.sweep.segmented_world import SegmentedWorld
-from evs.tools.sweep.sweep_world import SweepWorld
-from evs.tools.sweep.yardstick import Yardstick
+from evs.tools.sweep.record import FRAMES, ConfidenceInterval, Speed
+from evs.tools.sweep.sweep_world import SegmentedWorld, SweepWorld
+
+YARDSTICK = (
+    "NumPy: logarithm, sort, sum of 346 x 260 floats 8 times, one thread, beside every repeat"
+)
+
+_YARDSTICK_SHAPE = 260, 346
+_YARDSTICK_PASSES = 8
+_YARDSTICK_RUNS = 3
+
+
+class Yardstick:
+    """A fixed piece of work, timed next to every repeat: the present speed of the machine.
+
+    It is NumPy and nothing of ours, on one thread, so it stays the same when evs becomes faster.
+    The time of a tick is reported as a ratio to it, which can be compared between machines and
+    hours.
+    """
+
+    def __init__(self) -> None:
+        drawn = np.random.Philox(key=7).random_raw(_YARDSTICK_SHAPE[0] * _YARDSTICK_SHAPE[1])
+        self._numbers = (drawn.reshape(_YARDSTICK_SHAPE) / 2.0**64 + 0.5).astype(np.float32)
+        self.measure_s()
+
+    def measure_s(self) -> float:
+        """Time the work, about 1 ms; the median of three, s."""
+        return sorted(self._once_s() for _ in range(_YARDSTICK_RUNS))[_YARDSTICK_RUNS // 2]
+
+    def _once_s(self) -> float:
+        begin_s = monotonic_s()
+        for _ in range(_YARDSTICK_PASSES):
+            log = np.log(self._numbers)
+            log.sort(axis=1)
+            np.sum(log * log, dtype=np.float64)
+        return monotonic_s() - begin_s
+
+
+COVERAGE = 0.95
+
+STUDENT = {2: 12.706, 3: 4.303, 4: 3.182, 5: 2.776}
+"""repeats -> the 97.5 % quantile of Student's t with one degree of freedom less"""
+
+_MAX_LOG = 100.0
+"""largest half of an interval of logarithms, so that nothing overflows"""
+
+
+def confidence_interval(values: Sequence[float]) -> ConfidenceInterval:
+    """The median and its 95 % confidence interval.
+
+    From six values on it uses order statistics, which assume no distribution: the median lies
+    between the k-th smallest and the k-th largest of n with probability
+    1 - 2 P(Binomial(n, 1/2) < k), and k is the largest that keeps 95 %. Fewer values cannot reach
+    that. They use Student's t of their logarithms around the median's, since times differ by
+    factors; with a zero among them, as of a stage that took no time, it is that of the values,
+    clipped at zero. The interval of one value is NaN.
+    """
+    found = np.sort(np.asarray(values, np.float64))
+    n, median = len(found), float(np.median(found))
+    if n == 1:
+        return ConfidenceInterval(median, math.nan, math.nan, 1)
+    if n in STUDENT:
+        share = STUDENT[n] / math.sqrt(n)
+        if found[0] > 0.0:
+            factor = math.exp(min(share * float(np.std(np.log(found), ddof=1)), _MAX_LOG))
+            return ConfidenceInterval(median, median / factor, median * factor, n)
+        half = share * float(np.std(found, ddof=1))
+        return ConfidenceInterval(median, max(0.0, median - half), median + half, n)
+    k = order(n)
+    return ConfidenceInterval(median, float(found[k - 1]), float(found[n - k]), n)
+
+
+def order(n: int) -> int:
+    """The largest k whose interval, k-th smallest to k-th largest of n >= 6, keeps 95 %."""
+    below = 1.0
+    k = 0
+    while 1.0 - 2.0 * below / 2.0**n >= COVERAGE:
+        k += 1
+        below += math.comb(n, k)
+    return k
+
 
 SLOW_REPEATS = 3
-"""of points whose repeats take much longer than they should"""
+"""repeats of a point whose ticks are slow"""
 MOST_SIM_S = 0.5
-"""simulated time of all repeats together: fast points need not see another part of the scene"""
+"""largest simulated time of all repeats: fast points see the same part of the scene as slow ones"""
 SUBSCRIBER_S = 20.0
 _SLOW = 2.0
-"""times as long as they should: repeats are fewer then"""
+"""a point is slow if its repeats take this many times as long as they should"""
 STILL = "still"
-_LOOKS = 4
-"""ticks after the first that say how long one takes"""
+_PROBE_TICKS = 4
+"""ticks after the first that estimate the time of one"""
 
 
 @dataclass(frozen=True)
@@ -64,7 +143,7 @@ class SpeedSettings:
 
 @dataclass
 class TimedRepeat:
-    """What one of them took."""
+    """Times of one repeat."""
 
     ticks: int
     wall_s: float
@@ -75,9 +154,9 @@ class TimedRepeat:
 
 
 class CutWatch(StopWatch):
-    """A stopwatch that sums up each stage from cut to cut.
+    """A stopwatch that sums each stage from cut to cut.
 
-    Sums, because a chunk's work is all done in its last tick: no tick is like the median one.
+    It sums because all work of a chunk is done in its last tick: no tick is typical.
     """
 
     def __init__(self) -> None:
@@ -166,7 +245,7 @@ class SpeedMeter:
             with closing(SegmentedWorld(world, ticks, watch, depth_of(config))) as running:
                 report = run(
                     running,
-                    # the last one opened: what the others take for that is not counted
+                    # opened last, so that the time to open the others is not counted
                     [make_sink(bus), make_sink(file), begin],
                     1e-6 * config.scene.tick_us * ticks * repeats,
                     watch,
@@ -188,20 +267,24 @@ class SpeedMeter:
 
 
 def _tick_s(world: SweepWorld, chunk: int, moving: bool, enough_s: float) -> float:
-    """How long a tick takes, roughly; afterwards the world is warm and its chunk is empty.
+    """Estimate the time of a tick, s; afterwards the world is warm and its chunk is empty.
 
-    In: moving, every tick traces the whole picture, as the first light does.
+    Args:
+        world: the world that runs.
+        chunk: ticks that its network takes at once.
+        moving: whether every tick traces the full picture, as the first one does.
+        enough_s: wall clock after which fewer ticks are measured.
     """
     begin_s = monotonic_s()
     world.step()
     first_s = monotonic_s() - begin_s
     if chunk == 1 and moving and first_s > _SLOW * enough_s:
-        # the first light and a tick: one more would say nothing new
+        # the first light and a tick; another one would add no information
         return 0.5 * first_s
     for _ in range(chunk - 1):
         world.step()
-    looks = 1 if first_s > enough_s else _LOOKS
-    ticks = -(-looks // chunk) * chunk
+    probes = 1 if first_s > enough_s else _PROBE_TICKS
+    ticks = -(-probes // chunk) * chunk
     begin_s = monotonic_s()
     for _ in range(ticks):
         world.step()
@@ -209,13 +292,13 @@ def _tick_s(world: SweepWorld, chunk: int, moving: bool, enough_s: float) -> flo
 
 
 class _AtOpening(Sink):
-    """A sink that takes nothing: it says when the run begins."""
+    """A sink that stores nothing; it calls back when the run begins."""
 
     def __init__(self, call: Callable[[], None]) -> None:
         self._call = call
 
     def open(self, streams: object) -> None:  # noqa: ARG002
-        """Now."""
+        """Call back."""
         self._call()
 
     def write(self, packet: object) -> None:

@@ -10,7 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from evs.drivers.cores import cores
+from evs.drivers.run.paths import in_package
 from evs.drivers.run.report import versions
+from evs.emulator import World
+from evs.emulator.config import RenderConfig, SensorConfig
 from evs.emulator.world import digest_of
 from evs.msgs import EvsError, unknown
 from evs.tools.doctor.machine import cpu_name
@@ -22,14 +25,66 @@ from evs.tools.evaluation.scenes import scene_setup
 from evs.tools.jobs import run_jobs
 from evs.tools.jobs.worker_pool import MOST_WORKERS
 from evs.tools.sweep.bus_listener import BusListener
-from evs.tools.sweep.error_jobs import ErrorsJob
-from evs.tools.sweep.errors import ErrorMeter, ErrorSettings
-from evs.tools.sweep.feasible import feasible
+from evs.tools.sweep.errors import ErrorMeter, ErrorSettings, ErrorsJob
+from evs.tools.sweep.pixels import check_tick
 from evs.tools.sweep.points import SweepPoint, shaping
 from evs.tools.sweep.record import FRAMES, Accuracy, Speed, SweepRecord
-from evs.tools.sweep.speed import SpeedMeter, SpeedSettings
+from evs.tools.sweep.speed import YARDSTICK, SpeedMeter, SpeedSettings, Yardstick
 from evs.tools.sweep.store import SHAPING, SweepHeader, SweepStore
-from evs.tools.sweep.yardstick import DESCRIPTION, Yardstick
+
+DEFAULT_SCENES = {
+    "dm_control/humanoid": "primitives, one soft lamp; the project's headline",
+    "gymnasium/ant": "primitives over a checker, one soft lamp",
+    "evs:config/scenes/pencil.xml": "ours: bright, hard edges, a camera of the model",
+    "procedural/1": "meshes, dark, three lamps of some size, three bounces",
+    "procedural/4": "meshes, dark, an area light, three bounces",
+    "procedural/8": "primitives and a mesh, bright, three lamps",
+}
+"""scene -> why it is included"""
+
+QUICK_SCENES = ("dm_control/humanoid",)
+"""scenes of `--quick`"""
+
+_SCENE = "evs:config/scenes/pendulum.xml"
+
+
+def feasible(points: Sequence[SweepPoint], warn: Callable[[str], None]) -> list[SweepPoint]:
+    """Select the points that this machine can measure, before anything is measured.
+
+    Args:
+        points: of the sweep.
+        warn: called with a line for the others, once for each reason.
+    """
+    found: list[SweepPoint] = []
+    reported: set[str] = set()
+    for point in points:
+        reason = _infeasible_reason(point)
+        if not reason:
+            found.append(point)
+        elif reason not in reported:
+            reported.add(reason)
+            warn(f"{point.preset}, {point.axis} {point.value} is left out: {reason}")
+    return found
+
+
+def _infeasible_reason(point: SweepPoint) -> str:
+    """Why a point cannot be measured; empty: it can."""
+    config = point.config
+    try:
+        check_tick(config.model, config.scene.tick_us)
+        if config.render.renderer == "raster":
+            _draw_once()
+    except EvsError as error:
+        return str(error)
+    return ""
+
+
+def _draw_once() -> None:
+    """Draw one small picture with OpenGL. Raises EvsError without the extra or OpenGL."""
+    small = SensorConfig(preset="ideal", width=16, height=12)
+    view = World(in_package(_SCENE)).add_view(sensor=small, render=RenderConfig(renderer="raster"))
+    view.render()
+
 
 ERRORS, SPEEDS = "errors", "speeds"
 
@@ -52,9 +107,9 @@ class SweepSettings:
     speeds: SpeedSettings = dataclasses.field(default_factory=SpeedSettings)
     what: tuple[str, ...] = (ERRORS, SPEEDS)
     workers: int = 1
-    """processes that work out errors at once; speeds are measured by this one, alone"""
+    """processes that compute errors in parallel; this one measures speeds, alone"""
     ray: str = ""
-    """address of a Ray cluster that works out errors instead"""
+    """address of a Ray cluster that computes errors instead"""
 
     def __post_init__(self) -> None:
         for what, names in (("scene", self.scenes), ("camera", self.cameras)):
@@ -83,13 +138,13 @@ class SweepCase:
     setup: SceneSetup
 
     def digest(self, point: SweepPoint) -> str:
-        """Of everything that shapes what a point gives there."""
+        """Hash of everything that shapes the result of a point."""
         parts = dataclasses.replace(self.setup, name="", model=None)
         method = point.value if point.kind == FRAMES else ""
         return digest((_model(self.setup), parts, self.camera, shaping(point.config), method))
 
     def record(self, point: SweepPoint) -> SweepRecord:
-        """Of the point, nothing measured yet."""
+        """A record of the point without measurements."""
         return SweepRecord(
             self.scene,
             self.camera,
@@ -146,7 +201,7 @@ class Sweep:
     """points that could not be measured on some scene"""
 
     def run(self) -> None:
-        """All of it. Ctrl-C keeps what is whole. Raises EvsError."""
+        """Measure all points. Ctrl-C keeps what is complete. Raises EvsError."""
         points, cases = feasible(self.settings.points, self.warn), self.cases
         if ERRORS in self.settings.what:
             if self.settings.workers > 1 or self.settings.ray:
@@ -162,7 +217,7 @@ class Sweep:
                     self._speeds(case, points, yardstick, listener.address)
 
     def total(self) -> int:
-        """How far `moved` goes."""
+        """Number of points times measurements, the end of `moved`."""
         parts = self.settings
         return len(parts.scenes) * len(parts.cameras) * len(parts.points) * len(parts.what)
 
@@ -262,7 +317,7 @@ def header(settings: SweepSettings, command: str) -> SweepHeader:
         "command": command,
         "machine": f"{cpu_name()}, {cores()} cores",
         "versions": versions(),
-        "yardstick": DESCRIPTION,
+        "yardstick": YARDSTICK,
         "reference": (
             f"events of {settings.errors.reference_spp} samples a pixel every ms on "
             f"{settings.errors.pixels} pixels"

@@ -1,11 +1,12 @@
-"""SweepWorld: the world that is timed, with the scene and camera motion of the errors."""
+"""The worlds that are timed: SweepWorld moves as errors do, SegmentedWorld runs in segments."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
+from evs.drivers.clock import StopWatch
 from evs.drivers.run.config import PipelineConfig
 from evs.emulator.base.protocols import Meter, NoMeter
 from evs.emulator.base.scene import F32, CameraPose, SceneSnapshot
@@ -13,9 +14,10 @@ from evs.emulator.camera.camera import Camera
 from evs.emulator.camera.pixels import DoneTick, Pixels
 from evs.emulator.config import ModelConfig
 from evs.emulator.sensor import SensorParameters, resolve_sensor
+from evs.emulator.simulation.pipelined import PipelinedWorld
 from evs.emulator.simulation.world import World
 from evs.emulator.world import make_control
-from evs.msgs import join_events
+from evs.msgs import EventPacket, join_events
 from evs.tools.evaluation.clip import CONTROL_SCALE, TICK_US, camera_motion
 from evs.tools.evaluation.scene_setup import SceneSetup
 from evs.tools.sweep.frame_methods import FrameMethod, interpolate, quantise
@@ -26,7 +28,7 @@ def _at_rest(rest: CameraPose, _t_us: int) -> CameraPose:
 
 
 class SweepWorld(World):
-    """A World whose one camera moves as `evs evaluate` moves it, its scene already in motion."""
+    """A World with one camera that moves as in `evs evaluate`; its scene is already in motion."""
 
     def __init__(
         self,
@@ -37,7 +39,16 @@ class SweepWorld(World):
         method: FrameMethod | None = None,
         meter: Meter | None = None,
     ) -> None:
-        """In: seed, of the controls, as of errors; way, the camera makes events from frames."""
+        """Set the scene in motion and add the camera.
+
+        Args:
+            setup: the scene.
+            motion: of the camera.
+            config: of the pipeline.
+            seed: of the controls, the same as of errors.
+            method: None: events from light; else the camera makes events from frames.
+            meter: times the stages.
+        """
         tick_us = config.scene.tick_us
         control = make_control(setup.model, "random", seed=seed, scale=CONTROL_SCALE)
         self._method = method
@@ -55,7 +66,7 @@ class SweepWorld(World):
         )
         if setup.keyframe:
             self.reset(keyframe=setup.keyframe)
-        # before there is a camera, so that nothing is traced
+        # before a camera is added, so that nothing is traced
         for _ in range(-(-setup.warm_ticks * TICK_US // tick_us)):
             self.step()
         camera = self.add_camera(
@@ -106,7 +117,7 @@ class FramesCamera(Camera):
 
 
 class FramesPixels(Pixels):
-    """Each tick is a frame: pictures between it and the last one come before it."""
+    """Each tick is a frame; the pictures between the last frame and it come first."""
 
     def __init__(
         self,
@@ -121,7 +132,7 @@ class FramesPixels(Pixels):
         super().__init__(sensor, model, seed, threads)
 
     def reset(self, seed: int | None = None) -> None:
-        """As new."""
+        """Return to the initial state."""
         self._before = None
         super().reset(seed)
 
@@ -137,3 +148,63 @@ class FramesPixels(Pixels):
             parts += super().see(picture, since_us, t_us)
             since_us = t_us
         return [DoneTick(begin_us, end_us, join_events([part.events for part in parts]))]
+
+
+class SegmentedWorld:
+    """Replaces a world in a run loop; between two segments no thread works.
+
+    Light is rendered ahead within a segment, never across its end, so that something else can be
+    timed between segments.
+    """
+
+    def __init__(self, world: World, ticks: int, watch: StopWatch, depth: int) -> None:
+        """Wrap a world.
+
+        Args:
+            world: the world that runs.
+            ticks: length of a segment.
+            watch: times the stages.
+            depth: number of ticks that light is rendered ahead; 0: none.
+        """
+        self._world, self._ticks, self._watch, self._depth = world, ticks, watch, depth
+        self._now: World | PipelinedWorld = world
+        self._left = 0
+
+    def step(self) -> tuple[EventPacket, ...]:
+        """The packets of the next tick."""
+        if not self._left:
+            self.close()
+            self._left = self._ticks
+            if self._depth:
+                self._now = PipelinedWorld(self._world, self._ticks, self._watch, self._depth)
+        self._left -= 1
+        return self._now.step()
+
+    def finish(self) -> tuple[EventPacket, ...]:
+        """The packets of an incomplete chunk."""
+        return self._now.finish()
+
+    def close(self) -> None:
+        """Stop the thread that renders ahead."""
+        if isinstance(self._now, PipelinedWorld):
+            self._now.close()
+
+    @property
+    def cameras(self) -> Sequence[Camera]:
+        """Of the world."""
+        return self._now.cameras
+
+    @property
+    def t_us(self) -> int:
+        """Of the last step."""
+        return self._now.t_us
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Of the world."""
+        return self._world.left_out
+
+    @property
+    def substeps(self) -> object:
+        """Of the world."""
+        return self._world.substeps

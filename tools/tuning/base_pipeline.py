@@ -30,7 +30,7 @@ class BasePipeline:
     """keys that the command line sets; tuning does not change them"""
 
     def with_settings(self, chosen: Mapping[str, Setting]) -> PipelineConfig:
-        """The pipeline with these keys, but for those that stay."""
+        """The pipeline with these keys, except pinned ones."""
         config = self.config
         for key, value in chosen.items():
             if key not in self.pinned:
@@ -58,12 +58,13 @@ class BasePipeline:
 def base_pipeline(name: str | None, keys: Sequence[tuple[str, str]] = ()) -> BasePipeline:
     """The pipeline of a command line.
 
-    Raises EvsError.
-
     Args:
         name: an MJCF or MJB file, package:path, a robot of `evs evaluate` (gymnasium/ant), or a
             pipeline that has a scene.
         keys: of the pipeline and their texts.
+
+    Raises:
+        EvsError: no scene, or a pipeline that cannot be tuned.
     """
     if name is None:
         raise EvsError("no scene: give one, as in evs tune robot.xml --rtf 1.0")
@@ -79,8 +80,8 @@ def base_pipeline(name: str | None, keys: Sequence[tuple[str, str]] = ()) -> Bas
     config = pipeline.load(file, keys)
     if config.is_closed:
         raise EvsError('only an open loop is tuned; leave pace = "lockstep" and realtime.serve out')
-    given = {key: _value(config, key) for key, _ in keys if key in OWN}
-    return BasePipeline(config, {key: value for key, value in given.items() if value is not None})
+    pinned = {key: _value(config, key) for key, _ in keys if key in OWN}
+    return BasePipeline(config, {key: value for key, value in pinned.items() if value is not None})
 
 
 def _robot(name: str) -> list[tuple[str, str]] | None:
@@ -101,7 +102,7 @@ def _robot(name: str) -> list[tuple[str, str]] | None:
 
 
 def _value(config: PipelineConfig, key: str) -> Setting | None:
-    """Of a dotted key."""
+    """Value of a dotted key."""
     table: object = config
     for part in key.split("."):
         table = getattr(table, part)

@@ -17,8 +17,7 @@ from evs.tools.sweep.errors import ErrorMeter, ErrorSettings
 from evs.tools.sweep.pareto_front import ErrorMetric
 from evs.tools.sweep.points import SweepPoint, differences, preset_of
 from evs.tools.sweep.record import Accuracy, Setting, Speed
-from evs.tools.sweep.speed import SpeedMeter, SpeedSettings
-from evs.tools.sweep.yardstick import Yardstick
+from evs.tools.sweep.speed import SpeedMeter, SpeedSettings, Yardstick
 from evs.tools.tuning.base_pipeline import BasePipeline
 from evs.tools.tuning.space import Candidate
 
@@ -26,12 +25,12 @@ DEFAULT = "default"
 """the pipeline that points differ from"""
 
 TABLES = ("sensor", "render", "model", "seed")
-"""tables of the user's pipeline that shape events, besides scene and camera"""
+"""tables of the user's pipeline that shape events, in addition to scene and camera"""
 
 START_S = 0.5
 """of a run: loading, opening, the first frame"""
 SHOTS = 4.0
-"""by how much tracing scattered pixels costs more than tracing whole pictures where little moves"""
+"""cost of tracing scattered pixels, relative to full pictures in which little moves"""
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ QUICK = MeasurementEffort(
 
 @dataclass
 class SceneMeasurer:
-    """Measures candidates. The error meter and the search keep every result."""
+    """Measures candidates; the error meter and the search cache every result."""
 
     base: BasePipeline
     error_meter: ErrorMeter
@@ -66,7 +65,7 @@ class SceneMeasurer:
         return self.speeds[one].real_time_factor.median
 
     def error(self, one: Candidate) -> float:
-        """Of the figure; NaN where nothing happens."""
+        """Error by the metric; NaN where nothing happens."""
         found = self.error_meter.error(self.point(one))
         self.errors[one] = found
         reference_error = self.metric.reference_error(found)
@@ -74,7 +73,7 @@ class SceneMeasurer:
         return self.metric.of(found)
 
     def seconds(self, one: Candidate, rtf: float) -> float:
-        """About how long both take."""
+        """Estimated time of both measurements."""
         tick_s = 1e-6 * one.tick_us
         run_s = max(2.0 * self.speed_meter.settings.seconds, 8.0 * tick_s / rtf)
         sensor = resolve_sensor(self.base.config.sensor)
@@ -108,15 +107,16 @@ def open_measurer(
 ) -> Iterator[SceneMeasurer]:
     """A measurer on the scene of a pipeline, with a subscriber on the bus.
 
-    Raises EvsError.
-
     Args:
         base: the pipeline to tune.
         motion: of the camera: still, pan, slide.
         metric: the error metric.
         cache: holds the light.
         effort: how much time measurements take.
-        moved: called now and then.
+        moved: called from time to time.
+
+    Raises:
+        EvsError: the scene cannot be loaded, or there is no such motion.
     """
     if motion not in MOTIONS:
         raise unknown("camera motion", motion, MOTIONS)

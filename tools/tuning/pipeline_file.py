@@ -43,17 +43,17 @@ def pipeline_text(config: PipelineConfig, file: Path, why: Sequence[str]) -> str
         lines += _table(name, table)
     for name, array in arrays.items():
         for item in array:
-            lines += ["", f"[[{name}]]", *_keys(_given(item))]
+            lines += ["", f"[[{name}]]", *_keys(_without_none(item))]
     return "\n".join(lines) + "\n"
 
 
 def check_own(file: Path) -> None:
-    """Refuse to write over what somebody else wrote. Raises EvsError."""
+    """Raises EvsError where the file exists and was not written by evs tune."""
     if not file.is_file():
         return
     try:
-        with file.open(encoding="utf-8", errors="replace") as open_measurer:
-            ours = open_measurer.read(len(FIRST)) == FIRST
+        with file.open(encoding="utf-8", errors="replace") as opened:
+            ours = opened.read(len(FIRST)) == FIRST
     except OSError as reason:
         raise EvsError(f"cannot read '{file}': {reason.strerror}") from None
     if not ours:
@@ -61,12 +61,12 @@ def check_own(file: Path) -> None:
 
 
 def _from(folder: Path, text: str) -> str:
-    """A path as it is from a folder; what is absolute stays."""
+    """A path relative to a folder; an absolute path stays."""
     return text if Path(text).is_absolute() else os.path.relpath(Path(text).absolute(), folder)
 
 
 def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
-    """What differs, tables of tables as they lie."""
+    """Values that differ, in the same nested tables."""
     found: dict[str, Any] = {}
     for key, value in after.items():
         if isinstance(value, Mapping):
@@ -83,7 +83,7 @@ def _is_array(value: Any) -> bool:
 
 
 def _table(name: str, table: Mapping[str, Any]) -> list[str]:
-    """Lines of a table, of those in it, and of arrays of tables in it."""
+    """Lines of a table, of its inner tables and of its arrays of tables."""
     inner = {key: value for key, value in table.items() if isinstance(value, Mapping)}
     arrays = {key: value for key, value in table.items() if _is_array(value)}
     own = {k: v for k, v in table.items() if k not in inner and k not in arrays}
@@ -92,12 +92,12 @@ def _table(name: str, table: Mapping[str, Any]) -> list[str]:
         lines += _table(f"{name}.{key}", value)
     for key, items in arrays.items():
         for item in items:
-            lines += ["", f"[[{name}.{key}]]", *_keys(_given(item))]
+            lines += ["", f"[[{name}.{key}]]", *_keys(_without_none(item))]
     return lines
 
 
-def _given(item: Mapping[str, Any]) -> dict[str, Any]:
-    """Keys that have a value: TOML has none for `none`."""
+def _without_none(item: Mapping[str, Any]) -> dict[str, Any]:
+    """Drop keys without a value: TOML has no null."""
     return {key: value for key, value in item.items() if value is not None}
 
 

@@ -28,7 +28,7 @@ CHECKS = 6
 """how many such measurements there may be after the best is known"""
 
 LEAST_ERROR = 1e-4
-"""stands in for none at all, which has no logarithm"""
+"""replaces an error of 0, which has no logarithm"""
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,12 @@ class TuningGoal:
     """The goal of a search: one of the two."""
 
     rtf: float | None = None
-    """real-time factor that is to be reached, with as little error as can be"""
+    """real-time factor to reach, with the least error"""
     error: float | None = None
-    """error that is to be kept, as fast as can be"""
+    """error to keep, at the highest speed"""
 
     def __post_init__(self) -> None:
-        """Raises EvsError: none, both, or a value that nothing can have."""
+        """Raises EvsError: no goal, two goals, or an impossible value."""
         if (self.rtf is None) == (self.error is None):
             raise EvsError("give one goal: --rtf 1.0 or --error 0.1")
         if self.rtf is not None and not 0.0 < self.rtf < math.inf:
@@ -54,7 +54,7 @@ class TuningGoal:
         return rtf >= self.rtf if self.rtf is not None else error <= (self.error or 0.0)
 
     def rank(self, rtf: float, error: float) -> tuple[float, ...]:
-        """The smaller the better: first what reaches the goal, then by what it leaves open."""
+        """Rank, smaller is better: first what reaches the goal, then by the other quantity."""
         if self.met(rtf, error):
             return (0.0, error, -rtf) if self.rtf is not None else (0.0, -rtf, error)
         # nearer to the goal
@@ -76,15 +76,15 @@ class Measurer(Protocol):
         """Real-time factor."""
 
     def error(self, one: Candidate) -> float:
-        """How far its events are from those of converged light."""
+        """Error of its events against those of converged light."""
 
     def seconds(self, one: Candidate, rtf: float) -> float:
-        """About how long measuring both takes, if it runs at that real-time factor."""
+        """Estimated time of both measurements at that real-time factor."""
 
 
 @dataclass(frozen=True)
 class CandidateResult:
-    """A configuration, what was predicted of it and what was measured."""
+    """Prediction and measurement of a configuration."""
 
     candidate: Candidate
     rtf: float
@@ -113,7 +113,7 @@ class SearchResult:
     faster: CandidateResult | None
     """the most accurate of those that are faster"""
     measured: list[CandidateResult]
-    """in their order"""
+    """in the order of measurement"""
 
 
 Moved = Callable[[int, str], None]
@@ -133,7 +133,7 @@ class Search:
     most: int = MOST
     known: dict[Candidate, CandidateResult] = field(default_factory=dict)
     errors: dict[Candidate, float] = field(default_factory=dict)
-    """of what shapes events: threads do not"""
+    """by `Candidate.light`: threads change no event"""
 
     def run(self) -> SearchResult:
         """Search.
@@ -172,13 +172,13 @@ class Search:
         )
 
     def _best(self, some: Iterable[CandidateResult]) -> CandidateResult:
-        # of equals the one that is known
+        # of equal ones the one that was measured
         return min(some, key=lambda one: (*self.goal.rank(one.rtf, one.error), not one.measured))
 
     def _rival(
         self, every: Sequence[CandidateResult], best: CandidateResult
     ) -> CandidateResult | None:
-        """The one that was not measured and most likely beats the best by a tenth; None: none."""
+        """The unmeasured candidate that most likely beats the best by a tenth, if there is one."""
         if not self.goal.met(best.rtf, best.error):
             return None
         chances = []
@@ -194,10 +194,10 @@ class Search:
     @staticmethod
     def _next(
         every: Iterable[CandidateResult],
-        asked: Callable[[CandidateResult], bool],
+        is_wanted: Callable[[CandidateResult], bool],
         rank: Callable[[CandidateResult], tuple[float, ...]],
     ) -> CandidateResult | None:
-        return min((one for one in every if asked(one)), key=rank, default=None)
+        return min((one for one in every if is_wanted(one)), key=rank, default=None)
 
     def _too_long(self, one: Candidate, rtf: float | None = None) -> bool:
         if rtf is None:

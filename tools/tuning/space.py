@@ -48,7 +48,7 @@ class Candidate:
 
     @property
     def family(self) -> tuple[str, ...]:
-        """What is alike but for samples and tick."""
+        """All but samples, tick and threads."""
         return self.renderer, self.antialiasing, self.seeds, self.model
 
     @property
@@ -70,7 +70,7 @@ class Candidate:
 
     @property
     def light(self) -> Candidate:
-        """The same events: threads change none."""
+        """The candidate with the same events: threads change none."""
         return dataclasses.replace(self, threads=0)
 
     def __str__(self) -> str:
@@ -85,8 +85,8 @@ class Candidate:
 def candidates(pinned: Mapping[str, Setting] | None = None) -> list[Candidate]:
     """Every one, or those with these keys at these values.
 
-    Samples that are new in every tick are asked for by pinning render.seeds to fresh: the same in
-    every tick are nearer to the truth in all that was measured.
+    Pin render.seeds to fresh for samples that are new in every tick. Samples that are the same in
+    every tick were nearer to the truth in all measurements.
 
     Raises:
         EvsError: there is none.
@@ -100,11 +100,11 @@ def candidates(pinned: Mapping[str, Setting] | None = None) -> list[Candidate]:
 
 
 def _none(pinned: Mapping[str, Setting], seeds: str) -> EvsError:
-    """Why there is none: a value that nothing here has, else values that never go together."""
+    """Why there is none: a value that no candidate has, or values that never go together."""
     every = [one for family in _families(seeds, {}) for one in family]
     for name, key in NAMES.items():
         there = sorted({str(getattr(one, name)) for one in every})
-        # a number of the user's own is taken; a name has to be one of ours
+        # any number is accepted; a name has to be a known one
         if isinstance(pinned.get(key), str) and there and pinned[key] not in there:
             return EvsError(f"{key}={pinned[key]} is not tuned; give {' or '.join(there)}")
     text = ", ".join(f"{key}={value}" for key, value in pinned.items())
@@ -134,7 +134,7 @@ def _families(seeds: str, pinned: Mapping[str, Setting]) -> Iterable[list[Candid
 
 
 def _with(values: tuple[int, ...], own: Setting | None, most: int = 4096) -> tuple[int, ...]:
-    """A user's own value in place of ours."""
+    """Replace our values by a user's own."""
     if isinstance(own, int) and not isinstance(own, bool) and 0 <= own <= most:
         return (own,)
     return values
@@ -150,7 +150,7 @@ def _agrees(candidate: Candidate, pinned: Mapping[str, Setting]) -> bool:
 
 
 def calibration(every: Iterable[Candidate]) -> list[Candidate]:
-    """The few that a scene is first measured at, the cheapest first.
+    """The few candidates that are measured first, the cheapest first.
 
     Of each family two numbers of samples, few and some; of each renderer one longer tick; and one
     run on a single thread. What is pinned has fewer.

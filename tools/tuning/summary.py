@@ -53,7 +53,7 @@ def _both(measured: float, predicted: float) -> str:
 
 
 def _step(one: CandidateResult | None, winner: CandidateResult) -> str:
-    """What the next better or faster one would cost."""
+    """Cost of the next better or faster configuration."""
     if one is None:
         return "none of those that can be tuned"
     how = "measured" if one.measured else "predicted"
@@ -66,7 +66,7 @@ def _step(one: CandidateResult | None, winner: CandidateResult) -> str:
 
 
 def worst_miss(found: SearchResult) -> str:
-    """By how much the worst prediction of a configuration that was then measured was wrong."""
+    """Error of the worst prediction that was followed by a measurement."""
     ratios = [
         max(a / b, b / a)
         for one in found.measured

@@ -1,9 +1,9 @@
 """Surrogate: predict a quantity for all configurations from a few measured ones.
 
-The logarithm (base 2) of a cost or an error is taken as a sum of effects (renderer, samples, edges,
-model, tick, threads), each with what is known of it beforehand, and of a smooth rest within each
-family of configurations. What was measured is met up to its noise, and what is far from all that
-was measured has a wide margin. Rasmussen and Williams, Gaussian Processes for Machine
+The logarithm (base 2) of a cost or an error is modelled as a sum of effects (renderer, samples,
+edges, model, tick, threads), each with a prior, and a smooth rest within each family of
+configurations. The prediction meets the measurements up to their noise, and is uncertain far from
+all of them. Rasmussen and Williams, Gaussian Processes for Machine
 Learning, section 2.7 (explicit basis functions with a Gaussian prior).
 """
 
@@ -22,7 +22,7 @@ F64 = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Effect:
-    """What is known of an effect beforehand: its mean and its standard deviation, powers of two."""
+    """Prior of an effect: its mean and its standard deviation, powers of two."""
 
     mean: float
     spread: float
@@ -77,7 +77,7 @@ COST = {
     "adaptive tick": Effect(0.0, 0.05),
     "one thread": Effect(0.6, 0.5),
 }
-"""of a second of simulation: twice the samples cost nearly twice, a tick twice as long half"""
+"""of a simulated second: twice the samples cost nearly twice as much, twice the tick half"""
 
 ERROR = {
     "all": Effect(-2.0, 4.0),
@@ -98,16 +98,21 @@ ERROR = {
 """four times the samples about halve it; threads change no event"""
 
 REST = 0.35
-"""standard deviation of what the effects do not say, powers of two"""
+"""standard deviation of what the effects do not explain, powers of two"""
 REACH = 2.5
-"""how far that reaches: doublings of samples or tick"""
+"""correlation length of that: doublings of samples or tick"""
 
 
 class Surrogate:
     """A Gaussian process over configurations."""
 
     def __init__(self, effects: Mapping[str, Effect], noise: float) -> None:
-        """In: noise, standard deviation of a measurement, powers of two."""
+        """Begin without measurements.
+
+        Args:
+            effects: the prior of each effect.
+            noise: standard deviation of a measurement, powers of two.
+        """
         self._mean = np.array([effects[name].mean for name in EFFECTS])
         self._variance = np.array([effects[name].spread for name in EFFECTS]) ** 2
         self._noise = noise
@@ -116,7 +121,12 @@ class Surrogate:
         self._root: F64 = np.zeros((0, 0))
 
     def fit(self, known: Sequence[Candidate], values: Sequence[float]) -> None:
-        """In: values > 0, one of each configuration."""
+        """Fit to measurements.
+
+        Args:
+            known: measured configurations.
+            values: > 0, one of each configuration.
+        """
         self._known = list(known)
         if not self._known:
             return
@@ -127,7 +137,7 @@ class Surrogate:
         self._weights = np.linalg.solve(self._root.T, np.linalg.solve(self._root, rest))
 
     def at(self, asked: Sequence[Candidate]) -> tuple[F64, F64]:
-        """(values, factors): the quantity; by which factor it may be off (standard deviation)."""
+        """Predict the quantity and its standard deviation as a factor: (values, factors)."""
         mean = self._prior(asked)
         effects = _matrix(asked)
         variance = (effects**2 * self._variance).sum(axis=1) + REST**2

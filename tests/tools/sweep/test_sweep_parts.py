@@ -16,14 +16,13 @@ from evs.emulator.config import ModelConfig, SensorConfig
 from evs.msgs import EvsError
 from evs.tools.evaluation import models
 from evs.tools.sweep import axes
-from evs.tools.sweep import feasible as usable_module
-from evs.tools.sweep.confidence import STUDENT, confidence_interval, order
+from evs.tools.sweep import sweep as sweep_module
 from evs.tools.sweep.errors import ErrorSettings, instant_indices, times_of
 from evs.tools.sweep.frame_methods import FrameMethod, frame_method, interpolate, quantise
 from evs.tools.sweep.pixels import events_of, metered_sensor
 from evs.tools.sweep.points import SweepPoint, configured, differences, preset_of, sweep_point
 from evs.tools.sweep.record import CAMERAS, Accuracy, ConfidenceInterval, Speed, SweepRecord
-from evs.tools.sweep.speed import SpeedSettings
+from evs.tools.sweep.speed import STUDENT, SpeedSettings, confidence_interval, order
 from evs.tools.sweep.store import SweepHeader, SweepStore, read_sweep
 from reference.judged import light_of_steps
 
@@ -370,14 +369,14 @@ def test_points_that_this_machine_cannot_draw_are_told_once(
     def missing() -> None:
         raise EvsError("the raster renderer needs pyrender")
 
-    monkeypatch.setattr(usable_module, "_draw_once", missing)
+    monkeypatch.setattr(sweep_module, "_draw_once", missing)
     told: list[str] = []
     points = [
         SweepPoint("fast"),
         sweep_point("fast", "renderer", "raster 4", {"render.renderer": "raster", "render.spp": 4}),
         sweep_point("fast", "renderer", "raster 1", {"render.renderer": "raster", "render.spp": 1}),
     ]
-    assert usable_module.feasible(points, told.append) == points[:1]
+    assert sweep_module.feasible(points, told.append) == points[:1]
     assert told == ["fast, renderer raster 4 is left out: the raster renderer needs pyrender"]
 
 
