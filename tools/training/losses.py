@@ -21,7 +21,7 @@ def emd_forward(true: Array, spikes: Array) -> Array:
 def emd(true: Array, spikes: Array) -> Array:
     """Equation 8: the mean of equation 7 and of equation 7 of the reversed sequences."""
     running = _running(spikes - true)
-    # the running sum from the end: the whole less what is before the tick
+    # the running sum from the end: the total less what is before the tick
     reversed_running = running[-1:] - running + (spikes - true)
     return 0.5 * (jnp.mean(jnp.abs(running), 0) + jnp.mean(jnp.abs(reversed_running), 0))
 
@@ -43,17 +43,17 @@ def total(true: tuple[Array, Array], spikes: tuple[Array, Array], weight: float)
 
 @dataclass(frozen=True)
 class Terms:
-    """What a loss is made of. Zero: the term is left out."""
+    """Weights of the terms of a loss; zero leaves a term out."""
 
     count: float = 0.1
-    """lambda of equation 11; the paper does not tell its own"""
+    """lambda of equation 11; the paper does not state its own"""
     relative_count: float = 0.0
-    """events of one polarity too many or too few, per true event of the pixel"""
+    """extra or missing events of one polarity, per true event of the pixel"""
     calibration: float = 0.0
     """how fast the price of an event follows the count ratio of its variant (calibration.py)"""
     edge: float = 0.0
-    """a pixel with n true events weighs edge / (edge + n): low contrast and stillness are not
-    drowned by the few pixels with many events"""
+    """a pixel with n true events weighs edge / (edge + n), so that the few pixels with many events
+    do not outweigh low contrast and stillness"""
     silence: float = 0.0
     """price of an event where the truth has none of its polarity within silence_ticks"""
     silence_ticks: int = 32
@@ -62,14 +62,13 @@ class Terms:
 def objective(
     true: tuple[Array, Array], spikes: tuple[Array, Array], terms: Terms, price: Array
 ) -> Array:
-    """(P,): the paper's loss and the terms asked for.
+    """The paper's loss and the chosen terms, (P,).
 
     Args:
         true: events of the reference.
         spikes: events of the network.
         terms: weights of the terms.
-        price: (2, P), what an ON and an OFF event of a pixel costs (negative: is worth), from
-            calibration.py.
+        price: (2, P), cost of an ON and an OFF event of a pixel, may be negative (calibration.py).
     """
     loss = total(true, spikes, terms.count)
     if terms.relative_count:

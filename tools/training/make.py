@@ -20,20 +20,20 @@ from evs.tools.training.targets import IDEAL, NOISY, draw_phases, event_counts
 from evs.tools.training.traced_scene import Moved, TracedScene, simulate_scene
 
 ATTEMPTS = 20
-"""How many scenes are tried before a number is given up."""
+"""scenes that are tried for a number before it fails"""
 STILL_SHARE = 0.15
-"""Where hardly anything moves, another scene is tried, but for this share of the numbers."""
+"""share of the numbers whose scene may be nearly still; for others another scene is tried"""
 MOST_SCENES = 100_000
 
 
 @dataclass(frozen=True)
 class TrainingDataSummary:
-    """What make_data did."""
+    """Result of make_data."""
 
     made: int
     """shards that are new"""
     kept: int
-    """shards that were there"""
+    """shards that existed"""
 
 
 def make_shard(
@@ -42,7 +42,7 @@ def make_shard(
     """The shard of scene `number`: the same bytes on any number of threads.
 
     Raises:
-        EvsError: none of ATTEMPTS scenes is of any use.
+        EvsError: none of ATTEMPTS scenes is useful.
     """
     entropy = np.random.SeedSequence([settings.seed, 4, number])
     may_be_still = np.random.Generator(np.random.PCG64(entropy)).random() < STILL_SHARE
@@ -57,7 +57,7 @@ def make_shard(
         try:
             traced = simulate_scene(scene, settings.ticks, settings.tick_us, threads)
         except EvsError as reason:
-            # it flies apart, or a mesh has no volume; the next one may not
+            # its physics diverges, or a mesh has no volume; the next one may be good
             why = str(reason)
             continue
         pilot = run_pilot(traced, seed(0))
@@ -96,7 +96,7 @@ def make_shard(
 
 
 def work_of(settings: DataSettings) -> int:
-    """Samples of pixels of a shard: the sum of what `moved` receives."""
+    """Number of samples of a shard: the sum of what `moved` receives."""
     spp = settings.truth_spp + sum(variant.spp for variant in settings.variants)
     return spp * settings.pixels * settings.ticks
 
@@ -137,20 +137,20 @@ def make_data(
     workers: int = 1,
     ray: str = "",
 ) -> TrainingDataSummary:
-    """Make the shards of these scenes that are not there yet: the same bytes whoever makes them.
+    """Make the missing shards of these scenes: the same bytes on any machine.
 
     Args:
         folder: target folder.
         settings: of the data.
         numbers: of the scenes.
         threads: as run_jobs.
-        moved: called with how many scenes times `work_of` are done, and a word.
+        moved: called with the finished scenes times `work_of`, and a label.
         stopped: polled before each scene.
         workers: as run_jobs.
         ray: as run_jobs.
 
     Raises:
-        EvsError: the folder is of other settings or the disk is full, and as run_jobs.
+        EvsError: the folder has other settings, the disk is full, or as run_jobs.
     """
     if not (0 <= numbers.start < numbers.stop <= MOST_SCENES):
         raise EvsError(
@@ -188,13 +188,13 @@ def make_data(
 
 
 def _check(path: Path, settings: DataSettings) -> None:
-    """EvsError where a shard that is there is damaged, or of other settings."""
+    """Raises EvsError where an existing shard is damaged, or has other settings."""
     if read_meta(path).get("settings") != settings.plain():
         raise EvsError(f"{path} is of other settings than its folder; delete it and go on")
 
 
 def _seen(pilot: Pilot, traced: TracedScene) -> dict[str, Any]:
-    """Statistics of the pilot frames, for people."""
+    """Statistics of the pilot frames, for the meta data."""
     speed = pilot.speed[np.isfinite(pilot.speed)]
     shares = (1, 10, 50, 90, 99)
 

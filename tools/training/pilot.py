@@ -1,8 +1,9 @@
 """The pilot pass: a cheap rendering of a scene, which decides whether to use it and which pixels.
 
 A few frames of half the size, evenly spread over the scene, are traced with 4 fixed samples and
-averaged over 3 x 3 of their pixels. A pixel's score is how far its log light goes from frame to
-frame, in thresholds, summed; scores below MOVES are noise and count as 0, those above MOST as MOST.
+averaged over 3 x 3 of their pixels. A pixel's score is the sum of the changes of its log light from
+frame to frame, in thresholds; changes below MOVES are noise and count as 0, and the score ends at
+MOST.
 """
 
 from __future__ import annotations
@@ -23,16 +24,16 @@ MOVES, MOST = 0.5, 20.0
 """thresholds"""
 
 DARKEST_DN, BRIGHTEST_DN = 0.5, 3000.0
-"""A scene is of no use where 99 % of it are darker, or half of it brighter."""
+"""A scene is not useful if 99 % of it is darker, or half of it is brighter."""
 FASTEST_PX_S = 20_000.0
-"""nor where half of what is seen is faster: the camera touches something"""
+"""nor if half of what is seen is faster: the camera touches something"""
 STILL = 0.01
-"""A scene is nearly still where a smaller share of its pixels changes."""
+"""A scene is nearly still if a smaller share of its pixels changes."""
 
 
 @dataclass(frozen=True)
 class Pilot:
-    """What was seen of a scene."""
+    """Result of the pilot pass over a scene."""
 
     score: F64
     """(h, w) of the small image"""
@@ -48,7 +49,7 @@ class Pilot:
 
     @property
     def is_useful(self) -> bool:
-        """Whether it is neither black nor blown out."""
+        """Whether it is neither black nor overexposed nor too fast."""
         dark, bright = np.percentile(self.light_dn, 99), np.percentile(self.light_dn, 50)
         seen = self.speed[np.isfinite(self.speed)]
         fast = seen.size and float(np.median(seen)) > FASTEST_PX_S
@@ -84,9 +85,12 @@ def run_pilot(traced: TracedScene, seed: int) -> Pilot:
 
 
 def choose_pixels(pilot: Pilot, count: int, rng: np.random.Generator) -> I32:
-    """(count, 2) columns and rows of the whole image, none twice: half of them anywhere.
+    """Choose pixels of the full image, none twice: half of them anywhere, half by their score.
 
-    The other half by their score; where too few have one, the rest of it lies anywhere too.
+    Where too few pixels have a score, the rest lies anywhere too.
+
+    Returns:
+        (count, 2) columns and rows.
     """
     height, width = (SHRINK * side for side in pilot.score.shape)
     score = np.kron(pilot.score, np.ones((SHRINK, SHRINK))).ravel()

@@ -98,7 +98,7 @@ def _ours(name: str, channels: int) -> Recipe:
 
 
 RECIPES = {
-    # centred, biased, from scratch, its loss alone, its light; C is not told in the paper
+    # centred, biased, from scratch, its loss alone, its light; the paper does not state C
     "paper": Recipe(
         "paper",
         Architecture(channels=8, look_ahead=(3,) * 7, biased=True),

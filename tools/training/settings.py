@@ -39,7 +39,7 @@ VARIANTS = tuple(Variant(spp, seeds) for seeds in ("fixed", "fresh") for spp in 
 
 @dataclass(frozen=True)
 class DataSettings:
-    """All that a scene's shard follows from, but its number.
+    """All inputs of a scene's shard except its number.
 
     Raises:
         EvsError: a value is out of range.
@@ -85,7 +85,7 @@ class DataSettings:
 
     @classmethod
     def of(cls, plain: Any, where: str) -> DataSettings:
-        """What `plain` told.
+        """The settings of such a table.
 
         Raises:
             EvsError: which names `where` it was read.
@@ -114,10 +114,10 @@ def variants_of(plain: Any) -> tuple[Variant, ...]:
 
 
 def read_settings(folder: Path) -> DataSettings:
-    """Those of a folder of training data.
+    """Settings of a folder of training data.
 
     Raises:
-        EvsError: it is none.
+        EvsError: it has none.
     """
     path = folder / SETTINGS_FILE
     try:
@@ -132,9 +132,10 @@ def read_settings(folder: Path) -> DataSettings:
 
 
 def claim_folder(folder: Path, settings: DataSettings) -> None:
-    """Make the folder one of these settings; one of others is refused, as is a folder in use.
+    """Make the folder one of these settings.
 
-    Raises EvsError in one line.
+    Raises:
+        EvsError: the folder has other settings, or other files.
     """
     path = folder / SETTINGS_FILE
     try:
@@ -150,9 +151,9 @@ def claim_folder(folder: Path, settings: DataSettings) -> None:
         raise EvsError(f"cannot write {path}: {reason.strerror}; take another folder") from None
     found = read_settings(folder)
     if found != settings:
-        asked, there = settings.plain(), found.plain()
+        wanted, there = settings.plain(), found.plain()
         differ = [
-            f"{key} {there[key]}, not {asked[key]}" for key in asked if asked[key] != there[key]
+            f"{key} {there[key]}, not {wanted[key]}" for key in wanted if wanted[key] != there[key]
         ]
         raise EvsError(
             f"'{folder}' holds training data of other settings ({'; '.join(differ)}); "

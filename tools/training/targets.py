@@ -1,4 +1,4 @@
-"""The events that a network should give: `plain` pixels that see converged light."""
+"""The events that a network should produce: those of `plain` pixels in converged light."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOST_COUNTED = 255
 
 
 def draw_phases(rng: np.random.Generator, count: int) -> F32:
-    """(count,) float32, uniform in (-1, 1): where the pixels' references stood before."""
+    """Draw phases: where the references of pixels are, (count,) float32, uniform in (-1, 1)."""
     edge = np.nextafter(np.float32(1), np.float32(0))
     return np.clip(rng.uniform(-1.0, 1.0, count).astype(np.float32), -edge, edge)
 
@@ -28,12 +28,12 @@ def draw_phases(rng: np.random.Generator, count: int) -> F32:
 def event_counts(
     truth: F32, phase: F32, config: SensorConfig, *, seed: int = 0, tick_us: int = 1000
 ) -> U8:
-    """(2, K, P) uint8: ON and OFF events of each tick and pixel, at most 255.
+    """Count ON and OFF events of each tick and pixel, (2, K, P) uint8, at most 255.
 
     Args:
         truth: (K, P) luminance.
-        phase: (P,), the first light stands so many of the pixel's own thresholds above its
-            reference, ON thresholds where it is positive, OFF ones where negative.
+        phase: (P,), how far the first light is above the pixel's reference, in the pixel's own
+            thresholds: ON thresholds where it is positive, OFF ones where negative.
         config: of the sensor.
         seed: of all random numbers.
         tick_us: length of a tick.
@@ -58,7 +58,7 @@ def event_counts(
 
 
 def _thresholds(model: PlainModel, sensor: SensorParameters, seed: int, phase: F32) -> F64:
-    """(P,) of each pixel, of the polarity that its phase leans to."""
+    """Threshold of each pixel, (P,), of the polarity that its phase points to."""
     pattern = model.pattern(seed)
     on, off = (
         np.broadcast_to(np.asarray(part, np.float64), (sensor.height, sensor.width)).ravel()

@@ -23,12 +23,12 @@ from evs.tools.training.scenes import CAMERA, START, TrainingScene
 from evs.tools.training.settings import HEIGHT, WIDTH, Variant
 
 Moved = Callable[[int], None]
-"""Told how many samples of how many pixels were traced since the last call."""
+"""Called with the number of samples, over all pixels, since the last call."""
 
 
 @dataclass(frozen=True)
 class TracedScene:
-    """All that a renderer needs, for every tick."""
+    """All inputs of a renderer, for every tick."""
 
     scene: SceneModel
     camera: CameraModel
@@ -36,11 +36,11 @@ class TracedScene:
     snapshots: tuple[SceneSnapshot, ...]
     """one a tick, the first at t = 0"""
     render: RenderConfig
-    """what all variants share"""
+    """settings that all variants share"""
     threads: int
 
     def renderer(self, variant: Variant, seed: int, shrink: int = 1) -> PathRenderer:
-        """What traces a variant.
+        """The renderer of a variant.
 
         Args:
             variant: samples and seeds of the light.
@@ -61,10 +61,10 @@ class TracedScene:
         return PathRenderer(self.scene, small, config, self.threads, seed=seed)
 
     def light(self, pixels: I32, variant: Variant, seed: int, moved: Moved) -> F32:
-        """(K, P) float32 luminance.
+        """Render the luminance of some pixels, (K, P) float32.
 
         Args:
-            pixels: (P, 2).
+            pixels: (P, 2) columns and rows.
             variant: samples and seeds of the light.
             seed: of the noise.
             moved: receives the samples that were traced.
@@ -78,12 +78,12 @@ class TracedScene:
 
 
 def load_scene(scene: TrainingScene) -> MjModel:
-    """Its model."""
+    """The MuJoCo model of a scene."""
     return load_text(scene.text, scene.files)
 
 
 def simulate_scene(scene: TrainingScene, ticks: int, tick_us: int, threads: int) -> TracedScene:
-    """Let a scene run for all its ticks.
+    """Simulate a scene for all its ticks.
 
     Raises:
         EvsError: its physics breaks down.

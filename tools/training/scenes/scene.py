@@ -1,4 +1,4 @@
-"""make_scene: a whole training scene as MJCF text, from a seed and its number alone.
+"""make_scene: a complete training scene as MJCF text, from a seed and its number alone.
 
 No robot file and no other file is read: gymnasium's and dm_control's robots are for tests only.
 """
@@ -29,21 +29,21 @@ CAMERA, START = "eye", "start"
 
 @dataclass(frozen=True)
 class TrainingScene:
-    """What `World` and the renderers need of it, and what is to be told of it."""
+    """A scene: what `World` and the renderers need, and its meta data."""
 
     text: str
-    """MJCF; the files that it names lie beside it"""
+    """MJCF; it names the `files`"""
     files: dict[str, bytes]
     """name to content: textures"""
     flicker: tuple[FlickerConfig, ...]
     bounces: int
     """of light"""
     meta: dict[str, Any]
-    """kind, level, tags, speeds that were asked for"""
+    """kind, level, tags, requested speeds"""
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all that the scene follows from."""
+        """SHA-256 of the complete scene."""
         found = hashlib.sha256(self.text.encode())
         for name in sorted(self.files):
             found.update(name.encode() + self.files[name])
@@ -52,14 +52,14 @@ class TrainingScene:
 
 
 def make_scene(seed: int, number: int, attempt: int = 0) -> TrainingScene:
-    """Scene `number` of a seed.
+    """Make scene `number` of a seed.
 
-    Of every five scenes in a row each is of another kind.
+    Five scenes in a row are of five kinds.
 
     Args:
         seed: of the data set.
         number: of the scene.
-        attempt: another one in its place, where the first is no use.
+        attempt: number of the attempt, where earlier scenes were not useful.
     """
     order = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 1, number // 5])))
     kind = list(KINDS)[int(order.permutation(len(KINDS))[number % len(KINDS)])]
