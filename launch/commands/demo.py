@@ -125,7 +125,7 @@ def _emulate(
     from evs.drivers.run.run import run as run_loop
     from evs.drivers.run.run import tick_count
     from evs.launch.support import terminal
-    from evs.tools.doctor.counter import Counter
+    from evs.tools.doctor.audit import Counter
 
     watch = StopWatch()
     light = LightLog.for_clip(config.scene.tick_us, lambda world: world.cameras[0].luminance)

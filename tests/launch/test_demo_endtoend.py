@@ -18,7 +18,7 @@ from PIL import Image
 from evs.drivers import files
 from evs.drivers.pictures import OFF_RGB, ON_RGB
 from evs.launch.main import main
-from evs.tools.doctor import counter
+from evs.tools.doctor import audit
 
 pytestmark = pytest.mark.integration
 
@@ -76,13 +76,13 @@ def test_the_main_job_in_short(
 def test_a_subscriber_that_missed_something_fails_the_demo(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = counter.Counter.totals
+    real = audit.Counter.totals
 
-    def one_less(self: counter.Counter) -> dict[str, Any]:
+    def one_less(self: audit.Counter) -> dict[str, Any]:
         counted = real(self)
         return counted | {"packets": counted["packets"] - 1, "lost": 1}
 
-    monkeypatch.setattr(counter.Counter, "totals", one_less)
+    monkeypatch.setattr(audit.Counter, "totals", one_less)
     assert main(["demo", "--out", str(tmp_path), *QUICK]) == 1
     said = capsys.readouterr().err
     assert "evs: the demo failed: 50 packets were made, but 49 received" in said

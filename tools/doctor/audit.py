@@ -1,12 +1,90 @@
-"""Check that all events arrived: on the bus, at a subscriber and in a recording."""
+"""Check that all events of a run arrived: on the bus, at a subscriber and in a recording."""
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 from evs.drivers.run.report import COMPLETE, Report
+from evs.msgs import EvsError
+
+PATIENCE_S = 30.0
+"""how long the process may take to end after the stream has ended"""
+
+SILENCE_S = 60.0
+"""after so long without a packet it ends by itself, so that no orphan remains"""
+
+
+class Counter:
+    """A subscriber in its own process that counts what arrives: `evs echo ADDRESS --quiet --json`.
+
+    The process runs as long as the `with` block. If it died before an EvsError in the block, what
+    ended it replaces that error: a publisher that waited in vain does not know the reason.
+    """
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+
+    def __enter__(self) -> Counter:
+        self._folder = tempfile.TemporaryDirectory()
+        self._file = Path(self._folder.name) / "counted.json"
+        self._complaints = Path(self._folder.name) / "complaints.txt"
+        command = [sys.executable, "-P", "-m", "evs.launch.main", "echo", self.address, "--quiet"]
+        with self._complaints.open("w") as complaints:
+            self._process = subprocess.Popen(
+                [*command, "--timeout", f"{SILENCE_S:g}", "--json", str(self._file)],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=complaints,
+                # Ctrl-C is for the publisher; this process ends when the stream does
+                start_new_session=True,
+            )
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            if isinstance(error, EvsError):
+                self._raise_if_failed()
+        finally:
+            self._process.kill()
+            self._process.wait()
+            self._folder.cleanup()
+
+    def totals(self) -> dict[str, Any]:
+        """Wait until it ends; return what it counted.
+
+        Raises:
+            EvsError: it failed, or does not end.
+        """
+        try:
+            self._process.wait(PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            raise EvsError(
+                f"the subscriber of {self.address} does not end: try again with fewer programs "
+                "running"
+            ) from None
+        self._raise_if_failed()
+        counted: dict[str, Any] = json.loads(self._file.read_text(encoding="utf-8"))
+        return counted
+
+    def _raise_if_failed(self) -> None:
+        code = self._process.poll()
+        if code:
+            lines = self._complaints.read_text(errors="replace").strip().splitlines()
+            reason = lines[-1].removeprefix("evs: ") if lines else f"exit code {code}"
+            raise EvsError(f"the subscriber's process failed: {reason}") from None
 
 
 @dataclass(frozen=True)
@@ -22,10 +100,15 @@ class AuditedReport(Report):
 
 
 def audit(report: Report, subscriber: Mapping[str, Any], recording: Mapping[str, Any]) -> list[str]:
-    """What does not agree between a run, its subscriber and its recording, one line each.
+    """Compare a run with its subscriber and its recording.
 
-    In: a report with one zmq sink; Subscription.totals() of a subscriber that was there from the
-    first packet; `file`, `events` read back. Out: empty if every event arrived everywhere.
+    Args:
+        report: of a run with one zmq sink.
+        subscriber: Subscription.totals() of a subscriber that was there from the first packet.
+        recording: `file`, and the number of `events` that were read back from it.
+
+    Returns:
+        A line for each difference; empty if every event arrived everywhere.
     """
     sent = next((sink for sink in report.sinks if sink.get("type") == "zmq"), {})
     found = []
