@@ -60,8 +60,8 @@ def run(args: argparse.Namespace) -> int:
     from evs.emulator.sensor import resolve_sensor
     from evs.launch.support import terminal
     from evs.tools import characterise as bench
-    from evs.tools.characterise import table_text
     from evs.tools.characterise.chart_page import characterisation_page
+    from evs.tools.characterise.quantity import HEADINGS, table_rows
 
     picture = None if args.picture is None else Path(args.picture)
     if picture is not None and suffix_of(picture) != ".png":
@@ -94,8 +94,8 @@ def run(args: argparse.Namespace) -> int:
     elif not args.quiet:
         terminal.table(
             f"{sensor.name}: {found.pixels:,} pixels",
-            table_text.HEADINGS,
-            table_text.rows(found.results()),
+            HEADINGS,
+            table_rows(found.results()),
         )
     return 0
 
@@ -107,14 +107,12 @@ def _config(args: argparse.Namespace) -> RunConfig:
         raise EvsError(f"one sensor is measured at a time, given: {given} (try: --help)")
     overrides = [("sensor.preset", sensors[0])]
     overrides += [settings.split_word(word) for word in args.words if "=" in word]
-    overrides += [
-        (key, table_text) for key in ("seed", "threads") if (table_text := getattr(args, key))
-    ]
+    overrides += [(key, text) for key in ("seed", "threads") if (text := getattr(args, key))]
     config = RunConfig()
-    for key, table_text in overrides:
+    for key, text in overrides:
         if key.partition(".")[0] not in KEYS:
             raise EvsError(f"{key} has no meaning for a sensor alone; give keys of sensor")
-        config = settings.override(config, key, table_text)
+        config = settings.override(config, key, text)
     if config.seed < 0:
         raise EvsError(f"at seed: {config.seed}; give 0 or more")
     return config

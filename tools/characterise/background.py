@@ -1,7 +1,8 @@
 """Background rate: events of pixels under constant light, by polarity and regularity.
 
-Leak is regular and ON. Shot noise comes at random and is of both polarities alike, and starts the
-pixel's leak anew. So OFF events tell the shot noise, and the ON events in excess the leak.
+Leak is regular and ON. Shot noise is random and has both polarities alike, and each noise event
+restarts the leak of its pixel, which hides some leak. So the OFF events give the shot noise, and
+the excess of ON events gives the leak once what noise hides is added (`leak_without_noise`).
 """
 
 from __future__ import annotations
@@ -18,40 +19,48 @@ from evs.tools.characterise.bench import F64, Bench, LightExposure, Mask, pixel_
 from evs.tools.characterise.expected import leak_rate_hz, shot_rate_hz
 from evs.tools.characterise.fit import mean_and_error
 from evs.tools.characterise.quantity import Quantity
-from evs.tools.characterise.renewal import Spreads, find_spreads, leak_without_noise
 
 LADDER_LUX = (0.1, 1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
 
 EVENTS = 600_000
-"""So many are waited for, about."""
+"""about so many are counted in all"""
 
 A_PIXEL = 100.0
-"""Of one pixel no more."""
+"""and no more for one pixel"""
 
 LONGEST_S = 1000.0
 FIRST_LOOK_S = 0.1
 TICKS = 32
-"""Of a look; noise does not depend on how long they are."""
+"""of the first look; noise does not depend on their length"""
 
 MOST_A_TICK = 0.1
-"""Events of a pixel in a tick, at most; in the mean."""
+"""most events of a pixel in a tick, on average"""
 
 HOT = 10.0
-"""A pixel with more events than chance gives one of so many times the usual rate is hot."""
+"""a pixel is hot if it has more events than chance gives a pixel of so many times the usual rate"""
 
 LEAST_INTERVALS = 4
-"""Of a pixel whose regularity counts."""
+"""between the events of a pixel whose regularity counts"""
+
+HANN = 1.5
+"""mean square of Hann's window: the variance of a weighted sum over that of a count"""
+
+SURE = 5.0
+"""standard errors that an excess of ON events must have"""
+
+MOST_NOISE = 4.0
+"""noise events per leak event beyond which the remaining leak events tell too little"""
 
 
 @dataclass(frozen=True)
 class Background:
-    """Of one illuminance; rates are the mean over the pixels that are not hot, in Hz."""
+    """Noise at one illuminance; rates are means over the pixels that are not hot, Hz."""
 
     lux: float
     pixels: int
-    """how many there were"""
+    """number of pixels"""
     seconds: float
-    """how long they were looked at"""
+    """length of the measurement"""
     on: tuple[float, float]
     """rate, standard error"""
     off: tuple[float, float]
@@ -70,7 +79,7 @@ class Background:
 
 @dataclass(frozen=True)
 class _Observation:
-    """What one illuminance gave."""
+    """The counts at one illuminance."""
 
     lux: float
     seconds: float
@@ -87,7 +96,7 @@ def measure_background(
     unevenness: float = 0.0,
     moved: Callable[[float], None] = lambda _: None,
 ) -> list[Background]:
-    """Each illuminance until there are enough events.
+    """Measure each illuminance until there are enough events.
 
     Args:
         bench: the bench with the sensor.
@@ -126,11 +135,11 @@ def _observe(bench: Bench, lux: float) -> _Observation:
     pixel, when, on = (np.concatenate(parts) for parts in (pixels, times, polarities))
     seconds = span_us * 1e-6
 
-    # Hann's window: regular events count by their rate, wherever in their period the look began
+    # Hann's window: regular events count by their rate, whatever the phase at the beginning
     weight = 1.0 - np.cos(2.0 * math.pi * when)
     rate_on = np.bincount(pixel[on], weight[on], bench.pixels) / seconds
     rate_off = np.bincount(pixel[~on], weight[~on], bench.pixels) / seconds
-    # while a pixel is blind it cannot say anything
+    # a pixel has no events while it is blind
     blind = (rate_on + rate_off) * bench.sensor.refractory_period_s
     awake = 1.0 / np.maximum(1.0 - blind, 0.1)
     hot = _hot(np.bincount(pixel, minlength=bench.pixels))
@@ -139,7 +148,7 @@ def _observe(bench: Bench, lux: float) -> _Observation:
 
 
 def _first_rate(exposure: LightExposure, lux: float) -> float:
-    """Events of a pixel and second, roughly; 0: there are none."""
+    """Rough rate of events of a pixel, Hz; 0: there are none."""
     pixels, tick_us = exposure.bench.pixels, math.ceil(FIRST_LOOK_S / TICKS * 1e6)
     while True:
         count = sum(len(exposure.expose(lux, tick_us)) for _ in range(TICKS))
@@ -188,6 +197,86 @@ def _irregularity(pixel: npt.NDArray[np.int64], when: F64, hot: Mask) -> float:
     count, mean = count[chosen], total[chosen] / count[chosen]
     variance = (squares[chosen] - count * mean**2) / (count - 1)
     return float(np.sqrt(np.maximum(variance, 0.0).sum() / (mean**2).sum()))
+
+
+@dataclass(frozen=True)
+class Spreads:
+    """Spreads of log-normal rates over the pixels: standard deviations of ln."""
+
+    leak: float
+    shot: float
+
+
+def leak_without_noise(
+    excess: tuple[float, float], shot: tuple[float, float], spreads: Spreads
+) -> tuple[float, float]:
+    """(L, standard error): the leak rate behind an excess d of ON events under noise of rate s.
+
+    A pixel leaks where noise is silent for 1 / L, so that d = s / (exp(s / L) - 1); here in the
+    mean over pixels whose L and s are log-normal. NaN where d is lost in the noise.
+
+    Args:
+        excess: (d, standard error), Hz.
+        shot: (s, standard error), Hz.
+        spreads: of the rates over the pixels.
+    """
+    (d, d_error), (s, s_error) = excess, shot
+    if not s > 0.0:
+        return excess
+    if not d > SURE * d_error:
+        return math.nan, math.nan
+    leak = _solve(d, s, spreads)
+    if s > MOST_NOISE * leak:
+        return math.nan, math.nan
+    by_d = _solve(d + d_error, s, spreads) - leak
+    by_s = _solve(d, s + s_error, spreads) - leak
+    return leak, math.hypot(by_d, by_s)
+
+
+def _solve(d: float, s: float, spreads: Spreads) -> float:
+    """L, by bisection of its logarithm; L is larger than d."""
+    low, high = 0.0, math.log(1e6)
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        enough = mean_excess(d * math.exp(middle), s, spreads) > d
+        low, high = (low, middle) if enough else (middle, high)
+    return d * math.exp(high)
+
+
+def mean_excess(leak: float, shot: float, spreads: Spreads) -> float:
+    """Rate of leak events under noise, Hz: the mean over log-normal rates with these means."""
+    z = np.linspace(-4.0, 4.0, 33)
+    weight = np.exp(-0.5 * z * z)
+    weight /= weight.sum()
+
+    def rates(mean: float, spread: float) -> F64:
+        return np.asarray(mean * np.exp(spread * z - 0.5 * spread**2))
+
+    leaks = rates(leak, spreads.leak)[np.newaxis, :]
+    s = rates(shot, spreads.shot)[:, np.newaxis]
+    return float(weight @ (s / np.expm1(np.minimum(s / leaks, 500.0))) @ weight)
+
+
+def find_spreads(off: F64, seconds: float, unevenness: float) -> Spreads:
+    """Find the spreads from the rates of the pixels' OFF events, which are all noise.
+
+    Two other causes of spread are subtracted: chance in the counts, and the thresholds, which do
+    not act on leak and differ between the polarities.
+
+    Args:
+        off: (n,) rates of OFF events, Hz.
+        seconds: length of the measurement.
+        unevenness: of thresholds, standard deviation over mean.
+    """
+    mean = float(off.mean())
+    if not mean > 0.0:
+        return Spreads(0.0, 0.0)
+    chance = HANN * mean / seconds
+    whole = math.log1p(max(float(off.var()) - chance, 0.0) / mean**2)
+    # of 1 / theta: its variance over its mean squared
+    thresholds = unevenness**2 + 8.0 * unevenness**4
+    own = max(whole - thresholds, 0.0)
+    return Spreads(math.sqrt(own), math.sqrt(own + min(0.5 * thresholds, whole)))
 
 
 def background_results(sensor: SensorParameters, found: Sequence[Background]) -> list[Quantity]:

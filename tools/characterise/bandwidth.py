@@ -23,14 +23,14 @@ from evs.tools.characterise.quantity import Quantity
 LADDER_LUX = (1.0, 10.0, 100.0, 1_000.0, 10_000.0)
 PIXELS = 40_000
 DEPTHS = (0.05, 0.1, 0.2, 0.4, 0.8)
-"""m: the first with enough events. The smaller, the less the pixel's bandwidth swings with its
-light; about m^2 of it is what that leaves at the first of them."""
+"""m; the first that gives enough events is used. The bandwidth of a pixel swings with its light,
+less with a small m: the first depth leaves an error of about m^2"""
 
 ENOUGH = 4.0
-"""Events of one polarity in a slow period."""
+"""events of one polarity in a slow period"""
 
 COUNTING = 0.002
-"""Share of the frequency that is left of counting whole events."""
+"""error from counting whole events, as a share of the frequency"""
 
 BIASES = {
     "pos_thres": 0.0125,
@@ -45,26 +45,26 @@ BIASES = {
     "dead_pixel_fraction": 0.0,
 }
 TICKS = 64
-"""Of a period, where it is longer than that many microseconds."""
+"""of a period that is longer than that many microseconds"""
 
 LEAST_TICKS = 16
 FASTEST_HZ = 1e6 / LEAST_TICKS
 SLOW = 64.0
-"""A sine is slow if it is so many times slower than the bandwidth."""
+"""a sine is slow if it is so many times slower than the bandwidth"""
 
 PERIODS = 2
-"""That are counted; one before them lets the pixels find their rhythm."""
+"""that are counted; one period before them lets the pixels settle"""
 
 SEARCH = 40
-"""Steps, most of them of a factor of 10 or 3, after which the search is given up."""
+"""steps after which the search ends without a result; most change the frequency by 10 or 3"""
 
 AROUND = (0.8, 0.95, 1.1, 1.3)
-"""Where the curve is measured, of the frequency found."""
+"""where the curve is measured, relative to the frequency found"""
 
 
 @dataclass(frozen=True)
 class Bandwidth:
-    """Of one illuminance."""
+    """The bandwidth at one illuminance."""
 
     lux: float
     half_power_hz: float
@@ -77,7 +77,12 @@ class Bandwidth:
 
 
 def measure_bandwidth(bench: Bench, lux: float) -> Bandwidth:
-    """Find the frequency, then measure the curve around it."""
+    """Find the frequency at half power, then measure the curve around it.
+
+    Args:
+        bench: the bench with the sensor.
+        lux: mean illuminance.
+    """
     lamp = _Lamp(bench.part(PIXELS, **BIASES), lux, DEPTHS[0])
     # a data sheet says where to look; the search goes on from there as far as it must
     guess = min(half_power_hz(bench.sensor, lux), 0.5 * FASTEST_HZ)
@@ -98,7 +103,12 @@ def measure_bandwidth(bench: Bench, lux: float) -> Bandwidth:
 
 
 def _find(lamp: _Lamp, guess: float) -> Bandwidth:
-    """At this depth of modulation. In: guess, Hz, from where the search goes on."""
+    """Find the bandwidth at one depth of modulation.
+
+    Args:
+        lamp: the lamp with that depth.
+        guess: where the search begins, Hz.
+    """
     fastest = 0.5 * FASTEST_HZ
     nothing = np.zeros(0)
     for _ in range(SEARCH):

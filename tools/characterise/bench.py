@@ -38,7 +38,14 @@ class Bench:
         threads: int = 0,
         make: MakeModel | None = None,
     ) -> None:
-        """In: make, builds the event model; None: `plain`."""
+        """Put a sensor on the bench.
+
+        Args:
+            sensor: its parameters.
+            seed: of its noise.
+            threads: worker threads; 0: one per core.
+            make: builds the event model; None: `plain`.
+        """
         self.sensor, self.seed, self.threads = sensor, seed, threads
         self._make = make or (lambda s: make_event_model(s, ModelConfig(), threads))
         self._model = self._make(sensor)
@@ -47,13 +54,15 @@ class Bench:
 
     @property
     def pixels(self) -> int:
-        """How many there are."""
+        """Number of pixels."""
         return self.sensor.width * self.sensor.height
 
     def part(self, pixels: int, **changes: Any) -> Bench:
-        """The bench with the corner of the same sensor: at most so many pixels; the rest changed.
+        """A bench with the upper left corner of the same sensor.
 
-        In: changes, of the sensor's parameters, as an experimenter sets biases.
+        Args:
+            pixels: at most so many.
+            changes: of the sensor's parameters, as an experimenter sets biases.
         """
         return Bench(
             dataclasses.replace(corner(self.sensor, pixels), **changes),
@@ -63,13 +72,18 @@ class Bench:
         )
 
     def start(self, lux: float | F64, us: int = 1) -> LightExposure:
-        """Switch the sensor on in this light and wait so long."""
+        """Switch the sensor on in this light and wait.
+
+        Args:
+            lux: a number, or (h w,) one for each pixel.
+            us: how long to wait.
+        """
         exposure = LightExposure(self, self._model, self._model.init(self.seed), 0)
         exposure.expose(lux, us)
         return exposure
 
     def luminance(self, lux: float | F64) -> npt.NDArray[np.float32]:
-        """(h, w) what the sensor is given for an illuminance, a number or (h w,)."""
+        """(h, w) luminance on the sensor at an illuminance, a number or (h w,)."""
         shape = (self.sensor.height, self.sensor.width)
         if isinstance(lux, np.ndarray):
             return (lux * self._per_lux).astype(np.float32).reshape(shape)
@@ -88,7 +102,7 @@ class LightExposure:
     def expose(self, lux: float | F64, us: int) -> Events:
         """The events of the next `us` microseconds, in which the light goes to `lux`.
 
-        It is one tick; only where that would be over four minutes it is several.
+        They are one tick, or several if that were longer than MAX_TICK_US, four minutes.
 
         Args:
             lux: a number or (h w,).
@@ -104,7 +118,7 @@ class LightExposure:
         return parts[0] if len(parts) == 1 else join_events(parts)
 
     def copy(self) -> LightExposure:
-        """The same sensor at the same moment, to go another way."""
+        """A copy of the sensor in its present state."""
         return LightExposure(self.bench, self.model, self.state.copy(), self.t_us)
 
 
@@ -118,19 +132,19 @@ def corner(sensor: SensorParameters, pixels: int) -> SensorParameters:
 
 
 def pixel_numbers(events: Events, sensor: SensorParameters) -> npt.NDArray[np.int64]:
-    """Which pixel each event is of, row by row."""
+    """(n,) number of the pixel of each event, counted row by row."""
     numbers: npt.NDArray[np.int64] = events["y"].astype(np.int64) * sensor.width + events["x"]
     return numbers
 
 
 def share_of(chosen: Mask, among: Mask) -> float:
-    """Of those pixels, the share that was chosen too; 0 where there are none."""
+    """Share of the pixels of `among` that were chosen too; 0 if `among` is empty."""
     whole = int(np.count_nonzero(among))
     return int(np.count_nonzero(chosen & among)) / whole if whole else 0.0
 
 
 def answered(events: Events, sensor: SensorParameters, on: bool) -> Mask:
-    """(h w,) whose pixels gave an event of this polarity."""
+    """(h w,) which pixels gave an event of this polarity."""
     mask = np.zeros(sensor.width * sensor.height, bool)
     mask[pixel_numbers(events[events["p"] == on], sensor)] = True
     return mask

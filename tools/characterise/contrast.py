@@ -14,25 +14,25 @@ from evs.tools.characterise.quantity import Quantity
 from evs.tools.characterise.settle import Settled, least_contrast, settle
 
 DAYLIGHT_LUX = 10_000.0
-"""Where the pixel is fast and dark current is nothing."""
+"""the pixel is fast there, and dark current negligible"""
 
 STEPS = 29
 SIGMAS = 3.5
-"""The contrasts of the curve reach so far to both sides of its middle."""
+"""how far the contrasts of the curve reach to both sides of its middle"""
 
 
 @dataclass(frozen=True)
 class SCurve:
-    """Of one polarity."""
+    """The S-curve of one polarity."""
 
     contrast: F64
     """(n,) steps that were shown, ln of the ratio of light"""
     share: F64
-    """(n,) of the pixels that answered"""
+    """(n,) share of the pixels that responded"""
     fit: Normal
     """of the thresholds, log units"""
     thresholds: F64
-    """(h, w) each pixel's own, log units; NaN: it did not tell"""
+    """(h, w) threshold of each pixel, log units; NaN: not measured"""
 
 
 @dataclass(frozen=True)
@@ -42,16 +42,16 @@ class Thresholds:
     on: SCurve
     off: SCurve
     dead_share: float
-    """of the pixels: those that answer nothing"""
+    """share of the pixels that never respond"""
 
     @property
     def unevenness(self) -> float:
-        """Of OFF thresholds, standard deviation over mean; 0: nothing is known."""
+        """Standard deviation over mean of the OFF thresholds; 0: not measured."""
         fit = self.off.fit
         return fit.sigma / fit.mean if fit.mean > 0.0 else 0.0
 
     def results(self, sensor: SensorParameters) -> list[Quantity]:
-        """Mean and spread of both, and how many pixels are dead."""
+        """Mean and spread of both polarities, and the share of dead pixels."""
         found = []
         for name, curve, mean in (
             ("ON threshold", self.on, sensor.pos_thres),
@@ -80,7 +80,7 @@ class Thresholds:
 
 
 def measure_thresholds(bench: Bench) -> Thresholds:
-    """S-curves of both polarities, from rest in daylight."""
+    """Measure the S-curves of both polarities, from rest in daylight."""
     settled = settle(bench, DAYLIGHT_LUX)
     quiet = settled.quiet()
     dead = float(np.mean(settled.dead))
@@ -102,7 +102,7 @@ def _curve(settled: Settled, quiet: Mask, on: bool) -> SCurve:
         nothing = Normal(math.nan, math.nan, math.nan, math.nan)
         return SCurve(np.zeros(0), np.zeros(0), nothing, thresholds)
 
-    # the steps that all pixels see together, around what each one said
+    # steps that all pixels see together, around their own thresholds
     low, middle, high = np.quantile(tested, (0.16, 0.5, 0.84))
     reach = SIGMAS * max(0.5 * (high - low), 1e-4 * middle)
     contrast = np.linspace(max(middle - reach, 0.05 * middle), middle + reach, STEPS)

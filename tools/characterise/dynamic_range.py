@@ -1,4 +1,4 @@
-"""Dynamic range: from the least light in which half of the pixels respond to the most there is."""
+"""Dynamic range: from the least light in which half of the pixels respond to the most."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from evs.tools.characterise.quantity import Quantity
 from evs.tools.characterise.settle import settle
 
 DARKEST_LUX, BRIGHTEST_LUX = 1e-3, 1e5
-"""What the lamp gives; full sun is 100 klux."""
+"""range of the lamp; full sun is 100 klux"""
 
 PIXELS = 10_000
 A_DECADE = 2
-"""Points of the curve; then the two beside one half are halved between."""
+"""points of the curve; then the crossing of one half is found by bisection"""
 
 HALVINGS = 5
 
 
 @dataclass(frozen=True)
 class DynamicRange:
-    """Which share of the pixels answers, by illuminance."""
+    """Share of the pixels that respond, by illuminance."""
 
     lux: F64
     """(n,) ascending, before the step"""
     share: F64
     """(n,)"""
     lowest_lux: tuple[float, float]
-    """where half of them answer, standard error; NaN: nowhere"""
+    """illuminance at which half of them respond, standard error; NaN: nowhere"""
     highest_lux: float
 
     @property
@@ -42,7 +42,7 @@ class DynamicRange:
         return 20.0 * math.log10(self.highest_lux / self.lowest_lux[0])
 
     def results(self, sensor: SensorParameters) -> list[Quantity]:
-        """The least light, and the range up to where half of the pixels answer no more."""
+        """Least illuminance at which half of the pixels respond, and the range to the highest."""
         promised = lowest_lux(sensor, DARKEST_LUX, BRIGHTEST_LUX)
         lowest, error = self.lowest_lux
         note = "the lamp ends here" if self.highest_lux == BRIGHTEST_LUX else ""
@@ -64,7 +64,7 @@ class DynamicRange:
 
 
 def measure_dynamic_range(bench: Bench) -> DynamicRange:
-    """Share of the pixels that answer, over all the lamp gives."""
+    """Measure the share of the pixels that respond over the range of the lamp."""
     part = bench.part(PIXELS)
     shares_at: dict[float, tuple[float, int]] = {}
 
@@ -93,7 +93,7 @@ def measure_dynamic_range(bench: Bench) -> DynamicRange:
 
 
 def _halve(ask: Callable[[float], float], dark: float, light: float) -> tuple[float, float]:
-    """Two exponents close to each other, with one half of the pixels between."""
+    """Bisect: two close exponents between which the share crosses one half."""
     for _ in range(HALVINGS):
         middle = 0.5 * (dark + light)
         dark, light = (dark, middle) if ask(middle) >= 0.5 else (middle, light)
@@ -103,7 +103,7 @@ def _halve(ask: Callable[[float], float], dark: float, light: float) -> tuple[fl
 def _between(
     dark: float, below: float, light: float, above: float, pixels: int
 ) -> tuple[float, float]:
-    """(illuminance, standard error) where a straight line reaches one half."""
+    """(illuminance, standard error) at which a straight line reaches one half."""
     slope = max((above - below) / (light - dark), 1e-9)
     lux = 10.0 ** (dark + (0.5 - below) / slope)
     # of a share, or of the step where all pixels turn at once

@@ -1,6 +1,6 @@
-"""The curves that the parameters of a sensor promise, to compare with measured points.
+"""The curves that follow from the parameters of a sensor, to compare with measured points.
 
-Only this module knows the laws; no measurement does. An illuminance is what the lamp gives; dark
+Only this module knows the laws; the measurements do not. An illuminance is that of the lamp; dark
 current adds to it in the pixel.
 """
 
@@ -15,17 +15,17 @@ from evs.emulator.sensor.pixel.logmap import log_light
 from evs.tools.characterise.fit import normal_cdf
 
 DOUBLED = 2.0
-"""Light after the step over that before it, for latency."""
+"""light after the step over light before it, for latency"""
 
 CONTRAST = 1.8
-"""The same for the dynamic range: 80 %, as makers state it."""
+"""the same for the dynamic range: 80 %, as manufacturers state it"""
 
 HALF = 0.5
-"""If fewer of the pixels answer, they are not the ones to ask."""
+"""share of the pixels that must respond for a latency to be defined"""
 
 
 def pole_hz(sensor: SensorParameters, lux: float) -> float:
-    """The pixel's bandwidth at an illuminance; inf: it has none."""
+    """Bandwidth of the pixel at an illuminance; inf: it is not limited."""
     if sensor.cutoff_hz == 0.0:
         return math.inf
     lux += sensor.dark_lux
@@ -34,7 +34,7 @@ def pole_hz(sensor: SensorParameters, lux: float) -> float:
 
 
 def half_power_hz(sensor: SensorParameters, lux: float) -> float:
-    """-3 dB of both poles in series; inf: there is none.
+    """Frequency at -3 dB of both poles in series; inf: there is none.
 
     With q = f^2 the poles a, b give (1 + q / a^2)(1 + q / b^2) = 2, a quadratic equation.
     """
@@ -48,14 +48,14 @@ def half_power_hz(sensor: SensorParameters, lux: float) -> float:
 
 
 def time_constants_s(sensor: SensorParameters, lux: float) -> tuple[float, float]:
-    """Of the two poles, s; 0: there is none."""
+    """Time constants of the two poles, s; 0: there is no such pole."""
     poles = (pole_hz(sensor, lux), sensor.follower_hz or math.inf)
     first, second = (0.0 if math.isinf(pole) else 1.0 / (2.0 * math.pi * pole) for pole in poles)
     return first, second
 
 
 def step_time_s(sensor: SensorParameters, lux: float, share: float) -> float:
-    """How long after a step in light to `lux` this share of it has come through; inf: never."""
+    """Time after a step of light to `lux` until this share of it has come through; inf: never."""
     if not share < 1.0:
         return math.inf
     one, two = time_constants_s(sensor, lux)
@@ -75,7 +75,7 @@ def step_time_s(sensor: SensorParameters, lux: float, share: float) -> float:
 
 
 def shot_rate_hz(sensor: SensorParameters, lux: float) -> float:
-    """Shot noise of both polarities, mean over pixels."""
+    """Rate of shot noise of both polarities, mean over the pixels."""
     lux += sensor.dark_lux
     bright, dim = sensor.shot_noise_bright, sensor.dim_lux
     if sensor.shot_noise_law == "inverse":
@@ -86,20 +86,20 @@ def shot_rate_hz(sensor: SensorParameters, lux: float) -> float:
 
 
 def leak_rate_hz(sensor: SensorParameters, lux: float) -> float:
-    """ON events that leak brings about, mean over pixels, without noise that restarts it."""
+    """Rate of the ON events of leak, mean over the pixels, without noise that restarts it."""
     share = (lux + sensor.dark_lux) / sensor.bright_lux
     return sensor.leak_rate_hz + sensor.parasitic_leak_hz * share
 
 
 def log_step(sensor: SensorParameters, lux: float, after: float) -> float:
-    """How far log light goes when an illuminance goes from `lux` to `after`."""
+    """Change of log light when the illuminance changes from `lux` to `after`."""
     lights = np.array([lux, after]) / (sensor.lux_per_dn * sensor.exposure_dn)
     first, second = log_light(lights.astype(np.float32), sensor).astype(np.float64)
     return float(second - first)
 
 
 def lowest_lux(sensor: SensorParameters, darkest: float, brightest: float) -> float:
-    """Illuminance from which on light that grows by CONTRAST crosses the mean ON threshold.
+    """Least illuminance at which a step by CONTRAST crosses the mean ON threshold.
 
     NaN: not even at `brightest`. Log light of a ratio grows with the illuminance.
     """
@@ -115,9 +115,9 @@ def lowest_lux(sensor: SensorParameters, darkest: float, brightest: float) -> fl
 
 
 def latency_s(sensor: SensorParameters, lux: float) -> tuple[float, float]:
-    """(mean, standard deviation) over pixels whose thresholds light that doubles can cross, s.
+    """(mean, standard deviation) over the pixels whose thresholds doubled light can cross, s.
 
-    NaN where they are under half. The latency of a pixel counts as if none were cut at 0.
+    NaN if they are fewer than half. Latencies are not cut at 0.
     """
     step = log_step(sensor, lux / DOUBLED, lux)
     if step <= 0.0:
@@ -139,13 +139,13 @@ def latency_s(sensor: SensorParameters, lux: float) -> tuple[float, float]:
 
 
 def answering_share(sensor: SensorParameters, lux: float) -> float:
-    """Of the pixels, those that a step by CONTRAST makes answer."""
+    """Share of the pixels that respond to a step by CONTRAST."""
     step = log_step(sensor, lux, CONTRAST * lux)
     return normal_cdf((step - sensor.pos_thres) / max(sensor.sigma_thres, 1e-12))
 
 
 def peak_rate(sensor: SensorParameters) -> float:
-    """The narrowest place of the readout, ev/s; NaN: there is none."""
+    """Rate of the bottleneck of the readout, ev/s; NaN: there is none."""
     readout = sensor.readout
     limits = [1e6 * mevs for mevs in (readout.bandwidth_mevs, readout.erc_rate_mevs) if mevs > 0.0]
     if readout.order == "arbiter":

@@ -13,7 +13,7 @@ F64 = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Normal:
-    """A normal distribution that was fitted."""
+    """A fitted normal distribution and its standard errors."""
 
     mean: float
     sigma: float
@@ -32,10 +32,10 @@ def normal_pdf(z: float) -> float:
 
 
 def fit_normal(edges: F64, counts: F64) -> Normal:
-    """The normal distribution that most likely gave these counts, by Fisher's scoring.
+    """Fit a normal distribution to counts by maximum likelihood, with Fisher's scoring.
 
-    This is the probit fit where each individual is asked at every edge (Finney 1971, grouped data).
-    Counts in fewer than three places tell no sigma: it is 0, within the distance of the edges.
+    This is the probit fit if each individual is tested at every edge (Finney 1971, grouped data).
+    Counts in fewer than three places define no sigma: it is 0, within the distance of the edges.
 
     Args:
         edges: (k,) ascending.
@@ -71,7 +71,7 @@ def fit_normal(edges: F64, counts: F64) -> Normal:
 
 
 def _narrow(edges: F64, held: npt.NDArray[np.int64]) -> Normal:
-    """All in one place, or in two beside each other: the mean as well as the edges tell it."""
+    """The fit if all counts are in one or two neighbouring places, from the edges alone."""
     if not len(held):
         return Normal(math.nan, math.nan, math.nan, math.nan)
     low = edges[max(int(held[0]) - 1, 0)]
@@ -81,14 +81,14 @@ def _narrow(edges: F64, held: npt.NDArray[np.int64]) -> Normal:
 
 
 def mean_and_error(values: F64) -> tuple[float, float]:
-    """Mean and its standard error; NaN where there are too few."""
+    """Mean and its standard error; NaN for fewer than two values."""
     if len(values) < 2:
         return math.nan, math.nan
     return float(values.mean()), float(values.std(ddof=1)) / math.sqrt(len(values))
 
 
 def crossing(x: F64, y: F64, level: float) -> float:
-    """Where y first reaches `level` on straight lines through the points; NaN: nowhere."""
+    """x at which straight lines through the points first reach `level`; NaN: nowhere."""
     for i in range(len(x) - 1):
         if (y[i] - level) * (y[i + 1] - level) <= 0.0 and y[i] != y[i + 1]:
             return float(x[i] + (x[i + 1] - x[i]) * (level - y[i]) / (y[i + 1] - y[i]))

@@ -20,22 +20,22 @@ LADDER_LUX = (1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
 PIXELS = 40_000
 ATTEMPTS = 8
 ENOUGH = 0.99
-"""Of the pixels that were asked undisturbed, or are dead."""
+"""share of the pixels that were tested without noise, or are dead"""
 
 GROWTH = 0.04
-"""Ticks grow with the time since the step, by which the pixel slows down."""
+"""length of a tick over the time since the step"""
 
 CLOCK_S = 1e-6 / math.sqrt(12.0)
-"""What a microsecond's rounding does to a stamp, standard deviation."""
+"""standard deviation of a stamp that is rounded to a microsecond"""
 
 
 @dataclass(frozen=True)
 class Latency:
-    """Of one illuminance: that after the step."""
+    """Latency and jitter at one illuminance, that after the step."""
 
     lux: float
     share: float
-    """of the pixels that answered; NaN: none was at rest"""
+    """of the pixels that responded; NaN: none was at rest"""
     mean_s: tuple[float, float]
     """mean over pixels, standard error"""
     jitter_s: tuple[float, float]
@@ -43,11 +43,15 @@ class Latency:
 
 
 def measure_latency(bench: Bench, lux: float) -> Latency:
-    """From rest at lux / DOUBLED, the time from the step to each pixel's first ON event.
+    """Measure the time from a step, at rest at lux / DOUBLED, to each pixel's first ON event.
 
-    So few pixels are lit at a time that none waits for another: the readout has no limits here.
-    Pixels in which noise spoke meanwhile are asked again; left out, those with low thresholds,
-    which are noisier, would be missing.
+    The readout has no bandwidth limits here, as if few pixels were lit at a time. Pixels with noise
+    events are tested again: without them, pixels with low thresholds, which are noisier, would be
+    missing.
+
+    Args:
+        bench: the bench with the sensor.
+        lux: illuminance after the step.
     """
     part = bench.part(PIXELS, readout=ReadoutParameters())
     window = sum(window_us(part, lux / DOUBLED))
@@ -81,7 +85,7 @@ def measure_latency(bench: Bench, lux: float) -> Latency:
 
 
 def _first_answers(exposure: LightExposure, lux: float, window_us: int) -> npt.NDArray[np.int64]:
-    """(h w,) us from a step to `lux` until each pixel's first ON event has left; -1: none."""
+    """(h w,) us from a step to `lux` until the first ON event of each pixel has left; -1: none."""
     sensor = exposure.bench.sensor
     readout = make_readout(sensor)
     state = readout.init(exposure.bench.seed) if readout else None

@@ -14,42 +14,42 @@ from evs.tools.characterise.quantity import Quantity
 
 LUX = 10_000.0
 SWING = 1.0
-"""Of log light, to both sides."""
+"""amplitude of log light, to both sides"""
 
 OFFERED = tuple(1e6 * 10.0 ** (k / 3.0) for k in range(-1, 11))
-"""Events a second that the swing is made for, in the mean of all pixels; as far as it must go."""
+"""rates that the swing is made for, ev/s of all pixels; the measurement stops at the limit"""
 
 SATURATED = 0.4
-"""With a smaller share of what the pixels give coming out, the chip gives all it can."""
+"""the chip is at its limit if a smaller share of the pixels' events comes out"""
 
 SECONDS = 0.02
 TICKS = 100
 FILLED = 0.5
-"""Share of the time after which the queues are full, and counting begins."""
+"""share of the time after which the queues are full and counting begins"""
 
 MOST_EVENTS = 8_000_000
-"""Of a look; a faster one is shorter."""
+"""of one measurement; faster ones are shorter"""
 
 LEAST_PATH = 4.0
-"""Thresholds that the light goes by in a look, at least: the first events come late."""
+"""least number of thresholds that the light crosses, since the first events come late"""
 
 BLOCKS = 10
-"""Of the time that is counted; their spread is the error."""
+"""of the counted time; their spread gives the error"""
 
 
 @dataclass(frozen=True)
 class PeakRate:
-    """What goes in and comes out, ascending."""
+    """Rates into and out of the readout, ascending."""
 
     offered: F64
-    """(n,) events a second that the pixels gave"""
+    """(n,) rate of the pixels' events, ev/s"""
     passed: F64
-    """(n,) events a second that came out"""
+    """(n,) rate of the events that came out, ev/s"""
     peak: tuple[float, float]
-    """most that came out, standard error; NaN: there is no limit up to what was offered"""
+    """highest rate that came out, standard error; NaN: no limit up to the offered rates"""
 
     def results(self, sensor: SensorParameters) -> list[Quantity]:
-        """The most that comes out."""
+        """The highest rate that comes out."""
         note = ""
         if math.isnan(self.peak[0]):
             note = f"no limit up to {self.passed.max() / 1e6:.0f} Mev/s"
@@ -57,7 +57,7 @@ class PeakRate:
 
 
 def measure_peak_rate(bench: Bench) -> PeakRate:
-    """Faster and faster, until the chip is full or the pixels are."""
+    """Measure faster and faster swings, until the chip or the pixels are at their limit."""
     offered, passed, errors = [], [], []
     for wanted in OFFERED:
         given, out, error = _look(bench, wanted)
@@ -75,7 +75,7 @@ def measure_peak_rate(bench: Bench) -> PeakRate:
 
 
 def _look(bench: Bench, wanted: float) -> tuple[float, float, float]:
-    """(events a second given, passed, standard error of that)."""
+    """(rate of the pixels, rate that passed, its standard error), ev/s."""
     sensor = bench.sensor
     readout = make_readout(sensor)
     exposure = bench.start(LUX)
@@ -105,6 +105,6 @@ def _look(bench: Bench, wanted: float) -> tuple[float, float, float]:
 
 
 def _triangle(path: float) -> float:
-    """Up and down between -SWING and SWING, as far as `path` all together."""
+    """Position after `path` on the way up and down between -SWING and SWING."""
     place = (path + SWING) % (4.0 * SWING)
     return place - SWING if place < 2.0 * SWING else 3.0 * SWING - place

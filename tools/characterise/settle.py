@@ -1,7 +1,7 @@
 """Pixels brought to rest: the reference of each one is the light that it sees.
 
-Leak, and what light has left over, put a pixel's reference anywhere between two events. An event
-puts it where the light is. So each pixel is shown a fall of light that is just enough for it.
+Leak and earlier light leave a pixel's reference anywhere between two events. An event sets it to
+the present light. So each pixel is shown a fall of light that is just enough for one event.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from evs.tools.characterise.bench import F64, Bench, LightExposure, Mask, answer
 from evs.tools.characterise.expected import time_constants_s
 
 TIME_CONSTANTS = 9.0
-"""How long the bench waits for an answer; e^-9 of a step is still to come then."""
+"""how long the bench waits for a response; e^-9 of a step is then still to come"""
 
 LEAST_WINDOW_US = 16
 MOST_WINDOW_US = 2e7
-"""The bench has no patience for slower pixels; they answer to what came through."""
+"""longest wait; slower pixels respond to the part of a step that has come through"""
 
 FIRST_CONTRAST = 0.05
 MOST_CONTRAST = 14.0
-"""No pixel is asked for more, ln of the ratio of light."""
+"""largest contrast that is tried, ln of the ratio of light"""
 
 HALVINGS = 13
-"""So a pixel's least contrast is known to 1 / 8192 of it."""
+"""the least contrast of a pixel is then known to 1 / 8192 of it"""
 
 
 @dataclass
@@ -39,10 +39,10 @@ class Settled:
     sound: Mask
     """(h w,) pixels that settled"""
     dead: Mask
-    """(h w,) pixels that answered nothing; noise spoke in the others that did not settle"""
+    """(h w,) pixels that never responded; the others that did not settle had noise events"""
 
     def step(self, lux: float | F64, on: bool) -> Mask:
-        """(h w,) which pixels answer with this polarity to a step of the light; nothing changes."""
+        """(h w,) which pixels respond to a step of light with this polarity; the state is kept."""
         exposure = self.exposure.copy()
         mask = np.zeros(exposure.bench.pixels, bool)
         for us in window_us(exposure.bench, self.lux):
@@ -50,12 +50,12 @@ class Settled:
         return mask
 
     def quiet(self) -> Mask:
-        """(h w,) pixels that settled and do not speak while nothing happens."""
+        """(h w,) pixels that settled and have no event in constant light."""
         return self.sound & ~self.step(self.lux, True) & ~self.step(self.lux, False)
 
 
 def window_us(bench: Bench, lux: float) -> list[int]:
-    """Ticks in which a step has come through; the light takes the first one to change."""
+    """Ticks in which a step comes through, us; the light changes in the first one."""
     sensor = bench.sensor
     slowest = sum(time_constants_s(sensor, lux)) * 1e6
     total = max(LEAST_WINDOW_US, math.ceil(min(TIME_CONSTANTS * slowest, MOST_WINDOW_US)))
@@ -67,7 +67,7 @@ def window_us(bench: Bench, lux: float) -> list[int]:
 
 
 def growing_us(total_us: int, share: float) -> list[int]:
-    """Ticks for what slows down after a step: each is this share of the time since then."""
+    """Ticks that grow after a step, us: each lasts this share of the time since the step."""
     ticks: list[int] = []
     passed = 0
     while passed < total_us:
@@ -77,9 +77,12 @@ def growing_us(total_us: int, share: float) -> list[int]:
 
 
 def settle(bench: Bench, lux: float, wait_us: int = 1) -> Settled:
-    """Every pixel at rest in this light.
+    """Bring every pixel to rest in this light.
 
-    In: wait_us, how long to wait before; then the noise that some pixels spoke in is over.
+    Args:
+        bench: the bench with the sensor.
+        lux: illuminance.
+        wait_us: how long to wait before, until the noise that disturbed some pixels has passed.
     """
     sensor = bench.sensor
     window = window_us(bench, lux)
@@ -91,7 +94,7 @@ def settle(bench: Bench, lux: float, wait_us: int = 1) -> Settled:
             mask |= answered(exposure.expose(lux, us), sensor, False)
         return exposure, mask
 
-    # where noise speaks meanwhile, nobody knows what the reference is
+    # the reference of a pixel with noise events is not known
     noisy = np.zeros(bench.pixels, bool)
     exposure = bench.start(lux, wait_us)
     for us in window:
@@ -99,7 +102,7 @@ def settle(bench: Bench, lux: float, wait_us: int = 1) -> Settled:
     enough = least_contrast(lambda contrast: fall(contrast)[1] | noisy, bench.pixels)
     sound = np.isfinite(enough) & ~noisy
     exposure, fired = fall(np.where(sound, enough, 0.0))
-    # whoever has just fired is blind for a while
+    # a pixel that has just fired is blind for a while
     rest_us = LEAST_WINDOW_US + math.ceil(sensor.refractory_period_s * 1e6)
     sound &= fired
     sound[pixel_numbers(exposure.expose(lux, rest_us), sensor)] = False
@@ -107,13 +110,13 @@ def settle(bench: Bench, lux: float, wait_us: int = 1) -> Settled:
 
 
 def least_contrast(answers: Callable[[F64], Mask], pixels: int) -> F64:
-    """(h w,) the least contrast that each pixel answers; NaN: none up to MOST_CONTRAST.
+    """(h w,) the least contrast to which each pixel responds; NaN: none up to MOST_CONTRAST.
 
-    First doubled until it does, then halved between.
+    The contrast is doubled until a pixel responds, then found by bisection.
 
     Args:
-        answers: of one contrast a pixel, whether it answers.
-        pixels: the pixels.
+        answers: which pixels respond to (h w,) contrasts, one for each.
+        pixels: how many there are.
     """
     none = np.zeros(pixels)
     enough = np.full(pixels, FIRST_CONTRAST)

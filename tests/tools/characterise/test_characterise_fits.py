@@ -14,11 +14,10 @@ from evs.drivers.pictures.chart_layout import Chart, Series
 from evs.drivers.pictures.scales import Scale, decades_around
 from evs.emulator.sensor import SensorParameters
 from evs.tools.characterise import expected
+from evs.tools.characterise.background import Spreads, leak_without_noise, mean_excess
 from evs.tools.characterise.bench import Bench, corner
 from evs.tools.characterise.fit import crossing, fit_normal, mean_and_error
-from evs.tools.characterise.quantity import Quantity
-from evs.tools.characterise.renewal import Spreads, leak_without_noise, mean_excess
-from evs.tools.characterise.table_text import rows
+from evs.tools.characterise.quantity import Quantity, table_rows
 
 SENSOR = SensorParameters("s", 20, 10, 0.2, 0.2, 0.02, cutoff_hz=300.0, follower_hz=900.0)
 
@@ -132,7 +131,7 @@ def test_leak_lost_in_noise_has_no_number() -> None:
 
 
 def test_rows_have_the_digits_that_their_errors_have() -> None:
-    told = rows(
+    rows = table_rows(
         [
             Quantity("latency", "s", 0.00123456, 2.1e-6, 0.0012, 100.0),
             Quantity("latency", "s", math.nan, math.nan, 0.0012, 1.0, "too dark"),
@@ -140,10 +139,10 @@ def test_rows_have_the_digits_that_their_errors_have() -> None:
             Quantity("dead pixels", "", 0.0, 0.0, 0.0),
         ]
     )
-    assert told[0] == ("latency", "100", "1.2346 ms", "0.0021", "1.2000 ms", "+2.88 %", "")
-    assert told[1] == ("", "1", "-", "", "1.200 ms", "", "too dark")
-    assert told[2] == ("bandwidth", "10000", "1.8638 kHz", "0.0044", "1.8650 kHz", "-0.06 %", "")
-    assert told[3] == ("dead pixels", "-", "0", "0", "0", "", "")
+    assert rows[0] == ("latency", "100", "1.2346 ms", "0.0021", "1.2000 ms", "+2.88 %", "")
+    assert rows[1] == ("", "1", "-", "", "1.200 ms", "", "too dark")
+    assert rows[2] == ("bandwidth", "10000", "1.8638 kHz", "0.0044", "1.8650 kHz", "-0.06 %", "")
+    assert rows[3] == ("dead pixels", "-", "0", "0", "0", "", "")
 
 
 def test_a_corner_is_that_of_the_whole() -> None:
