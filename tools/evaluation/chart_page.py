@@ -28,7 +28,7 @@ COLOURS: dict[str, RGB] = {
     "evsnet_c4": (0, 140, 100),
 }
 OTHERS: tuple[RGB, ...] = ((190, 40, 60), (90, 60, 20), (0, 150, 170), (200, 60, 150))
-"""of models that have none of their own"""
+"""of models without a colour of their own"""
 
 
 def evaluation_page(found: Evaluation) -> U8:

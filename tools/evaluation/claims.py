@@ -10,7 +10,7 @@ from evs.tools.evaluation.aggregate import VALUES, ResultCell
 
 CAUSAL, PAPER = "evsnet_c8", "paper"
 NOTHING, REFERENCE = "nothing", "reference"
-"""Rows that are not models: no event at all; one half of the converged light against the other."""
+"""rows that are not models: no events, and one half of the converged light against the other"""
 
 EMD_FACTORS = {4: 5.0, 16: 5.0, 64: 3.0}
 """fresh samples a pixel -> by how much the causal network's EMD must be below plain's"""
@@ -20,7 +20,7 @@ ADAPTIVE_SPP = (4, 16)
 PAPER_SPP, OUR_SPP = 64, 4
 MORE_SPP = (4, 16, 64)
 _EDGE = 1e-9
-"""2.1 - 2 is a hair over 0.1"""
+"""2.1 - 2 is slightly over 0.1"""
 
 
 @dataclass(frozen=True)

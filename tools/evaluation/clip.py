@@ -22,7 +22,7 @@ from evs.emulator.world import (
 )
 from evs.msgs import EvsError, unknown
 from evs.tools.evaluation.digest import digest
-from evs.tools.evaluation.scene_setup import SceneSetup
+from evs.tools.evaluation.scenes import SceneSetup
 
 TICK_US = 1000
 SIZE = (346, 260)
@@ -30,7 +30,7 @@ SIZE = (346, 260)
 PATCH_PX = 32
 """side of the patch"""
 CONTROL_SCALE = 0.6
-"""share of the control range that is used"""
+"""share of the control range that the random controls use"""
 MAX_SAMPLED = 16384
 """most pixels of a clip besides the patch; an event's x is the number of its pixel"""
 
@@ -75,7 +75,7 @@ class Clip:
         return f"{self.scene_name}, {self.motion}"
 
     def before(self, ticks: int) -> Clip:
-        """The same at rest in its first instant, for so many ticks before it."""
+        """The scene at rest in its first instant, for so many ticks before it."""
         snapshot, pose = self.instants[0]
         earlier = tuple(
             (dataclasses.replace(snapshot, t_us=snapshot.t_us - back * self.tick_us), pose)
@@ -84,7 +84,7 @@ class Clip:
         return dataclasses.replace(self, instants=earlier)
 
     def fingerprint(self, ticks: int) -> str:
-        """Hash of everything that shapes the light of its first ticks, but how it is traced."""
+        """Hash of everything that shapes the light of its first ticks, except how it is traced."""
         light = self.scene, self.bounces, self.flicker
         return digest((light, self.camera, self.instants[:ticks], self.pixels))
 
@@ -103,7 +103,7 @@ def make_clip(
 ) -> Clip:
     """Simulate the scene and record a snapshot of each tick.
 
-    A scene that has to move first does so for as long whatever the tick.
+    The time that the scene moves before does not depend on the length of a tick.
 
     Args:
         setup: the scene.
@@ -164,9 +164,9 @@ def make_clip(
 
 
 def camera_motion(name: str, camera: CameraModel) -> Callable[[CameraPose, int], CameraPose]:
-    """Where the camera is t_us after the beginning, given where it would be if it stood still.
+    """A function from the pose of the camera at rest and a time, us, to its moving pose.
 
-    A camera that the scene moves keeps its motion; this one is added.
+    A motion that the scene gives the camera is kept, and this one is added.
     """
 
     def pan(rest: CameraPose, t_us: int) -> CameraPose:
@@ -184,9 +184,9 @@ def camera_motion(name: str, camera: CameraModel) -> Callable[[CameraPose, int],
 
 
 def spread_pixels(size: tuple[int, int], count: int, seed: int) -> I32:
-    """(count, 2) different pixels of a picture, at random, by rows of 4 x 4 blocks.
+    """(count, 2) different pixels of an image, at random, in rows of 4 x 4 blocks.
 
-    The tracer walks through blocks of 4 x 4, so neighbours in the list are neighbours in the scene.
+    The tracer works in blocks of 4 x 4, so neighbours in the list are neighbours in the scene.
     """
     width, height = size
     drawn = np.random.Philox(key=seed % 2**64).random_raw(width * height)
@@ -215,7 +215,7 @@ def busiest_corner(
 
 
 def busiest_square(change: F64, side: int) -> tuple[int, int]:
-    """Column and row of the square of a map, on a grid of 8 px, that holds most of it."""
+    """Column and row of the square, on a grid of 8 px, with the largest sum of a map."""
     sums = np.pad(change.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
     held = sums[side:, side:] - sums[side:, :-side] - sums[:-side, side:] + sums[:-side, :-side]
     grid = held[::_LOOK_STEP_PX, ::_LOOK_STEP_PX]

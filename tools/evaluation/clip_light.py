@@ -35,7 +35,7 @@ class LightSpec:
     seeds: str = "fixed"
     """fixed | fresh"""
     seed: int = SEED
-    """what the noise follows from"""
+    """of the noise"""
 
     @property
     def noisy_samples(self) -> int:
@@ -65,8 +65,8 @@ def renderer_of(clip: Clip, spec: LightSpec, threads: int) -> DirectRenderer:
 def light_key(clip: Clip, fingerprint: str, spec: LightSpec, ticks: int) -> str:
     """Hash of everything that shapes the light: scene, instants, pixels, settings, versions.
 
-    A few pixels are traced and belong to the key, so that a tracer that has changed does not pass
-    for the one that filled the cache.
+    A few traced pixels are part of the key, so that light of an earlier version of the tracer is
+    not taken from the cache.
 
     Args:
         clip: the clip.
@@ -91,7 +91,7 @@ def light_of(
     threads: int,
     moved: Callable[[int], None],
 ) -> F32:
-    """(ticks, n) luminance of the take's pixels.
+    """(ticks, n) luminance of the clip's pixels.
 
     Args:
         clip: the clip.
@@ -100,8 +100,8 @@ def light_of(
         ticks: how many.
         cache: holds the light.
         threads: worker threads; 0: one per core.
-        moved: called with the samples a pixel that each tick took, all at once where the cache has
-            them.
+        moved: called with the samples per pixel of each tick; if the cache has them, with all at
+            once.
     """
     done = 0
 

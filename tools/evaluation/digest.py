@@ -1,4 +1,4 @@
-"""One hash of nested values: two values have the same one only where they are the same."""
+"""One hash of nested values: only equal values have the same hash."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def digest(value: Any) -> str:
 
 
 def _parts(value: Any) -> Iterator[bytes]:
-    """Type, then content; each is hashed behind its length, so that none runs into the next."""
+    """Type, then content; the length of each part is hashed too, which keeps parts apart."""
     # a class that was renamed keeps its name here, so that old digests stay valid
     yield getattr(type(value), "DIGEST_NAME", type(value).__name__).encode()
     if isinstance(value, np.ndarray):

@@ -31,10 +31,10 @@ K = 384
 """ticks that are measured, the last ones of a clip"""
 DIRECT_SPP = 4
 WARM = 42
-"""ticks of the first instant with fresh noise, which a network sees before a take: its window"""
+"""ticks of the first instant with fresh noise, which a network sees before the clip: its window"""
 STILL = 0.05
-"""log units: a pixel whose converged light moves by less in all, a quarter of a threshold, stands
-still, and every event on it is false"""
+"""log units, a quarter of a threshold: a pixel whose converged light varies by less stands still,
+and every event on it is false"""
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class EvaluationSettings:
 
     @property
     def measured_ticks(self) -> int:
-        """The last ticks of a take; what comes before lets running means and windows settle."""
+        """The last ticks of a clip; those before let running means and windows settle."""
         return min(K, self.ticks - 1)
 
 
@@ -107,7 +107,7 @@ Moved = Callable[[int, str], None]
 
 
 def lights(settings: EvaluationSettings) -> Iterator[LightSpec]:
-    """What models are judged on."""
+    """The lights on which models are judged."""
     for seeds in SEEDS:
         for spp in settings.spp:
             yield LightSpec("path", spp, seeds)
@@ -129,7 +129,15 @@ def evaluate(
     moved: Moved | None = None,
     command: str = "",
 ) -> Evaluation:
-    """Run the evaluation. Light that is rendered stays in the cache, also after an error."""
+    """Run the evaluation. Rendered light stays in the cache, even after an error.
+
+    Args:
+        settings: what is evaluated.
+        cache: holds the light.
+        models_under_test: the models.
+        moved: called with the progress.
+        command: the command line, for the report.
+    """
     setups = [scenes.scene_setup(name) for name in settings.scenes]
     result = Evaluation(command, _plain(settings), {**versions(), **emulator_versions()})
     latency = look_ahead(models_under_test)
@@ -160,9 +168,9 @@ def evaluate(
 
 
 def look_ahead(models_under_test: Sequence[models.ModelUnderTest]) -> int:
-    """Ticks of light after the last one measured that some model needs, in steps of 24.
+    """Ticks of light after the last measured one that a model needs, in steps of 24.
 
-    In steps, so that models of different latency find the same light in the cache.
+    The steps let models of different latency find the same light in the cache.
     """
     most = max((one.latency_ticks for one in models_under_test), default=0)
     return 24 * max(1, -(-most // 24))
@@ -233,7 +241,14 @@ def _judge(
 
 
 def stands_still(light: F32) -> Mask:
-    """(n,) pixels whose log light never moves by more than STILL in all. In: (ticks, n) light."""
+    """Find the pixels whose log light varies by less than STILL in all.
+
+    Args:
+        light: (ticks, n).
+
+    Returns:
+        (n,).
+    """
     log = log_light(light, models.sensor_of(1))
     still: Mask = np.ptp(log, axis=0) < STILL
     return still

@@ -21,17 +21,17 @@ from evs.tools.metrics import (
 
 TOLERANCE_US = 3000
 TOLERANCE_PX = 1
-"""on the patch; pixels that are spread over the picture have no neighbours"""
+"""on the patch; pixels that are spread over the image have no neighbours"""
 
 Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Measures:
-    """Numbers of one stream. Sums, so that several takes can be pooled. NaN: not defined."""
+    """Numbers of one stream. They are sums, so that clips can be pooled. NaN: not defined."""
 
     pixels: int
-    """that are spread over the picture"""
+    """pixels that are spread over the image"""
     seconds: float
     emd: float
     """events per pixel: the paper's equation (9), its mean over the pixels"""
@@ -90,7 +90,7 @@ def measure(
         ms_per_tick: cost of the model.
 
     Raises:
-        EvsError: events that cannot be.
+        EvsError: the events are not valid.
     """
     window = Window(clip.sampled, 1, t_begin_us, t_end_us)
     patch = Window(clip.patch_px, clip.patch_px, t_begin_us, t_end_us)
@@ -129,12 +129,12 @@ def measure(
 
 
 def _spread(events: Events, clip: Clip, window: Window) -> Events:
-    """Those of the pixels that are spread over the picture."""
+    """The events of the pixels that are spread over the image."""
     return window.cut(events[events["x"] < clip.sampled])
 
 
 def _square(events: Events, clip: Clip, window: Window) -> Events:
-    """Those of the patch, at their places in it."""
+    """The events of the patch, with their positions in it."""
     inside = events[events["x"] >= clip.sampled].copy()
     number = inside["x"].astype(np.int64) - clip.sampled
     inside["x"], inside["y"] = number % clip.patch_px, number // clip.patch_px

@@ -25,23 +25,23 @@ from evs.msgs import Events, EvsError, join_events, unknown
 from evs.tools.evaluation.clip import TICK_US
 
 SENSOR = SensorConfig(preset="ideal", pos_thres=0.2, neg_thres=0.2)
-"""Of every model and of the reference: no noise but the light's."""
+"""of every model and of the reference: without noise but that of the light"""
 
 PIXELS = ("plain", "adaptive")
 NETWORKS = ("paper", "evsnet_c8", "evsnet_c4", "evsnet_c8_8ms")
 """The paper's own network, then ours: causal ones, and one that looks 8 ms ahead."""
 DEFAULT = (*PIXELS, *NETWORKS)
 SIDE = 4
-"""px of a tile: what the native network computes at once"""
+"""side of a tile, px, which the native network computes at once"""
 CHUNK = 16
-"""ticks that a network is given at once"""
+"""ticks of a network's chunk"""
 
 Make = Callable[[SensorParameters], EventModel]
 
 
 @dataclass(frozen=True)
 class RuntimeOptions:
-    """How models are run: as EvsNetModel takes it."""
+    """How models are run, as of EvsNetModel."""
 
     threads: int = 0
     runtime: str = "native"
@@ -56,7 +56,7 @@ class ModelUnderTest:
     name: str
     make: Make
     latency_ticks: int = 0
-    """light that it looks ahead; it is taken off its stamps"""
+    """ticks that it looks ahead; they are subtracted from its stamps"""
 
     def at(self, spp: int) -> ModelUnderTest:
         """The model for light of so many samples a pixel; 0: of light without noise."""
@@ -81,7 +81,7 @@ class ModelOutput:
     """Events and cost of a model on the light of n pixels."""
 
     events: Events
-    """(m,) x is the number of the pixel, y 0; without the model's latency"""
+    """(m,) x is the number of the pixel, y is 0; the latency of the model is subtracted"""
     ms_per_tick: float
     """of the model alone, by the wall clock: mean over all ticks"""
 
@@ -123,7 +123,7 @@ def models_under_test(
 
     Args:
         names: names of models.
-        own: a user's network, which is judged besides.
+        own: file of a user's network, which is judged too.
         how: how models are run.
 
     Raises:
@@ -153,14 +153,15 @@ def models_under_test(
 
 
 def network(weights: Network, how: RuntimeOptions, name: str = "") -> ModelUnderTest:
-    """A trained network.
+    """A trained network as a model. Its membranes begin at zero, as the reference's pixels do.
 
-    Its membranes begin at zero, as the reference's pixels do.
-
-    A graph of another design goes to onnxruntime, whatever the runtime.
+    Args:
+        weights: the network; onnxruntime runs a graph of another design, whatever the runtime.
+        how: how models are run.
+        name: its name; empty: that of the network.
 
     Raises:
-        EvsError: it is for other ticks, or no sensor can have it.
+        EvsError: the network is for ticks of another length, or no sensor can use it.
     """
     name = name or weights.name
     if weights.tick_us != TICK_US:
@@ -195,12 +196,14 @@ def _pixel(name: str, threads: int) -> Make:
 
 
 def run(tested: ModelUnderTest, light: F32, warm: F32 | None = None) -> ModelOutput:
-    """Events of every pixel.
+    """Run a model on the light of a row of pixels.
 
-    In: light (ticks, n) of the instants 0, 1 ... ms. Tick k is (k - 1, k] ms; the first only sets
-    the reference. A model that looks ahead needs as many ticks more. warm (ticks, n): what stood
-    still before, with its noise; a network sees it first, as in a camera, and its membranes are at
-    zero when it comes to the first tick.
+    Args:
+        tested: the model.
+        light: (ticks, n) at the instants 0, 1 ... ms. Tick k is (k - 1, k] ms; the first one only
+            sets the reference. A model that looks ahead needs as many ticks more.
+        warm: (ticks, n) light of the scene at rest before, with its noise. A network sees it
+            first, as in a camera, and its membranes are set to zero before the first tick.
     """
     pixels = light.shape[1]
     model = tested.make(sensor_of(pixels))
@@ -226,7 +229,7 @@ def run(tested: ModelUnderTest, light: F32, warm: F32 | None = None) -> ModelOut
 
 
 def _see(model: EventModel, frames: F32, state: Any, begin_us: int) -> tuple[Any, list[Events]]:
-    """The state after all frames, and the events of each tick."""
+    """Run a model over frames; return its state and the events of each tick."""
     parts: list[Events] = []
     if isinstance(model, ChunkedModel):
         for k in range(0, len(frames), CHUNK):

@@ -1,17 +1,45 @@
-"""The scenes that models are judged on, by name. None of them is ever trained on."""
+"""The scenes that models are judged on, by name. No network was trained on any of them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from evs.drivers.run.paths import in_package
-from evs.emulator.config import CameraConfig
+from evs.emulator.config import CameraConfig, FlickerConfig
 from evs.emulator.world import MjModel, load_model
 from evs.msgs import EvsError
-from evs.tools.evaluation.procedural import procedural_setup
-from evs.tools.evaluation.scene_setup import SceneSetup
+from evs.tools.training.pilot import run_pilot
+from evs.tools.training.scenes import CAMERA, START, make_scene
+from evs.tools.training.traced_scene import load_scene, simulate_scene
+
+
+@dataclass(frozen=True)
+class SceneSetup:
+    """A world, its view and how long it has moved before the first image."""
+
+    DIGEST_NAME: ClassVar[str] = "Stage"
+
+    name: str
+    model: MjModel
+    view: CameraConfig
+    """viewpoint of the free camera"""
+    camera: str = ""
+    """a camera of the model instead"""
+    soft: bool = False
+    """whether a light has a size, so that shadows are soft"""
+    keyframe: str = ""
+    """initial state"""
+    warm_ticks: int = 100
+    """ms of simulation before the first image"""
+    stands: bool = False
+    """whether the camera keeps its first pose"""
+    bounces: int = 2
+    flicker: tuple[FlickerConfig, ...] = ()
+
 
 BULB = 0.1
 """Radius of a robot's lamps, as a share of their distance from the model's centre: soft light."""
@@ -40,6 +68,16 @@ DEFAULT = (
     *("procedural/0", "procedural/1", "procedural/2", "procedural/3", "procedural/4"),
 )
 QUICK = ("gymnasium/humanoid", "procedural/0")
+
+FIRST_SEED = 2**63
+"""Training takes seeds below it; those from it on are for evaluation."""
+MOST = 1000
+"""how many procedural scenes there are"""
+ATTEMPTS = 20
+"""how many draws a procedural scene may take"""
+# of the trial run that rates a draw
+_LOOK_TICKS, _LOOK_TICK_US = 128, 1000
+_LOOK_SEED = 0
 
 
 def scene_setup(name: str) -> SceneSetup:
@@ -87,3 +125,47 @@ def check_names(names: Sequence[str]) -> tuple[str, ...]:
         if names.count(name) > 1:
             raise EvsError(f"scene '{name}' is given twice in the list; leave one out")
     return tuple(names)
+
+
+def procedural_setup(name: str, number: str) -> SceneSetup:
+    """Scene procedural/NUMBER.
+
+    The recipe of training, with a seed that training never uses. The camera stands where the
+    recipe's first one is, and the evaluation moves it; a useful scene has something else that
+    moves.
+
+    Args:
+        name: of the scene, for messages.
+        number: text of a whole number below MOST.
+
+    Raises:
+        EvsError: no number, or none of its attempts is of use.
+    """
+    if not (number.isdecimal() and int(number) < MOST):
+        raise EvsError(f"scene '{name}': give procedural/0 ... procedural/{MOST - 1}")
+    for attempt in range(ATTEMPTS):
+        scene = make_scene(FIRST_SEED, int(number), attempt)
+        try:
+            moving = simulate_scene(scene, _LOOK_TICKS, _LOOK_TICK_US, 1)
+        except EvsError:
+            # it flies apart; the next one may not
+            continue
+        first = moving.snapshots[0].cameras
+        held = tuple(replace(snapshot, cameras=first) for snapshot in moving.snapshots)
+        pilot = run_pilot(replace(moving, snapshots=held), _LOOK_SEED)
+        if not pilot.is_useful or pilot.is_still:
+            continue
+        model = load_scene(scene)
+        return SceneSetup(
+            name,
+            model,
+            CameraConfig(),
+            camera=CAMERA,
+            soft=bool(np.any(model.light_bulbradius > 0.0)),
+            keyframe=START,
+            warm_ticks=0,
+            stands=True,
+            bounces=scene.bounces,
+            flicker=scene.flicker,
+        )
+    raise EvsError(f"scene '{name}': none of {ATTEMPTS} attempts is of any use; take another")

@@ -26,8 +26,7 @@ from evs.tools.evaluation.digest import digest
 from evs.tools.evaluation.evaluate import WARM, stands_still
 from evs.tools.evaluation.light_cache import LightCache
 from evs.tools.evaluation.measure import Mask, Measures, measure
-from evs.tools.evaluation.scene_setup import SceneSetup
-from evs.tools.evaluation.scenes import scene_setup
+from evs.tools.evaluation.scenes import SceneSetup, scene_setup
 from evs.tools.jobs import job_threads, report_progress
 from evs.tools.sweep.clip_renderer import ClipRenderer, Moved
 from evs.tools.sweep.frame_methods import frame_method

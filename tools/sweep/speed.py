@@ -23,7 +23,7 @@ from evs.drivers.run.report import COMPLETE, STAGES
 from evs.drivers.run.run import run
 from evs.drivers.sink import Sink
 from evs.msgs import EvsError
-from evs.tools.evaluation.scene_setup import SceneSetup
+from evs.tools.evaluation.scenes import SceneSetup
 from evs.tools.sweep.errors import size_of
 from evs.tools.sweep.frame_methods import frame_method
 from evs.tools.sweep.points import SweepPoint

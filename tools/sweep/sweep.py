@@ -20,8 +20,7 @@ from evs.tools.doctor.machine import cpu_name
 from evs.tools.evaluation.clip import MOTIONS
 from evs.tools.evaluation.digest import digest
 from evs.tools.evaluation.light_cache import LightCache
-from evs.tools.evaluation.scene_setup import SceneSetup
-from evs.tools.evaluation.scenes import scene_setup
+from evs.tools.evaluation.scenes import SceneSetup, scene_setup
 from evs.tools.jobs import run_jobs
 from evs.tools.jobs.worker_pool import MOST_WORKERS
 from evs.tools.sweep.bus_listener import BusListener

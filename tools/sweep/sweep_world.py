@@ -19,7 +19,7 @@ from evs.emulator.simulation.world import World
 from evs.emulator.world import make_control
 from evs.msgs import EventPacket, join_events
 from evs.tools.evaluation.clip import CONTROL_SCALE, TICK_US, camera_motion
-from evs.tools.evaluation.scene_setup import SceneSetup
+from evs.tools.evaluation.scenes import SceneSetup
 from evs.tools.sweep.frame_methods import FrameMethod, interpolate, quantise
 
 

@@ -12,8 +12,7 @@ from evs.drivers.run.config import PipelineConfig
 from evs.drivers.run.shipped import PRESETS, pipelines
 from evs.emulator.world import load_model
 from evs.msgs import EvsError, unknown
-from evs.tools.evaluation.scene_setup import SceneSetup
-from evs.tools.evaluation.scenes import FOLDERS, VIEWS
+from evs.tools.evaluation.scenes import FOLDERS, VIEWS, SceneSetup
 from evs.tools.sweep.record import Setting
 from evs.tools.tuning.space import NAMES
 

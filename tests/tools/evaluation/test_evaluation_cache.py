@@ -13,7 +13,7 @@ import pytest
 from evs.msgs import EvsError
 from evs.tools.evaluation.digest import digest
 from evs.tools.evaluation.light_cache import DamagedCacheWarning, LightCache, user_cache
-from evs.tools.evaluation.scene_setup import SceneSetup
+from evs.tools.evaluation.scenes import SceneSetup
 
 LIGHT = np.arange(12, dtype=np.float32).reshape(3, 4)
 

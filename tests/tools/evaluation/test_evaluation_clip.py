@@ -20,8 +20,7 @@ from evs.tools.evaluation.clip import (
 )
 from evs.tools.evaluation.clip_light import LightSpec, light_key
 from evs.tools.evaluation.digest import digest
-from evs.tools.evaluation.procedural import FIRST_SEED
-from evs.tools.evaluation.scenes import scene_setup
+from evs.tools.evaluation.scenes import FIRST_SEED, scene_setup
 from evs.tools.training.settings import DataSettings
 from reference.judged import written
 

@@ -19,8 +19,7 @@ from evs.msgs import EvsError, join_events
 from evs.tools.evaluation import models
 from evs.tools.evaluation.clip import MOTIONS, SIZE, make_clip
 from evs.tools.evaluation.light_cache import LightCache
-from evs.tools.evaluation.scene_setup import SceneSetup
-from evs.tools.evaluation.scenes import scene_setup
+from evs.tools.evaluation.scenes import SceneSetup, scene_setup
 from evs.tools.sweep import axes
 from evs.tools.sweep.errors import ErrorMeter, ErrorSettings
 from evs.tools.sweep.frame_methods import frame_method
