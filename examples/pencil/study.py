@@ -6,14 +6,13 @@ no search has seen. A value counts as survived where every seed stands.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
 
-from evs.examples.common.bisection import limit
-from evs.examples.common.cross_entropy import Budget, cross_entropy
 from evs.examples.common.results_file import ResultsFile
+from evs.examples.common.search import Budget, cross_entropy, limit
 from evs.examples.pencil import TRACKERS
 from evs.examples.pencil.balance import StickGains
 from evs.examples.pencil.environment import PencilExperiment, PencilTrial
@@ -181,3 +180,44 @@ def plain_plan(plan: StudyPlan) -> dict[str, Any]:
     del plain["trackers"]
     practice = [asdict(replace(trial, seconds=plan.practice_s)) for trial in PRACTICE]
     return {"loop": "pencil", **plain, "box": BOX, "practice": practice}
+
+
+HEADINGS = (
+    "tracker",
+    "shortest stick, mm",
+    "strongest push, mN s",
+    "longest delay, ms",
+    "stood to the end",
+    "gains (fast, slow, observer Hz, lag ms)",
+)
+
+
+def table_rows(rows: dict[str, dict[str, Any]], trackers: Sequence[str]) -> list[tuple[str, ...]]:
+    """What is known of each tracker; "-": not found out, "none": not even the easiest."""
+    return [(tracker, *_cells(rows.get(tracker, {}))) for tracker in trackers]
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    stood = row.get("stood")
+    gains = row.get("gains", {}).get("found")
+    return (
+        _number(row, "shortest_m", 1e3),
+        _number(row, "strongest_mns"),
+        _number(row, "longest_ms"),
+        "-" if stood is None else f"{stood['stood']} of {stood['starts']}",
+        "-" if gains is None else ", ".join(f"{value:.3g}" for value in gains.values()),
+    )
+
+
+def _number(row: dict[str, Any], name: str, unit: float = 1.0) -> str:
+    if name not in row:
+        return "-"
+    value = row[name]
+    return "none" if value is None else f"{value * unit:.3g}"
+
+
+def markdown(rows: dict[str, dict[str, Any]], trackers: Sequence[str], command: str) -> str:
+    """The table, and how it was made."""
+    lines = ["| " + " | ".join(HEADINGS) + " |", "|" + " --- |" * len(HEADINGS)]
+    lines += ["| " + " | ".join(row) + " |" for row in table_rows(rows, trackers)]
+    return "\n".join([*lines, "", f"*`{command}`*", ""])

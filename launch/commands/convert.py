@@ -6,7 +6,7 @@ import argparse
 import textwrap
 from collections.abc import Callable
 
-from evs.launch.support.recording_options import add_single_option
+from evs.launch.support.options import add_single_option
 from evs.launch.support.reinvoke import command
 
 HELP = "write a recording in another format: IN and OUT go by their endings"

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from evs.launch.support.pipeline_options import add_key_options
+from evs.launch.support.options import add_key_options
 from evs.msgs import EventPacket, EvsError
 
 if TYPE_CHECKING:

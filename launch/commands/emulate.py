@@ -10,7 +10,7 @@ from pathlib import Path
 
 from evs.drivers import settings
 from evs.drivers.run import config as pipeline
-from evs.launch.support import pipeline_options
+from evs.launch.support import options
 from evs.launch.support.reinvoke import command
 
 HELP = "run a scene through the event camera: publish it, record it"
@@ -57,16 +57,16 @@ STOPPED = {"interrupted": 130, "terminated": 143}
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments. All stay text here; the configuration knows their types."""
     parser.usage = "evs emulate [SCENE.xml] [PIPELINE.toml] [key=value ...] [options]"
-    pipeline_options.add_pipeline_options(parser, OPTIONS)
+    options.add_pipeline_options(parser, OPTIONS)
     parser.add_argument(
         "--quiet", action="store_true", help="print nothing but warnings and errors"
     )
-    parser.epilog = pipeline_options.keys_text()
+    parser.epilog = options.keys_text()
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the pipeline; the exit code."""
-    config = pipeline.load(*pipeline_options.parse_pipeline(args, OPTIONS))
+    config = pipeline.load(*options.parse_pipeline(args, OPTIONS))
     if config.is_closed:
         from evs.launch.support.serve_loop import serve
 

@@ -8,7 +8,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from evs.launch.support.recording_options import add_single_option
+from evs.launch.support.options import add_single_option
 from evs.launch.support.reinvoke import command
 
 if TYPE_CHECKING:

@@ -4,14 +4,41 @@ from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from evs.launch.support import loop_tables, loop_wire, pipeline_options
+from evs.launch.support import options
 from evs.msgs import EvsError, unknown
+
+if TYPE_CHECKING:
+    from evs.emulator.base.protocols import Meter
+    from evs.emulator.simulation.closed_loop import Loop
+    from evs.examples.cartpole.controller import CartPoleController
+    from evs.examples.goalie.controller import Goalkeeper
+    from evs.examples.pencil.controller import Controller
 
 HELP = "closed-loop examples: balance a pencil, keep a goal, by event cameras"
 
 LOOPS = ("pencil", "goalie", "cartpole")
+
+WORLD: dict[str, dict[str, float | None]] = {
+    "seconds": {"pencil": None, "cartpole": None},
+    "push": {"pencil": 2.0, "cartpole": 3000.0},
+    "delay": {"pencil": 0.0, "cartpole": 0.0},
+    "length": {"pencil": 0.2},
+    "speed": {"goalie": 5.0},
+}
+"""option -> the loops that it is for, and what it is there where it is not given"""
+
+SERVED = (
+    *("record", "overwrite", "beside", "publish", "sink", "aside", "worker", "report"),
+    *("lockstep", "pace", "realtime"),
+)
+"""keys of a pipeline that --serve takes, by how they begin"""
+
+ITS_OWN = ("lockstep.address", "lockstep.cameras")
+"""but for these"""
 
 EPILOG = """\
 examples:
@@ -60,7 +87,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--seeds", type=int, metavar="N", help="cartpole, --table: number of trials")
     add("--jobs", type=int, metavar="N", help="--table: parallel processes (1)")
     add("--quick", action="store_true", help="--table: a quick trial run")
-    pipeline_options.add_key_options(parser)
+    options.add_key_options(parser)
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
 
 
@@ -72,13 +99,13 @@ def run(args: argparse.Namespace) -> int:
         raise EvsError(f"--seed is {args.seed}: give 0 or more")
     _check(args)
     if args.table is not None:
-        table = loop_tables.pencil if args.name == "pencil" else loop_tables.goalie
-        return table(args)
+        measure = _measure_pencil if args.name == "pencil" else _measure_goalie
+        return measure(args)
     args.tracker = args.tracker or "events"
     if args.connect is not None:
-        return loop_wire.connect(args)
+        return _connect(args)
     if args.serve is not None:
-        return loop_wire.serve(args)
+        return _serve(args)
     play = {"pencil": _pencil, "goalie": _goalie, "cartpole": _cartpole}[args.name]
     return play(args)
 
@@ -97,7 +124,7 @@ def _check(args: argparse.Namespace) -> None:
         for option in ("jobs", "quick", *(() if args.name == "cartpole" else ("seeds",))):
             if getattr(args, option):
                 raise EvsError(f"--{option} is for --table FILE.json only")
-    for option, defaults in loop_wire.WORLD.items():
+    for option, defaults in WORLD.items():
         value = getattr(args, option)
         if value is None:
             setattr(args, option, defaults.get(args.name))
@@ -123,7 +150,7 @@ def _pencil(args: argparse.Namespace) -> int:
     from evs.examples.pencil.environment import PencilExperiment, PencilTrial
     from evs.examples.pencil.gif import record_gif
 
-    seconds = loop_wire.seconds(args, 4.0 if args.gif else 30.0)
+    seconds = _seconds(args, 4.0 if args.gif else 30.0)
     trial = PencilTrial(args.length, args.push, args.delay, seconds, args.seed)
     if args.gif is not None:
         outcome = record_gif(Path(args.gif), trial, args.tracker)
@@ -155,7 +182,7 @@ def _cartpole(args: argparse.Namespace) -> int:
     from evs.examples.cartpole.environment import CartPoleLoop, CartPoleTrial, play
     from evs.examples.cartpole.gif import record_gif
 
-    seconds = loop_wire.seconds(args, 4.0 if args.gif else 10.0)
+    seconds = _seconds(args, 4.0 if args.gif else 10.0)
     count = 1 if args.seeds is None else args.seeds
     if count < 1:
         raise EvsError(f"--seeds is {count}: give 1 or more")
@@ -176,3 +203,190 @@ def _cartpole(args: argparse.Namespace) -> int:
             if outcome.ended:
                 print(f"seed {trial.seed}: {outcome.stood_s:g} s, {outcome.ended}")
     return int(stood < len(outcomes))
+
+
+def _measure_pencil(args: argparse.Namespace) -> int:
+    """Tune every tracker and find its limits."""
+    # here, so that --help is quick
+    from evs.drivers.run.report import check_targets, write_whole
+    from evs.examples.common.results_file import ResultsFile
+    from evs.examples.pencil import TRACKERS
+    from evs.examples.pencil.study import (
+        HEADINGS,
+        QUICK,
+        StudyPlan,
+        count_units,
+        markdown,
+        plain_plan,
+        run_study,
+        table_rows,
+    )
+    from evs.launch.support import terminal
+
+    plan = QUICK if args.quick else StudyPlan()
+    if args.tracker is not None:
+        plan = replace(plan, trackers=(args.tracker,))
+    if args.seeds is not None:
+        plan = replace(plan, seeds=_number_of_seeds(args))
+    file, page = _targets(args)
+    check_targets([file, page])
+    results = ResultsFile(file, plain_plan(plan))
+    known = sum(len(results.rows.get(tracker, {})) for tracker in plan.trackers)
+    with terminal.bar("measuring", count_units(plan), args.quiet) as moved:
+        for done, unit in enumerate(run_study(plan, results, args.jobs), known + 1):
+            moved(done, f"{unit.tracker}: {unit.what}")
+    shown = [tracker for tracker in TRACKERS if tracker in results.rows]
+    write_whole(markdown(results.rows, shown, _command(args)), page)
+    if not args.quiet:
+        terminal.table("pencil", HEADINGS, table_rows(results.rows, shown))
+    return 0
+
+
+def _measure_goalie(args: argparse.Namespace) -> int:
+    """Shoot at every tracker, over all speeds."""
+    from evs.drivers.pictures import write_png
+    from evs.drivers.run.report import check_targets, write_whole
+    from evs.examples.common.results_file import ResultsFile
+    from evs.examples.goalie.speed_curve import (
+        HEADINGS,
+        QUICK,
+        CurvePlan,
+        chart,
+        count_units,
+        markdown,
+        plain_plan,
+        run_curve,
+        table_rows,
+    )
+    from evs.launch.support import terminal
+
+    plan = QUICK if args.quick else CurvePlan()
+    if args.tracker is not None:
+        plan = replace(plan, trackers=(args.tracker,))
+    if args.seeds is not None:
+        plan = replace(plan, shots=_number_of_seeds(args))
+    file, page = _targets(args)
+    picture = file.with_suffix(".png")
+    check_targets([file, page, picture])
+    results = ResultsFile(file, plain_plan(plan))
+    known = sum(len(results.rows.get(tracker, {})) for tracker in plan.trackers)
+    with terminal.bar("shooting", count_units(plan), args.quiet) as moved:
+        for done, unit in enumerate(run_curve(plan, results, args.jobs), known + 1):
+            moved(done, f"{unit.tracker}: {unit.speed_m_s:g} m/s")
+    write_whole(markdown(results.rows, plan.shots, _command(args)), page)
+    write_png(picture, chart(results.rows, plan.shots), few_colours=True)
+    if not args.quiet:
+        terminal.table("goalie", HEADINGS, table_rows(results.rows, plan.shots))
+    return 0
+
+
+def _number_of_seeds(args: argparse.Namespace) -> int:
+    if args.seeds < 1:
+        raise EvsError(f"--seeds is {args.seeds}: give 1 or more")
+    return int(args.seeds)
+
+
+def _targets(args: argparse.Namespace) -> tuple[Path, Path]:
+    """The results and the page."""
+    file = Path(args.table)
+    if file.suffix != ".json":
+        raise EvsError(f"--table is '{file}': end it in .json")
+    return file, file.with_suffix(".md")
+
+
+def _command(args: argparse.Namespace) -> str:
+    words = ["evs loop", args.name, "--table", args.table]
+    words += [] if args.seeds is None else ["--seeds", str(args.seeds)]
+    return " ".join([*words, *(["--quick"] if args.quick else [])])
+
+
+def _serve(args: argparse.Namespace) -> int:
+    """Serve the world until it is stopped; return the exit code."""
+    # here, so that --help is quick
+    from evs.drivers import settings
+    from evs.drivers.run import config as pipeline
+    from evs.examples.cartpole.environment import SCENE as CARTPOLE
+    from evs.examples.goalie.environment import SCENE as GOALIE
+    from evs.examples.pencil.environment import SCENE as PENCIL
+    from evs.launch.support import serve_loop
+
+    keys = [settings.split_word(word) for word in args.words]
+    for key, _ in keys:
+        if key.partition(".")[0].partition("_")[0] not in SERVED or key in ITS_OWN:
+            raise EvsError(
+                f"{key} is not for --serve, whose loop is made by options (evs loop --help); "
+                f"what begins with {', '.join(SERVED)} is"
+            )
+    scene = {"pencil": PENCIL, "goalie": GOALIE, "cartpole": CARTPOLE}[args.name]
+    own = [("pace", "lockstep"), ("scene.file", str(scene)), ("lockstep.address", args.serve)]
+    config = pipeline.load(None, [*own, *keys])
+    world = {name: getattr(args, name) for name, loops in WORLD.items() if args.name in loops}
+    reported = {"loop": args.name, "tracker": args.tracker, **world, "keys": dict(keys)}
+    return serve_loop.serve(config, args.quiet, lambda meter: _loop(args, meter), reported)
+
+
+def _loop(args: argparse.Namespace, meter: Meter) -> Loop:
+    from evs.examples import goalie, pencil
+
+    if args.name == "goalie":
+        from evs.examples.goalie.environment import GoalieLoop
+
+        return GoalieLoop(goalie.TRACKERS[args.tracker], speed_m_s=args.speed, meter=meter)
+    if args.name == "cartpole":
+        from evs.examples.cartpole.environment import CartPoleLoop
+
+        return CartPoleLoop(
+            push_ns=args.push * 1e-3,
+            delay_ms=args.delay,
+            max_s=_seconds(args, 10.0),
+            meter=meter,
+        )
+    from evs.examples.pencil.environment import PencilLoop
+
+    return PencilLoop(
+        pencil.TRACKERS[args.tracker],
+        args.length,
+        push_mns=args.push,
+        delay_ms=args.delay,
+        max_s=_seconds(args, 30.0),
+        meter=meter,
+    )
+
+
+def _connect(args: argparse.Namespace) -> int:
+    """A controller, in a process that imports no simulator; 1 where it ended before its time."""
+    from evs.drivers import lockstep
+
+    controller = _controller(args)
+    keys = {"server_key": args.server_key, "key": args.key}
+    with lockstep.connect(args.connect, args.name, **keys) as loop:
+        observation = loop.reset(args.seed)
+        while not observation.done:
+            observation = loop.step(controller.decide(observation))
+    if not args.quiet:
+        print(f"{observation.t_us / 1e6:g} s: {observation.done}")
+    return int(args.name != "goalie" and not observation.done.endswith("are over"))
+
+
+def _controller(args: argparse.Namespace) -> Controller | Goalkeeper | CartPoleController:
+    from evs.examples import goalie, pencil
+
+    if args.name == "goalie":
+        from evs.examples.goalie.controller import Goalkeeper
+
+        return Goalkeeper(frames=goalie.TRACKERS[args.tracker] > 0)
+    if args.name == "cartpole":
+        from evs.examples.cartpole.controller import CartPoleController
+
+        return CartPoleController()
+    from evs.examples.pencil.controller import Controller, make_tracker
+
+    return Controller(make_tracker(pencil.TRACKERS[args.tracker], args.length), args.length)
+
+
+def _seconds(args: argparse.Namespace, default: float) -> float:
+    """How long it has to stand."""
+    seconds = default if args.seconds is None else float(args.seconds)
+    if not seconds > 0.0:
+        raise EvsError(f"--seconds is {seconds:g}: give a number over 0")
+    return seconds

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from evs.drivers.run import config as pipeline
 from evs.launch.commands.emulate import OPTIONS as EMULATE
 from evs.launch.commands.emulate import STOPPED
-from evs.launch.support import pipeline_options
+from evs.launch.support import options
 from evs.msgs import EvsError
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ MEASURE_TICKS = 100
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.usage = "evs plan [SCENE.xml | PIPELINE.toml] [key=value ...] [options]"
-    pipeline_options.add_pipeline_options(parser, OPTIONS)
+    options.add_pipeline_options(parser, OPTIONS)
     parser.add_argument(
         "--measure",
         nargs="?",
@@ -47,7 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Load the scene, print its plan."""
-    config = pipeline.load(*pipeline_options.parse_pipeline(args, OPTIONS))
+    config = pipeline.load(*options.parse_pipeline(args, OPTIONS))
     ticks = _ticks(args.measure)
 
     # here, so that --help is quick

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from evs.launch.support.recording_options import add_single_option
+from evs.launch.support.options import add_single_option
 from evs.msgs import DEFAULT_ADDRESS, EvsError, Frame, ImuPacket, TriggerPacket
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from evs.launch.support.pipeline_options import add_key_options
+from evs.launch.support.options import add_key_options
 from evs.launch.support.reinvoke import command
 from evs.msgs import EVENTS, EvsError
 

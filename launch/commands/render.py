@@ -8,7 +8,7 @@ from pathlib import Path
 
 from evs.drivers import settings
 from evs.drivers.run import config as pipeline
-from evs.launch.support import pipeline_options
+from evs.launch.support import options
 from evs.msgs import EvsError
 
 HELP = "luminance, colour, depth, normals, ids and optical flow of a scene, into one .npz file"
@@ -57,7 +57,7 @@ rendered, so Ctrl-C loses nothing.
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments; what is short for a key stays text."""
     parser.usage = "evs render [SCENE.xml] [PIPELINE.toml] [key=value ...] [options] -o FILE.npz"
-    pipeline_options.add_pipeline_options(parser, OPTIONS)
+    options.add_pipeline_options(parser, OPTIONS)
     add = parser.add_argument
     add("-o", "--out", metavar="FILE.npz", required=True, help="the file to write")
     add(
@@ -71,12 +71,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--preview", metavar="FILE.png", help="draw the channels of the last frame in one picture")
     add("--force", action="store_true", help="replace existing files")
     add("--quiet", action="store_true", help="print nothing but warnings and errors")
-    parser.epilog = EXAMPLES + pipeline_options.keys_text(NOT_HERE)
+    parser.epilog = EXAMPLES + options.keys_text(NOT_HERE)
 
 
 def run(args: argparse.Namespace) -> int:
     """Render; the exit code."""
-    file, overrides = pipeline_options.parse_pipeline(args, OPTIONS)
+    file, overrides = options.parse_pipeline(args, OPTIONS)
     for key, _ in overrides:
         if key.partition(".")[0] in NOT_HERE:
             raise EvsError(f"{key} is a key of evs emulate; evs render writes one file, -o")

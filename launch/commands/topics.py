@@ -7,7 +7,7 @@ import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from evs.launch.support.pipeline_options import add_key_options
+from evs.launch.support.options import add_key_options
 
 if TYPE_CHECKING:
     from evs.drivers.bus import Described

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from evs.launch.support import pipeline_options, reinvoke
+from evs.launch.support import options, reinvoke
 from evs.msgs import EvsError
 
 HELP = "find the pipeline for a scene that reaches a speed, or keeps an error, and write it"
@@ -42,7 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "SCENE, key=value",
         "the scene (or a pipeline with a scene), then keys to keep as given",
     )
-    pipeline_options.add_pipeline_options(parser, OPTIONS, scene)
+    options.add_pipeline_options(parser, OPTIONS, scene)
     parser.usage = "evs tune SCENE (--rtf R | --error E) [key=value ...] [options]"
     add = parser.add_argument
     add("--rtf", type=float, metavar="R", help="real-time factor to reach; maximises accuracy")
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
         raise EvsError(f"--output is '{output}', a scene by its ending: give one in .toml")
     check_own(output)
     check_targets([output])
-    base = base_pipeline(*pipeline_options.parse_pipeline(args, OPTIONS))
+    base = base_pipeline(*options.parse_pipeline(args, OPTIONS))
     able = candidates(base.pinned)
     cache = LightCache(user_cache() if args.cache is None else Path(args.cache).expanduser())
     effort = measurement.QUICK if args.quick else measurement.USUAL

@@ -9,8 +9,8 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from evs.launch.support import pipeline_options
-from evs.launch.support.recording_options import add_single_option
+from evs.launch.support import options
+from evs.launch.support.options import add_single_option
 from evs.msgs import Events, EvsError
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     live_view.add_argument(
         "--timeout", type=float, metavar="S", help="end after S seconds without a packet"
     )
-    pipeline_options.add_key_options(live_view)
+    options.add_key_options(live_view)
 
 
 def run(args: argparse.Namespace) -> int:

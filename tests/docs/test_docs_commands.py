@@ -17,7 +17,7 @@ import pytest
 
 from evs.drivers.run import config as pipeline
 from evs.launch import main
-from evs.launch.support.pipeline_options import parse_pipeline
+from evs.launch.support.options import parse_pipeline
 from evs.tools.dataset.scenes import of_file
 
 ROOT = Path(__file__).parents[2]

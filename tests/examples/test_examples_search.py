@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from evs.examples.common.bisection import limit
-from evs.examples.common.cross_entropy import Budget, Point, cross_entropy
 from evs.examples.common.results_file import ResultsFile
+from evs.examples.common.search import Budget, Point, cross_entropy, limit
 from evs.msgs import EvsError
 
 BOX = {"a": (0.1, 100.0), "b": (0.01, 10.0)}

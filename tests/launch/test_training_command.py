@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from evs.launch.commands import train
 from evs.launch.main import main
-from evs.launch.support import train_fit
 from evs.tools.training.recipes import RECIPES
 from reference.shards import synthetic_data
 
@@ -20,7 +20,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_recipes_named_in_the_help_are_those_there_are() -> None:
-    assert set(train_fit.RECIPES) == set(RECIPES)
+    assert set(train.RECIPES) == set(RECIPES)
 
 
 @pytest.mark.parametrize(

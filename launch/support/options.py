@@ -1,4 +1,4 @@
-"""Options of the commands that run a pipeline: a file, key=value words, short options."""
+"""Options that several commands share: of pipelines, of subscribers and of recordings."""
 
 from __future__ import annotations
 
@@ -6,9 +6,6 @@ import argparse
 import textwrap
 from collections.abc import Collection, Mapping
 
-from evs.drivers import settings
-from evs.drivers.run import config as pipeline
-from evs.drivers.run import config_keys, shipped
 from evs.msgs import EvsError
 
 Options = Mapping[str, tuple[str, str, str]]
@@ -46,10 +43,20 @@ def add_pipeline_options(
 def parse_pipeline(
     args: argparse.Namespace, options: Options
 ) -> tuple[str | None, list[tuple[str, str]]]:
-    """The pipeline file, if any, and (key, text) of everything else on the command line.
+    """Read what `add_pipeline_options` added.
 
-    Where there is --scene, a word with a scene's ending is short for it.
+    If there is an option --scene, a word with a scene's ending is short for it.
+
+    Returns:
+        The pipeline file, or None, and (key, text) of everything else on the command line.
+
+    Raises:
+        EvsError: two files of one kind, or two values for one key.
     """
+    # here, so that commands without a pipeline start quickly
+    from evs.drivers import settings
+    from evs.drivers.run import config as pipeline
+
     files = [word for word in args.words if "=" not in word]
     scenes = [word for word in files if "scene" in options and pipeline.is_scene(word)]
     files = [word for word in files if word not in scenes]
@@ -85,12 +92,24 @@ def add_key_options(parser: argparse._ActionsContainer) -> None:
     )
 
 
+def add_single_option(parser: argparse.ArgumentParser) -> None:
+    """Add --single: read one file of a recording that continues in several."""
+    parser.add_argument(
+        "--single",
+        action="store_true",
+        help="read this file only, even if the recording continues in FILE-001, FILE-002, ...",
+    )
+
+
 def keys_text(without: Collection[str] = ()) -> str:
     """Every configuration key with its default and meaning, from the classes themselves.
 
     Args:
-        without: first parts of the names of those that are left out.
+        without: first parts of the names of the keys that are left out.
     """
+    from evs.drivers.run import config as pipeline
+    from evs.drivers.run import config_keys, shipped
+
     named = shipped.pipelines()
     lines = [
         "Pipelines that come with evs; a preset needs a scene, as in",

@@ -1,7 +1,4 @@
-"""Cross-entropy search over a box, which tunes every controller with the same budget.
-
-After Rubinstein, The cross-entropy method for combinatorial and continuous optimization, 1999.
-"""
+"""Search the parameters of a controller: the best gains, and the limit that it survives."""
 
 from __future__ import annotations
 
@@ -74,3 +71,38 @@ def cross_entropy(
             best, highest = points[order[0]], float(scores[order[0]])
         mean, spread = tried[order].mean(0), tried[order].std(0) + 0.02 * (most - least)
     return best, highest
+
+
+def limit(
+    survives: Callable[[float], bool], easy: float, hard: float, steps: int, whole: bool = False
+) -> float | None:
+    """The hardest value that was tried and survived; None if even `easy` is not.
+
+    Halved by ratio where both are over 0, else by difference. What survives `hard` is given back as
+    `hard`: the limit lies beyond.
+
+    Args:
+        survives: whether a value is survived.
+        easy: the ends, which may lie either way round.
+        hard: the ends, which may lie either way round.
+        steps: how often the rest is halved.
+        whole: only whole numbers are tried.
+    """
+    if easy == hard or steps < 1:
+        raise EvsError(f"nothing to halve between {easy:g} and {hard:g} in {steps} steps")
+    if not survives(easy):
+        return None
+    if survives(hard):
+        return hard
+    good, bad = easy, hard
+    for _ in range(steps):
+        middle = math.sqrt(good * bad) if good > 0.0 and bad > 0.0 else 0.5 * (good + bad)
+        if whole:
+            middle = float(round(middle))
+        if middle in (good, bad):
+            break
+        if survives(middle):
+            good = middle
+        else:
+            bad = middle
+    return good
