@@ -11,11 +11,10 @@ from evs.drivers.run.paths import in_package
 from evs.emulator.base.protocols import Meter
 from evs.emulator.config import CameraConfig
 from evs.emulator.config.closed_loop import DelayConfig
-from evs.emulator.simulation.closed_loop import Loop
 from evs.emulator.world import MjData, MjModel, add_joint_sensors, load_model, load_spec
 from evs.examples.cartpole.controller import CartPoleController
 from evs.examples.cartpole.tracker import CameraMount
-from evs.examples.common.pushes import PushSchedule
+from evs.examples.common.environment import PushSchedule, SeededLoop
 from evs.msgs import Observation
 
 SCENE = "gymnasium:envs/mujoco/assets/inverted_pendulum.xml"
@@ -28,7 +27,7 @@ RAIL_M = 0.98
 PUSHES = PushSchedule(first_tick=1000, every_ticks=2000)
 
 
-class CartPoleLoop(Loop):
+class CartPoleLoop(SeededLoop):
     """The closed loop. The seed draws the start and the sides of the pushes."""
 
     def __init__(
@@ -40,7 +39,15 @@ class CartPoleLoop(Loop):
         threads: int = 1,
         meter: Meter | None = None,
     ) -> None:
-        """In: as of CartPoleTrial; threads, that find light."""
+        """Build the scene.
+
+        Args:
+            push_ns: impulse of each push, as in CartPoleTrial.
+            delay_ms: delay from a decision to its force, as in CartPoleTrial.
+            max_s: length of an episode; None: no limit.
+            threads: threads that trace light.
+            meter: measures the stages of a tick.
+        """
         self.push_ns = push_ns
         super().__init__(
             cartpole_model(),
@@ -54,29 +61,13 @@ class CartPoleLoop(Loop):
         )
         self._body = int(self.world.model.body("pole").id)
 
-    def reset(
-        self,
-        seed: int | None = None,
-        keyframe: str = "",
-        state: bool = False,
-        start: Callable[[MjData], None] | None = None,
-    ) -> Observation:
-        """As Loop's; without `start`, the seed draws one.
-
-        Args:
-            seed: None is 0.
-            keyframe: keyframe of the model to start from.
-            state: whether the observation holds the full state.
-            start: sets the state in place of the drawn one.
-        """
-        seed = seed or 0
-        random = np.random.default_rng(seed % 2**64)
+    def _draw_start(self, random: np.random.Generator) -> Callable[[MjData], None]:
         place, angle = random.uniform(-0.3, 0.3), random.uniform(-0.2, 0.2)
 
         def drawn(data: MjData) -> None:
             data.joint("slider").qpos[0], data.joint("hinge").qpos[0] = place, angle
 
-        return super().reset(seed, keyframe, state, start or drawn)
+        return drawn
 
     def _tick(self) -> bool:
         random, newton = PUSHES.random(self.world.tick, self.world.seed), 0.0

@@ -6,26 +6,26 @@ from pathlib import Path
 
 import numpy as np
 
-from evs.drivers.pictures import U8, to_srgb8
+from evs.drivers.pictures import U8
 from evs.drivers.pictures.colours import INK
 from evs.emulator.config import CameraConfig, SensorConfig
 from evs.examples.cartpole.controller import CartPoleController
 from evs.examples.cartpole.environment import CartPoleLoop, CartPoleResult, CartPoleTrial, play
 from evs.examples.cartpole.tracker import CameraMount
 from evs.examples.common.gif import (
-    EXPOSURE,
     FACTOR,
     FPS,
     SIDE_PX,
     RecentEvents,
     check_gif_name,
     compose_image,
+    scene_panel,
     write_images,
 )
 from evs.msgs import Observation
 
 WINDOW_TICKS = 10
-"""Events of so many ticks before each picture are shown."""
+"""an image shows the events of the last so many ticks"""
 
 
 def record_gif(path: Path, trial: CartPoleTrial) -> CartPoleResult:
@@ -45,10 +45,10 @@ def record_gif(path: Path, trial: CartPoleTrial) -> CartPoleResult:
             return
         panel = recent.panel(loop.world.cameras[0].name)
         draw_pole(panel, controller.angle)
-        scene = to_srgb8(view.render()[0], EXPOSURE)
-        scene = np.repeat(scene[:, :, np.newaxis], 3, axis=2)
         images.append(
-            compose_image([scene, panel], f"t = {observation.t_us / 1e6:.2f} s   {words}")
+            compose_image(
+                [scene_panel(view), panel], f"t = {observation.t_us / 1e6:.2f} s   {words}"
+            )
         )
 
     outcome = play(loop, trial, watch)
@@ -57,7 +57,7 @@ def record_gif(path: Path, trial: CartPoleTrial) -> CartPoleResult:
 
 
 def draw_pole(panel: U8, angle_rad: float) -> None:
-    """The pole's axis in ink.
+    """Draw the axis of the pole in ink.
 
     Args:
         panel: (h, w, 3), drawn into.

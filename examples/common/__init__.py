@@ -1,1 +1,1 @@
-"""What the examples share: sensors, pushes, a search, a file of results, GIFs."""
+"""What the examples share: their environments' base, searches, a file of results, GIFs."""

@@ -1,4 +1,4 @@
-"""Compose the images of a GIF: panels side by side with a line of text, and write them."""
+"""Compose the images of a GIF, panels side by side with a line of text, and write them."""
 
 from __future__ import annotations
 
@@ -7,20 +7,29 @@ from pathlib import Path
 
 import numpy as np
 
-from evs.drivers.pictures import U8, Playback, event_frame, suffix_of, upscale, write_gif
+from evs.drivers.pictures import (
+    U8,
+    Playback,
+    event_frame,
+    suffix_of,
+    to_srgb8,
+    upscale,
+    write_gif,
+)
 from evs.drivers.pictures.colours import FAINT, PAPER
 from evs.drivers.pictures.text_lines import legend_line, paste, side_by_side, text_line
+from evs.emulator import View
 from evs.msgs import EventPacket, Events, EvsError, empty_events
 
 SIDE_PX = 128
-"""Of the sensors of the loops."""
+"""side of the sensors of the examples"""
 FACTOR = 2
-"""How much larger they are shown."""
+"""how much larger they are shown"""
 FPS = 25.0
 GAP_PX = 8
 LETTER_PX = 15
 EXPOSURE = 0.9
-"""Of views of the scene."""
+"""of views of the scene"""
 
 
 class RecentEvents:
@@ -28,22 +37,35 @@ class RecentEvents:
 
     def __init__(self, packets: int) -> None:
         self._packets = packets
-        self._kept: dict[str, list[Events]] = {}
+        self._recent: dict[str, list[Events]] = {}
 
     def update(self, packets: Sequence[EventPacket]) -> None:
         """Add packets and drop the oldest."""
         for packet in packets:
-            kept = [*self._kept.get(packet.camera, []), packet.events]
-            self._kept[packet.camera] = kept[-self._packets :]
+            recent = [*self._recent.get(packet.camera, []), packet.events]
+            self._recent[packet.camera] = recent[-self._packets :]
 
     def panel(self, camera: str) -> U8:
-        """(SIDE_PX FACTOR, same, 3): what is kept of a camera, on paper."""
-        events = np.concatenate([empty_events(), *self._kept.get(camera, [])])
+        """(SIDE_PX FACTOR, SIDE_PX FACTOR, 3): the recent events of a camera, on paper."""
+        events = np.concatenate([empty_events(), *self._recent.get(camera, [])])
         return upscale(event_frame(events, SIDE_PX, SIDE_PX), FACTOR)
 
 
+def scene_panel(view: View) -> U8:
+    """(h, w, 3): what a view of the scene shows now, in grey."""
+    return np.repeat(to_srgb8(view.render()[0], EXPOSURE)[:, :, np.newaxis], 3, axis=2)
+
+
 def compose_image(panels: Sequence[U8], words: str) -> U8:
-    """Panels of one height in a row, framed; words and the legend of events below."""
+    """Compose panels of one height in a row, framed, with a line of text and the legend below.
+
+    Args:
+        panels: (h, w, 3) each.
+        words: the line of text.
+
+    Returns:
+        (h, w, 3).
+    """
     side = panels[0].shape[0]
     below = side_by_side(text_line(words, LETTER_PX), legend_line(LETTER_PX), 2 * LETTER_PX)
     row = sum(panel.shape[1] + GAP_PX for panel in panels) - GAP_PX
@@ -60,18 +82,21 @@ def compose_image(panels: Sequence[U8], words: str) -> U8:
 
 
 def check_gif_name(path: Path) -> None:
-    """EvsError where the name is not that of a GIF."""
+    """Raise an EvsError if the name does not end in .gif."""
     if suffix_of(path) != ".gif":
         raise EvsError(f"'{path}': end it in .gif")
 
 
 def write_images(path: Path, images: Sequence[U8], speed: float = 1.0) -> None:
-    """Pages, one each FPS-th second of the viewer's time, as a GIF.
+    """Write images as a GIF, FPS of them a second.
 
     Args:
         path: the file.
         images: (h, w, 3) each.
-        speed: of what is shown.
+        speed: simulated seconds per second of the GIF.
+
+    Raises:
+        EvsError: there are no images.
     """
     if not images:
         raise EvsError("that is too short for a picture: give more --seconds")

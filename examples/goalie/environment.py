@@ -1,4 +1,4 @@
-"""The environment: balls are shot at a goal; how far each passes from the paddle."""
+"""The environment: shoots balls at a goal and measures how far each passes from the paddle."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from evs.emulator.base.protocols import Meter
-from evs.emulator.simulation.closed_loop import Loop
 from evs.emulator.world import MjData
-from evs.examples.common.sensors import sensor_of
+from evs.examples.common.environment import SeededLoop, sensor_of
 from evs.examples.goalie import TRACKERS
 from evs.examples.goalie.controller import Goalkeeper
 from evs.msgs import EvsError, Observation, unknown
@@ -19,14 +18,15 @@ SCENE = Path(__file__).parents[2] / "config" / "scenes" / "goalie.xml"
 
 FROM_X_M = 1.1
 GOAL_M = 0.25
-"""Balls are aimed at so far to either side of the middle."""
+"""largest distance of an aim from the middle of the goal"""
 SAVES_M = 0.07
-"""Half of the paddle's width and the ball's radius."""
+"""half of the paddle's width plus the radius of the ball"""
 
 Watch = Callable[[Observation, Goalkeeper], None]
+"""called after each tick of a shot"""
 
 
-class GoalieLoop(Loop):
+class GoalieLoop(SeededLoop):
     """The closed loop. The seed draws from where and to where the ball is shot."""
 
     def __init__(
@@ -37,7 +37,14 @@ class GoalieLoop(Loop):
         threads: int = 1,
         meter: Meter | None = None,
     ) -> None:
-        """In: fps, the camera's frames per second, 0: events alone; speed_m_s, of the ball."""
+        """Build the scene.
+
+        Args:
+            fps: frames per second of the camera; 0: events alone.
+            speed_m_s: of the ball.
+            threads: threads that trace light.
+            meter: measures the stages of a tick.
+        """
         self.speed_m_s = speed_m_s
         super().__init__(
             str(SCENE),
@@ -49,25 +56,10 @@ class GoalieLoop(Loop):
             max_s=10.0,
         )
 
-    def reset(
-        self,
-        seed: int | None = None,
-        keyframe: str = "",
-        state: bool = False,
-        start: Callable[[MjData], None] | None = None,
-    ) -> Observation:
-        """As Loop's; without `start`, the seed draws a shot.
-
-        Args:
-            seed: None is 0.
-            keyframe: keyframe of the model to start from.
-            state: whether the observation holds the full state.
-            start: sets the state in place of the drawn one.
-        """
-        seed = seed or 0
+    def _draw_start(self, random: np.random.Generator) -> Callable[[MjData], None]:
         if not 0.2 <= self.speed_m_s <= 200.0:
             raise EvsError(f"a ball of {self.speed_m_s:g} m/s: give 0.2 ... 200")
-        begin, aim = np.random.default_rng(seed % 2**64).uniform(-GOAL_M, GOAL_M, 2)
+        begin, aim = random.uniform(-GOAL_M, GOAL_M, 2)
         way = np.array([-FROM_X_M, aim - begin])
 
         def shot(data: MjData) -> None:
@@ -76,7 +68,7 @@ class GoalieLoop(Loop):
             speed = self.speed_m_s * way / np.linalg.norm(way)
             data.joint("ball_x").qvel[:], data.joint("ball_y").qvel[:] = speed
 
-        return super().reset(seed, keyframe, state, start or shot)
+        return shot
 
     @property
     def miss_m(self) -> float:
@@ -89,14 +81,30 @@ class GoalieExperiment:
     """The loop with one tracker, for any number of shots."""
 
     def __init__(self, tracker: str) -> None:
-        """In: tracker, one of TRACKERS."""
+        """Build the scene.
+
+        Args:
+            tracker: one of TRACKERS.
+
+        Raises:
+            EvsError: there is no such tracker.
+        """
         if tracker not in TRACKERS:
             raise unknown("tracker", tracker, TRACKERS)
         self.fps = TRACKERS[tracker]
         self.loop = GoalieLoop(self.fps)
 
     def shoot(self, speed_m_s: float, seed: int, watch: Watch | None = None) -> float:
-        """Shoot one ball; its distance from the middle of the paddle at the goal line, m."""
+        """Shoot one ball.
+
+        Args:
+            speed_m_s: of the ball.
+            seed: draws the shot, and the noise of the camera.
+            watch: called after each tick.
+
+        Returns:
+            Distance of the ball from the middle of the paddle at the goal line, m.
+        """
         keeper = Goalkeeper(frames=self.fps > 0)
         self.loop.speed_m_s = speed_m_s
         observation = self.loop.reset(seed)

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
-from evs.drivers.pictures import U8, to_srgb8
+from evs.drivers.pictures import U8
 from evs.drivers.pictures.colours import INK
 from evs.emulator.config import SensorConfig
 from evs.examples.common.gif import (
-    EXPOSURE,
     FACTOR,
     FPS,
     SIDE_PX,
     RecentEvents,
     check_gif_name,
     compose_image,
+    scene_panel,
     write_images,
 )
 from evs.examples.goalie.controller import Goalkeeper
@@ -26,17 +24,20 @@ from evs.msgs import Observation
 
 SHOTS = 4
 SHOWN_MS = 4
-"""From one picture to the next; a tenth of real time."""
+"""simulated time from one image to the next; a tenth of real time"""
 
 
 def record_gif(path: Path, speed_m_s: float, tracker: str = "events", first: int = 0) -> int:
-    """Some shots, one after the other, as a GIF; how many are saved.
+    """Shoot SHOTS balls and write them as a GIF, one after the other.
 
     Args:
         path: the file.
         speed_m_s: of the ball.
         tracker: one of TRACKERS.
-        first: their seed.
+        first: seed of the first shot; the others follow.
+
+    Returns:
+        How many are saved.
     """
     check_gif_name(path)
     experiment = GoalieExperiment(tracker)
@@ -62,10 +63,7 @@ def record_gif(path: Path, speed_m_s: float, tracker: str = "events", first: int
             crossing = keeper.crossing
             if crossing is not None:
                 draw_mark(panel, crossing.y_m)
-            scene = to_srgb8(view.render()[0], EXPOSURE)
-            images.append(
-                compose_image([np.repeat(scene[:, :, np.newaxis], 3, axis=2), panel], words)
-            )
+            images.append(compose_image([scene_panel(view), panel], words))
 
         saved += experiment.shoot(speed_m_s, first + shot, watch) <= SAVES_M
     write_images(path, images, speed=SHOWN_MS * 1e-3 * FPS)
@@ -73,7 +71,12 @@ def record_gif(path: Path, speed_m_s: float, tracker: str = "events", first: int
 
 
 def draw_mark(panel: U8, y_m: float) -> None:
-    """A cross in ink where the ball will cross the line x = 0."""
+    """Draw a cross in ink where the ball will cross the line x = 0.
+
+    Args:
+        panel: (h, w, 3), drawn into.
+        y_m: where it crosses.
+    """
     column = round((CENTRE_PX - LOOKS_AT_X_M * FOCAL_PX / HEIGHT_M + 0.5) * FACTOR)
     row = round((CENTRE_PX - y_m * FOCAL_PX / HEIGHT_M + 0.5) * FACTOR)
     for step in range(-6, 7):

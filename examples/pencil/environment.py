@@ -10,10 +10,8 @@ import numpy as np
 
 from evs.emulator.base.protocols import Meter
 from evs.emulator.config.closed_loop import DelayConfig
-from evs.emulator.simulation.closed_loop import Loop
 from evs.emulator.world import MjData, MjModel, load_model, load_spec
-from evs.examples.common.pushes import PushSchedule
-from evs.examples.common.sensors import sensor_of
+from evs.examples.common.environment import PushSchedule, SeededLoop, sensor_of
 from evs.examples.pencil import TRACKERS
 from evs.examples.pencil.balance import StickGains
 from evs.examples.pencil.controller import CAMERAS, Controller, make_tracker
@@ -22,7 +20,7 @@ from evs.msgs import EvsError, Observation, unknown
 SCENE = Path(__file__).parents[2] / "config" / "scenes" / "pencil.xml"
 
 LENGTH_M = 0.2
-"""Of the pencil in the scene."""
+"""of the pencil in the scene"""
 
 FALLEN_RAD = 0.7
 """the stick cannot be saved beyond it"""
@@ -30,7 +28,7 @@ FALLEN_RAD = 0.7
 PUSHES = PushSchedule(first_tick=500, every_ticks=1000)
 
 
-class PencilLoop(Loop):
+class PencilLoop(SeededLoop):
     """The closed loop. The seed draws the start and the directions of the pushes."""
 
     def __init__(
@@ -44,7 +42,17 @@ class PencilLoop(Loop):
         threads: int = 1,
         meter: Meter | None = None,
     ) -> None:
-        """In: fps, the cameras' frames per second, 0: events alone; the rest as of PencilTrial."""
+        """Build the scene.
+
+        Args:
+            fps: frames per second of the cameras; 0: events alone.
+            length_m: of the stick.
+            push_mns: impulse of each push, as in PencilTrial.
+            delay_ms: delay from a decision to its force, as in PencilTrial.
+            max_s: length of an episode; None: no limit.
+            threads: threads that trace light.
+            meter: measures the stages of a tick.
+        """
         self.push_mns = push_mns
         self._length_m = length_m
         super().__init__(
@@ -59,29 +67,13 @@ class PencilLoop(Loop):
         )
         self._body = int(self.world.model.body("pencil").id)
 
-    def reset(
-        self,
-        seed: int | None = None,
-        keyframe: str = "",
-        state: bool = False,
-        start: Callable[[MjData], None] | None = None,
-    ) -> Observation:
-        """As Loop's; without `start`, the seed draws one.
-
-        Args:
-            seed: None is 0.
-            keyframe: keyframe of the model to start from.
-            state: whether the observation holds the full state.
-            start: sets the state in place of the drawn one.
-        """
-        seed = seed or 0
-        random = np.random.default_rng(seed % 2**64)
+    def _draw_start(self, random: np.random.Generator) -> Callable[[MjData], None]:
         place, tilt = random.uniform(-0.02, 0.02, 2), random.uniform(-0.05, 0.05, 2)
 
         def drawn(data: MjData) -> None:
             data.qpos[:] = np.concatenate([place, tilt])
 
-        return super().reset(seed, keyframe, state, start or drawn)
+        return drawn
 
     def _tick(self) -> bool:
         random, force = PUSHES.random(self.world.tick, self.world.seed), np.zeros(2)
@@ -100,7 +92,7 @@ class PencilTrial:
 
     length_m: float = LENGTH_M
     push_mns: float = 1.0
-    """impulse of each second's push, mN s, for 0.2 m; others get what makes them lean as much"""
+    """impulse of each push, one a second, mN s, on 0.2 m; other lengths lean as much (push_ns)"""
     delay_ms: float = 0.0
     """delay from a decision to its force, rounded up to whole ticks"""
     seconds: float = 3.0
@@ -126,7 +118,16 @@ class PencilExperiment:
     """The loop with one tracker, stick length and delay, for any number of trials."""
 
     def __init__(self, tracker: str, length_m: float = LENGTH_M, delay_ms: float = 0.0) -> None:
-        """Build the scene. In: tracker, one of TRACKERS; the rest as of PencilTrial."""
+        """Build the scene.
+
+        Args:
+            tracker: one of TRACKERS.
+            length_m: of the stick.
+            delay_ms: delay from a decision to its force.
+
+        Raises:
+            EvsError: there is no such tracker.
+        """
         if tracker not in TRACKERS:
             raise unknown("tracker", tracker, TRACKERS)
         self.fps, self.length_m, self.delay_ms = TRACKERS[tracker], length_m, delay_ms
@@ -135,7 +136,16 @@ class PencilExperiment:
     def play(
         self, trial: PencilTrial, gains: StickGains | None = None, watch: Watch | None = None
     ) -> PencilResult:
-        """Run one trial, until the stick has fallen or the time is over."""
+        """Run one trial, until the stick has fallen or the time is over.
+
+        Args:
+            trial: its settings, with the length and the delay of this experiment.
+            gains: of the controller.
+            watch: called after each tick.
+
+        Raises:
+            EvsError: the trial has another length or delay.
+        """
         if (trial.length_m, trial.delay_ms) != (self.length_m, self.delay_ms):
             raise EvsError(f"{trial} in an arena for {self.length_m:g} m, {self.delay_ms:g} ms")
         controller = Controller(make_tracker(self.fps, self.length_m), self.length_m, gains)
@@ -152,7 +162,11 @@ class PencilExperiment:
 
 
 def pencil_model(length_m: float = LENGTH_M) -> MjModel:
-    """The scene with a stick of this length, cut from the same pencil. EvsError."""
+    """The scene with a stick of this length, cut from the same pencil.
+
+    Raises:
+        EvsError: the cameras do not see a stick of this length.
+    """
     if not 0.005 <= length_m <= 0.22:
         raise EvsError(f"a stick of {length_m} m: the cameras see 0.005 ... 0.22 m")
     spec = load_spec(SCENE)
@@ -165,9 +179,9 @@ def pencil_model(length_m: float = LENGTH_M) -> MjModel:
 
 
 def push_ns(push_mns: float, length_m: float) -> float:
-    """The impulse that makes any stick lean as push_mns does one of 0.2 m, N s.
+    """The impulse that makes a stick lean as much as push_mns makes one of 0.2 m lean, N s.
 
-    It turns at 3 J / (2 m L) at once, which counts for a lean of that over w; m grows with L and w
-    falls with its root.
+    A push J at the middle turns a stick at once at the rate 3 J / (2 m L), which amounts to a lean
+    of that rate over w. m grows with L, and w falls with the root of L.
     """
     return float(push_mns * 1e-3 * (length_m / LENGTH_M) ** 1.5)

@@ -6,17 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
-from evs.drivers.pictures import U8, to_srgb8
+from evs.drivers.pictures import U8
 from evs.drivers.pictures.colours import INK
 from evs.emulator.config import SensorConfig
 from evs.examples.common.gif import (
-    EXPOSURE,
     FACTOR,
     FPS,
     SIDE_PX,
     RecentEvents,
     check_gif_name,
     compose_image,
+    scene_panel,
     write_images,
 )
 from evs.examples.pencil.controller import CAMERAS, Controller
@@ -26,7 +26,7 @@ from evs.examples.pencil.stereo import stick_line
 from evs.msgs import Observation
 
 WINDOW_MS = 10
-"""Events of so long before each picture are shown."""
+"""an image shows the events of the last so many ms"""
 
 
 def record_gif(path: Path, trial: PencilTrial, tracker: str = "events") -> PencilResult:
@@ -44,8 +44,7 @@ def record_gif(path: Path, trial: PencilTrial, tracker: str = "events") -> Penci
         recent.update(observation.packets)
         if observation.t_us // 1000 % every:
             return
-        scene = to_srgb8(view.render()[0], EXPOSURE)
-        panels = [np.repeat(scene[:, :, np.newaxis], 3, axis=2)]
+        panels = [scene_panel(view)]
         for k, camera in enumerate(CAMERAS):
             panel = recent.panel(camera)
             if controller.tracker.stick is not None:
@@ -61,7 +60,7 @@ def record_gif(path: Path, trial: PencilTrial, tracker: str = "events") -> Penci
 def draw_line(
     panel: U8, line: StickLine, factor: int, principal_point: PrincipalPoint | None = None
 ) -> None:
-    """In ink, from the row of the cup up to the panel's edge.
+    """Draw a line in ink, from the row of the cup up to the edge of the panel.
 
     Args:
         panel: (h, w, 3), drawn into.
