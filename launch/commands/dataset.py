@@ -113,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     scenes = _scenes(args)
     if args.describe:
-        from evs.tools.dataset.describe import describe
+        from evs.tools.dataset.make import describe
 
         for line in describe(folder, scenes):
             print(line)

@@ -1,4 +1,4 @@
-"""Contact sheets: every channel of a scene at one moment; a row for each scene of a set."""
+"""Contact sheets: all channels of a scene at one moment, and a row for each scene of a set."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from evs.drivers.pictures.text_lines import paste, text_line
 from evs.tools.dataset.reader import RecordedSequence
 
 WINDOW_US = 20_000
-"""of the events that are shown"""
+"""duration of the events that are shown"""
 CHANNELS = ("rgb", "events", "depth", "normal", "flow", "geom_id")
 ROW = ("rgb", "events", "depth", "flow", "geom_id")
 ROW_PX = 230
@@ -25,9 +25,11 @@ Frame = Mapping[str, npt.NDArray[Any]]
 
 
 def moment(scene: RecordedSequence, share: float = 0.6) -> dict[str, npt.NDArray[Any]]:
-    """One frame's channels, and the events of WINDOW_US up to it, as a picture.
+    """The channels of one frame, and the events of WINDOW_US before it as an image.
 
-    In: share of the scene's time; it is never the first frame, before which nothing was.
+    Args:
+        scene: the recorded scene.
+        share: of the scene's time; never the first frame, which has no events before it.
     """
     place = min(max(1, round(share * scene.frame_count)), scene.frame_count - 1)
     frame = dict(scene.frame(place))
@@ -39,13 +41,13 @@ def moment(scene: RecordedSequence, share: float = 0.6) -> dict[str, npt.NDArray
 
 
 def scene_page(scene: RecordedSequence) -> U8:
-    """(h, w, 3) a moment of one scene, every channel with its caption."""
+    """(h, w, 3): one moment of a scene, every channel with its caption."""
     frame = moment(scene)
     return channel_page({name: frame[name] for name in CHANNELS})
 
 
 def set_page(scenes: Iterable[RecordedSequence]) -> U8:
-    """(h, w, 3) one row a scene: RGB, events, depth, flow, segmentation."""
+    """(h, w, 3): a row for each scene: RGB, events, depth, flow, segmentation."""
     rows = []
     for scene in scenes:
         frame = moment(scene)
@@ -67,7 +69,7 @@ def set_page(scenes: Iterable[RecordedSequence]) -> U8:
 
 
 def _smaller(picture: U8, step: int) -> U8:
-    """The mean of each step x step pixels; what is left over at the right and bottom is cut."""
+    """Mean of each step x step pixels; incomplete blocks at the right and bottom are cut."""
     height, width = (side // step * step for side in picture.shape[:2])
     blocks = picture[:height, :width].reshape(height // step, step, width // step, step, 3)
     return np.asarray(np.rint(blocks.mean((1, 3))), np.uint8)

@@ -1,11 +1,11 @@
-"""make_dataset: run the shards of all scenes as jobs, then join them."""
+"""Make a data set: run the shards of all scenes as jobs, then join them. Describe one."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from evs.emulator.state.versions import versions
 from evs.emulator.world import digest_of
 from evs.msgs import EvsError, Frame, ImuPacket, TriggerPacket
 from evs.tools.dataset.contact_sheet import scene_page
-from evs.tools.dataset.manifest import KIND, MANIFEST, claim, listed, missing, write_json
+from evs.tools.dataset.manifest import KIND, MANIFEST, claim, listed, missing, read_json, write_json
 from evs.tools.dataset.reader import RecordedSequence
 from evs.tools.dataset.scenes import SceneFile
 from evs.tools.dataset.sequence_spec import SequenceSpec, make_sequence_spec
@@ -26,7 +26,7 @@ from evs.tools.dataset.shards import EVENTS, STATE, EventShard, FrameShard, Shar
 from evs.tools.jobs import check_workers, run_jobs
 
 SHARD_S = 1.0
-"""simulated seconds of a shard: what a kill may cost"""
+"""simulated seconds of a shard, which is what a kill can lose"""
 RECORDING, SHEET = "events.aedat4", "sheet.png"
 """files of a scene, beside its folders of shards"""
 
@@ -40,7 +40,7 @@ class DatasetSummary:
     kept: int
     """shards that were there"""
     whole: bool
-    """whether all is there, and the manifest"""
+    """whether the data set is complete, with its manifest"""
     lost: tuple[str, ...] = ()
     """one line for each worker that died over a shard, which was then made elsewhere"""
 
@@ -55,25 +55,26 @@ def make_dataset(
     moved: Callable[[float, str], None] = lambda _done, _told: None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> DatasetSummary:
-    """Make, or go on with, a data set of these scenes; the same bytes with any number of workers.
-
-    Raises EvsError; what arrived before stays, and the same call goes on there.
+    """Make a data set of these scenes, or resume it; the bytes do not depend on the workers.
 
     Args:
         folder: target folder.
         scenes: name -> scene.
         shard_s: simulated seconds of a shard.
-        workers: as run_jobs takes them.
-        ray: as run_jobs takes them.
-        moved: called with how many shards are done and which one moves.
+        workers: processes that make shards at once, as of run_jobs.
+        ray: address of a Ray cluster, as of run_jobs.
+        moved: called with the number of shards that are done and the name of one that runs.
         stopped: polled before each shard.
+
+    Raises:
+        EvsError: a shard failed. Finished shards stay, and the same call resumes.
     """
     check_workers(workers, ray)
     sequences = [make_sequence_spec(name, scene) for name, scene in scenes.items()]
     described = describe_settings(sequences, scenes, shard_s)
     claim(folder, described)
     if missing(folder):
-        # it says that the set is whole, and is written anew once it is
+        # it says that the set is complete, and is written again once that is true
         (folder / MANIFEST).unlink()
     jobs = _jobs(sequences, shard_s)
     shares: dict[str, float] = {}
@@ -104,7 +105,7 @@ def make_dataset(
 
 
 def shard_count(scenes: Mapping[str, SceneFile], shard_s: float = SHARD_S) -> int:
-    """How many shards make_dataset has to make at most."""
+    """How many shards make_dataset makes at most."""
     count = 0
     for scene in scenes.values():
         length = max(1, round(shard_s * 1e6 / scene.scene.tick_us))
@@ -112,10 +113,51 @@ def shard_count(scenes: Mapping[str, SceneFile], shard_s: float = SHARD_S) -> in
     return count
 
 
+def describe(folder: Path, scenes: Mapping[str, SceneFile]) -> Iterator[str]:
+    """Describe the data set in a folder, or the planned one if the folder has none.
+
+    Args:
+        folder: of the data set.
+        scenes: name -> scene, of the planned data set.
+
+    Yields:
+        Lines for a reader.
+    """
+    if (folder / MANIFEST).exists():
+        yield from _describe_existing(folder)
+        return
+    seconds = frames = 0.0
+    for name, scene in scenes.items():
+        seconds += scene.duration_s
+        frames += scene.duration_s * scene.frames.fps
+        light = f"{scene.render.renderer}, {scene.render.samples} samples an event tick"
+        yield (
+            f"{name:10s}{scene.duration_s:6.1f} s  {scene.place or 'own':8s}"
+            f"{light}, {scene.frames.spp} a frame: {scene.about or scene.scene.file}"
+        )
+    yield (
+        f"{'all':10s}{seconds:6.1f} s  {round(frames)} frames; what a second costs: "
+        "docs/howto/datasets.md"
+    )
+
+
+def _describe_existing(folder: Path) -> Iterator[str]:
+    manifest = read_json(folder / MANIFEST)
+    for name, scene in manifest["scenes"].items():
+        files = manifest["files"].items()
+        own = {key: size["bytes"] for key, size in files if key.startswith(f"{name}/")}
+        seconds = (scene["end_us"] - scene["begin_us"]) / 1e6
+        yield (
+            f"{name:10s}{seconds:6.1f} s  {scene['place'] or 'own':8s}{scene['frames']} frames, "
+            f"{len(own)} files, {sum(own.values()) / 1e6:.1f} MB: {scene['about']}"
+        )
+    yield "versions  " + ", ".join(f"{key} {value}" for key, value in manifest["versions"].items())
+
+
 def describe_settings(
     sequences: Sequence[SequenceSpec], scenes: Mapping[str, SceneFile], shard_s: float
 ) -> dict[str, Any]:
-    """Everything that the bytes follow from, in plain values, and what the numbers in them mean."""
+    """All settings on which the bytes depend, and what their numbers mean, as plain values."""
     return {
         "kind": KIND,
         "versions": {**versions(), "zlib": zlib.ZLIB_RUNTIME_VERSION},
@@ -152,7 +194,7 @@ def _describe_scene(sequence: SequenceSpec, scene: SceneFile) -> dict[str, Any]:
 
 
 def _jobs(sequences: Sequence[SequenceSpec], shard_s: float) -> list[Shard]:
-    """What can begin at once: the first events of every scene, and all frames."""
+    """The shards that can run at once: the first events of every scene, and all frames."""
     first: list[Shard] = []
     frames: list[Shard] = []
     for sequence in sequences:
@@ -168,7 +210,7 @@ def _jobs(sequences: Sequence[SequenceSpec], shard_s: float) -> list[Shard]:
 
 
 def _next(folder: Path, job: Shard, shard_s: float) -> list[Shard]:
-    """The events that go on where these ended."""
+    """The shard of the events that follow these."""
     if not isinstance(job, EventShard) or job.is_last:
         return []
     index = job.index + 1
@@ -176,7 +218,7 @@ def _next(folder: Path, job: Shard, shard_s: float) -> list[Shard]:
     path = folder / job.name / STATE
     following = EventShard(job.sequence, index, begin, end)
     if (folder / following.name).exists():
-        # it is there: nobody needs the state that it began with
+        # it exists, so the state with which it began is not needed
         return [following]
     try:
         state = path.read_bytes()
@@ -189,7 +231,7 @@ def _next(folder: Path, job: Shard, shard_s: float) -> list[Shard]:
 
 
 def _finish(folder: Path) -> None:
-    """One recording of all events of a scene, its contact sheet; the states are not needed more."""
+    """Write one recording of all events of a scene and its contact sheet; remove the states."""
     shards = sorted((folder / "events").iterdir())
     part = folder / f".{RECORDING}"
     recorder = recorder_for(part, kind="aedat4")

@@ -1,4 +1,4 @@
-"""The manifest: all files of a data set with checksums. It is written last: the set is complete."""
+"""The manifest: all files of a data set with checksums, written last, when the set is complete."""
 
 from __future__ import annotations
 
@@ -27,7 +27,15 @@ def digest(path: Path) -> str:
 
 
 def claim(folder: Path, data: Mapping[str, Any]) -> None:
-    """Make the folder one of these settings; one of others is refused. EvsError in one line."""
+    """Claim a folder for a data set of these settings.
+
+    Args:
+        folder: of the data set.
+        data: its settings.
+
+    Raises:
+        EvsError: the folder holds something else, or a data set of other settings.
+    """
     path = folder / SETTINGS
     there = read_json(path) if path.exists() else None
     if there is None and folder.is_dir() and any(folder.iterdir()):
@@ -50,7 +58,11 @@ def _difference(there: Any, wanted: Any, path: str) -> str:
 
 
 def write_json(path: Path, data: Mapping[str, Any]) -> None:
-    """A JSON file, whole or not at all. EvsError where the disk does not take it."""
+    """Write a JSON file atomically.
+
+    Raises:
+        EvsError: it cannot be written, as on a full disk.
+    """
     part = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -64,7 +76,11 @@ def write_json(path: Path, data: Mapping[str, Any]) -> None:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """What a JSON file of ours tells. EvsError where it is not there, or is something else."""
+    """Read a JSON file of a data set.
+
+    Raises:
+        EvsError: it does not exist, is damaged, or is another file.
+    """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except OSError as reason:
@@ -79,26 +95,34 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def listed(folder: Path) -> dict[str, dict[str, Any]]:
-    """Every file below the folder but the manifest: path -> bytes, sha256, in order."""
+    """Every file below the folder except the manifest: path -> bytes and sha256, sorted."""
     found = {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
-        # hidden: what a running or killed command has not brought home yet
+        # hidden: what a running or killed command has not completed
         if path.is_file() and name != MANIFEST and not any(p[0] == "." for p in name.split("/")):
             found[name] = {"bytes": path.stat().st_size, "sha256": digest(path)}
     return found
 
 
 def missing(folder: Path) -> bool:
-    """Whether a file is gone of those that the manifest names, if there is one."""
+    """Whether there is a manifest that names a file that does not exist."""
     path = folder / MANIFEST
     return path.exists() and not all((folder / name).is_file() for name in read_json(path)["files"])
 
 
 def verify(folder: Path, moved: Callable[[int, str], None] = lambda _done, _name: None) -> int:
-    """Compare every file with the manifest. Out: how many there are.
+    """Compare every file with the manifest.
 
-    EvsError names the files that are missing or changed, and what to remove to have them made anew.
+    Args:
+        folder: of the data set.
+        moved: called before each file, with how many are done and its name.
+
+    Returns:
+        The number of files.
+
+    Raises:
+        EvsError: files are missing or changed; it says what to remove so that they are made again.
     """
     files: dict[str, dict[str, Any]] = read_json(folder / MANIFEST)["files"]
     wrong = []
@@ -125,7 +149,7 @@ def verify(folder: Path, moved: Callable[[int, str], None] = lambda _done, _name
 
 
 def _made_with(name: str) -> str:
-    """What goes with a file of a set: its shard; all events of its scene, which are one chain."""
+    """What is made again with a file: its shard, or all events of its scene, which are a chain."""
     scene, *rest = name.split("/")
     if rest[:1] == ["events"]:
         return f"{scene}/events"

@@ -1,6 +1,6 @@
 """Motion: controls of a scene's actuators, as smooth curves through a few points in time.
 
-A function of time and seed alone, so any range of a scene can be made anywhere.
+They depend on time and seed alone, so any range of a scene can be made on its own.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ class Track:
     actuator: str = ""
     """name"""
     at: tuple[Point, ...] = ((0.0, 0.0),)
-    """(t s, control): a smooth curve goes through these points; before and after them it holds"""
+    """(t s, control): a smooth curve through these points, constant before and after them"""
     period_s: float = 0.0
-    """over 0: the curve begins again after so long, and joins itself smoothly"""
+    """over 0: period after which the curve repeats, smoothly"""
     shake: float = 0.0
-    """how far a smooth random signal goes to either side of it, as of a hand that holds a camera"""
+    """amplitude of a smooth random signal that is added, as of a hand that holds a camera"""
     shake_hz: float = 2.0
     """how often that signal has a new target"""
 
@@ -39,7 +39,13 @@ class Track:
 def control_of(tracks: Sequence[Track], model: MjModel, seed: int) -> ControlFunction:
     """The control function of all tracks; the control of actuators without one is 0.
 
-    Raises EvsError with the place of a bad track.
+    Args:
+        tracks: of the actuators.
+        model: the scene's model.
+        seed: of the shake.
+
+    Raises:
+        EvsError: a track makes no curve; the message says which.
     """
     names = actuator_names(model)
     curves: dict[int, Callable[[float], float]] = {}
@@ -63,7 +69,7 @@ def control_of(tracks: Sequence[Track], model: MjModel, seed: int) -> ControlFun
 
 
 def _check(track: Track, place: int) -> None:
-    """Refuse what makes no curve."""
+    """Raise an EvsError if a track makes no curve."""
     times = [t_s for t_s, _ in track.at]
     numbers = [*times, *(value for _, value in track.at), track.shake, track.shake_hz]
     if not times or any(b <= a for a, b in pairwise(times)):
@@ -77,7 +83,7 @@ def _check(track: Track, place: int) -> None:
 def _curve(track: Track, seed: int, index: int) -> Callable[[float], float]:
     points, period_s = list(track.at), track.period_s
     if period_s and len(points) > 1:
-        # two points of the turns before and after, so that the seam is as smooth as the rest
+        # two points of the periods before and after, so that the seam is smooth too
         before = [(t_s - period_s, value) for t_s, value in points[-2:]]
         after = [(t_s + period_s, value) for t_s, value in points[:2]]
         points = [*before, *points, *after]
@@ -95,7 +101,7 @@ def _curve(track: Track, seed: int, index: int) -> Callable[[float], float]:
 
 
 def _slopes(points: Sequence[Point]) -> list[float]:
-    """Catmull-Rom's: of the neighbours' chord; at an end of the only one there is."""
+    """Slopes of a Catmull-Rom spline, those of the chords; an end has one neighbour only."""
     last = len(points) - 1
     found = []
     for place in range(len(points)):
@@ -123,7 +129,7 @@ def _hermite(
 
 
 def _wander(seed: int, index: int, phase: float) -> float:
-    """In -1 ... 1, 0 at the start: it glides from one random target to the next."""
+    """A smooth random signal in -1 ... 1 between random targets; 0 at the start."""
     knot = math.floor(phase)
     u = phase - knot
     u = u * u * (3.0 - 2.0 * u)

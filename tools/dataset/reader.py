@@ -1,4 +1,4 @@
-"""Read a data set: its sequences, and their events, frames, poses and IMU samples by time."""
+"""Read a data set: its sequences, with their events, frames, poses and IMU samples."""
 
 from __future__ import annotations
 
@@ -21,25 +21,29 @@ Arrays = dict[str, npt.NDArray[Any]]
 
 @dataclass(frozen=True)
 class LabelledEvents:
-    """Events, and what made each."""
+    """Events, and the cause of each."""
 
     array: Events
     """(n,) t us, x, y px, p"""
     labels: Labels | None
-    """(n,) cause, geom_id; None where the event model tells none"""
+    """(n,) cause, geom_id; None if the event model gives no labels"""
 
 
 class RecordedSequence:
-    """One scene of a data set. Shards are read when they are asked for."""
+    """One scene of a data set. Shards are read on request."""
 
     def __init__(self, folder: Path) -> None:
-        """In: folder of the scene, with events/ and frames/ in it."""
+        """Open a scene.
+
+        Args:
+            folder: of the scene, with events/ and frames/ in it.
+        """
         self.folder = folder
         self.name = folder.name
 
     @cached_property
     def _events(self) -> list[tuple[Path, int, int]]:
-        """Each shard's folder, first and last stamp of its poses: the time that it covers."""
+        """Folder of each shard, and the first and last stamp of its poses, which it covers."""
         found = []
         for path in sorted((self.folder / "events").iterdir()):
             with np.load(path / POSE) as poses:
@@ -69,7 +73,7 @@ class RecordedSequence:
         return LabelledEvents(np.concatenate(parts), joined)
 
     def imu(self) -> ImuSamples:
-        """(n,) all samples; none where the sensor has no IMU."""
+        """(n,) all samples; none if the sensor has no IMU."""
         parts = [read(path / EVENTS).imu for path, _, _ in self._events]
         return np.concatenate(parts) if parts else empty_imu()
 
@@ -87,11 +91,15 @@ class RecordedSequence:
 
     @property
     def frame_count(self) -> int:
-        """How many frames."""
+        """Number of frames."""
         return sum(count for _, count in self._frames)
 
     def frame(self, place: int) -> Arrays:
-        """One frame's channels by its number. EvsError where there is none."""
+        """The channels of a frame, by its number.
+
+        Raises:
+            EvsError: there is no such frame.
+        """
         left = place
         for path, count in self._frames:
             if 0 <= left < count:
@@ -100,23 +108,30 @@ class RecordedSequence:
         raise EvsError(f"{self.folder}: no frame {place}; there are {self.frame_count}")
 
     def frames(self) -> Iterator[Arrays]:
-        """All frames, one by one."""
+        """The channels of all frames, one frame after the other."""
         for path, count in self._frames:
             stacks = _arrays(path)
             yield from ({name: stack[i] for name, stack in stacks.items()} for i in range(count))
 
 
 class Dataset:
-    """A data set that is done."""
+    """A complete data set."""
 
     def __init__(self, folder: str | Path) -> None:
-        """EvsError where there is no manifest."""
+        """Open a data set.
+
+        Args:
+            folder: of the data set.
+
+        Raises:
+            EvsError: it has no manifest.
+        """
         self.folder = Path(folder)
         self.manifest = read_json(self.folder / MANIFEST)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Its scenes."""
+        """Names of its scenes."""
         return tuple(self.manifest["scenes"])
 
     def __getitem__(self, name: str) -> RecordedSequence:

@@ -1,4 +1,4 @@
-"""The scenes of a data set: those of evs, and files of the user."""
+"""The scenes of a data set: those that come with evs, and files of the user."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ class FramesConfig:
     """[frames]: pictures with their ground truth."""
 
     fps: float = 60.0
-    """a simulated second, each at the nearest tick"""
+    """frames per simulated second, each at the nearest tick"""
     spp: int | None = None
-    """samples per pixel of their light; 256 if not given, 64 with the renderer direct: its most"""
+    """samples per pixel of their light; None: 256, or 64, its maximum, with the renderer direct"""
 
 
 @dataclass(frozen=True)
 class SceneFile(RunConfig):
-    """A scene of a data set: a pipeline's tables, and what moves, where it is, how it is filmed."""
+    """A scene of a data set: the tables of a pipeline, motion, place, and how it is recorded."""
 
     render: RenderConfig = field(default_factory=lambda: RenderConfig(renderer="path"))
     model: ModelConfig = field(default_factory=lambda: ModelConfig(labels=True))
@@ -64,7 +64,15 @@ def names() -> tuple[str, ...]:
 
 
 def named(name: str, overrides: Overrides = ()) -> SceneFile:
-    """One of those. EvsError for another name."""
+    """A scene that comes with evs.
+
+    Args:
+        name: of the scene.
+        overrides: (dotted key, text) of the command line.
+
+    Raises:
+        EvsError: there is no such scene, or a key is wrong.
+    """
     if name not in names():
         known = ", ".join(nearest_first(name, names()))
         raise EvsError(f"no scene '{name}' in the set; it has: {known} (another one: --scene FILE)")
@@ -78,9 +86,17 @@ def named(name: str, overrides: Overrides = ()) -> SceneFile:
 
 
 def of_file(file: str, name: str, overrides: Overrides = ()) -> SceneFile:
-    """A scene of the user's: a file that MuJoCo reads, its actuators moved at random.
+    """A scene of the user, whose actuators move at random unless it says otherwise.
 
-    If FILE.toml lies beside FILE.xml, it is read as those of the set are.
+    If FILE.toml lies beside FILE.xml, it is read like those of the set.
+
+    Args:
+        file: that MuJoCo reads.
+        name: of the scene.
+        overrides: (dotted key, text) of the command line.
+
+    Raises:
+        EvsError: a key is wrong.
     """
     path = Path(file)
     beside_it = path.with_suffix(".toml")
@@ -98,7 +114,7 @@ def of_file(file: str, name: str, overrides: Overrides = ()) -> SceneFile:
 
 
 def _with_defaults(tables: dict[str, object]) -> dict[str, object]:
-    """Labels and an IMU unless a scene says otherwise, and light by paths."""
+    """The tables with the defaults of a data set: labels, an IMU, and the renderer path."""
     wanted: dict[str, dict[str, object]] = {
         "render": {"renderer": "path"},
         "model": {"labels": True},
@@ -123,7 +139,11 @@ def _finished(scene: SceneFile, overrides: Overrides) -> SceneFile:
 
 
 def check(scene: SceneFile) -> None:
-    """Refuse what no stage of the emulator would notice. EvsError with the path."""
+    """Check what no stage of the emulator checks.
+
+    Raises:
+        EvsError: a value is wrong; the message names its key.
+    """
     tick_us = scene.scene.tick_us
     if scene.place and scene.place not in PLACES:
         raise EvsError(f"at place: '{scene.place}' is none of {', '.join(PLACES)}")
@@ -138,13 +158,17 @@ def check(scene: SceneFile) -> None:
             f"{1e6 / tick_us:g} ticks of a second"
         )
     if scene.model.name != "plain" and scene.model.labels:
-        # another model knows no causes; the geoms it does know
+        # another model knows the geoms, but not the causes
         return
     resolve_sensor(SensorConfig(**vars(scene.sensor)))
 
 
 def model_of(scene: SceneFile) -> MjModel:
-    """Its model. EvsError where it does not exist, or a track moves nothing of it."""
+    """The model of a scene.
+
+    Raises:
+        EvsError: the file does not exist, or a track moves no actuator of it.
+    """
     model = load_model(scene.scene.file)
     if scene.motion:
         control_of(scene.motion, model, scene.seed)

@@ -73,7 +73,7 @@ class SequenceSpec:
         return lambda: None
 
     def world_at_begin(self, config: RunConfig) -> World:
-        """Its world with its one camera, at `begin`, after the camera has settled."""
+        """The world with its camera at `begin`, when the camera has settled."""
         first_look = self.begin - self.settle
         if not first_look:
             world = World.from_config(config)
@@ -100,7 +100,7 @@ class SequenceSpec:
         return world
 
     def view_at(self, config: RunConfig, tick: int) -> tuple[World, View]:
-        """Its world at a tick, and a view with colour of the frames' samples."""
+        """The world at a tick, and a view in colour with the samples of the frames."""
         render = replace(config.render, spp=self.frames.spp)
         world, view = World.with_view(replace(config, render=render), rgb=True)
         control = self.control(world)
@@ -109,7 +109,7 @@ class SequenceSpec:
         return world, view
 
     def frame_ticks(self) -> list[int]:
-        """The ticks of its frames: the first one's, then every 1 / fps; none at the end."""
+        """The ticks of the frames: the first tick, then every 1 / fps; the end has none."""
         count = math.ceil((self.end - self.begin) * self.tick_us * self.frames.fps / 1e6 - 1e-6)
         at = (round(one * 1e6 / self.frames.fps / self.tick_us) for one in range(count))
         return [self.begin + tick for tick in at if self.begin + tick < self.end]
@@ -145,13 +145,13 @@ def make_sequence_spec(name: str, scene: SceneFile) -> SequenceSpec:
         begin,
         begin + ticks,
     )
-    # whatever the emulator refuses, it refuses here
+    # errors of the emulator are raised here
     with sequence.with_model_file() as placed:
         World.from_config(placed)
         render = replace(placed.render, spp=sequence.frames.spp)
         try:
             World.with_view(replace(placed, render=render))
         except EvsError as reason:
-            # all that is new in it is what the user knows as the frames' samples
+            # the only new value is what the user knows as frames.spp
             raise EvsError(str(reason).replace("render.spp", "frames.spp")) from None
     return sequence

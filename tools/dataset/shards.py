@@ -25,14 +25,14 @@ EVENTS, POSE, STATE, FRAMES = "events.npz", "pose.npz", "state.bin", "frames.npz
 
 @dataclass(frozen=True, eq=False)
 class EventShard:
-    """The events, IMU samples and camera poses of the ticks begin + 1 ... end of a take."""
+    """The events, IMU samples and camera poses of the ticks begin + 1 ... end of a sequence."""
 
     sequence: SequenceSpec
     index: int
     begin: int
     end: int
     state: bytes | None = None
-    """of the world at `begin`, as the shard before left it; None: the take begins here"""
+    """of the world at `begin`, as the previous shard left it; None: the sequence begins here"""
 
     @property
     def name(self) -> str:
@@ -41,7 +41,7 @@ class EventShard:
 
     @property
     def is_last(self) -> bool:
-        """Whether the take ends with it."""
+        """Whether the sequence ends with it."""
         return self.end == self.sequence.end
 
     def make(self, folder: Path) -> None:
@@ -91,7 +91,7 @@ class EventShard:
 
 @dataclass(frozen=True, eq=False)
 class FrameShard:
-    """The frames of a take in the ticks begin ... end - 1, one at least, each with its truth."""
+    """The frames of a sequence in the ticks begin ... end - 1, at least one, with ground truth."""
 
     sequence: SequenceSpec
     index: int
@@ -149,7 +149,7 @@ def _write_poses(path: Path, poses: list[Pose]) -> None:
 
 
 def cut(sequence: SequenceSpec, shard_s: float) -> list[tuple[int, int]]:
-    """(begin, end) of each range of a take, ticks; all but the last are `shard_s` long."""
+    """(begin, end) of each range of a sequence, ticks; all but the last are `shard_s` long."""
     length = max(1, round(shard_s * 1e6 / sequence.tick_us))
     return [
         (tick, min(tick + length, sequence.end))
