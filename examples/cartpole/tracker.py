@@ -43,7 +43,7 @@ class PoleShape:
 
 
 class PoleTracker:
-    """Tracks the angle of the pole. Without events nothing moved and the angle stays."""
+    """Tracks the angle of the pole. Without events it does not change, as nothing has moved."""
 
     def __init__(
         self,
@@ -58,9 +58,9 @@ class PoleTracker:
         Args:
             mount: the camera on the cart.
             pole: dimensions of the pole.
-            gate_rad: an event farther from the nearer edge is of something else.
-            memory: so many events count as much as all that was seen before.
-            inset_px: how far inside the edge its events seem to be, since they are late.
+            gate_rad: largest distance of an event of the pole from the nearer edge.
+            memory: number of new events that weigh as much as all earlier ones.
+            inset_px: how far inside the edge its events appear, since they are late.
         """
         mount, pole = mount or CameraMount(), pole or PoleShape()
         self._gate, self._memory = gate_rad, memory
@@ -74,14 +74,20 @@ class PoleTracker:
         self._half: F64 = np.arcsin(
             np.clip((pole.half_width_m - inset_px * m_per_px) / radius, 0.0, 1.0)
         )
-        # the cart below hides the lower end, and the tip is round
+        # the cart hides the lower end, and the tip is round
         self._counts = (radius > 0.35 * pole.length_m) & (radius < 0.95 * pole.length_m)
 
     def update(self, events: Events) -> float:
-        """The angle after these events, (n,) EVENT_DTYPE, all of them at once: rad to the right.
+        """Update the angle by events, all at once.
 
-        ON events alone: the pole is brighter than what is behind it, and what grows darker tells it
-        late, since a photoreceptor is slow in the dark.
+        Only ON events count: the pole is brighter than its background, and events of pixels that
+        become darker are late, since a photoreceptor is slow in the dark.
+
+        Args:
+            events: (n,) EVENT_DTYPE.
+
+        Returns:
+            The angle, rad to the right.
         """
         events = events[events["p"] == 1]
         y, x = events["y"], events["x"]

@@ -14,14 +14,14 @@ class ResultsFile:
     """Values by row and name, in a JSON file that is written atomically after every change."""
 
     def __init__(self, file: Path | None, plan: dict[str, Any]) -> None:
-        """Read what is there already.
+        """Read the file if it exists.
 
         Args:
-            file: None keeps all in memory.
-            plan: what was asked for.
+            file: None: the values stay in memory.
+            plan: settings of the study, plain data.
 
         Raises:
-            EvsError: the file is of another plan, or is no such file.
+            EvsError: the file belongs to another plan, or is not such a file.
         """
         self._file = file
         self.plan = json.loads(json.dumps(plan))
@@ -38,11 +38,11 @@ class ResultsFile:
         self.rows = rows
 
     def has(self, row: str, name: str) -> bool:
-        """Whether that value is known."""
+        """Whether there is such a value."""
         return name in self.rows.get(row, {})
 
     def put(self, row: str, name: str, value: Any) -> None:
-        """Keep a value, plain data, and write the file."""
+        """Set a value, plain data, and write the file."""
         self.rows.setdefault(row, {})[name] = value
         if self._file is not None:
             data = {"plan": self.plan, "rows": self.rows}

@@ -1,4 +1,4 @@
-"""Search the parameters of a controller: the best gains, and the limit that it survives."""
+"""Search parameters: the best gains of a controller, and the hardest value that it survives."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Point = dict[str, float]
 
 @dataclass(frozen=True)
 class Budget:
-    """How long it may look. Equal budgets try equally many points."""
+    """Extent of a search. Equal budgets try equally many points."""
 
     rounds: int = 5
     points: int = 10
     """tried in each round"""
     kept: int = 3
-    """whose mean and spread the next round is drawn from"""
+    """best points of a round, whose mean and spread the next round is drawn from"""
 
     @property
     def trials(self) -> int:
@@ -36,16 +36,23 @@ def cross_entropy(
     budget: Budget,
     seed: int = 0,
 ) -> tuple[Point, float]:
-    """The best point that was tried, and its score: more is better.
+    """Search a box with the cross-entropy method; the same seed tries the same points.
 
-    Same seed, same points.
+    Source: Rubinstein, The cross-entropy method for combinatorial and continuous optimization,
+    1999.
 
     Args:
         score: rates a point; more is better.
-        box: name -> least and largest value, both over 0: they are searched by their logarithm.
+        box: name -> least and largest value, both over 0; their logarithm is searched.
         begin: the first point tried and the middle of the first round.
         budget: how many points are tried.
         seed: of all random numbers.
+
+    Returns:
+        The best point that was tried, and its score.
+
+    Raises:
+        EvsError: the first point is outside the box, or the budget makes no sense.
     """
     for name, (low, high) in box.items():
         if not 0.0 < low < high or not low <= begin[name] <= high:
@@ -76,17 +83,21 @@ def cross_entropy(
 def limit(
     survives: Callable[[float], bool], easy: float, hard: float, steps: int, whole: bool = False
 ) -> float | None:
-    """The hardest value that was tried and survived; None if even `easy` is not.
-
-    Halved by ratio where both are over 0, else by difference. What survives `hard` is given back as
-    `hard`: the limit lies beyond.
+    """Find the limit of a controller by bisection: of the ratio if both ends are over 0.
 
     Args:
         survives: whether a value is survived.
-        easy: the ends, which may lie either way round.
-        hard: the ends, which may lie either way round.
-        steps: how often the rest is halved.
-        whole: only whole numbers are tried.
+        easy: the easy end, which may be the larger or the smaller one.
+        hard: the hard end.
+        steps: bisections.
+        whole: whether only whole numbers are tried.
+
+    Returns:
+        The hardest value that was tried and survived; `hard` if the limit lies beyond; None if
+        `easy` is not survived.
+
+    Raises:
+        EvsError: the ends are equal, or there are no steps.
     """
     if easy == hard or steps < 1:
         raise EvsError(f"nothing to halve between {easy:g} and {hard:g} in {steps} steps")

@@ -24,7 +24,11 @@ class Goalkeeper:
     """Forces for a paddle, from events or frames of a ball and the motor's encoder."""
 
     def __init__(self, frames: bool) -> None:
-        """In: frames, it looks at frames, else at events."""
+        """Begin without a ball.
+
+        Args:
+            frames: whether to track the ball by frames; else by events.
+        """
         self._ball: EventBallTracker | FrameBallTracker = (
             FrameBallTracker() if frames else EventBallTracker()
         )

@@ -1,4 +1,4 @@
-"""Measure how many balls each tracker saves, over the speed of the balls."""
+"""Measure how many balls each tracker saves at each speed; the curve as a chart and a table."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class CurvePlan:
 
 
 QUICK = CurvePlan(speeds=4, shots=3)
-"""A rehearsal, whose numbers mean nothing."""
+"""a quick trial run, whose numbers mean nothing"""
 
 
 @dataclass(frozen=True)
@@ -48,12 +48,12 @@ class CurveUnit:
 
     @property
     def name(self) -> str:
-        """In the file of results."""
+        """Name in the file of results."""
         return f"{self.speed_m_s:g}"
 
 
 def speeds_of(plan: CurvePlan) -> list[float]:
-    """M/s, of three digits, so that they have names."""
+    """The speeds, m/s, rounded to three digits, which name them in the file of results."""
     ends = math.log(SLOWEST_M_S), math.log(FASTEST_M_S)
     return [float(f"{value:.3g}") for value in np.exp(np.linspace(*ends, plan.speeds))]
 
@@ -95,9 +95,10 @@ def plain_plan(plan: CurvePlan) -> dict[str, Any]:
 
 
 def half_speed(saved: dict[float, float]) -> float | None:
-    """The speed above which fewer than half are saved, m/s, between two by ratio; None: never.
+    """The speed above which fewer than half of the balls are saved, m/s; None: never.
 
-    In: speed -> share saved.
+    Args:
+        saved: speed, m/s -> share saved; between two speeds the logarithm is interpolated.
     """
     known = sorted(saved.items())
     for (slow, more), (fast, less) in itertools.pairwise(known):
@@ -118,7 +119,7 @@ def shares(row: dict[str, int], shots: int) -> dict[float, float]:
 
 
 def chart(rows: dict[str, dict[str, Any]], shots: int) -> U8:
-    """Share saved over speed, a line and its points a tracker, with the standard error."""
+    """Draw the share saved over speed, with standard errors, one line for each tracker."""
     series = []
     for tracker in [name for name in TRACKERS if name in rows]:
         known = shares(rows[tracker], shots)
@@ -140,7 +141,7 @@ def chart(rows: dict[str, dict[str, Any]], shots: int) -> U8:
 
 
 def table_rows(rows: dict[str, dict[str, Any]], shots: int) -> list[tuple[str, ...]]:
-    """A line a tracker."""
+    """A row for each tracker."""
     rows_of_text = list[tuple[str, ...]]()
     for tracker in [name for name in TRACKERS if name in rows]:
         known = shares(rows[tracker], shots)
@@ -151,7 +152,7 @@ def table_rows(rows: dict[str, dict[str, Any]], shots: int) -> list[tuple[str, .
 
 
 def markdown(rows: dict[str, dict[str, Any]], shots: int, command: str) -> str:
-    """The table, and how it was made."""
+    """The table and the command that made it, in Markdown."""
     lines = ["| " + " | ".join(HEADINGS) + " |", "|" + " --- |" * len(HEADINGS)]
     lines += ["| " + " | ".join(row) + " |" for row in table_rows(rows, shots)]
     return "\n".join([*lines, "", f"*`{command}`*", ""])

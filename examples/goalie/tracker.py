@@ -1,7 +1,7 @@
-"""Track a ball: fit a straight path to all its events, or to its middle in each frame.
+"""Track a ball: fit a straight path to its events, or to its middle in each frame.
 
 x = x0 + vx t and y = y0 + vy t minimise the sum of squares over all samples: events of the ball, or
-the middle of the ball in each frame. Five sums an axis hold them all.
+the middle of the ball in each frame. Five sums for each axis are enough.
 """
 
 from __future__ import annotations
@@ -17,17 +17,16 @@ F64 = npt.NDArray[np.float64]
 
 FOCAL_PX = 136.0
 HEIGHT_M = 1.28
-"""Of the camera over the ball's middle."""
+"""height of the camera above the middle of the ball"""
 LOOKS_AT_X_M = 0.55
 CENTRE_PX = 63.5
-"""Of the picture, counted from the centre of its first pixel (config/scenes/goalie.xml)."""
+"""centre of the image, counted from the centre of its first pixel (config/scenes/goalie.xml)"""
 
 PADDLE_X_M = 0.05
-"""nearer to the goal are paddle and posts"""
-
+"""the paddle and the posts are nearer to the goal"""
 
 LIKELY_M_S = 20.0
-"""prior of the speed: standard deviation"""
+"""standard deviation of the prior of the speed, whose mean is 0"""
 
 
 @dataclass(frozen=True)
@@ -42,15 +41,25 @@ class BallPath:
     """The straight path of a ball over time, on the table, m."""
 
     def __init__(self, noise_m: float) -> None:
-        """In: noise_m, standard deviation of a sample: what few of them say of speed is doubted."""
+        """Begin without samples.
+
+        Args:
+            noise_m: standard deviation of a sample, which limits what few samples say of speed.
+        """
         self._sums = np.zeros((2, 5))
-        # a speed is a normal number of LIKELY_M_S before anything is known of it
+        # before the first samples, a speed is normal with the standard deviation LIKELY_M_S
         self._doubt = (noise_m / LIKELY_M_S) ** 2
         # times count from the first sample: squares of whole microseconds would lose digits
         self._begin_us: int | None = None
 
     def add(self, x_px: F64, y_px: F64, t_us: npt.NDArray[np.int64]) -> None:
-        """Samples, (n,) each: pixels and the time they are of."""
+        """Add samples.
+
+        Args:
+            x_px: (n,).
+            y_px: (n,).
+            t_us: (n,) their times.
+        """
         if self._begin_us is None:
             self._begin_us = int(t_us[0])
         t = (t_us - self._begin_us) * 1e-6
@@ -58,7 +67,7 @@ class BallPath:
             self._sums[axis] += len(t), t.sum(), t @ t, place.sum(), place @ t
 
     def at(self, t_us: int) -> tuple[F64, F64] | None:
-        """Place and speed (2,) at that time, m, m/s; None before there is a sample."""
+        """Position, m, and speed, m/s, (2,) each, at a time; None before the first sample."""
         if self._begin_us is None:
             return None
         n, st, stt, sx, sxt = self._sums.T
@@ -66,7 +75,7 @@ class BallPath:
         return (sx - speed * st) / n + speed * (t_us - self._begin_us) * 1e-6, speed
 
     def crossing(self, t_us: int) -> Crossing | None:
-        """As known at that time; None: it is not on its way to the goal."""
+        """The crossing as predicted at a time; None: the ball does not move towards the goal."""
         found = self.at(t_us)
         if found is None:
             return None
@@ -78,7 +87,7 @@ class BallPath:
 
 
 def on_table(x_px: F64, y_px: F64) -> tuple[F64, F64]:
-    """Pixels to x and y on the table, m."""
+    """Convert pixels to x and y on the table, m."""
     scale = HEIGHT_M / FOCAL_PX
     return LOOKS_AT_X_M + (x_px - CENTRE_PX) * scale, (CENTRE_PX - y_px) * scale
 
@@ -88,23 +97,28 @@ GOAL_COLUMN = CENTRE_PX + (PADDLE_X_M - LOOKS_AT_X_M) * FOCAL_PX / HEIGHT_M
 
 
 class EventBallTracker:
-    """A cluster of events: begins where enough come at once, then takes what is near its path."""
+    """A cluster of events: it begins where many come at once, and takes events near its path."""
 
     CELL_PX = 8
     ENOUGH = 5
-    """events of one packet in one cell that begin a cluster; noise has about one in the picture"""
+    """events of one packet in one cell that begin a cluster; noise has about one in the image"""
     RADIUS_PX = 6.0
     LOST_US = 20_000
-    """without an event near its path the cluster is given up"""
+    """time without an event near its path after which the cluster ends"""
     NOISE_M = 0.014
-    """an event is of the ball's rim"""
+    """events come from the rim of the ball"""
 
     def __init__(self) -> None:
         self.path = BallPath(self.NOISE_M)
         self._last_us = 0
 
     def update(self, events: Events, t_us: int) -> None:
-        """A packet's events, (n,), that ends at t_us. All at once, no loop."""
+        """Add the events of a packet, all at once.
+
+        Args:
+            events: (n,) EVENT_DTYPE.
+            t_us: end of the packet.
+        """
         if t_us - self._last_us > self.LOST_US:
             self.path, self._last_us = BallPath(self.NOISE_M), t_us
         events = events[events["x"] > GOAL_COLUMN]
@@ -118,7 +132,7 @@ class EventBallTracker:
             self._last_us = t_us
 
     def _middle(self, events: Events, t_us: int) -> tuple[float, float] | None:
-        """Where the cluster should be, px; None: there is none."""
+        """Expected middle of the cluster, px; None: there is no cluster."""
         found = self.path.at(t_us)
         if found is not None:
             (x, y), scale = found[0], FOCAL_PX / HEIGHT_M
@@ -134,17 +148,17 @@ class EventBallTracker:
 
 
 class FrameBallTracker:
-    """The middle of what is dark in each frame."""
+    """The middle of the dark pixels in each frame."""
 
     ENOUGH = 3.0
-    """dark pixels that are a ball"""
+    """least number of dark pixels that are a ball"""
     NOISE_M = 0.0005
 
     def __init__(self) -> None:
         self.path = BallPath(self.NOISE_M)
 
     def update(self, frame: Frame) -> None:
-        """One frame: it is of the middle of its exposure."""
+        """Add a frame, as a sample at the middle of its exposure."""
         first = int(GOAL_COLUMN) + 1
         part = frame.pixels[:, first:].astype(np.float64)
         bright = max(float(np.median(part)), 1.0)

@@ -4,7 +4,7 @@ A thin rod of length L on a cart with acceleration a falls as
 
     tilt'' = w^2 tilt - k a        w^2 = 3 g / (2 L),  k = w^2 / g
 
-for small tilts. x and y are alike and do not meet, so arrays are (2,) everywhere.
+for small tilts. x and y are alike and independent, so all arrays are (2,).
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from evs.msgs import EvsError
 
 GRAVITY = 9.81
 MASS_KG = 0.27
-"""Cart with pencil; the motors push both."""
+"""cart and pencil, since the motors push both"""
 FRICTION = 0.5
-"""Of the rails, N s/m."""
+"""of the rails, N s/m"""
 FORCE_N = 5.0
-"""The most that a motor gives."""
+"""largest force of a motor"""
 TICK_S = 0.001
-"""The controller runs at 1 kHz."""
+"""period of the controller"""
 TICKS = 256
-"""How far back a measurement may lie, ticks."""
+"""greatest age of a measurement, ticks"""
 
 
 @dataclass(frozen=True)
 class StickGains:
-    """Gains, which the study tunes for every tracker; these are calm ones for events.
+    """Gains of the controller. The study tunes them for every tracker; the defaults suit events.
 
-    Poles are in units of the stick's own rate w, so that they serve sticks of any length.
+    Poles are in units of the stick's own rate w, so they suit sticks of any length.
     """
 
     fast: float = 1.9
@@ -48,10 +48,15 @@ class StickGains:
 
 
 class Observer:
-    """Tilt and its rate now, from tilts measured some time ago and the cart's acceleration."""
+    """Estimates tilt and rate now from older measurements and the acceleration of the cart."""
 
     def __init__(self, rate: float, observer_hz: float) -> None:
-        """In: rate, w of the stick, 1/s."""
+        """Begin with an upright stick at rest.
+
+        Args:
+            rate: w of the stick, 1/s.
+            observer_hz: bandwidth.
+        """
         self._rate = rate
         self._pole = 2.0 * math.pi * observer_hz
         # how an error now grows in 0, 1, ... ticks: (TICKS, 2, 2)
@@ -63,14 +68,20 @@ class Observer:
         self._measured_us: int | None = None
 
     def predict(self, acceleration: F64) -> None:
-        """One tick on, in which the cart had this acceleration, m/s^2 (2,)."""
+        """Predict one tick, in which the cart had this acceleration, m/s^2 (2,)."""
         rest = np.array([acceleration / GRAVITY, (0.0, 0.0)])
         now = rest + self._growth[1] @ (self.past[-1] - rest)
         self.past[:-1] = self.past[1:]
         self.past[-1] = now
 
     def correct(self, tilt: F64, age_s: float, stamp_us: int) -> None:
-        """Correct by a tilt measured some time ago: the error of then is propagated until now."""
+        """Correct by an older measurement, whose error is propagated until now.
+
+        Args:
+            tilt: (2,) rad.
+            age_s: age of the measurement.
+            stamp_us: time of the measurement.
+        """
         age = round(age_s / TICK_S)
         if not 0 <= age < TICKS:
             return
@@ -92,7 +103,15 @@ class StickBalancer:
     """Forces that keep the stick upright and the cart in the middle."""
 
     def __init__(self, length_m: float, gains: StickGains | None = None) -> None:
-        """Place the poles of the linear model: two at -fast w, two at -slow w."""
+        """Place the poles of the linear model: two at -fast w, two at -slow w.
+
+        Args:
+            length_m: of the stick.
+            gains: of the controller and its observer.
+
+        Raises:
+            EvsError: the length is not positive.
+        """
         if not length_m > 0.0:
             raise EvsError(f"length_m is {length_m}: a stick is longer than 0 m")
         self.gains = gains or StickGains()
@@ -117,14 +136,14 @@ class StickBalancer:
 
         Args:
             t_us: time of the decision.
-            position: the motors' encoders, m and m/s (2,).
-            velocity: the motors' encoders, m and m/s (2,).
-            tilt: rad (2,) if something was measured since the last call, and when that was.
+            position: (2,) of the motors' encoders, m.
+            velocity: (2,) of the motors' encoders, m/s.
+            tilt: (2,) rad, if there is a new measurement.
             stamp_us: time of the measurement.
         """
         before = velocity if self._velocity is None else self._velocity
         self._velocity = velocity
-        # the encoders say how the cart was accelerated, whatever force acted
+        # the encoders give the acceleration of the cart, whatever force acted
         self.observer.predict((velocity - before) / TICK_S)
         if tilt is not None:
             age_s = (t_us - stamp_us) * 1e-6 + self.gains.lag_ms * 1e-3

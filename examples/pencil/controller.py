@@ -23,14 +23,18 @@ class Tracker(Protocol):
     """the last estimate"""
 
     def update(self, observation: Observation) -> tuple[Stick, int] | None:
-        """The stick and the time it was there, us; None: nothing new."""
+        """The stick and the time of the estimate, us; None: there is no new estimate."""
 
 
 class EventTracker:
-    """A line per camera that follows its events, up to date at every decision."""
+    """A line for each camera that follows its events, up to date at every decision."""
 
     def __init__(self, length_m: float) -> None:
-        """In: length_m, of the stick."""
+        """Begin with an upright stick.
+
+        Args:
+            length_m: of the stick.
+        """
         height_px = length_m * FOCAL_PX / DISTANCE_M
         self._lines = {camera: EventLineTracker(height_px) for camera in CAMERAS}
         self._seen = dict.fromkeys(CAMERAS, StickLine(0.0, 0.0))
@@ -47,7 +51,7 @@ class EventTracker:
 
 
 class FrameTracker:
-    """A line per camera and frame; between frames nothing is known."""
+    """A line for each camera and frame; between frames there is no estimate."""
 
     def __init__(self) -> None:
         self._fits: dict[tuple[int, int], FrameLineTracker] = {}
@@ -55,7 +59,7 @@ class FrameTracker:
         self.stick: Stick | None = None
 
     def update(self, observation: Observation) -> tuple[Stick, int] | None:
-        """A frame is of the middle of its exposure, and both cameras expose at once."""
+        """Fit a line to each new frame. Both cameras expose at once; the middle is the time."""
         stamp_us = 0
         for frame in observation.frames:
             size = frame.width, frame.height
@@ -88,7 +92,13 @@ class Controller:
     def __init__(
         self, tracker: Tracker, length_m: float = 0.2, gains: StickGains | None = None
     ) -> None:
-        """In: length_m, of the stick: the model needs it."""
+        """Join a tracker and a balancer.
+
+        Args:
+            tracker: estimates the stick.
+            length_m: of the stick, which the linear model needs.
+            gains: of the balancer.
+        """
         self.tracker = tracker
         self.balancer = StickBalancer(length_m, gains)
 

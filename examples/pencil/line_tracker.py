@@ -1,9 +1,9 @@
 """Track a line by events: each event pulls it a little. After Conradt et al.
 
 The line u = base + slope v minimises a quadratic form in (base, slope): the sum over all events of
-weight (u - base - slope v)^2. An event adds to its five sums, and what they were decays; events far
-from the line as it was (noise, other things) weigh little. So is a line fitted to a frame, too: its
-dark pixels weigh as dark as they are.
+weight (u - base - slope v)^2. Each event is added to its five sums, and the older sums decay.
+Events far from the last line (noise, other objects) have little weight. The line of a frame is
+fitted in the same way: the weight of a pixel is its darkness.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from evs.msgs import Events, EvsError
 F64 = npt.NDArray[np.float64]
 
 LOWEST_PX = 2.5
-"""What is nearer to the row of the cup is cup and cart, px."""
+"""pixels nearer to the row of the cup show the cup and the cart"""
 
 CUP_SHARE = 10.0
-"""So many times what all events weigh, it counts that the line begins in the cup."""
+"""weight of the line's beginning in the cup, relative to that of all events"""
 
 
 @dataclass(frozen=True)
 class StickLine:
-    """u = base + slope v, in a picture whose origin is the principal point and whose v goes up."""
+    """u = base + slope v in an image with the principal point as origin and v upwards."""
 
     base: float
-    """where it crosses the row of the cup, px"""
+    """u in the row of the cup, px"""
     slope: float
 
 
@@ -56,7 +56,7 @@ class EventLineTracker:
         """Begin with an upright line in the middle.
 
         Args:
-            height_px: how high the stick is in the picture.
+            height_px: height of the stick in the image.
             memory: events that count, for each of its rows.
             sigma_px: how far from an edge an event may be and still count.
             edge_px: how far the edges are from the line, a little less than half of the stick's
@@ -70,24 +70,25 @@ class EventLineTracker:
             )
         self._origin = principal_point or PrincipalPoint()
         self._sigma, self._edge = sigma_px, edge_px
-        # natural logarithm of what is left of the sums after an event
+        # natural logarithm of the share of the sums that remains after an event
         self._decay = float(np.log1p(-1.0 / (memory * height_px)))
-        # as sure of an upright line as after many events on it
+        # as certain of an upright line as after many events on it
         v = np.linspace(LOWEST_PX, LOWEST_PX + height_px, 16)
         share = memory * height_px / len(v)
         self._sums = share * _moments(np.ones_like(v), np.zeros_like(v), v)
         self._line = StickLine(0.0, 0.0)
 
     def update(self, events: Events, cup_px: float = 0.0) -> StickLine:
-        """The line after a packet's events, (n,) EVENT_DTYPE.
+        """Update the line by the events of a packet, all at once.
 
-        All of them at once, no loop.
-
-        What is remembered moves along with it, and the line should begin there.
+        The sums are relative to the cup, so they move with it, and the line should begin there.
 
         Args:
-            events: the events.
-            cup_px: where the cup is now, as the encoders say.
+            events: (n,) EVENT_DTYPE.
+            cup_px: position of the cup now, from the encoders.
+
+        Returns:
+            The line.
         """
         u = events["x"] - (self._origin.x + cup_px)
         v = self._origin.y - events["y"]
@@ -112,14 +113,27 @@ class FrameLineTracker:
     def __init__(
         self, width: int, height: int, principal_point: PrincipalPoint | None = None
     ) -> None:
-        """In: size of the frames, px."""
+        """Prepare the coordinates of the pixels.
+
+        Args:
+            width: of the frames, px.
+            height: of the frames, px.
+            principal_point: of the camera.
+        """
         principal_point = principal_point or PrincipalPoint()
         rows = int(principal_point.y - LOWEST_PX) + 1
         u, v = np.arange(width) - principal_point.x, principal_point.y - np.arange(height)[:rows]
         self._rows, self._u, self._v = rows, u, v
 
     def update(self, pixels: npt.NDArray[np.generic]) -> StickLine | None:
-        """In: (h, w), in proportion to the light. None: nothing is dark enough to be a stick."""
+        """Fit the line of a frame.
+
+        Args:
+            pixels: (h, w) proportional to the light.
+
+        Returns:
+            The line; None: nothing is dark enough to be a stick.
+        """
         part = pixels[: self._rows].astype(np.float64)
         bright = float(np.max(part))
         dark = np.clip(1.0 - part / bright - 0.1, 0.0, None) if bright > 0.0 else 0.0 * part
@@ -136,7 +150,7 @@ def _moments(weight: F64, u: F64, v: F64) -> F64:
 
 
 def _solve(sums: F64) -> StickLine | None:
-    """Where the quadratic form is least; None where the sums tell no line."""
+    """The line that minimises the quadratic form; None: the sums define no line."""
     w, wv, wvv, wu, wuv = (float(value) for value in sums)
     spread = w * wvv - wv * wv
     # w^2 times the variance of v: a line of less than a pixel's height has no slope

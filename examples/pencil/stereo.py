@@ -1,4 +1,4 @@
-"""Combine the lines in two cameras at right angles to the tilt and place of the stick."""
+"""Compute tilt and place of the stick from its lines in two cameras at right angles."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 from evs.examples.pencil.line_tracker import F64, StickLine
 
 FOCAL_PX = 590.0
-"""Focal length of both cameras (config/scenes/pencil.xml)."""
+"""focal length of both cameras (config/scenes/pencil.xml)"""
 
 DISTANCE_M = 1.2
-"""From each camera to the middle of the cart's field."""
+"""from each camera to the middle of the cart's range"""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Stick:
 
 
 def combine(left: StickLine, right: StickLine) -> Stick:
-    """The stick behind a line in each picture.
+    """The stick from its lines in both images.
 
     Left looks along +y: a point (x + p z, y + q z, z) is seen at u = f (x + p z) / (D + y + q z),
     v = f z / (D + y + q z). Along the stick that is a line of slope p - (x / (D + y)) q from base
@@ -42,13 +42,13 @@ def combine(left: StickLine, right: StickLine) -> Stick:
 
 
 def project(place: F64) -> tuple[float, float]:
-    """Where a tip at x, y (2,) m is seen from the left and from the right, px from the middle."""
+    """Project a tip at place (2,), m, into the left and the right image: px from the middle."""
     x, y = float(place[0]), float(place[1])
     return FOCAL_PX * x / (DISTANCE_M + y), FOCAL_PX * y / (DISTANCE_M - x)
 
 
 def stick_line(stick: Stick, camera: int) -> StickLine:
-    """The line that a stick makes in the left (0) or the right (1) picture: `combine` backwards."""
+    """The line of a stick in the left (0) or the right (1) image, the inverse of `combine`."""
     base = project(stick.place)[camera]
     along, across = np.tan(stick.tilt)
     if camera == 0:

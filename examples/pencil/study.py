@@ -1,7 +1,7 @@
 """Compare the trackers: tune each, then find its shortest stick, strongest push, longest delay.
 
-All are tuned by the same search with the same budget on the same practice, then tried on seeds that
-no search has seen. A value counts as survived where every seed stands.
+All are tuned by the same search with the same budget on the same practice trials, then tested on
+seeds that no search has seen. A value is survived if the stick stands with every seed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from evs.examples.pencil.environment import PencilExperiment, PencilTrial
 from evs.tools.jobs import run_units
 
 BOX = {"fast": (1.2, 8.0), "slow": (0.1, 1.5), "observer_hz": (1.0, 100.0), "lag_ms": (0.1, 20.0)}
-"""Field of Gains -> where it is searched."""
+"""field of StickGains -> range of the search"""
 
 BEGIN = {"fast": 2.5, "slow": 0.4, "observer_hz": 10.0, "lag_ms": 1.0}
 
@@ -32,15 +32,15 @@ PRACTICE = (
     PencilTrial(length_m=0.018),
     PencilTrial(length_m=0.011),
 )
-"""What gains are judged by: from easy to beyond most."""
+"""trials by which gains are rated, from easy to beyond most trackers"""
 
 BUDGET = Budget(rounds=4, points=8, kept=3)
 
 PRACTICE_SEED, STAND_SEED = 1000, 2000
-"""First seeds of practice and of standing; limits are found on 0, 1, ..."""
+"""first seeds of practice and of standing; limits use 0, 1, ..."""
 
 STEADY = 1e-3
-"""What a millimetre of sway costs beside a whole trial stood: only a tie is decided by it."""
+"""cost of a millimetre of sway; a whole trial stood counts 1, so it only decides ties"""
 
 
 @dataclass(frozen=True)
@@ -52,12 +52,12 @@ class StudyPlan:
     practice_s: float = 2.2
     """long enough for two pushes"""
     seeds: int = 4
-    """of each value of a limit"""
+    """for each value of a limit"""
     steps: int = 6
-    """how often a limit's rest is halved"""
+    """bisections of a limit"""
     limit_s: float = 3.0
     starts: int = 20
-    """of the event tracker; the others stand from a quarter of them, at least one"""
+    """starts of the event tracker; the others have a quarter of them, at least one"""
     stand_s: float = 30.0
     stand_mns: float = 2.0
     """pushes, one a second, while it has to stand"""
@@ -66,7 +66,7 @@ class StudyPlan:
 QUICK = StudyPlan(
     budget=Budget(1, 2, 2), practice_s=0.4, seeds=1, steps=1, limit_s=0.6, starts=2, stand_s=1.0
 )
-"""Minutes become seconds; the numbers mean nothing."""
+"""a quick trial run, whose numbers mean nothing"""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ AFTER = ("shortest_m", "strongest_mns", "longest_ms", "stood")
 
 
 def run_study(plan: StudyPlan, results: ResultsFile, jobs: int = 1) -> Iterator[StudyUnit]:
-    """Measure the values that are missing; yield each unit once its value is saved."""
+    """Measure the missing values; yield each unit once its value is saved."""
     todo = []
     for tracker in plan.trackers:
         if results.has(tracker, "gains"):
@@ -133,7 +133,7 @@ def find(unit: StudyUnit) -> Any:
 
 
 def tune(tracker: str, plan: StudyPlan) -> dict[str, Any]:
-    """The gains of the best score, the score and how many were tried."""
+    """The gains of the best score, the score, and the number of trials."""
 
     def score(point: dict[str, float]) -> float:
         gains, total = StickGains(**point), 0.0
@@ -148,7 +148,7 @@ def tune(tracker: str, plan: StudyPlan) -> dict[str, Any]:
 
 
 def stand(tracker: str, gains: StickGains, plan: StudyPlan) -> dict[str, Any]:
-    """How many of the starts stand to the end, and the shortest time that one did."""
+    """How many starts stand to the end, the shortest time of one, and the largest sway."""
     experiment = _experiment(tracker, PencilTrial())
     starts = plan.starts if tracker == "events" else max(1, plan.starts // 4)
     trials = [
@@ -170,7 +170,7 @@ def _experiment(tracker: str, trial: PencilTrial) -> PencilExperiment:
 
 @lru_cache(maxsize=16)
 def _built(tracker: str, length_m: float, delay_ms: float) -> PencilExperiment:
-    """Building a scene costs more than a reset."""
+    """Cached, since building a scene costs more than a reset."""
     return PencilExperiment(tracker, length_m, delay_ms)
 
 
@@ -193,7 +193,7 @@ HEADINGS = (
 
 
 def table_rows(rows: dict[str, dict[str, Any]], trackers: Sequence[str]) -> list[tuple[str, ...]]:
-    """What is known of each tracker; "-": not found out, "none": not even the easiest."""
+    """A row for each tracker; "-": not measured, "none": not even the easiest value."""
     return [(tracker, *_cells(rows.get(tracker, {}))) for tracker in trackers]
 
 
@@ -217,7 +217,7 @@ def _number(row: dict[str, Any], name: str, unit: float = 1.0) -> str:
 
 
 def markdown(rows: dict[str, dict[str, Any]], trackers: Sequence[str], command: str) -> str:
-    """The table, and how it was made."""
+    """The table and the command that made it, in Markdown."""
     lines = ["| " + " | ".join(HEADINGS) + " |", "|" + " --- |" * len(HEADINGS)]
     lines += ["| " + " | ".join(row) + " |" for row in table_rows(rows, trackers)]
     return "\n".join([*lines, "", f"*`{command}`*", ""])

@@ -39,9 +39,14 @@ STAGE_COLOURS = {
 
 @contextmanager
 def progress(ticks: int, quiet: bool = False) -> Iterator[Callable[[Progress], None] | None]:
-    """A bar on stderr while the block runs; Out: the callback that moves it.
+    """Draw a progress bar on stderr while the block runs, if that is a terminal.
 
-    It is drawn only on a terminal, and gone when the block ends; None: there is none to move.
+    Args:
+        ticks: of the run.
+        quiet: draw nothing.
+
+    Yields:
+        A callback that moves the bar; None: there is no bar.
     """
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
@@ -64,9 +69,15 @@ def progress(ticks: int, quiet: bool = False) -> Iterator[Callable[[Progress], N
 
 @contextmanager
 def bar(what: str, total: int, quiet: bool = False) -> Iterator[Callable[[int, str], None]]:
-    """A plain bar on stderr while the block runs; Out: the callback with (steps done, a word).
+    """Draw a plain progress bar on stderr while the block runs, if that is a terminal.
 
-    It is drawn only on a terminal, and gone when the block ends.
+    Args:
+        what: label of the bar.
+        total: number of steps.
+        quiet: draw nothing.
+
+    Yields:
+        A callback that moves the bar: (steps done, detail).
     """
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
@@ -88,19 +99,19 @@ def _columns() -> tuple[ProgressColumn, ...]:
 
 
 def notes(lines: Sequence[str], quiet: bool = False) -> None:
-    """What a run begins with, a line each on stderr."""
+    """Print the lines with which a run begins, on stderr."""
     for line in () if quiet else lines:
         print(f"evs: {line}", file=sys.stderr, flush=True)
 
 
 def warn(line: str) -> None:
-    """A warning, one line on stderr."""
+    """Print a warning, one line on stderr."""
     console = Console(stderr=True, soft_wrap=True, highlight=False)
     console.print(f"[bold yellow]evs: warning:[/] {escape(line)}")
 
 
 def summary(report: Report, quiet: bool = False, next_commands: Sequence[str] = ()) -> None:
-    """The run in a few lines on stdout: events, speed, ms per stage, packets, what to try next."""
+    """Print a run in a few lines on stdout: events, speed, ms per stage, packets, next commands."""
     if quiet:
         return
     console = Console(highlight=False)

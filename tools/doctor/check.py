@@ -1,4 +1,4 @@
-"""Check: one line of a check-up, with its verdict and a fix."""
+"""Check: one line of evs doctor, with a verdict and a fix."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 OK, NOTE, BAD = "ok", "note", "bad"
-"""Well; well enough but worth knowing; must be mended before evs works here."""
+"""works; works, but worth knowing; must be fixed before evs works here"""
 
 
 @dataclass(frozen=True)
 class Check:
-    """The outcome of one look."""
+    """The result of one check."""
 
     name: str
     verdict: str
@@ -19,11 +19,17 @@ class Check:
     says: str
     """what was found, one line"""
     fix: str = ""
-    """what to do, one line; never empty where the verdict is BAD"""
+    """what to do, one line; never empty if the verdict is BAD"""
 
 
 def guarded(name: str, fix: str, look: Callable[[], list[Check]]) -> list[Check]:
-    """What `look` finds; whatever it raises is a finding too: a check-up must not break down."""
+    """Run a check; an exception becomes a check with the verdict BAD.
+
+    Args:
+        name: of the check, if `look` raises.
+        fix: what to do then.
+        look: the check.
+    """
     try:
         return look()
     except Exception as reason:

@@ -31,7 +31,11 @@ def check_python() -> Check:
 
 
 def check_platform(system: str = sys.platform) -> Check:
-    """Operating system and processor family. In: sys.platform."""
+    """Operating system and processor family.
+
+    Args:
+        system: sys.platform.
+    """
     says = f"{platform.platform()}"
     if system.startswith("linux"):
         return Check("platform", OK, says)
@@ -39,7 +43,7 @@ def check_platform(system: str = sys.platform) -> Check:
 
 
 def check_cores() -> Check:
-    """How many cores this process may use, which is what threads = 0 takes."""
+    """Number of cores that this process may use, which threads = 0 means."""
     says = f"{cores()} usable of {os.cpu_count()}, {cpu_name()}"
     return Check("cpu", OK, says)
 
@@ -54,12 +58,12 @@ def check_memory() -> Check:
 
 
 def check_disk(folders: Iterable[Path]) -> list[Check]:
-    """Whether each folder takes files, and how much."""
+    """Whether each folder is writable, and its free space."""
     return [_folder(folder) for folder in folders]
 
 
 def cpu_name() -> str:
-    """The processor as its maker calls it."""
+    """Name of the processor."""
     if CPU_FILE.is_file():
         for line in CPU_FILE.read_text(errors="replace").splitlines():
             key, _, value = line.partition(":")

@@ -20,7 +20,7 @@ CORE = (
     "rich",
     "pillow",
 )
-"""Distributions that evs cannot do without; pyproject.toml's `dependencies` (a test compares)."""
+"""required distributions: `dependencies` of pyproject.toml (a test compares them)"""
 
 EXTRAS = {
     "raster": ("pyrender2",),
@@ -32,7 +32,7 @@ EXTRAS = {
     "ros2": ("rosbags", "cyclonedds"),
     "cluster": ("ray",),
 }
-"""extra -> its distributions; pyproject.toml's `optional-dependencies` for users."""
+"""extra -> its distributions: `optional-dependencies` of pyproject.toml for users"""
 
 USES = {
     "raster": "the raster renderer",
@@ -62,17 +62,17 @@ def check_core() -> Check:
 
 
 def check_packages(names: Iterable[str] = CORE) -> list[Check]:
-    """One line for each needed distribution."""
+    """A check for each required distribution."""
     return [_needed(name) for name in names]
 
 
 def check_extras() -> list[Check]:
-    """One line for each extra; a missing one is no fault."""
+    """A check for each extra; a missing one is not a fault."""
     return [_extra(extra, names) for extra, names in EXTRAS.items()]
 
 
 def version_of(name: str) -> str | None:
-    """The installed version of a distribution, None if it is not there."""
+    """Installed version of a distribution; None: it is not installed."""
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
@@ -80,9 +80,9 @@ def version_of(name: str) -> str | None:
 
 
 def range_of(name: str) -> str:
-    """The versions of a distribution that evs asks for, such as ">=3.3,<5"; "" if nobody knows.
+    """Versions of a distribution that evs requires, such as ">=3.3,<5"; "": unknown.
 
-    From the metadata of the installed evs, which come from pyproject.toml.
+    They come from the metadata of the installed evs, that is from pyproject.toml.
     """
     try:
         lines = importlib.metadata.requires("evs") or []

@@ -59,7 +59,11 @@ class _Listener:
 
 
 def check_pipeline(folder: Path) -> list[Check]:
-    """A verdict each for renderer, sensor, bus and recorder. In: a folder for the recording."""
+    """Run a pendulum through renderer, sensor, bus and recorder; a check for each.
+
+    Args:
+        folder: for the recording.
+    """
     file = folder / "trial.aedat4"
     address = free_address()
     config = load(
@@ -93,7 +97,7 @@ def check_pipeline(folder: Path) -> list[Check]:
 
 
 def check_timing() -> Check:
-    """What a tick of a davis346 on a simple scene costs here; a figure, not a verdict."""
+    """Measure the time of a tick of a davis346 on a simple scene; it is never a fault."""
     config = load(
         tables={
             "scene": {"file": str(SCENE), "camera": "front"},
