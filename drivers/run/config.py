@@ -21,8 +21,9 @@ from evs.drivers.run.paths import beside, in_package, with_paths
 from evs.drivers.run.shipped import pipelines
 from evs.drivers.sink import Sink
 from evs.emulator.base import registry
-from evs.emulator.config import SEEDS, RunConfig
+from evs.emulator.config import RunConfig
 from evs.emulator.config.closed_loop import LoopConfig
+from evs.emulator.render.registry import SEEDS
 from evs.msgs import EvsError, nearest_first, unknown
 
 T = TypeVar("T")

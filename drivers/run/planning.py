@@ -8,7 +8,7 @@ from typing import Any
 from evs.drivers.clock import StopWatch
 from evs.drivers.run.config import PipelineConfig
 from evs.drivers.run.run import run
-from evs.emulator.camera.plan.scene_plan import ScenePlan
+from evs.emulator.camera.scene_plan import ScenePlan
 from evs.emulator.simulation.world import World
 
 MEASURED = ("world", "render", "sensor")

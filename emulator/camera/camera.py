@@ -23,8 +23,7 @@ from evs.emulator.camera.camera_plan import (
     plain_plan,
 )
 from evs.emulator.camera.pixels import DoneTick, Pixels
-from evs.emulator.camera.plan.contents import is_unlit
-from evs.emulator.camera.plan.scene_plan import ScenePlan, plan_scene
+from evs.emulator.camera.scene_plan import ScenePlan, is_unlit, plan_scene
 from evs.emulator.config import SceneConfig
 from evs.emulator.optics import camera_info
 from evs.emulator.render import flicker_warnings

@@ -2,7 +2,6 @@
 
 from evs.emulator.config.biases import BiasConfig
 from evs.emulator.config.closed_loop import DelayConfig, LimitConfig, LoopConfig
-from evs.emulator.config.renderers import RENDERERS, SEEDS, RendererRow
 from evs.emulator.config.schema import (
     CameraConfig,
     FlickerConfig,
@@ -15,8 +14,6 @@ from evs.emulator.config.schema import (
 from evs.emulator.config.sensor import ApsConfig, ImuConfig, ReadoutConfig, SensorConfig
 
 __all__ = [
-    "RENDERERS",
-    "SEEDS",
     "ApsConfig",
     "BiasConfig",
     "CameraConfig",
@@ -29,7 +26,6 @@ __all__ = [
     "PlanConfig",
     "ReadoutConfig",
     "RenderConfig",
-    "RendererRow",
     "RunConfig",
     "SceneConfig",
     "SensorConfig",

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from evs.emulator.config.renderers import RENDERERS
 from evs.emulator.config.sensor import SensorConfig
+from evs.emulator.render.registry import RENDERERS
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.protocols import Renderer
 from evs.emulator.base.registry import load
 from evs.emulator.base.scene import CameraModel, SceneModel
-from evs.emulator.config import RENDERERS, RenderConfig
+from evs.emulator.config import RenderConfig
 from evs.emulator.render.direct import DirectRenderer
+from evs.emulator.render.registry import RENDERERS
 from evs.msgs import EvsError, unknown
 
 SAMPLERS = ("owen", "sobol", "global", "random", "anchored")

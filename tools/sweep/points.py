@@ -11,7 +11,7 @@ from typing import Any
 from evs.drivers import settings
 from evs.drivers.run.config import PipelineConfig, find_pipeline
 from evs.emulator.camera.event_models import check_chunk
-from evs.emulator.config import SEEDS
+from evs.emulator.render.registry import SEEDS
 from evs.emulator.render.selection import check_render
 from evs.msgs import EvsError
 from evs.tools.sweep.record import OURS, Setting

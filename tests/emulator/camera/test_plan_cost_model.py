@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from evs.emulator.camera.plan.cost import Cost
+from evs.emulator.camera.scene_plan import Cost
 from evs.emulator.config import CameraConfig, RenderConfig, RunConfig, SceneConfig, SensorConfig
 from evs.emulator.simulation.world import World
 
-# CPU ms of world, render and sensor in a tick, one thread; the core that cost.py was fitted on
+# CPU ms of world, render and sensor in a tick, one thread; the core that the model was fitted on
 RESTS = {
     ("dm_control/cartpole", "direct", (346, 260)): (0.038, 0.039, 0.072),
     ("dm_control/cartpole", "path", (346, 260)): (0.050, 0.022, 0.100),

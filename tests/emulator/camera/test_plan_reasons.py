@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from evs.emulator.base.features import FEATURES, NATIVE
-from evs.emulator.camera.plan.scene_plan import ScenePlan
+from evs.emulator.camera.scene_plan import ScenePlan
 from evs.emulator.config import RenderConfig, RunConfig, SceneConfig, SensorConfig
 from evs.emulator.simulation.world import World
 from evs.emulator.world import load_model

@@ -10,7 +10,7 @@ import pytest
 
 from evs.emulator import _core
 from evs.emulator.base.scene import ObjectKind, SceneModel, SceneSnapshot
-from evs.emulator.camera.plan.contents import contents_of
+from evs.emulator.camera.scene_plan import contents_of
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer, PathRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene, load_model

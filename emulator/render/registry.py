@@ -1,6 +1,7 @@
-"""The table of renderers: one row holds all that the rest of evs knows of one.
+"""The table of renderers, where a new one plugs in.
 
-A new renderer is a class that follows evs.emulator.base.protocols.Renderer, and a row here.
+A new renderer is a class that follows evs.emulator.base.protocols.Renderer, and a row here, which
+holds all that the rest of evs knows of it.
 """
 
 from __future__ import annotations

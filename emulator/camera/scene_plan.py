@@ -1,0 +1,545 @@
+"""The scene plan: what a scene contains, which code paths are on or off and why, what a tick costs.
+
+The decision about a code path is made where the code path is, and read from there: a reason here
+explains it. The cost is a small model of counts, fitted once, on one core. It is good to a factor
+of about two where there are no meshes and of four where there are, since it does not know how much
+of the picture they fill, and of four for OpenGL, where it knows no GPU (`Cost.within`;
+tests/bench/test_plan_cost.py prints it beside what is measured). That is enough to see where the
+time goes and whether real time is near; `evs plan --measure` runs the scene instead.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from evs.emulator.base.features import FEATURES, Feature
+from evs.emulator.base.scene import Light, LightKind, ObjectKind, SceneModel, Shape
+from evs.emulator.config import ModelConfig, RenderConfig
+from evs.emulator.render.registry import RENDERERS
+from evs.emulator.sensor import SensorParameters
+from evs.emulator.sensor.terms import TERMS
+from evs.emulator.world import BoundCamera, MjModel, Mobility, mobility_of
+
+if TYPE_CHECKING:
+    from evs.emulator.camera.camera_plan import CameraPlan
+
+FORCED_ON = "[plan] has it on, whether the scene needs it or not"
+FORCED_OFF = "[plan] leaves it out, whether the scene needs it or not"
+CANNOT = "[plan] asks for it, but it has no place here"
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One code path."""
+
+    feature: Feature
+    on: bool
+    why: str
+    forced: bool
+    """whether [plan] has decided it, and not the scene"""
+
+
+@dataclass(frozen=True)
+class ScenePlan:
+    """What one camera's scene requires."""
+
+    contents: Contents
+    mobility: Mobility
+    view: dict[str, Any]
+    """pixels, projection, renderer, samples: what is requested of them"""
+    decisions: tuple[Decision, ...]
+    """of the code paths that the renderer and the event model know, in the order of the stages"""
+    cost: Cost
+
+    def compact(self) -> dict[str, Any]:
+        """For reports: contents without what there is none of, names that are on, why off."""
+        has = {key: value for key, value in asdict(self.contents).items() if value}
+        moves = {key: value for key, value in asdict(self.mobility).items() if value}
+        return {
+            "contents": {**has, **moves},
+            "view": self.view,
+            "on": [each.feature.name for each in self.decisions if each.on],
+            "off": {each.feature.name: each.why for each in self.decisions if not each.on},
+            "forced": [each.feature.name for each in self.decisions if each.forced],
+            "cost": self.cost.plain(),
+        }
+
+
+def plan_scene(
+    world: MjModel,
+    scene: SceneModel,
+    bound: BoundCamera,
+    sensor: SensorParameters,
+    plan: CameraPlan,
+    features: Mapping[str, bool],
+    tick_us: int,
+) -> ScenePlan:
+    """Make the plan of a camera.
+
+    Args:
+        world: The model.
+        scene: What is extracted from it.
+        bound: The camera.
+        sensor: The sensor, resolved.
+        plan: Everything that makes the camera.
+        features: Which code paths it runs.
+        tick_us: Length of a tick, us.
+    """
+    steps = max(1, round(tick_us * 1e-6 / world.opt.timestep))
+    render, model, switches = plan.render, plan.model, plan.switches
+    has, mobility = contents_of(scene, render), mobility_of(world, bound)
+    why = reasons(has, mobility, sensor, render, model)
+    decisions = []
+    for feature in FEATURES:
+        if feature.name not in features:
+            continue
+        on = features[feature.name]
+        forced = feature.name in (switches.on if on else switches.off)
+        reason = why[feature.name].on if on else why[feature.name].off
+        if forced:
+            reason = FORCED_ON if on else FORCED_OFF
+        elif feature.name in switches.on:
+            reason = CANNOT
+        decisions.append(Decision(feature, on, reason, forced))
+    cost = estimate(world, has, mobility, sensor, render, model, features, steps)
+    return ScenePlan(has, mobility, _view(bound, plan), tuple(decisions), cost)
+
+
+def _view(bound: BoundCamera, plan: CameraPlan) -> dict[str, Any]:
+    """Optics, renderer and model of a view."""
+    camera, render = bound.model, plan.render
+    view = {
+        "width": camera.width,
+        "height": camera.height,
+        "projection": "orthographic" if camera.orthographic else "perspective",
+        "distortion_model": camera.distortion_model,
+        "renderer": render.renderer,
+        "samples": render.samples,
+        "antialiasing": render.antialiasing,
+        "model": plan.model.name,
+    }
+    return view | ({"bounces": render.bounces} if RENDERERS[render.renderer].paths else {})
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Counts of what can be seen, by kind; 0 and empty where there is none."""
+
+    geoms: dict[str, int]
+    """by shape: plane, box, mesh, ..."""
+    meshes: int
+    triangles: int
+    height_fields: int
+    deforming: int
+    """skins and flexes with faces"""
+    sites: int
+    """that are seen"""
+    tendons: int
+    ropes: int
+    """flexes of dimension 1"""
+    slider_cranks: int
+    rods: int
+    """of tendons, ropes and slider-cranks, some of which may not be seen now"""
+    geoms_moving: int
+    geoms_still: int
+    lights: dict[str, int]
+    """by kind: headlight, directional, point, spot, image"""
+    casting: int
+    """lights that cast shadows"""
+    coloured: tuple[str, ...]
+    """names of the lights that are not grey"""
+    bulbs: int
+    """lights with a radius, which `path` sees as balls"""
+    surfaces: int
+    textured: int
+    """surfaces with an image"""
+    physical: int
+    """surfaces with metallic, roughness or any map"""
+    bumpy: int
+    """surfaces with a normal map"""
+    mirrors: int
+    """surfaces that may mirror: opaque, with reflectance, on planes and boxes"""
+    not_mirrors: int
+    """geoms whose material has reflectance, of shapes that do not mirror"""
+    transparent: int
+    glowing: int
+    textures: int
+    texels: int
+    planes: int
+    endless_planes: int
+    sky: bool
+    fog: bool
+    """it is asked for, and the model has it"""
+    haze: bool
+    """it is asked for, and the model has a sky and a plane without bounds"""
+    flickering: int
+    """tables of lights that pulse"""
+    unlit: bool
+    """neither a light nor a glowing surface is left"""
+
+
+def contents_of(scene: SceneModel, render: RenderConfig) -> Contents:
+    """Of a scene with the lights, the atmosphere and the sites that [render] leaves it."""
+    scene = scene if render.sites else scene.without_sites()
+    things = scene.geom_kind
+    if not len(things):
+        things = np.full(len(scene.geom_type), ObjectKind.GEOM)
+    solid, seen_sites = (
+        things < ObjectKind.SITE,
+        (things == ObjectKind.SITE) & (scene.geom_size[:, 0] > 0),
+    )
+    shapes = Counter(Shape(int(shape)).name.lower() for shape in scene.geom_type[solid])
+    lights = [x for x in scene.lights if render.headlight == "model" or not x.headlight]
+    there = solid | seen_sites | (things > ObjectKind.SITE)
+    used = [scene.surfaces[index] for index in sorted(set(scene.geom_surface[there].tolist()))]
+    planes = scene.geom_type == Shape.PLANE
+    endless = planes & (scene.geom_size[:, 0] <= 0) & (scene.geom_size[:, 1] <= 0)
+    kinds = Counter("headlight" if x.headlight else x.kind.name.lower() for x in lights)
+    triangles = [len(mesh.faces) for mesh in scene.meshes]
+    seen = scene.geom_mesh[scene.geom_mesh >= 0]
+    maps = ("metallic", "roughness", "occlusion", "opacity", "normal", "emissive")
+    atmosphere = scene.atmosphere
+    return Contents(
+        geoms=dict(sorted(shapes.items())),
+        meshes=len(scene.meshes) - len(scene.deforming) - shapes["hfield"],
+        triangles=int(sum(triangles[int(mesh)] for mesh in seen)),
+        height_fields=shapes["hfield"],
+        deforming=len(scene.deforming),
+        sites=int(seen_sites.sum()),
+        tendons=len(set(scene.geom_id[things == ObjectKind.TENDON].tolist())),
+        ropes=len(set(scene.geom_id[things == ObjectKind.ROPE].tolist())),
+        slider_cranks=len(set(scene.geom_id[things == ObjectKind.CRANK].tolist())),
+        rods=len(scene.stretching),
+        geoms_moving=int((solid & ~scene.geom_static).sum()),
+        geoms_still=int((solid & scene.geom_static).sum()),
+        lights=dict(sorted(kinds.items())),
+        casting=sum(x.castshadow and x.kind is not LightKind.IMAGE for x in lights),
+        coloured=tuple(x.name for x in lights if not _is_grey(scene, x)),
+        bulbs=sum(
+            x.bulbradius_m > 0 and x.kind in (LightKind.SPOT, LightKind.POINT) for x in lights
+        ),
+        surfaces=len(used),
+        textured=sum(surface.texture >= 0 for surface in used),
+        physical=sum(
+            surface.metallic >= 0
+            or surface.roughness >= 0
+            or any(getattr(surface, f"{name}_map") >= 0 for name in maps)
+            for surface in used
+        ),
+        bumpy=sum(surface.normal_map >= 0 for surface in used),
+        mirrors=sum(surface.reflectance > 0 and surface.rgba[3] >= 1 for surface in used),
+        not_mirrors=scene.not_mirrors,
+        transparent=sum(surface.rgba[3] < 1 or surface.opacity_map >= 0 for surface in used),
+        glowing=sum(surface.emission > 0 or surface.emissive_map >= 0 for surface in used),
+        textures=len(scene.textures),
+        texels=sum(int(np.prod(texture.data.shape[:-1])) for texture in scene.textures),
+        planes=int(planes.sum()),
+        endless_planes=int(endless.sum()),
+        sky=scene.skybox >= 0,
+        fog=atmosphere is not None and render.fog,
+        haze=atmosphere is not None
+        and render.haze
+        and atmosphere.haze_radius_m > 0
+        and atmosphere.haze_ratio > 0
+        and bool(endless.any()),
+        flickering=len(render.flicker),
+        unlit=is_unlit(scene, render),
+    )
+
+
+def is_unlit(scene: SceneModel, render: RenderConfig) -> bool:
+    """Whether neither a light nor a glowing surface is left; a sky lights nothing."""
+    scene = scene if render.sites else scene.without_sites()
+    for light in scene.lights:
+        colours = (*light.ambient, *light.diffuse, *light.specular, light.intensity)
+        if any(colours) and (render.headlight == "model" or not light.headlight):
+            return False
+    return not any(
+        surface.emission > 0.0 or surface.emissive_map >= 0 for surface in scene.surfaces
+    )
+
+
+def _is_grey(scene: SceneModel, light: Light) -> bool:
+    colours = (light.ambient, light.diffuse, light.specular)
+    if any(np.unique(np.array(colour, np.float32)).size > 1 for colour in colours):
+        return False
+    if light.kind is not LightKind.IMAGE:
+        return True
+    image = scene.textures[light.texture].data
+    return image.shape[-1] < 3 or bool(np.all(image[..., :3] == image[..., :1]))
+
+
+@dataclass(frozen=True)
+class Why:
+    """Both reasons of a code path; the one that does not hold is never shown."""
+
+    on: str
+    off: str
+
+
+def reasons(
+    has: Contents,
+    mobility: Mobility,
+    sensor: SensorParameters,
+    render: RenderConfig,
+    model: ModelConfig,
+) -> dict[str, Why]:
+    """Name of each code path -> why it is on, or off, from what the scene contains."""
+    path = RENDERERS[render.renderer].paths
+    return {
+        **_surfaces(has, path),
+        **_air(has, render),
+        **_light(has, mobility, render, path),
+        **_sensor(sensor),
+        **_beside(sensor, model),
+    }
+
+
+def _surfaces(has: Contents, path: bool) -> dict[str, Why]:
+    of_paths = "only renderer path has it"
+    lobes = (
+        "paths see every gloss as a GGX lobe"
+        if path
+        else f"materials that ask for it: {has.physical}"
+    )
+    return {
+        "physical_gloss": Why(lobes, "no material is physical or has maps"),
+        "normal_maps": Why(f"materials that have one: {has.bumpy}", "no material has a normal map"),
+        "texture_filter": Why("surfaces have images or maps", "no surface has an image or a map"),
+        "glowing": Why(
+            f"surfaces that glow: {has.glowing}", "no surface glows" if path else of_paths
+        ),
+        "transparent": Why(
+            f"surfaces that are: {has.transparent}",
+            "no surface is transparent" if path else f"{of_paths}: direct looks at each pixel",
+        ),
+        "refits": Why(
+            "a skin or flex changed its shape",
+            "no skin or flex moves" if has.deforming else "the scene has no skin and no flex",
+        ),
+    }
+
+
+def _air(has: Contents, render: RenderConfig) -> dict[str, Why]:
+    without = "no plane without bounds" if has.sky else "no sky"
+    haze = "render.haze=false" if not render.haze else f"there is {without} and so no horizon"
+    if has.haze:
+        haze = "the camera sees no horizon"
+    return {
+        "sky": Why("the model has a sky", "the model has no sky"),
+        "fog": Why("render.fog=true", "render.fog=false"),
+        "haze": Why("a sky, and a plane without bounds", haze),
+    }
+
+
+def _light(has: Contents, mobility: Mobility, render: RenderConfig, path: bool) -> dict[str, Why]:
+    coloured = ", ".join(has.coloured[:3])
+    bent = "camera.distortion_model"
+    retrace = "render.incremental=false" if RENDERERS[render.renderer].traced else "OpenGL draws it"
+    kept = f"{'samples' if path else 'pixels'} that nothing that moved can touch are kept"
+    if mobility.camera_moves:
+        kept += f", while the camera rests ({mobility.camera_moves})"
+    return {
+        "colour": Why(
+            "light goes from surface to surface" if path else f"lights not grey: {coloured}",
+            "every light is grey: luminance is enough",
+        ),
+        "shadows": Why(
+            f"lights that cast them: {has.casting}",
+            "render.shadows=false" if not render.shadows else "no light casts any",
+        ),
+        "plane_shadows": Why(
+            "a light is behind a plane",
+            f"the lights are on the front of every plane ({has.planes})"
+            if has.planes
+            else "there is no plane",
+        ),
+        "light_gains": Why("[[render.flicker]]", "no light flickers"),
+        "lens": Why(bent, f"{bent}=none: a pinhole"),
+        "vignetting": Why("camera.vignetting", "camera.vignetting=none"),
+        "full_retrace": Why(retrace, kept),
+    }
+
+
+def _sensor(sensor: SensorParameters) -> dict[str, Why]:
+    """The parameters that need each term."""
+
+    def values(keys: tuple[str, ...]) -> str:
+        return ", ".join(f"sensor.{key}={getattr(sensor, key):g}" for key in keys)
+
+    return {name: Why(values(keys), values(keys)) for name, keys in TERMS.items()}
+
+
+def _readout(sensor: SensorParameters) -> str:
+    """The stages between pixel and packet that the sensor has."""
+    readout = sensor.readout
+    stages = {
+        "a latency of the pixels": sensor.latency_us > 0 or sensor.latency_sigma_us > 0,
+        f"rows read by {readout.order}": readout.order != "ideal",
+        f"event rate control at {readout.erc_rate_mevs:g} Mev/s": readout.erc_rate_mevs > 0,
+        f"a link of {readout.bandwidth_mevs:g} Mev/s": readout.bandwidth_mevs > 0,
+        "a region of interest": bool(readout.roi),
+        "masked pixels": bool(readout.mask or readout.mask_file),
+    }
+    return ", ".join(stage for stage, there in stages.items() if there)
+
+
+def _beside(sensor: SensorParameters, model: ModelConfig) -> dict[str, Why]:
+    labels = "model.labels=true"
+    return {
+        "ground_truth": Why(labels, "traced when a listener asks"),
+        "causes": Why(labels, "model.labels=false"),
+        "running_mean": Why(f"model {model.name}", f"model {model.name}"),
+        "cold_tiles": Why(
+            "the network has a bias" if model.runtime == "native" else f"runtime {model.runtime}",
+            "tiles where nothing moves are left out",
+        ),
+        "readout": Why(_readout(sensor), "every event passes at its own time"),
+        "aps": Why("sensor.aps.enabled=true", "sensor.aps.enabled=false"),
+        "imu": Why("sensor.imu.enabled=true", "sensor.imu.enabled=false"),
+    }
+
+
+PACKET = 16
+"""pixels that are traced together"""
+
+# ns of CPU time, one core of a 2023 server with AVX-512: fitted by hand to ten robots
+PACKET_NS = 60.0
+"""of a packet's sample: its rays and what they hit"""
+LIGHT_NS, SHADOW_NS = 10.0, 15.0
+"""of each light, and of one that casts shadows"""
+GEOM_NS = 0.5
+"""of each geom, for the camera rays and for those to each light"""
+TRIANGLE_NS = 10.0
+"""of meshes, for the same rays: of each level of their search trees"""
+TEXTURE_NS, SKY_NS, MIRROR_NS = 40.0, 60.0, 60.0
+POINT_NS, SKY_POINT_NS = 100.0, 230.0
+"""of a point of a path, and more of it where a sky is aimed at"""
+RASTER_GEOM_MS, RASTER_NS = 0.7, 90.0
+"""by OpenGL in software: of a geom, and of a sample of a pixel; on a GPU a tenth of it"""
+RENDER_US, REST_NS = 12.0, 6.5
+"""of a picture; of a packet of one in which nothing moves"""
+SENSOR_US, PIXEL_NS, STILL_NS = 15.0, 1.9, 0.8
+"""of all pixels; of one whose light changes, and of one whose light stands still"""
+TERM_NS = {"low_pass": 3.0, "follower": 2.0, "high_pass": 2.0, "leak": 1.0, "running_mean": 2.7}
+NETWORK_NS, CHUNKED_NS = 130.0, 60.0
+"""evsnet of 8 channels, of a pixel in a tick in which something moves; in chunks of 8 and more"""
+WORLD_US, STEP_US, FREEDOM_US, DEFORM_US = 30.0, 15.0, 4.0, 400.0
+"""of a tick; of a step of physics and each degree of freedom in it; of each skin or flex"""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Of one tick, on one core.
+
+    Where a camera rests, renderer and sensor cost between `still` and the rest, by what moves.
+    """
+
+    primary_rays: int
+    """from the camera, where every pixel is traced"""
+    shadow_rays: int
+    """to lights, at most, for those"""
+    world_ms: float
+    render_ms: float
+    """every pixel is traced"""
+    render_still_ms: float
+    """nothing moves; where the camera moves it is the same as render_ms"""
+    sensor_ms: float
+    """the light of every pixel changes"""
+    sensor_still_ms: float
+    within: float
+    """by what factor about it may be off, up or down"""
+
+    def plain(self) -> dict[str, Any]:
+        """For JSON, to three digits."""
+        return {
+            key: float(f"{value:.3g}") if isinstance(value, float) else value
+            for key, value in asdict(self).items()
+        }
+
+
+def estimate(
+    world: MjModel,
+    has: Contents,
+    mobility: Mobility,
+    sensor: SensorParameters,
+    render: RenderConfig,
+    model: ModelConfig,
+    features: Mapping[str, bool],
+    steps: int = 1,
+) -> Cost:
+    """Estimate the cost of a tick.
+
+    Args:
+        world: The model.
+        has: What the scene contains.
+        mobility: What can move.
+        sensor: The sensor, resolved.
+        render: [render].
+        model: [model].
+        features: Which code paths run.
+        steps: Steps of physics in a tick.
+    """
+    width, height = int(sensor.width), int(sensor.height)
+    pixels = width * height
+    packets = math.ceil(width / 4) * math.ceil(height / 4)
+    casting = has.casting if features.get("shadows") else 0
+    render_ns = packets * render.samples * _packet_ns(has, casting, render)
+    renderer = RENDERERS[render.renderer]
+    if render.antialiasing == "adaptive" and renderer.adaptive:
+        render_ns *= 0.5
+    if not renderer.traced:
+        geoms_ns = 1e6 * RASTER_GEOM_MS * _drawn(has)
+        render_ns = geoms_ns + RASTER_NS * pixels * render.samples
+    moves = bool(mobility.camera_moves) or features.get("full_retrace", True)
+    rest_ns = 0.0 if renderer.paths else REST_NS
+    render_ns += 1e3 * RENDER_US
+    still_ns = 1e3 * RENDER_US + packets * rest_ns
+    if moves or render.seeds == "fresh":
+        still_ns = render_ns
+    if has.lights and features.get("light_gains"):
+        still_ns = render_ns
+
+    terms_ns = sum(cost for name, cost in TERM_NS.items() if features.get(name))
+    pixel_ns = PIXEL_NS + terms_ns
+    if model.name == "evsnet":
+        pixel_ns = NETWORK_NS if model.chunk < 8 else CHUNKED_NS
+    quiet_ns = STILL_NS
+    if still_ns == render_ns or features.get("cold_tiles"):
+        quiet_ns = pixel_ns
+    step_us = STEP_US + FREEDOM_US * world.nv
+    world_us = WORLD_US + step_us * steps + DEFORM_US * has.deforming
+    primary = packets * PACKET * render.samples * renderer.traced
+    return Cost(
+        primary_rays=primary,
+        shadow_rays=primary * casting,
+        world_ms=1e-3 * world_us,
+        render_ms=1e-6 * render_ns,
+        render_still_ms=1e-6 * still_ns,
+        sensor_ms=1e-3 * SENSOR_US + 1e-6 * pixels * pixel_ns,
+        sensor_still_ms=1e-3 * SENSOR_US + 1e-6 * pixels * quiet_ns,
+        within=4.0 if has.triangles or not renderer.traced else 2.0,
+    )
+
+
+def _drawn(has: Contents) -> int:
+    return sum(has.geoms.values()) + has.sites + has.rods
+
+
+def _packet_ns(has: Contents, casting: int, render: RenderConfig) -> float:
+    """ns of a sample of 16 pixels."""
+    rays = 1 + casting
+    levels = math.log2(1 + has.triangles)
+    met = GEOM_NS * _drawn(has) + TRIANGLE_NS * levels
+    ns = PACKET_NS + LIGHT_NS * sum(has.lights.values()) + SHADOW_NS * casting + met * rays
+    ns += TEXTURE_NS * (has.textured > 0) + SKY_NS * has.sky + MIRROR_NS * (has.mirrors > 0)
+    if RENDERERS[render.renderer].paths:
+        point_ns = POINT_NS + SKY_POINT_NS * has.sky + met * rays
+        return ns + point_ns * (1 + render.bounces)
+    return ns
