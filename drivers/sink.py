@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from enum import StrEnum
 from typing import Any
 
-from evs.emulator.base.ground_truth import GroundTruth
 from evs.emulator.base.protocols import Meter, NoMeter
-from evs.emulator.base.scene import F32
+from evs.emulator.base.scene import F32, GroundTruth
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, Pace, Pose, StreamInfo, TriggerPacket
 
 

@@ -9,11 +9,12 @@ from evs.emulator.base.registry import load
 if TYPE_CHECKING:
     from evs.emulator.camera.camera import Camera
     from evs.emulator.camera.view import View
-    from evs.emulator.simulation.closed_loop import ClosedLoop, Observation
+    from evs.emulator.simulation.closed_loop import ClosedLoop
     from evs.emulator.simulation.event_camera import EventCamera
     from evs.emulator.simulation.virtual_camera import VirtualCamera
     from evs.emulator.simulation.world import World
     from evs.emulator.world import LeftOutWarning, UnstableError
+    from evs.msgs import Observation
 
     Loop = ClosedLoop
     Sensor = EventCamera
@@ -24,7 +25,7 @@ _HOMES = {
     "EventCamera": "evs.emulator.simulation.event_camera:EventCamera",
     "LeftOutWarning": "evs.emulator.world:LeftOutWarning",
     "Loop": "evs.emulator.simulation.closed_loop:ClosedLoop",
-    "Observation": "evs.emulator.simulation.closed_loop:Observation",
+    "Observation": "evs.msgs:Observation",
     "Sensor": "evs.emulator.simulation.event_camera:EventCamera",
     "UnstableError": "evs.emulator.world:UnstableError",
     "View": "evs.emulator.camera.view:View",

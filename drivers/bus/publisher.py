@@ -14,7 +14,7 @@ from evs.drivers.bus.ports import Ports, ServerKeys
 from evs.drivers.bus.sockets import Socket, quick_check, readable, receive_parts, send_parts
 from evs.drivers.clock import monotonic_s
 from evs.drivers.sink import Sink, Stream
-from evs.emulator.base.ground_truth import GroundTruth
+from evs.emulator.base.scene import GroundTruth
 from evs.msgs import (
     CAMERA_INFO,
     CLOCK,

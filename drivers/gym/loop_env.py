@@ -20,9 +20,9 @@ from evs.drivers.pictures import U8
 from evs.drivers.run.paths import in_package
 from evs.emulator import Loop, Observation
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.config.closed_loop import DelayConfig
 from evs.emulator.config.plain_values import plain_integer
-from evs.emulator.simulation.closed_loop.initial_states import Start, begin, check_start
+from evs.emulator.config.schema import DelayConfig
+from evs.emulator.simulation.initial_states import Start, begin, check_start
 from evs.emulator.world import NamedSensors, Scene
 from evs.msgs import Events, EvsError, empty_events, join_events
 

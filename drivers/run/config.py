@@ -22,7 +22,7 @@ from evs.drivers.run.shipped import pipelines
 from evs.drivers.sink import Sink
 from evs.emulator.base import registry
 from evs.emulator.config import RunConfig
-from evs.emulator.config.closed_loop import LoopConfig
+from evs.emulator.config.schema import LoopConfig
 from evs.emulator.render.registry import SEEDS
 from evs.msgs import EvsError, nearest_first, unknown
 

@@ -8,9 +8,8 @@ from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from evs.drivers.sink import Sink, SinkStoppedError, Stream
-from evs.emulator.base.ground_truth import GroundTruth
 from evs.emulator.base.protocols import Meter
-from evs.emulator.base.scene import F32
+from evs.emulator.base.scene import F32, GroundTruth
 from evs.msgs import (
     EventPacket,
     EvsError,

@@ -15,9 +15,8 @@ from evs.drivers.run.loss_log import Gap, LossLog
 from evs.drivers.run.report import check_targets, report_beside, versions, write_whole
 from evs.drivers.run.sink_set import SinkSet
 from evs.drivers.sink import Sink
-from evs.emulator.base.ground_truth import GroundTruth
 from evs.emulator.base.protocols import NoMeter
-from evs.emulator.base.scene import F32
+from evs.emulator.base.scene import F32, GroundTruth
 from evs.msgs import FRAMES, IMU, EventPacket, EvsError, Frame, ImuPacket, Status, StreamInfo
 
 _POLL_S = 0.1

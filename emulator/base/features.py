@@ -116,7 +116,12 @@ class Switches:
         return cls(frozenset(on), frozenset(config.off))
 
     def decide(self, name: str, needed: object) -> bool:
-        """Whether a code path runs. In: needed, true where the scene or the user needs it."""
+        """Whether a code path runs.
+
+        Args:
+            name: Of the code path.
+            needed: True where the scene or the user needs it.
+        """
         return name in self.on or (bool(needed) and name not in self.off)
 
     def forced(self, names: Iterable[str] = NATIVE) -> dict[str, bool]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
-from evs.emulator.base.ground_truth import GroundTruth
-from evs.emulator.base.scene import F32, CameraPose, SceneSnapshot
+from evs.emulator.base.scene import F32, CameraPose, GroundTruth, SceneSnapshot
 from evs.msgs import Events
 
 

@@ -1,4 +1,4 @@
-"""What the renderers know of a world: SceneModel once, SceneSnapshot per tick. numpy only.
+"""What renderers know of a world (SceneModel once, SceneSnapshot a tick) and find: GroundTruth.
 
 Lengths in m, angles in radians unless the name has another unit, colours as MuJoCo codes them.
 Matrices are row-major and turn local into world coordinates: world = mat @ local + pos.
@@ -311,3 +311,31 @@ class CameraModel:
     """none | cos4: light falls with the fourth power of the cosine of the angle off the axis"""
     vignetting_polynomial: tuple[float, ...] = ()
     """a b ...: another factor 1 + a r^2 + b r^4 + ..., r in half diagonals of the image"""
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """Of the first surface, opaque or not, on the ray through each pixel's centre."""
+
+    t_us: int
+    depth: F32
+    """(h, w) along the optical axis, m; negative for what a fisheye sees behind itself"""
+    distance: F32
+    """(h, w) along the ray, m"""
+    normal: F32
+    """(h, w, 3) shading normal, unit, world frame, turned to the camera; no normal maps"""
+    position: F32
+    """(h, w, 3) of the point that is seen, world frame, m"""
+    geom_id: I32
+    """(h, w) MuJoCo's geom id, -1 nothing; skin i is -2 - i, flex i (a rope too) -2 - nskin - i,
+    site i -2 - nskin - nflex - i, tendon i -2 - nskin - nflex - nsite - i, and slider-cranks, by
+    their actuator's id, after those"""
+    body_id: I32
+    """(h, w) MuJoCo's body id, 0 the world; -1 nothing, or a thing that hangs on many bodies"""
+    flow: F32
+    """(h, w, 2) px/s, x to the right, y down: the mean velocity, since the previous snapshot, of
+    the image of the point that is seen now, which moved with its body (on a skin or flex: with its
+    triangle; on a tendon or rope: with the stretch from corner to corner that it is on). It belongs
+    to the events between the two. NaN where that point was behind the camera, and everywhere
+    without a previous snapshot. An orthographic camera has no image of what lies at infinity: 0
+    there."""

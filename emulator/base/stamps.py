@@ -1,11 +1,13 @@
-"""Stamps: streams whose time does not begin at 0 (scene.start_us).
+"""Stamps: streams whose time does not begin at 0 (scene.start_us), and what is due at a rate.
 
-The emulator counts from 0; what leaves a camera is stamped that much later.
-So the same events come out, to the bit, wherever time begins.
+The emulator counts from 0; what leaves a camera is stamped that much later. So the same events come
+out, to the bit, wherever time begins. Frames and IMU samples are due n / rate_hz after zero, in
+whole microseconds.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -52,3 +54,18 @@ def later_imu(packet: ImuPacket, by_us: int) -> ImuPacket:
     moved = np.array(packet.samples)
     moved["t"] += by_us
     return replace(packet, samples=moved)
+
+
+def stamp_us(index: int, rate_hz: float) -> int:
+    """When number `index` is due, us: the nearest whole one, so that no error accumulates."""
+    return math.floor(index * 1e6 / rate_hz + 0.5)
+
+
+def first_from(t_us: int, rate_hz: float) -> int:
+    """The lowest number that is due at or after `t_us`."""
+    index = math.floor(t_us * rate_hz / 1e6)
+    while stamp_us(index, rate_hz) < t_us:
+        index += 1
+    while stamp_us(index - 1, rate_hz) >= t_us:
+        index -= 1
+    return index

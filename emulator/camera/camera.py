@@ -9,10 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from evs.emulator.base.ground_truth import GroundTruth
-from evs.emulator.base.pose import pose_message
 from evs.emulator.base.protocols import Meter, NoMeter, Renderer
-from evs.emulator.base.scene import F32, CameraPose, SceneModel, SceneSnapshot
+from evs.emulator.base.scene import F32, CameraPose, GroundTruth, SceneModel, SceneSnapshot
 from evs.emulator.base.stamps import later_events
 from evs.emulator.camera.auxiliary_sensors import AuxiliarySensors
 from evs.emulator.camera.camera_plan import (
@@ -26,6 +24,7 @@ from evs.emulator.camera.pixels import DoneTick, Pixels
 from evs.emulator.camera.scene_plan import ScenePlan, is_unlit, plan_scene
 from evs.emulator.config import SceneConfig
 from evs.emulator.optics import camera_info
+from evs.emulator.optics.camera_info import pose_message
 from evs.emulator.render import flicker_warnings
 from evs.emulator.sensor import SensorParameters, completed, resolve_sensor
 from evs.emulator.state import Saved, joined, number, numbers, part

@@ -68,7 +68,7 @@ class Pixels:
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
-        """As new: in the dark, before the first light. In: seed, another one from now on."""
+        """Start again in the dark, before the first light, with another seed if one is given."""
         self._seed = self._seed if seed is None else seed
         self._state: Any = self._model.init(self._seed)
         self._read = None if self._readout is None else self._readout.init(self._seed)

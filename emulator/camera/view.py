@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from evs.emulator.base.ground_truth import GroundTruth
-from evs.emulator.base.pose import pose_message
-from evs.emulator.base.scene import F32, CameraPose, SceneModel, SceneSnapshot
+from evs.emulator.base.scene import F32, CameraPose, GroundTruth, SceneModel, SceneSnapshot
 from evs.emulator.camera.camera_plan import CameraPlan
 from evs.emulator.optics import camera_info
+from evs.emulator.optics.camera_info import pose_message
 from evs.emulator.sensor import resolve_sensor
 from evs.emulator.world import BoundCamera, MjModel
 from evs.msgs import Pose
@@ -66,7 +65,7 @@ class View:
         return put
 
     def reset(self, seed: int | None = None) -> None:
-        """Forget the instants seen: the world has begun again. In: seed, another one."""
+        """Forget the instants seen: the world has begun again, perhaps with another seed."""
         if seed is not None:
             self._plan = replace(self._plan, seed=seed)
             self._viewpoint.renderer.reseed(seed)

@@ -53,7 +53,10 @@ def plain_number(value: Any, name: str) -> float:
 def _plain(value: Any, hint: Any, name: str = "") -> Any:
     """`value` as `hint` has it; TypeError or ValueError where it does not fit.
 
-    In: name, of the key, for what stands inside it.
+    Args:
+        value: Any value.
+        hint: Type of the field.
+        name: Of the key, for messages about an item of the value.
     """
     kinds = _kinds(hint)
     if value is None and type(None) in kinds:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from evs.emulator.base.arrays import Arrays
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.scene import F32
 from evs.emulator.evsnet.decay import decay_tables
@@ -15,7 +16,6 @@ from evs.emulator.evsnet.state import MAX_TICKS, NetworkState, identity
 from evs.emulator.sensor.model_request import ModelRequest
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.random import Term, pixel_uniforms
-from evs.emulator.sensor.state_arrays import Arrays
 from evs.msgs import Events, EvsError, unknown
 
 INITIAL_STATES = ("random", "zero")

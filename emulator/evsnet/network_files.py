@@ -161,7 +161,7 @@ class _Assembly:
         return Convolution(weight, bias, self.look_ahead[place])
 
     def _tensor(self, name: str, shape: tuple[int | None, ...]) -> F32:
-        """One of them. In: shape, None: any size."""
+        """The initialiser of that name, of that shape; None stands for any size."""
         if name not in self.tensors:
             raise EvsError(
                 f"network file {self.path} has no float32 initialiser '{name}'; write it with "

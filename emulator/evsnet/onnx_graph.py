@@ -107,7 +107,13 @@ class _Graph:
         return self.node("Conv", f"{name}.sum", inputs, kernel_shape=(taps, 1))
 
     def delayed(self, read: str, source: str, ticks: int) -> str:
-        """`source` of `ticks` earlier. In: read, the FIFO and the new ticks of it, joined."""
+        """`source` of `ticks` earlier.
+
+        Args:
+            read: The FIFO and the new ticks of it, joined.
+            source: Name of the value.
+            ticks: How much earlier.
+        """
         return self._rows(f"{source}.late", read, HELD - ticks, -ticks) if ticks else source
 
     def model(self) -> bytes:

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from evs.emulator.base.arrays import Arrays, same_bytes
 from evs.emulator.base.scene import F32
 from evs.emulator.evsnet.decay import I64
 from evs.emulator.evsnet.graph_network import GraphNetwork, Network
 from evs.emulator.evsnet.weights import MAX_CURRENT
-from evs.emulator.sensor.state_arrays import Arrays, same_bytes
 from evs.msgs import EvsError
 
 MAX_TICKS = 2**52
@@ -62,7 +62,15 @@ class NetworkState:
     def dark(
         cls, seed: int, runtime: str, network: str, v0: F32, own: Mapping[str, np.ndarray[Any, Any]]
     ) -> NetworkState:
-        """Pixels that have seen no light yet. In: v0 (h, w) float32; own, the runtime's arrays."""
+        """Make the state of pixels that have seen no light yet.
+
+        Args:
+            seed: What v0 follows from.
+            runtime: Name of the runtime.
+            network: Identity of the network.
+            v0: (h, w) float32, the first membrane potentials.
+            own: The runtime's own arrays.
+        """
         arrays: dict[str, np.ndarray[Any, Any]] = {
             "last_luminance": np.full(v0.shape, -1.0, np.float32),
             "last_log": np.full(v0.shape, np.nan, np.float32),

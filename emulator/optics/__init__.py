@@ -2,8 +2,7 @@
 
 from evs.emulator.optics.camera_info import camera_info
 from evs.emulator.optics.distortion import MODELS, check_distortion, is_distorted, project
-from evs.emulator.optics.lens import Lens, make_lens
-from evs.emulator.optics.vignetting import VIGNETTINGS, check_vignetting
+from evs.emulator.optics.lens import VIGNETTINGS, Lens, check_vignetting, make_lens
 
 __all__ = [
     "MODELS",

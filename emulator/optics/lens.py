@@ -1,4 +1,4 @@
-"""A camera's lens as the tracer takes it: tables that know no model.
+"""A camera's lens as the tracer takes it: tables that know no model, with its vignetting.
 
 The tracer interpolates the corners' directions inside a pixel. Against the exact inversion that is
 off by at most 0.004 px, measured at 346 x 260 (test_optics_models.py): 0.0008 px with 85
@@ -9,17 +9,21 @@ inversely proportional to the resolution.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from evs.emulator.base.scene import F32, F64, CameraModel
-from evs.emulator.optics.brown import Brown
-from evs.emulator.optics.distortion import check_distortion, is_distorted, project
-from evs.emulator.optics.equidistant import Equidistant
-from evs.emulator.optics.vignetting import check_vignetting, light_share
-from evs.msgs import EvsError
+from evs.emulator.optics.distortion import (
+    Brown,
+    Equidistant,
+    check_distortion,
+    is_distorted,
+    project,
+)
+from evs.msgs import EvsError, unknown
 
 MOST_OFF_PX = 0.5
 """Error of an interpolated centre that only a broken map has."""
@@ -101,7 +105,12 @@ def rays(camera: CameraModel, x: F64, y: F64) -> tuple[F64, npt.NDArray[np.bool_
 def _check_centres(camera: CameraModel, centres: F64, outside: npt.NDArray[np.bool_]) -> None:
     """EvsError where what lies between four corners is not the pixel.
 
-    Then they came from two branches of the map, or it bends too much. In: centres (h, w, 3).
+    Then they came from two branches of the map, or it bends too much.
+
+    Args:
+        camera: The camera.
+        centres: (h, w, 3) interpolated directions of the pixels' centres.
+        outside: (h, w) pixels that are not checked.
     """
     image = project(camera, centres.reshape(-1, 3)).reshape(*outside.shape, 2)
     x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
@@ -124,3 +133,53 @@ def _check_steps(camera: CameraModel, directions: F64) -> None:
                 f"camera.focal_px ({camera.fx:g}, {camera.fy:g}): one pixel of this fisheye sees "
                 "over 60 degrees; give a longer focal length"
             )
+
+
+VIGNETTINGS = ("none", "cos4")
+
+
+def check_vignetting(camera: CameraModel) -> None:
+    """EvsError for an unknown law, a factor below 0, and cos4 without an angle."""
+    if camera.vignetting not in VIGNETTINGS:
+        raise unknown("camera.vignetting", camera.vignetting, VIGNETTINGS)
+    if camera.vignetting == "cos4" and camera.orthographic:
+        raise EvsError(
+            "camera.vignetting is cos4, and every ray of an orthographic camera is parallel to "
+            "the axis: give camera.vignetting_polynomial instead"
+        )
+    if not all(map(math.isfinite, camera.vignetting_polynomial)):
+        raise EvsError(
+            f"camera.vignetting_polynomial is {camera.vignetting_polynomial}; give finite numbers"
+        )
+
+
+def light_share(camera: CameraModel, directions: F64) -> F64:
+    """(h, w) factor of each pixel, from the direction through its centre.
+
+    The natural law is cos^4 of the angle off the axis, 0 from 90 degrees on. The polynomial is
+    1 + a r^2 + b r^4 + ..., r from the principal point in half diagonals of the image. In:
+    directions (h, w, 3) in the camera's frame, any length. EvsError where a factor is negative.
+    """
+    share = np.ones(directions.shape[:2])
+    if camera.vignetting == "cos4":
+        x, y, z = np.moveaxis(directions, -1, 0)
+        squared = np.where(z < 0.0, z * z / (x * x + y * y + z * z), 0.0)
+        share = squared * squared
+    if not camera.vignetting_polynomial:
+        return share
+    x = (np.arange(camera.width) + 0.5 - camera.cx) ** 2
+    y = (np.arange(camera.height) + 0.5 - camera.cy) ** 2
+    square = (x + y[:, np.newaxis]) / ((camera.width**2 + camera.height**2) / 4)
+    factor = np.zeros_like(square)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for coefficient in (*reversed(camera.vignetting_polynomial), 1.0):
+            factor = factor * square + coefficient
+    wrong = ~(np.isfinite(factor) & (factor >= 0.0))
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0]
+        raise EvsError(
+            f"camera.vignetting_polynomial gives pixel ({column}, {row}) {factor[row, column]:.3g} "
+            "times the light; it must be 0 or more everywhere (r is 1 half a diagonal off the "
+            "principal point)"
+        )
+    return share * factor

@@ -8,13 +8,13 @@ import numpy as np
 
 from evs.emulator import _core
 from evs.emulator.base.features import UNFORCED, Switches
-from evs.emulator.base.ground_truth import GroundTruth
 from evs.emulator.base.scene import (
     F32,
     F64,
     I32,
     CameraModel,
     CameraPose,
+    GroundTruth,
     SceneModel,
     SceneSnapshot,
     TextureKind,
@@ -227,10 +227,17 @@ def scene_data(
     sky: bool = True,
     before: tuple[SceneModel, _core.Caster] | None = None,
 ) -> tuple[_core.SceneData, dict[str, int]]:
-    """The native copy of a scene's constant part with the lights of these indices.
+    """Copy a scene's constant part, with some of its lights, into the core's form.
 
-    In: sky, there is one: the scene's, else a black one; before, another scene and its caster,
-    whose meshes and textures are shared. Out: also how many of each were not, by kind.
+    Args:
+        scene: The scene.
+        lights: Indices of the lights.
+        config: [render].
+        sky: Whether there is a sky: the scene's, or a black one.
+        before: Another scene and its caster, whose meshes and textures are shared.
+
+    Returns:
+        The copy; how many meshes and textures are not shared, by kind.
     """
     data = _core.SceneData()
     known = before[0] if before else None

@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from evs.emulator import _core
-from evs.emulator.base.ground_truth import GroundTruth
 from evs.emulator.base.scene import (
     F32,
     F64,
     I32,
     CameraModel,
     CameraPose,
+    GroundTruth,
     SceneModel,
     SceneSnapshot,
 )
@@ -154,8 +154,9 @@ def optical_flow(
 def _motions(now: Instant, before: Instant, stretching: I32) -> tuple[F64, F64, F64]:
     """Of each geom, and last of what lies at infinity: from a point now to where it was before.
 
-    Out: turns (ng + 1, 3, 3) and shifts (ng + 1, 3), both in the cameras' frames, and (ng + 1)
-    whether nothing moved at all.
+    Returns:
+        Rotations (ng + 1, 3, 3) and shifts (ng + 1, 3), both in the cameras' frames, and (ng + 1)
+        whether nothing moved at all.
     """
     (shot, pose), (shot_before, pose_before) = now, before
     camera, camera_before = pose.mat.reshape(3, 3), pose_before.mat.reshape(3, 3)

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from evs.emulator.base.arrays import same_bytes
 from evs.emulator.base.scene import F32, F64
+from evs.emulator.base.stamps import first_from, stamp_us
 from evs.emulator.config.sensor import WHITE_DN
 from evs.emulator.sensor.parameters import ApsParameters
 from evs.emulator.sensor.random import Term, indexed_normals
-from evs.emulator.sensor.schedule import first_from, stamp_us
-from evs.emulator.sensor.state_arrays import same_bytes
 from evs.msgs import EvsError, Frame
 
 MAX_INDEX = 2**52
@@ -206,7 +206,14 @@ class Aps:
         return tuple(frames), ApsState(state.seed, now, following, taken, tuple(still))
 
     def _collect(self, exposure: Exposure, before: F32, t_begin_us: int, t_end_us: int) -> Exposure:
-        """The exposure after one more tick. In: before, the light at the tick's beginning."""
+        """The exposure after one more tick.
+
+        Args:
+            exposure: Until now.
+            before: (h, w) the light at the tick's beginning.
+            t_begin_us: Where the tick begins, us.
+            t_end_us: Where it ends, us.
+        """
         begins = stamp_us(exposure.index, self.parameters.rate_hz) + self._offsets
         starts = np.clip(begins, t_begin_us, t_end_us)
         ends = np.clip(begins + self.parameters.exposure_us, t_begin_us, t_end_us)
@@ -227,7 +234,14 @@ class Aps:
         return Exposure(exposure.index, light, late)
 
     def _frame(self, exposure: Exposure, now: F32, seed: int, seq: int) -> Frame:
-        """The frame of a whole exposure, with noise. In: now, the light at the tick's end."""
+        """The frame of a complete exposure, with noise.
+
+        Args:
+            exposure: All that was collected.
+            now: (h, w) the light at the tick's end.
+            seed: The noise follows from it.
+            seq: Number of the frame.
+        """
         parameters = self.parameters
         share = (exposure.light + exposure.due * now) * self._per_light
         if parameters.full_well_e > 0.0:

@@ -22,12 +22,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from evs.emulator.base.arrays import same_bytes
 from evs.emulator.base.scene import F64, CameraPose
+from evs.emulator.base.stamps import first_from, stamp_us
 from evs.emulator.sensor.parameters import ImuParameters
 from evs.emulator.sensor.random import Term, indexed_normals
 from evs.emulator.sensor.rotation import dot, rotation_vector
-from evs.emulator.sensor.schedule import first_from, stamp_us
-from evs.emulator.sensor.state_arrays import same_bytes
 from evs.msgs import DEGREE, STANDARD_GRAVITY, EvsError, ImuSamples, empty_imu
 
 MAX_SAMPLES = 1_000_000

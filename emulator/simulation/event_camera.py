@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from evs.emulator.base.ground_truth import GroundTruth
-from evs.emulator.base.scene import F32
+from evs.emulator.base.scene import F32, GroundTruth
 from evs.emulator.camera.camera import Camera
 from evs.emulator.camera.camera_plan import plan_camera
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig

@@ -15,7 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from evs.emulator.base.alignment import on_lines
+from evs.emulator.base.arrays import on_lines
 from evs.emulator.base.scene import F32, SceneSnapshot
 from evs.emulator.camera.camera import Camera, RenderedFrame
 from evs.emulator.simulation.world import World

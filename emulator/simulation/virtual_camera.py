@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 import numpy.typing as npt
 
-from evs.emulator.base.ground_truth import GroundTruth
-from evs.emulator.base.scene import F32
+from evs.emulator.base.scene import F32, GroundTruth
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.simulation.world import World
 from evs.emulator.world import ControlFunction, Scene

@@ -9,9 +9,14 @@ from evs.msgs import EvsError
 
 
 def check_identity(saved: Mapping[str, Any], here: Mapping[str, Any]) -> None:
-    """EvsError with the first thing that differs, by its path, and both values.
+    """Check that a state is restored where it was saved.
 
-    In: maps of plain values, nested; those with the key "model" are of MuJoCo's model.
+    Args:
+        saved: What it was saved by: plain values, nested. The key "model" is of MuJoCo's model.
+        here: What restores it.
+
+    Raises:
+        EvsError: Something differs; the message has the first difference, its path and both values.
     """
     for path, ours, theirs in _differences("", saved, here):
         name = path.removeprefix(".")

@@ -10,7 +10,7 @@ import numpy as np
 from evs.drivers.run.paths import in_package
 from evs.emulator.base.protocols import Meter
 from evs.emulator.config import CameraConfig
-from evs.emulator.config.closed_loop import DelayConfig
+from evs.emulator.config.schema import DelayConfig
 from evs.emulator.world import MjData, MjModel, add_joint_sensors, load_model, load_spec
 from evs.examples.cartpole.controller import CartPoleController
 from evs.examples.cartpole.tracker import CameraMount

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from evs.emulator.base.protocols import Meter
-from evs.emulator.config.closed_loop import DelayConfig
+from evs.emulator.config.schema import DelayConfig
 from evs.emulator.world import MjData, MjModel, load_model, load_spec
 from evs.examples.common.environment import PushSchedule, SeededLoop, sensor_of
 from evs.examples.pencil import TRACKERS

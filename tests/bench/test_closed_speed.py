@@ -14,7 +14,7 @@ import pytest
 
 from evs.emulator import Loop, World
 from evs.emulator.config import SensorConfig
-from evs.emulator.config.closed_loop import DelayConfig
+from evs.emulator.config.schema import DelayConfig
 
 pytestmark = pytest.mark.bench
 SCENE = Path(__file__).parents[2] / "config" / "scenes" / "cartpole.xml"

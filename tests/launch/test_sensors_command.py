@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from evs.emulator.config import SensorConfig
-from evs.emulator.config.biases import BiasConfig
+from evs.emulator.config.sensor import BiasConfig
 from evs.emulator.sensor import preset_biases, preset_names, resolve_sensor
 from evs.emulator.sensor.presets.described import DEFAULT, describe_sensor, flat
 from evs.emulator.sensor.presets.resolve import preset_path

@@ -26,8 +26,7 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.run.worker.ring import Bytes
-from evs.emulator.base.ground_truth import GroundTruth
-from evs.emulator.base.scene import F32
+from evs.emulator.base.scene import F32, GroundTruth
 from evs.msgs import (
     EVENT_DTYPE,
     IMU_DTYPE,

@@ -13,8 +13,7 @@ from evs.drivers.run.worker.process import WorkerProcess
 from evs.drivers.run.worker.ring import Bytes, RingWriter
 from evs.drivers.run.worker.shared_memory import SharedMemory, fence
 from evs.drivers.sink import Sink, SinkStoppedError
-from evs.emulator.base.ground_truth import GroundTruth
-from evs.emulator.base.scene import F32
+from evs.emulator.base.scene import F32, GroundTruth
 from evs.msgs import (
     EventPacket,
     EvsError,

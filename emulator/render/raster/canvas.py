@@ -149,7 +149,14 @@ class Canvas:
             gl.glBufferSubData(gl.GL_ARRAY_BUFFER, 0, rows.nbytes, rows)
 
     def draw(self, scene: Any, flags: int, out: F32, single: bool) -> None:
-        """Draw. Out: (h, w) the first channel or (h, w, 4) all; single: one sample a pixel."""
+        """Draw.
+
+        Args:
+            scene: pyrender's.
+            flags: pyrender's.
+            out: Filled: (h, w) the first channel, or (h, w, 4) all of them.
+            single: Whether to take one sample a pixel.
+        """
         gl, renderer = self.gl, self.renderer
         self._make_framebuffers()
         drawn = renderer._main_fb_ms

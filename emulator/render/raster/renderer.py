@@ -8,8 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from evs.emulator.base.ground_truth import GroundTruth
-from evs.emulator.base.scene import F32, I32, CameraModel, CameraPose, SceneModel, SceneSnapshot
+from evs.emulator.base.scene import (
+    F32,
+    I32,
+    CameraModel,
+    CameraPose,
+    GroundTruth,
+    SceneModel,
+    SceneSnapshot,
+)
 from evs.emulator.config import RenderConfig
 from evs.emulator.optics import check_distortion, is_distorted, make_lens
 from evs.emulator.render.direct import DirectRenderer

@@ -98,7 +98,15 @@ def tessellate(
 
 
 def stretched(capsule: TriangleMesh, size: F32) -> F32:
-    """(n, 3) corners of a capsule or cylinder of that size. In: capsule, as of UNIT_CAPSULE."""
+    """Stretch a capsule or cylinder to a size.
+
+    Args:
+        capsule: The unit shape, such as UNIT_CAPSULE.
+        size: Radius and half length, m.
+
+    Returns:
+        (n, 3) its corners.
+    """
     half = np.sign(capsule.positions[:, 2])
     corners = capsule.positions * size[0]
     corners[:, 2] += half * (size[1] - size[0])

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from evs.emulator.base.alignment import on_lines
+from evs.emulator.base.arrays import on_lines
 from evs.emulator.base.scene import F32, F64
 from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.random import Term, exp10, pixel_normals, pixel_uniforms

@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from evs.emulator import _core
+from evs.emulator.base.arrays import Arrays
 from evs.emulator.base.features import UNFORCED, Switches
 from evs.emulator.base.scene import F32
 from evs.emulator.sensor.model_request import ModelRequest
@@ -17,7 +18,6 @@ from evs.emulator.sensor.parameters import SensorParameters
 from evs.emulator.sensor.pixel.fixed_pattern import FixedPattern, draw_pattern
 from evs.emulator.sensor.pixel.running_mean import RunningMeanConstants
 from evs.emulator.sensor.pixel.state import PlainState, check_tick
-from evs.emulator.sensor.state_arrays import Arrays
 from evs.emulator.sensor.terms import SensorTerms, reduced
 from evs.msgs import EVENT_DTYPE, Events, EvsError
 

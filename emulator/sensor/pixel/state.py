@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from evs.emulator.base.alignment import on_lines
+from evs.emulator.base.arrays import on_lines, same_bytes
 from evs.emulator.base.scene import F32, F64
 from evs.emulator.sensor.parameters import SensorParameters
-from evs.emulator.sensor.state_arrays import same_bytes
 from evs.emulator.sensor.terms import SensorTerms
 from evs.msgs import EvsError
 

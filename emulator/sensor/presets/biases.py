@@ -29,7 +29,15 @@ class Nominal:
 
 
 def nominal_biases(table: Mapping[str, Any], where: str) -> Nominal:
-    """The [biases] of a preset, checked. In: where, the file, for messages. Raises EvsError."""
+    """Check the [biases] of a preset.
+
+    Args:
+        table: The table.
+        where: The file, for messages.
+
+    Raises:
+        EvsError: No such law or bias, a value out of its range, or a bias that is missing.
+    """
     values = {key: value for key, value in table.items() if key != "law"}
     name = table.get("law", "")
     if name not in LAWS:

@@ -45,8 +45,14 @@ def candidates(
 ) -> tuple[list[Candidate], tuple[int, int]]:
     """Candidates of a block in (begin_us, end_us] of the sensor's clock, and its clock after them.
 
-    In: most_hz, the highest rate of one of its pixels; clock, (when the next one comes in 2^-10
-    us, how many came).
+    Args:
+        seed: What they follow from.
+        block: Number of the block.
+        pixels: How many pixels it has.
+        most_hz: The highest rate of one of its pixels.
+        clock: When the next one comes, 2^-10 us, and how many came.
+        begin_us: Where the tick begins.
+        end_us: Where it ends.
     """
     key = _hash(_hash(seed % 2**64, Term.SHOT + 1), block + 1)
     mean_gap = 1e6 * UNITS / (most_hz * pixels) if most_hz > 0.0 else math.inf

@@ -14,9 +14,9 @@ from evs.drivers.bus import Publisher, Subscription, subscribe
 from evs.drivers.clock import sleep_s
 from evs.drivers.run.run import run
 from evs.emulator import World
-from evs.emulator.base.pose import pose_message
 from evs.emulator.base.scene import CameraPose
 from evs.emulator.config import SensorConfig
+from evs.emulator.optics.camera_info import pose_message
 from evs.launch.main import main
 from evs.msgs import (
     TRUTH_CHANNELS,

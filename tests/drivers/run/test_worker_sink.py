@@ -16,7 +16,7 @@ from evs.drivers.bus import request, subscribe
 from evs.drivers.bus.address import free_address
 from evs.drivers.files import formats, read
 from evs.drivers.run.config import SinkConfig, make_sink
-from evs.emulator.base.ground_truth import GroundTruth
+from evs.emulator.base.scene import GroundTruth
 from evs.msgs import (
     EvsError,
     Pace,

@@ -10,8 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from evs.emulator.base.ground_truth import GroundTruth
-from evs.emulator.base.scene import CameraModel, CameraPose, SceneSnapshot
+from evs.emulator.base.scene import CameraModel, CameraPose, GroundTruth, SceneSnapshot
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer
 from evs.emulator.world import SnapshotTaker, bind_camera, extract_scene, load_model

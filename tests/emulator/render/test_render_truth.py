@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from evs.emulator import _core
-from evs.emulator.base.ground_truth import GroundTruth
-from evs.emulator.base.scene import CameraModel, CameraPose
+from evs.emulator.base.scene import CameraModel, CameraPose, GroundTruth
 from evs.emulator.config import CameraConfig, RenderConfig
 from evs.emulator.render import DirectRenderer
 from evs.emulator.world import BoundCamera, SnapshotTaker, bind_camera, extract_scene

@@ -13,7 +13,7 @@ import pytest
 
 import evs
 from evs.emulator.config import SensorConfig
-from evs.emulator.config.biases import BiasConfig
+from evs.emulator.config.sensor import BiasConfig
 from evs.emulator.sensor import PlainModel, preset_biases, preset_names, resolve_sensor
 from evs.emulator.sensor.presets.bias_laws import COARSE_PA, LAWS
 from evs.emulator.sensor.presets.biases import Nominal, with_biases

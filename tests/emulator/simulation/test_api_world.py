@@ -12,7 +12,7 @@ import pytest
 from evs.drivers import settings
 from evs.emulator import Camera, UnstableError, VirtualCamera, World
 from evs.emulator.config import CameraConfig, RenderConfig, RunConfig, SceneConfig, SensorConfig
-from evs.emulator.config.biases import BiasConfig
+from evs.emulator.config.sensor import BiasConfig
 from evs.emulator.sensor import resolve_sensor
 from evs.msgs import EvsError
 

@@ -17,7 +17,7 @@ from evs.emulator.config import (
     RenderConfig,
     SensorConfig,
 )
-from evs.emulator.config.closed_loop import DelayConfig
+from evs.emulator.config.schema import DelayConfig
 from evs.emulator.state import pack, unpack
 from evs.msgs import EvsError
 

@@ -9,8 +9,8 @@ import pytest
 import evs
 from evs.emulator import Loop
 from evs.emulator.config import SensorConfig
-from evs.emulator.config.closed_loop import DelayConfig, LimitConfig, LoopConfig
-from evs.emulator.simulation.closed_loop.link import Link
+from evs.emulator.config.schema import DelayConfig, LimitConfig, LoopConfig
+from evs.emulator.simulation.channels import Link
 from evs.msgs import EvsError
 
 # a slider that can be pushed, and a lid in front of a bright wall

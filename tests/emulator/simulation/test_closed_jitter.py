@@ -14,9 +14,9 @@ from scipy import stats
 
 from evs.emulator import Loop
 from evs.emulator.config import SensorConfig
-from evs.emulator.config.closed_loop import DelayConfig
+from evs.emulator.config.schema import DelayConfig
 from evs.emulator.sensor.random import Term
-from evs.emulator.simulation.closed_loop.link import Link, LinkNoise
+from evs.emulator.simulation.channels import Link, LinkNoise
 
 pytestmark = pytest.mark.statistical
 SENT = 20_000

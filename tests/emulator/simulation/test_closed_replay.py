@@ -13,7 +13,7 @@ import pytest
 
 from evs.emulator import Loop
 from evs.emulator.config import SensorConfig
-from evs.emulator.config.closed_loop import DelayConfig
+from evs.emulator.config.schema import DelayConfig
 
 pytestmark = pytest.mark.integration
 

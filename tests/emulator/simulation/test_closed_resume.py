@@ -23,7 +23,7 @@ from evs.emulator.config import (
     RenderConfig,
     SensorConfig,
 )
-from evs.emulator.config.closed_loop import DelayConfig
+from evs.emulator.config.schema import DelayConfig
 
 pytestmark = pytest.mark.property
 

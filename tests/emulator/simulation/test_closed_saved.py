@@ -12,7 +12,7 @@ import pytest
 
 from evs.emulator import Loop, VirtualCamera, World
 from evs.emulator.config import ModelConfig, RenderConfig, SensorConfig
-from evs.emulator.config.closed_loop import DelayConfig
+from evs.emulator.config.schema import DelayConfig
 from evs.emulator.state import pack, unpack
 from evs.msgs import EvsError
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from evs.emulator import Loop
 from evs.emulator.config import SensorConfig
-from evs.emulator.config.closed_loop import DelayConfig
+from evs.emulator.config.schema import DelayConfig
 from evs.msgs import EvsError
 
 pytestmark = pytest.mark.property

@@ -15,7 +15,7 @@ import json
 import mujoco, numpy as np
 from evs.emulator import Loop
 from evs.emulator.config import SensorConfig
-from evs.emulator.config.closed_loop import DelayConfig
+from evs.emulator.config.schema import DelayConfig
 
 XML = '''<mujoco><option timestep=".001"/><worldbody><light pos="0 -1 3"/>
 <geom type="plane" size="3 3 1" rgba=".3 .3 .3 1"/>

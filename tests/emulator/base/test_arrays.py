@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evs.emulator.base.alignment import LINE, on_lines
+from evs.emulator.base.arrays import LINE, on_lines
 from evs.emulator.sensor import PlainModel, PlainState, SensorParameters
 
 SENSOR = SensorParameters("lines", 67, 45, 0.2, 0.2, 0.03, leak_rate_hz=1.0, follower_hz=300.0)

@@ -1,7 +1,8 @@
-"""Memory that begins where a cache line does."""
+"""NumPy arrays: copies whose memory begins where a cache line does, and comparison bit for bit."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,3 +18,14 @@ def on_lines(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     out: np.ndarray[Any, Any] = np.ndarray(array.shape, array.dtype, memory, first)
     out[...] = array
     return out
+
+
+Arrays = Mapping[str, np.ndarray[Any, Any]]
+
+
+def same_bytes(ours: Arrays, theirs: Arrays) -> bool:
+    """Whether both have the same names, shapes and bits; a NaN equals itself."""
+    return ours.keys() == theirs.keys() and all(
+        array.shape == theirs[name].shape and array.tobytes() == theirs[name].tobytes()
+        for name, array in ours.items()
+    )

@@ -13,9 +13,9 @@ import numpy.typing as npt
 from evs.emulator.base.protocols import Meter
 from evs.emulator.base.scene import F64
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SceneConfig, SensorConfig
-from evs.emulator.config.closed_loop import DelayConfig
 from evs.emulator.config.plain_values import plain_integer, plain_number
-from evs.emulator.simulation.closed_loop.channels import Channels, check_delays
+from evs.emulator.config.schema import DelayConfig
+from evs.emulator.simulation.channels import Channels, check_delays
 from evs.emulator.simulation.world import World
 from evs.emulator.state import (
     Saved,
@@ -364,3 +364,7 @@ class ClosedLoop:
     def streams(self) -> tuple[StreamInfo, ...]:
         """What is constant of each camera."""
         return tuple(camera.info for camera in self.world.cameras)
+
+
+Loop = ClosedLoop
+"""The short name."""
