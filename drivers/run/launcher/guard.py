@@ -1,7 +1,7 @@
-"""What stops the nodes when the launcher itself is killed: a process that outlives it.
+"""The guard: a process that outlives the launcher and stops the nodes if the launcher is killed.
 
-It holds the other end of a socket, which falls silent with the launcher, and of each node's output,
-so that no node dies of having nobody to talk to before it has closed its files.
+It has the other end of a socket, which closes with the launcher. It also has the reading end of
+each node's output, so that no node dies of a broken pipe before it has closed its files.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ _READ_BYTES = 65536
 
 
 class Guard:
-    """The launcher's side: tells the guard who runs."""
+    """The launcher's side: reports to the guard which nodes run."""
 
     def __init__(self) -> None:
-        """Start it. EvsError: this machine has no room for another process."""
+        """Start the guard. Raises EvsError if this machine cannot start another process."""
         self._line, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
             self._process = subprocess.Popen(
@@ -50,22 +50,25 @@ class Guard:
             other.close()
 
     def watch(self, pid: int, output: int, alone_s: float, stop_s: float) -> None:
-        """A node has started. In: output, where it is heard.
+        """Report that a node has started.
 
-        alone_s, how long it may take to end by itself once those after it have; stop_s, after
-        SIGINT.
+        Args:
+            pid: Of its process.
+            output: File number of the pipe that it prints to.
+            alone_s: How long it may take to end by itself once the nodes after it have, s.
+            stop_s: How long it may take to end after SIGINT, s.
         """
-        # who kills the guard, too, goes without
+        # the guard may have been killed, too
         with contextlib.suppress(OSError):
             socket.send_fds(self._line, [f"{pid} {alone_s} {stop_s}".encode()], [output])
 
     def ended(self, pid: int) -> None:
-        """It has ended."""
+        """Report that a node has ended."""
         with contextlib.suppress(OSError):
             self._line.send(f"{pid}".encode())
 
     def close(self) -> None:
-        """All have ended."""
+        """End the guard: all nodes have ended."""
         self._line.close()
         self._process.wait()
 
@@ -81,10 +84,10 @@ class _Watched:
 
     @property
     def is_there(self) -> bool:
-        """Whether anybody of its process group runs."""
+        """Whether any process of its group runs."""
         try:
             os.killpg(self.pid, 0)
-            # who has ended, and waits for a parent that is no more, is gone
+            # a zombie whose parent is gone has ended
             state = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()[0]
         except ProcessLookupError:
             return False
@@ -94,7 +97,7 @@ class _Watched:
         return state not in "ZX"
 
     def end(self) -> None:
-        """Stop it, as the launcher would have."""
+        """Stop it, as the launcher would."""
         self._wait(self.alone_s)
         for number, patience_s in (
             (signal.SIGINT, self.stop_s),
@@ -105,7 +108,7 @@ class _Watched:
                 break
             self._signal(number)
             self._wait(patience_s)
-        # what it left behind
+        # processes that it left behind
         self._signal(signal.SIGKILL)
 
     def _signal(self, number: int) -> None:
@@ -118,22 +121,22 @@ class _Watched:
             sleep_s(_LOOK_S)
 
     def drain(self) -> None:
-        """Listen to it until it says no more."""
+        """Read its output until it ends."""
         with contextlib.suppress(OSError):
             while os.read(self.output, _READ_BYTES):
                 continue
 
 
 def main(line: socket.socket) -> None:
-    """Take in who runs until the launcher is silent; then stop who is left, the last one first."""
+    """Follow which nodes run until the launcher's socket closes; then stop them, the last first."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     nodes: dict[int, _Watched] = {}
     while True:
-        said, outputs, _, _ = socket.recv_fds(line, _MESSAGE, 1)
-        if not said:
+        message, outputs, _, _ = socket.recv_fds(line, _MESSAGE, 1)
+        if not message:
             break
-        pid, *patience = said.split()
+        pid, *patience = message.split()
         if patience:
             alone_s, stop_s = map(float, patience)
             nodes[int(pid)] = _Watched(int(pid), outputs[0], alone_s, stop_s)

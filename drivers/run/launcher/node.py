@@ -1,4 +1,4 @@
-"""One program of a launch: its process, and what it says, line by line."""
+"""One program of a launch: its process, and what it prints, line by line."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ LAST_PACKETS_S = 3.0
 """how long a subscriber may take to end by itself once its publishers have"""
 
 _ASKED = {0, 128 + signal.SIGINT, 128 + signal.SIGTERM}
-"""exit codes of a program that stopped because it was asked to"""
+"""exit codes of a program that stopped on request"""
 _READ_ON_S = 2.0
-"""how long a dead node's pipe is read: somebody whom it started may keep it open"""
+"""how long the pipe of a node that ended is read: a process that it started may keep it open"""
 
 
 class Node:
@@ -33,7 +33,13 @@ class Node:
     def __init__(
         self, config: NodeConfig, say: Callable[[str, str], None], guard: Guard | None = None
     ) -> None:
-        """In: say(name, line) is called from another thread with each line of the program."""
+        """Make a node that is not started.
+
+        Args:
+            config: The program.
+            say: Called from another thread with (name, line) for each line that it prints.
+            guard: Stops it if this process is killed.
+        """
         self.config = config
         self.alone_s = LAST_PACKETS_S if config.subscribes and not config.publishes else 0.0
         """How long it may take to end by itself once its publishers have, s."""
@@ -42,24 +48,24 @@ class Node:
         self.code: int | None = None
         """Exit code of its last run, 128 + n after signal n; None: it runs or never did."""
         self.asked = False
-        """It was told to stop."""
+        """Whether it was requested to stop."""
         self.again_s: float | None = None
         """When it is to start again, on the monotonic clock."""
         self.since_s = 0.0
-        """When it started; 0: it did not, or its end has been told."""
+        """When it started; 0: it did not, or its end has been reported."""
         self._say, self._guard = say, guard
         self._process: subprocess.Popen[bytes] | None = None
         self._reader: threading.Thread | None = None
 
     @property
     def running(self) -> bool:
-        """Whether its process is there; takes in its end."""
+        """Whether its process runs; notices its end."""
         if self._process is None:
             return False
         code = self._process.poll()
         if code is None:
             return True
-        # all that it said is said before its end is
+        # every line of it is reported before its end
         if self._reader is not None:
             self._reader.join(_READ_ON_S)
         self.code = code if code >= 0 else 128 - code
@@ -70,11 +76,11 @@ class Node:
 
     @property
     def failed(self) -> bool:
-        """Whether it ended, and not well: a node that was asked to stop may say so."""
+        """Whether it ended with an error; the exit code of a requested stop is none."""
         return self.code is not None and self.code not in (_ASKED if self.asked else {0})
 
     def start(self) -> None:
-        """Start it. Raises EvsError where there is no such program."""
+        """Start it. Raises EvsError if there is no such program."""
         try:
             self._process = subprocess.Popen(
                 command_of(again(self.config.run) if self.restarts else self.config.run),
@@ -114,15 +120,15 @@ class Node:
 
     def _read(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stdout is not None
-        with process.stdout as said:
-            while line := said.readline(LONGEST_LINE):
+        with process.stdout as output:
+            while line := output.readline(LONGEST_LINE):
                 text = line.decode(errors="replace").rstrip("\r\n")
                 # of a progress line that is written over and over, the last state
                 self._say(self.config.name, text.rpartition("\r")[2])
 
 
 def again(run: tuple[str, ...]) -> tuple[str, ...]:
-    """The words of a program that is started again: what it recorded before stays."""
+    """Return the words of a program that starts again, so that earlier recordings stay."""
     command = run[1] if run[0] == "evs" and len(run) > 1 else ""
     if command == "record":
         return (*run, "--beside")
@@ -132,7 +138,7 @@ def again(run: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def command_of(run: tuple[str, ...]) -> list[str]:
-    """The words as a command. `evs` and `python` are those that run now."""
+    """Return the command for these words; `evs` and `python` are those that run now."""
     program, *words = run
     if program == "evs":
         # as the installed command: nothing that lies where it runs is imported by mistake

@@ -1,4 +1,4 @@
-"""A launch file: which programs run together, in what order, and what happens when one ends.
+"""Launch files: which programs run together, in what order, and what happens when one ends.
 
 TOML: [arg] names with defaults, [need] names that have none, [bus] addresses, [[node]] programs. In
 a node's words {NAME} stands for an argument or an address, {NAME...} for as many words as it has,
@@ -8,6 +8,7 @@ a node's words {NAME} stands for an argument or an address, {NAME...} for as man
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +16,6 @@ from typing import Any
 
 from evs.drivers import settings
 from evs.drivers.bus.address import free_address
-from evs.drivers.run.launcher.substitution import filled, filled_words, holds
 from evs.msgs import EvsError, nearest_first, unknown
 
 LAUNCH_FILES = Path(__file__).parents[3] / "config" / "launch"
@@ -28,6 +28,10 @@ ANY_PORT = "auto"
 """a bus at this address gets a port of this machine that is free"""
 
 _NAME = re.compile(r"[A-Za-z_]\w*")
+_PLACEHOLDER = re.compile(r"\{\{|\}\}|\{([^{}]*)\}")
+_WORDS_PLACEHOLDER = re.compile(r"\{([^{}]*)\.\.\.\}")
+_COMPARISON = re.compile(r"(.*?)\s*(==|!=)\s*(.*)", re.DOTALL)
+_TRUE, _FALSE = ("true", "on", "yes", "1"), ("false", "off", "no", "0")
 _OWN = ("here",)
 """names that every file has: here, its folder"""
 _WAITING = {
@@ -91,7 +95,7 @@ class LaunchPlan:
 
 
 def find_launch_file(word: str) -> Path:
-    """The file of a launch: a path, or the name of one that comes with evs."""
+    """Find a launch file: a path, or the name of one that comes with evs."""
     path = Path(word)
     known = {file.stem: file for file in sorted(LAUNCH_FILES.glob("*.toml"))}
     if path.is_file():
@@ -103,9 +107,17 @@ def find_launch_file(word: str) -> Path:
 
 
 def read_plan(file: str, given: Iterable[str] = ()) -> LaunchPlan:
-    """The plan of a launch file. In: given, `NAME:=VALUE` each.
+    """Read the plan of a launch file; nothing is started.
 
-    Raises EvsError with the path to what is wrong, before anything is started.
+    Args:
+        file: A path, or the name of a file that comes with evs.
+        given: Arguments, `NAME:=VALUE` each.
+
+    Returns:
+        The plan, with every name resolved.
+
+    Raises:
+        EvsError: With the path to the wrong key.
     """
     path = find_launch_file(file)
     try:
@@ -132,7 +144,7 @@ def _plan(tables: dict[str, Any], path: Path, given: Iterable[str]) -> LaunchPla
     if missing:
         raise EvsError(f"it needs {missing[0]}:=VALUE: {names['need'][missing[0]]}")
     # an address may be made of arguments
-    buses = {name: filled(text, values, f"bus.{name}") for name, text in names["bus"].items()}
+    buses = {name: _substitute(text, values, f"bus.{name}") for name, text in names["bus"].items()}
     values |= {n: free_address() if text == ANY_PORT else text for n, text in buses.items()}
     rest = {key: value for key, value in tables.items() if key not in names}
     nodes = settings.build(_File, rest).node
@@ -158,10 +170,10 @@ def _table(tables: dict[str, Any], key: str) -> dict[str, str]:
 def _resolved(
     node: NodeConfig, at: str, values: Mapping[str, str], buses: list[str]
 ) -> NodeConfig | None:
-    """The node with every name replaced by what it stands for; None if it is left out."""
+    """Return the node with every name replaced by its value; None if its condition is false."""
     meant = {name: name for name in buses} | _remapped(node, at, values)
     own = {**values, **{name: values[other] for name, other in meant.items()}}
-    if not holds(node.when, own, f"{at}.when"):
+    if not _is_true(node.when, own, f"{at}.when"):
         return None
     _check_node(node, at)
     ends = []
@@ -170,16 +182,16 @@ def _resolved(
             if meant.get(name) not in buses:
                 raise _at(f"{at}.{key}", unknown("bus", name, buses))
         ends.append(tuple(meant[name] for name in getattr(node, key)))
-    run = filled_words(node.run, own, f"{at}.run")
+    run = _substitute_words(node.run, own, f"{at}.run")
     if not run or not run[0]:
         raise EvsError(f"at {at}.run: missing; give the program and its words")
-    env = filled_words(node.env, own, f"{at}.env")
-    folder = filled(node.folder, own, f"{at}.folder")
+    env = _substitute_words(node.env, own, f"{at}.env")
+    folder = _substitute(node.folder, own, f"{at}.folder")
     _check_surroundings(env, folder, at)
     publishes, subscribes = ends
     return replace(
         node,
-        name=filled(node.name, own, f"{at}.name") or Path(run[0]).name,
+        name=_substitute(node.name, own, f"{at}.name") or Path(run[0]).name,
         run=run,
         env=env,
         folder=folder,
@@ -219,10 +231,10 @@ def _check_surroundings(env: tuple[str, ...], folder: str, at: str) -> None:
 
 
 def _waiting(node: NodeConfig, nodes: list[NodeConfig]) -> NodeConfig:
-    """A camera of ours that does not begin before its subscribers are there."""
+    """Return the node; a camera of ours gets the option to wait for its subscribers."""
     count = sum(bool(set(node.publishes) & set(other.subscribes)) for other in nodes)
     command = node.run[1] if node.run[0] == "evs" and len(node.run) > 1 else ""
-    told = _WAITING.get(command, ())
+    options = _WAITING.get(command, ())
     keys = {word.partition("=")[0] for word in node.run}
     if (
         not count
@@ -230,11 +242,11 @@ def _waiting(node: NodeConfig, nodes: list[NodeConfig]) -> NodeConfig:
         or (command in ("emulate", "loop") and not keys & set(_PUBLISHING))
     ):
         return node
-    return replace(node, run=(*node.run, *(word.format(count=count) for word in told)))
+    return replace(node, run=(*node.run, *(word.format(count=count) for word in options)))
 
 
 def _in_order(nodes: list[NodeConfig]) -> list[NodeConfig]:
-    """Subscribers before publishers, else as in the file. EvsError where they go in a circle."""
+    """Sort subscribers before publishers, else as in the file. EvsError where there is a circle."""
     left, ordered = list(nodes), []
     while left:
         first = [
@@ -262,3 +274,59 @@ def _check_names(names: list[str]) -> None:
 
 def _at(path: str, error: EvsError) -> EvsError:
     return EvsError(f"at {path}: {error}")
+
+
+def _substitute(text: str, values: Mapping[str, str], at: str) -> str:
+    """Replace every {NAME} by its value, {{ and }} by braces.
+
+    Args:
+        text: Of the launch file.
+        values: Name -> value.
+        at: Path of the key, for errors.
+    """
+
+    def one(found: re.Match[str]) -> str:
+        if found[0] in ("{{", "}}"):
+            return found[0][0]
+        return _value(found[1], values, at)
+
+    return _PLACEHOLDER.sub(one, text)
+
+
+def _substitute_words(words: Iterable[str], values: Mapping[str, str], at: str) -> tuple[str, ...]:
+    """Substitute in each word; {NAME...} becomes the words of its value, as a shell splits it."""
+    done: list[str] = []
+    for i, word in enumerate(words):
+        here = f"{at}.{i}"
+        spread = _WORDS_PLACEHOLDER.fullmatch(word)
+        if spread is None:
+            done.append(_substitute(word, values, here))
+            continue
+        text = _value(spread[1], values, here)
+        try:
+            done += shlex.split(text)
+        except ValueError as reason:
+            raise EvsError(f"at {here}: '{text}' cannot be split into words: {reason}") from None
+    return tuple(done)
+
+
+def _is_true(text: str, values: Mapping[str, str], at: str) -> bool:
+    """Return whether a condition is true: X, not X, A == B or A != B."""
+    compared = _COMPARISON.fullmatch(text)
+    if compared is not None:
+        left, right = (_substitute(compared[side].strip(), values, at) for side in (1, 3))
+        return (left == right) == (compared[2] == "==")
+    word = _substitute(text, values, at).strip()
+    negated = word.removeprefix("not ").strip()
+    if negated.lower() not in _TRUE + _FALSE:
+        raise EvsError(
+            f"at {at}: '{word}' is not true or false; or compare, as in \"{{mode}} == fast\""
+        )
+    return (negated.lower() in _TRUE) == (negated == word)
+
+
+def _value(name: str, values: Mapping[str, str], at: str) -> str:
+    if name not in values:
+        error = unknown("argument or bus", name, values)
+        raise EvsError(f"at {at}: {error}")
+    return values[name]

@@ -1,4 +1,4 @@
-"""Running a plan: subscribers first, watched, and stopped in order, publishers first."""
+"""Runs a plan: starts subscribers first, watches all nodes, stops publishers first."""
 
 from __future__ import annotations
 
@@ -22,21 +22,31 @@ _AFTER_TERM_S = 2.0
 
 
 class Launch:
-    """All nodes of a plan. `run` returns when none is left."""
+    """All nodes of a plan. `run` returns when all have ended."""
 
     def __init__(
         self, plan: LaunchPlan, say: Callable[[str, str], None], tell: Callable[[str], None]
     ) -> None:
-        """In: say(node, line), what a node said; tell(line), what became of one."""
+        """Make the nodes; none is started.
+
+        Args:
+            plan: Which nodes, in their order.
+            say: Called with (node, line) for each line that a node prints.
+            tell: Called with a line for each node that starts or ends.
+        """
         self._guard = Guard()
         self.nodes = [Node(config, say, self._guard) for config in plan.nodes]
         self._tell = tell
         self._ending = ""
 
     def run(self) -> int:
-        """Start, watch, stop. Out: the worst node's exit code; 130 after Ctrl-C if none is worse.
+        """Start all nodes, watch them, stop them. A second Ctrl-C kills those that are left.
 
-        A second Ctrl-C kills what is left. EvsError: a node cannot be started; all have stopped.
+        Returns:
+            The worst exit code of a node; 130 after Ctrl-C if none is worse.
+
+        Raises:
+            EvsError: A node cannot be started; the others have been stopped.
         """
         failure: EvsError | None = None
         try:
