@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from evs.drivers.run.worker.ring import Bytes
+from evs.drivers.run.worker.shared_memory import Bytes
 from evs.emulator.base.scene import F32, GroundTruth
 from evs.msgs import (
     EVENT_DTYPE,

@@ -10,8 +10,7 @@ from typing import Any
 from evs.drivers.clock import monotonic_s, sleep_s
 from evs.drivers.run.worker import messages, shared_memory
 from evs.drivers.run.worker.process import WorkerProcess
-from evs.drivers.run.worker.ring import Bytes, RingWriter
-from evs.drivers.run.worker.shared_memory import SharedMemory, fence
+from evs.drivers.run.worker.shared_memory import Bytes, RingWriter, SharedMemory, fence
 from evs.drivers.sink import Sink, SinkStoppedError
 from evs.emulator.base.scene import F32, GroundTruth
 from evs.msgs import (

@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evs.drivers.run.worker import messages
-from evs.drivers.run.worker.ring import RingReader, RingWriter
-from evs.drivers.run.worker.shared_memory import HEAD, TAIL, SharedMemory
+from evs.drivers.run.worker.shared_memory import HEAD, TAIL, RingReader, RingWriter, SharedMemory
 from evs.emulator.base.scene import GroundTruth
 from evs.msgs import EVENT_DTYPE, EventPacket, EvsError, Frame, ImuPacket, Pace, Pose, TriggerPacket
 from evs.msgs.event_labels import LABEL_DTYPE
