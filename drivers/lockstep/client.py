@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from evs.drivers.bus.address import connectable
 from evs.drivers.bus.exchange import ClientEnd
 from evs.drivers.bus.keys import read_public, read_secret
 from evs.drivers.clock import monotonic_s
-from evs.drivers.lockstep.address import connectable
-from evs.drivers.lockstep.description import camera_of
+from evs.drivers.lockstep.served_loop import camera_of
 from evs.msgs import EvsError, MessageError, Observation, StreamInfo
 from evs.msgs.header_fields import MAX_INT64, check_name, integer
 from evs.msgs.lockstep import (
@@ -37,7 +37,7 @@ from evs.msgs.lockstep.common import F64, floats, names_field
 
 _AGAIN_S = 1.0
 """A request without an answer is sent again after this, then after twice as long, and so on: the
-server does nothing twice, but says everything again."""
+server does nothing twice, but sends its answer again."""
 _BYE_S = 0.2
 _MARGIN_BYTES = 1 << 20
 
@@ -153,7 +153,7 @@ class RemoteLoop:
         return self._seen(Reset(seed, str(keyframe), bool(state)))
 
     def step(self, ctrl: npt.ArrayLike | None = None, ticks: int = 1) -> Observation:
-        """Decide, and wait until every controller has decided and the ticks are done.
+        """Give a control and wait until every controller has, and the ticks are done.
 
         Args:
             ctrl: (nu,) of this controller's actuators; None keeps the last.
@@ -167,14 +167,14 @@ class RemoteLoop:
         return self._seen(Step(ticks, None if ctrl is None else self._checked(ctrl)))
 
     def save(self, compress: bool = False) -> bytes:
-        """The whole loop as bytes; see evs.Loop.save."""
+        """Return the whole loop as bytes; see evs.Loop.save."""
         _, raw = self._ask(Save(bool(compress)))
         if len(raw) != 1:
             raise MessageError(f"a saved loop came in {len(raw)} frames, not 1")
         return bytes(raw[0])
 
     def restore(self, blob: bytes) -> Observation:
-        """Back to where it was saved, once every controller asks for it; see evs.Loop.restore."""
+        """Return to a saved state, once every controller asks for it; see evs.Loop.restore."""
         if not isinstance(blob, bytes | bytearray | memoryview) or not blob:
             raise EvsError("these are no bytes of a saved state: give what save() gave")
         return self._seen(Restore(bytes(blob)))
@@ -209,7 +209,7 @@ class RemoteLoop:
         return seen
 
     def _ask(self, request: Request) -> tuple[dict[str, Any], list[Any]]:
-        """The fields and the further frames of the answer."""
+        """Send a request; return the fields and the further frames of the answer."""
         self._number += 1
         parts = encode_request(self._number, request)
         return self._await(self._number, parts, monotonic_s() + self.timeout_s)
@@ -217,7 +217,7 @@ class RemoteLoop:
     def _await(
         self, number: int, parts: list[Any], until_s: float
     ) -> tuple[dict[str, Any], list[Any]]:
-        """Send, again where it may be lost, and wait for the answer with this number."""
+        """Send a request, again where it may be lost, and wait for its answer."""
         if self._end is None:
             raise EvsError("this connection is closed: connect again")
         again_s, gap_s = 0.0, _AGAIN_S

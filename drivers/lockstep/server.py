@@ -1,4 +1,4 @@
-"""The server of a closed loop: physics moves when everybody has decided, never before."""
+"""The server of a closed loop: physics moves once every controller has decided, never before."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from evs.drivers.bus.address import bindable
 from evs.drivers.bus.exchange import Peer, ServerEnd
 from evs.drivers.bus.ports import ServerKeys
 from evs.drivers.clock import Durations, monotonic_s
-from evs.drivers.lockstep.address import bindable
 from evs.drivers.lockstep.barrier import Barrier, Decision, joint_controls
 from evs.drivers.lockstep.clients import Client, Clients
-from evs.drivers.lockstep.description import description
-from evs.drivers.lockstep.loop_interface import ServedLoop
+from evs.drivers.lockstep.served_loop import ServedLoop, description
 from evs.msgs import EvsError, MessageError, Observation
 from evs.msgs.lockstep import (
     LOCKSTEP_ADDRESS,
@@ -83,7 +82,7 @@ class LockstepServer:
             raise EvsError(f"timeout_s is {timeout_s}: give seconds, over 0")
         if max(len(loop.actuators), len(loop.streams)) > MAX_NAMES:
             raise EvsError(f"more than {MAX_NAMES} actuators or cameras are not served")
-        self._wanted_address = bindable(address, bool(key) or insecure)
+        self._wanted_address = bindable(address, bool(key) or insecure, does="serve a closed loop")
         self._keys = ServerKeys.read(key, allow)
         self._loop, self._timeout_s, self._warn = loop, timeout_s, warn
         self._clients = Clients(loop.actuators, loop.streams, controllers)
@@ -127,7 +126,7 @@ class LockstepServer:
         return came is not None
 
     def close(self) -> None:
-        """Release the port; clients that wait are told that it ends. Safe to call twice."""
+        """Release the port; clients that wait get an error. Safe to call twice."""
         if self._end is None:
             return
         for client in self._clients.present.values():
@@ -147,7 +146,7 @@ class LockstepServer:
         return {"address": self.address, **self.counts, "decision_ms": times}
 
     def _take(self, peer: Peer, parts: list[Any]) -> None:
-        """Handle one request, whatever it is; answer now, or when the others have decided."""
+        """Handle one request; answer now, or when the other controllers have decided."""
         if not parts:
             return
         number, client = 0, self._clients.present.get(peer[0])
@@ -157,7 +156,7 @@ class LockstepServer:
                 self._repeat(client, number, peer)
                 return
             if client is not None:
-                # one request at a time: what was not answered is not wanted any more
+                # one request at a time: the client has given up one that has no answer yet
                 self._withdraw(peer[0])
                 client.number, client.answer, client.peer = number, None, peer
             if len(parts) > _MOST_FRAMES:
@@ -231,7 +230,7 @@ class LockstepServer:
         try:
             self._move(decisions, decision)
         except EvsError as reason:
-            # the loop refused it, and has not moved: that is for every one of them
+            # the loop refused it, and has not moved: every controller gets the error
             for one in decisions:
                 other = self._clients.present[one]
                 self._answer(other, encode_error(other.number, str(reason)))
@@ -261,23 +260,23 @@ class LockstepServer:
             self._fault = ""
             self.counts["restores"] += 1
             if len(clients) == 1:
-                # of several, each knows what it asked for at its reset
+                # with several, each keeps the choice of its reset
                 next(iter(clients.values())).wants_state = seen.state is not None
         for one in decisions:
             self._answer(clients[one], answer_of(clients[one], seen))
 
     def _withdraw(self, identity: bytes) -> None:
-        """Drop what a controller asked for before and has no answer to."""
+        """Drop a controller's earlier request that has no answer yet."""
         self._barrier.withdraw(identity)
 
     def _repeat(self, client: Client, number: int, peer: Peer) -> None:
-        """Answer a request that was here before again, if it has an answer; do nothing else."""
+        """Send the answer to a repeated request again, if there is one; do nothing else."""
         self.counts["repeated"] += 1
         if number == client.number and client.answer is not None:
             self._send(peer, client.answer)
 
     def _give_up(self) -> None:
-        """Break the barrier: somebody has kept the others waiting for too long."""
+        """Break the barrier: a controller has not decided in time."""
         if self._clients.full:
             self._lose(self._barrier.missing, f"gave no decision for {self._timeout_s:g} s")
             return
@@ -303,7 +302,7 @@ class LockstepServer:
         self._break(line)
 
     def _break(self, line: str) -> None:
-        """Tell all who wait why nothing has moved; refuse steps until a reset."""
+        """Report to all that wait why nothing has moved; refuse steps until a reset."""
         self._fault = line
         for identity in self._barrier.clear():
             other = self._clients.present[identity]
@@ -311,7 +310,7 @@ class LockstepServer:
 
     @property
     def _next_moves(self) -> str:
-        """What those who waited in vain can do."""
+        """What the controllers that waited can do."""
         return "nothing has moved: reset, or restore"
 
     def _answer(self, client: Client, parts: Parts) -> None:
