@@ -1,9 +1,9 @@
-"""LoopEnv: a closed loop as a Gymnasium environment. Events in, actions out."""
+"""LoopEnv: a closed loop as a Gymnasium environment, its rewards and its pictures."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,17 +14,25 @@ import numpy.typing as npt
 from evs.drivers.gym.actions import Actions
 from evs.drivers.gym.event_observations import StepEvents, make_event_observation
 from evs.drivers.gym.library import gymnasium, spaces
-from evs.drivers.gym.rendering import SCENE_PX, draw
-from evs.drivers.gym.rewards import Reward, check_reward, reward_of
-from evs.drivers.pictures import U8
+from evs.drivers.pictures import U8, event_frame, exposure_for, to_srgb8, upscale
 from evs.drivers.run.paths import in_package
-from evs.emulator import Loop, Observation
+from evs.emulator import Loop, Observation, View
 from evs.emulator.config import CameraConfig, ModelConfig, RenderConfig, SensorConfig
 from evs.emulator.config.plain_values import plain_integer
 from evs.emulator.config.schema import DelayConfig
 from evs.emulator.simulation.initial_states import Start, begin, check_start
 from evs.emulator.world import NamedSensors, Scene
-from evs.msgs import Events, EvsError, empty_events, join_events
+from evs.msgs import Events, EvsError, empty_events, join_events, unknown
+
+Sensors = dict[str, npt.NDArray[np.float64]]
+"""name of a <sensor> of the model -> its values"""
+
+Reward = Mapping[str, float] | Callable[[Sensors, npt.NDArray[np.float64]], float]
+"""name of a <sensor> -> weight of its length (absolute value, of one number); or a function of all
+named sensors and the control."""
+
+SCENE_PX = (480, 360)
+"""width, height of the scene in the picture, px"""
 
 NO_BOUND = float(np.finfo(np.float32).max)
 """encoders have no bound"""
@@ -122,7 +130,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._ticks, self._keyframe = _whole_ticks(ticks), keyframe
         self._max_us = _microseconds(max_s)
         self._sensors = NamedSensors(world.model)
-        self._reward = check_reward(reward or {}, self._sensors.names)
+        self._reward = _checked_reward(reward or {}, self._sensors.names)
         if not isinstance(alive, int | float):
             raise EvsError(f"alive is {alive!r}; give what a step adds, a number")
         self._alive = float(alive)
@@ -221,7 +229,7 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self.seen = self.loop.step(control, min(self._ticks, left))
         terminated = bool(self.seen.done)
         truncated = not terminated and self._out_of_time()
-        worth = reward_of(self._reward, self._sensors.read(self.loop.world.data), control)
+        worth = _reward_of(self._reward, self._sensors.read(self.loop.world.data), control)
         worth += 0.0 if terminated else self._alive
         observation, info = self._observed(self.seen)
         return observation, worth, terminated, truncated, info
@@ -257,9 +265,64 @@ class LoopEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             return None
         sizes = {c.name: (c.info.width, c.info.height) for c in self.loop.world.cameras}
         none = empty_events()
-        return draw(
+        return _draw(
             self._scene, [(self._events.get(name, none), *size) for name, size in sizes.items()]
         )
+
+
+def _checked_reward(reward: Reward, sensors: tuple[str, ...]) -> Reward:
+    """Return a reward that is possible.
+
+    Raises:
+        EvsError: A sensor does not exist, or a weight is not a finite number.
+    """
+    if callable(reward):
+        return reward
+    if not isinstance(reward, Mapping):
+        raise EvsError(f"reward is {reward!r}; give {{sensor: weight}}, or a function")
+    for name, weight in reward.items():
+        if name not in sensors:
+            raise unknown("sensor", str(name), sensors)
+        if not (isinstance(weight, int | float | np.number) and math.isfinite(weight)):
+            raise EvsError(f"reward['{name}'] is {weight!r}; give its weight, a number")
+    return reward
+
+
+def _reward_of(reward: Reward, sensors: Sensors, control: npt.NDArray[np.float64]) -> float:
+    """Return the reward of a step, without the bonus for being alive."""
+    if callable(reward):
+        return float(reward(sensors, control))
+    return float(sum(weight * np.linalg.norm(sensors[name]) for name, weight in reward.items()))
+
+
+def _draw(scene: View, seen: Sequence[tuple[Events, int, int]]) -> U8:
+    """Draw the scene and the events next to each other.
+
+    Args:
+        scene: A view of the scene in colour.
+        seen: (events, width, height) of each camera.
+
+    Returns:
+        (h, w, 3) uint8 sRGB.
+    """
+    luminance, rgb = scene.render()
+    left = to_srgb8(luminance if rgb is None else rgb, exposure_for(luminance))
+    if left.ndim == 2:
+        left = np.repeat(left[:, :, np.newaxis], 3, axis=2)
+    panels = [_panel(event_frame(*one), left.shape[0]) for one in seen]
+    return np.concatenate([left, *panels], axis=1)
+
+
+def _panel(picture: U8, height_px: int) -> U8:
+    """Enlarge a picture by an integer factor and centre it in a strip of this height."""
+    factor = max(1, height_px // picture.shape[0])
+    # skip rows and columns of a sensor that is taller than the strip
+    step = -(-picture.shape[0] // height_px)
+    enlarged = upscale(picture[::step, ::step], factor)
+    strip = np.zeros((height_px, enlarged.shape[1], 3), np.uint8)
+    top = (height_px - enlarged.shape[0]) // 2
+    strip[top : top + enlarged.shape[0]] = enlarged
+    return strip
 
 
 def _sized(sensor: str | SensorConfig, size: tuple[int, int] | None) -> SensorConfig:
