@@ -11,8 +11,7 @@ from evs.drivers.clock import Pacer, StopWatch, monotonic_s
 from evs.drivers.lockstep.realtime import RealtimeServer
 from evs.drivers.lockstep.segments import Segments
 from evs.drivers.lockstep.server import LockstepServer
-from evs.drivers.run.config import PipelineConfig
-from evs.drivers.run.pace_config import PACES
+from evs.drivers.run.config import PACES, PipelineConfig
 from evs.drivers.run.report import Report
 from evs.drivers.run.run_loop import RunLoop
 from evs.drivers.run.statistics import Totals

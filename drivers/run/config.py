@@ -1,34 +1,61 @@
 """A pipeline: the emulator's configuration, plus the sinks of its packets and its pace.
 
-Precedence: defaults < the TOML file < the command line.
+Precedence: defaults < the TOML file < the command line. Some keys are aliases of others; reports,
+headers and old pipeline files keep the keys that they stand for.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from evs.drivers import settings
+from evs.drivers.clock import CATCH_UP_S
 from evs.drivers.files import formats, overwriting
 from evs.drivers.run import driver_parameters
 from evs.drivers.run.driver_parameters import DriverParameters
-from evs.drivers.run.key_aliases import PUBLISH, resolved_key, resolved_tables
-from evs.drivers.run.pace_config import LOCKSTEP, PACES, LockstepConfig, RealtimeConfig
 from evs.drivers.run.paths import beside, in_package, with_paths
-from evs.drivers.run.shipped import pipelines
 from evs.drivers.sink import Sink
 from evs.emulator.base import registry
 from evs.emulator.config import RunConfig
 from evs.emulator.config.schema import LoopConfig
 from evs.emulator.render.registry import SEEDS
 from evs.msgs import EvsError, nearest_first, unknown
+from evs.msgs.lockstep import LOCKSTEP_ADDRESS
 
 T = TypeVar("T")
 
 _SCENE_SUFFIXES = (".xml", ".mjcf", ".mjb", ".urdf")
+
+PIPELINES = Path(__file__).parents[2] / "config" / "pipelines"
+"""The pipelines that come with evs, each found by its bare name."""
+
+PRESETS = ("fast", "balanced", "accurate", "reference")
+"""Pipelines that trade speed for accuracy and need a scene as well; the fastest first."""
+
+PACES = {"free": 0.0, "realtime": 1.0}
+"""pace -> simulated seconds per wall second; 0: as fast as it goes"""
+
+LOCKSTEP = "lockstep"
+"""the pace of a run that controllers drive"""
+
+WORKER = {"worker": "aside", "worker_mb": "aside_mb", "worker_cores": "aside_cores"}
+"""a key of a sink -> the one that it stands for; `worker` is a key of a whole pipeline, too"""
+
+PUBLISH = {
+    "publish": "address",
+    "publish_wait_for": "wait_for",
+    "publish_wait_s": "wait_s",
+    "publish_control": "control",
+    "publish_key": "key",
+    "publish_allow": "allow",
+    "publish_insecure": "insecure",
+}
+"""a key of a pipeline -> the key of the zmq sink that they describe together"""
 
 
 @dataclass(frozen=True)
@@ -86,7 +113,7 @@ class SinkConfig(DriverParameters):
 
 @dataclass(frozen=True)
 class SinkType:
-    """How the sinks of one type are made, and the keys that their tables have."""
+    """How sinks of one type are made, and the keys that their tables have."""
 
     target: str
     """module:class, imported at first use"""
@@ -133,6 +160,39 @@ FILE_KEYS = ("overwrite",)
 
 ASIDE_KEYS = ("aside", "aside_mb", "aside_cores")
 """keys that every sink has"""
+
+
+@dataclass(frozen=True)
+class RealtimeConfig:
+    """[realtime]: how pace = "realtime" handles lateness."""
+
+    catch_up_s: float = CATCH_UP_S
+    """largest lateness that the next ticks make up for, s; beyond it, simulated time slips"""
+    serve: bool = False
+    """true: controllers may connect as in lock-step ([lockstep], [loop]); a control acts when it
+    arrives, and simulated time never waits for it"""
+
+
+@dataclass(frozen=True)
+class LockstepConfig:
+    """[lockstep]: the server of pace = "lockstep" and of realtime.serve; see also [loop]."""
+
+    address: str = LOCKSTEP_ADDRESS
+    """address for controllers: tcp://HOST:PORT, or ipc:///PATH on this machine"""
+    controllers: int = 1
+    """number of controllers that must join before the simulation starts, each with its own
+    actuators"""
+    timeout_s: float = 10.0
+    """how long to wait for a controller's decision before the controller is removed, s"""
+    cameras: tuple[str, ...] = ()
+    """cameras of the model, all with this pipeline's sensor; none: the pipeline's one camera"""
+    key: str = ""
+    """file of the server's secret key (evs keygen makes one); encrypts all traffic"""
+    allow: tuple[str, ...] = ()
+    """public keys of the controllers that may connect (files, folders, or the keys themselves);
+    none: every controller that has the server's public key"""
+    insecure: bool = False
+    """true: controllers on other machines may connect without a key"""
 
 
 @dataclass(frozen=True)
@@ -252,13 +312,42 @@ def load(
 
 
 def _from_file(path: Path) -> PipelineConfig:
-    """What a pipeline file says; its name stands before an error in it."""
+    """Read a pipeline file; its name stands before an error in it."""
     tables = settings.read_toml(path)
     try:
         config = settings.build(PipelineConfig, resolved_tables(tables))
     except EvsError as error:
         raise EvsError(f"{path}: {error}") from None
     return with_paths(config, lambda text: beside(path, text))
+
+
+def resolved_key(key: str) -> str:
+    """Return the dotted key that a dotted key stands for; itself where it is no alias."""
+    path, dot, last = key.rpartition(".")
+    if path.startswith("sink."):
+        return f"{path}.{WORKER.get(last, last)}"
+    if not path and last == "worker":
+        return f"{dot}{WORKER[last]}"
+    return key
+
+
+def resolved_tables(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a pipeline's tables without aliases. EvsError where one key is given by two names."""
+    found = _resolved(tables, {"worker": WORKER["worker"]}, "")
+    sinks = found.get("sink")
+    if isinstance(sinks, list | tuple):
+        found["sink"] = [
+            _resolved(sink, WORKER, f"sink.{place}.") if isinstance(sink, Mapping) else sink
+            for place, sink in enumerate(sinks)
+        ]
+    return found
+
+
+def _resolved(table: Mapping[str, Any], aliases: Mapping[str, str], path: str) -> dict[str, Any]:
+    for alias, key in aliases.items():
+        if alias in table and key in table:
+            raise EvsError(f"at {path}{alias}: {path}{key} is the same key; give one of them")
+    return {aliases.get(key, key): value for key, value in table.items()}
 
 
 def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
@@ -299,7 +388,7 @@ def check(config: PipelineConfig, pipeline: Path | None = None) -> None:
 
 
 def _check_pace(config: PipelineConfig) -> None:
-    """A table of another pace would be of no use."""
+    """Refuse tables of another pace, which would have no effect."""
     if config.pace not in (*PACES, LOCKSTEP):
         raise _at("pace", unknown("pace", config.pace, (*PACES, LOCKSTEP)))
     if config.pace != "realtime" and config.realtime != RealtimeConfig():
@@ -357,7 +446,7 @@ def make_sink(config: SinkConfig) -> Sink:
     options = {
         key: value
         for key in SINK_KEYS[config.type]
-        # those have changed the sensor
+        # these have changed the sensor
         if key not in driver_parameters.OF_THE_SENSOR
         and (value := getattr(config, key)) is not None
     }
@@ -392,6 +481,23 @@ def find_pipeline(word: str) -> Path:
     raise EvsError(f"no pipeline file '{word}'; evs itself comes with: {names}")
 
 
+def pipelines() -> dict[str, Path]:
+    """Return name -> file of the pipelines that come with evs: the presets, then the others."""
+    files = {file.stem: file for file in sorted(PIPELINES.glob("*.toml"))}
+    first = {name: files.pop(name) for name in PRESETS if name in files}
+    return first | files
+
+
+def about(file: Path) -> str:
+    """Return what a pipeline is for: its first comment, up to the first colon or full stop."""
+    head = []
+    for line in file.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        head.append(line.lstrip("# ").rstrip())
+    return re.split(r"[.:;](?:\s|$)", " ".join(head))[0]
+
+
 def _check_sink(sink: SinkConfig, path: str) -> None:
     if sink.type not in SINK_KEYS:
         raise _at(f"{path}.type", unknown("sink type", sink.type, SINK_KEYS))
@@ -412,7 +518,7 @@ def _check_sink(sink: SinkConfig, path: str) -> None:
 
 
 def _check_held(config: PipelineConfig) -> None:
-    """What is asked for has to go somewhere."""
+    """Refuse streams that no sink can hold."""
     files = [sink.file for sink in config.sinks() if sink.file]
     held = [formats.by_name(sink.type).capabilities for sink in config.sinks() if sink.file]
     if config.model.labels and held and not any(holds.labels for holds in held):
@@ -429,7 +535,7 @@ def _check_held(config: PipelineConfig) -> None:
 
 
 def _check_outputs(config: PipelineConfig, pipeline: Path | None) -> None:
-    """No file may be written twice, nor be written and read: one of the two would be lost."""
+    """Refuse files that are written twice, or written and read: one of the two would be lost."""
     inputs = [Path(file) for file in (config.scene.file, config.scene.control_file) if file]
     if pipeline is not None:
         inputs.append(pipeline)
@@ -450,7 +556,7 @@ def _check_outputs(config: PipelineConfig, pipeline: Path | None) -> None:
 
 
 def _place(file: str | Path) -> Path:
-    """Where a file really is, links followed; what cannot be a file fails when it is opened."""
+    """Return where a file really is, links followed; a bad name fails when it is opened."""
     try:
         return Path(file).resolve()
     except (OSError, RuntimeError, ValueError):

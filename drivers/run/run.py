@@ -1,19 +1,24 @@
-"""A run of a given duration: nobody answers to the events, so the world steps by itself."""
+"""A run of a given duration, in an open loop: the world steps by itself."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 from evs.drivers.clock import Pacer, StopWatch, monotonic_s
+from evs.drivers.cores import cores
+from evs.drivers.run.config import PipelineConfig
 from evs.drivers.run.report import Report
 from evs.drivers.run.run_loop import RunLoop
 from evs.drivers.run.sink_set import SinkSet
 from evs.drivers.run.statistics import RunWorld
 from evs.drivers.run.stop_signals import stop_signals
 from evs.drivers.sink import Sink
+from evs.emulator.simulation.pipelined import PipelinedWorld, pipelined
+from evs.emulator.simulation.world import World
 from evs.msgs import EventPacket, EvsError
 
 MAX_SECONDS = 1e9
@@ -40,7 +45,7 @@ Observer = Callable[[int, Any, tuple[EventPacket, ...]], None]
 
 
 def tick_count(duration_s: float, tick_us: int) -> int:
-    """The whole ticks nearest to a duration. Raises EvsError where that is none or impossible."""
+    """Return the whole ticks nearest to a duration. Raises EvsError for none or too many."""
     if tick_us < 1:
         raise EvsError(f"at scene.tick_us: {tick_us} is not a valid tick; give 1 us or more")
     if not (math.isfinite(duration_s) and 0 < duration_s <= MAX_SECONDS):
@@ -157,7 +162,7 @@ class _TimedRun(RunLoop):
         self._flush()
 
     def _observe(self, packets: tuple[EventPacket, ...]) -> None:
-        """Call everybody who follows the run, after a tick."""
+        """Call the observers and the progress, after a tick."""
         done = self.statistics.ticks
         for observer in self._observers:
             observer(done, self.world, packets)
@@ -174,3 +179,28 @@ class _TimedRun(RunLoop):
         self._sink_set.write(packets)
         self.statistics.count_packets(packets)
         return packets
+
+
+@contextmanager
+def open_world(config: PipelineConfig, watch: StopWatch) -> Iterator[World | PipelinedWorld]:
+    """Open the world of a pipeline in an open loop: nothing answers its events.
+
+    Physics and light may therefore run some ticks ahead.
+
+    Args:
+        config: Of the pipeline.
+        watch: The meter that the world laps.
+
+    Yields:
+        The world; it can be stepped for `config.duration_s`, and no longer.
+    """
+    ticks = tick_count(config.duration_s, config.scene.tick_us)
+    world = World.from_config(config.emulation(), meter=watch)
+    with pipelined(world, ticks, watch, depth_of(config)) as running:
+        yield running
+
+
+def depth_of(config: PipelineConfig) -> int:
+    """Return how many ticks ahead light is computed: none with one thread, or on one core."""
+    alone = config.threads == 1 or cores() == 1
+    return 0 if alone else config.ahead

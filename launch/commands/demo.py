@@ -119,11 +119,9 @@ def _emulate(
     """
     from evs.drivers.clock import Pacer, StopWatch
     from evs.drivers.pictures import LightLog
-    from evs.drivers.run.open_loop import open_world
-    from evs.drivers.run.pace_config import PACES
     from evs.drivers.run.report import COMPLETE, write_report
+    from evs.drivers.run.run import open_world, tick_count
     from evs.drivers.run.run import run as run_loop
-    from evs.drivers.run.run import tick_count
     from evs.launch.support import terminal
     from evs.tools.doctor.audit import Counter
 
@@ -141,7 +139,7 @@ def _emulate(
             [pipeline.make_sink(table) for table in tables],
             config.duration_s,
             watch,
-            Pacer(PACES[config.pace], catch_up_s=config.realtime.catch_up_s),
+            Pacer(pipeline.PACES[config.pace], catch_up_s=config.realtime.catch_up_s),
             moved,
             [light],
             warn=terminal.warn,

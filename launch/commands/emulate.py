@@ -77,11 +77,9 @@ def run(args: argparse.Namespace) -> int:
 def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
     # here, so that --help is quick
     from evs.drivers.clock import Pacer, StopWatch
-    from evs.drivers.run.open_loop import open_world
-    from evs.drivers.run.pace_config import PACES
     from evs.drivers.run.report import check_targets, report_beside
+    from evs.drivers.run.run import open_world, tick_count
     from evs.drivers.run.run import run as run_loop
-    from evs.drivers.run.run import tick_count
     from evs.launch.support import terminal
     from evs.launch.support.report_writer import ReportWriter
 
@@ -106,7 +104,7 @@ def _emulate(config: pipeline.PipelineConfig, args: argparse.Namespace) -> int:
             sinks,
             config.duration_s,
             watch,
-            Pacer(PACES[config.pace], catch_up_s=config.realtime.catch_up_s),
+            Pacer(pipeline.PACES[config.pace], catch_up_s=config.realtime.catch_up_s),
             moved,
             begun=lambda: terminal.notes(world.chosen, args.quiet),
             warn=terminal.warn,

@@ -108,13 +108,13 @@ def keys_text(without: Collection[str] = ()) -> str:
         without: first parts of the names of the keys that are left out.
     """
     from evs.drivers.run import config as pipeline
-    from evs.drivers.run import config_keys, shipped
+    from evs.drivers.run import config_keys
 
-    named = shipped.pipelines()
+    named = pipeline.pipelines()
     lines = [
         "Pipelines that come with evs; a preset needs a scene, as in",
-        f"`evs emulate {shipped.PRESETS[0]} robot.xml`:",
-        *(f"  {name:12s}{shipped.about(file)}" for name, file in named.items()),
+        f"`evs emulate {pipeline.PRESETS[0]} robot.xml`:",
+        *(f"  {name:12s}{pipeline.about(file)}" for name, file in named.items()),
         "",
         "Configuration: defaults < PIPELINE.toml < the command line. A key is set in the file,",
         "under its table, or here as key=value. Paths in a file are relative to that file, others",

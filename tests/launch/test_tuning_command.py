@@ -11,8 +11,7 @@ from typing import Any
 
 import pytest
 
-from evs.drivers.run.config import load
-from evs.drivers.run.shipped import PIPELINES
+from evs.drivers.run.config import PIPELINES, load
 from evs.launch.main import main
 from evs.tools.tuning import measurement
 from evs.tools.tuning.space import Candidate

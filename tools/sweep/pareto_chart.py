@@ -13,7 +13,7 @@ from evs.drivers.pictures.colours import PAPER, U8
 from evs.drivers.pictures.pen import GREY, INK_RGB, RGB
 from evs.drivers.pictures.scales import Scale, steps_around
 from evs.drivers.pictures.text_lines import TextLine, paste, text_line
-from evs.drivers.run.shipped import PRESETS
+from evs.drivers.run.config import PRESETS
 from evs.tools.sweep.pareto_front import (
     DEFAULT,
     ErrorMetric,

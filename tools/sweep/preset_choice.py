@@ -16,7 +16,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from evs.drivers.run.shipped import PRESETS
+from evs.drivers.run.config import PRESETS
 from evs.tools.sweep.pareto_front import DEFAULT, ErrorMetric, ParetoPoint, pareto_points
 from evs.tools.sweep.record import OURS, SweepRecord
 

@@ -18,9 +18,8 @@ import numpy as np
 
 from evs.drivers.clock import StopWatch, monotonic_s, process_cpu_s
 from evs.drivers.run.config import PipelineConfig, SinkConfig, make_sink
-from evs.drivers.run.open_loop import depth_of
 from evs.drivers.run.report import COMPLETE, STAGES
-from evs.drivers.run.run import run
+from evs.drivers.run.run import depth_of, run
 from evs.drivers.sink import Sink
 from evs.msgs import EvsError
 from evs.tools.evaluation.scenes import SceneSetup

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from evs.drivers.run.shipped import PRESETS
+from evs.drivers.run.config import PRESETS
 from evs.tools.sweep.pareto_front import (
     DEFAULT,
     ERROR_METRICS,

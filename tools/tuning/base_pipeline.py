@@ -8,8 +8,7 @@ from pathlib import Path
 
 from evs.drivers import settings
 from evs.drivers.run import config as pipeline
-from evs.drivers.run.config import PipelineConfig
-from evs.drivers.run.shipped import PRESETS, pipelines
+from evs.drivers.run.config import PRESETS, PipelineConfig, pipelines
 from evs.emulator.world import load_model
 from evs.msgs import EvsError, unknown
 from evs.tools.evaluation.scenes import FOLDERS, VIEWS, SceneSetup

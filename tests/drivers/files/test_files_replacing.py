@@ -8,9 +8,8 @@ import pytest
 
 from evs.drivers.clock import StopWatch
 from evs.drivers.lockstep.segments import Segments
-from evs.drivers.run.config import SinkConfig
+from evs.drivers.run.config import PIPELINES, SinkConfig
 from evs.drivers.run.launcher.node import again
-from evs.drivers.run.shipped import PIPELINES
 from evs.launch.main import main
 from evs.msgs import EvsError, StreamInfo
 

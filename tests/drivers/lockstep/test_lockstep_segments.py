@@ -14,8 +14,7 @@ from evs.drivers.clock import Pacer, StopWatch
 from evs.drivers.lockstep import segments
 from evs.drivers.lockstep.segments import Segments, camera_path, segment_path
 from evs.drivers.lockstep.serve import ServedRun
-from evs.drivers.run.config import SinkConfig
-from evs.drivers.run.shipped import PIPELINES
+from evs.drivers.run.config import PIPELINES, SinkConfig
 from evs.drivers.sink import Sink, SinkStoppedError
 from evs.emulator import Loop
 from evs.emulator.config import ApsConfig, SensorConfig

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.run.config import PipelineConfig, SinkConfig, load
-from evs.drivers.run.key_aliases import PUBLISH, WORKER, resolved_key
+from evs.drivers.run.config import PUBLISH, WORKER, PipelineConfig, SinkConfig, load, resolved_key
 from evs.msgs import EvsError
 
 OLD = """

@@ -12,9 +12,9 @@ import pytest
 from evs.drivers.bus import Publisher, subscribe
 from evs.drivers.clock import Pacer
 from evs.drivers.run import config as pipeline
+from evs.drivers.run.config import PIPELINES
 from evs.drivers.run.pace_monitor import PaceMonitor
 from evs.drivers.run.run import run
-from evs.drivers.run.shipped import PIPELINES
 from evs.emulator import World
 from evs.msgs import EvsError, Pace, Status, StreamInfo, decode_status, encode_status
 from evs.msgs.packet import packb, unpackb

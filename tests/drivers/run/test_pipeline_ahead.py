@@ -13,7 +13,7 @@ import pytest
 
 from evs.drivers.clock import StopWatch
 from evs.drivers.run.config import PipelineConfig, load
-from evs.drivers.run.open_loop import depth_of, open_world
+from evs.drivers.run.run import depth_of, open_world
 from evs.emulator import UnstableError, World
 from evs.emulator.config import ModelConfig, RenderConfig, SceneConfig, SensorConfig
 from evs.emulator.simulation.pipelined import MOST_BYTES, PipelinedWorld, pipelined

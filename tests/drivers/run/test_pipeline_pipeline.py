@@ -11,14 +11,17 @@ import pytest
 
 from evs.drivers import settings
 from evs.drivers.run.config import (
+    PIPELINES,
+    PRESETS,
     PipelineConfig,
     SinkConfig,
+    about,
     find_pipeline,
     load,
     make_sink,
+    pipelines,
 )
 from evs.drivers.run.config_keys import describe
-from evs.drivers.run.shipped import PIPELINES, PRESETS, about, pipelines
 from evs.emulator.config import RunConfig
 from evs.msgs import EvsError
 

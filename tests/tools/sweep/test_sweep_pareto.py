@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from evs.drivers.run.shipped import PRESETS
+from evs.drivers.run.config import PRESETS
 from evs.msgs import EvsError
 from evs.tools.sweep import preset_choice as chosen
 from evs.tools.sweep.pareto_front import (

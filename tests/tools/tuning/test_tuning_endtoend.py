@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.run.config import load
-from evs.drivers.run.shipped import PIPELINES
+from evs.drivers.run.config import PIPELINES, load
 from evs.launch.main import main
 from evs.tools.evaluation.light_cache import LightCache
 from evs.tools.sweep.errors import ErrorSettings

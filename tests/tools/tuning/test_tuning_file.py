@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from evs.drivers.run.config import PipelineConfig, load
-from evs.drivers.run.shipped import PIPELINES
+from evs.drivers.run.config import PIPELINES, PipelineConfig, load
 from evs.msgs import EvsError
 from evs.tools.sweep.pareto_front import DEFAULT
 from evs.tools.tuning.base_pipeline import base_pipeline
