@@ -2,7 +2,6 @@
 
 import json
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -25,13 +24,6 @@ def packet(seq: int, camera: str = "cam") -> EventPacket:
     stamps = [base + 1, base + 2, base + 3, base + 4, base + 1000]
     events = make_events(stamps, [1, 2, 3, 4, 5], [9, 8, 7, 6, 5], [1, 0, 1, 1, 0])
     return EventPacket(seq, base, base + 1000, 346, 260, events, camera)
-
-
-@pytest.fixture
-def address() -> str:
-    with socket.socket() as server:
-        server.bind(("127.0.0.1", 0))
-        return f"tcp://127.0.0.1:{server.getsockname()[1]}"
 
 
 @pytest.fixture

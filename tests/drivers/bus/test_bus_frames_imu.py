@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import subprocess
 import sys
 import threading
@@ -146,13 +145,6 @@ def test_a_camera_that_was_not_opened_is_refused() -> None:
     with pytest.raises(EvsError, match="no camera on the bus 'other'"):
         publisher.write_imu(imu(0, "other"))
     publisher.close()
-
-
-@pytest.fixture
-def address() -> str:
-    with socket.socket() as server:
-        server.bind(("127.0.0.1", 0))
-        return f"tcp://127.0.0.1:{server.getsockname()[1]}"
 
 
 def test_a_recording_is_played_with_everything_in_it(tmp_path: Path, address: str) -> None:

@@ -4,7 +4,6 @@ import hashlib
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -117,13 +116,6 @@ def processes() -> Iterator[Processes]:
         with suppress(ProcessLookupError):
             process.kill()
         process.communicate()
-
-
-@pytest.fixture
-def address() -> str:
-    with socket.socket() as server:
-        server.bind(("127.0.0.1", 0))
-        return f"tcp://127.0.0.1:{server.getsockname()[1]}"
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 from typing import Any
 
@@ -37,13 +36,6 @@ SCENE = """<mujoco><worldbody><light pos="0 0 3"/><geom type="plane" size="5 5 .
 <body pos="0 0 1"><freejoint/><geom type="box" size=".2 .2 .2"/></body>
 <camera name="eye" pos="1 -2 1.5" xyaxes="1 .5 0 0 .2 1"/></worldbody></mujoco>"""
 SMALL = SensorConfig("ideal", width=32, height=24)
-
-
-@pytest.fixture
-def address() -> str:
-    with socket.socket() as server:
-        server.bind(("127.0.0.1", 0))
-        return f"tcp://127.0.0.1:{server.getsockname()[1]}"
 
 
 def heard(stream: Subscription, into: dict[str, list[Any]]) -> None:

@@ -15,7 +15,7 @@ import pytest
 
 pytestmark = pytest.mark.extremes
 
-PROGRAM = Path(__file__).parents[2] / "support" / "peers" / "vanished_peer.py"
+PROGRAM = Path(__file__).parents[2] / "support" / "vanished_peer.py"
 CHECKOUT = Path(__file__).parents[3]
 KINDS = ("subscriber", "latest", "publisher", "latest_port", "control_port")
 KINDS += ("lockstep_server", "lockstep_client", "control_client")

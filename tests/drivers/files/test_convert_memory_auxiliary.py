@@ -13,7 +13,7 @@ import pytest
 
 from evs.drivers import files
 from evs.msgs import EventPacket, Frame, StreamInfo, make_events
-from reference.peak import PEAK
+from reference.memory import PEAK
 
 pytestmark = pytest.mark.extremes
 

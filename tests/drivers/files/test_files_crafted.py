@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from reference.peak import PEAK
+from reference.memory import PEAK
 
 pytestmark = pytest.mark.extremes
 

@@ -6,7 +6,7 @@ import json
 import subprocess
 import sys
 
-from reference.peak import PEAK
+from reference.memory import PEAK
 
 PROGRAM = (
     PEAK
