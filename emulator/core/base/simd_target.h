@@ -3,11 +3,11 @@
 // Wide code is written once, in .inl files, and compiled once for each instruction set: the
 // technique that Highway calls foreach_target. Each kernel_*.cpp is compiled with the flags of its
 // own instruction set, defines the macros below and includes the code, which all lands in
-// `namespace evs::EVS_SPACE`.
+// `namespace evs::EVS_NAMESPACE`.
 //
-//   EVS_WIDTH    bits of a register: 128, 256 or 512; 1024 for two registers of 512
-//   EVS_SPACE    the namespace of this instruction set
-//   EVS_NATIVE   the name of an intrinsic for registers of 128 or 256 bits
+//   EVS_VECTOR_BITS  bits of a register: 128, 256 or 512; 1024 for two registers of 512
+//   EVS_NAMESPACE    the namespace of this instruction set
+//   EVS_INTRINSIC    the name of an intrinsic for registers of 128 or 256 bits
 //
 // An .inl file is written as a header is: it has a guard, includes what it needs, and can be opened
 // and compiled alone. Without macros it is the portable code.
@@ -17,10 +17,10 @@
 // the flags of an instruction set could end up in code that runs on every machine.
 #pragma once
 
-#ifndef EVS_WIDTH
-#define EVS_WIDTH 128
-#define EVS_SPACE portable
-#define EVS_NATIVE(op) _mm_##op
+#ifndef EVS_VECTOR_BITS
+#define EVS_VECTOR_BITS 128
+#define EVS_NAMESPACE portable
+#define EVS_INTRINSIC(op) _mm_##op
 #endif
 
 #if defined(__SSE2__)

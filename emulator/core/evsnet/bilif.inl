@@ -13,7 +13,7 @@
 #include "network_kernel.h"
 #include "tile.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 EVS_INLINE Mask at_threshold(Float v, const BiLif& unit) {
@@ -37,7 +37,7 @@ void integrate_and_fire(BiLifJob& job) {
   const BiLif& unit = *job.unit;
   job.fired = 0;
   job.v_clamped = 0;
-  const Mask lanes = mask_of(job.place.lanes());
+  const Mask lanes = mask_from_bits(job.place.lanes());
   alignas(64) float v_lanes[LANES];
   alignas(64) int active_lanes[LANES];
   int64_t last[LANES];
@@ -63,7 +63,7 @@ void integrate_and_fire(BiLifJob& job) {
     const Float leaked = leak(v, splat(t) - last_active, active, unit);
     const Float charged = leaked + select(usable, current, splat(0.0f));
     const Float v_charged = min(max(charged, splat(-kLargestV)), splat(kLargestV));
-    job.v_clamped += __builtin_popcount(bits(active & (~usable | (abs(charged) > kLargestV))));
+    job.v_clamped += __builtin_popcount(to_bits(active & (~usable | (abs(charged) > kLargestV))));
     // fire
     const Mask on = active & (v_charged >= unit.v_on);
     const Mask off = active & (v_charged <= -unit.v_off);
@@ -73,7 +73,7 @@ void integrate_and_fire(BiLifJob& job) {
     v = select(active, reset, v);
     last_active = select(active, splat(t), last_active);
     // record the spikes
-    const unsigned fired_on = bits(on), fired_off = bits(off);
+    const unsigned fired_on = to_bits(on), fired_off = to_bits(off);
     if ((fired_on | fired_off) == 0) continue;
     job.fired |= 1u << t;
     job.on[t] = static_cast<uint16_t>(fired_on);
@@ -93,4 +93,4 @@ void integrate_and_fire(BiLifJob& job) {
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -5,14 +5,14 @@
 // output does not depend on what is computed beside it.
 #pragma once
 
-#include "lanes.inl"
 #include "network_kernel.h"
+#include "simd.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // One register of lanes. Compilers keep sums of several registers in memory.
-#if EVS_WIDTH == 512
+#if EVS_VECTOR_BITS == 512
 using Wide = __m512;
 EVS_INLINE Wide wide(float a) { return _mm512_set1_ps(a); }
 EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) { return _mm512_fmadd_ps(a, b, c); }
@@ -26,7 +26,7 @@ constexpr int OUTPUTS = 4, TICKS = 4, OUTPUTS_ALONE = 8;
 using Wide = FloatPart;
 constexpr int OUTPUTS = 4, TICKS = 2, OUTPUTS_ALONE = 8;
 EVS_INLINE Wide wide(float a) { return a - Wide{}; }
-#if EVS_WIDTH == 256
+#if EVS_VECTOR_BITS == 256
 EVS_INLINE Wide wide_fma(Wide a, Wide b, Wide c) { return _mm256_fmadd_ps(a, b, c); }
 #else
 // slow where there is no such instruction: a function call for each lane
@@ -42,7 +42,7 @@ EVS_INLINE Wide wide_relu(Wide a) {
 }
 #endif
 
-constexpr int WIDE = EVS_WIDTH / 32;  // lanes of a register
+constexpr int WIDE = EVS_VECTOR_BITS / 32;  // lanes of a register
 
 EVS_INLINE Wide wide_load(const float* p) {
   Wide a;
@@ -169,4 +169,4 @@ EVS_INLINE void convolve(const Convolution& c, Prefetcher& prefetcher) {
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -9,7 +9,7 @@
 
 namespace evs {
 
-const NetworkKernel EVS_KERNEL = {EVS_SPACE::find_changes, EVS_SPACE::log_delta, EVS_SPACE::infer,
-                                  EVS_SPACE::integrate_and_fire};
+const NetworkKernel EVS_KERNEL = {EVS_NAMESPACE::find_changes, EVS_NAMESPACE::log_delta,
+                                  EVS_NAMESPACE::infer, EVS_NAMESPACE::integrate_and_fire};
 
 }  // namespace evs

@@ -9,7 +9,7 @@
 #include "network_kernel.h"
 #include "transpose.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Call move(first, count) for blocks of up to 16 of the floats [first, first + count) of the FIFOs.
@@ -115,4 +115,4 @@ void infer(const InferenceJob& job) {
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -5,13 +5,13 @@
 #include "network_kernel.h"
 #include "tile.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Lanes whose luminance changed or is unusable, as bits.
 EVS_INLINE unsigned changed_lanes(Int now, Int before, Int limit) {
   // a float with its sign bit set is a negative integer
-  return bits(~(now == before) | (now < splat(0)) | ~(now < limit));
+  return to_bits(~(now == before) | (now < splat(0)) | ~(now < limit));
 }
 
 // Mark the ticks in which a tile of this row of tiles changes.
@@ -70,7 +70,7 @@ uint32_t log_delta(const LogDeltaJob& job, const TilePlace& place, uint32_t chan
     for (int i = at; i < at + LANES; i++) part[i] = log_part<LogKind::linlog>(map, dn[i]);
   }
 
-  const Mask inside = mask_of(place.lanes());
+  const Mask inside = mask_from_bits(place.lanes());
   Float last_luminance = load(luminance), last_log = load(log);
   Int last_moved = splat(-1);
   uint32_t moved_ticks = 0;
@@ -98,8 +98,8 @@ uint32_t log_delta(const LogDeltaJob& job, const TilePlace& place, uint32_t chan
     last_luminance = select(usable, l_now, last_luminance);
     last_moved = select(nonzero, splat(t), last_moved);
     moved_ticks |= (any(nonzero) ? 1u : 0u) << t;
-    counts.x_clamped += __builtin_popcount(bits(~unclamped));
-    counts.clamped += __builtin_popcount(bits(~usable & inside));
+    counts.x_clamped += __builtin_popcount(to_bits(~unclamped));
+    counts.clamped += __builtin_popcount(to_bits(~usable & inside));
     at += LANES;
   }
   // store the state of the tile
@@ -115,4 +115,4 @@ uint32_t log_delta(const LogDeltaJob& job, const TilePlace& place, uint32_t chan
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

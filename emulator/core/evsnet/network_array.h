@@ -11,7 +11,7 @@
 #include "event_order.h"
 #include "fifo_rows.h"
 #include "network_kernel.h"
-#include "pool.h"
+#include "thread_pool.h"
 
 namespace evs {
 
@@ -119,7 +119,7 @@ class NetworkArray {
   const NetworkKernel* kernel_;
   uint32_t unusable_from_;
   size_t width_, height_, across_, down_;
-  Pool pool_;
+  ThreadPool pool_;
   // scratch
   FifoRows rows_;
   std::vector<Tile> tiles_;

@@ -1,10 +1,10 @@
 // Load and store the 16 pixels of a tile.
 #pragma once
 
-#include "lanes.inl"
 #include "network_kernel.h"
+#include "simd.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Lanes outside the image copy its edge; their values never leave the kernel.
@@ -40,4 +40,4 @@ EVS_INLINE void store_tile(const T* lanes, T* image, const TilePlace& place) {
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

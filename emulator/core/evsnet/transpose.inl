@@ -1,14 +1,14 @@
 // Transposition of 16 rows of 16 floats in registers.
 #pragma once
 
-#include "lanes.inl"
+#include "simd.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Move float k of row i to float i of column k. In: from(i) and to(k), where rows and columns
 // begin.
-#if EVS_WIDTH == 512
+#if EVS_VECTOR_BITS == 512
 template <class From, class To>
 EVS_INLINE void transpose_16x16(const From& from, const To& to) {
   __m512 a[16], b[16];
@@ -78,4 +78,4 @@ EVS_INLINE void transpose(const From& from, const To& to, int rows, int columns)
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -35,7 +35,7 @@ Mesh mesh_view(const SceneData::MeshData& m) {
 Caster::Caster(const SceneData& scene, const Optics& optics, const Tracing& tracing, int threads,
                const std::string& isa, const Caster* before)
     : kernel_(kernel_of(isa)),
-      pool_(before ? before->pool_ : std::make_shared<Pool>(threads)),
+      pool_(before ? before->pool_ : std::make_shared<ThreadPool>(threads)),
       incremental_(tracing.incremental),
       forced_(tracing.forced),
       mesh_data_(scene.meshes),

@@ -14,9 +14,9 @@
 #include "incremental/path_cache.h"
 #include "integrators/antialiasing.h"
 #include "optics.h"
-#include "pool.h"
 #include "scene.h"
 #include "scene_data.h"
+#include "thread_pool.h"
 
 namespace evs {
 
@@ -131,7 +131,7 @@ class Caster {
   BoundingSphere mirrored_in_plane() const;
 
   const Kernel* kernel_;
-  std::shared_ptr<Pool> pool_;
+  std::shared_ptr<ThreadPool> pool_;
   bool incremental_;
   Forced forced_;
   Work work_;

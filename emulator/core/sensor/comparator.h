@@ -27,8 +27,8 @@
 #include <limits>
 #include <vector>
 
+#include "reproducible_math.h"
 #include "shot_noise.h"
-#include "vmath.h"
 
 namespace evs {
 

@@ -2,7 +2,7 @@
 // DN = exposure * luminance + dark, where 255 DN is white and nothing is clipped.
 #pragma once
 
-#include "vmath.h"
+#include "reproducible_math.h"
 
 namespace evs {
 
@@ -36,7 +36,7 @@ inline constexpr float kLargest = 0x1.fffffep127f;
 
 // DN of a luminance. Unusable luminance gives a negative number, NaN or Inf.
 EVS_ALWAYS_INLINE float to_dn(const LogMap& map, float luminance) {
-  return flush(luminance, kBlack) * map.exposure + map.dark;
+  return flush_to_zero(luminance, kBlack) * map.exposure + map.dark;
 }
 
 // False for a luminance that is negative, NaN, Inf, or so large that its DN overflows.

@@ -10,7 +10,7 @@
 #include <bit>
 #include <cstdint>
 
-#include "vmath.h"
+#include "reproducible_math.h"
 
 namespace evs {
 
@@ -38,7 +38,7 @@ EVS_ALWAYS_INLINE float lowpass_b(float z, float a) {
   // close to zero the difference cancels, so b comes from its series
   const float series = (0.5f - (0x1.555556p-3f - 0x1.555556p-5f * z) * z) * z;
   const float closed_form = 1.0f - a / (z < kLongest ? z : kLongest);
-  return choose(z < kSeriesBelow, series, closed_form);
+  return select(z < kSeriesBelow, series, closed_form);
 }
 
 EVS_ALWAYS_INLINE LowpassStep lowpass_step(float z) {
@@ -47,13 +47,13 @@ EVS_ALWAYS_INLINE LowpassStep lowpass_step(float z) {
 }
 
 EVS_ALWAYS_INLINE float lowpass(LowpassStep step, float y0, float x0, float x1) {
-  return flush(y0 + (step.a * (x0 - y0) + step.b * (x1 - x0)), kFaded);
+  return flush_to_zero(y0 + (step.a * (x0 - y0) + step.b * (x1 - x0)), kFaded);
 }
 
 // v2e's Euler step, which sees the new light for the whole tick: y1 = y0 + min(1, z) (x1 - y0).
 EVS_ALWAYS_INLINE float lowpass_euler(float z, float y0, float x1) {
   const float share = z < 1.0f ? z : 1.0f;
-  return flush(y0 + share * (x1 - y0), kFaded);
+  return flush_to_zero(y0 + share * (x1 - y0), kFaded);
 }
 
 }  // namespace evs

@@ -89,7 +89,7 @@ inline PixelStep prepare_step(const PixelSettings& settings, const PixelPattern&
                               const PixelArrays& arrays, const double* shot_bounds, Tick tick) {
   // flush denormals, whose effect in the workers depends on the machine
   auto in_a_tick = [&](double rate) {
-    return flush(static_cast<float>(rate * tick.us), std::numeric_limits<float>::min());
+    return flush_to_zero(static_cast<float>(rate * tick.us), std::numeric_limits<float>::min());
   };
   const float follower_z = in_a_tick(settings.follower);
   return {settings,

@@ -9,7 +9,7 @@
 
 #include "event_order.h"
 #include "pixel_targets.h"
-#include "pool.h"
+#include "thread_pool.h"
 
 namespace evs {
 
@@ -70,7 +70,7 @@ class PixelArray {
   uint32_t width_;
   size_t pixels_;
   StepPixels step_;
-  Pool pool_;
+  ThreadPool pool_;
   std::vector<double> shot_bounds_;               // of each block, Hz
   std::vector<std::vector<Crossing>> crossings_;  // scratch, of each band
   std::vector<size_t> clamped_;                   // scratch

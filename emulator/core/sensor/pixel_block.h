@@ -76,7 +76,7 @@ EVS_ALWAYS_INLINE void compare_simple(const PixelStep& step, size_t pixel, float
   bool up = r + on <= end;
   do {
     // fire, and move the reference by a threshold
-    const double level = r + choose(up, on, -off);
+    const double level = r + select(up, on, -off);
     const uint32_t exact = crossing_time(level - from, v, tick);
     const uint32_t stamp = exact > now ? exact : now;
     out.push_back({static_cast<uint32_t>(pixel), (stamp << kTagBits) | tag | (up ? 1u : 0u)});

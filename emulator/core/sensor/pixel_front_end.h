@@ -75,7 +75,7 @@ EVS_ALWAYS_INLINE size_t log_intensity(const PixelStep& step, size_t first, size
     const float old_luminance = last[i];
     const float dn = to_dn(map, new_luminance);
     const bool usable = is_usable(new_luminance, dn) & (new_luminance <= largest);
-    s.luminance[i] = choose(usable, new_luminance, old_luminance);
+    s.luminance[i] = select(usable, new_luminance, old_luminance);
     s.dn[i] = dn;
     clamped += usable ? 0u : 1u;
   }
@@ -93,7 +93,7 @@ EVS_ALWAYS_INLINE size_t log_intensity(const PixelStep& step, size_t first, size
   for (size_t i = 0; i < count; i++) {
     const float new_log = with_log_part<kind>(map, s.dn[i], s.log_part[i]);
     const float old_log = last_log[i];
-    s.log[i] = choose(light[i] > -kBlack, new_log, old_log);
+    s.log[i] = select(light[i] > -kBlack, new_log, old_log);
   }
   return clamped;
 }
@@ -113,8 +113,8 @@ EVS_ALWAYS_INLINE void filter(StepPole&& step_pole, const float* __restrict last
     const float y0 = state[i];
     const float y1 = step_pole(i, y0, x0[i], x1[i]);
     const bool begins = before != before;
-    const float to = choose(begins, log, y1);
-    from[i] = choose(begins, log, y0);
+    const float to = select(begins, log, y1);
+    from[i] = select(begins, log, y0);
     difference |= std::bit_cast<uint32_t>(to) ^ std::bit_cast<uint32_t>(y0);
     state[i] = to;
   }

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <cstdint>
 
-#include "vmath.h"
+#include "reproducible_math.h"
 
 namespace evs {
 

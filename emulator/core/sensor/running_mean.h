@@ -34,22 +34,23 @@ EVS_ALWAYS_INLINE bool update_running_mean(const RunningMean& to, const float* _
   float* __restrict drift = to.drift + first;
   uint32_t changed = 0;
   for (size_t i = 0; i < count; i++) {
-    const float now = flush(luminance[i], kBlack);
+    const float now = flush_to_zero(luminance[i], kBlack);
     // noise: mean square of the difference between ticks
-    const float difference = now - flush(last[i], kBlack);
+    const float difference = now - flush_to_zero(last[i], kBlack);
     const float old_noise = noise[i];
-    const float new_noise =
-        flush(old_noise + to.noise_gain * (difference * difference - old_noise), kLeastNoise);
+    const float new_noise = flush_to_zero(
+        old_noise + to.noise_gain * (difference * difference - old_noise), kLeastNoise);
     // drift: mean distance of the luminance from its mean
     const float old_mean = mean[i];
     const float distance = now - old_mean;
     const float old_drift = drift[i];
-    const float new_drift = flush(old_drift + to.drift_gain * (distance - old_drift), kLeastDrift);
+    const float new_drift =
+        flush_to_zero(old_drift + to.drift_gain * (distance - old_drift), kLeastDrift);
     // gain: the share of the drift that is signal
     const float signal = new_drift * new_drift;
     const float best = signal / (signal + to.noise_weight * new_noise + kTinyLight);
     const float gain = best > to.least_gain ? best : to.least_gain;
-    const float moved = flush(old_mean + gain * distance, kBlack);
+    const float moved = flush_to_zero(old_mean + gain * distance, kBlack);
 
     // start from the first light, with no noise and no drift
     const bool begins = old_mean != old_mean;

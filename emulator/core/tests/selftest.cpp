@@ -10,8 +10,8 @@
 #include <stdexcept>
 #include <tuple>
 
-#include "pool.h"
 #include "selftest.h"
+#include "thread_pool.h"
 
 namespace evs {
 namespace {
@@ -181,7 +181,7 @@ void degenerate_meshes() {
 
 void pool_runs_each_job_once() {
   for (int threads : {1, 2, 5}) {
-    Pool pool(threads);
+    ThreadPool pool(threads);
     for (int jobs : {0, 1, 2, 100}) {
       std::vector<int> done(static_cast<size_t>(jobs));
       pool.run(jobs, [&](int job, int) { done[static_cast<size_t>(job)]++; });

@@ -1,4 +1,7 @@
-"""Luminance to log light: every float32 step of core/base/vmath.h and core/sensor/log_map.h."""
+"""Luminance to log light.
+
+Every float32 step is that of core/base/reproducible_math.h and core/sensor/log_map.h.
+"""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@
 #include "geometry/rays.inl"
 #include "scene.h"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 struct MeshRays {
@@ -64,7 +64,7 @@ constexpr int MAX_STACK = 96;  // the builder keeps every BVH shallower than thi
 // and v of those lanes.
 inline Mask intersect_mesh(const Mesh& mesh, const MeshRays& r, Float t_min, Float& t_max,
                            Int& triangle, Float& u, Float& v) {
-  Mask any_hit = mask_of(0);
+  Mask any_hit = mask_from_bits(0);
   if (mesh.node_count == 0) return any_hit;
   int stack[MAX_STACK], top = 0;
   stack[top++] = 0;
@@ -73,7 +73,7 @@ inline Mask intersect_mesh(const Mesh& mesh, const MeshRays& r, Float t_min, Flo
     const Node& n = mesh.nodes[stack[--top]];
     Float t_near[2];
     unsigned lanes[2];
-    for (int c = 0; c < 2; c++) lanes[c] = bits(intersect_box(n, c, r, nearest, t_near[c]));
+    for (int c = 0; c < 2; c++) lanes[c] = to_bits(intersect_box(n, c, r, nearest, t_near[c]));
     // visit the nearer child first, as one lane that enters both sees it
     int first = 0;
     if (lanes[0] & lanes[1]) {
@@ -110,7 +110,7 @@ inline Mask intersect_mesh(const Mesh& mesh, const MeshRays& r, Float t_min, Flo
 
 // Find the lanes of `active` that hit any face, front or back, before `t_max`.
 inline Mask occluded_mesh(const Mesh& mesh, const MeshRays& r, Float t_max, Mask active) {
-  Mask blocked = mask_of(0);
+  Mask blocked = mask_from_bits(0);
   if (mesh.node_count == 0) return blocked;
   int stack[MAX_STACK], top = 0;
   stack[top++] = 0;
@@ -139,4 +139,4 @@ inline Mask occluded_mesh(const Mesh& mesh, const MeshRays& r, Float t_max, Mask
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -4,7 +4,7 @@
 #include "geometry/rays.inl"
 #include "scene.h"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Interpolate the direction at a point of the image (px) between the four corners of its pixel. The
@@ -67,4 +67,4 @@ EVS_INLINE Rays primary_rays(const Frame& f, int column, int row, float sub_x, f
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -4,7 +4,7 @@
 #include "geometry/ray_cone.inl"
 #include "scene.h"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Can a ray of `active` come near the sphere? The slack is that of `any_ray_near`.
@@ -26,7 +26,7 @@ struct BoundingSpherePacket {
 // Find the spheres that the light may reach: those in its cone and its range. Non-finite spheres
 // count as reached.
 EVS_INLINE Mask light_reaches(const Light& light, const BoundingSpherePacket& spheres) {
-  Mask outside = mask_of(0);
+  Mask outside = mask_from_bits(0);
   bool spot = light.kind == SPOT, ends = light.kind != DIRECTIONAL && light.fade > 0;
   if (light.kind == IMAGE || !(spot || ends)) return ~outside;
   Vec w = spheres.center - splat(light.position);
@@ -82,4 +82,4 @@ EVS_INLINE bool mirror_is_empty(const Frame& f, const Rays& rays, const Hit& hit
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

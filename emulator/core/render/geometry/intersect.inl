@@ -6,7 +6,7 @@
 #include "geometry/shapes.inl"
 #include "scene.h"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 EVS_INLINE Vec local_origin(const Geom& g, const Rays& rays) {
@@ -77,7 +77,7 @@ inline Hit intersect(const Frame& f, const Rays& rays, const RayCone& cone, Mask
 // occlude, one bit each.
 inline Mask occluded(const Frame& f, Vec origin, Vec direction, Float t_max, Int self,
                      const RayCone& cone, Mask active, unsigned non_occluders) {
-  Mask blocked = mask_of(0);
+  Mask blocked = mask_from_bits(0);
   Rays rays = {origin, direction, false};
   bool wide = is_wide(cone);
   for (int k = 0, end = candidates_end(f, cone); k < end; k += LANES) {
@@ -104,4 +104,4 @@ inline Mask occluded(const Frame& f, Vec origin, Vec direction, Float t_max, Int
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

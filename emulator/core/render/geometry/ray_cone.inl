@@ -4,7 +4,7 @@
 #include "geometry/rays.inl"
 #include "scene.h"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Find geoms k ... k+15 whose bounding sphere the cone can touch, one bit each. The test is
@@ -24,7 +24,7 @@ EVS_INLINE unsigned cone_touches(const BoundingSphereArray& b, int k, const RayC
   Mask ahead = along >= -reach - slack;
   Mask before = along - reach <= splat(cone.length) + slack;
   Mask real = load(b.radius + k) >= 0.0f;  // padding has a negative radius
-  return bits(near & ahead & before & real);
+  return to_bits(near & ahead & before & real);
 }
 
 // The same test for one sphere, with more slack: what this rejects, `cone_touches` rejects too.
@@ -60,8 +60,8 @@ EVS_INLINE float half_diagonal(V3 center, V3 high) {
 }
 
 EVS_INLINE BoundingBox bounding_box(Vec p, float step, Mask active) {
-  auto low = [&](Float x) { return lowest(select(active, x, splat(T_INFINITY))); };
-  auto high = [&](Float x) { return highest(select(active, x, splat(-T_INFINITY))); };
+  auto low = [&](Float x) { return reduce_min(select(active, x, splat(T_INFINITY))); };
+  auto high = [&](Float x) { return reduce_max(select(active, x, splat(-T_INFINITY))); };
   return {{low(p.x), low(p.y), low(p.z)}, {high(p.x), high(p.y), high(p.z)}, step};
 }
 
@@ -91,7 +91,7 @@ EVS_INLINE RayCone bounding_sphere(const BoundingBox& r) {
 // Return the largest squared chord between `axis` and the directions of the active lanes.
 EVS_INLINE float max_squared_chord(Vec d, V3 axis, Mask active) {
   Vec apart = d - splat(axis);
-  return highest(select(active, dot(apart, apart), splat(0.0f)));
+  return reduce_max(select(active, dot(apart, apart), splat(0.0f)));
 }
 
 // Bound the active rays that start in `starts` with directions d, up to `length`. Out: `square`,
@@ -100,7 +100,7 @@ EVS_INLINE RayCone ray_cone(const BoundingBox& starts, Vec d, Mask active, float
                             float& square) {
   RayCone cone = bounding_sphere(starts);
   cone.length = length;
-  int first = first_lane(bits(active));
+  int first = first_lane(to_bits(active));
   cone.axis = normalized({lane(d.x, first), lane(d.y, first), lane(d.z, first)});
   square = max_squared_chord(d, cone.axis, active);
   open_cone(cone, square);
@@ -112,4 +112,4 @@ EVS_INLINE RayCone ray_cone(Vec p, Vec d, Mask active, float length) {
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -3,7 +3,7 @@
 
 #include "simd/vec.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 struct Rays {
@@ -23,4 +23,4 @@ struct Hit {
 constexpr float T_INFINITY = 1e30f;
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -7,7 +7,7 @@
 #include "geometry/rays.inl"
 #include "scene.h"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 EVS_INLINE Float intersect_plane(const float* size, Vec o, Vec d) {
@@ -134,4 +134,4 @@ EVS_INLINE Vec normal_of_shape(const Geom& g, Vec p) {
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -4,7 +4,7 @@
 
 #include "integrators/wavefront.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 constexpr float NOT_KNOWN = -1;               // in place of the distance
@@ -23,10 +23,10 @@ inline void cache_hits(const Frame& f, const PathCacheView& cache, long at, cons
                        const Hit& hit, const SurfaceInteraction<3>& interaction, Mask active,
                        Mask lit) {
   int geom = NO_GEOM;
-  for (unsigned lanes = bits(lit); lanes && geom < 0;) {
+  for (unsigned lanes = to_bits(lit); lanes && geom < 0;) {
     int index = lane(hit.geom, first_lane(lanes));
     if (is_cacheable(f, index)) geom = index;
-    lanes &= ~bits(hit.geom == splat(index));
+    lanes &= ~to_bits(hit.geom == splat(index));
   }
   int32_t& hit_geom = cache.hit_geom[at / LANES];
   Mask here = lit & (hit.geom == splat(geom));
@@ -43,7 +43,7 @@ inline void cache_hits(const Frame& f, const PathCacheView& cache, long at, cons
   for (int i = 0; i < 4; i++) cache.sphere[i][at / LANES] = parts[i];
   if (geom < 0 || f.surfaces[f.geoms[geom].surface].texture < 0) return;
   Int places = splat(static_cast<int>(at)) + load(LANE);
-  for (int c = 0; c < 3; c++) store_at(cache.albedo[c], places, interaction.albedo[c], here);
+  for (int c = 0; c < 3; c++) scatter(cache.albedo[c], places, interaction.albedo[c], here);
 }
 
 // Rebuild the interaction that surface_interaction gives on a cacheable shape. In: albedo, for a
@@ -88,12 +88,12 @@ inline unsigned lit_packets(const Frame& f, const PathCacheView& cache, long fir
     __builtin_memcpy(parts[i], cache.sphere[i] + first, static_cast<size_t>(count) * sizeof(float));
   }
   BoundingSpherePacket spheres = {{load(parts[0]), load(parts[1]), load(parts[2])}, load(parts[3])};
-  Mask found = mask_of(0);
+  Mask found = mask_from_bits(0);
   for (int i = 0; i < f.light_count; i++) {
     bool steady = f.lights[i].kind == IMAGE || (i < 32 && cache.steady >> i & 1);
     if (!steady) found = found | light_reaches(f.lights[i], spheres);
   }
-  return bits(found);
+  return to_bits(found);
 }
 
 // Relight the units `unit` of `lanes`, pixels side by side, with MuJoCo's current lights.
@@ -104,7 +104,7 @@ inline bool relight_unit(const Frame& f, const PathFrame& p, const PathCacheView
   int hit_geom = cache.hit_geom ? cache.hit_geom[at / LANES] : NOT_CACHED;
   Float zero = splat(0.0f), out[3] = {zero, zero, zero}, hit_distance = splat(NOT_KNOWN);
   if (hit_geom != NOT_CACHED) hit_distance = load(cache.hit_distance + at);
-  Mask active = mask_of(lanes), lit = active & (hit_distance < T_INFINITY);
+  Mask active = mask_from_bits(lanes), lit = active & (hit_distance < T_INFINITY);
   bool known = !any(active & (hit_distance < 0.0f));
   if (!any(lit) ||
       (known && !reached && cache.only_steady_light[at / LANES] && !cache.fewer_steady))
@@ -138,7 +138,7 @@ inline bool relight_unit(const Frame& f, const PathFrame& p, const PathCacheView
   apply_medium(f, direction, select(lit, path.hit.distance, splat(T_INFINITY)), out);
   for (int c = 0; c < 3; c++) {
     float* light = cache.light[c] + at;
-    store(light, bits(active) == ALL_LANES ? out[c] : select(active, out[c], load(light)));
+    store(light, to_bits(active) == ALL_LANES ? out[c] : select(active, out[c], load(light)));
   }
   return true;
 }
@@ -155,7 +155,7 @@ inline void validate_hits(const PathCacheView& cache, const PathBatch& b, int sl
   Mask same = (hit_geom == load(b.hit_geom + slot)) | ~(hit_distance < T_INFINITY);
   same = same & ~(hit_distance < gather(cache.hit_distance, place)) &
          ~(gather(cache.hit_distance, place) < hit_distance);
-  store_at(cache.hit_distance, owner, splat(NOT_KNOWN), real & ~same);
+  scatter(cache.hit_distance, owner, splat(NOT_KNOWN), real & ~same);
   alignas(64) int places[LANES];
   store(places, owner);
   for (int i : places) {
@@ -164,4 +164,4 @@ inline void validate_hits(const PathCacheView& cache, const PathBatch& b, int sl
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -4,7 +4,7 @@
 #include "geometry/rays.inl"
 #include "path_scene.h"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // The rays that leave the first hits of a packet of samples, as PathCacheView stores them.
@@ -130,4 +130,4 @@ inline void note_occluded_ray(Clearance& c, Vec origin, Vec d, Float t_max, Mask
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -7,7 +7,7 @@
 #include "path_scene.h"
 #include "shading/lights.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // The bounding cones of 16 packets.
@@ -44,12 +44,12 @@ EVS_INLINE Mask cone_touches_capsule(const BoundingCapsule& capsule, const RayCo
 
 // Bound all cones of `lanes` by one.
 inline RayCone cone_around(const RayConePacket& cones, Mask lanes) {
-  auto most = [&](Float x) { return highest(select(lanes, x, splat(-T_INFINITY))); };
+  auto most = [&](Float x) { return reduce_max(select(lanes, x, splat(-T_INFINITY))); };
   BoundingBox centers = bounding_box(cones.center, 0.0f, lanes);
   RayCone cone = bounding_sphere(centers);
   cone.radius += most(cones.radius);
   cone.length = most(cones.length);
-  int first = first_lane(bits(lanes));
+  int first = first_lane(to_bits(lanes));
   cone.axis =
       normalized({lane(cones.axis.x, first), lane(cones.axis.y, first), lane(cones.axis.z, first)});
   // add up the chords; the chord of a cone's opening is at most this
@@ -61,7 +61,7 @@ inline RayCone cone_around(const RayConePacket& cones, Mask lanes) {
 
 // Find the cones of `tested` that a geom that moved may touch.
 inline Mask touched_by_motion(const RayConePacket& cones, const SceneChange& change, Mask tested) {
-  Mask found = mask_of(0);
+  Mask found = mask_from_bits(0);
   if (change.bounds.radius < 0) return found;
   // reject the many packets that are far from everything that moved
   tested = tested &
@@ -99,7 +99,7 @@ inline bool is_dark(const Light& light) {
 // Find the lanes of `lit` whose light or shadow may have changed.
 inline Mask lighting_changed(const Frame& f, const BoundingSpherePacket& places,
                              const SceneChange& change, Mask lit) {
-  Mask found = mask_of(0);
+  Mask found = mask_from_bits(0);
   for (int i = 0; i < f.light_count && any(lit & ~found); i++) {
     const Light& light = f.lights[i];
     if (change.lights && __builtin_memcmp(&light, change.lights + i, sizeof(Light)) != 0) {
@@ -116,7 +116,7 @@ inline Mask lighting_changed(const Frame& f, const BoundingSpherePacket& places,
 
 void find_dirty_packets(const Frame& f, const PacketBlock& b, const SceneChange& change,
                         DirtyPackets& dirty) {
-  Mask packets = mask_of(b.packets);
+  Mask packets = mask_from_bits(b.packets);
   const auto& p = b.primary;
   const auto& m = b.mirror_rays;
   RayConePacket primary = {{load(p[0]), load(p[1]), load(p[2])},
@@ -138,8 +138,8 @@ void find_dirty_packets(const Frame& f, const PacketBlock& b, const SceneChange&
   relight =
       relight | lighting_changed(f, mirror_hits, change,
                                  packets & ~(retrace | relight | (mirror_hits.radius < 0.0f)));
-  dirty = {bits(primary_rays), bits(retrace), bits(relight & ~retrace)};
+  dirty = {to_bits(primary_rays), to_bits(retrace), to_bits(relight & ~retrace)};
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -12,7 +12,7 @@
 #include "incremental/cached_hits.inl"
 #include "incremental/retrace_batch.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Recheck expired units: those whose recorded rays are still clear get a new gap, the others become
@@ -46,9 +46,9 @@ inline void recheck_expired(const Frame& f, const PathFrame& p, DirtyBatch& dirt
   // clear: every ray keeps a gap, and touches no capsule that it did not touch before
   Int before = as_int(gather(reinterpret_cast<const float*>(cache.touched), at));
   Mask clear = known & (c.gap >= 0.0f) & ((c.touched | before) == before);
-  store_at(cache.valid_until, at, valid_until(cache, c.gap), clear);
+  scatter(cache.valid_until, at, valid_until(cache, c.gap), clear);
   // the others are dirty
-  for (unsigned lanes = bits(active & ~clear); lanes; lanes &= lanes - 1) {
+  for (unsigned lanes = to_bits(active & ~clear); lanes; lanes &= lanes - 1) {
     int i = first_lane(lanes);
     add_dirty(f, p, dirty, u.x[i], u.y[i], u.unit[i]);
   }
@@ -84,10 +84,12 @@ inline UnitState classify_units(const PathCacheView& cache, long at, unsigned in
   touched_moving =
       touched_moving | (cache.secondary_rays ? valid_until < splat(0.5f * DIRTY) : used_up);
   if (cache.relight_lamps) touched_moving = touched_moving | (load(cache.indirect[0] + at) < 0.0f);
-  unsigned retrace = bits(touched_moving) & inside, expired = bits(used_up) & inside & ~retrace;
+  unsigned retrace = to_bits(touched_moving) & inside,
+           expired = to_bits(used_up) & inside & ~retrace;
   // summarise clean packets, so that later ticks skip them as a whole
   if (!(retrace | expired)) {
-    cache.next_expiry[packet] = lowest(select(mask_of(inside), valid_until, splat(T_INFINITY)));
+    cache.next_expiry[packet] =
+        reduce_min(select(mask_from_bits(inside), valid_until, splat(T_INFINITY)));
     cache.touched_any[packet] = reduce_or(touched, inside);
   }
   return {retrace, expired};
@@ -215,4 +217,4 @@ inline long update_cached_paths(const Frame& f, const PathFrame& p, PathBatch& b
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

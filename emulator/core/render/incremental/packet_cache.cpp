@@ -52,7 +52,7 @@ bool PacketCache::drop_changed_lights(const std::vector<Light>& now,
 void PacketCache::record_all() { std::fill(dirty_.begin(), dirty_.end(), DirtyPackets{}); }
 
 void PacketCache::find_dirty(const Kernel& kernel, const Frame& frame, const SceneChange& change,
-                             Pool& pool) {
+                             ThreadPool& pool) {
   size_t count = blocks_.size();
   pool.run(static_cast<int>((count + BLOCKS_A_JOB - 1) / BLOCKS_A_JOB), [&](int job, int) {
     size_t begin = static_cast<size_t>(job) * BLOCKS_A_JOB;

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "optics.h"
-#include "pool.h"
 #include "scene.h"
+#include "thread_pool.h"
 
 namespace evs {
 
@@ -28,7 +28,8 @@ class PacketCache {
   // Record every packet.
   void record_all();
   // Find the dirty packets.
-  void find_dirty(const Kernel& kernel, const Frame& frame, const SceneChange& change, Pool& pool);
+  void find_dirty(const Kernel& kernel, const Frame& frame, const SceneChange& change,
+                  ThreadPool& pool);
   Dirty dirty(int column, int row) const {
     const DirtyPackets& dirty = dirty_[index_of(column, row)];
     int bit = bit_of(column, row);

@@ -5,7 +5,7 @@
 #include "scene.h"
 #include "shading/surface_interaction.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 struct RayRecorder : SecondaryRayBounds {
@@ -45,9 +45,9 @@ inline void write_record(const SecondaryRayBounds& secondary, const PacketRecord
 
 // Do all lanes hit one opaque shape whose normals can be recomputed?
 inline bool can_cache_shading(const Frame& f, const Hit& hit, Mask lit) {
-  if (bits(lit) != ALL_LANES || f.lobes || f.normal_mapped || f.medium.haze) return false;
+  if (to_bits(lit) != ALL_LANES || f.lobes || f.normal_mapped || f.medium.haze) return false;
   int index = lane(hit.geom, 0);
-  if (bits(hit.geom == splat(index)) != ALL_LANES) return false;
+  if (to_bits(hit.geom == splat(index)) != ALL_LANES) return false;
   const Geom& g = f.geoms[index];
   const Surface& s = f.surfaces[g.surface];
   return g.mesh < 0 && !s.layered && s.normal_map < 0 && s.alpha >= 1;
@@ -66,4 +66,4 @@ void cache_shading(const Hit& hit, const SurfaceInteraction<CHANNELS>& interacti
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -4,7 +4,7 @@
 
 #include "integrators/direct_pixels.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // In: the packet's cached shading; in 32 lanes that of two adjacent packets, which show one geom
@@ -39,7 +39,7 @@ void relight_packets(const Frame& f, int column, int row, const Outputs& out,
     light[c] = number(1 + CHANNELS + c);
   }
   LazyBounds bounds;
-  add_lights<CHANNELS>(f, rays, hit, interaction, bounds, mask_of(ALL_LANES), cached->lights,
+  add_lights<CHANNELS>(f, rays, hit, interaction, bounds, mask_from_bits(ALL_LANES), cached->lights,
                        f.light_count, light);
   if (f.medium.fog) apply_fog<CHANNELS>(f, hit.distance, light);
   write_pixels<CHANNELS>(f, column, row, luminance_of<CHANNELS>(f, light), light, out);
@@ -51,4 +51,4 @@ inline void relight(const Frame& f, int column, int row, const Outputs& out,
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

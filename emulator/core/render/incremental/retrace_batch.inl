@@ -4,7 +4,7 @@
 #include "incremental/cached_hits.inl"
 #include "integrators/wavefront.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Up to a packet of units.
@@ -24,7 +24,7 @@ struct SampleUnits {
       y[i] = y[count - 1];
       unit[i] = unit[count - 1];
     }
-    return mask_of(first_lanes(count));
+    return mask_from_bits(first_lanes(count));
   }
 };
 
@@ -56,9 +56,9 @@ inline void scatter_secondary_rays(const PathBatch& b, int slot, Int owner, Mask
   Float hit_distance = load(b.secondary_rays[3] + slot);
   Mask whole = real & (hit_distance >= 0.0f);
   Int at = owner * splat(SECONDARY_RAY_WORDS);
-  store_at(secondary_rays + 3, at, hit_distance, real);
+  scatter(secondary_rays + 3, at, hit_distance, real);
   for (int i = 0; i < SECONDARY_RAY_WORDS && any(whole); i++) {
-    if (i != 3) store_at(secondary_rays + i, at, load(b.secondary_rays[i] + slot), whole);
+    if (i != 3) scatter(secondary_rays + i, at, load(b.secondary_rays[i] + slot), whole);
   }
 }
 
@@ -80,16 +80,16 @@ inline void store_batch(const Frame& f, const PathFrame& p, DirtyBatch& dirty) {
     }
     Int owner = load(b.owner + k * LANES);
     Mask real = ~(owner < splat(0));
-    for (int c = 0; c < 3; c++) store_at(cache.light[c], owner, part[c], real);
+    for (int c = 0; c < 3; c++) scatter(cache.light[c], owner, part[c], real);
     for (int i = 0; i < 6 && cache.indirect[0]; i++) {
-      store_at(cache.indirect[i], owner, load(b.indirect[i] + slot - LANES), real);
+      scatter(cache.indirect[i], owner, load(b.indirect[i] + slot - LANES), real);
     }
     if (cache.hit_geom && cache.relight_lamps && !cache.trace_all)
       validate_hits(cache, b, slot - LANES, owner);
     if (cache.secondary_rays)
       scatter_secondary_rays(b, slot - LANES, owner, real & (gap >= 0.0f), cache.secondary_rays);
-    store_at(cache.valid_until, owner, valid_until(cache, gap), real);
-    store_at(reinterpret_cast<float*>(cache.touched), owner, as_float(touched), real);
+    scatter(cache.valid_until, owner, valid_until(cache, gap), real);
+    scatter(reinterpret_cast<float*>(cache.touched), owner, as_float(touched), real);
   }
   dirty.packets = dirty.front.slots = 0;
 }
@@ -173,4 +173,4 @@ inline void sum_units(const Frame& f, const PathCacheView& cache, int x, int y,
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

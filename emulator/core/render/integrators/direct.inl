@@ -10,7 +10,7 @@
 #include "shading/microfacet.inl"
 #include "shading/surface_interaction.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Diffuse reflectance of a surface: for direct light and for ambient light.
@@ -61,7 +61,7 @@ void add_lights(const Frame& f, const Rays& rays, const Hit& hit,
                 const SurfaceInteraction<CHANNELS>& interaction, LazyBounds& bounds, Mask lit,
                 int begin, int end, Float* out) {
   DiffuseReflectance<CHANNELS> rho = diffuse_reflectance(f, interaction);
-  Mask physical = f.lobes ? interaction.physical & lit : mask_of(0);
+  Mask physical = f.lobes ? interaction.physical & lit : mask_from_bits(0);
   for (int i = begin; i < end; i++) {
     const Light& light = f.lights[i];
     if (light.kind == IMAGE) {
@@ -79,7 +79,7 @@ void add_lights(const Frame& f, const Rays& rays, const Hit& hit,
     }
     if (!any(facing)) continue;
     // trace shadow rays, unless they can hit nothing
-    Mask blocked = mask_of(0);
+    Mask blocked = mask_from_bits(0);
     if (light.castshadow && f.shadows &&
         (planes_may_occlude(f, light.non_occluders) ||
          any_ray_near_sphere(f.finite_bounds, interaction.spawn_point, in.wi, facing))) {
@@ -111,7 +111,7 @@ void add_lights(const Frame& f, const Rays& rays, const Hit& hit,
     // skip lanes far from the highlight, where lobe^exponent < exp(-16.7) = 2^-24
     glossy = glossy & ((1.0f - lobe) * interaction.exponent < 16.7f);
     if (!any(glossy)) continue;
-    Float specular = power(lobe, interaction.exponent, glossy) * interaction.specular * in.strength;
+    Float specular = pow(lobe, interaction.exponent, glossy) * interaction.specular * in.strength;
     specular = select(glossy, specular, splat(0.0f));
     for (int c = 0; c < CHANNELS; c++) {
       out[c] = out[c] + specular * interaction.specular_tint[c] * light.specular[c];
@@ -194,7 +194,7 @@ void radiance(const Frame& f, const Rays& rays, const RayCone& cone, Mask active
     if (FOLLOW && (f.skybox >= 0 || f.medium.fog) && any(missed)) {
       Float light[CHANNELS];
       for (int c = 0; c < CHANNELS; c++) light[c] = splat(f.medium.fog_color[c]);
-      if (!f.medium.fog) camera_environment<CHANNELS>(f, rays.direction, bits(missed), light);
+      if (!f.medium.fog) camera_environment<CHANNELS>(f, rays.direction, to_bits(missed), light);
       for (int c = 0; c < CHANNELS; c++) {
         out[c] = select(missed, out[c] + light[c] * transmittance, out[c]);
       }
@@ -202,7 +202,7 @@ void radiance(const Frame& f, const Rays& rays, const RayCone& cone, Mask active
     if (!any(lit)) break;
     // shade the layer
     SurfaceInteraction<CHANNELS> interaction =
-        surface_interaction<CHANNELS>(f, rays, hit, bits(lit), path_length);
+        surface_interaction<CHANNELS>(f, rays, hit, to_bits(lit), path_length);
     LazyBounds bounds;
     if (recorder)
       extend(FOLLOW ? recorder->primary_hits : recorder->mirror_hits, bounds.of(interaction, lit));
@@ -232,4 +232,4 @@ void radiance(const Frame& f, const Rays& rays, const RayCone& cone, Mask active
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

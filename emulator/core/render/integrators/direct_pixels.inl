@@ -6,7 +6,7 @@
 #include "integrators/direct.inl"
 #include "integrators/film.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 template <int CHANNELS>
@@ -24,7 +24,7 @@ void trace_packet(const Frame& f, int column, int row, const Outputs& out,
   for (int s = 0; s < f.samples; s++) {
     Rays rays = primary_rays(f, column, row, f.sample_x[s], f.sample_y[s]);
     Float light[CHANNELS];
-    radiance<CHANNELS, true>(f, rays, cone, mask_of(ALL_LANES), splat(0.0f),
+    radiance<CHANNELS, true>(f, rays, cone, mask_from_bits(ALL_LANES), splat(0.0f),
                              record ? &recorder : nullptr, light);
     sum = sum + luminance_of<CHANNELS>(f, light);
     if (out.rgb || out.untextured) {
@@ -49,7 +49,7 @@ void trace_scattered(const Frame& f, const int32_t* x, const int32_t* y, int cou
   alignas(64) int column[LANES], row[LANES];
   fill_lanes(x, y, count, column, row);
   Float sum = splat(0.0f), sum_untextured = sum;
-  Mask all = mask_of(ALL_LANES);
+  Mask all = mask_from_bits(ALL_LANES);
   for (int s = 0; s < f.samples; s++) {
     Rays rays = rays_through(f, pixel_point(column, f.sample_x[s], PACKET_WIDTH),
                              pixel_point(row, f.sample_y[s], PACKET_HEIGHT));
@@ -76,4 +76,4 @@ inline void trace_pixels(const Frame& f, const int32_t* x, const int32_t* y, int
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

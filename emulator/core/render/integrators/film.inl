@@ -3,7 +3,7 @@
 
 #include "geometry/camera.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Call with the frame's number of channels as a template argument.
@@ -87,4 +87,4 @@ void write_pixels(const Frame& f, int column, int row, Float luminance, const Fl
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -4,7 +4,7 @@
 #include "geometry/camera.inl"
 #include "shading/surface_interaction.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 EVS_INLINE void store(float (*out)[LANES], Vec v) {
@@ -18,11 +18,11 @@ inline Vec shading_normal(const Frame& f, const Rays& rays, const Hit& hit, unsi
   Vec normal = splat(V3{0, 0, 0});
   while (lanes) {
     int index = lane(hit.geom, first_lane(lanes));
-    Mask here = (hit.geom == splat(index)) & mask_of(lanes);
-    lanes &= ~bits(here);
+    Mask here = (hit.geom == splat(index)) & mask_from_bits(lanes);
+    lanes &= ~to_bits(here);
     const Geom& g = f.geoms[index];
-    normal =
-        select(here, to_camera(g.rotation, local_hit(f, g, rays, hit, bits(here)).normal), normal);
+    normal = select(here, to_camera(g.rotation, local_hit(f, g, rays, hit, to_bits(here)).normal),
+                    normal);
   }
   return face_forward(normal, rays.direction);
 }
@@ -31,10 +31,10 @@ inline Vec shading_normal(const Frame& f, const Rays& rays, const Hit& hit, unsi
 void trace_truth(const Frame& f, int column, int row, const Truth& out) {
   const RayCone& cone = f.primary[row * f.packet_columns + column];
   Rays rays = primary_rays(f, column, row, 0.5f, 0.5f);
-  Hit hit = intersect(f, rays, cone, mask_of(ALL_LANES), splat(0.0f));
+  Hit hit = intersect(f, rays, cone, mask_from_bits(ALL_LANES), splat(0.0f));
   Mask missed = hit.geom < splat(0);
   Vec point = rays.origin + rays.direction * hit.distance, zero = splat(V3{0, 0, 0});
-  Vec normal = select(missed, zero, shading_normal(f, rays, hit, bits(~missed)));
+  Vec normal = select(missed, zero, shading_normal(f, rays, hit, to_bits(~missed)));
   point = select(missed, rays.direction, point);
   alignas(64) float at[3][LANES], n[3][LANES], distance[LANES], u[LANES], v[LANES];
   alignas(64) int geom[LANES], triangle[LANES];
@@ -68,4 +68,4 @@ void trace_truth(const Frame& f, int column, int row, const Truth& out) {
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

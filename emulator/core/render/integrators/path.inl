@@ -17,7 +17,7 @@
 #include "shading/light_sampling.inl"
 #include "shading/lights.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Dimensions of the sampler at one vertex. Each light of the first vertex has one of its own after
@@ -60,7 +60,7 @@ inline Float transmittance(const Frame& f, const PathFrame& p, Vec origin, Vec w
     Hit hit = intersect(f, rays, cone, active, t_min);
     active = active & (hit.distance < t_max) & ~(hit.geom < splat(0));
     if (!any(active)) return transmitted;
-    SurfaceInteraction<3> interaction = surface_interaction<3>(f, rays, hit, bits(active), zero);
+    SurfaceInteraction<3> interaction = surface_interaction<3>(f, rays, hit, to_bits(active), zero);
     transmitted = select(active, transmitted * max(1.0f - interaction.alpha, zero), transmitted);
     active = active & (transmitted > 0.0f);
     t_min = hit.distance;
@@ -132,7 +132,7 @@ inline void add_environment(const Frame& f, const PathFrame& p, Vec d, Mask spec
   EnvironmentPoint at = environment_point(f, d);
   Float light[3], light_pdf = environment_pdf(p, at);
   environment_radiance(f, p, at, select(specular_bounce, splat(T_INFINITY), pdf), specular_bounce,
-                       bits(lanes), light);
+                       to_bits(lanes), light);
   Float weight = select(specular_bounce, splat(1.0f), pdf / max(pdf + light_pdf, splat(1e-30f)));
   add_radiance(throughput, light, weight * tr, lanes, out);
 }
@@ -158,7 +158,7 @@ inline Mask intersect_paths(const Frame& f, const PathFrame& p, int bounce, Path
   Float zero = splat(0.0f), one = splat(1.0f);
   if (bounce > p.bounces && !p.emissive) {
     // after the last bounce only the environment can add light
-    if (!p.has_environment) return mask_of(0);
+    if (!p.has_environment) return mask_from_bits(0);
     Float tr = transmittance(f, p, rays.origin, rays.direction, splat(T_INFINITY), from_geom,
                              active, 0, clearance);
     active = active & (tr > 0.0f);
@@ -166,7 +166,7 @@ inline Mask intersect_paths(const Frame& f, const PathFrame& p, int bounce, Path
       add_environment(f, p, rays.direction, path.specular_bounce, path.pdf, path.throughput, tr,
                       active, out);
     }
-    return mask_of(0);
+    return mask_from_bits(0);
   }
   Hit hit = intersect(f, rays, cone, active, zero);
   Mask lit = active & ~(hit.geom < splat(0));
@@ -175,7 +175,7 @@ inline Mask intersect_paths(const Frame& f, const PathFrame& p, int bounce, Path
     Mask transmitted = lit;
     for (int layer = 0; layer < MAX_LAYERS && any(transmitted); layer++) {
       SurfaceInteraction<3> interaction =
-          surface_interaction<3>(f, rays, hit, bits(lit), path.path_length);
+          surface_interaction<3>(f, rays, hit, to_bits(lit), path.path_length);
       Float u_alpha = sample_2d(path.sampler,
                                 bounce * DIMENSIONS_PER_VERTEX + DIMENSIONS_PER_VERTEX - 1 - layer)
                           .x;
@@ -201,7 +201,7 @@ inline Mask intersect_paths(const Frame& f, const PathFrame& p, int bounce, Path
   if (any(missed) && p.has_environment) {
     if (bounce == 0) {
       Float light[3] = {zero, zero, zero};
-      if (f.skybox >= 0) camera_environment<3>(f, rays.direction, bits(missed), light);
+      if (f.skybox >= 0) camera_environment<3>(f, rays.direction, to_bits(missed), light);
       add_radiance(path.throughput, light, one, missed, out);
     } else {
       add_environment(f, p, rays.direction, path.specular_bounce, path.pdf, path.throughput, one,
@@ -237,7 +237,7 @@ inline bool direct_lighting(const Frame& f, const PathFrame& p, int bounce, cons
     Float weight = one;
     if (any(emissive & ~path.specular_bounce)) {
       Float light_pdf =
-          emitter_pdf(f, p, rays, hit, interaction, bits(emissive & ~path.specular_bounce));
+          emitter_pdf(f, p, rays, hit, interaction, to_bits(emissive & ~path.specular_bounce));
       weight =
           select(path.specular_bounce, one, path.pdf / max(path.pdf + light_pdf, splat(1e-30f)));
     }
@@ -277,7 +277,7 @@ inline bool direct_lighting(const Frame& f, const PathFrame& p, int bounce, cons
 inline bool reach_surface(const Frame& f, const PathFrame& p, int bounce, const PathState& path,
                           Mask lit, Clearance* clearance, Clearance* lamp_clearance,
                           ShadingPoint& at, Float* out) {
-  at.interaction = surface_interaction<3>(f, path.rays, path.hit, bits(lit), path.path_length);
+  at.interaction = surface_interaction<3>(f, path.rays, path.hit, to_bits(lit), path.path_length);
   return direct_lighting(f, p, bounce, path, lit, clearance, lamp_clearance, at, out);
 }
 
@@ -294,7 +294,7 @@ inline Mask shade_paths(const Frame& f, const PathFrame& p, int bounce, PathStat
   for (int c = 0; c < 3; c++) sampled_light[c] = zero;
   ShadingPoint at;
   if (!reach_surface(f, p, bounce, path, lit, clearance, lamp_clearance, at, out))
-    return mask_of(0);
+    return mask_from_bits(0);
   const SurfaceInteraction<3>& interaction = at.interaction;
   const Bsdf& s = at.bsdf;
   // sample the emitters or the environment
@@ -320,7 +320,8 @@ inline Mask shade_paths(const Frame& f, const PathFrame& p, int bounce, PathStat
     to_environment = to_environment & (v.pdf > 0.0f);
     if (any(to_environment)) {
       Float light[3];
-      environment_radiance(f, p, environment_at, v.pdf, mask_of(0), bits(to_environment), light);
+      environment_radiance(f, p, environment_at, v.pdf, mask_from_bits(0), to_bits(to_environment),
+                           light);
       for (int c = 0; c < 3; c++)
         light_sample.light[c] = select(to_environment, light[c], light_sample.light[c]);
     }
@@ -370,4 +371,4 @@ inline Mask shade_paths(const Frame& f, const PathFrame& p, int bounce, PathStat
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -8,7 +8,7 @@
 
 #include "integrators/direct_pixels.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 constexpr float CONTRAST_LOW = 0.04f,
@@ -56,8 +56,9 @@ void refine_packet(const Frame& f, int column, int row, unsigned pixels, float* 
       if (++sample == f.samples) sample = 0, left &= left - 1;
     }
     Float light[CHANNELS];
-    radiance<CHANNELS, true>(f, rays_through(f, load(x), load(y)), cone, mask_of((1u << used) - 1),
-                             splat(0.0f), record ? &recorder : nullptr, light);
+    radiance<CHANNELS, true>(f, rays_through(f, load(x), load(y)), cone,
+                             mask_from_bits((1u << used) - 1), splat(0.0f),
+                             record ? &recorder : nullptr, light);
     store(grey, luminance_of<CHANNELS>(f, light));
     for (int i = 0; i < used; i++) sum[owner[i]] += grey[i];
     if (CHANNELS < 3 || !rgb) continue;
@@ -93,4 +94,4 @@ void refine(const Frame& f, int column, int row, unsigned pixels, float* luminan
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -13,7 +13,7 @@
 #include "geometry/intersect.inl"
 #include "path_scene.h"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 struct Sampler {
@@ -42,12 +42,12 @@ inline unsigned hash(unsigned a) {
   return a ^ (a >> 16);
 }
 
-#if EVS_WIDTH >= 256
+#if EVS_VECTOR_BITS >= 256
 // Reverse the bytes by one shuffle, then the bits of each byte by a table of 16.
 EVS_INLINE Int reverse_bits(Int a) {
   const __m128i bytes = _mm_setr_epi8(3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12);
   const __m128i halves = _mm_setr_epi8(0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15);
-#if EVS_WIDTH >= 512
+#if EVS_VECTOR_BITS >= 512
   const __m512i table = _mm512_broadcast_i32x4(halves), low = _mm512_set1_epi8(15);
   auto reverse = [&](__m512i part) {
     __m512i x = _mm512_shuffle_epi8(part, _mm512_broadcast_i32x4(bytes));
@@ -55,7 +55,7 @@ EVS_INLINE Int reverse_bits(Int a) {
     __m512i top = _mm512_shuffle_epi8(table, _mm512_and_si512(_mm512_srli_epi16(x, 4), low));
     return _mm512_or_si512(_mm512_slli_epi16(bottom, 4), top);
   };
-#if EVS_WIDTH == 512
+#if EVS_VECTOR_BITS == 512
   return {reverse(a.v)};
 #else
   return {reverse(a.v[0]), reverse(a.v[1])};
@@ -143,10 +143,10 @@ inline Int surface_anchor(const Frame& f, const Rays& rays, const Hit& hit, Mask
     return truncate(floor(min(max(x * inverse + 0.381966f, splat(-1e9f)), splat(1e9f))));
   };
   Int anchor = splat(0);
-  for (unsigned lanes = bits(lit); lanes;) {
+  for (unsigned lanes = to_bits(lit); lanes;) {
     int index = lane(hit.geom, first_lane(lanes));
-    Mask here = (hit.geom == splat(index)) & mask_of(lanes);
-    lanes &= ~bits(here);
+    Mask here = (hit.geom == splat(index)) & mask_from_bits(lanes);
+    lanes &= ~to_bits(here);
     const Geom& g = f.geoms[index];
     Vec p = local_origin(g, rays) + to_local(g.rotation, rays.direction) * hit.distance;
     Int key = hash(exponent ^ splat(static_cast<int>(hash(static_cast<unsigned>(index)))));
@@ -157,4 +157,4 @@ inline Int surface_anchor(const Frame& f, const Rays& rays, const Hit& hit, Mask
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

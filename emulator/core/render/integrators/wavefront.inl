@@ -7,7 +7,7 @@
 #include "integrators/film.inl"
 #include "integrators/path.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 constexpr int LANE[] = {0,  1,  2,  3,  4,  5,  6,  7,  8,  9,  10, 11, 12, 13, 14, 15,
@@ -127,7 +127,8 @@ inline void start_paths(const Frame& f, const PathFrame& p, Wavefront& front, In
   Clearance* lamp_clearance = clearance && front.cache->relight_lamps ? nullptr : clearance;
   Float out[3] = {zero, zero, zero}, sampled_light[3] = {zero, zero, zero},
         second_hit_light[3] = {zero, zero, zero};
-  Mask lit = intersect_camera_rays(f, p, path, cone, active, clearance, out), alive = mask_of(0);
+  Mask lit = intersect_camera_rays(f, p, path, cone, active, clearance, out),
+       alive = mask_from_bits(0);
   Float hit_distance = select(lit, path.hit.distance, splat(T_INFINITY));
   // hits on moving geoms are not cached
   if (lamp_clearance != clearance)
@@ -172,7 +173,7 @@ inline void start_paths(const Frame& f, const PathFrame& p, Wavefront& front, In
   }
   // queue the paths that continue
   if (any(alive)) enqueue(front, front.paths, path, splat(slot) + load(LANE), alive);
-  front.paths += __builtin_popcount(bits(alive));
+  front.paths += __builtin_popcount(to_bits(alive));
   front.slots += LANES;
 }
 
@@ -183,7 +184,7 @@ inline void finish_paths(const Frame& f, const PathFrame& p, Wavefront& front) {
     int next = 0;
     for (int at = 0; at < front.paths; at += LANES) {
       int count = front.paths - at < LANES ? front.paths - at : LANES;
-      Mask lit = mask_of(first_lanes(count)), alive = mask_of(0);
+      Mask lit = mask_from_bits(first_lanes(count)), alive = mask_from_bits(0);
       // load a packet of paths
       PathState path;
       Int slot = select(lit, dequeue(front, p, at, path), splat(0));
@@ -205,13 +206,13 @@ inline void finish_paths(const Frame& f, const PathFrame& p, Wavefront& front) {
             intersect_paths(f, p, bounce + 1, path, cone, from_geom, continuing, clearance, out);
       }
       // store the packet, and queue the paths that continue
-      for (int c = 0; c < 3; c++) store_at(b.light[c], slot, out[c], lit);
+      for (int c = 0; c < 3; c++) scatter(b.light[c], slot, out[c], lit);
       if (clearance) {
-        store_at(b.gap, slot, recorded.gap, lit);
-        store_at(reinterpret_cast<float*>(b.touched), slot, as_float(recorded.touched), lit);
+        scatter(b.gap, slot, recorded.gap, lit);
+        scatter(reinterpret_cast<float*>(b.touched), slot, as_float(recorded.touched), lit);
       }
       if (any(alive)) enqueue(front, next, path, slot, alive);
-      next += __builtin_popcount(bits(alive));
+      next += __builtin_popcount(to_bits(alive));
     }
     front.paths = next;
   }
@@ -262,7 +263,7 @@ void trace_packets(const Frame& f, const PathFrame& p, PathBatch& batch, int cou
         Int column, row;
         const RayCone* cone = place(k, column, row);
         for (int s = first; s < last; s++) {
-          start_paths(f, p, front, column, row, splat(s), cone, mask_of(ALL_LANES));
+          start_paths(f, p, front, column, row, splat(s), cone, mask_from_bits(ALL_LANES));
         }
       }
       finish_paths(f, p, front);
@@ -326,4 +327,4 @@ inline void trace_path_pixels(const Frame& f, const PathFrame& p, PathBatch& bat
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -10,7 +10,7 @@
 #include "shading/microfacet.inl"
 #include "shading/surface_interaction.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 constexpr float PI = 3.14159265f;
@@ -99,7 +99,7 @@ struct BsdfSample {
 EVS_INLINE BsdfSample sample_bsdf(const Bsdf& s, Vec d, Point2 u_lobe, Point2 u_point) {
   BsdfSample out;
   Float radius = sqrt(u_point.x), cosine, sine;
-  circle(u_point.y, cosine, sine);
+  cos_sin_turns(u_point.y, cosine, sine);
   // sample the Lambertian lobe by the cosine
   Vec local = {radius * cosine, radius * sine, sqrt(max(1.0f - u_point.x, splat(0.0f)))};
   Mask specular_probability = u_lobe.y < s.specular_probability;
@@ -130,4 +130,4 @@ EVS_INLINE BsdfSample sample_bsdf(const Bsdf& s, Vec d, Point2 u_lobe, Point2 u_
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

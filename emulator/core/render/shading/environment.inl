@@ -5,7 +5,7 @@
 #include "scene.h"
 #include "shading/texture.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 template <int CHANNELS>
@@ -39,4 +39,4 @@ void camera_environment(const Frame& f, Vec d, unsigned lanes, Float* out) {
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -4,7 +4,7 @@
 #include "geometry/rays.inl"
 #include "scene.h"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Blend light with the fog's colour. The fog's transmittance falls linearly from its start to its
@@ -40,7 +40,7 @@ EVS_INLINE Float haze(const Frame& f, Vec direction, Float& distance) {
 EVS_INLINE Mask behind_haze(const Frame& f, Vec direction, const Hit& hit) {
   Float rise = dot(direction, splat(f.medium.haze_up));
   Float along = sqrt(max(1.0f - rise * rise, splat(1e-12f)));
-  Mask ended = mask_of(0);
+  Mask ended = mask_from_bits(0);
   for (int k = 0; k < f.plane_count; k++) {
     const Geom& g = f.geoms[k];
     if (g.size[0] <= 0 || g.size[1] <= 0) ended = ended | (hit.geom == splat(k));
@@ -49,4 +49,4 @@ EVS_INLINE Mask behind_haze(const Frame& f, Vec direction, const Hit& hit) {
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

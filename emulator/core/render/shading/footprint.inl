@@ -7,7 +7,7 @@
 #include "scene.h"
 #include "shading/texture.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Distance between neighbouring samples on the surface, along the image's rows and columns: geom's
@@ -188,7 +188,7 @@ EVS_INLINE Probes probes_of(const Frame& f, Float xu, Float xv, Float yu, Float 
   Float wanted = major / max(minor, splat(PROBE_TEXELS)) + PROBE_SLACK;
   wanted = min(max(wanted, splat(1.0f)), splat(static_cast<float>(f.probes)));
   Probes out;
-  out.count = to_float(truncate(select(mask_of(lanes), wanted, splat(1.0f))));
+  out.count = to_float(truncate(select(mask_from_bits(lanes), wanted, splat(1.0f))));
   out.share = 1.0f / out.count;
   Float apart = max(minor, major * out.share);
   // interpolation between texels is as wide as a box of sqrt(3) texels; never read a smaller level
@@ -196,7 +196,7 @@ EVS_INLINE Probes probes_of(const Frame& f, Float xu, Float xv, Float yu, Float 
   out.width = sqrt(max(apart * apart, splat(1.0f)) * (1.0f / 3) + (2.0f / 3));
   out.across_x = a * scale;
   out.across_y = b * scale;
-  out.most = static_cast<int>(highest(out.count));
+  out.most = static_cast<int>(reduce_max(out.count));
   return out;
 }
 
@@ -221,4 +221,4 @@ EVS_INLINE void read_probes(const Texture& t, const Probes& probes, unsigned lan
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

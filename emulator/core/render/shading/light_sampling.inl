@@ -7,7 +7,7 @@
 #include "shading/bsdf.inl"
 #include "shading/surface_interaction.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 struct LightSample {
@@ -147,7 +147,7 @@ EVS_INLINE Vec sample_cone(Vec axis, Float distance, float radius, Point2 u_poin
                            Float& distance_to_sphere) {
   Float one_minus_cos = one_minus_cos_cone(distance * distance, radius) * u_point.x;
   Float sine = sqrt(max(one_minus_cos * (2.0f - one_minus_cos), splat(0.0f))), x, y;
-  circle(u_point.y, x, y);
+  cos_sin_turns(u_point.y, x, y);
   Vec across, up;
   axes_of(axis, across, up);
   Float along = distance * (1.0f - one_minus_cos), off = distance * sine;
@@ -186,7 +186,7 @@ inline void sample_shape(const Geom& g, Point2 u_point, Vec& q, Vec& normal) {
     }
     case CYLINDER: {
       float barrel = 2 * s[1], lid = 0.5f * s[0], all = barrel + 2 * lid;
-      circle(u_point.y, x, y);
+      cos_sin_turns(u_point.y, x, y);
       Float u = u_point.x * all;
       Mask on_lid = u >= barrel;
       Float share = min((u - barrel) * (1.0f / lid), splat(1.999999f));
@@ -200,7 +200,7 @@ inline void sample_shape(const Geom& g, Point2 u_point, Vec& q, Vec& normal) {
     }
     case CAPSULE: {
       // a slice of the sphere has the same area as the barrel around it
-      circle(u_point.y, x, y);
+      cos_sin_turns(u_point.y, x, y);
       Float height = (u_point.x * 2.0f - 1.0f) * (s[0] + s[1]);
       Float beyond = height - max(min(height, splat(s[1])), splat(-s[1]));
       Float z = beyond * (1.0f / s[0]);
@@ -210,7 +210,7 @@ inline void sample_shape(const Geom& g, Point2 u_point, Vec& q, Vec& normal) {
       return;
     }
     default: {  // sphere, ellipsoid
-      circle(u_point.y, x, y);
+      cos_sin_turns(u_point.y, x, y);
       Float z = u_point.x * 2.0f - 1.0f, ring = sqrt(max(1.0f - z * z, zero));
       Vec unit = {x * ring, y * ring, z};
       bool round = g.shape == SPHERE;
@@ -271,7 +271,7 @@ inline LightSample sample_emitter(const Frame& f, const PathFrame& p, Vec from, 
       store(triangle, index);
       store(b, wb);
       store(c, wc);
-      for (unsigned lanes = bits(here); lanes; lanes &= lanes - 1) {
+      for (unsigned lanes = to_bits(here); lanes; lanes &= lanes - 1) {
         int i = first_lane(lanes);
         const Triangle& t = mesh.triangles[triangle[i]];
         float a = 1.0f - b[i] - c[i];
@@ -306,7 +306,7 @@ inline LightSample sample_emitter(const Frame& f, const PathFrame& p, Vec from, 
   Mask drawn = active & (out.pdf > 0.0f);
   if (any(drawn)) {
     SurfaceInteraction<3> interaction =
-        surface_interaction<3>(f, {from, out.wi, false}, hit, bits(drawn), path_length);
+        surface_interaction<3>(f, {from, out.wi, false}, hit, to_bits(drawn), path_length);
     for (int c = 0; c < 3; c++) out.light[c] = select(drawn, interaction.emitted[c], splat(0.0f));
   }
   out.pdf = out.pdf * (1.0f - p.environment_probability);
@@ -320,8 +320,8 @@ inline Float emitter_pdf(const Frame& f, const PathFrame& p, const Rays& rays, c
   Float pdf = splat(0.0f);
   while (lanes) {
     int index = lane(hit.geom, first_lane(lanes));
-    Mask here = (hit.geom == splat(index)) & mask_of(lanes);
-    lanes &= ~bits(here);
+    Mask here = (hit.geom == splat(index)) & mask_from_bits(lanes);
+    lanes &= ~to_bits(here);
     if (p.emitter_of_geom[index] < 0) continue;
     const Emitter& e = p.emitters[p.emitter_of_geom[index]];
     const Geom& g = f.geoms[index];
@@ -340,4 +340,4 @@ inline Float emitter_pdf(const Frame& f, const PathFrame& p, const Rays& rays, c
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

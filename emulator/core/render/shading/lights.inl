@@ -5,7 +5,7 @@
 #include "geometry/ray_cone.inl"
 #include "scene.h"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 struct Incidence {
@@ -48,7 +48,7 @@ EVS_INLINE Incidence incidence(const Light& light, Vec point) {
       Float share = min((cosine - light.cos_cutoff) * light.edge, splat(1.0f));
       cone = share * share;
     } else if (light.exponent > 0 && any(inside)) {
-      cone = power(min(max(cosine, splat(0.0f)), splat(1.0f)), light.exponent);
+      cone = pow(min(max(cosine, splat(0.0f)), splat(1.0f)), light.exponent);
     }
     in.strength = select(inside, in.strength * cone, splat(0.0f));
   }
@@ -89,4 +89,4 @@ void image_irradiance(const Frame& f, const Light& light, Vec normal, Float* out
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -3,7 +3,7 @@
 
 #include "simd/vec.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // pi times the GGX distribution of microfacet normals (Trowbridge & Reitz), for a unit half vector.
@@ -27,4 +27,4 @@ EVS_INLINE Float ggx_lobe(Vec normal, Vec wo, Vec wi, Float alpha) {
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -6,7 +6,7 @@
 #include "shading/footprint.inl"
 #include "shading/texture.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 constexpr int MAX_LAYERS = 8;  // surfaces behind seven transparent ones are not seen
@@ -326,7 +326,7 @@ void interact_with_geom(const Frame& f, const Rays& rays, const Hit& hit, Float 
       to = select(here, value, to);
     }
   };
-  unsigned lanes = bits(here);
+  unsigned lanes = to_bits(here);
   const Geom& g = f.geoms[index];
   const Surface& s = f.surfaces[g.surface];
   auto [p, d, n, flat, mesh_u, mesh_v, mesh_uv_density, is_mesh] =
@@ -376,7 +376,7 @@ void interact_with_geom(const Frame& f, const Rays& rays, const Hit& hit, Float 
     // step off the triangle, just far enough for the rounding of the hit point and the mesh
     Float step = (path_length + hit.distance) * 2e-5f + f.bounds.radius[index] * 1e-5f;
     origin = origin + to_camera(g.rotation, flat) * step;
-    float longest = highest(select(here, step, splat(0.0f)));
+    float longest = reduce_max(select(here, step, splat(0.0f)));
     out.step = longest > out.step ? longest : out.step;
   }
   assign(out.spawn_point, origin);
@@ -393,7 +393,7 @@ void interact_with_geom(const Frame& f, const Rays& rays, const Hit& hit, Float 
   assign(out.occlusion, material.occlusion);
   assign(out.alpha_ggx, material.alpha_ggx);
   assign(out.metallic, s.physical ? material.metallic : splat(0.0f));
-  assign(out.physical, s.physical ? here : mask_of(0));
+  assign(out.physical, s.physical ? here : mask_from_bits(0));
   for (int c = 0; c < CHANNELS; c++) {
     Float f0 = splat(s.f0);
     if (s.physical) f0 = 0.04f + (albedo[c] - 0.04f) * material.metallic;
@@ -411,8 +411,8 @@ SurfaceInteraction<CHANNELS> surface_interaction(const Frame& f, const Rays& ray
   Float footprint_width =
       f.orthographic ? splat(f.pixel_angle) : (path_length + hit.distance) * f.pixel_angle;
   int index = lanes ? lane(hit.geom, first_lane(lanes)) : -1;
-  Mask here = (hit.geom == splat(index)) & mask_of(lanes);
-  if (lanes && bits(here) == lanes) {
+  Mask here = (hit.geom == splat(index)) & mask_from_bits(lanes);
+  if (lanes && to_bits(here) == lanes) {
     interact_with_geom<CHANNELS, true>(f, rays, hit, path_length, footprint_width, index, here,
                                        out);
   } else {
@@ -421,8 +421,8 @@ SurfaceInteraction<CHANNELS> surface_interaction(const Frame& f, const Rays& ray
     out.point = point;
     while (lanes) {
       index = lane(hit.geom, first_lane(lanes));
-      here = (hit.geom == splat(index)) & mask_of(lanes);
-      lanes &= ~bits(here);
+      here = (hit.geom == splat(index)) & mask_from_bits(lanes);
+      lanes &= ~to_bits(here);
       interact_with_geom<CHANNELS, false>(f, rays, hit, path_length, footprint_width, index, here,
                                           out);
     }
@@ -433,4 +433,4 @@ SurfaceInteraction<CHANNELS> surface_interaction(const Frame& f, const Rays& ray
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

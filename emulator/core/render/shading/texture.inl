@@ -4,7 +4,7 @@
 #include "scene.h"
 #include "simd/vec.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // One mip level in each lane.
@@ -15,7 +15,7 @@ struct Level {
 
 EVS_INLINE Level level_of(const Texture& t, Int index) {
   auto [width, height, offset, stride] =
-      gather_quads(reinterpret_cast<const float*>(t.level), index + index);
+      gather_float4(reinterpret_cast<const float*>(t.level), index + index);
   return {to_float(as_int(width)), to_float(as_int(height)), as_int(offset), as_int(stride),
           as_int(stride) * (as_int(height) + splat(1))};
 }
@@ -43,7 +43,7 @@ EVS_INLINE TexelQuad texel_quad(const Level& l, Float u, Float v, Int face) {
 
 EVS_INLINE Float bilinear(const float* texels, const TexelQuad& s) {
   // each texel is stored beside the one below it
-  auto [a, c, b, d] = gather_quads(texels, s.at);
+  auto [a, c, b, d] = gather_float4(texels, s.at);
   Float top = a + (b - a) * s.x, bottom = c + (d - c) * s.x;
   return top + (bottom - top) * s.y;
 }
@@ -64,9 +64,9 @@ EVS_INLINE Lod lod_of_width(const Texture& t, Float width, unsigned lanes) {
   whole = select(last < whole, last, whole);
   int first = lane(whole, first_lane(lanes));
   // in most packets all lanes share one level
-  if (!(~bits(whole == splat(first)) & lanes)) {
+  if (!(~to_bits(whole == splat(first)) & lanes)) {
     int next = first + 1 < t.levels ? first + 1 : first;
-    return {level_of(t, first), level_of(t, next), share, (bits(share > 0.0f) & lanes) != 0};
+    return {level_of(t, first), level_of(t, next), share, (to_bits(share > 0.0f) & lanes) != 0};
   }
   Int next = whole + splat(1);
   return {level_of(t, whole), level_of(t, select(last < next, last, next)), share, true};
@@ -176,8 +176,8 @@ inline void shape_coordinates(const Geom& g, const Surface& s, Vec p, Float& u, 
   switch (g.shape) {
     case SPHERE:
     case ELLIPSOID: {
-      u = turns(q.y, q.x);
-      Float elevation = turns(q.z, sqrt(q.x * q.x + q.y * q.y));
+      u = atan2_turns(q.y, q.x);
+      Float elevation = atan2_turns(q.z, sqrt(q.x * q.x + q.y * q.y));
       elevation = select(elevation > 0.5f, elevation - 1.0f, elevation);
       v = 0.5f - elevation * 2.0f;
       du = 0.159154943f / sx;
@@ -186,8 +186,8 @@ inline void shape_coordinates(const Geom& g, const Surface& s, Vec p, Float& u, 
     case CAPSULE: {
       // the image covers the barrel once, and each cap once more: down to the rim, up from it
       Float beyond = abs(p.z) - g.size[1];
-      Float cap = turns(max(beyond, splat(0.0f)), sqrt(p.x * p.x + p.y * p.y)) * 4.0f;
-      u = turns(q.y, q.x);
+      Float cap = atan2_turns(max(beyond, splat(0.0f)), sqrt(p.x * p.x + p.y * p.y)) * 4.0f;
+      u = atan2_turns(q.y, q.x);
       v = select(beyond > 0.0f, select(p.z < 0.0f, cap, 1.0f - cap), 0.5f - q.z * 0.5f);
       float barrel = 0.5f / (g.size[1] > 0 ? g.size[1] : sx);
       dv = 0.636619772f / sx;
@@ -196,7 +196,7 @@ inline void shape_coordinates(const Geom& g, const Surface& s, Vec p, Float& u, 
     }
     case CYLINDER: {
       Mask lid = g.size[1] - abs(p.z) < g.size[0] - sqrt(p.x * p.x + p.y * p.y);
-      u = select(lid, q.x * 0.5f + 0.5f, turns(q.y, q.x));
+      u = select(lid, q.x * 0.5f + 0.5f, atan2_turns(q.y, q.x));
       v = select(lid, q.y * 0.5f + 0.5f, 0.5f - q.z * 0.5f);
       dv = 0.5f / (g.size[1] > 0 ? g.size[1] : sx);
       break;
@@ -232,7 +232,7 @@ inline void shape_tangents(const Geom& g, Vec p, Vec n, Vec& right, Vec& up) {
       Vec around = {-p.y * (g.size[0] / y), p.x * (y / g.size[0]), zero};
       Vec north = cross(n, around);
       // a lid shows the image upside down, as seen along its axis from above
-      Mask lid = mask_of(0);
+      Mask lid = mask_from_bits(0);
       if (g.shape == CYLINDER) lid = g.size[1] - abs(p.z) < g.size[0] - sqrt(p.x * p.x + p.y * p.y);
       right = select(lid, right, around);
       up = select(lid, {zero, -one, zero}, north);
@@ -251,4 +251,4 @@ inline void shape_tangents(const Geom& g, Vec p, Vec n, Vec& right, Vec& up) {
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

@@ -1,7 +1,7 @@
 // The `direct` integrator on two packets at once, in 32 lanes: while one half waits for a result,
 // the other half computes.
-#define EVS_WIDTH 1024
-#define EVS_SPACE avx512_pairs
+#define EVS_VECTOR_BITS 1024
+#define EVS_NAMESPACE avx512_pairs
 #include "incremental/relight.inl"
 #include "integrators/direct_pixels.inl"
 

@@ -1,6 +1,16 @@
-// The tracer's entry points for one instruction set; base/simd_target.h says how this is put
-// together.
+// The table of the tracer's entry points for one instruction set.
+//
+// base/simd_target.h explains the technique. Besides its macros, each kernel_*.cpp defines:
+//
+//   EVS_KERNEL   the name of the table
+//   EVS_PAIR     the name of an entry point that takes two packets at once, or nullptr
+//   EVS_PATHS    the name of an entry point of `path`, if *_pairs_*.cpp has them
 #pragma once
+
+#ifndef EVS_KERNEL
+#define EVS_KERNEL KERNEL_PORTABLE
+#define EVS_PAIR(name) nullptr
+#endif
 
 #include "incremental/dirty_packets.inl"
 #include "incremental/relight.inl"
@@ -10,30 +20,29 @@
 #include "path_scene.h"
 #include "scene.h"
 #include "simd/probe.inl"
-#include "simd/target.inl"
 #ifndef EVS_PATHS
 #include "incremental/dirty_set.inl"
-#define EVS_PATHS(name) EVS_SPACE::name
+#define EVS_PATHS(name) EVS_NAMESPACE::name
 #endif
 
 namespace evs {
 
-const Kernel EVS_KERNEL = {EVS_SPACE::trace,
+const Kernel EVS_KERNEL = {EVS_NAMESPACE::trace,
                            EVS_PAIR(trace),
-                           EVS_SPACE::relight,
+                           EVS_NAMESPACE::relight,
                            EVS_PAIR(relight),
-                           EVS_SPACE::trace_pixels,
-                           EVS_SPACE::refinement_weight,
-                           EVS_SPACE::refine,
-                           EVS_SPACE::trace_truth,
-                           EVS_SPACE::find_dirty_packets,
+                           EVS_NAMESPACE::trace_pixels,
+                           EVS_NAMESPACE::refinement_weight,
+                           EVS_NAMESPACE::refine,
+                           EVS_NAMESPACE::trace_truth,
+                           EVS_NAMESPACE::find_dirty_packets,
                            EVS_PATHS(trace_path_row),
                            EVS_PATHS(trace_path_pixels),
                            EVS_PATHS(update_cached_paths),
-                           EVS_SPACE::probe_sampler,
-                           EVS_SPACE::probe_bsdf_sample,
-                           EVS_SPACE::probe_bsdf,
-                           EVS_SPACE::probe_light_sample,
-                           EVS_SPACE::probe_light_pdf};
+                           EVS_NAMESPACE::probe_sampler,
+                           EVS_NAMESPACE::probe_bsdf_sample,
+                           EVS_NAMESPACE::probe_bsdf,
+                           EVS_NAMESPACE::probe_light_sample,
+                           EVS_NAMESPACE::probe_light_pdf};
 
 }  // namespace evs

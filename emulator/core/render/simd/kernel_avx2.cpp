@@ -1,7 +1,7 @@
 // The kernel for AVX2.
-#define EVS_WIDTH 256
-#define EVS_SPACE avx2
+#define EVS_VECTOR_BITS 256
+#define EVS_NAMESPACE avx2
 #define EVS_KERNEL KERNEL_AVX2
-#define EVS_NATIVE(op) _mm256_##op
+#define EVS_INTRINSIC(op) _mm256_##op
 #define EVS_PAIR(name) nullptr
 #include "simd/kernel.inl"

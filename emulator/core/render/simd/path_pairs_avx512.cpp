@@ -1,6 +1,6 @@
 // The `path` integrator in 32 lanes: while one half waits for a result, the other half computes.
-#define EVS_WIDTH 1024
-#define EVS_SPACE avx512_path_pairs
+#define EVS_VECTOR_BITS 1024
+#define EVS_NAMESPACE avx512_path_pairs
 #include "incremental/dirty_set.inl"
 
 namespace evs {

@@ -5,7 +5,7 @@
 #include "shading/light_sampling.inl"
 #include "simd/probe_lanes.h"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 // Sample one dimension for 16 pixels. Out: x, y (16).
@@ -63,7 +63,7 @@ void probe_bsdf(const ProbeSurface& surface, ProbeLanes& out) {
 // Evaluate the light-sampling pdf of what a BSDF-sampled ray hits. In: the ray's origin, camera
 // frame; out.direction. Out: out.pdf_evaluated.
 void probe_light_pdf(const Frame& f, const PathFrame& p, const float* point, ProbeLanes& out) {
-  Mask all = mask_of(0xffff);
+  Mask all = mask_from_bits(0xffff);
   Vec w = {load(out.direction[0]), load(out.direction[1]), load(out.direction[2])};
   Rays rays = {splat(V3{point[0], point[1], point[2]}), w, false};
   Hit hit = intersect(f, rays, ray_cone(rays.origin, w, all, T_INFINITY), all, splat(0.0f));
@@ -71,8 +71,8 @@ void probe_light_pdf(const Frame& f, const PathFrame& p, const float* point, Pro
   Float pdf = environment_pdf(p, environment_point(f, w));
   if (any(met)) {
     SurfaceInteraction<3> interaction =
-        surface_interaction<3>(f, rays, hit, bits(met), splat(0.0f));
-    pdf = select(met, emitter_pdf(f, p, rays, hit, interaction, bits(met)), pdf);
+        surface_interaction<3>(f, rays, hit, to_bits(met), splat(0.0f));
+    pdf = select(met, emitter_pdf(f, p, rays, hit, interaction, to_bits(met)), pdf);
   }
   store(out.pdf_evaluated, pdf);
 }
@@ -82,17 +82,18 @@ void probe_light_pdf(const Frame& f, const PathFrame& p, const float* point, Pro
 void probe_light_sample(const Frame& f, const PathFrame& p, const float* point, bool environment,
                         const float* u, ProbeLanes& out) {
   Vec from = splat(V3{point[0], point[1], point[2]});
-  Mask all = mask_of(0xffff);
+  Mask all = mask_from_bits(0xffff);
   Point2 u_point = {load(u + LANES), load(u + 2 * LANES)};
   EnvironmentPoint at;
   LightSample light_sample = environment
                                  ? sample_environment(f, p, u_point, at)
                                  : sample_emitter(f, p, from, load(u), u_point, all, splat(0.0f));
   if (environment)
-    environment_radiance(f, p, at, splat(T_INFINITY), mask_of(0), 0xffff, light_sample.light);
+    environment_radiance(f, p, at, splat(T_INFINITY), mask_from_bits(0), 0xffff,
+                         light_sample.light);
   probe_store(out, light_sample.wi, light_sample.light, light_sample.pdf);
   probe_light_pdf(f, p, point, out);
 }
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

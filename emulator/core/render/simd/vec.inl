@@ -2,9 +2,9 @@
 #pragma once
 
 #include "scene.h"
-#include "simd/target.inl"
+#include "simd_math.inl"
 
-namespace evs::EVS_SPACE {
+namespace evs::EVS_NAMESPACE {
 namespace {
 
 struct Vec {
@@ -47,4 +47,4 @@ struct Point2 {
 };
 
 }  // namespace
-}  // namespace evs::EVS_SPACE
+}  // namespace evs::EVS_NAMESPACE

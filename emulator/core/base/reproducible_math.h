@@ -15,13 +15,13 @@
 namespace evs {
 
 // holds ? a : b without a branch, so that the compiler vectorises it.
-EVS_ALWAYS_INLINE float choose(bool holds, float a, float b) {
+EVS_ALWAYS_INLINE float select(bool holds, float a, float b) {
   const uint32_t mask = 0u - static_cast<uint32_t>(holds);
   return std::bit_cast<float>((std::bit_cast<uint32_t>(a) & mask) |
                               (std::bit_cast<uint32_t>(b) & ~mask));
 }
 
-EVS_ALWAYS_INLINE double choose(bool holds, double a, double b) {
+EVS_ALWAYS_INLINE double select(bool holds, double a, double b) {
   const uint64_t mask = uint64_t{0} - static_cast<uint64_t>(holds);
   return std::bit_cast<double>((std::bit_cast<uint64_t>(a) & mask) |
                                (std::bit_cast<uint64_t>(b) & ~mask));
@@ -61,7 +61,7 @@ EVS_ALWAYS_INLINE float ln(float x) {
 }
 
 // 0 for values closer to 0 than `least`; a NaN stays.
-EVS_ALWAYS_INLINE float flush(float value, float least) {
+EVS_ALWAYS_INLINE float flush_to_zero(float value, float least) {
   const float size = std::bit_cast<float>(std::bit_cast<uint32_t>(value) & 0x7fffffffu);
   return size < least ? 0.0f : value;
 }

@@ -3,6 +3,9 @@
 
 #include "simd.inl"
 
+namespace evs::EVS_NAMESPACE {
+namespace {
+
 // log2 of a positive, finite number: the exponent plus the series of atanh on the mantissa
 EVS_INLINE Float log2(Float a) {
   Int i = as_int(a);
@@ -23,10 +26,10 @@ EVS_INLINE Float exp2(Float a) {
   return select(a < -126.0f, splat(0.0f), power * as_float(scale));
 }
 
-constexpr float LARGEST_WHOLE = 1024;  // largest exponent that is raised by squaring
+constexpr float MAX_INTEGER_EXPONENT = 1024;  // largest exponent that is raised by squaring
 
-// x^e for x in [0, 1] and e = 0, 1, ... LARGEST_WHOLE, by squaring
-EVS_INLINE Float power(Float x, int e) {
+// x^e for x in [0, 1] and e = 0, 1, ... MAX_INTEGER_EXPONENT, by squaring
+EVS_INLINE Float pow(Float x, int e) {
   Float out = splat(1.0f);
   for (;; x = x * x) {
     if (e & 1) out = out * x;
@@ -36,39 +39,39 @@ EVS_INLINE Float power(Float x, int e) {
 }
 
 // x^e for x in [0, 1] and any e >= 0
-EVS_INLINE Float power_by_logarithm(Float x, Float e) {
+EVS_INLINE Float pow_by_log2(Float x, Float e) {
   return select(x > 1e-30f, exp2(log2(max(x, splat(1e-30f))) * e), splat(0.0f));
 }
 
 // x^e for x in [0, 1] and e >= 0, integer or not
-EVS_INLINE Float power(Float x, float e) {
-  int number = e <= LARGEST_WHOLE ? static_cast<int>(e) : -1;
-  if (static_cast<float>(number) == e) return power(x, number);
-  return power_by_logarithm(x, splat(e));
+EVS_INLINE Float pow(Float x, float e) {
+  int number = e <= MAX_INTEGER_EXPONENT ? static_cast<int>(e) : -1;
+  if (static_cast<float>(number) == e) return pow(x, number);
+  return pow_by_log2(x, splat(e));
 }
 
 // x^e on `lanes`, with an exponent for each; other lanes hold anything. The result of a lane
 // depends on that lane alone.
-inline Float power(Float x, Float e, Mask lanes) {
-  Int number = truncate(min(e, splat(LARGEST_WHOLE)));
+inline Float pow(Float x, Float e, Mask lanes) {
+  Int number = truncate(min(e, splat(MAX_INTEGER_EXPONENT)));
   Mask whole = lanes & (to_float(number) <= e) & (e <= to_float(number));
   Float out = splat(0.0f);
   if (any(whole)) {
-    int first = lane(number, first_lane(bits(whole)));
+    int first = lane(number, first_lane(to_bits(whole)));
     Mask same = whole & (number == splat(first));
-    out = power(x, first);
+    out = pow(x, first);
     for (Mask rest = whole & ~same; any(rest); rest = rest & ~same) {
-      first = lane(number, first_lane(bits(rest)));
+      first = lane(number, first_lane(to_bits(rest)));
       same = rest & (number == splat(first));
-      out = select(same, power(x, first), out);
+      out = select(same, pow(x, first), out);
     }
     if (!any(lanes & ~whole)) return out;
   }
-  return select(whole, out, power_by_logarithm(x, e));
+  return select(whole, out, pow_by_log2(x, e));
 }
 
 // angle of (x, y) in turns, 0 ... 1; Abramowitz & Stegun 4.4.49, error 1e-5 rad
-EVS_INLINE Float turns(Float y, Float x) {
+EVS_INLINE Float atan2_turns(Float y, Float x) {
   Float ax = abs(x), ay = abs(y);
   Mask steep = ay > ax;
   Float ratio = min(ax, ay) / max(max(ax, ay), splat(1e-30f)), q = ratio * ratio;
@@ -81,7 +84,7 @@ EVS_INLINE Float turns(Float y, Float x) {
 }
 
 // cosine and sine of an angle in turns, 0 <= a <= 1; error 1e-6
-EVS_INLINE void circle(Float a, Float& cosine, Float& sine) {
+EVS_INLINE void cos_sin_turns(Float a, Float& cosine, Float& sine) {
   // quadrants around 0, 1/4, 1/2, 3/4: the series on |angle| <= pi/4
   Float quadrant = floor(a * 4.0f + 0.5f);
   Float x = (a - quadrant * 0.25f) * 6.28318531f, q = x * x;
@@ -95,3 +98,6 @@ EVS_INLINE void circle(Float a, Float& cosine, Float& sine) {
   cosine = select(left, -first, first);
   sine = select(lower, -second, second);
 }
+
+}  // namespace
+}  // namespace evs::EVS_NAMESPACE
