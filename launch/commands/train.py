@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import importlib.util
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -201,10 +202,8 @@ def _fit(args: argparse.Namespace) -> int:
     """Train; the exit code."""
     folder, out = Path(args.folder), Path(args.out)
     _check_fit(args)
-    # here, so that --help needs no jax
-    from evs.tools.training import need_jax
-
     need_jax()
+    # here, so that --help needs no jax
     from evs.tools.training.fit import TrainedNetwork, fit
     from evs.tools.training.report import write_network
 
@@ -245,6 +244,13 @@ def _fit(args: argparse.Namespace) -> int:
             best = fitted.score
             write_network(fitted, out)
     return 0
+
+
+def need_jax() -> None:
+    """Raise EvsError where the extra `train` is not installed."""
+    missing = [name for name in ("jax", "optax") if importlib.util.find_spec(name) is None]
+    if missing:
+        raise EvsError(f"training needs {' and '.join(missing)}: pip install 'evs[train]'")
 
 
 def _recipe(args: argparse.Namespace) -> Recipe:

@@ -1,6 +1,7 @@
 """`evs train fit`: what it refuses, and that it writes what it says."""
 
-from __future__ import annotations
+from __future__ import importlib.util
+import annotations
 
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import pytest
 
 from evs.launch.commands import train
 from evs.launch.main import main
+from evs.msgs import EvsError
 from evs.tools.training.recipes import RECIPES
 from reference.shards import synthetic_data
 
@@ -70,12 +72,7 @@ def test_help_and_the_list_of_commands_need_no_jax() -> None:
 
 
 def test_a_missing_library_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    import importlib.util
-
-    from evs.msgs import EvsError
-    from evs.tools.training import need_jax
-
-    need_jax()
+    train.need_jax()
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(EvsError, match=r"training needs jax and optax: pip install 'evs\[train\]'"):
-        need_jax()
+        train.need_jax()

@@ -1,7 +1,7 @@
-"""The file of a sweep: a line of JSON each, first what was swept, then every record as it is done.
+"""The file of a sweep: lines of JSON, first a header, then each record as it is finished.
 
-A line is written at once and brought to the disk, so a sweep that ends early keeps what it has, and
-the same command goes on behind it. A last line that is torn is left out, and written over.
+A line is written and synchronised at once, so a sweep that ends early keeps its records, and the
+same command continues it. An incomplete last line is ignored, and overwritten.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ KEY = "sweep"
 """of the first line"""
 
 SHAPING = ("evs", "mujoco")
-"""whose versions all records of a file have in common"""
+"""packages whose versions all records of a file have in common"""
 
 
 @dataclass(frozen=True)
 class SweepHeader:
-    """The first line: what makes records comparable, and with what they were measured."""
+    """The first line: the settings that make records comparable, and the machine."""
 
     settings: Mapping[str, Any]
-    """of errors and speeds, without scenes, presets and axes: any of these may come to one file"""
+    """of errors and speeds, without scenes, presets and axes: one file may hold any of these"""
     about: Mapping[str, Any]
     """machine, versions, yardstick, command"""
 
@@ -46,7 +46,7 @@ class SweepStore:
     """
 
     def __init__(self, path: Path, header: SweepHeader) -> None:
-        """Open it, or begin it."""
+        """Open the file, or begin it."""
         self.path = path
         self._lines: list[SweepRecord] = []
         if path.exists() and path.stat().st_size:
@@ -69,7 +69,7 @@ class SweepStore:
         return merged(self._lines)
 
     def add(self, record: SweepRecord) -> None:
-        """Append it; it is on the disk when this returns."""
+        """Append a record; it is on the disk when this returns."""
         self._append(record.to_json())
         self._lines.append(record)
 
@@ -77,7 +77,7 @@ class SweepStore:
         """Declare that speeds of this machine follow; the header of the file names the machine.
 
         Raises:
-            EvsError: it holds timings of another one.
+            EvsError: the file holds timings of another machine.
         """
         there, here = self.header.about.get("machine"), about.get("machine")
         if there == here:
@@ -107,7 +107,7 @@ class SweepStore:
         )
 
     def _check(self, found: SweepHeader, wanted: SweepHeader) -> None:
-        """Records of other settings cannot stand beside these."""
+        """Refuse a file with other settings or versions."""
         differing = [
             f"{name} {found.settings.get(name)} there, {value} here"
             for name, value in wanted.settings.items()
@@ -127,7 +127,7 @@ class SweepStore:
 
 
 def read_sweep(path: Path) -> tuple[SweepHeader, list[SweepRecord]]:
-    """What a sweep's file holds, every point once. Raises EvsError."""
+    """Read a sweep's file, every point once. Raises EvsError."""
     header, lines, _ = _read(path)
     return header, merged(lines)
 
@@ -165,7 +165,7 @@ def _header(line: str) -> SweepHeader | None:
 
 
 def _cut(path: Path, size: int) -> None:
-    """Leave out a torn last line."""
+    """Remove an incomplete last line."""
     try:
         os.truncate(path, size)
     except OSError as reason:

@@ -22,7 +22,7 @@ from evs.tools.sweep.record import OURS, STAGES, Accuracy, ConfidenceInterval, S
 
 @dataclass(frozen=True)
 class SweepInfo:
-    """What holds for all records of a sweep."""
+    """Facts about all records of a sweep."""
 
     command: str = ""
     """the command line that made it"""
@@ -44,14 +44,14 @@ class RecordColumn:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """A number of so many digits; a dash: not defined."""
+    """Format a number with so many digits; a dash where it is not defined."""
     if not math.isfinite(value):
         return "-"
     return f"{value:.{digits}g}" if abs(value) < 10**digits else f"{value:,.0f}"
 
 
 def with_interval(value: ConfidenceInterval) -> str:
-    """A median and its interval, which one repeat does not have."""
+    """Format a median and its interval, which a single repeat does not have."""
     if not (math.isfinite(value.low) and math.isfinite(value.high)):
         return number(value.median)
     return f"{number(value.median)} [{number(value.low)}, {number(value.high)}]"
@@ -99,11 +99,11 @@ SHORT = "Real-time factor, unmatched, EMD:"
 
 
 def markdown(records: Iterable[SweepRecord], about: SweepInfo | None = None) -> str:
-    """All of it.
+    """The whole page.
 
     Args:
-        records: of points each once (`merged`).
-        about: of all of them.
+        records: each point once (`merged`).
+        about: facts about all of them.
     """
     every = list(records)
     lines = [
@@ -156,9 +156,9 @@ def overview(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -> l
 
 
 def peers(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) -> list[str]:
-    """The same of other people's ways; none where none was measured."""
+    """The same table for methods of other emulators; empty where none was measured."""
     others = [r for r in records if r.kind != OURS]
-    # on the light of one preset its name says nothing
+    # the preset's name matters only where there are several
     several = len({r.preset for r in others}) > 1
     named = [(f"{r.preset}, {r.value}" if several else r.value, r) for r in others]
     return _short(others, named, "", metric)
@@ -204,7 +204,7 @@ def _in_short(record: SweepRecord, metric: ErrorMetric) -> str:
 
 
 def reference_errors(records: Sequence[SweepRecord]) -> list[float]:
-    """What the reference of a scene may itself be off by, of each figure; none without errors."""
+    """Error of the reference of a scene itself, by each metric; empty without errors."""
     errors = [r.error for r in records if r.error is not None]
     return (
         [metric.reference_error(errors[0]) for metric in ERROR_METRICS.values()] if errors else []
@@ -237,7 +237,7 @@ def case_table(records: Sequence[SweepRecord], metric: ErrorMetric = DEFAULT) ->
 
 
 def in_order(records: Sequence[SweepRecord]) -> list[SweepRecord]:
-    """Presets first, the fastest first; then each axis around each of them; then other ways."""
+    """Sort records: presets, the fastest first; then the axes around each; then other methods."""
 
     def place(record: SweepRecord) -> tuple[int, tuple[int, str]]:
         if record.kind != OURS:

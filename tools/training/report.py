@@ -28,16 +28,16 @@ CHART_PX = (680, 400)
 
 FRESH_RGB: tuple[RGB, ...] = ((250, 200, 130), (240, 150, 60), (205, 95, 20), (130, 50, 5))
 FIXED_RGB: tuple[RGB, ...] = ((160, 205, 240), (95, 160, 215), (35, 105, 175), (10, 55, 110))
-"""From the fewest samples a pixel to the most."""
+"""from the fewest samples a pixel to the most"""
 PLAIN_RGB: RGB = (60, 60, 60)
 ON_OFF_RGB: tuple[RGB, RGB] = ((0, 114, 255), (224, 48, 16))
 
 
 def write_network(fitted: TrainedNetwork, folder: Path) -> list[Path]:
-    """NAME.onnx, NAME.toml, NAME.training.json and NAME.training.png in a folder; their paths.
+    """Write NAME.onnx, NAME.toml, NAME.training.json and NAME.training.png; return their paths.
 
     Raises:
-        EvsError: the disk does not take them.
+        EvsError: the disk is full, or a file cannot be written.
     """
     stem = folder / fitted.weights.name
     report = report_of(fitted)
@@ -49,7 +49,7 @@ def write_network(fitted: TrainedNetwork, folder: Path) -> list[Path]:
 
 
 def sidecar_of(fitted: TrainedNetwork) -> dict[str, Any]:
-    """What the sidecar says under [training]."""
+    """The table [training] of the sidecar."""
     at = fitted.checkpoint
     return {
         "recipe": fitted.recipe.name,
@@ -63,7 +63,7 @@ def sidecar_of(fitted: TrainedNetwork) -> dict[str, Any]:
 
 
 def report_of(fitted: TrainedNetwork) -> dict[str, Any]:
-    """The whole report, as JSON takes it."""
+    """The report, in values of JSON."""
     at, examples = fitted.checkpoint, fitted.examples
     settings = examples.settings.plain()
     del settings["variants"]
@@ -124,7 +124,7 @@ def _curve(fitted: TrainedNetwork, key: str, variant: int) -> list[float]:
 def _loss(fitted: TrainedNetwork) -> Chart:
     steps, x = _steps(fitted)
     curves = fitted.checkpoint.curves
-    # with prices of events it goes below zero, where a logarithm has nothing to show
+    # prices of events can make it negative, where a logarithm is not defined
     loss = [math.nan if value is None or value <= 0 else value for value in curves["loss"]]
     series = [
         _line(steps, loss, ON_OFF_RGB[0], "training loss"),
@@ -178,7 +178,7 @@ def _line(x: list[float], y: list[float], colour: RGB, label: str) -> Series:
 
 
 def _with_labels(series: list[Series]) -> list[Series]:
-    """One validation is a point, not a line."""
+    """Draw a single validation as a point, not as a line."""
     if all(len(one.x) > 1 for one in series):
         return series
     return [dataclasses.replace(one, line=False) for one in series]
@@ -189,7 +189,7 @@ def _words(variant: Variant) -> str:
 
 
 def _colour(fitted: TrainedNetwork, variant: Variant) -> RGB:
-    """By samples a pixel: the more, the darker."""
+    """Colour by samples a pixel: the more, the darker."""
     counts = sorted({one.spp for one in fitted.recipe.variants if one.seeds == variant.seeds})
     shades: Sequence[RGB] = FRESH_RGB if variant.seeds == "fresh" else FIXED_RGB
     place = counts.index(variant.spp)

@@ -1,4 +1,4 @@
-"""TrainingExamples: shards of traced light to batches of X, V(0) and true event counts."""
+"""TrainingExamples: turn shards of traced light into batches of X, V(0) and true event counts."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from evs.tools.training.targets import IDEAL
 MOST_X = 20.0
 """|X| is clamped to it, as in every runtime"""
 HELD_OUT = 8
-"""every so many-th scene is for validation"""
+"""scenes whose number this divides are for validation"""
 MEMORY_BYTES = 4 * 2**30
-"""of prepared shards; more of them take turns"""
+"""of prepared shards; if there are more, they take turns"""
 MOST_EVENTS = 100
-MOST_BESIDE = 20
-"""Pixels with more true events, or with more events in ticks that have another before it, are left
-out: BiLIF gives one a tick and cannot follow them."""
+MOST_EXTRA = 20
+"""Pixels with more true events, or with more events in excess of one a tick, are left out: BiLIF
+fires once a tick and cannot follow them."""
 ROUND_STEPS = 500
 """steps between turns"""
 
@@ -39,7 +39,7 @@ I32 = npt.NDArray[np.int32]
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A shard as training reads it: pixels first, since pixels are drawn."""
+    """A shard in the layout of training: pixels first, since batches draw pixels."""
 
     x: F32
     """(V, P, K), variants of the recipe"""
@@ -48,15 +48,15 @@ class Prepared:
     counts: U8
     """(P, 2, K) true ON and OFF events"""
     live: tuple[I32, ...]
-    """of each variant: the pixels that are drawn: few enough events; unless the network is biased,
-    X not zero for ever"""
+    """of each variant the pixels that may be drawn: with few enough events and, unless the network
+    is biased, with an X that is not always zero"""
     true_x: F32 | None = None
-    """(P, K) of the truth; None where the recipe takes noise as it is"""
+    """(P, K) of the truth; None where the recipe does not scale noise"""
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """What one step sees: G groups of pixels."""
+    """Input of one step: G groups of pixels."""
 
     x: F32
     """(G, n, K)"""
@@ -69,7 +69,7 @@ class Batch:
 
 
 def differences(light: F32, linlog_dn: float) -> F32:
-    """Equation 1: X (..., K) float32 of luminance (..., K), as the runtimes make it; X[0] = 0."""
+    """Equation 1: X (..., K) float32 of luminance (..., K), as in the runtimes; X[0] = 0."""
     sensor = dataclasses.replace(resolve_sensor(IDEAL), linlog_dn=linlog_dn)
     x = np.zeros(light.shape, np.float32)
     mapped = log_light(light, sensor)
@@ -78,12 +78,16 @@ def differences(light: F32, linlog_dn: float) -> F32:
 
 
 def prepare(shard: Shard, recipe: Recipe, linlog_dn: float) -> Prepared:
-    """Raises EvsError where the shard lacks a variant of the recipe."""
+    """Prepare a shard for a recipe.
+
+    Raises:
+        EvsError: the shard lacks a variant of the recipe.
+    """
     light = [shard.variant(one.spp, one.seeds).T for one in recipe.variants]
     x = differences(np.ascontiguousarray(np.stack(light)), linlog_dn)
     counts = shard.noisy_counts if recipe.noisy_truth else shard.counts
     slow = followable(counts)
-    # without biases still light gives no event, no gradient: there is nothing to learn from it
+    # without biases constant light has no events and no gradient: there is nothing to learn
     biased = recipe.architecture.biased
     still = np.zeros(x.shape[:2], np.bool_) if biased else np.logical_not(x.any(axis=2))
     live = tuple(np.flatnonzero(slow & ~one).astype(np.int32) for one in still)
@@ -97,13 +101,16 @@ def prepare(shard: Shard, recipe: Recipe, linlog_dn: float) -> Prepared:
 
 
 def louder(x: F32, true_x: F32, noise: tuple[float, float], rng: np.random.Generator) -> F32:
-    """(..., P, K) X whose noise is taken so many times, log-uniform, each pixel's otherwise.
+    """Scale the noise of X by a factor for each pixel.
 
     Args:
-        x: (..., P, K) with noise, true_x (P, K) without.
-        true_x: input without noise.
-        noise: noise of the light.
+        x: (..., P, K) input with noise.
+        true_x: (P, K) input without noise.
+        noise: least and largest factor, between which factors are log-uniform.
         rng: random numbers.
+
+    Returns:
+        (..., P, K) X.
     """
     low, high = (math.log(times) for times in noise)
     factor = np.exp(rng.uniform(low, high, (len(true_x), 1))).astype(np.float32)
@@ -112,10 +119,10 @@ def louder(x: F32, true_x: F32, noise: tuple[float, float], rng: np.random.Gener
 
 
 def true_membranes(shard: Shard, tick: int, linlog_dn: float) -> F32:
-    """(P,): where the ideal pixels that gave the counts stand before a tick, in thresholds."""
+    """V of the ideal pixels that produced the counts before a tick, (P,), in thresholds."""
     if tick == 0:
         return shard.phase.copy()
-    # X[0] is 0: what the log light has changed by, less what its events account for
+    # X[0] is 0: the change of the log light, less what its events account for
     moved = differences(np.ascontiguousarray(shard.truth[:tick].T), linlog_dn)
     counted = shard.counts[0, :tick].sum(0, np.float64) - shard.counts[1, :tick].sum(0, np.float64)
     v = shard.phase + moved.sum(1, dtype=np.float64) / THRESHOLD - counted
@@ -125,18 +132,18 @@ def true_membranes(shard: Shard, tick: int, linlog_dn: float) -> F32:
 
 
 def followable(counts: U8) -> npt.NDArray[np.bool_]:
-    """(P,): which pixels of (2, K, P) true events a network with one event a tick can follow."""
+    """Which pixels of (2, K, P) true events a network with one event a tick can follow, (P,)."""
     ticks = counts.sum(0, dtype=np.int64)
-    beside = np.maximum(ticks - 1, 0).sum(0)
-    found: npt.NDArray[np.bool_] = (ticks.sum(0) <= MOST_EVENTS) & (beside <= MOST_BESIDE)
+    extra = np.maximum(ticks - 1, 0).sum(0)
+    found: npt.NDArray[np.bool_] = (ticks.sum(0) <= MOST_EVENTS) & (extra <= MOST_EXTRA)
     return found
 
 
 class TrainingExamples:
     """The training scenes of a folder, and batches drawn from them.
 
-    A batch follows from (recipe, seed, step, which scenes there are) alone: a resumed training sees
-    what an uninterrupted one would have seen.
+    A batch depends only on recipe, seed, step and the scenes of the folder: a resumed training
+    reads the same batches as an uninterrupted one.
     """
 
     def __init__(
@@ -147,7 +154,18 @@ class TrainingExamples:
         linlog_dn: float,
         memory_bytes: int = MEMORY_BYTES,
     ) -> None:
-        """Raises EvsError: no data, too few scenes, other ticks than the network's."""
+        """Open a folder of training data.
+
+        Args:
+            folder: of the data.
+            recipe: of the training.
+            seed: of the draws.
+            linlog_dn: end of the linear part of the log map, DN.
+            memory_bytes: for prepared shards.
+
+        Raises:
+            EvsError: no data, too few scenes, other ticks than the network's.
+        """
         shards = Shards(folder)
         tick_us = shards.settings.tick_us
         if tick_us != recipe.architecture.tick_us:
@@ -176,7 +194,7 @@ class TrainingExamples:
         self._shares = shares / shares.sum()
 
     def batch(self, step: int) -> Batch:
-        """That of a step, 0 ...; whatever came before.
+        """The batch of a step, from 0 on; it does not depend on earlier calls.
 
         Raises:
             EvsError: a damaged shard.
@@ -191,7 +209,7 @@ class TrainingExamples:
     def _group(
         self, scenes: Sequence[Prepared], variant: int, rng: np.random.Generator
     ) -> tuple[F32, F32, U8]:
-        """Pixels of any scene, each live one as likely as any other."""
+        """Draw pixels of any scene, each live one with the same probability."""
         ends = np.cumsum([len(scene.live[variant]) for scene in scenes])
         if not ends[-1]:
             one = self.recipe.variants[variant]
@@ -212,7 +230,7 @@ class TrainingExamples:
         return seen, np.array(start, np.float32), np.stack(counts, -1)
 
     def _turn(self, turn: int) -> list[Prepared]:
-        """The scenes whose turn it is: all, if they fit the memory, else the next so many."""
+        """The scenes of a turn: all, if they fit the memory, else the next ones."""
         count = len(self.training)
         chosen: list[Path] = []
         for place in range(turn * self._most, turn * self._most + min(self._most, count)):
@@ -230,7 +248,7 @@ class TrainingExamples:
 def sample_held_out(
     examples: TrainingExamples, variants: tuple[Variant, ...], pixels: int
 ) -> Prepared:
-    """Pixels of the held-out scenes, spread over them, seeded; still ones too, fast ones not."""
+    """Draw pixels of the held-out scenes, spread over them; without those of too many events."""
     recipe = dataclasses.replace(examples.recipe, variants=variants, shares=())
     each = -(-pixels // len(examples.held_out))
     parts = []

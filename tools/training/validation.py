@@ -20,40 +20,43 @@ NEAR_TICKS = 3
 
 @dataclass(frozen=True)
 class Scores:
-    """Of one variant of the light. NaN where there is nothing to divide by."""
+    """Scores of one variant of the light; NaN where the denominator is 0."""
 
     emd: float
     """the paper's equation 9, mean over pixels, as emulator.metrics.mean_emd; events"""
     on: float
     """ON events per true ON event"""
     off: float
-    """OFF likewise"""
+    """OFF events per true OFF event"""
     spurious_hz: float
     """events of a pixel without true ones, per second"""
     recall: float
     """share of the true events with a predicted one of their polarity within 3 ticks"""
 
     def plain(self) -> dict[str, float | None]:
-        """As JSON takes it: NaN is null."""
+        """Values for JSON: NaN becomes None."""
         return {key: value if math.isfinite(value) else None for key, value in asdict(self).items()}
 
 
 def predict(
     parameters: Parameters, architecture: Architecture, x: F32, start: F32, first: int = 0
 ) -> U8:
-    """(P, 2, K - first) ON and OFF events of stream ticks first ..., of (P, K) X.
+    """Run a network on all pixels.
 
     Args:
         parameters: weights of the network.
         architecture: of the network.
-        x: input of the network.
+        x: (P, K) input of the network.
         start: (P,), V before the first.
-        first: first tick that is returned.
+        first: first stream tick that is returned.
+
+    Returns:
+        (P, 2, K - first) ON and OFF events.
     """
     found = []
     for begin in range(0, len(x), AT_ONCE):
         part = slice(begin, begin + AT_ONCE)
-        # one shape, one compilation
+        # padded to one shape, so that it is compiled once
         short = AT_ONCE - len(x[part])
         padded = np.pad(x[part], ((0, short), (0, 0))), np.pad(start[part], (0, short))
         spikes = np.stack(_stream(parameters, *padded, architecture, first))
@@ -73,7 +76,7 @@ def _stream(
 
 
 def plain_events(x: F32, start: F32) -> U8:
-    """(P, 2, K): what an ideal pixel makes of the same light, at most 255 a tick."""
+    """Events of an ideal pixel on the same light, (P, 2, K), at most 255 a tick."""
     v = start.astype(np.float64)
     found = np.zeros((len(x), 2, x.shape[1]), np.uint8)
     for k in range(x.shape[1]):
@@ -87,27 +90,27 @@ def plain_events(x: F32, start: F32) -> U8:
 
 def compared(events: U8, true: U8, tick_us: int) -> Scores:
     """Scores of (P, 2, K) events against true ones of the same ticks."""
-    late, there = events.astype(np.int64), true.astype(np.int64)
-    running = np.cumsum(late - there, 2)
-    backwards = running[:, :, -1:] - running + (late - there)
+    found, wanted = events.astype(np.int64), true.astype(np.int64)
+    running = np.cumsum(found - wanted, 2)
+    backwards = running[:, :, -1:] - running + (found - wanted)
     emd = 0.5 * (np.abs(running).mean(2) + np.abs(backwards).mean(2)).sum(1).mean()
-    made, wanted = late.sum((0, 2)), there.sum((0, 2))
-    still = there.sum((1, 2)) == 0
-    seconds = int(still.sum()) * there.shape[2] * tick_us * 1e-6
-    matched = np.where(_near(late) > 0, there, 0).sum()
+    counts, true_counts = found.sum((0, 2)), wanted.sum((0, 2))
+    still = wanted.sum((1, 2)) == 0
+    seconds = int(still.sum()) * wanted.shape[2] * tick_us * 1e-6
+    matched = np.where(_near(found) > 0, wanted, 0).sum()
     return Scores(
         emd=float(emd),
-        on=_ratio(made[0], wanted[0]),
-        off=_ratio(made[1], wanted[1]),
-        spurious_hz=_ratio(late[still].sum(), seconds),
-        recall=_ratio(matched, there.sum()),
+        on=_ratio(counts[0], true_counts[0]),
+        off=_ratio(counts[1], true_counts[1]),
+        spurious_hz=_ratio(found[still].sum(), seconds),
+        recall=_ratio(matched, wanted.sum()),
     )
 
 
 def overall(scores: list[Scores]) -> float:
-    """One number, lower is better: geometric mean of the EMDs, times one plus the count error.
+    """One number, lower is better: the geometric mean of the EMDs times one plus the count error.
 
-    Geometric: a variant with much noise would else drown the others. The count error is the mean
+    An arithmetic mean would be dominated by variants with much noise. The count error is the mean
     over variants of the worse polarity's, from 0 (right) to 1.
     """
     logs = [math.log(max(one.emd, 1e-6)) for one in scores]
@@ -119,7 +122,7 @@ def overall(scores: list[Scores]) -> float:
 
 
 class Validation:
-    """Held-out pixels, and what `plain` and silence score on them."""
+    """Held-out pixels, and the scores of `plain` and of silence on them."""
 
     def __init__(self, held_out: Prepared, architecture: Architecture, warm_ticks: int) -> None:
         self._data, self._architecture, self._warm = held_out, architecture, warm_ticks
@@ -128,7 +131,7 @@ class Validation:
         self.silence = self._compare(np.zeros_like(held_out.counts[:, :, warm_ticks:]))
 
     def scores(self, parameters: Parameters) -> list[Scores]:
-        """Of each variant."""
+        """Scores of a network for each variant."""
         data, first = self._data, self._warm + self._architecture.latency_ticks
         return [
             self._compare(predict(parameters, self._architecture, x, data.start, first))
@@ -136,7 +139,7 @@ class Validation:
         ]
 
     def _compare(self, events: U8) -> Scores:
-        """Of the first ticks that count: with latency the last ones do not come out any more."""
+        """Compare the first ticks that count: with latency the last ones have no output."""
         true = self._data.counts[:, :, self._warm :][:, :, : events.shape[2]]
         return compared(events, true, self._architecture.tick_us)
 

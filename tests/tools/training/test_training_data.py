@@ -18,9 +18,11 @@ from evs.msgs import EvsError
 from evs.tools.training import make
 from evs.tools.training.make import make_data, make_shard, work_of
 from evs.tools.training.pilot import Pilot, choose_pixels
+from evs.tools.training.scenes import make_scene
 from evs.tools.training.settings import DataSettings, Variant
 from evs.tools.training.shards import ARRAYS, Shard, Shards, read_shard
-from reference.shards import synthetic_data
+from evs.tools.training.traced_scene import simulate_scene
+from reference.shards import synthetic_data, synthetic_shard
 
 TINY = DataSettings(
     seed=4, pixels=8, truth_spp=8, ticks=14, variants=(Variant(1, "fixed"), Variant(1, "fresh"))
@@ -38,13 +40,30 @@ def pilot_of(score: np.ndarray, dn: float = 50.0, px_s: float = 0.0) -> Pilot:
     return Pilot(score, light, np.full_like(light, px_s))
 
 
+def simulate_one_scene(patch: pytest.MonkeyPatch) -> None:
+    """Every scene moves as one that is simulated once: which are taken does not depend on it."""
+    traced = simulate_scene(make_scene(TINY.seed, 0), TINY.ticks, TINY.tick_us, 1)
+    patch.setattr(make, "simulate_scene", lambda *_: traced)
+
+
+def trace_nothing(patch: pytest.MonkeyPatch) -> None:
+    """Shards hold made-up light, and the settings that they were made with."""
+
+    def shard(settings: DataSettings, number: int, *_: object) -> Shard:
+        made = synthetic_shard(number, pixels=settings.pixels, ticks=settings.ticks)
+        return dataclasses.replace(made, meta={"settings": settings.plain()})
+
+    patch.setattr(make, "make_shard", shard)
+
+
 def test_a_shard_follows_from_its_number_on_any_number_of_threads() -> None:
     samples = []
-    one = make_shard(TINY, 1, threads=1, moved=samples.append)
+    # the numbers whose first scene is useful
+    one = make_shard(TINY, 7, threads=1, moved=samples.append)
     assert sum(samples) == work_of(TINY)
-    assert same(one, make_shard(TINY, 1, threads=3))
-    assert not same(one, make_shard(TINY, 2))
-    assert not same(one, make_shard(dataclasses.replace(TINY, seed=5), 1))
+    assert same(one, make_shard(TINY, 7, threads=3))
+    assert not same(one, make_shard(TINY, 5))
+    assert not same(one, make_shard(dataclasses.replace(TINY, seed=5), 7))
     assert one.meta["settings"] == TINY.plain()
     assert {"kind", "level", "tags", "attempt"} <= set(one.meta["scene"])
 
@@ -52,7 +71,8 @@ def test_a_shard_follows_from_its_number_on_any_number_of_threads() -> None:
 def test_still_light_is_still_with_fixed_seeds_and_not_with_fresh_ones() -> None:
     settings = dataclasses.replace(TINY, pixels=60, ticks=10)
     still = moving = 0
-    for number in range(4):
+    # two scenes of which much stands still
+    for number in (1, 3):
         shard = make_shard(settings, number)
         stands = np.all(shard.truth == shard.truth[0], 0)
         fixed, fresh = shard.variant(1, "fixed"), shard.variant(1, "fresh")
@@ -118,6 +138,7 @@ def test_scenes_of_no_use_are_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     score = np.full((130, 173), 2.0)
     bad = [pilot_of(score, 0.1), pilot_of(score, 1e5), pilot_of(score, 50.0, 1e5)]
     seen = iter([*bad, pilot_of(score)])
+    simulate_one_scene(monkeypatch)
     monkeypatch.setattr(make, "run_pilot", lambda *_: next(seen))
     assert make_shard(TINY, number).meta["scene"]["attempt"] == 3
     monkeypatch.setattr(make, "run_pilot", lambda *_: pilot_of(score, 0.1))
@@ -130,9 +151,10 @@ def test_few_numbers_may_be_still(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
     monkeypatch.setattr(make, "run_pilot", lambda *_: still)
     monkeypatch.setattr(make, "ATTEMPTS", 1)
+    simulate_one_scene(monkeypatch)
     for number in range(60):
         try:
-            make_shard(dataclasses.replace(TINY, pixels=1, ticks=2), number)
+            make_shard(dataclasses.replace(TINY, pixels=1), number)
             seen.append(number)
         except EvsError:
             continue
@@ -174,7 +196,10 @@ def test_an_interrupted_folder_is_continued_with_the_same_bytes(tmp_path: Path) 
     assert same(read_shard(tmp_path / "half" / "00002.npz"), Shards(whole)[2])
 
 
-def test_shards_that_do_not_belong_are_refused(tmp_path: Path) -> None:
+def test_shards_that_do_not_belong_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trace_nothing(monkeypatch)
     make_all(tmp_path / "data", numbers=range(1))
     other = dataclasses.replace(TINY, seed=9)
     with pytest.raises(EvsError, match="other settings"):
@@ -257,6 +282,7 @@ def test_a_full_disk_is_one_line(
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
+    trace_nothing(monkeypatch)
     monkeypatch.setattr(np, "savez_compressed", full)
     assert main(["train", "data", str(tmp_path / "data"), "--scenes", "2", *ARGUMENTS]) == 2
     (line,) = capsys.readouterr().err.splitlines()

@@ -76,10 +76,10 @@ def test_scores_are_those_of_the_metrics() -> None:
     assert found.spurious_hz == pytest.approx(mine[still, :, 10:].sum() / (still.sum() * 0.04))
 
 
-@pytest.mark.parametrize("ticks", [0, 1, 7, 14])
+@pytest.mark.parametrize("ticks", [0, 1, 6])
 def test_a_network_that_is_late_is_judged_on_the_same_light(ticks: int) -> None:
     """`identity` in front of light without noise is the true pixel, however late it is."""
-    architecture = Architecture(2, spread_look_ahead(ticks))
+    architecture = Architecture(2, spread_look_ahead(ticks, blocks=1))
     parameters = identity(architecture, 1, 20.0)
     # nothing but the two channels that carry X
     parameters["blocks"] = jax.tree.map(jnp.zeros_like, parameters["blocks"])
@@ -130,16 +130,17 @@ def test_the_learning_rate_warms_up_and_falls() -> None:
 def test_groups_one_by_one_and_all_at_once_are_the_same_step(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What a CPU does and what a GPU does."""
-    examples = TrainingExamples(folder, SMALL, 1, LINLOG_DN)
+    """What a CPU does and what a GPU does; the depth of the network does not matter."""
+    recipe = dataclasses.replace(SMALL, architecture=Architecture(4, (0,) * 3))
+    examples = TrainingExamples(folder, recipe, 1, LINLOG_DN)
     batch = examples.batch(0)
     price = np.array([[0.1, -0.05], [0.2, 0.0]], np.float32)
     weight = np.array([0.5, 1.5], np.float32)
     found = []
     for backend in ("cpu", "gpu"):
         monkeypatch.setattr(jax, "default_backend", lambda backend=backend: backend)
-        stepper = Stepper(SMALL)
-        start = identity(SMALL.architecture, 1, 0.5)
+        stepper = Stepper(recipe)
+        start = identity(recipe.architecture, 1, 0.5)
         found.append(stepper(start, stepper.start(start), batch, price, weight, 1e-3))
     one, all_at_once = found
     for name in ("loss", "predicted", "true"):

@@ -20,7 +20,7 @@ from evs.tools.training.scenes.motion import Eye, moving
 from evs.tools.training.scenes.scene import TrainingScene
 from evs.tools.training.traced_scene import load_scene, simulate_scene
 
-MANY = 150
+MANY = 100
 
 
 @pytest.fixture(scope="module")

@@ -12,11 +12,11 @@ from evs.emulator.base.scene import F64
 from evs.emulator.config import FlickerConfig
 
 DURATION_S = 0.448
-"""of the usual 448 ticks: how far things may go is measured by it"""
+"""of the usual 448 ticks; it limits how far things may move"""
 SPEEDS = (0.1, 10.0, 300.0, 5000.0)
-"""px/s: what hardly moves, what robots see, what flies by"""
+"""px/s: what hardly moves, what robots see, what flies past"""
 SHARES = (0.2, 0.5, 0.3)
-"""of the draws between them"""
+"""shares of the draws between these speeds"""
 SLOWEST, FASTEST = SPEEDS[0], SPEEDS[-1]
 
 
@@ -33,16 +33,16 @@ class Draft:
     files: dict[str, bytes] = field(default_factory=dict)
     flicker: list[FlickerConfig] = field(default_factory=list)
     speeds: list[float] = field(default_factory=list)
-    """px/s that were asked for, of each thing that moves"""
+    """requested speed of each thing that moves, px/s"""
     tags: list[str] = field(default_factory=list)
-    """what the scene has, for its meta"""
+    """properties of the scene, for its meta data"""
     visual: str = ""
     gravity: float = 0.0
     """m/s^2, downwards"""
     _names: int = 0
 
     def name(self, stem: str) -> str:
-        """A name that nothing else has."""
+        """A unique name."""
         self._names += 1
         return f"{stem}{self._names}"
 
@@ -55,11 +55,11 @@ class Draft:
         return float(self.rng.uniform(low, high))
 
     def log_uniform(self, low: float, high: float) -> float:
-        """Between two positive numbers, every decade as likely as the others."""
+        """Log-uniform between two positive numbers."""
         return math.exp(self.uniform(math.log(low), math.log(high)))
 
     def integer(self, low: int, high: int) -> int:
-        """low ... high, both included."""
+        """Uniform integer from low to high, both included."""
         return int(self.rng.integers(low, high + 1))
 
     def choice(self, words: Sequence[str], shares: Sequence[float] | None = None) -> str:
@@ -68,7 +68,7 @@ class Draft:
         return str(words[int(self.rng.choice(len(words), p=weights))])
 
     def direction(self) -> F64:
-        """(3,) a unit vector, every direction alike."""
+        """A random unit vector, (3,), isotropic."""
         vector = self.rng.normal(size=3)
         return np.asarray(vector / max(1e-9, float(np.linalg.norm(vector))))
 
@@ -79,7 +79,7 @@ class Draft:
 
 
 def num(*values: float) -> str:
-    """Numbers as an MJCF attribute has them."""
+    """Format numbers as an MJCF attribute."""
     return " ".join(f"{float(value) + 0.0:.6g}" for value in values)
 
 

@@ -13,11 +13,11 @@ from evs.tools.training.scenes.motion import Eye, camera, moving, still
 from evs.tools.training.scenes.shapes import mesh, thing
 
 STANDING = 0.25
-"""Share of the things that do not move."""
+"""share of the things that do not move"""
 
 
 def _put(draft: Draft, eye: Eye, place: F64, radius: float, pace: float) -> None:
-    """One thing: it stands, or moves at some share of the scene's pace."""
+    """Add one thing: it stands, or moves at some share of the scene's pace."""
     material_name = material(draft, 2 * radius, eye.px_per_m(place), fine=0.3)
     content = thing(draft, radius, material_name)
     if draft.chance(STANDING):
@@ -28,7 +28,7 @@ def _put(draft: Draft, eye: Eye, place: F64, radius: float, pace: float) -> None
 
 
 def _ahead(draft: Draft, eye: Eye, near: float, far: float, spread: float = 0.8) -> F64:
-    """A place in the picture, between two distances (m)."""
+    """Draw a place in the picture, between two distances (m)."""
     right, up, forward = eye.axes()
     away = draft.uniform(near, far)
     half = away * math.tan(math.radians(eye.fovy_deg) / 2) * spread
@@ -110,7 +110,7 @@ def tabletop(draft: Draft, level: float) -> tuple[Eye, F64, float]:
         body = material(draft, 2 * radius, scale, fine=0.3)
         kind = draft.choice(("box", "sphere", "ellipsoid", "cylinder", "capsule"))
         sizes = [radius * draft.uniform(0.4, 1.0) for _ in range(3)]
-        # a grid of their own, so that none begins inside another
+        # on a grid, so that none begins inside another
         spot = (0.3 * (k % 4) - 0.45, 0.3 * (k // 4) - 0.3, draft.uniform(0.15, 0.6))
         draft.velocity += [*draft.rng.normal(0.0, 0.3, 3), *draft.rng.normal(0.0, 8.0, 3)]
         draft.bodies.append(
@@ -122,7 +122,7 @@ def tabletop(draft: Draft, level: float) -> tuple[Eye, F64, float]:
         draft.tags.append("falling")
     if draft.chance(0.7):
         sky(draft, level * draft.log_uniform(0.05, 1.0))
-    # what has no spring falls with gravity: such a camera stands
+    # gravity would pull down a camera without a spring, so it stands
     if falls:
         _standing_camera(draft, eye)
     else:
@@ -167,7 +167,7 @@ def floor(draft: Draft, level: float) -> tuple[Eye, F64, float]:
 
 
 def clutter(draft: Draft, level: float) -> tuple[Eye, F64, float]:
-    """Many things afloat before a wall or the sky."""
+    """Many floating things in front of a wall or the sky."""
     eye = Eye(
         np.zeros(3), np.array([2.0, 0.0, draft.uniform(-0.5, 0.5)]), draft.uniform(30.0, 70.0)
     )

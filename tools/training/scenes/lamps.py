@@ -13,7 +13,7 @@ from evs.tools.training.scenes.motion import Eye, moving
 
 
 def draw_level(draft: Draft) -> float:
-    """Light on white paper, 1 is 255 DN: a fifth of the scenes at night, others up to the sun."""
+    """Draw the light on white paper, 1 is 255 DN: a fifth of the scenes are at night."""
     if draft.chance(0.2):
         draft.tags.append("night")
         return draft.log_uniform(0.004, 0.1)
@@ -59,7 +59,7 @@ def _lamp(draft: Draft, eye: Eye, strength: float, middle: F64, reach: float) ->
         f'specular="{num(*(tint * draft.uniform(0.0, 0.5)))}" {soft} {cone}'
     )
     if kind != "directional" and draft.chance(0.12):
-        # a lamp that swings moves every shadow
+        # a swinging lamp moves every shadow
         draft.bodies.append(
             moving(draft, eye, place, f'{attributes} pos="0 0 0"/>', 0.3 * reach, draft.speed())
         )

@@ -17,7 +17,7 @@ LUMA = (0.2126, 0.7152, 0.0722)
 
 
 def colour(draft: Draft, albedo: float) -> tuple[float, float, float]:
-    """Linear RGB of this luminance, of any hue, mostly pale."""
+    """Draw a linear RGB colour of this luminance, of any hue, mostly pale."""
     tint = draft.rng.uniform(0.0, 1.0, 3) ** draft.uniform(0.1, 1.5)
     luminance = float(sum(weight * part for weight, part in zip(LUMA, tint, strict=True)))
     red, green, blue = (min(1.0, float(part) * albedo / max(luminance, 1e-3)) for part in tint)
@@ -25,7 +25,7 @@ def colour(draft: Draft, albedo: float) -> tuple[float, float, float]:
 
 
 def albedo(draft: Draft) -> float:
-    """Half as paints and woods are, half over three decades."""
+    """Draw an albedo: half like paint and wood, half over three decades."""
     return draft.log_uniform(0.05, 0.9) if draft.chance(0.5) else draft.log_uniform(1e-3, 0.95)
 
 
@@ -39,7 +39,7 @@ def material(
     reflects: float = 0.12,
     contrast: float = 1.05,
 ) -> str:
-    """Name of a new material for something of this size.
+    """Add a material for something of this size; return its name.
 
     Args:
         draft: the scene so far.
@@ -48,7 +48,7 @@ def material(
         fine: share of textures with a period of a few px.
         plain: share without texture.
         reflects: share of mirrors.
-        contrast: the least of a texture.
+        contrast: least contrast of a texture.
     """
     name = draft.name("look")
     attributes = [f'name="{name}"', f'rgba="{num(*map(encoded, colour(draft, albedo(draft))))} 1"']
@@ -80,7 +80,7 @@ def material(
 
 
 def glowing(draft: Draft, radiance: float) -> str:
-    """Name of a material that shines by itself with this luminance."""
+    """Add a material that emits this luminance; return its name."""
     name = draft.name("glow")
     shade = " ".join(num(encoded(part)) for part in colour(draft, 0.8))
     draft.assets.append(
@@ -91,7 +91,7 @@ def glowing(draft: Draft, radiance: float) -> str:
 
 
 def texture(draft: Draft, least: float) -> str:
-    """Name of a new flat texture: one of MuJoCo's, or a pattern of ours; at least this contrast."""
+    """Add a texture of at least this contrast, of MuJoCo's or of our patterns; return its name."""
     name = draft.name("texture")
     contrast = draft.log_uniform(least, 30.0)
     if draft.chance(0.6):
@@ -117,7 +117,7 @@ def texture(draft: Draft, least: float) -> str:
 
 
 def sky(draft: Draft, brightness: float) -> None:
-    """A sky of about this luminance: even, or brighter above."""
+    """Add a sky of about this luminance: uniform, or brighter at the top."""
     above, below = draft.uniform(0.5, 1.0), draft.uniform(0.05, 1.0)
     tint = draft.rng.uniform(0.7, 1.0, 3)
     first, second = (
@@ -141,9 +141,10 @@ SIDES = (32, 64, 128, 256)
 
 
 def pattern_file(draft: Draft, contrast: float) -> tuple[str, str]:
-    """(name of a file of the draft, kind): a PNG image.
+    """Add a PNG image that goes from 1 / contrast to 1 in linear light.
 
-    It goes from 1 / contrast to 1 in linear light.
+    Returns:
+        Name of the file in the draft, and kind of the pattern.
     """
     kind = draft.choice(PATTERNS)
     side = SIDES[draft.integer(0, len(SIDES) - 1)]

@@ -1,7 +1,7 @@
-"""Motion: bodies that drift, sway, spin and tumble at a wanted image speed; cameras that move.
+"""Motion: bodies that drift, sway, spin and tumble at a given image speed; cameras that move.
 
 Without gravity, and with an inertia of 1 kg and 1 kg m^2 about every axis, a joint keeps its
-velocity for ever, and one with a spring of stiffness w^2 swings with w rad/s.
+velocity, and one with a spring of stiffness w^2 oscillates with w rad/s.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ HEIGHT_PX = 260
 
 @dataclass(frozen=True)
 class Eye:
-    """A camera: where it stands and what it looks at, m."""
+    """A camera: its position and what it looks at, m."""
 
     place: F64
     target: F64
@@ -41,7 +41,7 @@ class Eye:
         return float(np.linalg.norm(self.target - self.place))
 
     def px_per_m(self, place: F64) -> float:
-        """How large a metre there appears."""
+        """Size of a metre there in the image, px."""
         return self.focal_px / max(0.05, float(np.linalg.norm(place - self.place)))
 
     def axes(self) -> tuple[F64, F64, F64]:
@@ -54,7 +54,7 @@ class Eye:
 
 
 def still(place: F64, content: str) -> str:
-    """A body that stands."""
+    """A body that does not move."""
     return f'<body pos="{num(*place)}">{content}</body>'
 
 
@@ -76,7 +76,7 @@ def moving(draft: Draft, eye: Eye, place: F64, content: str, radius: float, spee
         axis = np.cross(offset, draft.direction())
         joint = _turning(draft, axis, velocity / (arm + radius), pos=offset)
     else:
-        # what flies away is gone: the fast ones turn rather than fly
+        # a body that leaves the picture is lost: fast ones turn instead
         drift = min(velocity, _span_px(draft) / scale / DURATION_S)
         turn = min(velocity / radius, FASTEST_TURN)
         draft.velocity += [*(_seen(draft, eye) * drift), *(draft.direction() * turn)]
@@ -89,7 +89,7 @@ def moving(draft: Draft, eye: Eye, place: F64, content: str, radius: float, spee
 def camera(
     draft: Draft, eye: Eye, span_px: float, *, around: bool = False, reach_m: float = math.inf
 ) -> None:
-    """Write the camera `eye` and how it moves.
+    """Write the camera `eye` and its motion.
 
     Args:
         draft: the scene so far.
@@ -146,7 +146,7 @@ def _seen(draft: Draft, eye: Eye) -> F64:
 
 
 def _sliding(draft: Draft, axis: F64, velocity: float, span: float) -> str:
-    """A slide; where it would leave its span (m), it swings inside it."""
+    """A slide; a spring keeps it within its span (m) if it would leave it."""
     draft.velocity.append(velocity if draft.chance(0.5) else -velocity)
     spring = ""
     if velocity * DURATION_S > span:
@@ -155,14 +155,14 @@ def _sliding(draft: Draft, axis: F64, velocity: float, span: float) -> str:
 
 
 def _spring(velocity: float, span: float) -> str:
-    """What turns back a joint of this velocity where it has gone `span`, or as soon as it can."""
+    """The stiffness that returns a joint of this velocity at `span`, or as soon as possible."""
     return f'stiffness="{num(min(velocity / span, FASTEST_SWING) ** 2)}"'
 
 
 def _turning(
     draft: Draft, axis: F64, turn: float, span: float | None = None, pos: F64 | None = None
 ) -> str:
-    """A hinge that turns with so many rad/s; with a span (rad) it swings inside it if need be."""
+    """A hinge that turns with so many rad/s; a spring keeps it within a span (rad), if given."""
     turn = min(turn, FASTEST_TURN)
     draft.velocity.append(turn if draft.chance(0.5) else -turn)
     spring = ""

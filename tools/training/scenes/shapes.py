@@ -17,7 +17,7 @@ MESHES = ("hull", "knob", "star")
 
 
 def thing(draft: Draft, radius: float, material_name: str) -> str:
-    """Geoms that fill about a ball of this radius around the body's origin, one or a few."""
+    """One or a few geoms that fill about a ball of this radius around the body's origin."""
     if draft.chance(0.25):
         parts = draft.integer(2, 4)
         spread = 0.6 * radius
@@ -45,7 +45,7 @@ def _one(draft: Draft, radius: float, material_name: str, place: F64) -> str:
 
 
 def mesh(draft: Draft, radius: float) -> str:
-    """Name of a new mesh of about this radius."""
+    """Add a mesh of about this radius; return its name."""
     name, kind = draft.name("mesh"), draft.choice(MESHES)
     if kind == "hull":
         # MuJoCo takes the convex hull where no faces are given
