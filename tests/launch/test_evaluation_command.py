@@ -16,7 +16,7 @@ from evs.msgs import EvsError
 from evs.tools.evaluation import evaluate as whole
 from evs.tools.evaluation import models, scenes, table
 from evs.tools.evaluation.clip_light import LightSpec
-from evs.tools.evaluation.light_cache import DamagedCacheWarning, LightCache
+from evs.tools.evaluation.light_cache import LightCache
 from evs.tools.training.export import export
 from reference.judged import written
 from reference.networks import random_network
@@ -116,19 +116,6 @@ def test_the_cache_serves_what_is_the_same_and_nothing_else(scene: Path, tmp_pat
         before = cache.misses
         judge(replace(settings, **change), cache)  # type: ignore[arg-type]
         assert cache.misses - before == misses, change
-
-
-def test_a_damaged_file_changes_nothing(scene: Path, tmp_path: Path) -> None:
-    settings = tiny(scene, cameras=("still",))
-    cache = LightCache(tmp_path / "cache")
-    first = judge(settings, cache)
-    whole_files = {path: path.read_bytes() for path in cache.folder.iterdir()}
-    for path, held in whole_files.items():
-        path.write_bytes(held[:-40])
-    with pytest.warns(DamagedCacheWarning):
-        again = judge(settings, cache)
-    assert without_times(again) == without_times(first)
-    assert {path: path.read_bytes() for path in cache.folder.iterdir()} == whole_files
 
 
 def test_interrupted_it_keeps_what_was_traced(scene: Path, tmp_path: Path) -> None:

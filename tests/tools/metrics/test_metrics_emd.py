@@ -84,12 +84,6 @@ def test_the_tick_sets_the_grain() -> None:
     assert emd_map(events, reference, TEN, tick_us=1).sum() == pytest.approx(870 / 10_000)
 
 
-def test_silence_costs_half_an_event_each() -> None:
-    window = Window(1, 1, 0, 121_000)
-    reference = at_ticks(*range(1, 101))
-    assert mean_emd(empty_events(), reference, window) == pytest.approx(100 * 122 / 242)
-
-
 @pytest.mark.parametrize(
     ("tick_us", "says"), [(3000, "move t_end_us back by 1000 us"), (0, "tick_us"), (0.5, "tick_us")]
 )

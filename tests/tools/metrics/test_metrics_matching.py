@@ -61,16 +61,6 @@ def test_recall_and_precision() -> None:
     assert found.unmatched().tolist() == [False, True, False, True, True]
 
 
-def test_greed_alone_would_lose_a_pair() -> None:
-    # nearest first takes (5000, 3500) and leaves 1000 and 7500 without a partner
-    events, reference = (
-        stream((1000, 0, 0, 1), (5000, 0, 0, 1)),
-        stream((3500, 0, 0, 1), (7500, 0, 0, 1)),
-    )
-    found = match_events(events, reference)
-    assert found.reference_index.tolist() == [0, 1]
-
-
 def test_a_chain_that_one_path_must_shift_from_end_to_end() -> None:
     # each event is nearest to the reference before it; only shifting all of them pairs all
     n = 60

@@ -49,14 +49,6 @@ def test_it_is_optimal_transport(events: list[int], reference: list[int]) -> Non
     assert found.sum() == found[1, 1, 2]
 
 
-@settings(max_examples=100, deadline=None)
-@given(pairs=st.lists(st.tuples(st.integers(1, K), st.integers(1, K)), max_size=30))
-def test_equal_counts_are_paired_in_order(pairs: list[tuple[int, int]]) -> None:
-    first, second = ([pair[side] for pair in pairs] for side in (0, 1))
-    way = sum(abs(a - b) for a, b in zip(sorted(first), sorted(second), strict=True))
-    assert emd_map(one_pixel(first), one_pixel(second), WINDOW).sum() == pytest.approx(way / K)
-
-
 def plain_emd(events: Events, reference: Events) -> np.ndarray:
     """Equations (7) and (8) as they stand, on dense sequences (2, height, width, K)."""
     sequences = []
