@@ -33,9 +33,9 @@ def record_gif(path: Path, trial: CartPoleTrial) -> CartPoleResult:
     check_gif_name(path)
     loop = CartPoleLoop(delay_ms=trial.delay_ms)
     side = SIDE_PX * FACTOR
-    beside = CameraConfig(lookat=(0.0, 0.0, 0.25), distance=2.6, azimuth=80.0, elevation=-8.0)
+    viewpoint = CameraConfig(lookat=(0.0, 0.0, 0.25), distance=2.6, azimuth=80.0, elevation=-8.0)
     size = SensorConfig("dvs128", width=3 * side // 2, height=side)
-    view = loop.world.add_view(beside, sensor=size)
+    view = loop.world.add_view(viewpoint, sensor=size)
     images, recent, every = list[U8](), RecentEvents(WINDOW_TICKS), round(1000 / FPS)
     words = f"pushed with {trial.push_ns:g} N s every 2 s"
 

@@ -103,8 +103,8 @@ def run(args: argparse.Namespace) -> int:
 def _config(args: argparse.Namespace) -> RunConfig:
     sensors = [word for word in args.words if "=" not in word]
     if len(sensors) != 1:
-        given = ", ".join(f"'{name}'" for name in sensors) or "none"
-        raise EvsError(f"one sensor is measured at a time, given: {given} (try: --help)")
+        names = ", ".join(f"'{name}'" for name in sensors) or "none"
+        raise EvsError(f"one sensor is measured at a time, given: {names} (try: --help)")
     overrides = [("sensor.preset", sensors[0])]
     overrides += [settings.split_word(word) for word in args.words if "=" in word]
     overrides += [(key, text) for key in ("seed", "threads") if (text := getattr(args, key))]

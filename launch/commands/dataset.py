@@ -130,14 +130,17 @@ def _scenes(args: argparse.Namespace) -> dict[str, SceneFile]:
 
     if args.scene and args.scenes:
         raise EvsError("--scene is your own file, --scenes selects from the set; give one of them")
-    given = [settings.split_word(word) for word in args.words if "=" in word]
+    explicit = [settings.split_word(word) for word in args.words if "=" in word]
     for option, (key, _, _) in KEYS.items():
         text = getattr(args, option)
         if text is not None:
-            given.append((key, text))
-    taken = dict(given)
+            explicit.append((key, text))
+    explicit_keys = dict(explicit)
     short = SHORT if args.short else {}
-    overrides = [*((key, text) for key, text in short.items() if key not in taken), *given]
+    overrides = [
+        *((key, text) for key, text in short.items() if key not in explicit_keys),
+        *explicit,
+    ]
     if args.scene:
         name = Path(args.scene).stem
         return {name: of_file(args.scene, name, overrides)}

@@ -74,25 +74,25 @@ def run(args: argparse.Namespace) -> int:
         print(f"evs: the demo was {report.ended}; {recording} is whole", file=sys.stderr)
         return STOPPED.get(report.ended.split()[0], 1)
     events = files.read(recording)
-    told = audited(report, counted, {"file": str(recording), "events": len(events)})
-    write_report(told, target)
+    audit_report = audited(report, counted, {"file": str(recording), "events": len(events)})
+    write_report(audit_report, target)
     pictures = _draw(events, light, config, out)
-    _sum_up(told, [recording, target, *pictures])
-    for line in told.faults:
+    _sum_up(audit_report, [recording, target, *pictures])
+    for line in audit_report.faults:
         print(f"evs: the demo failed: {line}", file=sys.stderr)
-    return 1 if told.faults else 0
+    return 1 if audit_report.faults else 0
 
 
 def _config(args: argparse.Namespace, recording: Path) -> pipeline.PipelineConfig:
     from evs.drivers.bus.address import free_address
 
-    given = [settings.split_word(word) for word in args.words]
+    overrides = [settings.split_word(word) for word in args.words]
     if args.duration is not None:
-        given.append(("duration_s", args.duration))
-    keys = [key for key, _ in given]
+        overrides.append(("duration_s", args.duration))
+    keys = [key for key, _ in overrides]
     if args.fast:
-        given += [(key, text) for key, text in FAST if key not in keys]
-    config = pipeline.load("demo", given)
+        overrides += [(key, text) for key, text in FAST if key not in keys]
+    config = pipeline.load("demo", overrides)
     if config.duration_s > MAX_SECONDS:
         raise EvsError(
             f"the demo draws {MAX_SECONDS:g} s at most, not {config.duration_s:g} s: "
@@ -182,10 +182,10 @@ def _sum_up(report: AuditedReport, files: list[Path]) -> None:
     from evs.launch.support import terminal
 
     terminal.summary(report)
-    heard = report.subscriber
+    subscriber = report.subscriber
     print(
-        f"{'second process':17s} {heard['packets']:,} packets and {heard['events']:,} events "
-        f"received, {heard['lost']:,} lost"
+        f"{'second process':17s} {subscriber['packets']:,} packets and "
+        f"{subscriber['events']:,} events received, {subscriber['lost']:,} lost"
     )
     print(f"{'read back':17s} {report.recording['events']:,} events")
     for file in files:

@@ -71,9 +71,9 @@ def _write(file: str) -> int:
     check_targets([file])
     results = _stress_cases(short=False, loud=True)
     write_table(file, results)
-    kept = sum(one.holds for one in results)
-    print(f"{kept} of {len(results)} extremes keep their bounds; the table is in {file}")
-    return 0 if kept == len(results) else 1
+    holding = sum(one.holds for one in results)
+    print(f"{holding} of {len(results)} extremes keep their bounds; the table is in {file}")
+    return 0 if holding == len(results) else 1
 
 
 def _stress_cases(short: bool, loud: bool) -> list[CaseResult]:

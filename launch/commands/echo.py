@@ -58,9 +58,11 @@ def run(args: argparse.Namespace) -> int:
         raise EvsError(f"--count {args.count} is not possible: give 1 or more packets")
     if args.json and not Path(args.json).resolve().parent.is_dir():
         raise EvsError(f"cannot write '{args.json}': its folder does not exist, make it first")
-    beside = {"frames": args.frames, "imu": args.imu, "poses": args.poses}
+    extra_topics = {"frames": args.frames, "imu": args.imu, "poses": args.poses}
     keys = {"server_key": args.server_key, "key": args.key}
-    with subscribe(args.address, args.camera, timeout_s=args.timeout, **beside, **keys) as stream:
+    with subscribe(
+        args.address, args.camera, timeout_s=args.timeout, **extra_topics, **keys
+    ) as stream:
         with _endings():
             if not args.quiet:
                 print(f"listening to {stream.address} (Ctrl-C ends)", file=sys.stderr)

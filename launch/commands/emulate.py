@@ -137,13 +137,13 @@ def next_commands(
         film = str(Path(file).with_suffix(".gif"))
         return [command("info", file), command("view", file, "-o", film)]
     texts = ((option, getattr(args, option)) for option in OPTIONS)
-    given = [
+    chosen = [
         word
         for option, text in texts
         if text
         for word in ((f"--{option}", text) if OPTIONS[option][1] else (f"--{option}",))
     ]
-    this_run = command("emulate", args.words, given)
+    this_run = command("emulate", args.words, chosen)
     # port 0 is another one each time
     reachable = [address for address in addresses if not address.endswith(":0")]
     listen = [f"{command('echo', reachable[0], '--hz')} & {this_run}"] if reachable else []

@@ -117,18 +117,18 @@ def _checked(network: Path, provider: str) -> Any:
 
 def _settings(args: argparse.Namespace, settings: Any) -> Any:
     """The settings of the command line over these."""
-    given: dict[str, Any] = {}
+    changes: dict[str, Any] = {}
     for name in LISTS:
         text = getattr(args, name)
         if text is not None:
             words = [word.strip() for word in text.split(",") if word.strip()]
-            given[name] = tuple(_whole(name, words) if name == "spp" else words)
+            changes[name] = tuple(_whole(name, words) if name == "spp" else words)
     for name in (*(name.replace("-", "_") for name in NUMBERS), *NAMES):
         if getattr(args, name) is not None:
-            given[name] = getattr(args, name)
+            changes[name] = getattr(args, name)
     if args.network is not None:
-        given["network"] = Path(args.network)
-    return replace(settings, **given)
+        changes["network"] = Path(args.network)
+    return replace(settings, **changes)
 
 
 def _whole(name: str, words: list[str]) -> list[int]:
@@ -145,9 +145,9 @@ def _command(args: argparse.Namespace) -> str:
         parts.append(args.network)
     shown = [*LISTS, *NUMBERS, *NAMES, "json", "markdown", "picture"]
     for name in shown:
-        given = getattr(args, name.replace("-", "_"))
-        if given is not None:
-            parts += [f"--{name}", str(given)]
+        value = getattr(args, name.replace("-", "_"))
+        if value is not None:
+            parts += [f"--{name}", str(value)]
     if args.quick:
         parts.insert(1, "--quick")
     return reinvoke.command(parts)

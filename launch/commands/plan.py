@@ -96,11 +96,13 @@ def _show(planned: PipelinePlan) -> None:
     terminal.table(title, ("stage", "ms, all moves", "ms, all rests", "of"), shown, False)
     if planned.measured is not None:
         print()
-        taken = planned.measured
-        traced = f"{100 * taken.traced_fraction:.3g} % of the pixels traced"
-        of = {"render": traced, "sensor": f"{taken.events:,} events in all"}
-        measured = [(stage, f"{ms:.3g}", of.get(stage, "")) for stage, ms in taken.stage_ms.items()]
-        title = f"measured: {taken.ticks} ticks, threads: {planned.threads or 'one a core'}"
+        measurement = planned.measured
+        traced = f"{100 * measurement.traced_fraction:.3g} % of the pixels traced"
+        of = {"render": traced, "sensor": f"{measurement.events:,} events in all"}
+        measured = [
+            (stage, f"{ms:.3g}", of.get(stage, "")) for stage, ms in measurement.stage_ms.items()
+        ]
+        title = f"measured: {measurement.ticks} ticks, threads: {planned.threads or 'one a core'}"
         terminal.table(title, ("stage", "median ms", "with"), measured, False)
 
 

@@ -128,7 +128,7 @@ def _play(
             publisher.write(message)
             count += 1
             events += len(message)
-    beside = f", {frames:,} frames" if frames else ""
-    beside += f", {samples:,} IMU samples" if samples else ""
-    beside += f", {triggers:,} triggers left out (the bus has none)" if triggers else ""
-    return f"{count:,} packets, {events:,} events{beside}"
+    others = f", {frames:,} frames" if frames else ""
+    others += f", {samples:,} IMU samples" if samples else ""
+    others += f", {triggers:,} triggers left out (the bus has none)" if triggers else ""
+    return f"{count:,} packets, {events:,} events{others}"

@@ -71,18 +71,18 @@ def run(args: argparse.Namespace) -> int:
     with listening as stream, stop_signals() as stopped:
         recorder = StreamRecorder(stream, args.file, warn=_warn)
         print(f"recording {stream.address} to {args.file} (Ctrl-C ends)", file=sys.stderr)
-        taken = recorder.run(stopped, args.duration, args.timeout)
-    told = f"{taken.packets:,} packets, {taken.events:,} events"
-    told += f", {taken.frames:,} frames" if taken.frames else ""
-    told += f", {taken.imu_samples:,} IMU samples" if taken.imu_samples else ""
-    print(f"{taken.file}: {told}, {taken.lost:,} packets lost; {taken.ended}")
-    for gap in taken.gaps[:_GAPS_SHOWN]:
+        recorded = recorder.run(stopped, args.duration, args.timeout)
+    counts = f"{recorded.packets:,} packets, {recorded.events:,} events"
+    counts += f", {recorded.frames:,} frames" if recorded.frames else ""
+    counts += f", {recorded.imu_samples:,} IMU samples" if recorded.imu_samples else ""
+    print(f"{recorded.file}: {counts}, {recorded.lost:,} packets lost; {recorded.ended}")
+    for gap in recorded.gaps[:_GAPS_SHOWN]:
         print(f"  lost: {gap}")
-    if len(taken.gaps) > _GAPS_SHOWN:
-        print(f"  ... and in other places: {taken.file}.report.json has them")
-    if not taken.lost:
-        print(f"  {command('info', taken.file)}")
-    return 1 if taken.lost else 0
+    if len(recorded.gaps) > _GAPS_SHOWN:
+        print(f"  ... and in other places: {recorded.file}.report.json has them")
+    if not recorded.lost:
+        print(f"  {command('info', recorded.file)}")
+    return 1 if recorded.lost else 0
 
 
 def _warn(line: str) -> None:

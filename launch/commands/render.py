@@ -111,9 +111,9 @@ def run(args: argparse.Namespace) -> int:
 
         write_png(preview, channel_page(done.last))
     if not args.quiet:
-        whole = "" if done.frames == len(ticks) else f" of {len(ticks)} ({done.ended})"
+        partial = "" if done.frames == len(ticks) else f" of {len(ticks)} ({done.ended})"
         size = f"{done.size / 1e6:.2f} MB"
-        print(f"{out}: {done.frames} frames{whole}, {size}: t_us, {', '.join(channels)}")
+        print(f"{out}: {done.frames} frames{partial}, {size}: t_us, {', '.join(channels)}")
     return STOPPED.get(done.ended, 0)
 
 

@@ -101,16 +101,16 @@ def run(args: argparse.Namespace) -> int:
     cases = sweep.sweep_cases(settings)
     header = sweep.header(settings, _command(args))
     store = SweepStore(file, header)
-    whole = sweep.Sweep(settings, cases, store, cache, header.about, warn=terminal.warn)
+    runner = sweep.Sweep(settings, cases, store, cache, header.about, warn=terminal.warn)
     try:
-        with terminal.bar("sweeping", whole.total(), args.quiet) as moved:
-            whole.moved = moved
-            whole.run()
+        with terminal.bar("sweeping", runner.total(), args.quiet) as moved:
+            runner.moved = moved
+            runner.run()
     except KeyboardInterrupt:
         terminal.warn(f"stopped; {file} has what is done, and the same command goes on")
         raise
     _tell(store, words, drawn, args.quiet)
-    return 1 if whole.failed else 0
+    return 1 if runner.failed else 0
 
 
 def _settings(args: argparse.Namespace) -> Any:
@@ -147,8 +147,8 @@ def _with(settings: Any, args: argparse.Namespace) -> Any:
     import dataclasses
 
     names = [field.name for field in dataclasses.fields(settings)]
-    given = {name: getattr(args, name) for name in names if getattr(args, name, None) is not None}
-    return dataclasses.replace(settings, **given)
+    changes = {name: getattr(args, name) for name in names if getattr(args, name, None) is not None}
+    return dataclasses.replace(settings, **changes)
 
 
 def _words(name: str, text: str | None) -> tuple[str, ...]:
@@ -199,9 +199,9 @@ def _command(args: argparse.Namespace) -> str:
     """The command line, without what changes no number."""
     parts: list[str] = ["sweep", *args.scenes]
     for name in (*LISTS, *NUMBERS):
-        given = getattr(args, name.replace("-", "_"))
-        if given is not None and name != "workers":
-            parts += [f"--{name}", str(given)]
+        value = getattr(args, name.replace("-", "_"))
+        if value is not None and name != "workers":
+            parts += [f"--{name}", str(value)]
     if args.quick:
         parts.append("--quick")
     return reinvoke.command(parts)

@@ -142,9 +142,9 @@ def _command(args: argparse.Namespace) -> str:
     """The command line, without what changes no number."""
     parts: list[str] = ["tune", *args.words]
     for name in (*OPTIONS, "rtf", "error"):
-        given = getattr(args, name)
-        if given is not None:
-            parts += [f"--{name}", f"{given:g}" if isinstance(given, float) else given]
+        value = getattr(args, name)
+        if value is not None:
+            parts += [f"--{name}", f"{value:g}" if isinstance(value, float) else value]
     for name, usual in (("figure", "unmatched"), ("motion", "still")):
         if getattr(args, name) != usual:
             parts += [f"--{name}", getattr(args, name)]

@@ -133,8 +133,8 @@ def _playback(args: argparse.Namespace, events: Events) -> Playback:
             "choose --start and --stop in there"
         )
     window_us = None if args.window is None else _us("--window", args.window, 1e3)
-    given = {"fps": args.fps, "speed": args.speed, "window_us": window_us}
-    chosen = {name: value for name, value in given.items() if value is not None}
+    values = {"fps": args.fps, "speed": args.speed, "window_us": window_us}
+    chosen = {name: value for name, value in values.items() if value is not None}
     return Playback(start_us, stop_us, **chosen)
 
 

@@ -19,8 +19,8 @@ class ReportWriter:
 
     def __call__(self, report: Report) -> None:
         """Write it to every file; a failure is a warning."""
-        beside = [report_beside(file) for file in report.loop.get("files", ())]
-        for target in [*self._targets, *beside]:
+        siblings = [report_beside(file) for file in report.loop.get("files", ())]
+        for target in [*self._targets, *siblings]:
             try:
                 write_report(report, target)
             except (EvsError, MemoryError) as reason:

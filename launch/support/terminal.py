@@ -128,8 +128,8 @@ def summary(report: Report, quiet: bool = False, next_commands: Sequence[str] = 
         # plain lines that a script can cut: one fact a line
         for name, value in facts(report):
             print(f"{name:17s} {value}")
-        for stage, taken in report.stage_ms.items():
-            print(f"{stage + '_ms':17s} {taken.median:.3f} median, {taken.p99:.3f} p99")
+        for stage, times in report.stage_ms.items():
+            print(f"{stage + '_ms':17s} {times.median:.3f} median, {times.p99:.3f} p99")
     if next_commands:
         console.print("[bold]next:[/]" if console.is_terminal else "next:")
         for command in next_commands:
@@ -239,12 +239,12 @@ def _stages(report: Report) -> Table:
     table.add_column("median ms", justify="right")
     table.add_column("p99 ms", justify="right")
     table.add_column("share of the tick")
-    total = sum(taken.median for taken in report.stage_ms.values()) or 1.0
-    for stage, taken in report.stage_ms.items():
-        share = taken.median / total
+    total = sum(times.median for times in report.stage_ms.values()) or 1.0
+    for stage, times in report.stage_ms.items():
+        share = times.median / total
         bar = Text("█" * round(24 * share), style=STAGE_COLOURS.get(stage, "white"))
         bar.append(f" {100 * share:.0f} %", style="dim")
-        table.add_row(stage, f"{taken.median:.3f}", f"{taken.p99:.3f}", bar)
+        table.add_row(stage, f"{times.median:.3f}", f"{times.p99:.3f}", bar)
     return table
 
 

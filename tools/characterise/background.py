@@ -272,11 +272,11 @@ def find_spreads(off: F64, seconds: float, unevenness: float) -> Spreads:
     if not mean > 0.0:
         return Spreads(0.0, 0.0)
     chance = HANN * mean / seconds
-    whole = math.log1p(max(float(off.var()) - chance, 0.0) / mean**2)
+    total = math.log1p(max(float(off.var()) - chance, 0.0) / mean**2)
     # of 1 / theta: its variance over its mean squared
     thresholds = unevenness**2 + 8.0 * unevenness**4
-    own = max(whole - thresholds, 0.0)
-    return Spreads(math.sqrt(own), math.sqrt(own + min(0.5 * thresholds, whole)))
+    own = max(total - thresholds, 0.0)
+    return Spreads(math.sqrt(own), math.sqrt(own + min(0.5 * thresholds, total)))
 
 
 def background_results(sensor: SensorParameters, found: Sequence[Background]) -> list[Quantity]:

@@ -124,10 +124,10 @@ class LightExposure:
 
 def corner(sensor: SensorParameters, pixels: int) -> SensorParameters:
     """The upper left corner of a sensor, of about its shape: at most so many pixels."""
-    whole = sensor.width * sensor.height
-    if whole <= pixels:
+    total = sensor.width * sensor.height
+    if total <= pixels:
         return sensor
-    width = max(1, min(sensor.width, round(sensor.width * math.sqrt(pixels / whole))))
+    width = max(1, min(sensor.width, round(sensor.width * math.sqrt(pixels / total))))
     return dataclasses.replace(sensor, width=width, height=max(1, pixels // width))
 
 
@@ -139,8 +139,8 @@ def pixel_numbers(events: Events, sensor: SensorParameters) -> npt.NDArray[np.in
 
 def share_of(chosen: Mask, among: Mask) -> float:
     """Share of the pixels of `among` that were chosen too; 0 if `among` is empty."""
-    whole = int(np.count_nonzero(among))
-    return int(np.count_nonzero(chosen & among)) / whole if whole else 0.0
+    total = int(np.count_nonzero(among))
+    return int(np.count_nonzero(chosen & among)) / total if total else 0.0
 
 
 def answered(events: Events, sensor: SensorParameters, on: bool) -> Mask:

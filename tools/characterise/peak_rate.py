@@ -60,13 +60,13 @@ def measure_peak_rate(bench: Bench) -> PeakRate:
     """Measure faster and faster swings, until the chip or the pixels are at their limit."""
     offered, passed, errors = [], [], []
     for wanted in OFFERED:
-        given, out, error = _look(bench, wanted)
-        offered.append(given)
+        rate_in, out, error = _look(bench, wanted)
+        offered.append(rate_in)
         passed.append(out)
         errors.append(error)
         # the chip gives all it can, or the pixels do; slow light may give nothing (high pass)
-        full = len(offered) > 1 and 0.0 < given < 1.2 * offered[-2]
-        if out < SATURATED * given or full:
+        full = len(offered) > 1 and 0.0 < rate_in < 1.2 * offered[-2]
+        if out < SATURATED * rate_in or full:
             break
     best = int(np.argmax(passed))
     limited = passed[-1] < 0.9 * offered[-1]
@@ -85,12 +85,12 @@ def _look(bench: Bench, wanted: float) -> tuple[float, float, float]:
     speed = wanted * theta / bench.pixels
     seconds = max(min(SECONDS, MOST_EVENTS / wanted), LEAST_PATH * bench.pixels / wanted)
     tick_us = max(1, round(seconds / TICKS * 1e6))
-    given = np.zeros(TICKS)
+    rate_in = np.zeros(TICKS)
     out = np.zeros(TICKS)
     for k in range(TICKS):
         path = speed * (k + 1) * tick_us * 1e-6
         events = exposure.expose(LUX * math.exp(_triangle(path)), tick_us)
-        given[k] = len(events)
+        rate_in[k] = len(events)
         if readout is not None and state is not None:
             events, state = readout.step(events, state, exposure.t_us - tick_us, exposure.t_us)
         out[k] = len(events)
@@ -98,7 +98,7 @@ def _look(bench: Bench, wanted: float) -> tuple[float, float, float]:
     block_s = (TICKS - counted) // BLOCKS * tick_us * 1e-6
     blocks = out[counted:].reshape(BLOCKS, -1).sum(1) / block_s
     return (
-        float(given[counted:].mean()) / (tick_us * 1e-6),
+        float(rate_in[counted:].mean()) / (tick_us * 1e-6),
         float(blocks.mean()),
         float(blocks.std(ddof=1)) / math.sqrt(BLOCKS),
     )

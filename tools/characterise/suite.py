@@ -126,8 +126,8 @@ def characterise(
     """
     if pixels < LEAST_PIXELS:
         raise EvsError(f"{pixels} pixels are too few to measure; give {LEAST_PIXELS} or more")
-    whole = Bench(sensor, seed, threads)
-    bench = whole.part(pixels)
+    full_bench = Bench(sensor, seed, threads)
+    bench = full_bench.part(pixels)
     moved("thresholds")
     thresholds = measure_thresholds(bench)
     moved("refractory period")
@@ -149,7 +149,7 @@ def characterise(
         lambda lux: moved(f"background at {lux:g} lux"),
     )
     moved("peak rate")
-    peak_rate = measure_peak_rate(whole)
+    peak_rate = measure_peak_rate(full_bench)
     return Characterisation(
         sensor, bench.pixels, seed, thresholds, background, refractory, bandwidth, latency,
         dynamic_range, peak_rate,

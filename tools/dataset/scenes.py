@@ -99,14 +99,14 @@ def of_file(file: str, name: str, overrides: Overrides = ()) -> SceneFile:
         EvsError: a key is wrong.
     """
     path = Path(file)
-    beside_it = path.with_suffix(".toml")
-    tables = settings.read_toml(beside_it) if beside_it.is_file() else {}
+    toml_file = path.with_suffix(".toml")
+    tables = settings.read_toml(toml_file) if toml_file.is_file() else {}
     try:
         scene = settings.build(SceneFile, _with_defaults(tables))
     except EvsError as error:
-        raise EvsError(f"{beside_it}: {error}") from None
+        raise EvsError(f"{toml_file}: {error}") from None
     if tables:
-        scene = with_run_paths(scene, lambda text: beside(beside_it, text))
+        scene = with_run_paths(scene, lambda text: beside(toml_file, text))
     if "control" not in tables.get("scene", {}) and not scene.motion:
         scene = replace(scene, scene=replace(scene.scene, control="random"))
     scene = replace(scene, scene=replace(scene.scene, file=file), name=name)
@@ -122,8 +122,8 @@ def _with_defaults(tables: dict[str, object]) -> dict[str, object]:
     }
     made = dict(tables)
     for table, keys in wanted.items():
-        given = made.get(table, {})
-        made[table] = {**keys, **given} if isinstance(given, dict) else given
+        own_keys = made.get(table, {})
+        made[table] = {**keys, **own_keys} if isinstance(own_keys, dict) else own_keys
     return made
 
 

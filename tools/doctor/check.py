@@ -22,16 +22,16 @@ class Check:
     """what to do, one line; never empty if the verdict is BAD"""
 
 
-def guarded(name: str, fix: str, look: Callable[[], list[Check]]) -> list[Check]:
+def guarded(name: str, fix: str, check: Callable[[], list[Check]]) -> list[Check]:
     """Run a check; an exception becomes a check with the verdict BAD.
 
     Args:
-        name: of the check, if `look` raises.
+        name: of the check, if it raises.
         fix: what to do then.
-        look: the check.
+        check: the check.
     """
     try:
-        return look()
+        return check()
     except Exception as reason:
         words = " ".join(str(reason).split()) or type(reason).__name__
         return [Check(name, BAD, words, fix)]

@@ -93,9 +93,9 @@ def range_of(name: str) -> str:
     return ranges.get(_plain(name), "")
 
 
-def in_range(version: str, asked: str) -> bool:
+def in_range(version: str, required: str) -> bool:
     """Whether a version lies in a range of >= and <, the signs that pyproject.toml uses."""
-    for sign, bound in re.findall(r"(>=|<)\s*([\d.]+)", asked):
+    for sign, bound in re.findall(r"(>=|<)\s*([\d.]+)", required):
         if (_numbers(version) < _numbers(bound)) == (sign == ">="):
             return False
     return True
@@ -118,9 +118,11 @@ def _needed(name: str) -> Check:
     version = version_of(name)
     if version is None:
         return Check(name, BAD, "not installed", f"pip install {name}")
-    asked = range_of(name)
-    if not in_range(version, asked):
-        return Check(name, BAD, f"{version}, evs needs {asked}", f"pip install '{name}{asked}'")
+    required = range_of(name)
+    if not in_range(version, required):
+        return Check(
+            name, BAD, f"{version}, evs needs {required}", f"pip install '{name}{required}'"
+        )
     return Check(name, OK, version)
 
 
@@ -132,8 +134,8 @@ def _extra(extra: str, names: tuple[str, ...]) -> Check:
         says = f"{', '.join(missing)} not installed, needed for {USES[extra]}"
         return Check(title, NOTE, says, f"pip install 'evs[{extra}]'")
     for name, version in versions.items():
-        asked = range_of(name)
-        if version is not None and not in_range(version, asked):
-            says = f"{name} {version}, evs needs {asked} for {USES[extra]}"
-            return Check(title, NOTE, says, f"pip install '{name}{asked}'")
+        required = range_of(name)
+        if version is not None and not in_range(version, required):
+            says = f"{name} {version}, evs needs {required} for {USES[extra]}"
+            return Check(title, NOTE, says, f"pip install '{name}{required}'")
     return Check(title, OK, ", ".join(f"{name} {version}" for name, version in versions.items()))

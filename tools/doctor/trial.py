@@ -107,8 +107,8 @@ def check_timing() -> Check:
     )
     watch = StopWatch()
     report = run(World.from_config(config.emulation(), meter=watch), [], TIMING_S, watch)
-    stages = {name: taken.median for name, taken in report.stage_ms.items() if taken.median}
-    text = ", ".join(f"{name} {taken:.2f}" for name, taken in stages.items())
+    stages = {name: times.median for name, times in report.stage_ms.items() if times.median}
+    text = ", ".join(f"{name} {ms:.2f}" for name, ms in stages.items())
     return Check(
         "timing",
         OK,
@@ -133,11 +133,13 @@ def _bus(report: Report, listener: _Listener) -> Check:
     if listener.failure:
         return Check("bus", BAD, listener.failure, fix)
     says = f"{listener.packets} of {report.packets} packets, {listener.events:,} events received"
-    whole = listener.ended and (listener.packets, listener.events) == (
+    complete = listener.ended and (listener.packets, listener.events) == (
         report.packets,
         report.events,
     )
-    return Check("bus", OK, says) if whole and not listener.lost else Check("bus", BAD, says, fix)
+    if not complete or listener.lost:
+        return Check("bus", BAD, says, fix)
+    return Check("bus", OK, says)
 
 
 def _recorder(sent: Events, file: Path) -> Check:

@@ -46,12 +46,12 @@ ClipMeasures = Sequence[Measures]
 
 
 def _share(
-    part: Callable[[Measures], float], whole: Callable[[Measures], float]
+    part: Callable[[Measures], float], total_of: Callable[[Measures], float]
 ) -> Callable[[ClipMeasures], float]:
     """Ratio of sums, so that a clip without motion has little weight."""
 
     def aggregated(clips: ClipMeasures) -> float:
-        total = sum(whole(m) for m in clips)
+        total = sum(total_of(m) for m in clips)
         return sum(part(m) for m in clips) / total if total else math.nan
 
     return aggregated

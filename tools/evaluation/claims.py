@@ -61,8 +61,8 @@ def winners(cells: Sequence[ResultCell]) -> list[str]:
         least = min(models, key=lambda m: emd[m])
         best = max(models, key=lambda m: f1[m] if math.isfinite(f1[m]) else -1.0)
         silent = value([c for c in cells if c.camera == camera], "emd", model=NOTHING)
-        beside = "" if not emd[least] > silent else f", worse than no events at all ({silent:.3g})"
-        lines.append(f"{camera}, {spp} spp {seeds}: EMD {least} {emd[least]:.3g}{beside}; "
+        remark = "" if not emd[least] > silent else f", worse than no events at all ({silent:.3g})"
+        lines.append(f"{camera}, {spp} spp {seeds}: EMD {least} {emd[least]:.3g}{remark}; "
                      f"F1 {best} {f1[best]:.2f}")  # fmt: skip
     return lines
 

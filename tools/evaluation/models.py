@@ -102,9 +102,9 @@ def frames_of(light: F32) -> F32:
     """
     ticks, pixels = light.shape
     sensor = sensor_of(pixels)
-    whole = np.zeros((ticks, sensor.width * SIDE), np.float32)
-    whole[:, :pixels] = light
-    tiles = whole.reshape(ticks, -1, SIDE, SIDE).transpose(0, 2, 1, 3)
+    padded = np.zeros((ticks, sensor.width * SIDE), np.float32)
+    padded[:, :pixels] = light
+    tiles = padded.reshape(ticks, -1, SIDE, SIDE).transpose(0, 2, 1, 3)
     return np.ascontiguousarray(tiles).reshape(ticks, SIDE, sensor.width)
 
 

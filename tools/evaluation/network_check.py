@@ -170,8 +170,8 @@ def _as_graph(weights: NetworkWeights, graph: bytes) -> GraphNetwork:
 
 def _chunks(stream: _Stream) -> Finding:
     x = _motion(64)
-    whole = stream.currents(x, 64)
-    off = max(_difference(stream.currents(x, cut), whole) for cut in (1, 7, 32))
+    reference = stream.currents(x, 64)
+    off = max(_difference(stream.currents(x, cut), reference) for cut in (1, 7, 32))
     if off == 0.0:
         return Finding("streaming", "chunks of 1, 7, 32 and 64 ticks give the same bytes", OK)
     text = f"chunks of 1, 7 or 32 ticks differ from one pass by {off:.1e}"
@@ -184,10 +184,10 @@ def _alone(stream: _Stream) -> Finding:
     # neighbours differ in what they see, and one in whether it sees anything
     lone = np.zeros_like(x)
     lone[:, 7] = x[:, 7]
-    whole = stream.currents(x)
+    reference = stream.currents(x)
     off = max(
-        _difference(stream.currents(x[:, order]), whole[:, order]),
-        _difference(stream.currents(lone)[:, 7], whole[:, 7]),
+        _difference(stream.currents(x[:, order]), reference[:, order]),
+        _difference(stream.currents(lone)[:, 7], reference[:, 7]),
     )
     if off < TOLERANCE:
         return Finding("pixels", "each is computed for itself", OK)

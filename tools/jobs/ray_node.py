@@ -72,13 +72,13 @@ def make_on_node(
 
 def _sources(package: Path) -> str:
     """Digest of the package's Python files and tables, which finds edits that no version shows."""
-    whole = hashlib.sha256()
+    hashed = hashlib.sha256()
     # a checkout is a folder of links, and has the native core's sources, which wheels lack
     for here, folders, names in os.walk(package, followlinks=True):
         folders[:] = sorted(set(folders) - {"__pycache__", "core"})
         for name in sorted(names):
             if name.endswith((".py", ".toml")):
                 path = Path(here, name)
-                whole.update(path.relative_to(package).as_posix().encode() + b"\0")
-                whole.update(path.read_bytes() + b"\0")
-    return whole.hexdigest()[:12]
+                hashed.update(path.relative_to(package).as_posix().encode() + b"\0")
+                hashed.update(path.read_bytes() + b"\0")
+    return hashed.hexdigest()[:12]

@@ -306,13 +306,13 @@ def _edges_of_shortest_paths(
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
 
     # back from those free vertices: only edges that lead to one
-    kept: list[tuple[I64, I64]] = []
+    edges: list[tuple[I64, I64]] = []
     for left, right in reversed(layers):
         leads = useful[right]
-        kept.append((left[leads], right[leads]))
-        back = partner_of_left[kept[-1][0]]
+        edges.append((left[leads], right[leads]))
+        back = partner_of_left[edges[-1][0]]
         useful[back[back >= 0]] = True
-    return np.concatenate([edge[0] for edge in kept]), np.concatenate([edge[1] for edge in kept])
+    return np.concatenate([edge[0] for edge in edges]), np.concatenate([edge[1] for edge in edges])
 
 
 def _flip_disjoint_paths(

@@ -89,6 +89,6 @@ def static_pixels(reference: Events, window: Window, margin_px: int = 1) -> Mask
 
 def _ends(axis: int, shift: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
     """All but the last, and all but the first, `shift` lines along an axis of a map."""
-    whole = slice(None)
+    every = slice(None)
     near, far = slice(None, -shift), slice(shift, None)
-    return ((near, whole), (far, whole)) if axis == 0 else ((whole, near), (whole, far))
+    return ((near, every), (far, every)) if axis == 0 else ((every, near), (every, far))

@@ -174,9 +174,9 @@ class Run:
 
     def __str__(self) -> str:
         """One line: how many episodes, how long, how fast the controller was."""
-        whole = sum(not trace.done for trace in self.traces)
+        complete = sum(not trace.done for trace in self.traces)
         return (
-            f"{whole} of {len(self.traces)} seeds last {self.seconds:g} s; a decision takes "
+            f"{complete} of {len(self.traces)} seeds last {self.seconds:g} s; a decision takes "
             f"{self.compute_us(0.5):.0f} us (median), {self.compute_us(0.99):.0f} us (p99)"
         )
 
