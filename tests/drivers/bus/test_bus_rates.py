@@ -2,18 +2,13 @@
 
 import math
 
+from manual_clock import ManualClock
+
 from evs.drivers.bus import Rates
 
 
-class Clock:
-    now_s = 10.0
-
-    def __call__(self) -> float:
-        return self.now_s
-
-
 def test_rates_are_counts_over_time() -> None:
-    clock = Clock()
+    clock = ManualClock()
     rates = Rates(1.0, clock)
     for gap_s in (0.25, 0.5, 0.125):
         clock.now_s += gap_s
@@ -26,7 +21,7 @@ def test_rates_are_counts_over_time() -> None:
 
 
 def test_a_new_period_forgets_the_old_one_but_not_the_last_packet() -> None:
-    clock = Clock()
+    clock = ManualClock()
     rates = Rates(1.0, clock)
     rates.add(1, 16)
     clock.now_s += 1.0
@@ -39,7 +34,7 @@ def test_a_new_period_forgets_the_old_one_but_not_the_last_packet() -> None:
 
 
 def test_an_empty_period_is_zero() -> None:
-    clock = Clock()
+    clock = ManualClock()
     rates = Rates(1.0, clock)
     rate = rates.take()
     assert (rate.packets, rate.packets_hz, rate.bytes_hz) == (0, 0.0, 0.0)

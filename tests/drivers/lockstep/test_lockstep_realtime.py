@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import zmq
 from lockstep_stand_in import StandIn, raw_client
+from manual_clock import ManualClock
 
 from evs.drivers.bus.exchange import Peer, ServerEnd
 from evs.drivers.clock import monotonic_s
@@ -58,19 +59,9 @@ class Inbox:
         return getattr(self._end, name)
 
 
-class Clock:
-    """Time that passes when the test says so."""
-
-    def __init__(self) -> None:
-        self.now_s = 100.0
-
-    def __call__(self) -> float:
-        return self.now_s
-
-
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    made = Clock()
+def clock(monkeypatch: pytest.MonkeyPatch) -> ManualClock:
+    made = ManualClock()
     for room in ("realtime", "server"):
         monkeypatch.setattr(f"evs.drivers.lockstep.{room}.monotonic_s", made)
     return made
@@ -209,7 +200,9 @@ def test_each_controller_has_its_own_time() -> None:
     made.server.close()
 
 
-def test_who_asks_for_nothing_loses_its_seat_and_its_last_control_goes_on(clock: Clock) -> None:
+def test_who_asks_for_nothing_loses_its_seat_and_its_last_control_goes_on(
+    clock: ManualClock,
+) -> None:
     with hand(timeout_s=0.2) as (made, client):
         made.ask(client, Step(1, np.array([1.0, 0.0])))
         made.ticks(1)
@@ -295,7 +288,7 @@ def test_the_last_control_of_who_leaves_acts() -> None:
         assert made.loop.length.tolist() == [2.0, 2.0]
 
 
-def test_the_last_control_of_who_is_lost_acts(clock: Clock) -> None:
+def test_the_last_control_of_who_is_lost_acts(clock: ManualClock) -> None:
     with hand(timeout_s=1.0) as (made, client):
         made.ticks(1)
         clock.now_s += 0.5
@@ -324,7 +317,9 @@ def test_who_joins_again_sees_nothing_from_before() -> None:
         assert [packet.seq for packet in made.heard(client).packets] == list(range(4, tick))
 
 
-def test_a_reset_that_another_does_not_want_is_told_and_nobody_loses_a_seat(clock: Clock) -> None:
+def test_a_reset_that_another_does_not_want_is_told_and_nobody_loses_a_seat(
+    clock: ManualClock,
+) -> None:
     made = Hand(StandIn(), controllers=2, timeout_s=1.0)
     with raw_client(made.server.address) as one, raw_client(made.server.address) as two:
         made.begin(one, Join("one", ("tilt",)))
@@ -352,7 +347,7 @@ def test_a_reset_that_another_does_not_want_is_told_and_nobody_loses_a_seat(cloc
     made.server.close()
 
 
-def test_who_asks_for_something_else_than_steps_keeps_its_seat(clock: Clock) -> None:
+def test_who_asks_for_something_else_than_steps_keeps_its_seat(clock: ManualClock) -> None:
     with hand(timeout_s=1.0) as (made, client):
         for _ in range(4):
             made.ask(client, Save())

@@ -1,31 +1,40 @@
-"""The stop watch and the pacer, on a clock that the test turns."""
+"""The stop watch and the pacer, on a clock that the test sets."""
 
 from __future__ import annotations
 
 import random
 import time
+from collections.abc import Callable
+from itertools import pairwise
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from manual_clock import ManualClock
 
 from evs.drivers.clock import Durations, Pacer, StopWatch, monotonic_s, sleep_s
 from evs.emulator.base.protocols import Meter
 from evs.msgs import EvsError
 
+TICK_S = 0.001
 
-class Clock:
-    """A clock that stands still but for what it is told; sleeping turns it."""
+_seconds = st.sampled_from([0.0, 0.0, 1e-4, 2e-3, 0.2]) | st.floats(0.0, 1.0)
+# ticks, ticks at once, and messages of a file that stand a little out of order
+_steps_us = st.sampled_from([1000, 1000, 100, 0, -500, 40_000])
 
-    def __init__(self) -> None:
-        self.now_s = 100.0
-        self.slept: list[float] = []
 
-    def __call__(self) -> float:
-        return self.now_s
-
-    def sleep(self, seconds: float) -> None:
-        if seconds > 0:
-            self.slept.append(seconds)
-            self.now_s += seconds
+def ticking(
+    clock: ManualClock, pacer: Pacer, costs_s: Callable[[int], float], ticks: int
+) -> list[tuple[float, float]]:
+    """(wall s, late s) at each tick's end; a tick costs so much."""
+    found = []
+    begin_s = clock.now_s
+    pacer.start(0)
+    for tick in range(1, ticks + 1):
+        clock.now_s += costs_s(tick)
+        pacer.wait_until(1000 * tick)
+        found.append((clock.now_s - begin_s, pacer.late_s))
+    return found
 
 
 def test_the_real_clock_goes_forward_and_sleeping_takes_time() -> None:
@@ -38,7 +47,7 @@ def test_the_real_clock_goes_forward_and_sleeping_takes_time() -> None:
 
 
 def test_laps_belong_to_their_stages_and_a_tick_is_their_sum() -> None:
-    clock = Clock()
+    clock = ManualClock()
     watch: StopWatch = StopWatch(clock)
     meter: Meter = watch
     for tick in range(100):
@@ -65,7 +74,7 @@ def test_laps_belong_to_their_stages_and_a_tick_is_their_sum() -> None:
 
 
 def test_a_tick_that_did_not_end_is_not_counted() -> None:
-    clock = Clock()
+    clock = ManualClock()
     watch = StopWatch(clock)
     for _ in range(2):
         watch.begin_tick()
@@ -99,7 +108,7 @@ def test_quantiles_of_nothing_and_of_zeros_are_zero_and_memory_stays_bounded() -
 
 
 def test_a_free_pacer_never_waits() -> None:
-    clock = Clock()
+    clock = ManualClock()
     pacer = Pacer(0.0, clock, clock.sleep)
     pacer.start(0)
     pacer.wait_until(10_000_000)
@@ -107,7 +116,7 @@ def test_a_free_pacer_never_waits() -> None:
 
 
 def test_simulated_time_follows_the_wall_clock_times_speed() -> None:
-    clock = Clock()
+    clock = ManualClock()
     pacer = Pacer(2.0, clock, clock.sleep)
     pacer.start(5_000_000)
     for tick in range(1, 1001):
@@ -117,26 +126,8 @@ def test_simulated_time_follows_the_wall_clock_times_speed() -> None:
     assert pacer.worst_late_s == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_late_tick_is_caught_up_with_and_counted() -> None:
-    clock = Clock()
-    pacer = Pacer(1.0, clock, clock.sleep)
-    pacer.start(-1000)
-    pacer.wait_until(0)
-    clock.slept.clear()
-    clock.now_s += 0.0045
-    for tick in range(1, 5):
-        pacer.wait_until(1000 * tick)
-    assert clock.slept == []
-    assert pacer.worst_late_s == pytest.approx(0.0035)
-    pacer.wait_until(5000)
-    pacer.wait_until(6000)
-    # no drift: tick 6 leaves 7 ms after the start
-    assert clock.now_s - 100.0 == pytest.approx(0.007)
-    assert pacer.late_s == 0.0
-
-
 def test_a_long_first_tick_is_preparation_and_not_late() -> None:
-    clock = Clock()
+    clock = ManualClock()
     pacer = Pacer(1.0, clock, clock.sleep)
     pacer.start(0)
     clock.now_s += 3.0
@@ -153,7 +144,7 @@ def test_a_long_first_tick_is_preparation_and_not_late() -> None:
 
 
 def test_the_first_wait_starts_a_pacer_that_was_not_started() -> None:
-    clock = Clock()
+    clock = ManualClock()
     pacer = Pacer(1.0, clock, clock.sleep)
     pacer.wait_until(3_000_000)
     assert clock.slept == []
@@ -168,7 +159,7 @@ def test_an_impossible_speed_is_refused(speed: float) -> None:
 
 
 def test_a_clock_that_goes_back_is_not_waited_for() -> None:
-    clock = Clock()
+    clock = ManualClock()
     pacer = Pacer(2.0, clock, clock.sleep)
     pacer.start(0)
     for tick in range(1, 301):
@@ -186,10 +177,110 @@ def test_a_clock_that_goes_back_is_not_waited_for() -> None:
 
 
 def test_several_ticks_may_be_waited_for_at_once() -> None:
-    clock = Clock()
+    clock = ManualClock()
     pacer = Pacer(1.0, clock, clock.sleep)
     pacer.start(0)
     pacer.wait_until(1000)
     pacer.wait_until(9000)
     assert clock.slept == [pytest.approx(0.001), pytest.approx(0.008)]
+    assert pacer.went_back_s == 0.0
+
+
+def test_a_hiccup_below_catch_up_s_leaves_no_trace() -> None:
+    clock = ManualClock()
+    # as much as is caught up with by default
+    pacer = Pacer(1.0, clock, clock.sleep)
+    times = ticking(clock, pacer, lambda tick: 0.08 if tick == 100 else 0.0, 1000)
+    assert times[-1][0] == pytest.approx(1.0)
+    assert (pacer.slips, pacer.slipped_s) == (0, 0.0)
+    assert pacer.worst_late_s == pytest.approx(0.079)
+    # 79 ms late, and one less in each tick after it
+    assert sum(late > 1e-9 for _, late in times) == 79
+    assert pacer.report()["late_ms"]["worst"] == pytest.approx(79, abs=1e-3)
+
+
+def test_a_long_pause_slips_by_what_is_beyond_and_races_for_no_more_than_that() -> None:
+    clock = ManualClock()
+    pacer = Pacer(1.0, clock, clock.sleep, catch_up_s=0.02)
+    times = ticking(clock, pacer, lambda tick: 5.0 if tick == 100 else 0.0, 1000)
+    assert pacer.slips == 1
+    assert pacer.slipped_s == pytest.approx(5.0 - TICK_S - 0.02)
+    assert times[-1][0] == pytest.approx(1.0 + pacer.slipped_s)
+    walls = [wall for wall, _ in times]
+    # ticks closer than a tick after the pause: 20 ms of them, and never again
+    fast = [k for k in range(100, 1000) if walls[k] - walls[k - 1] < 0.5 * TICK_S]
+    assert len(fast) == 20
+    assert fast[-1] < 125
+
+
+def test_without_catching_up_no_tick_is_ever_shorter_than_real_time() -> None:
+    clock = ManualClock()
+    pacer = Pacer(1.0, clock, clock.sleep, catch_up_s=0.0)
+    times = ticking(clock, pacer, lambda tick: 0.003 if tick % 7 == 0 else 0.0004, 700)
+    walls = [wall for wall, _ in times]
+    assert min(b - a for a, b in pairwise(walls)) > TICK_S - 1e-9
+    assert pacer.slips == 100
+    assert pacer.slipped_s == pytest.approx(100 * 0.002)
+    assert walls[-1] == pytest.approx(0.7 + pacer.slipped_s)
+
+
+def test_a_machine_that_is_too_slow_slows_simulated_time_and_lateness_is_bounded() -> None:
+    clock = ManualClock()
+    pacer = Pacer(1.0, clock, clock.sleep, catch_up_s=0.05)
+    times = ticking(clock, pacer, lambda _: 0.002, 2000)
+    # every tick is there, at half the speed, and late by at most what is caught up with
+    # (what the first takes too long is preparation)
+    assert times[-1][0] == pytest.approx(4.0)
+    assert pacer.slipped_s == pytest.approx(4.0 - 2.0 - 0.05 - TICK_S)
+    assert max(late for _, late in times) == pytest.approx(0.051)
+    said = pacer.report()
+    assert said["late_ms"]["median"] == pytest.approx(51, rel=0.01)
+    assert said["slipped_s"] == pytest.approx(1.949)
+
+
+def test_half_speed_slips_in_seconds_of_the_wall_clock() -> None:
+    clock = ManualClock()
+    pacer = Pacer(0.5, clock, clock.sleep, catch_up_s=0.0)
+    times = ticking(clock, pacer, lambda tick: 0.012 if tick == 5 else 0.0, 10)
+    assert pacer.slipped_s == pytest.approx(0.010)
+    assert times[-1][0] == pytest.approx(0.030)
+
+
+@pytest.mark.parametrize("catch_up_s", [-0.1, float("nan")])
+def test_an_impossible_catch_up_is_refused(catch_up_s: float) -> None:
+    with pytest.raises(EvsError, match="catch_up_s is"):
+        Pacer(1.0, catch_up_s=catch_up_s)
+
+
+@pytest.mark.property
+@given(
+    speed=st.sampled_from([0.1, 1.0, 3.0, 100.0]),
+    catch_up_s=st.sampled_from([0.0, 0.01, 0.1]),
+    start_s=st.sampled_from([0.0, 1e3, 1e7]),
+    start_us=st.sampled_from([0, 2**31, 1_767_225_600_000_000]),
+    told=st.booleans(),
+    ticks=st.lists(st.tuples(_seconds, _steps_us, _seconds), max_size=60),
+)
+def test_a_clock_that_goes_forward_never_went_back(
+    speed: float,
+    catch_up_s: float,
+    start_s: float,
+    start_us: int,
+    told: bool,
+    ticks: list[tuple[float, int, float]],
+) -> None:
+    """In: ticks, (work before it, us of it, by how much a sleep is too long)."""
+    now, t_us, over_s = [start_s], start_us, [0.0]
+
+    def sleep(wait_s: float) -> None:
+        if wait_s > 0:
+            now[0] += wait_s + over_s[0]
+
+    pacer = Pacer(speed, lambda: now[0], sleep, catch_up_s=catch_up_s)
+    if told:
+        pacer.start(t_us)
+    for work_s, step_us, late_s in ticks:
+        now[0] += work_s
+        t_us, over_s[0] = t_us + step_us, late_s
+        pacer.wait_until(t_us)
     assert pacer.went_back_s == 0.0
