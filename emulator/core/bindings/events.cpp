@@ -1,7 +1,7 @@
 // Python binding of the check of the events of a packet, for drivers/bus/sockets.py.
 #include <nanobind/nanobind.h>
 
-#include "event_check.h"
+#include "events.h"
 
 namespace nb = nanobind;
 

@@ -8,8 +8,8 @@
 #include <mutex>
 #include <optional>
 
+#include "gil.h"
 #include "network_array.h"
-#include "unlocked.h"
 
 namespace nb = nanobind;
 
@@ -114,7 +114,7 @@ class BoundNetwork {
     // `grown` keeps the larger memory alive during the call; `grow` has stored it by then
     nb::object grown;
     auto more = [&](size_t rows) {
-      Locked hold;
+      GilAcquire hold;
       grown = grow(rows);
       Array<float, 2> larger = nb::cast<Array<float, 2>>(grown, false);
       require(larger.shape(0) >= rows && larger.shape(1) == row_floats_,
@@ -134,7 +134,7 @@ class BoundNetwork {
       chunk.currents = currents ? currents->data() + done * frame : nullptr;
       std::vector<EventBuffer> buffers;
       {
-        Unlocked release;
+        GilRelease release;
         std::lock_guard one_caller(callers_);
         buffers = array_->step(arrays, chunk, more, counts);
       }

@@ -9,7 +9,6 @@ void bind_network(nanobind::module_& m);
 void bind_probe(nanobind::module_& m);
 void bind_readout(nanobind::module_& m);
 void bind_sensor(nanobind::module_& m);
-void bind_settings(nanobind::module_& m);
 void bind_watch(nanobind::module_& m);
 }  // namespace evs
 
@@ -18,7 +17,6 @@ NB_MODULE(_core, m) {
   // threads that the interpreter stops at its exit leak what they used, which is not a bug of the
   // user
   nanobind::set_leak_warnings(false);
-  evs::bind_settings(m);
   evs::bind_caster(m);
   evs::bind_events(m);
   evs::bind_network(m);

@@ -94,10 +94,11 @@ void evaluate_bsdf(float albedo, float f0, float metallic, float alpha, float mi
   });
 }
 
-Caster::Placed placed(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_mat,
-                      In<double, N, 3> light_pos, In<double, N, 3> light_dir,
-                      In<double, 3> camera_pos, In<double, 9> camera_mat) {
-  return b.caster.placed(
+Caster::KernelInputs kernel_inputs(BoundCaster& b, In<double, N, 3> geom_pos,
+                                   In<double, N, 9> geom_mat, In<double, N, 3> light_pos,
+                                   In<double, N, 3> light_dir, In<double, 3> camera_pos,
+                                   In<double, 9> camera_mat) {
+  return b.caster.kernel_inputs(
       checked_poses(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat));
 }
 
@@ -110,7 +111,8 @@ void sample_light(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> ge
   require(direction.shape(0) == n && light.shape(0) == n && pdf.shape(0) == n &&
               pdf_evaluated.shape(0) == n,
           "arrays differ in length");
-  Caster::Placed p = placed(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
+  Caster::KernelInputs p =
+      kernel_inputs(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
   by_lanes(n, [&](const size_t* at, size_t count) {
     float u[3 * PROBE_LANES];
     for (int k = 0; k < 3; k++) {
@@ -134,7 +136,8 @@ void light_pdf(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_
                In<double, 9> camera_mat, V point, In<float, N, 3> direction, Out<float, N> pdf) {
   size_t n = direction.shape(0);
   require(pdf.shape(0) == n, "arrays differ in length");
-  Caster::Placed p = placed(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
+  Caster::KernelInputs p =
+      kernel_inputs(b, geom_pos, geom_mat, light_pos, light_dir, camera_pos, camera_mat);
   by_lanes(n, [&](const size_t* at, size_t count) {
     ProbeLanes out;
     for (int c = 0; c < 3; c++) {

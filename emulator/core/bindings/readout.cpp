@@ -8,8 +8,8 @@
 #include <memory>
 #include <optional>
 
+#include "gil.h"
 #include "readout.h"
-#include "unlocked.h"
 
 namespace nb = nanobind;
 
@@ -37,9 +37,9 @@ Array owned(std::vector<T>&& values) {
   return Array(memory->data(), {count}, owner);
 }
 
-class ReadoutBinding {
+class BoundReadout {
  public:
-  explicit ReadoutBinding(ReadoutSettings settings) : readout_(std::move(settings)) {}
+  explicit BoundReadout(ReadoutSettings settings) : readout_(std::move(settings)) {}
 
   nb::tuple step(BytesIn events, ClockArray clock, BytesIn waiting, TimesIn due_ns,
                  int64_t t_begin_us, int64_t t_end_us) {
@@ -58,7 +58,7 @@ class ReadoutBinding {
     std::vector<int64_t> times;
     {
       // release the GIL only for many events: a few take less time than to acquire it again
-      std::optional<Unlocked> release;
+      std::optional<GilRelease> release;
       if (events.shape(0) + waiting.shape(0) > kFew * sizeof(Event)) release.emplace();
       readout_.step(reinterpret_cast<const Event*>(events.data()), events.shape(0) / sizeof(Event),
                     numbers, requests, t_begin_us, t_end_us, out);
@@ -80,11 +80,11 @@ class ReadoutBinding {
   Readout readout_;
 };
 
-ReadoutBinding* make_readout(int width, int height, double latency_us, double latency_sigma_us,
-                             const std::string& order, int64_t row_ns, int64_t column_ns,
-                             double jitter_ns, int64_t scan_us, int64_t erc_target,
-                             int64_t erc_period_us, const std::string& erc_drop, int64_t link_rate,
-                             int64_t fifo, bool stamp_sent, std::optional<FatesIn> fates) {
+BoundReadout* make_readout(int width, int height, double latency_us, double latency_sigma_us,
+                           const std::string& order, int64_t row_ns, int64_t column_ns,
+                           double jitter_ns, int64_t scan_us, int64_t erc_target,
+                           int64_t erc_period_us, const std::string& erc_drop, int64_t link_rate,
+                           int64_t fifo, bool stamp_sent, std::optional<FatesIn> fates) {
   require(width > 0 && height > 0, "a sensor has pixels");
   require(scan_us > 0 && erc_period_us > 0, "periods are over 0");
   ReadoutSettings settings;
@@ -116,14 +116,14 @@ ReadoutBinding* make_readout(int width, int height, double latency_us, double la
               "a pixel's fate is 0, 1 or 255");
     }
   }
-  return new ReadoutBinding(std::move(settings));
+  return new BoundReadout(std::move(settings));
 }
 
 }  // namespace
 
 void bind_readout(nb::module_& m) {
-  nb::class_<ReadoutBinding>(m, "Readout",
-                             "The readout, from pixel to packet: see evs.emulator.sensor.readout.")
+  nb::class_<BoundReadout>(m, "Readout",
+                           "The readout, from pixel to packet: see evs.emulator.sensor.readout.")
       .def(nb::new_(&make_readout), nb::kw_only(), nb::arg("width"), nb::arg("height"),
            nb::arg("latency_us"), nb::arg("latency_sigma_us"), nb::arg("order"), nb::arg("row_ns"),
            nb::arg("column_ns"), nb::arg("jitter_ns"), nb::arg("scan_us"), nb::arg("erc_target"),
@@ -132,9 +132,9 @@ void bind_readout(nb::module_& m) {
            "erc_target: events a period, 0 for off; link_rate: events a second, 0 for unlimited; "
            "fates (height, width) uint8: 0 outside the ROI, 1 masked, 255 kept.")
       .def(
-          "step", &ReadoutBinding::step, nb::arg("events").noconvert(),
-          nb::arg("clock").noconvert(), nb::arg("waiting").noconvert(),
-          nb::arg("due_ns").noconvert(), nb::arg("t_begin_us"), nb::arg("t_end_us"),
+          "step", &BoundReadout::step, nb::arg("events").noconvert(), nb::arg("clock").noconvert(),
+          nb::arg("waiting").noconvert(), nb::arg("due_ns").noconvert(), nb::arg("t_begin_us"),
+          nb::arg("t_end_us"),
           "Out: (bytes of the events that are output in the tick (16 n,) uint8, of those that wait "
           "(16 m,) uint8, the times of those (m,) int64 ns). clock is modified in place.");
 }

@@ -6,8 +6,8 @@
 
 #include <optional>
 
+#include "gil.h"
 #include "pixel_array.h"
-#include "unlocked.h"
 
 namespace nb = nanobind;
 
@@ -141,7 +141,7 @@ class BoundPixels {
     EventBuffer buffer;
     size_t clamped = 0;
     {
-      Unlocked release;
+      GilRelease release;
       buffer = array_->step(arrays, tick, t_begin_us, clamped);
     }
     return nb::make_tuple(owned<Bytes>(std::move(buffer.events), buffer.count), clamped);

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "bilif.inl"
-#include "layers.inl"
+#include "inference.inl"
 #include "log_delta.inl"
 #include "network_kernel.h"
 

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "event_order.h"
+#include "events.h"
 #include "fifo_rows.h"
 #include "network_kernel.h"
 #include "thread_pool.h"

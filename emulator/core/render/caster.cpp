@@ -1,6 +1,7 @@
 #include "caster.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstring>
 
@@ -28,6 +29,13 @@ Mesh mesh_view(const SceneData::MeshData& m) {
           m.corners.data(),   static_cast<int>(m.bvh.nodes.size()),
           m.has_texcoords,    m.bvh.center,
           m.bvh.radius};
+}
+
+bool has_shading(const CachedShading& shading) { return shading.numbers && *shading.geom >= 0; }
+
+// Can two packets be relit at once? In: the first has cached shading.
+bool alike(const CachedShading& a, const CachedShading& b) {
+  return has_shading(b) && *a.geom == *b.geom && a.lights == b.lights;
 }
 
 }  // namespace
@@ -361,6 +369,136 @@ void Caster::trace_pixels(const Poses& poses, const int32_t* x, const int32_t* y
       }
     }
   });
+}
+
+// One tick of the `direct` integrator. In: whether the camera stands still, and whether only dirty
+// packets are traced then.
+void Caster::trace_direct(bool still, bool selective, const Outputs& out) {
+  bool recording = packet_cache_ && (work_.ticks == 1 || still);
+  selective = selective && recorded_ &&
+              !packet_cache_->drop_changed_lights(appearance_.lights, previous_lights_);
+  recorded_ = recording;
+  long packets = static_cast<long>(sampling_.rows) * sampling_.columns;
+  if (selective) {
+    work_.packets_tested += packets;
+    find_moved();
+    bool lights_stay = same_lights();
+    if (moved_capsules_.empty() && lights_stay) {
+      traced_fraction_ = 0;
+      return;
+    }
+    SceneChange change = {moved_capsules_.data(), moved_.view(), around_moved_,
+                          lights_stay ? nullptr : previous_lights_.data()};
+    packet_cache_->find_dirty(*kernel_, frame_, change, *pool_);
+  } else if (recording) {
+    packet_cache_->record_all();
+  }
+
+  Outputs first_out = antialiasing_ ? antialiasing_->base() : out;
+  Frame first_frame = antialiasing_ ? antialiasing_->base_frame(frame_) : frame_;
+  std::atomic<long> traced{0}, relit{0};
+  bool pairs = kernel_->trace_pair && frame_.pairs;
+  pool_->run(sampling_.rows, [&](int row, int) {
+    using Dirty = PacketCache::Dirty;
+    long retraced = 0, lit = 0;
+    auto dirty_of = [&](int column) {
+      if (selective) return packet_cache_->dirty(column, row);
+      return recording ? Dirty::RETRACE : Dirty::RETRACE_UNRECORDED;
+    };
+    for (int column = 0; column < sampling_.columns; column++) {
+      if (selective && column % BLOCK_WIDTH == 0 && !packet_cache_->any_dirty(column, row)) {
+        column += BLOCK_WIDTH - 1;
+        continue;
+      }
+      Dirty dirty = dirty_of(column);
+      if (dirty == Dirty::CLEAN) continue;
+      bool even = column % 2 == 0 && column + 1 < sampling_.columns;
+      if (pairs && even && dirty == Dirty::RETRACE_UNRECORDED &&
+          dirty_of(column + 1) == Dirty::RETRACE_UNRECORDED) {
+        kernel_->trace_pair(first_frame, column, row, first_out);
+        for (int k = 0; k < 2 && antialiasing_; k++) antialiasing_->traced(column + k, row);
+        retraced += 2;
+        column++;
+        continue;
+      }
+      PacketRecord record = {};
+      if (recording) record = packet_cache_->record(column, row);
+      if (dirty == Dirty::RELIGHT && has_shading(record.shading)) {
+        CachedShading cached[2] = {record.shading, {}};
+        if (kernel_->relight_pair && column + 1 < sampling_.columns &&
+            dirty_of(column + 1) == Dirty::RELIGHT) {
+          cached[1] = packet_cache_->record(column + 1, row).shading;
+        }
+        if (alike(cached[0], cached[1])) {
+          kernel_->relight_pair(first_frame, column, row, first_out, cached);
+          if (antialiasing_) antialiasing_->traced(column, row);
+          column++;
+          lit++;
+        } else {
+          kernel_->relight(first_frame, column, row, first_out, cached);
+        }
+        lit++;
+      } else {
+        // where only light changes, the recorded rays stay valid
+        bool recording_rays = recording && dirty == Dirty::RETRACE;
+        kernel_->trace(first_frame, column, row, first_out, recording_rays ? &record : nullptr);
+        retraced++;
+      }
+      if (antialiasing_) antialiasing_->traced(column, row);
+    }
+    traced += retraced;
+    relit += lit;
+  });
+  if (antialiasing_ && traced + relit > 0) {
+    antialiasing_->close_margin();
+    pool_->run(sampling_.rows, [&](int row, int) {
+      antialiasing_->finish_row(*kernel_, frame_, row, out, recording ? &*packet_cache_ : nullptr);
+    });
+    antialiasing_->next_tick();
+  }
+  work_.packets_traced += traced;
+  work_.packets_relit += relit;
+  traced_fraction_ = static_cast<double>(traced) / static_cast<double>(packets);
+}
+
+// One tick of the `path` integrator. In: whether camera, environment and seed are those of the last
+// tick; and whether MuJoCo's lights are.
+void Caster::trace_paths(bool first, bool same, bool same_lamps, const Outputs& out) {
+  PathCache::Plan plan = PathCache::Plan::TRACE_UNCACHED;
+  if (path_cache_ && !first) {
+    PathCache::GeomStates states = {
+        geoms_,    previous_geoms_,       bounding_spheres_, previous_spheres_,
+        deformed_, paths_.emitter_of_geom};
+    find_moved();
+    if (same && same_lamps && moved_capsules_.empty()) {
+      traced_fraction_ = 0;
+      return;
+    }
+    plan = path_cache_->plan(states, same, same_lamps, steady_lights());
+  }
+  long packets = static_cast<long>(sampling_.rows) * sampling_.columns;
+  traced_fraction_ = 1;
+  if (plan == PathCache::Plan::TRACE_UNCACHED) {
+    pool_->run(sampling_.rows, [&](int row, int worker) {
+      kernel_->trace_path_row(frame_, paths_, batches_[worker], row, out);
+    });
+    work_.packets_traced += packets;
+    return;
+  }
+  std::atomic<long> traced{0};
+  // several rows per job fill the packets; more jobs than workers balance the load
+  int rows = std::clamp(sampling_.rows / (8 * pool_->threads()), 1, 8);
+  pool_->run((sampling_.rows + rows - 1) / rows, [&](int job, int worker) {
+    int begin = job * rows, end = std::min(begin + rows, sampling_.rows);
+    traced += kernel_->update_cached_paths(frame_, paths_, batches_[worker], path_cache_->view(),
+                                           begin, end, out);
+  });
+  traced_fraction_ = static_cast<double>(traced) /
+                     (static_cast<double>(frame_.width) * frame_.height * frame_.samples);
+  path_cache_->traced(traced_fraction_);
+  // as many packets as those samples fill
+  if (plan == PathCache::Plan::TRACE_DIRTY) work_.packets_tested += packets;
+  work_.packets_traced += static_cast<long>(static_cast<double>(packets) * traced_fraction_);
 }
 
 }  // namespace evs

@@ -36,11 +36,11 @@ struct Tracing {
   bool path = false;         // else: direct
   int bounces = 0;           // of paths
   SampleSet sample_set = SAMPLES_OWEN;
-  Forced forced = {};  // features forced on or off, whatever the scene needs
+  ForcedFeatures forced = {};  // features forced on or off, whatever the scene needs
 };
 
 // Work done since the caster was made.
-struct Work {
+struct WorkCounters {
   long ticks = 0;
   long packets_tested = 0;  // tested for moving geoms
   long packets_traced = 0;  // 4 x 4 pixels
@@ -87,12 +87,12 @@ class Caster {
   }
 
   // For the tests of the samplers: the kernel and its inputs, with everything placed. Paths only.
-  struct Placed {
+  struct KernelInputs {
     const Kernel& kernel;
     const Frame& frame;
     const PathFrame& paths;
   };
-  Placed placed(const Poses& poses) {
+  KernelInputs kernel_inputs(const Poses& poses) {
     place_geoms(poses);
     place_lights(poses);
     place_medium();
@@ -103,7 +103,7 @@ class Caster {
   int channels() const { return frame_.channels; }
   // Return the active features, as of the last tick where that decides.
   FeatureFlags features() const;
-  const Work& work() const { return work_; }
+  const WorkCounters& work() const { return work_; }
 
  private:
   struct Spheres {  // structure of arrays behind a BoundingSphereArray
@@ -133,8 +133,8 @@ class Caster {
   const Kernel* kernel_;
   std::shared_ptr<ThreadPool> pool_;
   bool incremental_;
-  Forced forced_;
-  Work work_;
+  ForcedFeatures forced_;
+  WorkCounters work_;
   std::vector<std::shared_ptr<SceneData::MeshData>> mesh_data_;
   Appearance appearance_;
   std::optional<Emitters> emitters_;     // paths only

@@ -32,12 +32,12 @@ using FeatureFlags = std::map<std::string, bool>;
 
 // Features forced on (the output's bytes stay the same, but for TRANSPARENT) or off (for tests:
 // what needs the feature is then wrong).
-class Forced {
+class ForcedFeatures {
  public:
-  Forced() { setting_.fill(-1); }
+  ForcedFeatures() { setting_.fill(-1); }
 
   // Throws std::invalid_argument for an unknown name.
-  explicit Forced(const FeatureFlags& flags) : Forced() {
+  explicit ForcedFeatures(const FeatureFlags& flags) : ForcedFeatures() {
     for (const auto& [name, on] : flags) {
       int feature = 0;
       while (feature < FEATURE_COUNT && name != FEATURE_NAMES[feature]) feature++;

@@ -14,12 +14,11 @@
 
 #include "arbiter.h"
 #include "array_scan.h"
-#include "event_order.h"
-#include "normal.h"
+#include "events.h"
 #include "pixel_latches.h"
+#include "random.h"
 #include "readout_output.h"
 #include "readout_state.h"
-#include "row_access_times.h"
 
 namespace evs {
 

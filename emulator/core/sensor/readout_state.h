@@ -5,7 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "event_order.h"
+#include "events.h"
 
 namespace evs {
 

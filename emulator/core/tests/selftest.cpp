@@ -17,13 +17,13 @@ namespace evs {
 namespace {
 
 // Every code path that changes no byte where nothing needs it.
-Forced everything_on(const SceneData& scene) {
+ForcedFeatures everything_on(const SceneData& scene) {
   FeatureFlags flags;
   for (const char* name : FEATURE_NAMES) flags[name] = true;
   flags.erase(FEATURE_NAMES[SHADOWS]);
   flags.erase(FEATURE_NAMES[TRANSPARENT]);
   if (scene.skybox >= 0) flags.erase(FEATURE_NAMES[FOG]);
-  return Forced(flags);
+  return ForcedFeatures(flags);
 }
 
 void same_bytes_everywhere(const Tracing& how) {
@@ -46,7 +46,7 @@ void same_bytes_everywhere(const Tracing& how) {
         for (bool incremental : {false, true}) {
           for (bool idle : {false, true}) {
             tracing.incremental = incremental;
-            tracing.forced = idle ? everything_on(scene) : Forced();
+            tracing.forced = idle ? everything_on(scene) : ForcedFeatures();
             casters.push_back(std::make_unique<Caster>(scene, optics, tracing, 2, isa));
             light.emplace_back(pixels);
           }

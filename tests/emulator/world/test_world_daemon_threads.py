@@ -67,6 +67,6 @@ def test_a_daemon_thread_observes_while_the_interpreter_exits(what: str) -> None
 
 
 def test_the_bindings_give_back_the_lock_in_one_way() -> None:
-    """nanobind's own guards abort; see emulator/core/bindings/unlocked.h."""
+    """nanobind's own guards abort; see emulator/core/bindings/gil.h."""
     for file in sorted(BINDINGS.iterdir()):
         assert "gil_scoped" not in file.read_text(), file

@@ -2,7 +2,7 @@
 // light of the first lights come from the cache; the other lights are evaluated again.
 #pragma once
 
-#include "integrators/direct_pixels.inl"
+#include "integrators/direct.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {

@@ -3,7 +3,7 @@
 #define EVS_VECTOR_BITS 1024
 #define EVS_NAMESPACE avx512_pairs
 #include "incremental/relight.inl"
-#include "integrators/direct_pixels.inl"
+#include "integrators/direct.inl"
 
 namespace evs {
 

@@ -14,9 +14,9 @@
 
 #include "incremental/dirty_packets.inl"
 #include "incremental/relight.inl"
-#include "integrators/direct_pixels.inl"
+#include "integrators/antialiasing.inl"
+#include "integrators/direct.inl"
 #include "integrators/ground_truth.inl"
-#include "integrators/refine.inl"
 #include "path_scene.h"
 #include "scene.h"
 #include "simd/probe.inl"

@@ -1,11 +1,11 @@
-// Sort threshold crossings into events by time stamp; ties keep their order (pixels row by row,
-// then order of crossing). A radix sort with digits of 11 bits: one pass for a tick of up to 2 ms.
+// Events: their layout, sorting threshold crossings into events, and checking events from outside.
 #pragma once
 
 #include <algorithm>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <memory>
 #include <vector>
 
@@ -48,6 +48,8 @@ std::vector<size_t> digit_offsets(const Parts& parts, uint32_t pass) {
   return offsets;
 }
 
+// Sort threshold crossings into events by time stamp; ties keep their order (pixels row by row,
+// then order of crossing). A radix sort with digits of 11 bits: one pass for a tick of up to 2 ms.
 // In: parts in pixel order; tick_us < 2^28; `causes`, whether events hold their cause. Out: all
 // events, with every byte written.
 inline EventBuffer order_events(const std::vector<std::vector<Crossing>>& parts, int64_t t_begin_us,
@@ -97,6 +99,31 @@ inline EventBuffer order_events(const std::vector<std::vector<Crossing>>& parts,
   }
   last_pass(sorted, passes - 1);
   return out;
+}
+
+// Whether `bytes`, which need not be aligned, hold `count` valid events: sorted by t in
+// (base_us, end_us], on the sensor, with polarity 0 or 1 and zero padding. Does not branch on
+// events.
+inline bool events_fit(const uint8_t* bytes, size_t count, int64_t base_us, int64_t end_us,
+                       int64_t width, int64_t height) {
+  if (count == 0) return true;
+  int64_t before, last;
+  std::memcpy(&before, bytes, sizeof(before));
+  std::memcpy(&last, bytes + (count - 1) * sizeof(Event), sizeof(last));
+  if (before <= base_us || last > end_us) return false;
+  uint64_t bad = 0;
+  for (size_t i = 0; i < count; i++) {
+    int64_t t;
+    uint64_t rest;
+    std::memcpy(&t, bytes + i * sizeof(Event), sizeof(t));
+    std::memcpy(&rest, bytes + i * sizeof(Event) + sizeof(t), sizeof(rest));
+    // read as unsigned, a negative coordinate is too large
+    const int64_t x = rest & 0xffff, y = rest >> 16 & 0xffff;
+    bad |= uint64_t{t < before} | uint64_t{x >= width} | uint64_t{y >= height} |
+           uint64_t{rest >> 32 > 1};
+    before = t;
+  }
+  return bad == 0;
 }
 
 }  // namespace evs

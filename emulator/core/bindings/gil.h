@@ -22,26 +22,26 @@ auto take_or_wait(Take take) noexcept {
 }
 
 // Releases the GIL during its lifetime.
-class Unlocked {
+class GilRelease {
  public:
-  Unlocked() noexcept : state_(PyEval_SaveThread()) {}
-  ~Unlocked() {
+  GilRelease() noexcept : state_(PyEval_SaveThread()) {}
+  ~GilRelease() {
     take_or_wait([this] { PyEval_RestoreThread(state_); });
   }
-  Unlocked(const Unlocked&) = delete;
-  Unlocked& operator=(const Unlocked&) = delete;
+  GilRelease(const GilRelease&) = delete;
+  GilRelease& operator=(const GilRelease&) = delete;
 
  private:
   PyThreadState* state_;
 };
 
-// Acquires the GIL during its lifetime, within an Unlocked.
-class Locked {
+// Acquires the GIL during its lifetime, within a GilRelease.
+class GilAcquire {
  public:
-  Locked() noexcept : state_(take_or_wait([] { return PyGILState_Ensure(); })) {}
-  ~Locked() { PyGILState_Release(state_); }
-  Locked(const Locked&) = delete;
-  Locked& operator=(const Locked&) = delete;
+  GilAcquire() noexcept : state_(take_or_wait([] { return PyGILState_Ensure(); })) {}
+  ~GilAcquire() { PyGILState_Release(state_); }
+  GilAcquire(const GilAcquire&) = delete;
+  GilAcquire& operator=(const GilAcquire&) = delete;
 
  private:
   PyGILState_STATE state_;

@@ -6,7 +6,7 @@
 // sample and all samples agree, so nothing jumps when the edge moves in.
 #pragma once
 
-#include "integrators/direct_pixels.inl"
+#include "integrators/direct.inl"
 
 namespace evs::EVS_NAMESPACE {
 namespace {
