@@ -70,6 +70,7 @@ inline Mask intersect_mesh(const Mesh& mesh, const MeshRays& r, Float t_min, Flo
   stack[top++] = 0;
   Float nearest = t_max - r.t_offset;
   while (top) {
+    // intersect the boxes of both children
     const Node& n = mesh.nodes[stack[--top]];
     Float t_near[2];
     unsigned lanes[2];
@@ -80,6 +81,7 @@ inline Mask intersect_mesh(const Mesh& mesh, const MeshRays& r, Float t_min, Flo
       int i = first_lane(lanes[0] & lanes[1]);
       first = lane(t_near[1], i) < lane(t_near[0], i);
     }
+    // intersect the triangles of leaves, and push inner nodes, the nearer one last
     int inner[2], inners = 0;
     for (int k = 0; k < 2; k++) {
       int c = k ^ first;
@@ -114,6 +116,7 @@ inline Mask occluded_mesh(const Mesh& mesh, const MeshRays& r, Float t_max, Mask
   if (mesh.node_count == 0) return blocked;
   int stack[MAX_STACK], top = 0;
   stack[top++] = 0;
+  // -1: lanes that are done enter no box
   t_max = select(active, t_max - r.t_offset, splat(-1.0f));
   while (top) {
     const Node& n = mesh.nodes[stack[--top]];
@@ -124,6 +127,7 @@ inline Mask occluded_mesh(const Mesh& mesh, const MeshRays& r, Float t_max, Mask
         stack[top++] = n.child[c];
         continue;
       }
+      // stop as soon as every lane is blocked
       for (int i = ~n.child[c], end = i + n.count[c]; i < end; i++) {
         Float distance, a, b;
         Mask hit = intersect_triangle(mesh.triangles[i], r, t_max, true, distance, a, b);

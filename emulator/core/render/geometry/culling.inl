@@ -26,6 +26,7 @@ struct BoundingSpherePacket {
 // Find the spheres that the light may reach: those in its cone and its range. Non-finite spheres
 // count as reached.
 EVS_INLINE Mask light_reaches(const Light& light, const BoundingSpherePacket& spheres) {
+  // only the cone and the range bound a light
   Mask outside = mask_from_bits(0);
   bool spot = light.kind == SPOT, ends = light.kind != DIRECTIONAL && light.fade > 0;
   if (light.kind == IMAGE || !(spot || ends)) return ~outside;
@@ -35,6 +36,7 @@ EVS_INLINE Mask light_reaches(const Light& light, const BoundingSpherePacket& sp
   float place = __builtin_fabsf(p.x) + __builtin_fabsf(p.y) + __builtin_fabsf(p.z);
   // slack for the rounding of positions, and of directions over the distance
   Float slack = spheres.radius * 1.00001f + (away * 1e-5f + place * 1e-6f);
+  // test the cone
   if (spot) {
     // 2e-6 covers the rounding of the cosine that is compared with cos_cutoff
     float cosine = light.cos_cutoff - 2e-6f;
@@ -45,6 +47,7 @@ EVS_INLINE Mask light_reaches(const Light& light, const BoundingSpherePacket& sp
     // distance of the centre from the cone's side
     outside = sqrt(dot(off, off)) * cosine - along * sine > slack;
   }
+  // test the range
   if (ends) {
     Float nearest = away - slack;
     outside = outside | ((nearest > 0.0f) & (nearest * nearest * light.fade > 1.0001f));

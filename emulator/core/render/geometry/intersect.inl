@@ -55,8 +55,10 @@ inline Hit intersect(const Frame& f, const Rays& rays, const RayCone& cone, Mask
     for (unsigned near = candidates(f, k, end, cone); near; near &= near - 1) {
       int index = k + first_lane(near);
       if (wide && !any_ray_near(f, index, rays, active)) continue;
+      // transform the rays to the geom's frame
       const Geom& g = f.geoms[index];
       Vec o = local_origin(g, rays), d = to_local(g.rotation, rays.direction);
+      // keep the nearer hits
       if (g.shape == MESH || g.shape == HFIELD) {
         Mask nearer = intersect_mesh(f.meshes[g.mesh], mesh_rays(f.meshes[g.mesh], o, d), t_min,
                                      hit.distance, hit.triangle, hit.u, hit.v);
@@ -86,10 +88,12 @@ inline Mask occluded(const Frame& f, Vec origin, Vec direction, Float t_max, Int
     for (; near; near &= near - 1) {
       int index = k + first_lane(near);
       const Geom& g = f.geoms[index];
+      // skip the geom if no lane can hit it
       bool is_mesh = g.shape == MESH || g.shape == HFIELD;
       Mask tested = active & ~blocked;
       if (!is_mesh) tested = tested & ~(self == splat(index));
       if (!any(tested) || (wide && !any_ray_near(f, index, rays, tested))) continue;
+      // intersect the others, until every lane is blocked
       Vec o = local_origin(g, rays), d = to_local(g.rotation, direction);
       if (is_mesh) {
         blocked = blocked |

@@ -67,13 +67,13 @@ EVS_INLINE BoundingBox bounding_box(Vec p, float step, Mask active) {
 
 EVS_INLINE void extend(BoundingBox& r, const BoundingBox& by) {
   r.step = by.step > r.step ? by.step : r.step;
-  auto widen_lobe = [](float& low, float& high, float a, float b) {
+  auto widen = [](float& low, float& high, float a, float b) {
     low = a < low ? a : low;
     high = b > high ? b : high;
   };
-  widen_lobe(r.low.x, r.high.x, by.low.x, by.high.x);
-  widen_lobe(r.low.y, r.high.y, by.low.y, by.high.y);
-  widen_lobe(r.low.z, r.high.z, by.low.z, by.high.z);
+  widen(r.low.x, r.high.x, by.low.x, by.high.x);
+  widen(r.low.y, r.high.y, by.low.y, by.high.y);
+  widen(r.low.z, r.high.z, by.low.z, by.high.z);
 }
 
 EVS_INLINE RayCone bounding_sphere(const BoundingBox& r) {

@@ -22,12 +22,14 @@ EVS_INLINE bool is_cacheable(const Frame& f, int index) {
 inline void cache_hits(const Frame& f, const PathCacheView& cache, long at, const Rays& rays,
                        const Hit& hit, const SurfaceInteraction<3>& interaction, Mask active,
                        Mask lit) {
+  // choose the geom: the first cacheable one
   int geom = NO_GEOM;
   for (unsigned lanes = to_bits(lit); lanes && geom < 0;) {
     int index = lane(hit.geom, first_lane(lanes));
     if (is_cacheable(f, index)) geom = index;
     lanes &= ~to_bits(hit.geom == splat(index));
   }
+  // store the distances of its hits
   int32_t& hit_geom = cache.hit_geom[at / LANES];
   Mask here = lit & (hit.geom == splat(geom));
   Float hit_distance = select(here, hit.distance, select(lit, splat(NOT_KNOWN), splat(T_INFINITY)));
@@ -36,11 +38,13 @@ inline void cache_hits(const Frame& f, const PathCacheView& cache, long at, cons
   store(cache.hit_distance + at, hit_distance);
   hit_geom = geom;
   cache.only_steady_light[at / LANES] = 0;
+  // bound the hits by a sphere
   Mask known = ~(hit_distance < 0.0f) & (hit_distance < T_INFINITY);
   BoundingBox points = bounding_box(rays.origin + rays.direction * hit_distance, 0.0f, known);
   RayCone sphere = bounding_sphere(points);
   float parts[4] = {sphere.center.x, sphere.center.y, sphere.center.z, sphere.radius};
   for (int i = 0; i < 4; i++) cache.sphere[i][at / LANES] = parts[i];
+  // store the colour of a texture
   if (geom < 0 || f.surfaces[f.geoms[geom].surface].texture < 0) return;
   Int places = splat(static_cast<int>(at)) + load(LANE);
   for (int c = 0; c < 3; c++) scatter(cache.albedo[c], places, interaction.albedo[c], here);
@@ -100,6 +104,7 @@ inline unsigned lit_packets(const Frame& f, const PathCacheView& cache, long fir
 // `reached`: a changing light may reach them. False: their light is unchanged.
 inline bool relight_unit(const Frame& f, const PathFrame& p, const PathCacheView& cache, int x,
                          int y, int unit, unsigned lanes, bool reached) {
+  // skip units whose light cannot change
   long at = (static_cast<long>(y) * cache.units + unit) * cache.columns + x;
   int hit_geom = cache.hit_geom ? cache.hit_geom[at / LANES] : NOT_CACHED;
   Float zero = splat(0.0f), out[3] = {zero, zero, zero}, hit_distance = splat(NOT_KNOWN);
@@ -109,6 +114,7 @@ inline bool relight_unit(const Frame& f, const PathFrame& p, const PathCacheView
   if (!any(lit) ||
       (known && !reached && cache.only_steady_light[at / LANES] && !cache.fewer_steady))
     return false;
+  // shade the cached hits, or intersect the camera rays where there are none
   PathState path;
   Vec direction =
       generate_camera_rays(f, p, splat(x) + load(LANE), splat(y), splat(unit), active, path);
@@ -128,6 +134,7 @@ inline bool relight_unit(const Frame& f, const PathFrame& p, const PathCacheView
     shaded = direct_lighting(f, p, 0, path, lit, nullptr, nullptr, point, out);
     active = lit;  // what hits nothing keeps its light
   }
+  // add the indirect light and apply the medium
   for (int c = 0; c < 3; c++) {
     if (shaded) {
       Float received = point.received[c] + load(cache.indirect[c] + at);
@@ -136,6 +143,7 @@ inline bool relight_unit(const Frame& f, const PathFrame& p, const PathCacheView
     out[c] = out[c] + load(cache.indirect[3 + c] + at);
   }
   apply_medium(f, direction, select(lit, path.hit.distance, splat(T_INFINITY)), out);
+  // store the light
   for (int c = 0; c < 3; c++) {
     float* light = cache.light[c] + at;
     store(light, to_bits(active) == ALL_LANES ? out[c] : select(active, out[c], load(light)));

@@ -116,6 +116,7 @@ inline Mask lighting_changed(const Frame& f, const BoundingSpherePacket& places,
 
 void find_dirty_packets(const Frame& f, const PacketBlock& b, const SceneChange& change,
                         DirtyPackets& dirty) {
+  // load the recorded bounds
   Mask packets = mask_from_bits(b.packets);
   const auto& p = b.primary;
   const auto& m = b.mirror_rays;
@@ -130,9 +131,11 @@ void find_dirty_packets(const Frame& f, const PacketBlock& b, const SceneChange&
   RayConePacket cone = {primary_hits.center, {load(m[0]), load(m[1]), load(m[2])},
                         load(m[3]),          splat(T_INFINITY),
                         load(m[4]),          load(m[5])};
+  // retrace packets whose camera or mirror rays a moving geom may touch
   Mask primary_rays = touched_by_motion(primary, change, packets), retrace = primary_rays;
   Mask mirrors = packets & ~(retrace | (cone.radius < 0.0f));
   if (any(mirrors)) retrace = retrace | touched_by_motion(cone, change, mirrors);
+  // relight packets whose light or shadow may change
   Mask relight = lighting_changed(f, primary_hits, change,
                                   packets & ~(retrace | (primary_hits.radius < 0.0f)));
   relight =

@@ -79,6 +79,7 @@ inline void store_batch(const Frame& f, const PathFrame& p, DirtyBatch& dirty) {
   const PathCacheView& cache = *dirty.front.cache;
   int size = dirty.front.slots / LANES / (dirty.packets > 0 ? dirty.packets : 1);
   for (int k = 0, slot = 0; k < dirty.packets; k++) {
+    // sum the samples of each unit; its gap is the smallest of theirs
     Float part[3], gap = splat(T_INFINITY);
     Int touched = splat(0);
     for (int s = 0; s < size; s++, slot += LANES) {
@@ -88,6 +89,7 @@ inline void store_batch(const Frame& f, const PathFrame& p, DirtyBatch& dirty) {
       gap = min(load(b.gap + slot), gap);
       touched = touched | load(b.touched + slot);
     }
+    // scatter light, rays and gaps to the units
     Int owner = load(b.owner + k * LANES);
     Mask real = ~(owner < splat(0));
     for (int c = 0; c < 3; c++) scatter(cache.light[c], owner, part[c], real);
@@ -106,6 +108,7 @@ inline void store_batch(const Frame& f, const PathFrame& p, DirtyBatch& dirty) {
 
 // Add the samples of the pending units to the batch.
 inline void trace_pending(const Frame& f, const PathFrame& p, DirtyBatch& dirty) {
+  // finish the batch first if the samples do not fit
   SampleUnits& u = dirty.pending;
   if (u.count == 0) return;
   const PathCacheView& cache = *dirty.front.cache;
@@ -114,6 +117,7 @@ inline void trace_pending(const Frame& f, const PathFrame& p, DirtyBatch& dirty)
   bool full = dirty.front.slots + size * LANES > PathBatch::ROOM;
   // the last unit of a pixel may have fewer samples
   if (full || size * dirty.packets * LANES != dirty.front.slots) store_batch(f, p, dirty);
+  // start the paths of all samples
   Mask active = u.fill();
   Int x = load(u.x), y = load(u.y), unit = load(u.unit);
   Int owner = (y * splat(cache.units) + unit) * splat(cache.columns) + x;
@@ -152,6 +156,7 @@ inline void prefetch_light(const PathCacheView& cache, int x, int y) {
 // Sum the units of adjacent pixels, in the order of trace_packets.
 inline void sum_units(const Frame& f, const PathCacheView& cache, int x, int y,
                       const Outputs& out) {
+  // mean over the samples
   Float mean[3];
   for (int c = 0; c < 3; c++) {
     Float sum = splat(0.0f), part = sum;
@@ -165,6 +170,7 @@ inline void sum_units(const Frame& f, const PathCacheView& cache, int x, int y,
     }
     mean[c] = sum * (1.0f / static_cast<float>(f.samples));
   }
+  // write whole packets of luminance at once, everything else pixel by pixel
   long at = static_cast<long>(y) * f.width + x;
   if (!f.vignette && !out.rgb && x + LANES <= f.width) {
     store(out.luminance + at, luminance_of<3>(f, mean));
@@ -316,6 +322,7 @@ inline void find_dirty_units(const Frame& f, const PathFrame& p, const PathCache
 inline void collect_dirty(const Frame& f, const PathFrame& p, DirtyBatch& dirty, int row, int group,
                           int first, int count) {
   const PathCacheView& cache = *dirty.front.cache;
+  // gather the bits of all units
   int top = row * PACKET_HEIGHT, first_column = group * LANES, stride = cache.columns / LANES;
   int rows = f.height - top < PACKET_HEIGHT ? f.height - top : PACKET_HEIGHT;
   unsigned retrace[MAX_SINGLE_UNITS][PACKET_HEIGHT], expired[MAX_SINGLE_UNITS][PACKET_HEIGHT];

@@ -25,11 +25,13 @@ inline void write_record(const SecondaryRayBounds& secondary, const PacketRecord
   // mirror images are not cached
   if (record.shading.numbers && !(secondary.mirror_hits.low.x > secondary.mirror_hits.high.x))
     *record.shading.geom = -1;
+  // bounding spheres of the hits
   PacketBlock& b = *record.block;
   int i = record.column;
   write_sphere(b.primary_hits, i, secondary.primary_hits);
   write_sphere(b.mirror_hits, i, secondary.mirror_hits);
   b.mirror_rays[3][i] = -1;
+  // bounding cone of the mirror rays
   if (secondary.mirror_spread < 0) return;
   RayCone cone = {};
   cone.radius = b.primary_hits[3][i];

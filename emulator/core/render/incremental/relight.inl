@@ -19,6 +19,7 @@ void relight_packets(const Frame& f, int column, int row, const Outputs& out,
     }
     return load(lanes);
   };
+  // rebuild the first hit
   Rays rays = primary_rays(f, column, row, f.sample_x[0], f.sample_y[0]);
   Float zero = splat(0.0f);
   Hit hit = {number(0), splat(*cached->geom), splat(0), zero, zero};
@@ -38,6 +39,7 @@ void relight_packets(const Frame& f, int column, int row, const Outputs& out,
     interaction.specular_tint[c] = s.texture >= 0 ? interaction.albedo[c] : splat(1.0f);
     light[c] = number(1 + CHANNELS + c);
   }
+  // add the lights that are not cached
   LazyBounds bounds;
   add_lights<CHANNELS>(f, rays, hit, interaction, bounds, mask_from_bits(ALL_LANES), cached->lights,
                        f.light_count, light);

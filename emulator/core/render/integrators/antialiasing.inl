@@ -39,6 +39,7 @@ void refine_packet(const Frame& f, int column, int row, unsigned pixels, float* 
   float sum[PACKET] = {}, sums[PACKET][3] = {};
   int sample = 0;
   for (unsigned left = pixels; left;) {
+    // fill the lanes with samples
     alignas(64) float x[LANES], y[LANES], grey[LANES], colour[3][LANES];
     int owner[LANES], used = 0;
     for (int i = 0; i < LANES; i++) {
@@ -55,6 +56,7 @@ void refine_packet(const Frame& f, int column, int row, unsigned pixels, float* 
       y[i] = static_cast<float>(row * PACKET_HEIGHT + pixel / PACKET_WIDTH) + f.sample_y[sample];
       if (++sample == f.samples) sample = 0, left &= left - 1;
     }
+    // trace them and add each to its pixel
     Float light[CHANNELS];
     radiance<CHANNELS, true>(f, rays_through(f, load(x), load(y)), cone,
                              mask_from_bits((1u << used) - 1), splat(0.0f),
@@ -67,6 +69,7 @@ void refine_packet(const Frame& f, int column, int row, unsigned pixels, float* 
       for (int i = 0; i < used; i++) sums[owner[i]][c] += colour[c][i];
     }
   }
+  // record the rays, write the mean of each pixel
   if (record) write_record(recorder, *record);
   float share = 1.0f / static_cast<float>(f.samples);
   for (unsigned left = pixels; left; left &= left - 1) {

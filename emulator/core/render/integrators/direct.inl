@@ -127,6 +127,7 @@ void shade(const Frame& f, const Rays& rays, const Hit& hit,
            const SurfaceInteraction<CHANNELS>& interaction, LazyBounds& bounds, Mask lit,
            const CachedShading* shading, Float* out) {
   for (int c = 0; c < CHANNELS; c++) out[c] = interaction.emitted[c];
+  // cache the light of the first lights, then add the others
   int first = 0;
   if (shading) {
     first = shading->lights;
@@ -146,11 +147,13 @@ template <int CHANNELS>
 void reflect(const Frame& f, const Rays& rays, const SurfaceInteraction<CHANNELS>& interaction,
              const BoundingBox& box, Mask mirror, bool empty, Float path_length,
              RayRecorder* recorder, Float* surface) {
+  // reflect the rays and bound them by a cone
   Vec d = rays.direction;
   Vec bounced = d - interaction.normal * (dot(d, interaction.normal) * 2.0f);
   Rays mirrored = {interaction.spawn_point, normalize(bounced), false};
   float square;
   RayCone cone = ray_cone(box, mirrored.direction, mirror, T_INFINITY, square);
+  // record the cone
   if (recorder) {
     if (recorder->mirror_spread < 0) {
       recorder->mirror_axis = cone.axis;
@@ -159,6 +162,7 @@ void reflect(const Frame& f, const Rays& rays, const SurfaceInteraction<CHANNELS
     }
     recorder->mirror_spread = square > recorder->mirror_spread ? square : recorder->mirror_spread;
   }
+  // add the mirror image
   if (empty) return;
   Float image[CHANNELS];
   radiance<CHANNELS, false>(f, mirrored, cone, mirror, path_length, recorder, image);
@@ -176,6 +180,7 @@ void radiance(const Frame& f, const Rays& rays, const RayCone& cone, Mask active
   for (int c = 0; c < CHANNELS; c++) out[c] = splat(0.0f);
   Float transmittance = splat(1.0f), t_min = splat(0.0f), haze_alpha = t_min, haze_distance = t_min;
   for (int layer = 0; layer < MAX_LAYERS; layer++) {
+    // intersect the next layer
     Hit hit = intersect(f, rays, cone, active, t_min);
     Mask lit = active & ~(hit.geom < splat(0));
     if (FOLLOW && f.medium.haze) lit = lit & ~behind_haze(f, rays.direction, hit);
@@ -242,11 +247,13 @@ void trace_packet(const Frame& f, int column, int row, const Outputs& out,
                                      : f.pairs[row * (f.packet_columns / 2) + column / 2];
   Float sum = splat(0.0f), sums[CHANNELS];
   for (int c = 0; c < CHANNELS; c++) sums[c] = sum;
+  // start without cached shading
   RayRecorder recorder;
   if (record && record->shading.numbers) {
     recorder.shading = record->shading;
     *record->shading.geom = -1;
   }
+  // sum the samples
   for (int s = 0; s < f.samples; s++) {
     Rays rays = primary_rays(f, column, row, f.sample_x[s], f.sample_y[s]);
     Float light[CHANNELS];
@@ -257,6 +264,7 @@ void trace_packet(const Frame& f, int column, int row, const Outputs& out,
       for (int c = 0; c < CHANNELS; c++) sums[c] = sums[c] + light[c];
     }
   }
+  // record the rays, write the mean
   if (record) write_record(recorder, *record);
   float share = 1.0f / static_cast<float>(f.samples);
   for (int c = 0; c < CHANNELS; c++) sums[c] = sums[c] * share;
@@ -274,6 +282,7 @@ void trace_scattered(const Frame& f, const int32_t* x, const int32_t* y, int cou
                      float* luminance, float* untextured) {
   alignas(64) int column[LANES], row[LANES];
   fill_lanes(x, y, count, column, row);
+  // sum the samples
   Float sum = splat(0.0f), sum_untextured = sum;
   Mask all = mask_from_bits(ALL_LANES);
   for (int s = 0; s < f.samples; s++) {
@@ -285,6 +294,7 @@ void trace_scattered(const Frame& f, const int32_t* x, const int32_t* y, int cou
     sum = sum + luminance_of<CHANNELS>(f, light);
     sum_untextured = sum_untextured + light[CHANNELS - 1];
   }
+  // write the mean of each pixel
   alignas(64) float out[LANES];
   store(out, sum * (1.0f / static_cast<float>(f.samples)));
   for (int i = 0; i < count; i++) {

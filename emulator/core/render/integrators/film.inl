@@ -59,6 +59,7 @@ void write_pixels(const Frame& f, int column, int row, Float luminance, const Fl
   constexpr int WIDTH = PACKETS * PACKET_WIDTH;
   int columns = f.width - x < WIDTH ? f.width - x : WIDTH;
   int rows = f.height - y < PACKET_HEIGHT ? f.height - y : PACKET_HEIGHT;
+  // copy luminance alone row by row
   if (columns == WIDTH && !rgb && !out.untextured && !f.vignette) {
     for (int j = 0; j < rows; j++) {
       float* to = out.luminance + static_cast<long>(y + j) * f.width + x;
@@ -69,6 +70,7 @@ void write_pixels(const Frame& f, int column, int row, Float luminance, const Fl
     }
     return;
   }
+  // write everything else pixel by pixel
   for (int c = 0; c < 3 && rgb; c++) store(colour[c], light[f.colour + c]);
   alignas(64) float untextured[LANES];
   if (out.untextured) store(untextured, light[CHANNELS - 1]);

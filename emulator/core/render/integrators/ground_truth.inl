@@ -29,9 +29,11 @@ inline Vec shading_normal(const Frame& f, const Rays& rays, const Hit& hit, unsi
 
 // In: packet (column, row) of `f`. Out: its pixels of `out`.
 void trace_truth(const Frame& f, int column, int row, const Truth& out) {
+  // intersect the ray through each pixel's centre
   const RayCone& cone = f.primary[row * f.packet_columns + column];
   Rays rays = primary_rays(f, column, row, 0.5f, 0.5f);
   Hit hit = intersect(f, rays, cone, mask_from_bits(ALL_LANES), splat(0.0f));
+  // position and normal of the hits
   Mask missed = hit.geom < splat(0);
   Vec point = rays.origin + rays.direction * hit.distance, zero = splat(V3{0, 0, 0});
   Vec normal = select(missed, zero, shading_normal(f, rays, hit, to_bits(~missed)));
@@ -45,6 +47,7 @@ void trace_truth(const Frame& f, int column, int row, const Truth& out) {
   store(v, hit.v);
   store(geom, hit.geom);
   store(triangle, hit.triangle);
+  // write the pixels that lie in the image
   int x = column * PACKET_WIDTH, y = row * PACKET_HEIGHT;
   int columns = f.width - x < PACKET_WIDTH ? f.width - x : PACKET_WIDTH;
   int rows = f.height - y < PACKET_HEIGHT ? f.height - y : PACKET_HEIGHT;

@@ -98,6 +98,7 @@ inline void add_lamp(const Frame& f, const PathFrame& p, const Bsdf& s, Vec d,
     in.distance = select(outside, max(distance_to_bulb, splat(0.0f)), in.distance);
     in.strength = select(outside, in.strength * share, in.strength);
   }
+  // trace shadow rays from the lanes that face the light
   Mask facing = lit & (dot(in.wi, s.normal) > 0.0f) &
                 (dot(in.wi, interaction.geometric_normal) > 0.0f) & (in.strength > 0.0f) &
                 (weight > 0.0f);
@@ -109,6 +110,7 @@ inline void add_lamp(const Frame& f, const PathFrame& p, const Bsdf& s, Vec d,
     facing = facing & (tr > 0.0f);
     if (!any(facing)) return;
   }
+  // add the light that the BSDF reflects
   BsdfValue v = evaluate_bsdf(s, d, in.wi);
   // a light of diffuse E gives a Lambertian surface the radiance albedo E: its irradiance is pi E
   Float scale = tr * weight * in.strength * PI;
@@ -190,6 +192,7 @@ inline Mask intersect_paths(const Frame& f, const PathFrame& p, int bounce, Path
              select(transmitted, next.v, hit.v)};
     }
   }
+  // record the rays for the path cache
   path.hit = hit;
   if (clearance) {
     Float end = select(lit, hit.distance, splat(T_INFINITY));
@@ -197,6 +200,7 @@ inline Mask intersect_paths(const Frame& f, const PathFrame& p, int bounce, Path
     note_ray(*clearance, rays.origin, rays.direction, end, active);
   }
   if (bounce == 0 && f.medium.haze) lit = lit & ~behind_haze(f, rays.direction, hit);
+  // add the environment where they miss
   Mask missed = active & ~lit;
   if (any(missed) && p.has_environment) {
     if (bounce == 0) {
@@ -297,7 +301,7 @@ inline Mask shade_paths(const Frame& f, const PathFrame& p, int bounce, PathStat
     return mask_from_bits(0);
   const SurfaceInteraction<3>& interaction = at.interaction;
   const Bsdf& s = at.bsdf;
-  // sample the emitters or the environment
+  // choose an emitter or the environment, and sample a direction to it
   if (p.emitter_count > 0 || p.environment_probability > 0) {
     Point2 u_choice = sample_2d(sampler, first_dimension + DIM_LIGHT_SELECTION),
            u_point = sample_2d(sampler, first_dimension + DIM_LIGHT_POINT);
@@ -316,6 +320,7 @@ inline Mask shade_paths(const Frame& f, const PathFrame& p, int bounce, PathStat
           select(to_environment, environment_sample.distance, light_sample.distance);
       light_sample.pdf = select(to_environment, environment_sample.pdf, light_sample.pdf);
     }
+    // evaluate the BSDF, and the radiance of the environment
     BsdfValue v = evaluate_bsdf(s, rays.direction, light_sample.wi);
     to_environment = to_environment & (v.pdf > 0.0f);
     if (any(to_environment)) {
@@ -325,6 +330,7 @@ inline Mask shade_paths(const Frame& f, const PathFrame& p, int bounce, PathStat
       for (int c = 0; c < 3; c++)
         light_sample.light[c] = select(to_environment, light[c], light_sample.light[c]);
     }
+    // trace shadow rays and weigh the light against BSDF sampling
     Mask facing = lit & (light_sample.pdf > 0.0f) & (v.pdf > 0.0f) &
                   (dot(light_sample.wi, interaction.geometric_normal) > 0.0f);
     if (any(facing)) {

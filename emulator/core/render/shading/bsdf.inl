@@ -60,6 +60,7 @@ EVS_INLINE Bsdf make_bsdf(const SurfaceInteraction<3>& interaction, Vec d) {
   // a narrower lobe is a mirror in single precision
   s.alpha = min(max(interaction.alpha_ggx, splat(0.002f)), splat(1.0f));
   s.mirror = min(max(interaction.reflectance, splat(0.0f)), splat(1.0f));
+  // divide what the mirror leaves between the lobes
   Float specular = splat(0.0f), diffuse = splat(0.0f);
   Float rest = 1.0f - s.mirror;
   for (int c = 0; c < 3; c++) {
@@ -70,6 +71,7 @@ EVS_INLINE Bsdf make_bsdf(const SurfaceInteraction<3>& interaction, Vec d) {
     specular = specular + s.specular[c];
     diffuse = diffuse + s.diffuse[c];
   }
+  // sample the lobes in proportion to their albedo, each at least at one in ten
   Float share = specular / max(specular + diffuse, splat(1e-20f));
   share = max(min(share, splat(0.9f)), splat(0.1f));
   s.specular_probability =
@@ -121,8 +123,8 @@ EVS_INLINE BsdfSample sample_bsdf(const Bsdf& s, Vec d, Point2 u_lobe, Point2 u_
   cos_sin_turns(u_point.y, cosine, sine);
   // sample the Lambertian lobe by the cosine
   Vec local = {radius * cosine, radius * sine, sqrt(max(1.0f - u_point.x, splat(0.0f)))};
-  Mask specular_probability = u_lobe.y < s.specular_probability;
-  if (any(specular_probability)) {
+  Mask specular_lobe = u_lobe.y < s.specular_probability;
+  if (any(specular_lobe)) {
     // sample a visible microfacet: uniform on the spherical cap that the stretched wo sees
     Vec wo = {-dot(d, s.x), -dot(d, s.y), s.cos_outgoing};
     Vec stretched = normalize({wo.x * s.alpha, wo.y * s.alpha, wo.z});
@@ -131,12 +133,14 @@ EVS_INLINE BsdfSample sample_bsdf(const Bsdf& s, Vec d, Point2 u_lobe, Point2 u_
     Vec cap = {ring * cosine + stretched.x, ring * sine + stretched.y, z + stretched.z};
     Vec microfacet = normalize({cap.x * s.alpha, cap.y * s.alpha, max(cap.z, splat(1e-7f))});
     Vec bounced = microfacet * (2.0f * dot(microfacet, wo)) - wo;
-    local = select(specular_probability, bounced, local);
+    local = select(specular_lobe, bounced, local);
   }
+  // transform it to the camera frame, or reflect it in the perfect mirror
   Vec w = s.x * local.x + s.y * local.y + s.normal * local.z;
   Vec image = d - s.normal * (dot(d, s.normal) * 2.0f);
   out.specular = u_lobe.x < s.mirror;
   out.direction = normalize(select(out.specular, image, w));
+  // evaluate its pdf and weight
   BsdfValue v = evaluate_bsdf(s, d, out.direction);
   out.pdf = v.pdf;
   // the mirror's probability is its share, so the two cancel

@@ -15,6 +15,7 @@ void camera_environment(const Frame& f, Vec d, unsigned lanes, Float* out) {
   Vec w = to_camera(r, d);
   float footprint = f.orthographic ? 0.0f : 0.5f * f.pixel_angle;
   Float scale = -d.z;
+  // add up the taps of the pixel
   int taps = f.taps > 1 ? f.taps : 1;
   Lod lod;
   for (int i = 0; i < taps; i++) {

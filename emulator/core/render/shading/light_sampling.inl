@@ -70,7 +70,9 @@ EVS_INLINE EnvironmentPoint environment_point(const Frame& f, Vec d) {
 // give less noise, and texture reads stay close together.
 inline void environment_radiance(const Frame& f, const PathFrame& p, const EnvironmentPoint& at,
                                  Float bsdf_pdf, Mask shown, unsigned lanes, Float* light) {
+  // uniform environment
   for (int c = 0; c < 3; c++) light[c] = select(shown, splat(0.0f), splat(p.ambient_radiance[c]));
+  // width of the lookup
   Float width = 0.0625f / sqrt(max(bsdf_pdf, splat(1.0f)));
   if (!f.orthographic) width = max(width, splat(f.pixel_angle));
   Float footprint = min(width * 0.5f / at.major, splat(1.0f / 32));
@@ -79,6 +81,7 @@ inline void environment_radiance(const Frame& f, const PathFrame& p, const Envir
     sample_texture(f.textures[texture], 3, at.u, at.v, at.face, footprint, lanes, texel);
     for (int c = 0; c < 3; c++) light[c] = light[c] + texel[c] * tint[c];
   };
+  // add the skybox and the image lights
   constexpr float WHITE[3] = {1, 1, 1};
   if (f.skybox >= 0) add(f.skybox, WHITE);
   for (int i = 0; i < f.light_count; i++) {
@@ -105,6 +108,7 @@ inline Float environment_pdf(const PathFrame& p, const EnvironmentPoint& at) {
 // Sample a direction of the environment by its luminance. The radiance is not read yet.
 inline LightSample sample_environment(const Frame& f, const PathFrame& p, Point2 u_point,
                                       EnvironmentPoint& at) {
+  // sample a row, then a cell in it, then a point in the cell
   Int zero = splat(0);
   Int row = search_cdf_guided(p.environment.rows, zero, 6 * p.environment.side,
                               p.environment.row_guide, u_point.y);
@@ -118,6 +122,7 @@ inline LightSample sample_environment(const Frame& f, const PathFrame& p, Point2
   Int face = truncate((to_float(row) + 0.5f) / side);
   Float s = (to_float(cell) + u) / side * 2.0f - 1.0f;
   Float t = (to_float(row - face * splat(p.environment.side)) + v) / side * 2.0f - 1.0f;
+  // turn the point of the cube into a direction
   Float one = splat(1.0f);
   Mask is_x = face < splat(2), is_y = ~is_x & (face < splat(4));
   Mask negative = (face & splat(1)) == splat(1);
@@ -244,6 +249,7 @@ inline LightSample sample_emitter(const Frame& f, const PathFrame& p, Vec from, 
     if (!any(here)) continue;
     const Geom& g = f.geoms[emitter.geom];
     float share = emitter.end - emitter.begin;
+    // sample the cone in which a sphere is seen
     if (g.shape == SPHERE) {
       Vec apart = splat(g.position) - from;
       Float square = dot(apart, apart), distance = sqrt(square), distance_to_sphere;
@@ -256,6 +262,7 @@ inline LightSample sample_emitter(const Frame& f, const PathFrame& p, Vec from, 
       hit.geom = select(here, splat(emitter.geom), hit.geom);
       continue;
     }
+    // sample a point of any other geom by area
     Vec q, normal;
     if (emitter.cumulative) {
       const Mesh& mesh = f.meshes[g.mesh];
@@ -290,6 +297,7 @@ inline LightSample sample_emitter(const Frame& f, const PathFrame& p, Vec from, 
     } else {
       sample_shape(g, u_point, q, normal);
     }
+    // convert the area density to a solid angle
     Vec w = to_camera(g.rotation, q) + splat(g.position) - from;
     Float square = max(dot(w, w), splat(1e-20f)), distance = sqrt(square);
     Vec wi = w * (1.0f / distance);
@@ -302,6 +310,7 @@ inline LightSample sample_emitter(const Frame& f, const PathFrame& p, Vec from, 
     out.pdf = select(front, pdf, select(here, splat(0.0f), out.pdf));
     hit.geom = select(here, splat(emitter.geom), hit.geom);
   }
+  // evaluate the radiance that is emitted there
   hit.distance = out.distance;
   Mask drawn = active & (out.pdf > 0.0f);
   if (any(drawn)) {

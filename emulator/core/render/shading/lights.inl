@@ -22,10 +22,12 @@ EVS_INLINE Incidence incidence(const Light& light, Vec point) {
     in.strength = splat(1.0f);
     return in;
   }
+  // direction and distance
   Vec w = splat(light.position) - point;
   Float square = max(dot(w, w), splat(1e-12f));
   in.distance = sqrt(square);
   in.wi = w * (1.0f / in.distance);
+  // attenuate with the distance
   const float* a = light.attenuation;
   if (light.inverse_square || a[1] != 0 || a[2] != 0) {
     Float fall = light.inverse_square ? square : square * a[2] + in.distance * a[1] + a[0];
@@ -39,6 +41,7 @@ EVS_INLINE Incidence incidence(const Light& light, Vec point) {
     Float left = max(1.0f - share * share, splat(0.0f));
     in.strength = in.strength * (left * left);
   }
+  // limit a spot light to its cone
   if (light.kind == SPOT) {
     Float cosine =
         -(in.wi.x * light.direction.x + in.wi.y * light.direction.y + in.wi.z * light.direction.z);

@@ -303,8 +303,10 @@ inline Vec mapped_normal(const Frame& f, const Hit& hit, unsigned lanes, Texture
   } else {
     shape_tangents(lookup.g, lookup.p, n, right, up);
   }
+  // make the tangents orthogonal to the normal
   right = normalize(right - n * dot(n, right));
   up = normalize(up - n * dot(n, up));
+  // bend the normal
   Float c[3];
   lookup.read<3>(map, c);
   Float length = sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2]);
@@ -349,16 +351,19 @@ void interact_with_geom(const Frame& f, const Rays& rays, const Hit& hit, Float 
     lookup.sample_footprint = &sample_footprint;
     lookup.hit = &hit;
   }
+  // albedo
   Float albedo[CHANNELS], tint[CHANNELS];
   for (int c = 0; c < CHANNELS; c++) albedo[c] = splat(s.albedo[c]), tint[c] = splat(1.0f);
   if (s.texture >= 0) {
     lookup.template read<CHANNELS>(f.textures[s.texture], albedo);
     for (int c = 0; c < CHANNELS; c++) tint[c] = albedo[c];
   }
+  // normals and mirror
   Vec outward = to_camera(g.rotation, n);
   Float mirror = mirror_reflectance(g, s, n, d);
   if (f.normal_mapped) assign(out.unmapped_normal, outward);
   assign(out.geometric_normal, is_mesh ? to_camera(g.rotation, flat) : outward);
+  // material and its maps
   MaterialParameters<CHANNELS> material = {splat(s.alpha),    splat(1.0f),
                                            splat(s.metallic), splat(s.alpha_ggx),
                                            splat(s.specular), splat(s.exponent)};
@@ -371,6 +376,7 @@ void interact_with_geom(const Frame& f, const Rays& rays, const Hit& hit, Float 
     outward = to_camera(g.rotation, n);
   }
   assign(out.normal, outward);
+  // origin of the rays that leave the surface
   Vec origin = out.point;
   if (is_mesh) {
     // step off the triangle, just far enough for the rounding of the hit point and the mesh
@@ -379,6 +385,7 @@ void interact_with_geom(const Frame& f, const Rays& rays, const Hit& hit, Float 
     float longest = reduce_max(select(here, step, splat(0.0f)));
     out.step = longest > out.step ? longest : out.step;
   }
+  // write the lanes of this geom
   assign(out.spawn_point, origin);
   for (int c = 0; c < CHANNELS; c++) {
     assign(out.albedo[c], albedo[c]);
@@ -410,6 +417,7 @@ SurfaceInteraction<CHANNELS> surface_interaction(const Frame& f, const Rays& ray
   out.point = rays.origin + rays.direction * hit.distance;
   Float footprint_width =
       f.orthographic ? splat(f.pixel_angle) : (path_length + hit.distance) * f.pixel_angle;
+  // in most packets all lanes hit one geom; else go geom by geom
   int index = lanes ? lane(hit.geom, first_lane(lanes)) : -1;
   Mask here = (hit.geom == splat(index)) & mask_from_bits(lanes);
   if (lanes && to_bits(here) == lanes) {
