@@ -306,102 +306,181 @@ std::map<std::string, long> work_of(const BoundCaster& b) {
 }  // namespace
 
 void bind_caster(nb::module_& m) {
-  nb::class_<Optics>(m, "Optics", "Pixels and rays of one camera; lengths in px.")
-      .def(
-          nb::new_(&make_optics), nb::kw_only(), nb::arg("width"), nb::arg("height"), nb::arg("fx"),
-          nb::arg("fy"), nb::arg("cx"), nb::arg("cy"), nb::arg("orthographic") = false,
-          nb::arg("lens").none() = nb::none(), nb::arg("share").none() = nb::none(),
-          "orthographic: fx and fy are px/m; lens (height + 1, width + 1, 3): the ray at each "
-          "pixel "
-          "corner, camera frame; share (height, width): the share of its light that a pixel gets.");
+  nb::class_<Optics>(m, "Optics", "A camera's pixels and rays.")
+      .def(nb::new_(&make_optics), nb::kw_only(), nb::arg("width"), nb::arg("height"),
+           nb::arg("fx"), nb::arg("fy"), nb::arg("cx"), nb::arg("cy"),
+           nb::arg("orthographic") = false, nb::arg("lens").none() = nb::none(),
+           nb::arg("share").none() = nb::none(),
+           "Args:\n"
+           "    width, height: The image's size, px.\n"
+           "    fx, fy: The focal lengths, px; px/m if orthographic.\n"
+           "    cx, cy: The principal point, px.\n"
+           "    orthographic: Whether the rays are parallel.\n"
+           "    lens: (height + 1, width + 1, 3) float32, the ray at each pixel corner,\n"
+           "        camera frame; None for a pinhole.\n"
+           "    share: (height, width) float32, the vignetting: the share of the light that\n"
+           "        reaches a pixel; None for all of it.");
 
   nb::class_<Tracing>(m, "Tracing", "How light is computed, and what is output.")
-      .def(
-          nb::new_(&make_tracing), nb::kw_only(), nb::arg("samples") = 1,
-          nb::arg("adaptive") = false, nb::arg("shadows") = true, nb::arg("incremental") = false,
-          nb::arg("rgb") = false, nb::arg("integrator") = "direct", nb::arg("bounces") = 0,
-          nb::arg("sample_set") = "owen", nb::arg("forced") = FeatureFlags{},
-          "samples: of a pixel; adaptive: only where neighbours differ, one elsewhere; "
-          "incremental: with a still camera, reuse what nothing that moved can affect; rgb: "
-          "`render` can output colour; integrator: direct or path; bounces, sample_set: of path; "
-          "forced: code paths by name that are on, with the same bytes, or off, whatever the scene "
-          "needs, for tests.");
+      .def(nb::new_(&make_tracing), nb::kw_only(), nb::arg("samples") = 1,
+           nb::arg("adaptive") = false, nb::arg("shadows") = true, nb::arg("incremental") = false,
+           nb::arg("rgb") = false, nb::arg("integrator") = "direct", nb::arg("bounces") = 0,
+           nb::arg("sample_set") = "owen", nb::arg("forced") = FeatureFlags{},
+           "Args:\n"
+           "    samples: The number of samples per pixel.\n"
+           "    adaptive: Take all samples only where neighbours differ, and one elsewhere.\n"
+           "    shadows: Whether lights cast shadows.\n"
+           "    incremental: With a still camera, reuse what nothing that moved can affect.\n"
+           "    rgb: Whether `render` can output colour.\n"
+           "    integrator: direct or path.\n"
+           "    bounces: The largest number of bounces of a path.\n"
+           "    sample_set: The sampler of path: sobol, owen, global, random or anchored.\n"
+           "    forced: Features by name that are forced on (the output keeps its bytes) or\n"
+           "        off, for tests.");
 
   m.def("isa_available", &isa_available,
-        "Instruction sets that this build and this machine have, fastest first.");
+        "Return the instruction sets that this build and this machine support, fastest\n"
+        "first.");
 
-  nb::class_<SceneData>(
-      m, "SceneData",
-      "The constant part of a scene, filled once: textures, surfaces, meshes, lights, then geoms.")
+  nb::class_<SceneData>(m, "SceneData",
+                        "The constant part of a scene.\n"
+                        "\n"
+                        "Fill it once, in this order: textures, surfaces, meshes, lights, geoms.")
       .def(nb::init<>())
       .def("add_texture", &add_texture, nb::arg("data"), nb::arg("srgb"), nb::arg("like") = -1,
-           "data (faces, height, width, components) uint8; its index. like: of the same image in "
-           "the "
-           "scene of the caster's `before`.")
+           "Add a texture.\n"
+           "\n"
+           "Args:\n"
+           "    data: (faces, height, width, components) uint8, with 1 or 6 faces.\n"
+           "    srgb: Whether the image is display-coded.\n"
+           "    like: The index of the same image in the scene of the caster's `before`; -1\n"
+           "        for none.\n"
+           "\n"
+           "Returns:\n"
+           "    The texture's index.")
       .def("add_surface", &add_surface, nb::arg("rgba"), nb::arg("texture"), nb::arg("repeat"),
            nb::arg("uniform"), nb::arg("emission"), nb::arg("specular"), nb::arg("shininess"),
            nb::arg("reflectance"), nb::arg("metallic"), nb::arg("roughness"), nb::arg("maps"),
-           "maps: textures for metallic, roughness, occlusion, opacity, normal, emissive; -1 none.")
+           "Add a surface, MuJoCo's material.\n"
+           "\n"
+           "Args:\n"
+           "    rgba: The display-coded colour.\n"
+           "    texture: The index of the colour texture; -1 for none.\n"
+           "    maps: The textures for metallic, roughness, occlusion, opacity, normal and\n"
+           "        emissive; -1 for none.")
       .def("add_mesh", &add_mesh, nb::arg("vertices"), nb::arg("faces"), nb::arg("normals").none(),
            nb::arg("texcoords").none(),
-           "vertices (nv, 3), faces (nf, 3), normals (nf, 3, 3), texcoords (nf, 3, 2).")
+           "Add a mesh.\n"
+           "\n"
+           "Args:\n"
+           "    vertices: (nv, 3) float32, m.\n"
+           "    faces: (nf, 3) int32.\n"
+           "    normals: (nf, 3, 3) float32, one for each corner of each face; None for\n"
+           "        flat faces.\n"
+           "    texcoords: (nf, 3, 2) float32; None if the mesh has none.")
       .def("share_mesh", &share_mesh, nb::arg("caster"), nb::arg("mesh"),
-           "The mesh of a caster, shared until one of them deforms it.")
+           "Add the mesh of a caster. The scenes share it until one of them deforms it.")
       .def("add_light", &add_light, nb::arg("kind"), nb::arg("ambient"), nb::arg("diffuse"),
            nb::arg("specular"), nb::arg("castshadow"), nb::arg("attenuation"),
            nb::arg("cutoff_deg"), nb::arg("exponent"), nb::arg("intensity"), nb::arg("headlight"),
-           nb::arg("range"), nb::arg("softness"), nb::arg("texture"), nb::arg("bulbradius"))
+           nb::arg("range"), nb::arg("softness"), nb::arg("texture"), nb::arg("bulbradius"),
+           "Add a light of MuJoCo. The texture is that of an image light; -1 for none.")
       .def("set_fog", &set_fog, nb::arg("start"), nb::arg("end"), nb::arg("color"),
-           "Distances in m, display-coded colour.")
+           "Add fog. The distances are in m, and the colour is display-coded.")
       .def("set_haze", &set_haze, nb::arg("ratio"), nb::arg("radius"), nb::arg("color"),
-           "Share of the distance to the horizon, that distance in m, display-coded colour.")
+           "Add haze.\n"
+           "\n"
+           "Args:\n"
+           "    ratio: The share of the distance to the horizon that the haze covers.\n"
+           "    radius: The distance to the horizon, m.\n"
+           "    color: The display-coded colour.")
       .def("set_geoms", &set_geoms, nb::arg("type"), nb::arg("size"), nb::arg("mesh"),
-           nb::arg("surface"))
-      .def_rw("skybox", &SceneData::skybox, "Index of the skybox's texture, -1 none.");
+           nb::arg("surface"),
+           "Set the geoms: type, mesh and surface (ng,) int32; size (ng, 3) float32, m.")
+      .def_rw("skybox", &SceneData::skybox, "The index of the skybox's texture; -1 for none.");
 
-  nb::class_<BoundCaster>(m, "Caster", "One camera's view of one scene.")
+  nb::class_<BoundCaster>(m, "Caster", "A ray caster: one camera's view of one scene.")
       .def(nb::new_(&make_caster), nb::arg("scene"), nb::arg("optics"), nb::arg("tracing"),
            nb::kw_only(), nb::arg("threads") = 1, nb::arg("isa") = "auto",
            nb::arg("before").none() = nb::none(),
-           "threads: 0 is one a core; isa: auto, or one of isa_available(). before: of the same "
-           "camera "
-           "until now; its threads and images are shared.")
+           "Args:\n"
+           "    threads: The number of threads; 0 for one per core.\n"
+           "    isa: An instruction set of isa_available(), or auto.\n"
+           "    before: The previous caster of the same camera, whose threads and images\n"
+           "        are reused.")
       .def("trace_pixels", &trace_pixels, nb::arg("geom_pos"), nb::arg("geom_mat"),
            nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
            nb::arg("x"), nb::arg("y"), nb::arg("luminance"), nb::arg("seed") = 0,
-           "luminance (n) of the pixels (x, y), (n) int32 each.")
+           "Render single pixels.\n"
+           "\n"
+           "Args:\n"
+           "    geom_pos, geom_mat: (ng, 3) and (ng, 9) float64, world frame.\n"
+           "    light_pos, light_dir: (nl, 3) float64, world frame.\n"
+           "    camera_pos, camera_mat: (3,) and (9,) float64, world frame.\n"
+           "    x, y: (n,) int32, pixels in the image.\n"
+           "    luminance: (n,) float32, the output.\n"
+           "    seed: The seed of this tick, for the path integrator.")
       .def("set_light_gains", &set_light_gains, nb::arg("gains"),
-           "Each light's strength (nl) from the next call on, 1 as the scene has it.")
+           "Scale each light's strength from the next call on.\n"
+           "\n"
+           "Args:\n"
+           "    gains: (nl,) float32; 1 is the scene's strength.")
       .def("deform", &deform_mesh, nb::arg("mesh"), nb::arg("vertices"), nb::arg("normals"),
-           "New vertices (nv, 3) and unit normals (nv, 3) of a mesh, before a call of render.")
+           "Set new vertices (nv, 3) and unit normals (nv, 3) of a mesh, before a call of\n"
+           "render.")
       .def("resize", &resize_geoms, nb::arg("geoms"), nb::arg("sizes"),
-           "New sizes (n, 3) of geoms (n) that are no planes and no meshes, before a call of "
-           "render; with a radius of 0 none is hit.")
-      .def(
-          "render", &render, nb::arg("geom_pos"), nb::arg("geom_mat"), nb::arg("light_pos"),
-          nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"), nb::arg("luminance"),
-          nb::arg("rgb").none() = nb::none(), nb::arg("seed") = 0,
-          nb::arg("copy").none() = nb::none(),
-          "luminance (h, w) and rgb (h, w, 3) float32 must be the same arrays, untouched, in every "
-          "call. copy: (h, w) float32, where the luminance goes as well.")
+           "Set new sizes of geoms, before a call of render.\n"
+           "\n"
+           "Args:\n"
+           "    geoms: (n,) int32, neither planes nor meshes.\n"
+           "    sizes: (n, 3) float32, m. A geom with radius 0 is invisible.")
+      .def("render", &render, nb::arg("geom_pos"), nb::arg("geom_mat"), nb::arg("light_pos"),
+           nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"), nb::arg("luminance"),
+           nb::arg("rgb").none() = nb::none(), nb::arg("seed") = 0,
+           nb::arg("copy").none() = nb::none(),
+           "Render the image.\n"
+           "\n"
+           "The luminance and rgb arrays must be the same in every call and must not be\n"
+           "modified between calls.\n"
+           "\n"
+           "Args:\n"
+           "    geom_pos, geom_mat: (ng, 3) and (ng, 9) float64, world frame.\n"
+           "    light_pos, light_dir: (nl, 3) float64, world frame.\n"
+           "    camera_pos, camera_mat: (3,) and (9,) float64, world frame.\n"
+           "    luminance: (h, w) float32, the output.\n"
+           "    rgb: (h, w, 3) float32, the output in colour; None for no colour.\n"
+           "    seed: The seed of this tick, for the path integrator.\n"
+           "    copy: (h, w) float32, a copy of the luminance; None for no copy.")
       .def("trace_truth", &trace_truth, nb::arg("geom_pos"), nb::arg("geom_mat"),
            nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
            nb::arg("geom"), nb::arg("distance"), nb::arg("point"), nb::arg("normal"),
            nb::arg("triangle"), nb::arg("barycentric"),
-           "What each pixel's centre shows: geom (h, w) int32, -1 none; distance (h, w), m; point "
-           "and normal (h, w, 3), camera frame; face (h, w) int32 of a mesh, -1 none, and the "
-           "shares (h, w, 2) of its second and third corner. Where nothing is hit, point is the "
-           "ray's direction.")
-      .def_prop_ro("traced_fraction",
-                   [](const BoundCaster& b) { return b.caster.traced_fraction(); })
-      .def_prop_ro("channels", [](const BoundCaster& b) { return b.caster.channels(); })
+           "Compute the ground truth: the first hit of the ray through each pixel's centre.\n"
+           "\n"
+           "Args:\n"
+           "    geom_pos, geom_mat: (ng, 3) and (ng, 9) float64, world frame.\n"
+           "    light_pos, light_dir: (nl, 3) float64, world frame.\n"
+           "    camera_pos, camera_mat: (3,) and (9,) float64, world frame.\n"
+           "    geom: (h, w) int32, the output: the geom; -1 for none.\n"
+           "    distance: (h, w) float32, the output, m.\n"
+           "    point: (h, w, 3) float32, the output, camera frame; the ray's direction\n"
+           "        where nothing is hit.\n"
+           "    normal: (h, w, 3) float32, the output, camera frame.\n"
+           "    triangle: (h, w) int32, the output: the face of a mesh; -1 for none.\n"
+           "    barycentric: (h, w, 2) float32, the output: the weights of the face's\n"
+           "        second and third corner.")
+      .def_prop_ro(
+          "traced_fraction", [](const BoundCaster& b) { return b.caster.traced_fraction(); },
+          "The share of the last tick that was traced, 0 ... 1.")
+      .def_prop_ro(
+          "channels", [](const BoundCaster& b) { return b.caster.channels(); },
+          "The number of channels: luminance, RGB, or both.")
       .def_prop_ro(
           "features", [](const BoundCaster& b) { return b.caster.features(); },
-          "Which code paths it runs, by name: as the last tick was placed, where that decides.")
+          "The active features by name, as of the last tick where that decides.")
       .def_prop_ro("work", &work_of,
-                   "What it has done since it was made: ticks, packets of 4 x 4 pixels that were "
-                   "asked whether something that moved can touch them, packets that were traced, "
-                   "trees that were built and refitted.");
+                   "The work done so far: ticks; packets of 4 x 4 pixels that were tested against\n"
+                   "moving geoms, traced and relit; BVHs that were built and refitted.");
 }
 
 }  // namespace evs

@@ -28,8 +28,10 @@ void bind_events(nb::module_& m) {
         nb::arg("width"), nb::arg("height"),
         nb::sig("def events_fit(raw: bytes | memoryview, base_us: int, end_us: int, width: int, "
                 "height: int) -> bool"),
-        "Whether raw holds whole events, sorted by t in (base_us, end_us], on the sensor, with "
-        "polarity 0 or 1 and zero padding.");
+        "Return whether the bytes are valid events.\n"
+        "\n"
+        "They must hold whole events, sorted by t in (base_us, end_us], on the sensor,\n"
+        "with polarity 0 or 1 and zero padding.");
 }
 
 }  // namespace evs

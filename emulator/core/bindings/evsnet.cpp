@@ -177,7 +177,8 @@ class BoundNetwork {
 }  // namespace
 
 void bind_network(nb::module_& m) {
-  nb::class_<BoundNetwork>(m, "NetworkArray", "EvSNet on an array of pixels.")
+  nb::class_<BoundNetwork>(m, "NetworkArray",
+                           "EvSNet on an array of pixels. The caller owns the state.")
       .def(nb::init<int, int, Line, Array<const float, 2>, Array<const int32_t, 1>, Line, float,
                     float, float, Line, Line, float, float, float, int64_t, bool, int,
                     const std::string&>(),
@@ -187,22 +188,49 @@ void bind_network(nb::module_& m) {
            nb::arg("decay_low").noconvert(), nb::arg("decay_high").noconvert(),
            nb::arg("exposure_dn"), nb::arg("dark_dn"), nb::arg("linlog_dn"), nb::arg("tick_us"),
            nb::arg("dense") = false, nb::arg("threads") = 0, nb::arg("isa") = "auto",
-           "In: weights of all convolutions, one after another, each (out, in, 7); biases "
-           "(convolutions, channels); delays (blocks,), ticks by which each residual sum is late.")
+           "Args:\n"
+           "    weights: The weights of all convolutions, one after another, each (out, in,\n"
+           "        7).\n"
+           "    biases: (convolutions, channels).\n"
+           "    delays: (blocks,), the delay of each residual sum, ticks.\n"
+           "    last, last_bias: (channels,), the weights and the bias of the point-wise\n"
+           "        convolution.\n"
+           "    v_on, v_off: The thresholds of the membrane potential.\n"
+           "    decay_low, decay_high: (256,) d^m and (4096,) d^(256 m), where d is the\n"
+           "        leak of a tick.\n"
+           "    exposure_dn, dark_dn, linlog_dn: The map from luminance to log intensity,\n"
+           "        DN.\n"
+           "    tick_us: The length of a tick, us.\n"
+           "    dense: Compute every tile in every tick.\n"
+           "    threads: The number of threads; 0 for one per core.\n"
+           "    isa: An instruction set of isa_available(), or auto.")
       .def("step", &BoundNetwork::step, nb::arg("luminance").noconvert(), nb::arg("tick"),
            nb::arg("begin_us"), nb::kw_only(), nb::arg("last_luminance").noconvert(),
            nb::arg("last_log").noconvert(), nb::arg("v").noconvert(), nb::arg("last").noconvert(),
            nb::arg("fifo").noconvert(), nb::arg("tile_row").noconvert(),
            nb::arg("tile_moved").noconvert(), nb::arg("tile_loud").noconvert(), nb::arg("grow"),
            nb::arg("currents").noconvert().none() = nb::none(),
-           "Out: (list of the event bytes of each tick, (16 n,) uint8; number of pixels whose "
-           "luminance was replaced, whose X was clamped, whose V was clamped). In: tick, number of "
-           "the first tick. All arrays but luminance are modified in place. grow(rows) must copy "
-           "fifo to an array with more rows, the new ones zero, and return it.")
-      .def_prop_ro("row_floats", &BoundNetwork::row_floats,
-                   "float32 in the FIFOs of a tile: [16][6][feature]; tick n is in slot n mod 6.")
+           "Step a chunk of ticks.\n"
+           "\n"
+           "All arrays except luminance are modified in place.\n"
+           "\n"
+           "Args:\n"
+           "    luminance: (ticks, h, w) float32.\n"
+           "    tick: The number of the first tick.\n"
+           "    begin_us: Where the first tick begins, us.\n"
+           "    grow: grow(rows) must copy fifo to an array with more rows, the new ones\n"
+           "        zero, and return it.\n"
+           "    currents: (ticks, h, w) float32, the output of the convolutions; None if\n"
+           "        not wanted.\n"
+           "\n"
+           "Returns:\n"
+           "    The event bytes of each tick, (16 n,) uint8; the number of pixels whose\n"
+           "    luminance was replaced, whose X was clamped and whose V was clamped.")
+      .def_prop_ro(
+          "row_floats", &BoundNetwork::row_floats,
+          "The floats in the FIFOs of a tile: [16][6][feature]; tick n is in slot n mod 6.")
       .def_prop_ro("tiles", &BoundNetwork::tiles,
-                   "(down, across), number of tiles of 4 x 4 pixels.");
+                   "The number of tiles of 4 x 4 pixels, (down, across).");
 }
 
 }  // namespace evs

@@ -13,7 +13,7 @@ void bind_watch(nanobind::module_& m);
 }  // namespace evs
 
 NB_MODULE(_core, m) {
-  m.doc() = "The native core: ray caster, event pixel and event network.";
+  m.doc() = "The native core: the ray caster, the event pixel and the event network.";
   // threads that the interpreter stops at its exit leak what they used, which is not a bug of the
   // user
   nanobind::set_leak_warnings(false);

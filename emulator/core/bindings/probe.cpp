@@ -151,28 +151,30 @@ void light_pdf(BoundCaster& b, In<double, N, 3> geom_pos, In<double, N, 9> geom_
 }  // namespace
 
 void bind_probe(nb::module_& m) {
-  m.def("probe_points", &sampler_points, nb::arg("sampler"), nb::arg("index"), nb::arg("dimension"),
-        nb::arg("pixels"), nb::arg("out"), nb::arg("seed") = 0, nb::arg("digits") = 6,
-        "Points (n, 2) that pixels (n) draw for one sample and dimension: for tests.");
-  m.def("probe_scatter", &sample_bsdf, nb::arg("albedo"), nb::arg("f0"), nb::arg("metallic"),
-        nb::arg("alpha"), nb::arg("mirror"), nb::arg("eye"), nb::arg("numbers"),
-        nb::arg("direction"), nb::arg("light"), nb::arg("density"), nb::arg("again"),
-        nb::arg("mirrored"), nb::arg("alive"),
-        "Directions that a surface with its normal along z draws by numbers (n, 4): for tests.");
-  m.def("probe_evaluate", &evaluate_bsdf, nb::arg("albedo"), nb::arg("f0"), nb::arg("metallic"),
+  m.def("probe_sampler", &sampler_points, nb::arg("sampler"), nb::arg("index"),
+        nb::arg("dimension"), nb::arg("pixels"), nb::arg("out"), nb::arg("seed") = 0,
+        nb::arg("log2_samples") = 6,
+        "Sample one dimension for pixels (n,): points (n, 2). For tests.");
+  m.def("probe_bsdf_sample", &sample_bsdf, nb::arg("albedo"), nb::arg("f0"), nb::arg("metallic"),
+        nb::arg("alpha"), nb::arg("mirror"), nb::arg("eye"), nb::arg("u"), nb::arg("direction"),
+        nb::arg("light"), nb::arg("pdf"), nb::arg("pdf_evaluated"), nb::arg("specular"),
+        nb::arg("alive"),
+        "Sample the BSDF of a surface with its normal along z by random numbers (n, 4).\n"
+        "For tests.");
+  m.def("probe_bsdf", &evaluate_bsdf, nb::arg("albedo"), nb::arg("f0"), nb::arg("metallic"),
         nb::arg("alpha"), nb::arg("mirror"), nb::arg("eye"), nb::arg("direction"), nb::arg("light"),
-        nb::arg("density"),
-        "f times cosine (n, 3) and density (n) of directions (n, 3): for tests.");
-  m.def("probe_aim", &sample_light, nb::arg("caster"), nb::arg("geom_pos"), nb::arg("geom_mat"),
+        nb::arg("pdf"), "Evaluate f cos (n, 3) and the pdf (n,) of directions (n, 3). For tests.");
+  m.def("probe_light_sample", &sample_light, nb::arg("caster"), nb::arg("geom_pos"),
+        nb::arg("geom_mat"), nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"),
+        nb::arg("camera_mat"), nb::arg("point"), nb::arg("environment"), nb::arg("u"),
+        nb::arg("direction"), nb::arg("light"), nb::arg("pdf"), nb::arg("pdf_evaluated"),
+        "Sample light from a point by random numbers (n, 3), camera frame, and evaluate\n"
+        "the pdf (n,) of the same directions. For tests.");
+  m.def("probe_light_pdf", &light_pdf, nb::arg("caster"), nb::arg("geom_pos"), nb::arg("geom_mat"),
         nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
-        nb::arg("point"), nb::arg("sky"), nb::arg("numbers"), nb::arg("direction"),
-        nb::arg("light"), nb::arg("density"), nb::arg("again"),
-        "What a point aims at by numbers (n, 3), camera frame; and the density (n) that a ray is "
-        "told which goes there by chance: for tests.");
-  m.def("probe_told", &light_pdf, nb::arg("caster"), nb::arg("geom_pos"), nb::arg("geom_mat"),
-        nb::arg("light_pos"), nb::arg("light_dir"), nb::arg("camera_pos"), nb::arg("camera_mat"),
-        nb::arg("point"), nb::arg("direction"), nb::arg("density"),
-        "The density (n) of aiming at what directions (n, 3) from a point meet: for tests.");
+        nb::arg("point"), nb::arg("direction"), nb::arg("pdf"),
+        "Evaluate the light-sampling pdf (n,) of what directions (n, 3) from a point\n"
+        "hit. For tests.");
 }
 
 }  // namespace evs

@@ -30,9 +30,10 @@ void require(bool holds, const char* what) {
 // A Python array that owns the memory of a vector.
 template <class Array, class T>
 Array owned(std::vector<T>&& values) {
-  auto kept = std::make_unique<std::vector<T>>(std::move(values));
-  nb::capsule owner(kept.get(), [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
-  std::vector<T>* memory = kept.release();
+  auto storage = std::make_unique<std::vector<T>>(std::move(values));
+  nb::capsule owner(storage.get(),
+                    [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
+  std::vector<T>* memory = storage.release();
   const size_t count = memory->size() * sizeof(T) / sizeof(typename Array::Scalar);
   return Array(memory->data(), {count}, owner);
 }
@@ -123,20 +124,42 @@ BoundReadout* make_readout(int width, int height, double latency_us, double late
 
 void bind_readout(nb::module_& m) {
   nb::class_<BoundReadout>(m, "Readout",
-                           "The readout, from pixel to packet: see evs.emulator.sensor.readout.")
+                           "The readout, from pixel to packet (evs.emulator.sensor.readout).")
       .def(nb::new_(&make_readout), nb::kw_only(), nb::arg("width"), nb::arg("height"),
            nb::arg("latency_us"), nb::arg("latency_sigma_us"), nb::arg("order"), nb::arg("row_ns"),
            nb::arg("column_ns"), nb::arg("jitter_ns"), nb::arg("scan_us"), nb::arg("erc_target"),
            nb::arg("erc_period_us"), nb::arg("erc_drop"), nb::arg("link_rate"), nb::arg("fifo"),
            nb::arg("stamp_sent"), nb::arg("fates").none() = nb::none(),
-           "erc_target: events a period, 0 for off; link_rate: events a second, 0 for unlimited; "
-           "fates (height, width) uint8: 0 outside the ROI, 1 masked, 255 kept.")
-      .def(
-          "step", &BoundReadout::step, nb::arg("events").noconvert(), nb::arg("clock").noconvert(),
-          nb::arg("waiting").noconvert(), nb::arg("due_ns").noconvert(), nb::arg("t_begin_us"),
-          nb::arg("t_end_us"),
-          "Out: (bytes of the events that are output in the tick (16 n,) uint8, of those that wait "
-          "(16 m,) uint8, the times of those (m,) int64 ns). clock is modified in place.");
+           "Args:\n"
+           "    width, height: The size of the sensor, px.\n"
+           "    latency_us, latency_sigma_us: The mean latency of a pixel and its jitter.\n"
+           "    order: ideal, arbiter or scan.\n"
+           "    row_ns, column_ns, jitter_ns: The times of the arbiter.\n"
+           "    scan_us: The period of the scan.\n"
+           "    erc_target: The event rate control's limit, events per period; 0 for none.\n"
+           "    erc_period_us: The period of the rate control.\n"
+           "    erc_drop: What the rate control thins: time, row or column.\n"
+           "    link_rate: The bandwidth of the link, events per second; 0 for unlimited.\n"
+           "    fifo: The events that the FIFO of the link holds.\n"
+           "    stamp_sent: Whether an event is stamped when it is sent, not when it is\n"
+           "        read.\n"
+           "    fates: (height, width) uint8: 0 outside the ROI, 1 masked, 255 read out;\n"
+           "        None reads out every pixel.")
+      .def("step", &BoundReadout::step, nb::arg("events").noconvert(), nb::arg("clock").noconvert(),
+           nb::arg("waiting").noconvert(), nb::arg("due_ns").noconvert(), nb::arg("t_begin_us"),
+           nb::arg("t_end_us"),
+           "Read out the events of one tick.\n"
+           "\n"
+           "Args:\n"
+           "    events: (16 n,) uint8, the events of the pixels, sorted.\n"
+           "    clock: The int64 state, modified in place.\n"
+           "    waiting, due_ns: The waiting events and their times, as the last call\n"
+           "        returned them.\n"
+           "    t_begin_us, t_end_us: The tick.\n"
+           "\n"
+           "Returns:\n"
+           "    The bytes of the events that are output in the tick, (16 n,) uint8; of\n"
+           "    those that wait, (16 m,) uint8; and the times of these, (m,) int64, ns.");
 }
 
 }  // namespace evs

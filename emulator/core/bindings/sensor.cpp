@@ -225,10 +225,21 @@ void bind_sensor(nb::module_& m) {
            nb::arg("noise_weight") = 0.0f, nb::arg("shot_bright") = 1.0,
            nb::arg("shot_inverse") = false, nb::arg("shot_slope") = 0.0,
            nb::arg("shot_offset") = 0.0, nb::arg("shot_dim_dn") = 0.0, nb::arg("seed") = 0,
-           "Terms at zero are off. lowpass, follower, highpass: 2 pi f in 1 / us; lowpass at DN 0 "
-           "and its slope per DN.");
-  nb::class_<BoundPixels>(m, "PixelArray",
-                          "Event pixels with a fixed pattern: emulator/sensor/pixel/plain.py.")
+           "Terms at zero are off.\n"
+           "\n"
+           "Args:\n"
+           "    log: linlog or log_eps.\n"
+           "    exposure_dn, dark_dn, linlog_dn, log_eps: The map from luminance to log\n"
+           "        intensity.\n"
+           "    euler: Whether filters step as in v2e.\n"
+           "    lowpass_low, lowpass_slope: The photoreceptor's 2 pi f at DN 0, 1 / us, and\n"
+           "        its slope per DN.\n"
+           "    follower, highpass: 2 pi f, 1 / us.\n"
+           "    causes: Whether events hold their cause.");
+  nb::class_<BoundPixels>(
+      m, "PixelArray",
+      "Event pixels with a fixed pattern (emulator/sensor/pixel/plain.py). The caller\n"
+      "owns the state.")
       .def(nb::init<const PixelSettings&, int, int, FrameIn<float>, FrameIn<float>, MaybeIn<float>,
                     MaybeIn<float>, MaybeIn<float>, MaybeIn<uint8_t>, MaybeIn<float>,
                     MaybeIn<float>, int, const std::string&>(),
@@ -236,32 +247,52 @@ void bind_sensor(nb::module_& m) {
            nb::arg("theta_on"), nb::arg("theta_off"), nb::arg("leak").none() = nb::none(),
            nb::arg("parasitic").none() = nb::none(), nb::arg("phase").none() = nb::none(),
            nb::arg("hot").none() = nb::none(), nb::arg("shot_on").none() = nb::none(),
-           nb::arg("shot_off").none() = nb::none(), nb::arg("threads") = 0, nb::arg("isa") = "auto")
-      .def(
-          "step", &BoundPixels::step, nb::arg("luminance").noconvert(), nb::arg("t_begin_us"),
-          nb::arg("clock_us"), nb::arg("tick_us"), nb::arg("ticks"), nb::kw_only(),
-          nb::arg("reference").noconvert(), nb::arg("last_log").noconvert(),
-          nb::arg("last_luminance").noconvert(),
-          nb::arg("filtered").noconvert().none() = nb::none(),
-          nb::arg("followed").noconvert().none() = nb::none(),
-          nb::arg("blind_until").noconvert().none() = nb::none(),
-          nb::arg("mean").noconvert().none() = nb::none(),
-          nb::arg("noise").noconvert().none() = nb::none(),
-          nb::arg("drift").noconvert().none() = nb::none(),
-          nb::arg("due_us").noconvert().none() = nb::none(),
-          nb::arg("since_us").noconvert().none() = nb::none(),
-          nb::arg("shot_next").noconvert().none() = nb::none(),
-          nb::arg("shot_count").noconvert().none() = nb::none(),
-          "Out: (event bytes (16 n,) uint8, number of pixels with unusable luminance). The keyword "
-          "arguments are the state and are modified in place. In: ticks, number of ticks so far.");
+           nb::arg("shot_off").none() = nb::none(), nb::arg("threads") = 0, nb::arg("isa") = "auto",
+           "Args:\n"
+           "    theta_on, theta_off: (h, w) float32, the thresholds, at least 2^-20.\n"
+           "    leak, parasitic: (h, w) float32, log units per us; None for none.\n"
+           "    phase: (h, w) float32, from the first reference up to the first light, log units.\n"
+           "    hot: (h, w) uint8, 1 for a hot pixel.\n"
+           "    shot_on, shot_off: (h, w) float32, the rates of shot noise in the dark, Hz.\n"
+           "    threads: The number of threads; 0 for one per core.\n"
+           "    isa: An instruction set of isa_available(), or auto.")
+      .def("step", &BoundPixels::step, nb::arg("luminance").noconvert(), nb::arg("t_begin_us"),
+           nb::arg("clock_us"), nb::arg("tick_us"), nb::arg("ticks"), nb::kw_only(),
+           nb::arg("reference").noconvert(), nb::arg("last_log").noconvert(),
+           nb::arg("last_luminance").noconvert(),
+           nb::arg("filtered").noconvert().none() = nb::none(),
+           nb::arg("followed").noconvert().none() = nb::none(),
+           nb::arg("blind_until").noconvert().none() = nb::none(),
+           nb::arg("mean").noconvert().none() = nb::none(),
+           nb::arg("noise").noconvert().none() = nb::none(),
+           nb::arg("drift").noconvert().none() = nb::none(),
+           nb::arg("due_us").noconvert().none() = nb::none(),
+           nb::arg("since_us").noconvert().none() = nb::none(),
+           nb::arg("shot_next").noconvert().none() = nb::none(),
+           nb::arg("shot_count").noconvert().none() = nb::none(),
+           "Step all pixels by one tick.\n"
+           "\n"
+           "The keyword arguments are the state and are modified in place.\n"
+           "\n"
+           "Args:\n"
+           "    luminance: (h, w) float32.\n"
+           "    t_begin_us: The stamp of the tick's start.\n"
+           "    clock_us: The sensor's clock at the start: the sum of all ticks so far.\n"
+           "    tick_us: The length of the tick.\n"
+           "    ticks: The number of ticks so far.\n"
+           "\n"
+           "Returns:\n"
+           "    The event bytes, (16 n,) uint8, and the number of pixels with unusable\n"
+           "    luminance.");
   m.def("natural_log", &natural_log, nb::arg("values").noconvert(),
-        "ln of normal positive float32 (n,), as the pixel computes it.");
-  m.def(
-      "lowpass_steps", &lowpass_steps, nb::arg("z").noconvert(),
-      "(a, b) of a one-pole low pass for z = 2 pi f dt (n,) float32, as the pixel computes them.");
+        "Return ln of normal positive float32 (n,), as the pixel computes it.");
+  m.def("lowpass_steps", &lowpass_steps, nb::arg("z").noconvert(),
+        "Return (a, b) of a one-pole low pass for z = 2 pi f dt (n,) float32, as the\n"
+        "pixel does.");
   m.def("log_map", &log_map, nb::arg("luminance").noconvert(), nb::arg("log"),
         nb::arg("exposure_dn"), nb::arg("dark_dn"), nb::arg("linlog_dn"), nb::arg("log_eps"),
-        "Log intensity of luminance (n,); NaN where the luminance is negative, NaN or Inf.");
+        "Return the log intensity of luminance (n,); NaN where it is negative, NaN or\n"
+        "Inf.");
 }
 
 }  // namespace evs

@@ -82,13 +82,17 @@ uint64_t digest(const std::vector<Array>& arrays) {
 }  // namespace
 
 void bind_watch(nb::module_& m) {
-  nb::class_<Watch>(m, "Watch", "Arrays of others, and what they held when they were last known.")
+  nb::class_<Watch>(m, "Watch",
+                    "A watch on arrays of other owners: it compares them with a copy of their\n"
+                    "contents.")
       .def(nb::init<std::vector<Array>>(), nb::arg("arrays"),
-           "arrays: any shape and type, contiguous; what they hold now is known.")
-      .def("changed", &Watch::changed, "Whether a byte is another than was known.")
-      .def("keep", &Watch::keep, "What they hold now is known.");
+           "Args:\n"
+           "    arrays: Contiguous, of any shape and type. Their contents are copied now.")
+      .def("changed", &Watch::changed, "Return whether any byte differs from the copy.")
+      .def("keep", &Watch::keep, "Copy the contents again.");
   m.def("digest", &digest, nb::arg("arrays"),
-        "64 bits of what the arrays hold, in their order; one changed word changes it for sure.");
+        "Return a 64-bit digest of the arrays in their order. A single changed word\n"
+        "always changes it.");
 }
 
 }  // namespace evs

@@ -100,8 +100,8 @@ void check_ticks(const How& how) {
   std::string what = std::string(how.name) + ": " + std::to_string(count) + " allocations";
   check(count == 0, what.c_str());
   // and the scene was one that keeps it busy
-  bool kept = traced < TICKS;
-  check(traced > 0 && kept == how.incremental, "a moving scene is traced, in part or whole");
+  bool reused = traced < TICKS;
+  check(traced > 0 && reused == how.incremental, "a moving scene is traced, in part or whole");
 }
 
 }  // namespace

@@ -28,8 +28,8 @@ DRAWS = 1 << 17
 def points(sampler: str, index: int, dimension: int, pixels: np.ndarray, **more: int) -> np.ndarray:
     """(n, 2) float64 points of these pixels."""
     out = np.zeros((len(pixels), 2), np.float32)
-    settings = {"seed": 7, "digits": 6, **more}
-    _core.probe_points(sampler, index, dimension, pixels.astype(np.int32), out, **settings)
+    settings = {"seed": 7, "log2_samples": 6, **more}
+    _core.probe_sampler(sampler, index, dimension, pixels.astype(np.int32), out, **settings)
     return out.astype(np.float64)
 
 
@@ -113,7 +113,7 @@ def scattered(surface: dict[str, Any], seed: int) -> dict[str, np.ndarray]:
         "mirrored": np.zeros(DRAWS, np.int32),
         "alive": np.zeros(DRAWS, np.int32),
     }
-    _core.probe_scatter(*surface.values(), numbers, *found.values())
+    _core.probe_bsdf_sample(*surface.values(), numbers, *found.values())
     return {key: value.astype(np.float64) for key, value in found.items()}
 
 
@@ -121,7 +121,7 @@ def evaluated(surface: dict[str, Any], directions: np.ndarray) -> tuple[np.ndarr
     """f cos and density of (..., 3) directions."""
     flat = np.ascontiguousarray(directions.reshape(-1, 3), np.float32)
     light, density = np.zeros((len(flat), 3), np.float32), np.zeros(len(flat), np.float32)
-    _core.probe_evaluate(*surface.values(), flat, light, density)
+    _core.probe_bsdf(*surface.values(), flat, light, density)
     shape = directions.shape[:-1]
     return light.astype(np.float64).reshape(*shape, 3), density.astype(np.float64).reshape(shape)
 
@@ -174,7 +174,7 @@ def aims(stage: Stage, point: Any, sky: bool) -> tuple[np.ndarray, ...]:
     numbers = np.random.default_rng(11).random((DRAWS, 3), np.float32)
     direction, light = (np.zeros((DRAWS, 3), np.float32) for _ in range(2))
     density, again = (np.zeros(DRAWS, np.float32) for _ in range(2))
-    _core.probe_aim(caster, *poses, point, sky, numbers, direction, light, density, again)
+    _core.probe_light_sample(caster, *poses, point, sky, numbers, direction, light, density, again)
     return tuple(a.astype(np.float64) for a in (direction, light, density, again))
 
 
@@ -183,7 +183,7 @@ def told(stage: Stage, point: Any, w: np.ndarray) -> np.ndarray:
     caster, poses = path_caster(stage)
     flat = np.ascontiguousarray(w.reshape(-1, 3), np.float32)
     found = np.zeros(len(flat), np.float32)
-    _core.probe_told(caster, *poses, point, flat, found)
+    _core.probe_light_pdf(caster, *poses, point, flat, found)
     return found.astype(np.float64).reshape(w.shape[:-1])
 
 
