@@ -1,8 +1,8 @@
 """`evs train fit`: what it refuses, and that it writes what it says."""
 
-from __future__ import importlib.util
-import annotations
+from __future__ import annotations
 
+import importlib.util
 import subprocess
 import sys
 from pathlib import Path
