@@ -260,7 +260,8 @@ def _lost_events(ended: ProcessResult, limit: int) -> int:
     Where memory is short, there may be none for the report either; then a warning must say so.
     """
     if ended.report:
-        return abs(sum(sink["events"] for sink in ended.report["sinks"]) - len(ended.recorded))
+        counted = sum(int(sink["events"]) for sink in ended.report["sinks"])
+        return abs(counted - len(ended.recorded))
     if len(ended.recorded) and not any("report.json" in line for line in ended.warnings):
         raise EvsError(f"with {limit / 1e6:g} MB a run recorded events and reported nothing")
     return 0
