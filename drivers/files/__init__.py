@@ -4,6 +4,7 @@ from evs.drivers.files.calibration import calibration_yaml
 from evs.drivers.files.capabilities import Capabilities
 from evs.drivers.files.convert import Converted, convert
 from evs.drivers.files.formats import FORMATS, SUFFIXES, Format, endings, to_write
+from evs.drivers.files.integrity import Repair
 from evs.drivers.files.reading import (
     LeftOutWarning,
     messages,
@@ -15,7 +16,6 @@ from evs.drivers.files.reading import (
     repair,
     stream_of,
 )
-from evs.drivers.files.repair_report import Repair
 from evs.drivers.files.summary import Summary, summary
 
 __all__ = [

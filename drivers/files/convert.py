@@ -11,9 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from evs.drivers.files.capabilities import Capabilities, can_begin_with, check_stamps, one_stream
-from evs.drivers.files.file_parts import check_not_continued, part_path
 from evs.drivers.files.formats import AnyPath, Format, to_read, to_write
-from evs.drivers.files.multi_file import MultiFileRecording, open_recording
+from evs.drivers.files.multi_file import (
+    MultiFileRecording,
+    check_not_continued,
+    open_recording,
+    part_path,
+)
 from evs.drivers.files.paths import target_error
 from evs.drivers.files.reading import messages_of, recorder_for
 from evs.drivers.files.recording_file import RecordingFile, part_us

@@ -25,7 +25,7 @@ from evs.drivers.files.header_text import (
 from evs.drivers.files.integrity import MAX_STAMP_US, IntegrityReport
 from evs.drivers.files.paths import existing
 from evs.drivers.files.recording_file import EventOnlyFile
-from evs.drivers.files.sorting import EventSorter
+from evs.drivers.files.time_order import EventSorter
 from evs.msgs import Events, EvsError, StreamInfo, make_events
 
 EVS_LINE = "# evs "

@@ -20,7 +20,7 @@ from evs.drivers.files.header_text import (
 )
 from evs.drivers.files.integrity import IntegrityReport, on_sensor
 from evs.drivers.files.recording_file import EventOnlyFile
-from evs.drivers.files.sorting import EventSorter
+from evs.drivers.files.time_order import EventSorter
 from evs.msgs import Events, EvsError, StreamInfo
 from evs.msgs.codecs import DatState, decode_dat, encode_dat
 from evs.msgs.codecs.dat import WRAP_US

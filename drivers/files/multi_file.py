@@ -1,4 +1,4 @@
-"""MultiFileRecording: a recording in several files, read as one.
+"""A recording in several files: run.aedat4, run-001.aedat4, ..., read as one.
 
 Only files that our recorders wrote as further parts of the recording belong to it: they lie in the
 same folder, are named after the first (run-001.aedat4, run-002.aedat4, ...) without a gap, state in
@@ -7,6 +7,7 @@ their headers that they are that part of the same stream, and begin no earlier t
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,11 +15,74 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from evs.drivers.files.file_parts import part_path
 from evs.drivers.files.formats import AnyPath, Format, to_read
 from evs.drivers.files.integrity import IntegrityReport
 from evs.drivers.files.recording_file import RecordingFile
 from evs.msgs import Events, EvsError, Frame, ImuSamples, Labels, StreamInfo, Triggers
+
+
+def part_path(path: Path, number: int) -> Path:
+    """The file of part `number` of a recording; part 0 has the recording's own name."""
+    return path.with_name(f"{path.stem}-{number:03d}{path.suffix}") if number else path
+
+
+def later_parts(path: Path) -> list[Path]:
+    """The existing further parts of a recording, in their order."""
+    form = re.compile(re.escape(path.stem) + r"-(\d{3,9})" + re.escape(path.suffix))
+    found: list[tuple[int, Path]] = []
+    try:
+        siblings = list(path.parent.iterdir())
+    except OSError:
+        # opening the file reports what is wrong with its folder
+        return []
+    for file in siblings:
+        match = form.fullmatch(file.name)
+        if match:
+            found.append((int(match[1]), file))
+    return [file for _, file in sorted(found)]
+
+
+def check_no_parts(path: Path) -> None:
+    """Check that no parts of an earlier recording would mix with those of a new one.
+
+    The new recording would replace some of them, and leave others that look like its own.
+
+    Raises:
+        EvsError: There are such parts.
+    """
+    existing = later_parts(path)
+    if existing:
+        others = f" and {len(existing) - 1} more" if len(existing) > 1 else ""
+        raise EvsError(
+            f"{existing[0]}{others} of an earlier recording would mix with this one's: "
+            "move them, or choose another name"
+        )
+
+
+def check_not_continued(path: Path, opened: Callable[[Path], object], parts: int = 1) -> None:
+    """Check that no file of an earlier recording would be read as the next part of a new one.
+
+    Args:
+        path: The new recording.
+        opened: Opens a file and reads its header; its result may have an attribute `part`.
+        parts: How many files the new recording has.
+
+    Raises:
+        EvsError: The next file exists, and its header states that it is the next part.
+    """
+    after = part_path(path, parts)
+    if not after.is_file():
+        return
+    try:
+        part = getattr(opened(after), "part", None)
+    except EvsError:
+        return
+    if part == parts:
+        raise EvsError(
+            f"{after} of an earlier recording would mix with this one's: move it, or choose "
+            "another name"
+        )
+
 
 Message = Events | Frame | ImuSamples | Triggers
 

@@ -25,10 +25,9 @@ from evs.drivers.files.header_text import (
     stream_json,
 )
 from evs.drivers.files.integrity import MAX_STAMP_US, IntegrityReport, on_sensor
-from evs.drivers.files.interleaving import Interleaver, Message
 from evs.drivers.files.paths import existing
 from evs.drivers.files.recording_file import MultiStreamFile, by_tick
-from evs.drivers.files.sorting import EventSorter
+from evs.drivers.files.time_order import EventSorter, Interleaver, Message
 from evs.msgs import Events, EvsError, StreamInfo, Triggers
 from evs.msgs.codecs import (
     TIME_ORIGIN_US,

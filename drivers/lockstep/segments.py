@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from evs.drivers.files import overwriting
+from evs.drivers.files.paths import FORCE, check_new, free_number, numbered_path
 from evs.drivers.run.config import SinkConfig, make_sink
 from evs.drivers.run.sink_set import AuxiliaryStreams, SinkSet
 from evs.drivers.sink import SinkStoppedError
@@ -200,14 +200,14 @@ class Segments:
         kept = [table for table in self._files if self._beside or not table.overwrite]
         names = [name for table in kept for name in self._names(table, infos, 1)]
         if self._beside:
-            self._place = overwriting.free_number(names)
+            self._place = free_number(names)
             return
-        overwriting.check_new(names, overwriting.FORCE)
+        check_new(names, FORCE)
         for name in map(Path, names):
             form = re.compile(rf"{re.escape(name.stem)}-episode-\d{{3,}}{re.escape(name.suffix)}")
             if name.parent.is_dir():
                 later = sorted(one for one in name.parent.iterdir() if form.fullmatch(one.name))
-                overwriting.check_new(later, overwriting.FORCE)
+                check_new(later, FORCE)
 
     def _shares(self, table: SinkConfig) -> list[tuple[str, _Share]]:
         """Each file of a table in this segment: its name, and what records it."""
@@ -225,7 +225,7 @@ class Segments:
         file = table.rrd or table.file or ""
         several = not table.rrd and len(infos) > 1
         files = [camera_path(file, info.camera) for info in infos] if several else [file]
-        return [segment_path(overwriting.numbered_path(one, self._place), number) for one in files]
+        return [segment_path(numbered_path(one, self._place), number) for one in files]
 
     def _share(self, table: SinkConfig, infos: tuple[StreamInfo, ...]) -> _Share:
         return _Share(SinkSet([make_sink(table)], self._meter, self._warn), infos)

@@ -15,7 +15,8 @@ from typing import Any, TypeVar
 
 from evs.drivers import settings
 from evs.drivers.clock import CATCH_UP_S
-from evs.drivers.files import formats, overwriting
+from evs.drivers.files import formats
+from evs.drivers.files.paths import FORCE, check_new, free_number, numbered_path
 from evs.drivers.run import driver_parameters
 from evs.drivers.run.driver_parameters import DriverParameters
 from evs.drivers.run.paths import beside, in_package, with_paths
@@ -421,10 +422,10 @@ def settled(tables: Iterable[SinkConfig], beside: bool) -> list[SinkConfig]:
     for table in tables:
         file = table.file or table.rrd
         if file and beside:
-            free = overwriting.numbered_path(file, overwriting.free_number([file]))
+            free = numbered_path(file, free_number([file]))
             table = dataclasses.replace(table, file=table.file and free, rrd=table.rrd and free)
         elif file and not table.overwrite:
-            overwriting.check_new([file], overwriting.FORCE)
+            check_new([file], FORCE)
         placed.append(table)
     return placed
 

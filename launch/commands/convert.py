@@ -61,7 +61,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Convert; one line says what came of it."""
-    from evs.drivers.files import convert, overwriting, to_write
+    from evs.drivers.files import convert, to_write
+    from evs.drivers.files.paths import check_new
     from evs.launch.support import terminal
 
     wanted = {"compression": args.compression, "encoding": args.encoding}
@@ -69,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     steps = 1000
     to_write(args.target, args.format)
     if not args.force:
-        overwriting.check_new([args.target])
+        check_new([args.target])
     with terminal.bar("converting", steps, args.quiet) as moved:
         done = convert(
             args.source,

@@ -16,7 +16,7 @@ from evs.launch.support.reinvoke import program
 from evs.msgs import DEFAULT_ADDRESS, EvsError
 
 if TYPE_CHECKING:
-    from evs.drivers.files.recording import Recording
+    from evs.drivers.files.reading import Recording
     from evs.drivers.pictures import LightLog
     from evs.drivers.run.report import Report
     from evs.tools.doctor.audit import AuditedReport

@@ -62,8 +62,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _lines(found: Summary) -> list[tuple[str, str]]:
     """(name, value) of each line."""
-    from evs.drivers.files.file_parts import later_parts
     from evs.drivers.files.formats import by_name
+    from evs.drivers.files.multi_file import later_parts
 
     stream = found.stream
     rate = "" if found.rate_hz is None else f", {found.rate_hz:,.0f} per second"

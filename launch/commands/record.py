@@ -46,7 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Record; a line says what came of it. 1 if packets were lost."""
     from evs.drivers.bus import subscribe
-    from evs.drivers.files import overwriting
+    from evs.drivers.files.paths import check_new, free_number, numbered_path
     from evs.drivers.run.stop_signals import stop_signals
     from evs.drivers.run.stream_recorder import StreamRecorder
 
@@ -55,9 +55,9 @@ def run(args: argparse.Namespace) -> int:
         if value is not None and not value > 0:
             raise EvsError(f"--{option} {value} is not possible: give more than 0 seconds")
     if args.beside:
-        args.file = overwriting.numbered_path(args.file, overwriting.free_number([args.file]))
+        args.file = numbered_path(args.file, free_number([args.file]))
     elif not args.force:
-        overwriting.check_new([args.file])
+        check_new([args.file])
     listening = subscribe(
         args.address,
         args.camera,

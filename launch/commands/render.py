@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
         overrides += _size(args.size)
     config = pipeline.load(file, overrides)
     # here, so that --help is quick
-    from evs.drivers.files import overwriting
+    from evs.drivers.files.paths import check_new
     from evs.drivers.run import rendering
     from evs.launch.commands.emulate import STOPPED
     from evs.launch.support import terminal
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     if preview is not None and preview.suffix.lower() != ".png":
         raise EvsError(f"--preview is '{preview}': end it in .png")
     if not args.force:
-        overwriting.check_new([out, *([] if preview is None else [preview])])
+        check_new([out, *([] if preview is None else [preview])])
     with terminal.bar("rendering", len(ticks), args.quiet) as moved:
         done = rendering.render(
             config.emulation(),

@@ -14,7 +14,7 @@ from evs.launch.support.options import add_single_option
 from evs.msgs import Events, EvsError
 
 if TYPE_CHECKING:
-    from evs.drivers.files.recording import Recording
+    from evs.drivers.files.reading import Recording
     from evs.drivers.pictures import Playback
 
 HELP = "a recording as a picture or a film (.png, .gif, .mp4); --live: what a camera publishes"

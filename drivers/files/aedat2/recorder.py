@@ -15,9 +15,9 @@ import numpy as np
 from evs.drivers.files.aedat2.layout import END, EVS_LINE, SPAN_US, WORD
 from evs.drivers.files.aedat2.reader import Aedat2File
 from evs.drivers.files.appending_recorder import AppendingRecorder
-from evs.drivers.files.file_parts import check_no_parts, check_not_continued, part_path
 from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.header_text import stream_json
+from evs.drivers.files.multi_file import check_no_parts, check_not_continued, part_path
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo
 
 _AER_CHIPS = {(346, 260): "Davis346blue", (240, 180): "DAVIS240C"}

@@ -32,9 +32,8 @@ from evs.drivers.files.aedat3.layout import (
 from evs.drivers.files.formats import AnyPath
 from evs.drivers.files.header_text import own_line_and_chip, read_file_head, stream_from_header
 from evs.drivers.files.integrity import IntegrityReport
-from evs.drivers.files.interleaving import Interleaver
 from evs.drivers.files.recording_file import MultiStreamFile
-from evs.drivers.files.sorting import EventSorter
+from evs.drivers.files.time_order import EventSorter, Interleaver
 from evs.msgs import Events, EvsError, Frame, ImuSamples, make_events
 
 _CHUNK_EVENTS = 1 << 17

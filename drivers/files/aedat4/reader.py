@@ -19,7 +19,7 @@ from evs.drivers.files.aedat4.layout import CorruptDataError
 from evs.drivers.files.aedat4.triggers import parse_triggers
 from evs.drivers.files.integrity import IntegrityReport, bad_values, normalised
 from evs.drivers.files.paths import existing
-from evs.drivers.files.sorting import CLOCK_RESET_US, sort_events
+from evs.drivers.files.time_order import CLOCK_RESET_US, sort_events
 from evs.msgs import EVENT_DTYPE, Events, EvsError, Frame, ImuSamples, StreamInfo, Triggers
 
 MAX_HEADER_BYTES = 1 << 26

@@ -15,7 +15,7 @@ from evs.drivers.files.aedat4.imu import imu_body
 from evs.drivers.files.aedat4.triggers import triggers_body
 from evs.drivers.files.aedat4.writer import Aedat4Writer
 from evs.drivers.files.capabilities import one_stream
-from evs.drivers.files.file_parts import check_no_parts, part_path
+from evs.drivers.files.multi_file import check_no_parts, part_path
 from evs.drivers.files.paths import target_error
 from evs.drivers.sink import Sink, SinkStoppedError, Stream
 from evs.msgs import EventPacket, EvsError, Frame, ImuPacket, StreamInfo, TriggerPacket

@@ -8,8 +8,8 @@ from typing import BinaryIO
 
 from evs.drivers.files.aedat4 import layout
 from evs.drivers.files.aedat4.reader import Aedat4File
+from evs.drivers.files.integrity import Repair
 from evs.drivers.files.paths import target_error
-from evs.drivers.files.repair_report import Repair
 from evs.msgs import EvsError
 
 

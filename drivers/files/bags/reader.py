@@ -37,7 +37,7 @@ from evs.drivers.files.header_text import stream_from_json
 from evs.drivers.files.integrity import on_sensor
 from evs.drivers.files.paths import existing
 from evs.drivers.files.recording_file import MultiStreamFile
-from evs.drivers.files.sorting import sort_events
+from evs.drivers.files.time_order import sort_events
 from evs.msgs import (
     Events,
     EvsError,

@@ -24,8 +24,8 @@ from evs.drivers.files.bags.records import (
     ros1_chunk_records,
     ros1_file_records,
 )
+from evs.drivers.files.integrity import Repair
 from evs.drivers.files.paths import target_error
-from evs.drivers.files.repair_report import Repair
 from evs.msgs import EvsError
 
 _DATA_END = b"\x0f" + struct.pack("<QI", 4, 0)

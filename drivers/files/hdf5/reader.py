@@ -19,7 +19,7 @@ from evs.drivers.files.header_text import stream_from_json
 from evs.drivers.files.integrity import MAX_STAMP_US, IntegrityReport, on_sensor
 from evs.drivers.files.paths import existing
 from evs.drivers.files.recording_file import EventOnlyFile
-from evs.drivers.files.sorting import EventSorter
+from evs.drivers.files.time_order import EventSorter
 from evs.msgs import Events, EvsError, StreamInfo, make_events
 
 LAYOUTS = {"DSEC": ("t", "x", "y", "p"), "rpg": ("ts", "xs", "ys", "ps")}

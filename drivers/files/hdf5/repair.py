@@ -6,8 +6,8 @@ from pathlib import Path
 
 from evs.drivers.files.hdf5.reader import Hdf5File
 from evs.drivers.files.hdf5.superblock import BYTES, unmarked
+from evs.drivers.files.integrity import Repair
 from evs.drivers.files.paths import target_error
-from evs.drivers.files.repair_report import Repair
 
 
 def repair(path: Path) -> Repair:

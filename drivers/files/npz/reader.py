@@ -19,7 +19,7 @@ from evs.drivers.files.npz.auxiliary import frames_in, imu_of, labels_of, merge_
 from evs.drivers.files.npz.columns import Archive, NotARecordingError
 from evs.drivers.files.npz.recorder import COLUMNS, STREAM, NpzRecorder
 from evs.drivers.files.paths import existing
-from evs.drivers.files.sorting import EventSorter
+from evs.drivers.files.time_order import EventSorter
 from evs.msgs import (
     Events,
     EvsError,

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from evs.drivers.files import read, summary
-from evs.drivers.files.file_parts import later_parts
+from evs.drivers.files.multi_file import later_parts
 
 pytestmark = pytest.mark.extremes
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from evs.drivers.files import read
-from evs.drivers.files.file_parts import later_parts
 from evs.drivers.files.integrity import TornTailWarning
+from evs.drivers.files.multi_file import later_parts
 from evs.msgs import join_events, make_events
 
 pytestmark = pytest.mark.extremes

@@ -10,7 +10,7 @@ import pytest
 
 from evs.drivers.files import read, summary
 from evs.drivers.files.aedat4 import Aedat4File, Aedat4Recorder
-from evs.drivers.files.file_parts import later_parts, part_path
+from evs.drivers.files.multi_file import later_parts, part_path
 from evs.drivers.sink import SinkStoppedError
 from evs.msgs import (
     EventPacket,

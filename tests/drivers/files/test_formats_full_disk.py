@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from evs.drivers import files
-from evs.drivers.files import reserved_space
+from evs.drivers.files import library_recorder
 from evs.drivers.sink import SinkStoppedError
 from evs.msgs import EventPacket, Events, EvsError, StreamInfo, join_events, make_events
 
@@ -40,7 +40,7 @@ def test_what_came_before_is_kept(
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         whole(file, offset, length)
 
-    monkeypatch.setattr(reserved_space.os, "posix_fallocate", limited)
+    monkeypatch.setattr(library_recorder.os, "posix_fallocate", limited)
     path = tmp_path / name
     sink = files.recorder_for(path)
     sink.open([StreamInfo(1280, 720)])
@@ -71,7 +71,7 @@ def test_a_disk_without_any_room_is_refused(
     def full(file: int, offset: int, length: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(reserved_space.os, "posix_fallocate", full)
+    monkeypatch.setattr(library_recorder.os, "posix_fallocate", full)
     sink = files.recorder_for(tmp_path / name)
     with pytest.raises(EvsError, match="No space left on device"):
         sink.open([StreamInfo(1280, 720)])
