@@ -13,9 +13,7 @@ from evs.drivers.dv.clients import PATIENCE_S
 from evs.drivers.dv.port import Port
 from evs.drivers.files.aedat4 import compression as compressions
 from evs.drivers.files.aedat4 import description, layout
-from evs.drivers.files.aedat4.frames import frame_body
-from evs.drivers.files.aedat4.imu import imu_body
-from evs.drivers.files.aedat4.triggers import triggers_body
+from evs.drivers.files.aedat4.auxiliary import frame_body, imu_body, triggers_body
 from evs.drivers.sink import Sink, Stream
 from evs.msgs import (
     EventPacket,

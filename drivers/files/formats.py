@@ -175,7 +175,7 @@ FORMATS: tuple[Format, ...] = (
         suffixes=(".h5", ".hdf5"),
         title="HDF5: the layout of the DSEC data set",
         reader="evs.drivers.files.hdf5.reader:Hdf5File",
-        repairer="evs.drivers.files.hdf5.repair:repair",
+        repairer="evs.drivers.files.hdf5.reader:repair",
         recorder="evs.drivers.files.hdf5.recorder:Hdf5Recorder",
         extra="formats",
     ),

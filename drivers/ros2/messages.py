@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.files.bags.library import PACKET, typestore
-from evs.drivers.files.bags.sensor_messages import (
+from evs.drivers.files.bags.messages import (
     IMAGE,
     INFO,
     SAMPLE,

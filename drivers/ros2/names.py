@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from evs.drivers.files.bags.library import PACKET
-from evs.drivers.files.bags.sensor_messages import IMAGE, INFO, SAMPLE, TOPICS
+from evs.drivers.files.bags.messages import IMAGE, INFO, SAMPLE, TOPICS
 from evs.msgs import EvsError
 
 POSE = "geometry_msgs/msg/PoseStamped"

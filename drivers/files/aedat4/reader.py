@@ -13,10 +13,13 @@ import numpy as np
 
 from evs.drivers.files.aedat4 import compression as compressions
 from evs.drivers.files.aedat4 import description, layout
-from evs.drivers.files.aedat4.frames import OtherFormatError, parse_frame
-from evs.drivers.files.aedat4.imu import parse_imu
+from evs.drivers.files.aedat4.auxiliary import (
+    OtherFormatError,
+    parse_frame,
+    parse_imu,
+    parse_triggers,
+)
 from evs.drivers.files.aedat4.layout import CorruptDataError
-from evs.drivers.files.aedat4.triggers import parse_triggers
 from evs.drivers.files.integrity import IntegrityReport, bad_values, normalised
 from evs.drivers.files.paths import existing
 from evs.drivers.files.time_order import CLOCK_RESET_US, sort_events

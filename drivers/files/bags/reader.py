@@ -13,14 +13,19 @@ from typing import Any
 import numpy as np
 
 from evs.drivers.files.aedat4.layout import CorruptDataError
-from evs.drivers.files.bags.auxiliary import AuxiliaryParser, count, declared_auxiliary
 from evs.drivers.files.bags.database import journal_of, scan_database
 from evs.drivers.files.bags.library import ARRAY, PACKET, TEXT, load
 from evs.drivers.files.bags.messages import (
+    EXPOSURE,
+    IMAGE,
+    SAMPLE,
+    TOPICS,
     ArrayMessage,
     BadMessageError,
     deserialised,
+    frame_of,
     parse_array,
+    sample_of,
 )
 from evs.drivers.files.bags.recorder import STREAM_TOPIC
 from evs.drivers.files.bags.records import (
@@ -53,6 +58,9 @@ PACKETS = (PACKET, "event_array_msgs/msg/EventArray")
 """message types of one layout: the current name, and those of other or older drivers"""
 
 KINDS = (*ARRAYS, *PACKETS)
+
+MAX_SAMPLES_TOGETHER = 1000
+"""most IMU samples in one message"""
 
 _PIECE_BYTES = 1 << 20
 _MOST_BYTES = {"libcaer_cmp": 1 << 24}
@@ -93,7 +101,7 @@ class BagFile(MultiStreamFile):
         """The requested messages; events and triggers of one message are sorted."""
         left_out: dict[str, int] = {}
         readers: dict[str, PayloadReader] = {}
-        auxiliary_parser = AuxiliaryParser(
+        auxiliary_parser = _AuxiliaryParser(
             self.topic.rpartition("/")[0], self.stream.camera, self.ros
         )
         with self.path.open("rb") as file:
@@ -131,7 +139,7 @@ class BagFile(MultiStreamFile):
     ) -> Iterator[Events]:
         """The sorted events of one message of our topic; its triggers go to `triggers`."""
         if found.topic != self.topic:
-            count(left_out, "messages with events of other topics")
+            _count(left_out, "messages with events of other topics")
             return
         for part in self._decoded(self._parse(found), readers, left_out, triggers):
             events, outside = on_sensor(part, self.stream.width, self.stream.height)
@@ -184,7 +192,7 @@ class BagFile(MultiStreamFile):
         if name.isprintable() and 0 < len(name.encode()) < 256:
             plain = dataclasses.replace(plain, camera=name)
         ours = stated.get(self.topic.rpartition("/")[0] + "/" + STREAM_TOPIC, {})
-        there = declared_auxiliary(scan.kinds, self.topic.rpartition("/")[0])
+        there = _declared_auxiliary(scan.kinds, self.topic.rpartition("/")[0])
         stream = stream_from_json(ours.get("stream"), plain)
         self.stream = dataclasses.replace(stream, **there, triggers=False)
         origin = ours.get("time_origin_us", 0)
@@ -242,7 +250,7 @@ class BagFile(MultiStreamFile):
             return
         name = message.encoding
         if name not in READABLE:
-            count(left_out, f"packets of encoding {name[:20]!r}")
+            _count(left_out, f"packets of encoding {name[:20]!r}")
             return
         if name not in readers:
             readers[name] = PayloadReader(name, time_origin_us=self.time_origin_us)
@@ -253,3 +261,51 @@ class BagFile(MultiStreamFile):
         for begin in range(0, len(data), each):
             piece = data[begin : begin + each]
             yield readers[name].events(piece, int(message.time_base), triggers)
+
+
+def _declared_auxiliary(kinds: dict[str, str], namespace: str) -> dict[str, Any]:
+    """Field of StreamInfo -> whether the camera's namespace has such a topic."""
+    wanted = {"frames": IMAGE, "imu": SAMPLE}
+    return {key: kinds.get(f"{namespace}/{TOPICS[kind]}") == kind for key, kind in wanted.items()}
+
+
+def _count(left_out: dict[str, int], what: str) -> None:
+    """Count one more message that is not read."""
+    left_out[what] = left_out.get(what, 0) + 1
+
+
+class _AuxiliaryParser:
+    """Parses a camera's messages into frames and groups of consecutive IMU samples."""
+
+    def __init__(self, namespace: str, camera: str, ros: int) -> None:
+        self._topics = {f"{namespace}/{name}": kind for kind, name in TOPICS.items()}
+        self._camera, self._ros = camera, ros
+        self._exposure_us = 0
+        self._frames = 0
+        self._samples: list[ImuSamples] = []
+
+    def parse(self, found: BagMessage, left_out: dict[str, int]) -> Iterator[Frame | ImuSamples]:
+        """Parse a message of the camera. BadMessageError: it is not of its type."""
+        if self._topics.get(found.topic) != found.kind:
+            return
+        if found.kind == EXPOSURE:
+            self._exposure_us = max(0, int(deserialised(found.data, EXPOSURE, self._ros).data))
+        elif found.kind == SAMPLE:
+            self._samples.append(sample_of(deserialised(found.data, SAMPLE, self._ros)))
+            if len(self._samples) >= MAX_SAMPLES_TOGETHER:
+                yield from self.flush()
+        elif found.kind == IMAGE:
+            message = deserialised(found.data, IMAGE, self._ros)
+            frame = frame_of(message, self._frames, self._camera, self._exposure_us)
+            if frame is None:
+                _count(left_out, "frames that are not grey")
+                return
+            yield from self.flush()
+            yield frame
+            self._frames += 1
+
+    def flush(self) -> Iterator[ImuSamples]:
+        """The samples since the last other message."""
+        if self._samples:
+            yield np.concatenate(self._samples)
+            self._samples = []

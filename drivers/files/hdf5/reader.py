@@ -1,4 +1,4 @@
-"""Hdf5File: events of DSEC's files, of rpg's (ts, xs, ys, ps) and of ours."""
+"""Hdf5File: events of DSEC's files, of rpg's (ts, xs, ys, ps) and of ours; and their repair."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import os
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,8 @@ from evs.drivers.files.hdf5.library import OutsideError, load, opened, own, valu
 from evs.drivers.files.hdf5.recorder import STREAM, WHOLE
 from evs.drivers.files.hdf5.superblock import BYTES, unmarked
 from evs.drivers.files.header_text import stream_from_json
-from evs.drivers.files.integrity import MAX_STAMP_US, IntegrityReport, on_sensor
-from evs.drivers.files.paths import existing
+from evs.drivers.files.integrity import MAX_STAMP_US, IntegrityReport, Repair, on_sensor
+from evs.drivers.files.paths import existing, target_error
 from evs.drivers.files.recording_file import EventOnlyFile
 from evs.drivers.files.time_order import EventSorter
 from evs.msgs import Events, EvsError, StreamInfo, make_events
@@ -172,3 +173,18 @@ def _piece(group: Any, names: tuple[str, ...], rows: slice, offset_us: int) -> t
     if bad:
         stamps, x, y, p = stamps[right], x[right], y[right], p[right]
     return make_events(stamps.astype(np.int64) + offset_us, x, y, p > 0), bad
+
+
+def repair(path: Path) -> Repair:
+    """Clear the mark that the file is being written. EvsError: not a recording, not writable."""
+    found = Hdf5File.at(path)
+    try:
+        with found.path.open("r+b") as file:
+            mended = unmarked(file.read(BYTES), found.size)
+            if mended is None:
+                return Repair(found.path, 0, found.size, False)
+            file.seek(0)
+            file.write(mended)
+    except OSError as reason:
+        raise target_error(found.path, reason) from None
+    return Repair(found.path, 0, found.size, False, "took back the mark that it is being written")

@@ -7,8 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evs.drivers.files.aedat4.frames import FORMATS, OtherFormatError, frame_body, parse_frame
-from evs.drivers.files.aedat4.imu import imu_body, parse_imu
+from evs.drivers.files.aedat4.auxiliary import (
+    FORMATS,
+    OtherFormatError,
+    frame_body,
+    imu_body,
+    parse_frame,
+    parse_imu,
+)
 from evs.drivers.files.aedat4.layout import CorruptDataError
 from evs.msgs import DEGREE, STANDARD_GRAVITY, Frame, empty_imu
 

@@ -12,10 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evs.drivers.files.aedat4 import layout
-from evs.drivers.files.aedat4.frames import OtherFormatError, frame_body, parse_frame
-from evs.drivers.files.aedat4.imu import imu_body, parse_imu
+from evs.drivers.files.aedat4.auxiliary import (
+    OtherFormatError,
+    frame_body,
+    imu_body,
+    parse_frame,
+    parse_imu,
+    parse_triggers,
+    triggers_body,
+)
 from evs.drivers.files.aedat4.layout import CorruptDataError
-from evs.drivers.files.aedat4.triggers import parse_triggers, triggers_body
 from evs.msgs import (
     DEGREE,
     EVENT_DTYPE,

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from evs.drivers.files import read, summary
-from evs.drivers.files.aedat4 import Aedat4File, Aedat4Recorder, recorder, writer
+from evs.drivers.files.aedat4 import Aedat4File, Aedat4Recorder, recorder
 from evs.msgs import EventPacket, EvsError, StreamInfo, empty_events, make_events
 
 STREAM = StreamInfo(346, 260, camera="eye")
@@ -76,7 +76,7 @@ def test_a_compressed_file_always_gets_its_table(tmp_path: Path, compression: st
         end = path.stat().st_size
         assert sink.close()["table"]
         data = path.read_bytes()
-        assert writer._looks_torn(data[end:])
+        assert recorder._looks_torn(data[end:])
         file = Aedat4File.at(path)
         assert (file.table_packets, file.packets_end, file.end) == (count, end, len(data))
 
@@ -97,7 +97,7 @@ def test_a_tick_of_very_many_events_becomes_several_packets(
 def test_a_recording_of_too_many_packets_has_no_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(writer, "MAX_TABLE_PACKETS", 5)
+    monkeypatch.setattr(recorder, "MAX_TABLE_PACKETS", 5)
     path = tmp_path / "a.aedat4"
     for count, table in ((5, True), (6, False)):
         sink = Aedat4Recorder(path)

@@ -13,8 +13,8 @@ import pytest
 import evs
 from evs.drivers import files
 from evs.drivers.files.aedat4 import Aedat4File
+from evs.drivers.files.aedat4.auxiliary import parse_triggers, triggers_body
 from evs.drivers.files.aedat4.layout import CorruptDataError
-from evs.drivers.files.aedat4.triggers import parse_triggers, triggers_body
 from evs.launch import main as program
 from evs.msgs import (
     EventPacket,

@@ -13,8 +13,7 @@ from rosbags.highlevel import AnyReader
 
 from evs.drivers import files
 from evs.drivers.files.bags import BagFile, Ros2Recorder
-from evs.drivers.files.bags.messages import BadMessageError
-from evs.drivers.files.bags.sensor_messages import frame_of
+from evs.drivers.files.bags.messages import BadMessageError, frame_of
 from evs.drivers.sink import Stream
 from evs.msgs import (
     EventPacket,
