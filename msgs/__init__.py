@@ -9,13 +9,17 @@ from evs.msgs.camera_info import (
 from evs.msgs.errors import EvsError, nearest_first, unknown
 from evs.msgs.event import (
     EVENT_DTYPE,
+    LABEL_DTYPE,
+    Cause,
     Events,
+    Labels,
     clean_events,
+    clear_causes,
     empty_events,
     join_events,
     make_events,
+    take_labels,
 )
-from evs.msgs.event_labels import LABEL_DTYPE, Cause, Labels, clear_causes, take_labels
 from evs.msgs.frame import Frame, decode_frame, encode_frame
 from evs.msgs.ground_truth import TRUTH_CHANNELS, Truth, decode_truth, encode_truth
 from evs.msgs.header_fields import MessageError

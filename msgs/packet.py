@@ -13,8 +13,7 @@ from typing import Any
 import msgpack
 import numpy as np
 
-from evs.msgs.event import EVENT_DTYPE, Events, clean_events, empty_events
-from evs.msgs.event_labels import Labels
+from evs.msgs.event import EVENT_DTYPE, Events, Labels, clean_events, empty_events
 from evs.msgs.header_fields import MAX_INT64, MAX_PIXELS, MessageError, integer, name, shown
 
 ENCODING = "evs16"

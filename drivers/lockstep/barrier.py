@@ -8,8 +8,7 @@ import numpy as np
 
 from evs.drivers.lockstep.clients import Client, Clients
 from evs.msgs import EvsError
-from evs.msgs.lockstep import Reset, Restore, Step
-from evs.msgs.lockstep.common import F64
+from evs.msgs.lockstep import F64, Reset, Restore, Step
 
 Decision = Reset | Step | Restore
 """What moves the loop, so what all have to agree on."""

@@ -18,6 +18,7 @@ from evs.drivers.lockstep.served_loop import camera_of
 from evs.msgs import EvsError, MessageError, Observation, StreamInfo
 from evs.msgs.header_fields import MAX_INT64, check_name, integer
 from evs.msgs.lockstep import (
+    F64,
     LOCKSTEP_ADDRESS,
     MAX_BLOB_BYTES,
     MAX_TICKS,
@@ -32,8 +33,9 @@ from evs.msgs.lockstep import (
     decode_observation,
     decode_reply,
     encode_request,
+    floats,
+    names_field,
 )
-from evs.msgs.lockstep.common import F64, floats, names_field
 
 _AGAIN_S = 1.0
 """A request without an answer is sent again after this, then after twice as long, and so on: the

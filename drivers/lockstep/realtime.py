@@ -11,8 +11,7 @@ from evs.drivers.lockstep.barrier import Decision, joint_controls
 from evs.drivers.lockstep.clients import Client
 from evs.drivers.lockstep.server import LockstepServer, answer_of
 from evs.msgs import EvsError, Observation
-from evs.msgs.lockstep import Bye, Parts, Restore, Step
-from evs.msgs.lockstep.common import F64
+from evs.msgs.lockstep import F64, Bye, Parts, Restore, Step
 
 _MOST_AT_ONCE = 256
 """Requests handled between two ticks: a client that sends without end cannot stop the clock."""

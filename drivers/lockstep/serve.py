@@ -19,7 +19,7 @@ from evs.drivers.run.stop_signals import stop_signals
 from evs.emulator import Loop, World
 from evs.emulator.base.protocols import Meter
 from evs.msgs import EventPacket, EvsError, Observation, StreamInfo
-from evs.msgs.lockstep.common import F64
+from evs.msgs.lockstep import F64
 
 _STEP_ENDS_S = 1.0
 """A step that has taken longer does not keep a server from ending."""

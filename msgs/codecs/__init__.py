@@ -1,13 +1,19 @@
 """Event encodings of cameras and of ROS, in NumPy: arrays in, bytes out, and back."""
 
 from evs.msgs.codecs.dat import MAX_SIDE_DAT_PX, DatState, decode_dat, encode_dat
-from evs.msgs.codecs.evt2 import Evt2State, decode_evt2, encode_evt2
+from evs.msgs.codecs.evt2 import (
+    Evt2State,
+    Evt21State,
+    decode_evt2,
+    decode_evt21,
+    encode_evt2,
+    encode_evt21,
+)
 from evs.msgs.codecs.evt3 import Evt3State, decode_evt3, encode_evt3
-from evs.msgs.codecs.evt21 import Evt21State, decode_evt21, encode_evt21
-from evs.msgs.codecs.libcaer_cmp import decode_libcaer_cmp
-from evs.msgs.codecs.libcaer_mono import (
+from evs.msgs.codecs.libcaer import (
     Payload,
     decode_libcaer,
+    decode_libcaer_cmp,
     decode_mono,
     encode_libcaer,
     encode_mono,

@@ -4,17 +4,94 @@ A TIME_HIGH word holds a limited number of upper bits of the time; a decoder cou
 have wrapped. Decoders differ in what they treat as a wrap: some require a fall from nearly the
 largest number to nearly zero, others any fall by more than ten, and some treat a rise from nearly
 zero to nearly the largest number as a step back. All of them understand an encoder that sends half
-of the range each time it is passed, and the largest number and zero at each wrap.
+of the range each time it is passed, and the largest number and zero at each wrap. The encoders of
+EVT2 and EVT3 differ only in their words.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from evs.msgs.codecs.limits import EncodingLimits, check_fits, decoder_time_us
+from evs.msgs.event import Events
+
 Integers = npt.NDArray[np.int64]
+
+_BLOCK = 1 << 14
+"""events encoded at once: their columns stay in the cache"""
+
+
+def encode_in_blocks(
+    events: Events,
+    limits: EncodingLimits,
+    time_origin_us: int,
+    after_us: int | None,
+    high_word: Callable[[int], npt.NDArray[Any]],
+    encode: Callable[[Events, Integers, int], npt.NDArray[Any]],
+) -> bytes:
+    """Encode a packet block by block, after the upper bits of the time.
+
+    Args:
+        events: (n,) EVENT_DTYPE, sorted by t.
+        limits: What the encoding can hold.
+        time_origin_us: Time stamp of the stream's time zero, us.
+        after_us: Time of the stream's last packet, us; None: the decoder counts from here.
+        high_word: The word with the upper bits of a time, us.
+        encode: The words of a block, of its events, their time stamps, us, and the time stamp that
+            the decoder has reached, us.
+
+    Returns:
+        The bytes; empty for no events.
+
+    Raises:
+        MessageError: The events do not fit into the encoding.
+    """
+    check_fits(events, limits, time_origin_us)
+    if not len(events):
+        return b""
+    known_us = decoder_time_us(events, time_origin_us, after_us)
+    parts = [] if after_us is None else [high_word(known_us)]
+    for start in range(0, len(events), _BLOCK):
+        block = events[start : start + _BLOCK]
+        parts.append(encode(block, block["t"] + time_origin_us, known_us))
+        known_us = int(block["t"][-1]) + time_origin_us
+    return np.concatenate(parts).tobytes()
+
+
+def insert_counter_words(
+    words: npt.NDArray[Any],
+    is_sent: npt.NDArray[np.bool_],
+    high: Integers,
+    known: int,
+    bits: int,
+    high_words: Callable[[Integers], npt.NDArray[Any]],
+) -> npt.NDArray[Any]:
+    """Choose the words of a block that are sent, and insert those that let a decoder count.
+
+    Args:
+        words: (n, k) the possible words of n events.
+        is_sent: (n, k) which of them have new content.
+        high: (n,) upper bits of time, without wraps.
+        known: The upper bits that the decoder has reached.
+        bits: Bits of the counter.
+        high_words: Counter values, (m,), as words.
+
+    Returns:
+        (m,) the words in their order.
+    """
+    chosen = words[is_sent]
+    before = np.concatenate([[known], high[:-1]])
+    if before[0] >> bits - 1 == high[-1] >> bits - 1:
+        return chosen
+    # send extra words where the counter passes half of its range or wraps
+    counts, extra = counter_words_between(before, high, bits)
+    sent = np.count_nonzero(is_sent, 1)
+    starts = np.cumsum(sent) - sent
+    return np.insert(chosen, np.repeat(starts, counts), high_words(extra))
 
 
 def counter_words_between(

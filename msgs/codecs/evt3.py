@@ -19,14 +19,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from evs.msgs.codecs.counter_wraps import counter_words_between, unwrap_counter
+from evs.msgs.codecs.counter_wraps import encode_in_blocks, insert_counter_words, unwrap_counter
 from evs.msgs.codecs.limits import (
     LONGEST_US,
     MAX_SIDE_EVT_PX,
     TIME_ORIGIN_US,
     EncodingLimits,
-    check_fits,
-    decoder_time_us,
 )
 from evs.msgs.event import Events, empty_events, join_events
 from evs.msgs.trigger import Triggers, external_triggers
@@ -35,8 +33,6 @@ EVT3 = EncodingLimits("EVT3", MAX_SIDE_EVT_PX, MAX_SIDE_EVT_PX, LONGEST_US)
 
 _Y, _X, _BASE, _VECT_12, _VECT_8, _LOW, _HIGH, _TRIGGER = 0, 2, 3, 4, 5, 6, 8, 10
 _BITS = 12
-_BLOCK = 1 << 14
-"""Events encoded at once: their columns stay in the cache."""
 _WORDS = 1 << 15
 """Words decoded at once."""
 
@@ -61,19 +57,10 @@ def encode_evt3(
     Raises:
         MessageError: x or y is over 2047, a time stamp is negative, or time steps back.
     """
-    check_fits(events, EVT3, time_origin_us)
-    if not len(events):
-        return b""
-    known = decoder_time_us(events, time_origin_us, after_us)
-    parts = [] if after_us is None else [_high_words(np.array([known >> _BITS]))]
-    for start in range(0, len(events), _BLOCK):
-        part = events[start : start + _BLOCK]
-        parts += _block(part, part["t"] + time_origin_us, known)
-        known = int(part["t"][-1]) + time_origin_us
-    return np.concatenate(parts).tobytes()
+    return encode_in_blocks(events, EVT3, time_origin_us, after_us, _high_word, _block)
 
 
-def _block(events: Events, stamps: npt.NDArray[np.int64], known_us: int) -> list[Words]:
+def _block(events: Events, stamps: npt.NDArray[np.int64], known_us: int) -> Words:
     """The words of some events, after those that bring a decoder from `known_us` here."""
     high = stamps >> _BITS
     x, y = events["x"].view(np.uint16), events["y"].view(np.uint16)
@@ -88,17 +75,14 @@ def _block(events: Events, stamps: npt.NDArray[np.int64], known_us: int) -> list
     np.not_equal(high[1:], high[:-1], out=is_sent[1:, 0])
     np.not_equal(stamps[1:], stamps[:-1], out=is_sent[1:, 1])
     np.not_equal(y[1:], y[:-1], out=is_sent[1:, 2])
-    chosen = words[is_sent]
-    before = np.concatenate([[known_us >> _BITS], high[:-1]])
-    if before[0] >> _BITS - 1 == high[-1] >> _BITS - 1:
-        return [chosen]
-    # send extra words where the counter passes half of its range or wraps
-    counts, extra = counter_words_between(before, high, _BITS)
-    starts = np.cumsum(np.count_nonzero(is_sent, 1)) - np.count_nonzero(is_sent, 1)
-    return [np.insert(chosen, np.repeat(starts, counts), _high_words(extra))]
+    return insert_counter_words(words, is_sent, high, known_us >> _BITS, _BITS, _high_words)
 
 
-def _high_words(high: npt.NDArray[Any]) -> Words:
+def _high_word(t_us: int) -> Words:
+    return _high_words(np.array([t_us >> _BITS]))
+
+
+def _high_words(high: npt.NDArray[np.int64]) -> Words:
     return ((high & 0xFFF) | _HIGH << 12).astype("<u2")
 
 

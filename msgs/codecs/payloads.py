@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from evs.msgs.codecs.evt3 import EVT3, Evt3State, decode_evt3, encode_evt3
-from evs.msgs.codecs.libcaer_cmp import decode_libcaer_cmp
-from evs.msgs.codecs.libcaer_mono import (
+from evs.msgs.codecs.libcaer import (
     LIBCAER,
     MONO,
     Payload,
     decode_libcaer,
+    decode_libcaer_cmp,
     decode_mono,
     encode_libcaer,
     encode_mono,

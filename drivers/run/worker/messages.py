@@ -38,8 +38,7 @@ from evs.msgs import (
     Pose,
     TriggerPacket,
 )
-from evs.msgs.event import clean_events
-from evs.msgs.event_labels import LABEL_DTYPE
+from evs.msgs.event import LABEL_DTYPE, clean_events
 from evs.msgs.ground_truth import TRUTH_CHANNELS
 
 HEAD = struct.Struct("<BBHIqqqqqIIII")

@@ -15,7 +15,7 @@ from evs.drivers.run.worker import messages
 from evs.drivers.run.worker.shared_memory import HEAD, TAIL, RingReader, RingWriter, SharedMemory
 from evs.emulator.base.scene import GroundTruth
 from evs.msgs import EVENT_DTYPE, EventPacket, EvsError, Frame, ImuPacket, Pace, Pose, TriggerPacket
-from evs.msgs.event_labels import LABEL_DTYPE
+from evs.msgs.event import LABEL_DTYPE
 from evs.msgs.ground_truth import TRUTH_CHANNELS
 from evs.msgs.imu import IMU_DTYPE
 from evs.msgs.trigger import TRIGGER_DTYPE
